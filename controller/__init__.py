@@ -1,0 +1,1 @@
+"""The unit under test: steering control laws, observers, modes, design, node and program."""

@@ -1,0 +1,1 @@
+"""The rig: vehicle, actuator, path, disturbances, latency lines, node and program."""

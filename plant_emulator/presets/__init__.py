@@ -1,0 +1,1 @@
+"""Settings presets shipped with the package, one TOML file each."""

@@ -1,0 +1,4 @@
+"""How a node is run and how frames travel: nodes, time, executors, buses, recording.
+
+Both programs run everything in this package, and nothing in it names vehicle or controller.
+"""

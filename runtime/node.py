@@ -1,0 +1,45 @@
+"""What an executor runs: a node without clock, socket, thread or print.
+
+Rules an executor keeps:
+
+1. It reads the clock once per wake-up, hands over every waiting frame (``on_frame``), then ticks
+   (``on_tick``) if ``now_ns >= deadline_ns``; frames that leave are the return values, in order.
+2. Times are integer nanoseconds on one monotonic clock that never runs backwards.
+3. ``on_tick`` is called again at the same ``now_ns`` while ``deadline_ns <= now_ns``.
+
+Rules a node keeps:
+
+1. ``on_tick`` moves ``deadline_ns`` beyond ``now_ns`` within a bounded number of calls.
+2. A periodic deadline is ``start_ns + index * period_ns``; missed periods are counted, never made up.
+3. Nothing on the wire can make it raise.
+"""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from runtime.frame import Frame
+
+NEVER_NS = 2**63 - 1
+"""A deadline that does not come."""
+
+
+class Node(Protocol):
+    """One participant on the bus."""
+
+    @property
+    def deadline_ns(self) -> int:
+        """When ``on_tick`` wants to be called next [ns]."""
+        ...
+
+    @property
+    def finished(self) -> bool:
+        """Whether the node has done all it was asked to do and the run may end."""
+        ...
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        """Take a frame that arrived at ``now_ns``; return the frames to send."""
+        ...
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        """Do all that is due at ``now_ns``; return the frames to send."""
+        ...

@@ -1,0 +1,1 @@
+"""Programs around the two nodes: demo, closed-loop runs, benchmarks."""
