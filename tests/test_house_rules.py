@@ -1,0 +1,71 @@
+"""The house's own rules: format, lint, types, direction of imports, no trace of one machine."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = ("controller", "dbc", "plant_emulator", "runtime", "tools")
+FILE_LINES_MAX = 400
+
+
+def run(*command: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("ruff", "format", "--check", "."),
+        ("ruff", "check", "."),
+        ("mypy",),
+    ],
+    ids=" ".join,
+)
+def test_the_tree_passes(command: tuple[str, ...]) -> None:
+    result = run(sys.executable, "-m", *command)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_imports_go_in_one_direction() -> None:
+    result = run(str(Path(sys.executable).with_name("lint-imports")), "--no-cache")
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+def tracked_text_files() -> list[Path]:
+    names = run("git", "ls-files", "--cached", "--others", "--exclude-standard").stdout.split()
+    return [ROOT / name for name in names if Path(name).suffix not in {".png", ".gz"}]
+
+
+def test_no_file_names_a_registry_or_a_path_of_one_machine() -> None:
+    forbidden = re.compile(r"pypi\.org/simple|files\.pythonhosted|/(?:work|root|home)/\w|\.\./shared")
+    found = [
+        f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+        for path in tracked_text_files()
+        if path != Path(__file__)
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1)
+        if forbidden.search(line)
+    ]
+    assert found == []
+
+
+def test_no_module_grows_beyond_a_screenful_of_screens() -> None:
+    lengths = {
+        str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines())
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*.py")
+    }
+    assert {name: lines for name, lines in lengths.items() if lines > FILE_LINES_MAX} == {}
+
+
+def test_live_programs_import_nothing_heavy() -> None:
+    """Start-up time is a promise: the live processes do without numba, scipy and matplotlib."""
+    code = (
+        "import sys, controller.__main__, plant_emulator.__main__;"
+        "print([m for m in ('numba', 'scipy', 'matplotlib', 'rich') if m in sys.modules])"
+    )
+    result = run(sys.executable, "-c", code)
+    assert result.stdout.strip() == "[]", result.stdout + result.stderr
