@@ -1,0 +1,201 @@
+"""A CAN bus: frames take their time on the wire, one after the other, by identifier.
+
+Rules:
+
+1. Whenever the bus is free, every frame that waits competes, those submitted at that very instant
+   included. The lowest arbitration field wins; between equal ones, the one submitted first.
+2. A frame on the wire is never interrupted.
+3. A frame is complete at its end of frame, and the next one may start three bits (intermission)
+   later. Acknowledgement, errors, retransmission and clock tolerance are not modelled.
+
+Two nodes sending equal arbitration fields at once is an error on a real bus; here they queue.
+
+Times are integer nanoseconds outside. Inside they are integer ticks, the largest fraction of a
+nanosecond that divides both bit times, so that frames sent back to back add up without rounding;
+an end is rounded up to the next nanosecond only when it is reported.
+
+The same class serves virtual time and, with the real clock's readings, the emulated bus.
+"""
+
+import heapq
+from math import gcd, lcm
+from typing import NamedTuple
+
+from runtime.frame import EXTENDED, REMOTE, Frame
+from runtime.frame_length import INTERMISSION_BITS, frame_bits
+from runtime.node import NEVER_NS
+
+NS_PER_S = 1_000_000_000
+
+
+class BusOverflowError(RuntimeError):
+    """A sender has as many frames waiting as it may have."""
+
+
+class Delivery(NamedTuple):
+    """A frame that is complete on the wire.
+
+    ``end_ns``  when its end of frame was [ns]
+    ``sender``  who submitted it
+    """
+
+    end_ns: int
+    sender: int
+    frame: Frame
+
+
+class BusLoad(NamedTuple):
+    """What the bus has done so far.
+
+    ``frames``   complete frames
+    ``busy_ns``  time they took, intermissions included [ns]
+    ``refused``  frames not taken because their sender's queue was full
+    """
+
+    frames: int
+    busy_ns: int
+    refused: int
+
+
+class _Waiting(NamedTuple):
+    """A frame in the queue; sorts by arbitration, then by order of submission."""
+
+    arbitration: int
+    sequence: int
+    duration_ticks: int
+    sender: int
+    frame: Frame
+
+
+def arbitration_field(frame: Frame) -> int:
+    """The bits that compete for the bus, as a number of 32 bits; the lower one wins.
+
+    Base identifier (11), RTR or SRR, IDE, identifier extension (18), RTR: an 11-bit identifier wins
+    against a 29-bit one with the same base, a data frame against a remote frame of its identifier.
+    """
+    can_id, _, flags = frame
+    rtr = 1 if flags & REMOTE else 0
+    if flags & EXTENDED:
+        return can_id >> 18 << 21 | 0b11 << 19 | (can_id & 0x3FFFF) << 1 | rtr
+    return can_id << 21 | rtr << 20
+
+
+class BusModel:
+    """The bus at work. ``now_ns`` must never run backwards from one call to the next.
+
+    ``bitrate_bit_s``       nominal bit rate [bit/s]
+    ``data_bitrate_bit_s``  bit rate of the data phase of FD frames with BITRATE_SWITCH [bit/s];
+                            the nominal one unless given
+    ``queue_limit``         frames one sender may have waiting
+
+    Raises ValueError for a rate or a limit that is not positive.
+    """
+
+    def __init__(
+        self, bitrate_bit_s: int, data_bitrate_bit_s: int | None = None, queue_limit: int = 1000
+    ) -> None:
+        data_rate = bitrate_bit_s if data_bitrate_bit_s is None else data_bitrate_bit_s
+        if bitrate_bit_s <= 0 or data_rate <= 0 or queue_limit <= 0:
+            raise ValueError(
+                f"bit rates and queue limit must be positive, not {bitrate_bit_s} bit/s, "
+                f"{data_rate} bit/s and {queue_limit}"
+            )
+        # Without a unit, a time in this class is in 1/_per_ns of a nanosecond.
+        self._ticks_per_ns = lcm(
+            bitrate_bit_s // gcd(bitrate_bit_s, NS_PER_S), data_rate // gcd(data_rate, NS_PER_S)
+        )
+        self._bit_ticks = NS_PER_S * self._ticks_per_ns // bitrate_bit_s
+        self._data_bit_ticks = NS_PER_S * self._ticks_per_ns // data_rate
+        self._queue_limit = queue_limit
+        self._queue: list[_Waiting] = []
+        self._waiting_of: dict[int, int] = {}
+        self._sequence = 0
+        self._on_wire: _Waiting | None = None
+        self._end_ticks = 0
+        self._next_start_ticks = 0
+        self._completed: list[Delivery] = []
+        self._frames = 0
+        self._busy_ticks = 0
+        self._refused = 0
+
+    @property
+    def next_event_ns(self) -> int:
+        """When the next frame will be complete [ns]; NEVER_NS with nothing on the bus.
+
+        Until the bus is free this may change with every submission: ask again after each.
+        """
+        if self._completed:
+            return self._completed[0].end_ns
+        if self._on_wire is not None:
+            return self._whole_ns(self._end_ticks)
+        if self._queue:
+            return self._whole_ns(self._next_start_ticks + self._queue[0].duration_ticks)
+        return NEVER_NS
+
+    @property
+    def load(self) -> BusLoad:
+        """What the bus has done so far."""
+        return BusLoad(self._frames, self._whole_ns(self._busy_ticks), self._refused)
+
+    def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
+        """Queue ``frame`` of ``sender``, ready to compete from ``now_ns`` on.
+
+        Raises ValueError for what is not a frame that can be sent, BusOverflowError when the
+        sender's queue is full; the frame is not taken then.
+        """
+        bits = frame_bits(frame)
+        now_ticks = now_ns * self._ticks_per_ns
+        self._settle(now_ticks)
+        waiting = self._waiting_of.get(sender, 0)
+        if waiting >= self._queue_limit:
+            self._refused += 1
+            raise BusOverflowError(f"sender {sender} has {waiting} frames waiting for the bus")
+        self._waiting_of[sender] = waiting + 1
+        if not self._queue and now_ticks > self._next_start_ticks:
+            self._next_start_ticks = now_ticks
+        self._sequence += 1
+        duration_ticks = bits.nominal * self._bit_ticks + bits.data * self._data_bit_ticks
+        heapq.heappush(
+            self._queue,
+            _Waiting(arbitration_field(frame), self._sequence, duration_ticks, sender, frame),
+        )
+
+    def advance(self, now_ns: int) -> list[Delivery]:
+        """Return the frames completed up to ``now_ns`` and not returned before, in order."""
+        self._settle(now_ns * self._ticks_per_ns)
+        completed = self._completed
+        if completed:
+            self._completed = []
+        return completed
+
+    def _settle(self, now_ticks: int) -> None:
+        """Complete what ended by now, and decide every arbitration before now.
+
+        The one at this instant stays open: a frame submitted at the same instant still competes.
+        """
+        while True:
+            if self._on_wire is not None:
+                if self._end_ticks > now_ticks:
+                    return
+                self._complete(self._on_wire)
+            if not self._queue or self._next_start_ticks >= now_ticks:
+                return
+            self._start(heapq.heappop(self._queue))
+
+    def _start(self, winner: _Waiting) -> None:
+        """Put the winner of the arbitration on the wire."""
+        self._waiting_of[winner.sender] -= 1
+        self._on_wire = winner
+        self._end_ticks = self._next_start_ticks + winner.duration_ticks
+        self._next_start_ticks = self._end_ticks + INTERMISSION_BITS * self._bit_ticks
+
+    def _complete(self, sent: _Waiting) -> None:
+        """Take the frame off the wire."""
+        self._completed.append(Delivery(self._whole_ns(self._end_ticks), sent.sender, sent.frame))
+        self._frames += 1
+        self._busy_ticks += sent.duration_ticks + INTERMISSION_BITS * self._bit_ticks
+        self._on_wire = None
+
+    def _whole_ns(self, ticks: int) -> int:
+        """Convert a time from ticks to nanoseconds, rounded up [ns]."""
+        return -(-ticks // self._ticks_per_ns)

@@ -1,0 +1,189 @@
+"""Length of a CAN frame on the wire in bits, exact: stuff bits are counted on the frame's own bits.
+
+Source: ISO 11898-1:2015, frame formats and frame coding. A frame here is everything from start of
+frame to end of frame; the intermission that separates it from the next one is not in it. Senders
+are error active (ESI dominant), and a receiver acknowledges in time.
+
+Bits before the payload, dominant 0, recessive 1:
+
+    classic, 11 bit   SOF=0 id:11 RTR IDE=0 r0=0                                  dlc:4
+    classic, 29 bit   SOF=0 base:11 SRR=1 IDE=1 extension:18 RTR r1=0 r0=0        dlc:4
+    FD, 11 bit        SOF=0 id:11 RRS=0 IDE=0              FDF=1 res=0 BRS ESI=0  dlc:4
+    FD, 29 bit        SOF=0 base:11 SRR=1 IDE=1 extension:18 RRS=0 FDF=1 res=0 BRS ESI=0 dlc:4
+
+After five equal bits the sender inserts one of the other kind, which counts as the first of the
+next five. In classic frames this goes on to the last bit of the CRC. In FD frames it ends with the
+payload; the stuff count and the CRC after it have stuff bits at fixed places, so that their
+values do not matter to the length.
+
+Both counts are made a byte at a time with tables, because every frame on the bus passes here. Bits
+are put in front of SOF to fill whole bytes: they alternate and end recessive, as an idle bus does,
+so they neither get a stuff bit nor lengthen a run.
+"""
+
+from typing import NamedTuple
+
+from runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+
+INTERMISSION_BITS = 3
+"""Recessive bits between two frames, at the nominal bit rate."""
+
+_DLC = {length: length for length in range(9)} | {
+    12: 9, 16: 10, 20: 11, 24: 12, 32: 13, 48: 14, 64: 15
+}  # fmt: skip
+"""Data length code of each payload length there is [bytes]."""
+
+_CLASSIC_CRC_BITS = 15
+_CRC15_POLYNOMIAL = 0x4599
+_CLASSIC_TRAILER_BITS = 1 + 2 + 7
+"""CRC delimiter, acknowledge slot and delimiter, end of frame."""
+
+_ESI_AND_DLC_BITS = 1 + 4
+_FD_TRAILER_BITS = 2 + 7
+"""Acknowledge slot and delimiter, end of frame. The CRC delimiter belongs to the data phase."""
+_FD_SHORT_MAX = 16
+"""Longest payload with the 17-bit CRC [bytes]; longer ones have 21 bits."""
+_FD_SHORT_CHECK_BITS = 4 + 17 + 6 + 1
+"""Stuff count with parity, CRC, fixed stuff bits (in front and after every four), delimiter."""
+_FD_LONG_CHECK_BITS = 4 + 21 + 7 + 1
+
+
+class FrameBits(NamedTuple):
+    """Bits of one frame by the rate at which they are sent.
+
+    ``nominal``  at the nominal bit rate
+    ``data``     at the data bit rate: ESI to CRC delimiter of an FD frame with BITRATE_SWITCH
+    """
+
+    nominal: int
+    data: int
+
+
+def _crc15_table() -> tuple[int, ...]:
+    """Remainder of each byte value under the classic CRC polynomial."""
+    table = []
+    for byte in range(256):
+        remainder = byte << 7
+        for _ in range(8):
+            remainder <<= 1
+            if remainder & 0x8000:
+                remainder ^= 0x8000 | _CRC15_POLYNOMIAL
+        table.append(remainder)
+    return tuple(table)
+
+
+_StuffRow = list[tuple["_StuffRow", int]]
+"""For each byte value: the row to continue with, and the stuff bits inserted on the way."""
+
+
+def _stuff_rows() -> list[_StuffRow]:
+    """One row for each last bit and run length: the row of (bit, run) is at ``bit * 5 + run - 1``.
+
+    A stuff bit is counted when the bit after it is sent, so that a run of five at the very end is
+    still open: a classic frame adds the stuff bit there, an FD frame has its fixed one.
+    """
+    rows: list[_StuffRow] = [[] for _ in range(10)]
+    for state, row in enumerate(rows):
+        for byte in range(256):
+            last, run, stuffed = state // 5, state % 5 + 1, 0
+            for shift in range(7, -1, -1):
+                if run == 5:
+                    last, run, stuffed = 1 - last, 1, stuffed + 1
+                bit = byte >> shift & 1
+                last, run = (last, run + 1) if bit == last else (bit, 1)
+            row.append((rows[last * 5 + run - 1], stuffed))
+    return rows
+
+
+_CRC15_TABLE = _crc15_table()
+_IDLE_ROW = _stuff_rows()[0]
+"""Where counting begins. Every header starts with filling bits, so a run of one does not matter."""
+
+
+def crc15(message: bytes, register: int = 0) -> int:
+    """CRC of classic frames (CRC-15/CAN) over whole bytes, from the register's value before."""
+    for byte in message:
+        register = _CRC15_TABLE[register >> 7 ^ byte] ^ (register << 8 & 0x7FFF)
+    return register
+
+
+def _stuff_bits(bits: bytes) -> int:
+    """Stuff bits inserted into ``bits``, without the one after a run of five at the end."""
+    row, total = _IDLE_ROW, 0
+    for byte in bits:
+        row, stuffed = row[byte]
+        total += stuffed
+    return total
+
+
+def frame_bits(frame: Frame) -> FrameBits:
+    """Length of ``frame`` from start of frame to end of frame [bits].
+
+    Raises ValueError for what cannot be sent as one frame: an error frame, an identifier or a
+    payload too long for the format, a remote frame with a payload or with FD.
+    """
+    can_id, data, flags = frame
+    limit = 0x1FFFFFFF if flags & EXTENDED else 0x7FF
+    dlc = _DLC.get(len(data))
+    if not 0 <= can_id <= limit or dlc is None or flags & ERROR:
+        raise ValueError(f"not a frame that can be sent: {frame}")
+    if flags & FD:
+        if flags & REMOTE:
+            raise ValueError(f"CAN FD has no remote frames: {frame}")
+        return _fd_bits(can_id, data, dlc, flags)
+    if dlc > 8 or (flags & REMOTE and data) or flags & BITRATE_SWITCH:
+        raise ValueError(f"not a classic frame: {frame}")
+    return FrameBits(_classic_bits(can_id, data, dlc, flags), 0)
+
+
+def _classic_bits(can_id: int, data: bytes, dlc: int, flags: int) -> int:
+    """Length of a classic frame [bits]."""
+    rtr = 1 if flags & REMOTE else 0
+    # The register starts with what the filling bits clear to zero, so that they do not count.
+    if flags & EXTENDED:
+        header_bits, register = 39, 0b1 << 14
+        head = 1 << 39 | _extended_identifier(can_id) << 7 | rtr << 6 | dlc
+        message = head.to_bytes(5, "big") + data
+    else:
+        header_bits, register = 19, 0b10101 << 10
+        head = 0b10101 << 19 | can_id << 7 | rtr << 6 | dlc
+        message = head.to_bytes(3, "big") + data
+    crc = crc15(message, register)
+    # One bit fills up the last byte: the opposite of the last CRC bit, which closes a run of five.
+    stuffed = _stuff_bits(message + (crc << 1 | ~crc & 1).to_bytes(2, "big"))
+    unstuffed = header_bits + 8 * len(data) + _CLASSIC_CRC_BITS
+    return unstuffed + stuffed + _CLASSIC_TRAILER_BITS
+
+
+def _fd_bits(can_id: int, data: bytes, dlc: int, flags: int) -> FrameBits:
+    """Length of an FD frame [bits].
+
+    The rate switches at the sample points of BRS and of the CRC delimiter; with both bit timings
+    sampled at the same fraction of a bit that is one nominal and one data bit, as counted here.
+    """
+    brs = 1 if flags & BITRATE_SWITCH else 0
+    # The last byte of the header is FDF, res, BRS, ESI, DLC.
+    control = 1 << 7 | brs << 5 | dlc
+    if flags & EXTENDED:
+        unstuffed_until_brs = 36
+        head = 0b1010101 << 41 | _extended_identifier(can_id) << 9 | control
+        header = head.to_bytes(6, "big")
+    else:
+        unstuffed_until_brs = 17
+        head = 0b01 << 22 | can_id << 10 | control
+        header = head.to_bytes(3, "big")
+    # With BRS recessive no run of five ends inside the control byte, so what is counted up to there
+    # was inserted before BRS.
+    header_stuff = _stuff_bits(header)
+    payload_stuff = _stuff_bits(header + data) - header_stuff
+    check_bits = _FD_SHORT_CHECK_BITS if len(data) <= _FD_SHORT_MAX else _FD_LONG_CHECK_BITS
+    until_brs = unstuffed_until_brs + header_stuff
+    after_brs = _ESI_AND_DLC_BITS + 8 * len(data) + payload_stuff + check_bits
+    if brs:
+        return FrameBits(until_brs + _FD_TRAILER_BITS, after_brs)
+    return FrameBits(until_brs + after_brs + _FD_TRAILER_BITS, 0)
+
+
+def _extended_identifier(can_id: int) -> int:
+    """Base identifier, SRR, IDE, identifier extension: the 31 bits after SOF."""
+    return (can_id >> 18) << 20 | 0b11 << 18 | can_id & 0x3FFFF

@@ -1,0 +1,150 @@
+"""Runs nodes together in one process in virtual time: deterministic, and as fast as they compute.
+
+Order at one instant:
+
+1. Every frame that is complete on the wire is delivered, in order of completion, to every node
+   but its sender, in the sequence of the nodes. What they answer goes to the wire at once.
+2. When nothing is left to deliver, the first node in the sequence whose deadline is due ticks,
+   and 1. follows again.
+3. When no node is due either, time jumps to the next deadline or the next completion of a frame.
+
+With nodes in the sequence (plant, controller) and no time on the wire, the plant senses, the
+measurements arrive, the controller decides, and the command arrives: all at one instant, as in a
+textbook sampled-data loop.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from runtime.bus_model import Delivery
+from runtime.frame import Frame
+from runtime.node import NEVER_NS, Node
+
+EVENTS_PER_INSTANT_MAX = 10_000
+"""Deliveries and ticks at one instant before it is called a livelock. An instant of real nodes has
+a few tens."""
+
+
+class Wire(Protocol):
+    """What carries frames between the nodes: an InstantWire, or a BusModel with a bit rate."""
+
+    @property
+    def next_event_ns(self) -> int:
+        """When the next frame is complete [ns]; NEVER_NS with nothing on the way."""
+        ...
+
+    def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
+        """Take a frame to send at ``now_ns``."""
+        ...
+
+    def advance(self, now_ns: int) -> Sequence[Delivery]:
+        """Return the frames completed up to ``now_ns``, in order of completion."""
+        ...
+
+
+class InstantWire:
+    """A wire without time or capacity: frames are complete when they are sent, in that order."""
+
+    def __init__(self) -> None:
+        self._sent: list[Delivery] = []
+
+    @property
+    def next_event_ns(self) -> int:
+        """When the next frame is complete [ns]; NEVER_NS with nothing on the way."""
+        return self._sent[0].end_ns if self._sent else NEVER_NS
+
+    def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
+        """Take a frame to send at ``now_ns``."""
+        self._sent.append(Delivery(now_ns, sender, frame))
+
+    def advance(self, now_ns: int) -> Sequence[Delivery]:  # noqa: ARG002 all are complete
+        """Return the frames sent since the last call."""
+        if not self._sent:
+            return ()
+        completed = self._sent
+        self._sent = []
+        return completed
+
+
+class VirtualTimeExecutor:
+    """Runs ``nodes`` over ``bus``.
+
+    ``nodes``    in the order in which they tick at one instant
+    ``bus``      the wire between them; without one, an InstantWire
+    ``on_wire``  called as ``on_wire(time_ns, sender_index, frame)`` for every frame when it is
+                 complete on the wire, before the nodes get it
+    """
+
+    def __init__(
+        self,
+        nodes: Sequence[Node],
+        bus: Wire | None = None,
+        on_wire: Callable[[int, int, Frame], None] | None = None,
+    ) -> None:
+        self._nodes = tuple(enumerate(nodes))
+        self._wire: Wire = InstantWire() if bus is None else bus
+        self._on_wire = on_wire
+        self._now_ns = min((node.deadline_ns for node in nodes), default=0)
+
+    @property
+    def now_ns(self) -> int:
+        """The instant that was run last [ns]; before the first one, when it will be."""
+        return self._now_ns
+
+    @property
+    def finished(self) -> bool:
+        """Whether a node has finished; the run ends with the first one."""
+        return any(node.finished for _, node in self._nodes)
+
+    def run(self, until_ns: int) -> None:
+        """Run every instant before ``until_ns``, or until a node has finished.
+
+        ``run(a)`` and then ``run(b)`` is the same as ``run(b)``. Raises RuntimeError when nodes
+        keep each other busy at one instant for ever.
+        """
+        while not self.finished:
+            next_ns = self._wire.next_event_ns
+            for _, node in self._nodes:
+                deadline_ns = node.deadline_ns
+                if deadline_ns < next_ns:
+                    next_ns = deadline_ns
+            if next_ns >= until_ns or next_ns == NEVER_NS:
+                return
+            # A deadline set in the past is late, it does not turn time back.
+            self._now_ns = max(self._now_ns, next_ns)
+            self._run_instant(self._now_ns)
+
+    def _run_instant(self, now_ns: int) -> None:
+        """Deliver and tick until nothing is left to do at ``now_ns``."""
+        events = 0
+        while events < EVENTS_PER_INSTANT_MAX:
+            deliveries = self._wire.advance(now_ns)
+            if deliveries:
+                for delivery in deliveries:
+                    self._deliver(delivery, now_ns)
+                events += len(deliveries)
+                busy_index = deliveries[-1].sender
+                continue
+            for index, node in self._nodes:
+                if node.deadline_ns <= now_ns:
+                    for frame in node.on_tick(now_ns):
+                        self._wire.submit(frame, index, now_ns)
+                    events += 1
+                    busy_index = index
+                    break
+            else:
+                return
+        raise RuntimeError(
+            f"node {busy_index} is still busy after {events} events at {now_ns} ns: "
+            "its deadline does not move on, or its frames are answered without end"
+        )
+
+    def _deliver(self, delivery: Delivery, now_ns: int) -> None:
+        """Hand one frame to every node but its sender, and send what they answer."""
+        end_ns, sender, frame = delivery
+        if self._on_wire is not None:
+            self._on_wire(end_ns, sender, frame)
+        for index, node in self._nodes:
+            if index != sender:
+                for answer in node.on_frame(frame, now_ns):
+                    self._wire.submit(answer, index, now_ns)
