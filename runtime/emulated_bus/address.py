@@ -1,0 +1,173 @@
+"""Where a broker listens: a Unix socket that only its user can open, or TCP on the loopback.
+
+A Unix socket is the default, in a directory of the user's own. TCP is for machines without Unix
+sockets; there every local user can join the bus, and nobody from outside.
+"""
+
+import ipaddress
+import os
+import socket
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import NamedTuple
+
+_DEFAULT_TCP_PORT = 29580
+_BACKLOG = 32
+
+
+class AddressError(Exception):
+    """An address that is none, that is in use, or that is not safe to use."""
+
+
+class UnixAddress(NamedTuple):
+    """A socket in the file system."""
+
+    path: Path
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+
+class TcpAddress(NamedTuple):
+    """A port of the loopback; port 0 takes a free one."""
+
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        return f"{self.host}:{self.port}"
+
+
+Address = UnixAddress | TcpAddress
+
+
+def parse_address(text: str) -> Address:
+    """Read ``PATH`` or ``HOST:PORT``; raises AddressError for a host that is not the loopback."""
+    host, colon, port = text.rpartition(":")
+    if not colon or "/" in text or not port.isdecimal():
+        if not hasattr(socket, "AF_UNIX"):
+            raise AddressError(f"no Unix sockets here, give 127.0.0.1:PORT instead of {text!r}")
+        return UnixAddress(Path(text))
+    host = "127.0.0.1" if host == "localhost" else host
+    try:
+        is_loopback = ipaddress.IPv4Address(host).is_loopback
+    except ValueError:
+        is_loopback = False
+    if not is_loopback or int(port) > 65535:
+        raise AddressError(f"an address is PATH or 127.0.0.1:PORT, not {text!r}")
+    return TcpAddress(host, int(port))
+
+
+def default_address() -> Address:
+    """Return this user's own address; raises AddressError when others can write there."""
+    if not hasattr(socket, "AF_UNIX"):
+        return TcpAddress("127.0.0.1", _DEFAULT_TCP_PORT)
+    runtime_directory = os.environ.get("XDG_RUNTIME_DIR")
+    if runtime_directory:
+        directory = Path(runtime_directory) / "emulated-can-bus"
+    else:
+        directory = Path(tempfile.gettempdir()) / f"emulated-can-bus-{os.getuid()}"
+    if directory.exists():
+        _check_private(directory)
+    return UnixAddress(directory / "socket")
+
+
+def connect(address: Address, timeout_s: float) -> socket.socket:
+    """Connect to a broker; raises OSError when none listens."""
+    if isinstance(address, UnixAddress):
+        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        target: str | tuple[str, int] = str(address)
+    else:
+        connection = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        target = (address.host, address.port)
+    try:
+        connection.settimeout(timeout_s)
+        connection.connect(target)
+    except OSError:
+        connection.close()
+        raise
+    return connection
+
+
+@contextmanager
+def listening(address: Address) -> Iterator[socket.socket]:
+    """Listen at ``address`` until the end of the block.
+
+    Raises AddressError when another broker listens there or the address cannot be used. A socket
+    left behind by a broker that was killed is taken over.
+    """
+    with ExitStack() as stack:
+        try:
+            if isinstance(address, UnixAddress):
+                stack.enter_context(_locked(address.path))
+                listener = stack.enter_context(_unix_listener(address.path))
+            else:
+                listener = stack.enter_context(_tcp_listener(address))
+        except OSError as error:
+            raise AddressError(f"cannot listen at {address}: {error.strerror or error}") from error
+        yield listener
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Hold the lock that belongs to the socket at ``path``.
+
+    The kernel gives it back when the process ends in whatever way, so who holds it may remove what
+    lies at ``path``. Trying to connect instead would let two brokers that start together remove
+    each other's new socket. The lock's file stays: removing it would bring the same race back.
+    """
+    import fcntl  # does not exist where there are no Unix sockets
+
+    if path == getattr(default_address(), "path", None):
+        path.parent.mkdir(mode=0o700, exist_ok=True)
+        _check_private(path.parent)
+    lock = os.open(f"{path}.lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+    try:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise AddressError(f"an emulated bus is already listening at {path}") from None
+        yield
+    finally:
+        os.close(lock)
+
+
+@contextmanager
+def _unix_listener(path: Path) -> Iterator[socket.socket]:
+    with suppress(FileNotFoundError):
+        if not stat.S_ISSOCK(path.lstat().st_mode):
+            raise AddressError(f"{path} exists and is not a socket")
+        path.unlink()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
+        # The mode has to be right from the start: between bind and chmod anybody could connect.
+        umask = os.umask(0o177)
+        try:
+            listener.bind(str(path))
+        finally:
+            os.umask(umask)
+        try:
+            listener.listen(_BACKLOG)
+            yield listener
+        finally:
+            path.unlink(missing_ok=True)
+
+
+@contextmanager
+def _tcp_listener(address: TcpAddress) -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listener:
+        # Connections of a broker that has ended keep the port for a minute otherwise.
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((address.host, address.port))
+        listener.listen(_BACKLOG)
+        yield listener
+
+
+def _check_private(directory: Path) -> None:
+    """Raise AddressError unless ``directory`` is this user's own and closed to all others."""
+    status = directory.lstat()
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
+        raise AddressError(f"{directory} is not a directory of mode 0700 that belongs to you")

@@ -1,0 +1,288 @@
+"""python-can's interface ``emulated``: one client of a broker.
+
+    can.Bus(interface="emulated", channel="can0")
+
+Errors are python-can's own: CanInitializationError when no broker listens or it refuses,
+CanOperationError from ``recv`` and ``send`` when it has ended.
+"""
+
+import select
+import socket
+import threading
+import time
+from contextlib import suppress
+
+import can
+from can.bus import BusState, CanProtocol
+from can.typechecking import AutoDetectedConfig, CanFilters, Channel
+
+from runtime.emulated_bus.address import AddressError, connect, default_address, parse_address
+from runtime.emulated_bus.protocol import (
+    ANSWER,
+    ERROR_STATE,
+    FD_LENGTHS,
+    FILTERS_MAX,
+    OWN,
+    REMOTE_LENGTH_SHIFT,
+    Answer,
+    Filter,
+    Hello,
+    ProtocolError,
+    check_frame,
+    pack_filters,
+    pack_frame,
+    record_format,
+    unpack_answer,
+    unpack_delivery,
+)
+from runtime.frame import Frame
+from runtime.message import frame_of, message_of
+
+DEFAULT_CHANNEL = "can0"
+
+_ANSWER_TIMEOUT_S = 5.0
+"""A broker answers within a millisecond; only a stopped one or a stranger takes longer."""
+_DRAIN_TIMEOUT_S = 5.0
+"""Time for the broker to take what was sent before ``shutdown``: far more than the frames that fit
+into the socket's buffer take on the wire."""
+
+
+class EmulatedBus(can.BusABC):
+    """A client on one channel of an emulated bus.
+
+    ``channel``               any name; who uses the same one shares a bus
+    ``can_filters``           as everywhere in python-can; also applied by the broker, so that
+                              frames that do not pass wake nobody
+    ``address``               where the broker listens, as its ``--address``; its default if None
+    ``receive_own_messages``  also receive what this client sends, at its end of frame
+    ``fd``                    send and receive CAN FD frames; the broker has to carry them
+    ``bitrate``               the bit rate there has to be [bit/s]; None takes what there is
+    ``data_bitrate``          the same for the data phase of CAN FD
+
+    What python-can's configuration holds for other interfaces is accepted and not looked at, as
+    every interface of python-can does.
+
+    Raises can.CanInitializationError in one line when the bus cannot be joined.
+    """
+
+    def __init__(
+        self,
+        channel: Channel = DEFAULT_CHANNEL,
+        can_filters: CanFilters | None = None,
+        address: str | None = None,
+        receive_own_messages: bool = False,
+        fd: bool = False,
+        bitrate: int | None = None,
+        data_bitrate: int | None = None,
+        **_of_other_interfaces: object,
+    ) -> None:
+        hello = Hello(str(channel), fd, receive_own_messages, bitrate or 0, data_bitrate or 0)
+        self._socket, answer = _join(hello, address)
+        self._channel = hello.channel
+        self._record = record_format(fd)
+        self._partial = b""
+        self._state = BusState.ACTIVE
+        # send_periodic sends from a thread of its own.
+        self._send_lock = threading.Lock()
+        self._can_protocol = CanProtocol.CAN_FD if fd else CanProtocol.CAN_20
+        self.channel_info = f"emulated bus, channel {hello.channel}, {answer.bitrate_bit_s} bit/s"
+        super().__init__(channel, can_filters)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Hand a frame to the bus; returns before it is on the wire.
+
+        ``timeout``  time to wait for room [s] when many frames wait already; None for ever, 0 not
+                     at all
+
+        Raises can.CanTimeoutError without room in time, can.CanOperationError when the broker has
+        ended, for an error frame, for a CAN FD frame without ``fd``, and in state PASSIVE.
+        """
+        if self._state is BusState.PASSIVE:
+            raise can.CanOperationError("this bus is passive: it does not send")
+        if msg.is_fd and self._can_protocol is not CanProtocol.CAN_FD:
+            raise can.CanOperationError("a CAN FD frame needs a bus that was opened with fd=True")
+        raw = pack_frame(self._record, _sent_frame(msg))
+        with self._send_lock:
+            self._send_all(raw, timeout)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        """Receive one frame. The broker's filters lag behind ``set_filters`` by what is under way,
+        so that python-can's own have the last word: the second value is False.
+        """
+        try:
+            # A frame that waits already costs one system call with timeout 0.
+            if timeout != 0 and not select.select([self._socket], [], [], timeout)[0]:
+                return None, False
+            received = self._socket.recv(self._record.size - len(self._partial))
+        except BlockingIOError:
+            return None, False
+        except (OSError, ValueError) as error:
+            raise self._lost(error) from error
+        if not received:
+            raise self._lost(None)
+        self._partial += received
+        if len(self._partial) < self._record.size:
+            return None, False
+        raw, self._partial = self._partial, b""
+        try:
+            frame, time_ns = unpack_delivery(self._record, raw)
+        except ProtocolError as error:
+            raise can.CanOperationError(str(error)) from error
+        return _received_message(frame, time_ns, self._channel), False
+
+    def _send_all(self, raw: bytes, timeout: float | None) -> None:
+        """Write ``raw`` whole or not at all."""
+        deadline_s = None if timeout is None else time.monotonic() + timeout
+        remaining = memoryview(raw)
+        while remaining:
+            try:
+                remaining = remaining[self._socket.send(remaining) :]
+                # Half a record would garble the next one: once begun, it is finished.
+                deadline_s = None
+            except BlockingIOError:
+                wait_s = None if deadline_s is None else deadline_s - time.monotonic()
+                if wait_s is not None and wait_s <= 0:
+                    raise can.CanTimeoutError("no room to send: the bus is overloaded") from None
+                select.select([], [self._socket], [], wait_s)
+            except (OSError, ValueError) as error:
+                raise self._lost(error) from error
+
+    def _lost(self, error: Exception | None) -> can.CanOperationError:
+        """Note that the connection is gone; returns what to raise."""
+        if self._is_shutdown:
+            return can.CanOperationError("this bus is shut down")
+        self._state = BusState.ERROR
+        cause = f" ({error})" if error else ""
+        return can.CanOperationError(
+            f"the emulated bus has closed the connection{cause}: its broker has ended, or this "
+            "client has not read for too long"
+        )
+
+    def _apply_filters(self, filters: CanFilters | None) -> None:
+        """Have the broker filter too, where it can hold that many filters."""
+        chosen = [
+            Filter(
+                wanted["can_id"] & 0xFFFF_FFFF, wanted["can_mask"] & 0xFFFF_FFFF,
+                wanted.get("extended"),
+            )
+            for wanted in filters or ()
+        ]  # fmt: skip
+        if len(chosen) > FILTERS_MAX:
+            chosen = []
+        with self._send_lock:
+            self._send_all(pack_filters(self._record, chosen), None)
+
+    def fileno(self) -> int:
+        """Descriptor that is readable when a frame waits."""
+        return self._socket.fileno()
+
+    def shutdown(self) -> None:
+        """Leave the bus. What was sent before still goes out."""
+        if self._is_shutdown:
+            return
+        super().shutdown()
+        # The broker closes its side when it has taken everything; closing first could throw away
+        # what it has not read yet.
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_WR)
+            self._socket.settimeout(_DRAIN_TIMEOUT_S)
+            while self._socket.recv(1 << 16):
+                pass
+        self._socket.close()
+
+    @property
+    def state(self) -> BusState:
+        """ACTIVE; PASSIVE when set to only listen; ERROR when the broker has ended."""
+        return self._state
+
+    @state.setter
+    def state(self, new_state: BusState) -> None:
+        if new_state is BusState.ERROR or self._state is BusState.ERROR:
+            raise can.CanOperationError(f"cannot go from {self._state.name} to {new_state.name}")
+        self._state = new_state
+
+    @staticmethod
+    def _detect_available_configs() -> list[AutoDetectedConfig]:
+        """The default channel, when a broker listens at the default address."""
+        try:
+            connect(default_address(), _ANSWER_TIMEOUT_S).close()
+        except (OSError, AddressError):
+            return []
+        return [{"interface": "emulated", "channel": DEFAULT_CHANNEL}]
+
+
+def _join(hello: Hello, address_text: str | None) -> tuple[socket.socket, Answer]:
+    """Connect and say hello; returns the non-blocking socket and the broker's answer.
+
+    Raises can.CanInitializationError.
+    """
+    try:
+        address = parse_address(address_text) if address_text else default_address()
+        raw = hello.pack()
+    except (AddressError, ProtocolError) as error:
+        raise can.CanInitializationError(str(error)) from error
+    option = f" --address {address}" if address_text else ""
+    try:
+        connection = connect(address, _ANSWER_TIMEOUT_S)
+    except OSError as error:
+        raise can.CanInitializationError(
+            f"no emulated bus is listening at {address} ({error.strerror or error}); "
+            f"start one with: emulated-can-bus{option}"
+        ) from error
+    try:
+        connection.sendall(raw)
+        answer = unpack_answer(_receive_exactly(connection, ANSWER.size))
+        if answer.reason:
+            raise ProtocolError(answer.reason)
+    except (OSError, ProtocolError) as error:
+        connection.close()
+        raise can.CanInitializationError(
+            f"the emulated bus at {address} cannot be joined: {error}"
+        ) from error
+    connection.setblocking(False)
+    return connection, answer
+
+
+def _receive_exactly(connection: socket.socket, size: int) -> bytes:
+    """Receive ``size`` bytes; raises OSError or ProtocolError when they do not come."""
+    received = b""
+    while len(received) < size:
+        part = connection.recv(size - len(received))
+        if not part:
+            raise ProtocolError("it has closed the connection")
+        received += part
+    return received
+
+
+def _sent_frame(message: can.Message) -> Frame:
+    """Return the frame to send, filled up to a length that CAN FD has.
+
+    Raises can.CanOperationError for what no controller can send.
+    """
+    frame = frame_of(message)
+    if message.error_state_indicator:
+        frame = frame._replace(flags=frame.flags | ERROR_STATE)
+    if message.is_remote_frame:
+        frame = frame._replace(flags=frame.flags | message.dlc << REMOTE_LENGTH_SHIFT)
+    elif message.is_fd:
+        # As SocketCAN does: there is no other way to send nine bytes.
+        size = len(frame.data)
+        size = next((length for length in FD_LENGTHS if length >= size), size)
+        frame = frame._replace(data=frame.data.ljust(size, b"\0"))
+    try:
+        check_frame(frame)
+    except ProtocolError as error:
+        raise can.CanOperationError(f"not a frame that can be sent: {error}") from error
+    return frame
+
+
+def _received_message(frame: Frame, time_ns: int, channel: str) -> can.Message:
+    """Return the message of a frame that ended at ``time_ns`` of the wall clock."""
+    message = message_of(frame)
+    message.timestamp = time_ns * 1e-9
+    message.channel = channel
+    message.is_rx = not frame.flags & OWN
+    message.error_state_indicator = bool(frame.flags & ERROR_STATE)
+    if message.is_remote_frame:
+        message.dlc = frame.flags >> REMOTE_LENGTH_SHIFT
+    return message

@@ -1,0 +1,141 @@
+"""One client as the broker sees it: bytes in, bytes out, both bounded, never waiting."""
+
+import socket
+
+from runtime.emulated_bus.protocol import (
+    FILTERS_MAX,
+    HELLO,
+    ClearFilters,
+    Filter,
+    Hello,
+    ProtocolError,
+    record_format,
+    unpack_hello,
+    unpack_request,
+)
+from runtime.frame import FD, Frame
+
+OUTGOING_BYTES_MAX = 1 << 20
+"""What may wait for a client that does not read: 43 690 classic frames, 10 s of a full bus at
+500 kbit/s."""
+
+_READ_BYTES = 1 << 16
+
+
+class ConnectionLostError(Exception):
+    """The client is gone, or has to go; the text says why and is empty for an orderly end."""
+
+
+class Connection:
+    """The connection to one client.
+
+    ``number``          names the client as a sender on its channel
+    ``hello``           what it asked for; None until that has come in whole
+    ``frames_waiting``  frames it has submitted that are not complete yet; the broker counts here
+    """
+
+    def __init__(self, connection: socket.socket, number: int) -> None:
+        connection.setblocking(False)
+        self.number = number
+        self.hello: Hello | None = None
+        self.frames_waiting = 0
+        self._socket = connection
+        self._record = record_format(fd=False)
+        self._incoming = bytearray()
+        self._outgoing = bytearray()
+        self._filters: list[Filter] = []
+
+    def __str__(self) -> str:
+        return f"client {self.number}" + (f" of {self.hello.channel}" if self.hello else "")
+
+    @property
+    def fd(self) -> bool:
+        """Whether the client takes CAN FD frames."""
+        return self.hello is not None and self.hello.fd
+
+    @property
+    def has_outgoing(self) -> bool:
+        """Whether bytes wait to be written."""
+        return bool(self._outgoing)
+
+    def fileno(self) -> int:
+        """Descriptor to wait on."""
+        return self._socket.fileno()
+
+    def close(self) -> None:
+        """Close the socket; what waits to be written is lost."""
+        self._socket.close()
+
+    def read(self) -> None:
+        """Take in what the client has sent; raises ConnectionLostError at its end."""
+        try:
+            received = self._socket.recv(_READ_BYTES)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            raise ConnectionLostError(str(error)) from error
+        if not received:
+            raise ConnectionLostError("in the middle of a record" if self._incoming else "")
+        self._incoming += received
+
+    def take_hello(self) -> Hello | None:
+        """Take the hello off what has come in, when it is whole; raises ProtocolError."""
+        if len(self._incoming) < HELLO.size:
+            return None
+        self.hello = unpack_hello(self._take(HELLO.size))
+        self._record = record_format(self.hello.fd)
+        return self.hello
+
+    def take_frame(self) -> Frame | None:
+        """Take the next frame off what has come in, None without one; raises ProtocolError.
+
+        Changes of the filters that lie before it take effect on the way.
+        """
+        while len(self._incoming) >= self._record.size:
+            request = unpack_request(self._record, self._take(self._record.size))
+            if isinstance(request, Frame):
+                return request
+            self._change_filters(request)
+        return None
+
+    def wants(self, frame: Frame, sender: int) -> bool:
+        """Whether the client is to get ``frame`` of client ``sender``."""
+        if self.hello is None or (sender == self.number and not self.hello.receive_own):
+            return False
+        if frame.flags & FD and not self.hello.fd:
+            return False
+        return not self._filters or any(chosen.passes(frame) for chosen in self._filters)
+
+    def queue(self, raw: bytes) -> None:
+        """Add bytes to be written by the next ``flush``."""
+        self._outgoing += raw
+
+    def flush(self) -> None:
+        """Write what the socket takes now.
+
+        Raises ConnectionLostError when the client is gone or too much waits for it.
+        """
+        try:
+            written = self._socket.send(self._outgoing)
+        except BlockingIOError:
+            written = 0
+        except OSError as error:
+            raise ConnectionLostError(str(error)) from error
+        del self._outgoing[:written]
+        if len(self._outgoing) > OUTGOING_BYTES_MAX:
+            raise ConnectionLostError(f"it does not read: {len(self._outgoing)} bytes wait for it")
+
+    def _take(self, size: int) -> bytes:
+        """Remove and return the first ``size`` bytes that came in."""
+        taken = bytes(self._incoming[:size])
+        del self._incoming[:size]
+        return taken
+
+    def _change_filters(self, request: Filter | ClearFilters) -> None:
+        """Add a filter or clear all; raises ProtocolError when there are too many."""
+        if isinstance(request, ClearFilters):
+            self._filters.clear()
+        elif len(self._filters) < FILTERS_MAX:
+            self._filters.append(request)
+        else:
+            raise ProtocolError(f"more than {FILTERS_MAX} filters")
