@@ -1,0 +1,131 @@
+"""Settings of the control laws: the tables [pd], [dob], [cdob] and [nominal_model].
+
+They hold continuous-time values; ``controller.design`` turns them into discrete filters at the
+configured rate. Anything a filter could not be built from is refused here, naming the key.
+"""
+
+from math import pi
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, PositiveFloat, model_validator
+
+from controller.laws import LawName
+from controller.nominal_model import NominalVehicle, paper_eq19, vehicle_model
+from controller.transfer_function import TransferFunction
+from runtime.settings import Settings
+
+
+class PdSettings(Settings):
+    """C(s) = K_p + K_d s/(s/N + 1)."""
+
+    proportional_gain_rad_m: PositiveFloat  # K_p
+    derivative_gain_rad_s_m: Annotated[float, Field(ge=0.0)]  # K_d
+    derivative_filter_rad_s: PositiveFloat | None = None  # N; omitted: the ideal derivative
+
+
+class DobSettings(Settings):
+    """Q of the disturbance observer.
+
+    order_2: ω²/(s + ω)², (20). type_2: (3τs + 1)/(τs + 1)³ with τ = 1/ω, whose 1 - Q has a double
+    zero at s = 0, so that a ramp of the disturbance is rejected too.
+    """
+
+    q_cutoff_rad_s: PositiveFloat  # ω
+    q_kind: Literal["order_2", "type_2"] = "order_2"
+
+
+class CdobSettings(Settings):
+    """Q of the communication disturbance observer, (20), and the washout (s/(s + ω_h))²."""
+
+    q_cutoff_rad_s: PositiveFloat
+    washout_rad_s: PositiveFloat | None = None  # ω_h; omitted: no washout, as published
+
+
+class PaperEq19Settings(Settings):
+    """Nominal model (19), as printed."""
+
+    kind: Literal["paper_eq19"]
+
+    @property
+    def model(self) -> TransferFunction:
+        """Return G_n."""
+        return paper_eq19()
+
+
+class VehicleModelSettings(Settings):
+    """Nominal model from vehicle parameters; see ``NominalVehicle`` for the paper's symbols."""
+
+    kind: Literal["vehicle"]
+    virtual_mass_kg: PositiveFloat
+    yaw_inertia_kg_m2: PositiveFloat
+    front_cornering_stiffness_n_rad: PositiveFloat
+    rear_cornering_stiffness_n_rad: PositiveFloat
+    front_axle_distance_m: PositiveFloat
+    rear_axle_distance_m: PositiveFloat
+    preview_distance_m: Annotated[float, Field(ge=0.0)]
+    speed_m_s: PositiveFloat
+
+    @property
+    def model(self) -> TransferFunction:
+        """Return G_n."""
+        return vehicle_model(NominalVehicle(**self.model_dump(exclude={"kind"})))
+
+    @model_validator(mode="after")
+    def _refuse_a_model_without_stable_inverse(self) -> Self:
+        _ = self.model
+        return self
+
+
+NominalModelSettings = Annotated[
+    PaperEq19Settings | VehicleModelSettings, Field(discriminator="kind")
+]
+
+
+class LawSettings(Settings):
+    """What ``controller.design`` needs; a law's tables may be left out where the law has no use."""
+
+    law: LawName
+    rate_hz: Annotated[float, Field(ge=10.0, le=1000.0)] = 100.0
+    pd: PdSettings
+    dob: DobSettings | None = None
+    cdob: CdobSettings | None = None
+    nominal_model: NominalModelSettings | None = None
+
+    @property
+    def model(self) -> TransferFunction | None:
+        """Return G_n, or None where there is no [nominal_model]."""
+        return None if self.nominal_model is None else self.nominal_model.model
+
+    @model_validator(mode="after")
+    def _refuse_missing_tables(self) -> Self:
+        needed = {
+            LawName.PD: (),
+            LawName.PD_DOB: ("dob", "nominal_model"),
+            LawName.PD_CDOB: ("cdob", "nominal_model"),
+            LawName.PD_DDOB: ("dob", "cdob", "nominal_model"),
+        }
+        for table in needed[self.law]:
+            if getattr(self, table) is None:
+                raise ValueError(f"law = {self.law.value!r} needs the table [{table}]")
+        return self
+
+    @model_validator(mode="after")
+    def _refuse_cutoffs_beyond_nyquist(self) -> Self:
+        nyquist_rad_s = pi * self.rate_hz
+        for key, cutoff_rad_s in self._cutoffs_rad_s().items():
+            if cutoff_rad_s is not None and cutoff_rad_s >= nyquist_rad_s:
+                raise ValueError(
+                    f"{key} = {cutoff_rad_s:g} must be below pi * rate_hz = {nyquist_rad_s:.4g}"
+                    f" rad/s (Nyquist at rate_hz = {self.rate_hz:g})"
+                )
+        return self
+
+    def _cutoffs_rad_s(self) -> dict[str, float | None]:
+        """Return every cutoff by its key [rad/s]; None where it is left out."""
+        cutoffs = {"pd.derivative_filter_rad_s": self.pd.derivative_filter_rad_s}
+        if self.dob is not None:
+            cutoffs["dob.q_cutoff_rad_s"] = self.dob.q_cutoff_rad_s
+        if self.cdob is not None:
+            cutoffs["cdob.q_cutoff_rad_s"] = self.cdob.q_cutoff_rad_s
+            cutoffs["cdob.washout_rad_s"] = self.cdob.washout_rad_s
+        return cutoffs

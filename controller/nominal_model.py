@@ -1,0 +1,76 @@
+"""Nominal plant G_n(s): wheel angle [rad] to lateral error at the preview point [m].
+
+From the single-track model, SAE 2018-01-1086 (1) and (4), in closed form:
+
+    G_n(s) = y/δ = N(s) / (s² D(s))
+
+    D(s) = s² - (a11 + a22) s + a11 a22 - a12 a21
+    N(s) = (V b11 + l_s b21) s²
+         + (V (b21 + a12 b21 - a22 b11) + l_s (a21 b11 - a11 b21)) s
+         + V (a21 b11 - a11 b21)
+
+    a11 = -(c_r + c_f)/(m̃ V)            a12 = -1 + (c_r l_r - c_f l_f)/(m̃ V²)
+    a21 = (c_r l_r - c_f l_f)/J         a22 = -(c_r l_r² + c_f l_f²)/(J V)
+    b11 = c_f/(m̃ V)                     b21 = c_f l_f/J
+
+(2) is printed with J V² under a22 and b12 for the yaw input; the dimensions need J V and b21.
+The plant emulator writes the same model as a state space, on purpose in other code: a test rig
+must not share code with what it tests.
+"""
+
+from typing import NamedTuple
+
+from controller.transfer_function import Factor, TransferFunction
+
+
+class NominalVehicle(NamedTuple):
+    """Parameters of the single-track model; the symbols in the comments are the paper's."""
+
+    virtual_mass_kg: float  # m̃ = m/μ
+    yaw_inertia_kg_m2: float  # J
+    front_cornering_stiffness_n_rad: float  # c_f
+    rear_cornering_stiffness_n_rad: float  # c_r
+    front_axle_distance_m: float  # l_f, from the centre of gravity
+    rear_axle_distance_m: float  # l_r, from the centre of gravity
+    preview_distance_m: float  # l_s, ahead of the centre of gravity
+    speed_m_s: float  # V
+
+
+def paper_eq19() -> TransferFunction:
+    """Return G_n of (19), coefficients as printed.
+
+    It does not follow from the paper's Table I at 5 km/h, but the published Q filters and gains
+    were designed with it.
+    """
+    return TransferFunction(
+        power_of_s=-2,
+        numerator=(Factor(227.6, 8.479e4, 3.627e4),),
+        denominator=(Factor(1.0, 459.2, 3.329e4),),
+    )
+
+
+def vehicle_model(vehicle: NominalVehicle) -> TransferFunction:
+    """Return G_n of a vehicle at constant speed.
+
+    Raises ValueError where a zero or a pole besides the two integrators is not in the open left
+    half-plane: the observers divide by N and by D.
+    """
+    m, j, c_f, c_r, l_f, l_r, l_s, v = vehicle
+    a11 = -(c_r + c_f) / (m * v)
+    a12 = -1.0 + (c_r * l_r - c_f * l_f) / (m * v**2)
+    a21 = (c_r * l_r - c_f * l_f) / j
+    a22 = -(c_r * l_r**2 + c_f * l_f**2) / (j * v)
+    b11 = c_f / (m * v)
+    b21 = c_f * l_f / j
+    yaw_gain = a21 * b11 - a11 * b21
+    zeros = Factor(
+        v * b11 + l_s * b21,
+        v * (b21 + a12 * b21 - a22 * b11) + l_s * yaw_gain,
+        v * yaw_gain,
+    )
+    poles = Factor(1.0, -(a11 + a22), a11 * a22 - a12 * a21)
+    if not poles.hurwitz:
+        raise ValueError(f"the nominal vehicle is unstable at {v} m/s (oversteering, too fast)")
+    if not zeros.hurwitz:
+        raise ValueError(f"the nominal vehicle is not minimum phase with preview {l_s} m")
+    return TransferFunction(power_of_s=-2, numerator=(zeros,), denominator=(poles,))
