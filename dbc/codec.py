@@ -1,0 +1,147 @@
+"""Packs and unpacks the payload of one message, as the DBC defines it.
+
+The tables of shifts and masks are built once from what cantools reads in the DBC, because packing
+with cantools itself takes longer than a step of the control law.
+"""
+
+import importlib.resources
+from enum import StrEnum
+from typing import Any, Generic, TypeVar, get_type_hints
+
+import cantools.database
+from cantools.database.can import Database, Message
+
+from dbc.protection import COUNTERS, HEADER_BITS, is_intact, protect
+from dbc.signals import (
+    NOT_AVAILABLE_NAME,
+    field_name,
+    packed_signal,
+    signal_range,
+)
+
+
+class EncodeError(ValueError):
+    """A value that its signal cannot carry; the text names message, signal, range and value."""
+
+
+class Rejection(StrEnum):
+    """Why a received frame is not a message."""
+
+    UNKNOWN_ID = "unknown_id"
+    """No message of ours has this identifier."""
+    WRONG_FORMAT = "wrong_format"
+    """An extended, remote, error or FD frame; all of ours are classic data frames."""
+    WRONG_LENGTH = "wrong_length"
+    BAD_CRC = "bad_crc"
+    OUT_OF_RANGE = "out_of_range"
+    """A signal outside its range or value table."""
+    NOT_AVAILABLE = "not_available"
+    """The sender has no value for a signal now."""
+
+
+def load_database() -> Database:
+    """Read the DBC beside this file; cantools refuses overlapping signals (strict)."""
+    text = importlib.resources.files("dbc").joinpath("steer_by_wire.dbc").read_text("ascii")
+    database = cantools.database.load_string(text, database_format="dbc", strict=True)
+    if not isinstance(database, Database):
+        raise TypeError(f"steer_by_wire.dbc: read as {type(database).__name__}")
+    return database
+
+
+MessageT = TypeVar("MessageT", bound=tuple[Any, ...])
+
+
+class MessageCodec(Generic[MessageT]):
+    """One message of the DBC and the NamedTuple that stands for it."""
+
+    def __init__(self, message: Message, message_type: type[MessageT]) -> None:
+        """Build the tables.
+
+        Raises KeyError for a field of ``message_type`` that has no signal of its name and unit, and
+        ValueError for what the DBC may ask but this codec does not do.
+        """
+        self.name = message.name
+        self.can_id = message.frame_id
+        self.length = message.length
+        self._data_id = _data_id(message)
+        self._message_type = message_type
+        signals = {field_name(signal): signal for signal in message.signals}
+        kinds = get_type_hints(message_type)
+        self._signals = tuple(packed_signal(signals[name], kind) for name, kind in kinds.items())
+        self.limits = {name: signal_range(signals[name]) for name in kinds}
+
+    def pack(self, message: MessageT, counter: int) -> bytes:
+        """Payload of ``message``; raises EncodeError."""
+        return self._seal(self._word(message), counter)
+
+    def pack_not_available(self, message: MessageT, counter: int) -> bytes:
+        """Like ``pack``, but every signal that can be NOT_AVAILABLE is; raises EncodeError."""
+        word = self._word(message)
+        mask = bits = 0
+        for signal in self._signals:
+            if signal.not_available is not None:
+                mask |= signal.mask << signal.shift
+                bits |= (signal.not_available & signal.mask) << signal.shift
+        if not mask:
+            raise EncodeError(f"{self.name}: none of its signals can be {NOT_AVAILABLE_NAME}")
+        return self._seal(word & ~mask | bits, counter)
+
+    def unpack(self, payload: bytes) -> tuple[MessageT, int] | Rejection:
+        """Message and E2E counter (0 where there is none) in a payload of the right length.
+
+        Where several signals are bad, the first one in the order of the fields decides.
+        """
+        counter = 0
+        if self._data_id is not None:
+            if not is_intact(payload, self._data_id):
+                return Rejection.BAD_CRC
+            counter = payload[2]
+        word = int.from_bytes(payload, "little")
+        values = []
+        for _, from_raw, shift, mask, sign, minimum, maximum, not_available, _ in self._signals:
+            raw = ((word >> shift & mask) ^ sign) - sign
+            if minimum <= raw <= maximum:
+                values.append(from_raw(raw))
+            elif raw == not_available:
+                return Rejection.NOT_AVAILABLE
+            else:
+                return Rejection.OUT_OF_RANGE
+        return self._message_type(*values), counter
+
+    def _word(self, message: MessageT) -> int:
+        """All fields in one integer, the first bit of the payload lowest."""
+        word = 0
+        for value, (to_raw, _, shift, mask, _, minimum, maximum, _, text) in zip(
+            message, self._signals, strict=True
+        ):
+            try:
+                raw = to_raw(value)
+            except (TypeError, ValueError, OverflowError) as error:  # no number, NaN, infinite
+                raise EncodeError(f"{self.name}.{text}, not {value!r}") from error
+            if not minimum <= raw <= maximum:
+                raise EncodeError(f"{self.name}.{text}, not {value!r}")
+            word |= (raw & mask) << shift
+        return word
+
+    def _seal(self, word: int, counter: int) -> bytes:
+        """The payload for ``word``, with counter and CRC if the message is protected."""
+        if self._data_id is None:
+            return word.to_bytes(self.length, "little")
+        if not 0 <= counter < COUNTERS:
+            raise EncodeError(f"{self.name}.E2E_COUNTER: allowed is 0 to 255, not {counter!r}")
+        payload = bytearray(word.to_bytes(self.length, "little"))
+        payload[2] = counter
+        protect(payload, self._data_id)
+        return bytes(payload)
+
+
+def _data_id(message: Message) -> int | None:
+    """The E2E Data ID of ``message``, None if it is not protected."""
+    attributes = message.dbc.attributes if message.dbc else {}
+    if "E2EDataId" not in attributes:
+        return None
+    for name, place in HEADER_BITS.items():
+        signal = message.get_signal_by_name(name)
+        if (signal.start, signal.length) != place:
+            raise ValueError(f"{message.name}.{name}: profile 5 wants first bit, bits = {place}")
+    return int(attributes["E2EDataId"].value)

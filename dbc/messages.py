@@ -1,0 +1,249 @@
+"""The messages on the bus as typed records, to and from frames.
+
+Units are SI and the last part of a field's name; signs are ISO 8855 (x forward, y left; left is
+positive). What each field means, its range and its resolution are in ``steer_by_wire.dbc``.
+
+Sending raises on what a signal cannot carry: such a value is a mistake of the program. Receiving
+never raises: a frame that is not a message is a ``Rejection``, to be counted by its cause.
+
+The DBC is read when this module is imported, so that no control period pays for it.
+"""
+
+from collections.abc import Mapping
+from enum import IntEnum
+from types import MappingProxyType
+from typing import NamedTuple, TypeAlias
+
+from dbc.codec import EncodeError, MessageCodec, Rejection, load_database
+from dbc.signals import SignalRange
+from runtime.frame import ERROR, EXTENDED, REMOTE, Frame
+
+__all__ = [
+    "CAN_IDS",
+    "MESSAGE_TYPES",
+    "ControllerStatus",
+    "Decoded",
+    "Direction",
+    "EncodeError",
+    "LatencyConfig",
+    "LatencyModel",
+    "LateralError",
+    "Law",
+    "Message",
+    "Mode",
+    "PlantStatus",
+    "Rejection",
+    "SignalRange",
+    "SteeringCommand",
+    "SteeringStatus",
+    "SteeringStatusCode",
+    "VehicleState",
+    "decode",
+    "encode",
+    "encode_not_available",
+    "limits",
+]
+
+
+class Mode(IntEnum):
+    """What the controller is doing."""
+
+    WAITING = 0
+    """No valid measurement yet; no command is sent."""
+    ACTIVE = 1
+    HOLDING = 2
+    """Measurements stopped: the last command is held."""
+    SAFE_STOP = 3
+    """Measurements stayed away: the command ramps to zero."""
+
+
+class Law(IntEnum):
+    """Control law."""
+
+    PD = 0
+    PD_DOB = 1
+    PD_CDOB = 2
+    PD_DDOB = 3
+
+
+class SteeringStatusCode(IntEnum):
+    """What the steering actuator does with the command."""
+
+    NO_COMMAND = 0
+    APPLYING = 1
+    LIMITED = 2
+    """Applying it as far as its angle and rate limits allow."""
+
+
+class Direction(IntEnum):
+    """Which latency line is meant; BOTH is the sum of the two."""
+
+    DOWNLINK = 1
+    """Commands, controller to plant."""
+    UPLINK = 2
+    """Measurements, plant to controller."""
+    BOTH = 3
+
+
+class LatencyModel(IntEnum):
+    """Distribution of the latency."""
+
+    CONSTANT = 0
+    UNIFORM = 1
+    NORMAL = 2
+    LOGNORMAL = 3
+    GAMMA = 4
+
+
+class SteeringCommand(NamedTuple):
+    """Controller to plant, every control period."""
+
+    steer_rad: float
+    command_counter: int
+    mode: Mode
+
+
+class LateralError(NamedTuple):
+    """Plant to controller: deviation from the path at the preview point."""
+
+    lateral_error_m: float
+    heading_error_rad: float
+
+
+class SteeringStatus(NamedTuple):
+    """Plant to controller: ``applied_counter`` is the command_counter of the command in effect."""
+
+    wheel_angle_rad: float
+    applied_counter: int
+    status: SteeringStatusCode
+
+
+class VehicleState(NamedTuple):
+    """Plant to controller: motion, and the path's curvature at the preview point."""
+
+    speed_m_s: float
+    yaw_rate_rad_s: float
+    preview_curvature_1_m: float
+
+
+class ControllerStatus(NamedTuple):
+    """Controller to all, for watching; ``skipped_ticks`` is modulo 256."""
+
+    mode: Mode
+    law: Law
+    disturbance_rad: float
+    network_disturbance_rad: float
+    skipped_ticks: int
+
+
+class PlantStatus(NamedTuple):
+    """Plant to all, for watching; ``lost`` and ``rejected`` are modulo 256."""
+
+    downlink_latency_s: float
+    uplink_latency_s: float
+    lost: int
+    rejected: int
+
+
+class LatencyConfig(NamedTuple):
+    """Any tool to plant: the latency from now on; ``spread_s`` is the standard deviation."""
+
+    direction: Direction
+    model: LatencyModel
+    mean_s: float
+    spread_s: float
+    loss: float
+
+
+Message: TypeAlias = (
+    SteeringCommand
+    | LateralError
+    | SteeringStatus
+    | VehicleState
+    | ControllerStatus
+    | PlantStatus
+    | LatencyConfig
+)
+
+MESSAGE_TYPES: Mapping[str, type[Message]] = MappingProxyType(
+    {
+        "STEERING_COMMAND": SteeringCommand,
+        "LATERAL_ERROR": LateralError,
+        "STEERING_STATUS": SteeringStatus,
+        "VEHICLE_STATE": VehicleState,
+        "CONTROLLER_STATUS": ControllerStatus,
+        "PLANT_STATUS": PlantStatus,
+        "LATENCY_CONFIG": LatencyConfig,
+    }
+)
+"""The name of each message in the DBC, and the type that stands for it."""
+
+
+class Decoded(NamedTuple):
+    """A received message and its E2E counter (0 to 255; 0 for LatencyConfig, which has none)."""
+
+    message: Message
+    counter: int
+
+
+def _codecs() -> Mapping[type[Message], MessageCodec[Message]]:
+    database = load_database()
+    return MappingProxyType(
+        {
+            message_type: MessageCodec(database.get_message_by_name(name), message_type)
+            for name, message_type in MESSAGE_TYPES.items()
+        }
+    )
+
+
+_CODECS = _codecs()
+_CODECS_BY_ID = {codec.can_id: codec for codec in _CODECS.values()}
+
+CAN_IDS: Mapping[type[Message], int] = MappingProxyType(
+    {message_type: codec.can_id for message_type, codec in _CODECS.items()}
+)
+"""The identifier each message is sent under."""
+
+
+def limits(message_type: type[Message]) -> Mapping[str, SignalRange]:
+    """What each field of ``message_type`` can carry, so that a node can clamp to it."""
+    return MappingProxyType(_CODECS[message_type].limits)
+
+
+def encode(message: Message, counter: int) -> Frame:
+    """The frame for ``message``; a value is rounded to the nearest the signal has.
+
+    ``counter`` is the E2E counter, 0 to 255, one more for each frame of this type; LatencyConfig
+    has none and ignores it. Raises EncodeError for a value outside its signal's range, a value that
+    is not finite, and a member of the wrong enum.
+    """
+    codec = _CODECS[type(message)]
+    return Frame(codec.can_id, codec.pack(message, counter))
+
+
+def encode_not_available(message: Message, counter: int) -> Frame:
+    """The frame that says "no value now" for every signal of ``message`` that can say so.
+
+    These are ``steer_rad`` of SteeringCommand and both fields of LateralError; the others are sent
+    as they are in ``message``. Raises EncodeError as ``encode`` does, and for the other types.
+    """
+    codec = _CODECS[type(message)]
+    return Frame(codec.can_id, codec.pack_not_available(message, counter))
+
+
+def decode(frame: Frame) -> Decoded | Rejection:
+    """The message in ``frame``, or why there is none; never raises."""
+    can_id, data, flags = frame
+    if flags & ERROR:  # its identifier is an error class and may equal one of ours
+        return Rejection.WRONG_FORMAT
+    codec = _CODECS_BY_ID.get(can_id)
+    if codec is None:
+        return Rejection.UNKNOWN_ID
+    if flags & (EXTENDED | REMOTE):
+        return Rejection.WRONG_FORMAT
+    if len(data) != codec.length:
+        return Rejection.WRONG_LENGTH
+    if flags:  # FD, and the length happens to fit
+        return Rejection.WRONG_FORMAT
+    unpacked = codec.unpack(data)
+    return unpacked if isinstance(unpacked, Rejection) else Decoded(*unpacked)

@@ -1,0 +1,100 @@
+"""End-to-end protection: AUTOSAR E2E profile 5 (CRC, counter) and the check of received counters.
+
+A protected payload starts with the profile's header:
+
+    bytes 0, 1   CRC-16 (polynomial 0x1021, start 0xFFFF), low byte first, over bytes 2 to the end
+                 and then the Data ID, low byte first; the Data ID itself is not sent
+    byte 2       counter, one more for each frame of the message, 255 is followed by 0
+
+The CRC finds corruption and, by the Data ID, a payload under the wrong identifier. Every change of
+up to three bits in a frame of ours is found, others with probability 1 - 2**-16. The counter finds
+loss, repetition and reordering.
+"""
+
+from enum import StrEnum
+
+from e2e.p05 import e2e_p05_check, e2e_p05_protect
+
+COUNTERS = 256
+"""How many values the counter has; it wraps."""
+HEADER_BITS = {"E2E_CRC": (0, 16), "E2E_COUNTER": (16, 8)}
+"""Where the profile wants its header: signal name to (first bit, bits)."""
+
+
+def protect(payload: bytearray, data_id: int) -> None:
+    """Write the CRC of ``payload`` (3 bytes or more, counter in byte 2) into bytes 0 and 1."""
+    e2e_p05_protect(payload, data_id, increment_counter=False)
+
+
+def is_intact(payload: bytes, data_id: int) -> bool:
+    """Whether the CRC of ``payload`` (3 bytes or more) is that of its content and ``data_id``."""
+    return e2e_p05_check(payload, data_id)
+
+
+class SequenceResult(StrEnum):
+    """What a received counter says about its frame; only ACCEPTED is to be used."""
+
+    ACCEPTED = "accepted"
+    REPEATED = "repeated"
+    """The counter of the newest accepted frame again."""
+    OUT_OF_ORDER = "out_of_order"
+    """Older than the newest accepted frame."""
+    TOO_FAR = "too_far"
+    """Newer by more than is believed."""
+
+
+class SequenceCheck:
+    """Judges the counters of one message as they arrive: the newest wins.
+
+    The first frame is accepted. After that a frame is accepted if it is newer than the newest
+    accepted one by 1 to ``max_jump`` (forward, modulo 256). A sender that restarted, or fell silent
+    for long, counts on from anywhere: after ``resync_run`` refused frames in a row whose counters
+    step by exactly one, the next that steps by one is accepted.
+
+    ``max_jump``    1 to 127, so that newer and older by the same amount stay distinguishable
+    ``resync_run``  1 or more
+    """
+
+    def __init__(self, max_jump: int, resync_run: int) -> None:
+        if not 1 <= max_jump <= COUNTERS // 2 - 1:
+            raise ValueError(f"max_jump = {max_jump}: allowed is 1 to {COUNTERS // 2 - 1}")
+        if resync_run < 1:
+            raise ValueError(f"resync_run = {resync_run}: allowed is 1 or more")
+        self._max_jump = max_jump
+        self._resync_run = resync_run
+        self._newest: int | None = None
+        self._last_refused: int | None = None
+        self._run = 0
+        self._lost = 0
+
+    @property
+    def lost(self) -> int:
+        """Counters skipped by accepted frames so far.
+
+        One that arrives late is refused, so it stays counted; what a resynchronisation skipped is
+        unknown and is not counted.
+        """
+        return self._lost
+
+    def check(self, counter: int) -> SequenceResult:
+        """Judge the frame that carries ``counter`` (0 to 255)."""
+        if self._newest is None:
+            return self._accept(counter)
+        forward = (counter - self._newest) % COUNTERS
+        if 1 <= forward <= self._max_jump:
+            self._lost += forward - 1
+            return self._accept(counter)
+        steps_by_one = self._last_refused == (counter - 1) % COUNTERS
+        if steps_by_one and self._run >= self._resync_run:
+            return self._accept(counter)
+        self._run = self._run + 1 if steps_by_one else 1
+        self._last_refused = counter
+        if forward == 0:
+            return SequenceResult.REPEATED
+        return SequenceResult.TOO_FAR if forward < COUNTERS // 2 else SequenceResult.OUT_OF_ORDER
+
+    def _accept(self, counter: int) -> SequenceResult:
+        self._newest = counter
+        self._last_refused = None
+        self._run = 0
+        return SequenceResult.ACCEPTED

@@ -1,0 +1,139 @@
+"""One signal of the DBC as the numbers that pack and unpack it.
+
+cantools reads the DBC, and its signal definitions are the only truth: position, width, sign,
+resolution, range and "not available" all come from there.
+
+    raw   = round(value / resolution)       nearest, halves to even
+    value = raw * resolution                both as cantools computes them
+
+A NamedTuple's field and the signal it stands for are matched by name and unit: ``speed_m_s`` is
+SPEED in m/s. A field whose unit is not the DBC's therefore has no signal.
+"""
+
+import operator
+from collections.abc import Callable, Mapping
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+from cantools.database.can import Signal
+
+UNIT_SUFFIXES: Mapping[str | None, str] = {
+    None: "",
+    "1/m": "_1_m",
+    "m": "_m",
+    "m/s": "_m_s",
+    "rad": "_rad",
+    "rad/s": "_rad_s",
+    "s": "_s",
+}
+"""A unit of the DBC, and how the name of a Python field in that unit ends."""
+
+NOT_AVAILABLE_NAME = "NOT_AVAILABLE"
+"""The entry in a signal's value table that says the sender has no value now."""
+
+
+class SignalRange(NamedTuple):
+    """The values a signal carries, both ends included, in the unit of its field."""
+
+    minimum: float
+    maximum: float
+
+
+class PackedSignal(NamedTuple):
+    """Where a signal lies in the payload and what its raw integers mean.
+
+    ``to_raw``         value to raw; TypeError, ValueError or OverflowError where there is none
+    ``from_raw``       raw, within its range, to value
+    ``shift``          position of its lowest bit, counted from the first bit of the payload
+    ``mask``           as many ones as it has bits
+    ``sign``           weight of the sign bit, 0 for an unsigned signal
+    ``raw_minimum``, ``raw_maximum``  the DBC's range
+    ``not_available``  the raw, outside that range, that means "no value now"
+    ``text``           name and allowed values, for an error message
+    """
+
+    to_raw: Callable[[Any], int]
+    from_raw: Callable[[int], Any]
+    shift: int
+    mask: int
+    sign: int
+    raw_minimum: int
+    raw_maximum: int
+    not_available: int | None
+    text: str
+
+
+def field_name(signal: Signal) -> str:
+    """Name of the Python field for ``signal``; KeyError for a unit without a suffix."""
+    return signal.name.lower() + UNIT_SUFFIXES[signal.unit]
+
+
+def signal_range(signal: Signal) -> SignalRange:
+    """The range of ``signal``; ValueError where the DBC gives none."""
+    if signal.minimum is None or signal.maximum is None:
+        raise ValueError(f"{signal.name}: no range")
+    return SignalRange(signal.minimum, signal.maximum)
+
+
+def packed_signal(signal: Signal, kind: type) -> PackedSignal:
+    """The numbers for ``signal``, standing for a field of type ``kind`` (float, int or an IntEnum).
+
+    Raises ValueError where the DBC asks for what is not done here: big-endian bytes, an offset,
+    floating-point raws, or a resolution other than 1 for an integer.
+    """
+    if signal.byte_order != "little_endian" or signal.offset != 0 or signal.is_float:
+        raise ValueError(f"{signal.name}: only little-endian integers without offset are packed")
+    if kind is not float and signal.scale != 1:
+        raise ValueError(f"{signal.name}: an integer needs the resolution 1")
+    minimum, maximum = signal_range(signal)
+    allowed = f"{minimum} to {maximum} {signal.unit or ''}".rstrip()
+    to_raw: Callable[[Any], int]
+    from_raw: Callable[[int], Any]
+    if kind is float:
+        to_raw, from_raw = _quantity(signal.scale)
+    elif issubclass(kind, IntEnum):
+        to_raw, from_raw = _member(kind)
+        allowed = "one of " + ", ".join(f"{kind.__name__}.{member.name}" for member in kind)
+    else:
+        to_raw, from_raw = operator.index, int
+        allowed += ", an integer"
+    return PackedSignal(
+        to_raw=to_raw,
+        from_raw=from_raw,
+        shift=signal.start,
+        mask=(1 << signal.length) - 1,
+        sign=1 << signal.length - 1 if signal.is_signed else 0,
+        raw_minimum=round(minimum / signal.scale),
+        raw_maximum=round(maximum / signal.scale),
+        not_available=_not_available(signal),
+        text=f"{signal.name}: allowed is {allowed}",
+    )
+
+
+def _not_available(signal: Signal) -> int | None:
+    for raw, name in (signal.choices or {}).items():
+        if str(name) == NOT_AVAILABLE_NAME:
+            return raw
+    return None
+
+
+def _quantity(resolution: float) -> tuple[Callable[[float], int], Callable[[int], float]]:
+    def to_raw(value: float) -> int:
+        return round(value / resolution)
+
+    def from_raw(raw: int) -> float:
+        return raw * resolution
+
+    return to_raw, from_raw
+
+
+def _member(kind: type[IntEnum]) -> tuple[Callable[[IntEnum], int], Callable[[int], IntEnum]]:
+    members = {member.value: member for member in kind}  # 4 times faster than kind(raw)
+
+    def to_raw(value: IntEnum) -> int:
+        # Members of two IntEnums may be equal as numbers, so the class has to be looked at.
+        if type(value) is not kind:
+            raise TypeError(value)
+        return value
+
+    return to_raw, members.__getitem__
