@@ -1,7 +1,8 @@
 """The program ``emulated-can-bus``: runs a broker until SIGINT or SIGTERM.
 
-Prints one line when clients can connect, and one with the statistics at the end. Exit status: 0
-after a signal, 2 for wrong arguments, 3 when it cannot listen.
+Prints one line to standard output when clients can connect, and one with the statistics to
+standard error at the end. Exit status: 0 after an orderly end, 2 for wrong arguments, 3 when it
+cannot listen.
 """
 
 import argparse
@@ -38,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         address = parse_address(options.address) if options.address else default_address()
         with listening(address) as listener:
-            _serve(listener, address, options.bitrate, options.data_bitrate)
+            _serve(listener, address, options)
     except AddressError as error:
         print(f"{_NAME}: {error}", file=sys.stderr)
         return _CANNOT_LISTEN
@@ -47,23 +48,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _serve(
-    listener: socket.socket, address: Address, bitrate_bit_s: int, data_bitrate_bit_s: int | None
-) -> None:
-    """Serve until KeyboardInterrupt, which is passed on."""
+def _serve(listener: socket.socket, address: Address, options: argparse.Namespace) -> None:
+    """Serve until the end; a KeyboardInterrupt is passed on."""
     if isinstance(address, TcpAddress):
         address = TcpAddress(*listener.getsockname())
-    rates = f"{bitrate_bit_s} bit/s"
-    if data_bitrate_bit_s is not None:
-        rates += f", CAN FD data at {data_bitrate_bit_s} bit/s"
-    broker = Broker(listener, bitrate_bit_s, data_bitrate_bit_s)
+    rates = f"{options.bitrate} bit/s"
+    if options.data_bitrate is not None:
+        rates += f", CAN FD data at {options.data_bitrate} bit/s"
+    broker = Broker(listener, options.bitrate, options.data_bitrate)
     start_ns = time.monotonic_ns()
     print(f"{_NAME}: listening at {address}, {rates}", flush=True)
     try:
-        broker.run()
+        broker.run(sys.stdin.fileno() if options.end_with_stdin else None)
     finally:
         duration_ns = time.monotonic_ns() - start_ns
-        print(f"{_NAME}: {_statistics(broker.loads, duration_ns)}", flush=True)
+        print(f"{_NAME}: {_statistics(broker.loads, duration_ns)}", file=sys.stderr)
 
 
 def _statistics(loads: dict[str, BusLoad], duration_ns: int) -> str:
@@ -99,6 +98,12 @@ def _parser() -> argparse.ArgumentParser:
         type=_data_bit_rate,
         metavar="BIT_S",
         help="bit rate of the data phase; lets clients use CAN FD (default: classic CAN only)",
+    )
+    parser.add_argument(
+        "--end-with-stdin",
+        action="store_true",
+        help="end when standard input is closed: a program that starts a bus of its own holds the "
+        "other end, so that none is left behind when it dies",
     )
     parser.add_argument(
         "--verbose", action="store_true", help="also log clients that come and go in order"

@@ -25,6 +25,7 @@ from runtime.emulated_bus.protocol import (
     pack_frame,
     record_format,
 )
+from runtime.emulated_bus.wall_clock import WallClock
 from runtime.node import NEVER_NS
 
 CLIENTS_MAX = 200
@@ -74,6 +75,7 @@ class Broker:
         self._listener = listener
         self._bitrate_bit_s = bitrate_bit_s
         self._data_bitrate_bit_s = data_bitrate_bit_s
+        self._wall_clock = WallClock()
         self._channels: dict[str, _Channel] = {}
         self._clients: set[Connection] = set()
         self._next_number = 1
@@ -85,18 +87,20 @@ class Broker:
         """What each channel has carried so far."""
         return {name: channel.model.load for name, channel in self._channels.items()}
 
-    def run(self) -> None:
-        """Serve until an exception ends it: KeyboardInterrupt is the orderly one."""
+    def run(self, end_descriptor: int | None = None) -> None:
+        """Serve until ``end_descriptor`` is readable or closed, or until KeyboardInterrupt."""
+        sources = [] if end_descriptor is None else [end_descriptor]
         try:
-            while True:
-                self._serve_once()
+            while self._serve_once(sources):
+                pass
         finally:
             for client in self._clients:
                 client.close()
 
-    def _serve_once(self) -> None:
-        """Wait until something is to be done, and do it."""
-        sources: list[Connection | socket.socket] = [self._listener, *self._readers]
+    def _serve_once(self, end_descriptors: list[int]) -> bool:
+        """Wait until something is to be done, and do it; returns False at the end."""
+        sources: list[int | socket.socket | Connection]
+        sources = [*end_descriptors, self._listener, *self._readers]
         readable, writable, _ = select.select(sources, self._writers, (), self._timeout_s())
         now_ns = time.monotonic_ns()
         # First what has been complete until now: what is read below competes only from now on.
@@ -104,6 +108,8 @@ class Broker:
             if channel.model.next_event_ns <= now_ns:
                 self._deliver(channel, now_ns)
         for source in readable:
+            if isinstance(source, int):
+                return False
             if isinstance(source, socket.socket):
                 self._accept()
             elif source in self._readers:
@@ -111,6 +117,7 @@ class Broker:
         for client in writable:
             if client in self._writers:
                 self._flush(client)
+        return True
 
     def _timeout_s(self) -> float | None:
         """Time until the next end of frame on any channel [s]; None with nothing on the way."""
@@ -123,9 +130,9 @@ class Broker:
 
     def _deliver(self, channel: _Channel, now_ns: int) -> None:
         """Send out the frames that are complete, and let their senders submit more."""
-        wall_ns = time.time_ns() - time.monotonic_ns()
+        self._wall_clock.update()
         for delivery in channel.model.advance(now_ns):
-            channel.queue(delivery, delivery.end_ns + wall_ns)
+            channel.queue(delivery, self._wall_clock.at(delivery.end_ns))
             sender = channel.members.get(delivery.sender)
             if sender is not None:
                 sender.frames_waiting -= 1

@@ -1,0 +1,150 @@
+"""Opens any python-can interface by python-can's own conventions, and is a node's port to it.
+
+What decides, first to last:
+
+1. the command line (``add_bus_arguments``: python-can's own options, as ``can.logger`` has them)
+2. ``can.rc``, CAN_INTERFACE, CAN_CHANNEL, CAN_BITRATE, CAN_CONFIG and the configuration files of
+   python-can
+3. when none of them names an interface: ``socketcan``, if this machine has the channel (``vcan0``
+   unless given) as a CAN network interface that is up; else ``emulated``
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import can
+import can.cli
+from can.util import load_environment_config, load_file_config
+
+from runtime.frame import Frame
+from runtime.message import frame_of, message_of
+
+_AUTO_CHANNEL = "vcan0"
+_NETWORK_INTERFACES = Path("/sys/class/net")
+_ARPHRD_CAN = 280
+"""Type of a CAN network interface (linux/if_arp.h)."""
+_IFF_UP = 1
+
+
+class BusError(Exception):
+    """The bus cannot be opened or has failed; the text is one line for the user."""
+
+
+class OpenBus(NamedTuple):
+    """An open bus.
+
+    ``bus``          to be shut down by who opened it
+    ``description``  what was opened, and what decided it
+    """
+
+    bus: can.BusABC
+    description: str
+
+
+class _Choice(NamedTuple):
+    """An interface and what decided it; with no channel, the interface's own default."""
+
+    interface: str
+    channel: str | None
+    reason: str
+
+
+def add_bus_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add python-can's options: interface, channel, bit rates, FD, timing, bus arguments."""
+    can.cli.add_bus_arguments(parser)
+
+
+def open_bus(namespace: argparse.Namespace) -> OpenBus:
+    """Open the bus that the parsed command line, the configuration or this machine asks for.
+
+    Raises BusError.
+    """
+    try:
+        choice = _choose(namespace)
+    except ValueError as error:
+        raise BusError(f"python-can's configuration cannot be read: {_one_line(error)}") from error
+    name = " ".join(filter(None, (choice.interface, choice.channel)))
+    if choice.interface == "socketcan" and choice.channel:
+        obstacle = _socketcan_obstacle(choice.channel)
+        if obstacle:
+            raise BusError(f"cannot open {name}: {obstacle}")
+    given = {"interface": choice.interface, "channel": choice.channel}
+    try:
+        bus = can.cli.create_bus_from_namespace(namespace, **given)
+    except argparse.ArgumentError as error:
+        # It wraps whatever the interface has raised, which need not be a CanError: a missing
+        # interface of SocketCAN is a plain OSError, a missing driver an ImportError.
+        cause = _one_line(error.__cause__ or error)
+        raise BusError(f"cannot open {name} ({choice.reason}): {cause}") from error
+    return OpenBus(bus, f"{bus.channel_info} ({choice.reason})")
+
+
+class BusPort:
+    """What a node's executor sends to and receives from: frames, and no python-can.
+
+    ``bus``  stays its owner's to shut down
+    """
+
+    def __init__(self, bus: can.BusABC) -> None:
+        self._bus = bus
+
+    def recv(self, timeout_s: float) -> Frame | None:
+        """Return the next frame, or None when none comes within ``timeout_s`` [s].
+
+        Error frames come with the flag ERROR. Raises BusError when the bus has failed.
+        """
+        try:
+            message = self._bus.recv(timeout_s)
+        except (can.CanError, OSError) as error:
+            raise BusError(f"cannot receive: {_one_line(error)}") from error
+        return None if message is None else frame_of(message)
+
+    def send(self, frame: Frame) -> None:
+        """Hand ``frame`` to the bus without waiting for room; raises BusError."""
+        try:
+            self._bus.send(message_of(frame), timeout=0)
+        except (can.CanError, OSError, ValueError) as error:
+            raise BusError(f"cannot send: {_one_line(error)}") from error
+
+
+def _choose(namespace: argparse.Namespace) -> _Choice:
+    """Decide what to open; raises ValueError for a configuration that cannot be read."""
+    sources = (
+        ("command line", vars(namespace)),
+        ("can.rc", can.rc),
+        ("environment", load_environment_config()),
+        ("configuration file", load_file_config()),
+    )
+    channel = next((str(found["channel"]) for _, found in sources if found.get("channel")), None)
+    for reason, found in sources:
+        if found.get("interface"):
+            return _Choice(found["interface"], channel, f"from the {reason}")
+    wanted = channel or _AUTO_CHANNEL
+    obstacle = _socketcan_obstacle(wanted)
+    if obstacle:
+        return _Choice("emulated", channel, f"no interface was given, and {obstacle}")
+    return _Choice("socketcan", wanted, "no interface was given, and this machine has it")
+
+
+def _socketcan_obstacle(channel: str) -> str:
+    """Why ``channel`` cannot be opened as a SocketCAN interface; empty when it can."""
+    if sys.platform != "linux":
+        return "only Linux has SocketCAN"
+    directory = _NETWORK_INTERFACES / channel
+    try:
+        kind = int((directory / "type").read_text())
+        flags = int((directory / "flags").read_text(), 16)
+    except OSError:
+        return f"this machine has no network interface {channel}"
+    if kind != _ARPHRD_CAN:
+        return f"the network interface {channel} is not CAN"
+    if not flags & _IFF_UP:
+        return f"the network interface {channel} is down (ip link set {channel} up)"
+    return ""
+
+
+def _one_line(error: BaseException) -> str:
+    """Return the text of an error on one line, its type where it has no text."""
+    return " ".join(str(error).split()) or type(error).__name__
