@@ -135,7 +135,7 @@ def test_receiving_ends_without_a_frame_when_none_comes(open_client: OpenClient)
 
 
 def test_filters_let_through_what_they_name_until_they_are_changed(open_client: OpenClient) -> None:
-    one = open_client()
+    one, witness = open_client(), open_client()
     other = open_client(
         can_filters=[
             {"can_id": 0x100, "can_mask": 0x7F0, "extended": False},
@@ -147,6 +147,8 @@ def test_filters_let_through_what_they_name_until_they_are_changed(open_client: 
     one.send(can.Message(arbitration_id=0x123, is_extended_id=True, data=(9).to_bytes(4)))
     assert sorted(receive_numbers(other, 3)) == [1, 3, 9]
 
+    # What is still on its way would pass the new filters.
+    assert sorted(receive_numbers(witness, 6)) == [0, 1, 2, 3, 4, 9]
     other.set_filters(None)
     one.send(frame(10, 0x7FF))
     assert receive_numbers(other, 1) == [10]

@@ -19,7 +19,8 @@ OUTGOING_BYTES_MAX = 1 << 20
 """What may wait for a client that does not read: 43 690 classic frames, 10 s of a full bus at
 500 kbit/s."""
 
-_READ_BYTES = 1 << 16
+_READ_BYTES = 1 << 12
+"""Few at a time: what has been read and is not on its way yet counts as taken for the client."""
 
 
 class ConnectionLostError(Exception):

@@ -1,0 +1,304 @@
+"""The program of the emulated bus as its users meet it: start, end, overload, addresses, rights."""
+
+import select
+import signal
+import stat
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+
+from runtime.emulated_bus.address import AddressError, TcpAddress, listening, parse_address
+from runtime.emulated_bus.broker import FRAMES_WAITING_MAX
+
+PATIENCE_S = 20.0
+
+
+@pytest.fixture
+def directory() -> Iterator[Path]:
+    """A directory with a short name: the path of a socket has 107 bytes at most."""
+    with tempfile.TemporaryDirectory(prefix="bus-") as name:
+        yield Path(name)
+
+
+@pytest.fixture
+def stack() -> Iterator[ExitStack]:
+    with ExitStack() as opened:
+        yield opened
+
+
+def client(stack: ExitStack, address: str, **options: Any) -> can.BusABC:
+    bus = can.Bus(interface="emulated", address=address, ignore_config=True, **options)
+    stack.callback(bus.shutdown)
+    return bus
+
+
+def message(can_id: int, data: bytes = b"") -> can.Message:
+    return can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
+
+
+def receive(bus: can.BusABC) -> can.Message:
+    received = bus.recv(PATIENCE_S)
+    assert received is not None, "a frame was lost"
+    return received
+
+
+def start_broker(stack: ExitStack, *options: str) -> subprocess.Popen[str]:
+    """Start the program as a user does; returns it when it listens or has ended."""
+    broker = stack.enter_context(
+        subprocess.Popen(
+            [sys.executable, "-m", "runtime.emulated_bus", *options],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    )
+    stack.callback(broker.kill)
+    assert broker.stdout is not None
+    select.select([broker.stdout], [], [], PATIENCE_S)
+    return broker
+
+
+# Life and death of a broker
+
+
+def test_a_broker_that_dies_gives_its_clients_a_clear_error(
+    stack: ExitStack, directory: Path
+) -> None:
+    address = str(directory / "socket")
+    broker = start_broker(stack, "--address", address)
+    one, other = client(stack, address), client(stack, address)
+    one.send(message(1))
+    assert receive(other).arbitration_id == 1
+    broker.kill()
+    broker.wait()
+    for _ in range(2):
+        with pytest.raises(can.CanOperationError, match="its broker has ended"):
+            other.recv(PATIENCE_S)
+        with pytest.raises(can.CanOperationError, match="its broker has ended"):
+            other.send(message(1))
+    assert other.state is can.BusState.ERROR
+
+
+def test_without_a_broker_the_error_names_the_command_that_starts_one(directory: Path) -> None:
+    address = str(directory / "socket")
+    with pytest.raises(can.CanInitializationError) as caught:
+        can.Bus(interface="emulated", address=address)
+    assert str(caught.value).endswith(f"start one with: emulated-can-bus --address {address}")
+
+
+def test_the_socket_of_a_killed_broker_is_taken_over(stack: ExitStack, directory: Path) -> None:
+    address = str(directory / "socket")
+    killed = start_broker(stack, "--address", address)
+    killed.kill()
+    killed.wait()
+    assert Path(address).is_socket()
+    start_broker(stack, "--address", address)
+    one, other = client(stack, address), client(stack, address)
+    one.send(message(1))
+    assert receive(other).arbitration_id == 1
+
+
+def test_a_second_broker_leaves_the_first_alone(stack: ExitStack, directory: Path) -> None:
+    address = str(directory / "socket")
+    start_broker(stack, "--address", address)
+    second = start_broker(stack, "--address", address)
+    _, errors = second.communicate(timeout=PATIENCE_S)
+    assert second.returncode == 3
+    assert errors == f"emulated-can-bus: an emulated bus is already listening at {address}\n"
+    client(stack, address).send(message(1))
+
+
+def test_a_file_that_is_no_socket_is_left_alone(stack: ExitStack, directory: Path) -> None:
+    precious = directory / "precious"
+    precious.write_text("data")
+    broker = start_broker(stack, "--address", str(precious))
+    assert broker.wait(PATIENCE_S) == 3
+    assert precious.read_text() == "data"
+
+
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_broker_in_order(
+    stack: ExitStack, directory: Path, ending: signal.Signals
+) -> None:
+    address = str(directory / "socket")
+    broker = start_broker(stack, "--address", address)
+    one, other = (client(stack, address, channel="body") for _ in range(2))
+    one.send(message(1))
+    receive(other)
+    broker.send_signal(ending)
+    _, errors = broker.communicate(timeout=PATIENCE_S)
+    assert broker.returncode == 0
+    assert "; body 1 frames, load " in errors
+    assert errors.count("\n") == 1
+    assert not Path(address).exists()
+
+
+def test_a_launched_broker_ends_with_its_launcher(stack: ExitStack) -> None:
+    code = (
+        "from runtime.emulated_bus.launch import launched_broker\n"
+        "with launched_broker() as address:\n"
+        "    print(address, flush=True)\n"
+        "    input()\n"
+    )
+    launcher = stack.enter_context(
+        subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+    )
+    assert launcher.stdout is not None
+    bus = client(stack, launcher.stdout.readline().strip())
+    launcher.kill()
+    with pytest.raises(can.CanOperationError, match="its broker has ended"):
+        bus.recv(PATIENCE_S)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--bitrate", "0"], ["--bitrate", "fast"], ["--bitrate", "2000000"], ["--data-bitrate", "1"]],
+)
+def test_a_bit_rate_that_can_has_not_is_refused(stack: ExitStack, arguments: list[str]) -> None:
+    broker = start_broker(stack, *arguments)
+    _, errors = broker.communicate(timeout=PATIENCE_S)
+    assert broker.returncode == 2
+    assert arguments[0] in errors
+
+
+# Overload
+
+
+def test_who_floods_waits_until_the_wire_is_free(stack: ExitStack, directory: Path) -> None:
+    address = str(directory / "socket")
+    broker = start_broker(stack, "--address", address, "--bitrate", "10000")
+    flooder, other = client(stack, address), client(stack, address)
+
+    def flood() -> None:
+        for _ in range(100_000):
+            flooder.send(message(0x200, bytes(8)), timeout=0)
+
+    with pytest.raises(can.CanTimeoutError, match="no room"):
+        flood()
+    # Only the frame on the wire goes before one with a higher priority.
+    other.send(message(0x100))
+    assert receive(flooder).arbitration_id == 0x100
+    broker.kill()  # A client that leaves waits until its frames have been taken.
+
+
+def test_who_does_not_read_is_disconnected_and_harms_nobody(
+    stack: ExitStack, directory: Path
+) -> None:
+    address = str(directory / "socket")
+    broker = start_broker(
+        stack, "--address", address, "--bitrate", "1000000", "--data-bitrate", "8000000"
+    )
+    client(stack, address, fd=True)
+    sender, listener = client(stack, address), client(stack, address)
+    # 80 bytes wait for each frame of 0 bytes: more than a mebibyte and any socket's buffer.
+    count = 20_000
+    for number in range(count):
+        sender.send(message(0x100))
+        if number % FRAMES_WAITING_MAX == FRAMES_WAITING_MAX - 1:
+            for _ in range(FRAMES_WAITING_MAX):
+                receive(listener)
+    sender.send(message(0x101))
+    while receive(listener).arbitration_id != 0x101:
+        pass
+    broker.send_signal(signal.SIGTERM)
+    _, errors = broker.communicate(timeout=PATIENCE_S)
+    assert "client 1 of can0 leaves: it does not read" in errors
+    assert f"can0 {count + 1} frames" in errors
+
+
+# Addresses
+
+
+def test_only_its_user_can_open_the_socket(
+    stack: ExitStack, directory: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(directory))
+    start_broker(stack)
+    home = directory / "emulated-can-bus"
+    assert stat.S_IMODE(home.stat().st_mode) == 0o700
+    assert stat.S_IMODE((home / "socket").stat().st_mode) == 0o600
+    configurations = can.detect_available_configs("emulated")
+    assert configurations == [{"interface": "emulated", "channel": "can0"}]
+
+
+def test_a_directory_that_others_can_enter_is_not_used(
+    stack: ExitStack, directory: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(directory))
+    (directory / "emulated-can-bus").mkdir()
+    (directory / "emulated-can-bus").chmod(0o755)
+    assert start_broker(stack).wait(PATIENCE_S) == 3
+    with pytest.raises(can.CanInitializationError, match="mode 0700"):
+        can.Bus(interface="emulated", ignore_config=True)
+
+
+def test_tcp_works_on_the_loopback(stack: ExitStack) -> None:
+    broker = start_broker(stack, "--address", "localhost:0")
+    assert broker.stdout is not None
+    address = broker.stdout.readline().split()[3].rstrip(",")
+    one, other = client(stack, address), client(stack, address)
+    for number in range(100):
+        one.send(message(1, bytes([number])))
+    one.shutdown()
+    assert [receive(other).data[0] for _ in range(100)] == list(range(100))
+
+
+@pytest.mark.parametrize("text", ["0.0.0.0:1", "192.168.1.1:29580", "can.example:80", "127.1:1"])
+def test_no_address_but_the_loopback_is_listened_at(text: str) -> None:
+    with pytest.raises(AddressError, match=r"127\.0\.0\.1"):
+        parse_address(text)
+
+
+def test_a_port_in_use_is_told(stack: ExitStack) -> None:
+    taken = stack.enter_context(listening(TcpAddress("127.0.0.1", 0)))
+    with (
+        pytest.raises(AddressError, match="cannot listen"),
+        listening(TcpAddress("127.0.0.1", taken.getsockname()[1])),
+    ):
+        pass
+
+
+# python-can's own programs
+
+
+def test_pythoncans_player_and_logger_work(stack: ExitStack, directory: Path) -> None:
+    address = str(directory / "socket")
+    start_broker(stack, "--address", address)
+    log = directory / "frames.log"
+    lines = [f"({n / 1000:.6f}) can0 {0x100 + n:03X}#{n:02X}AA" for n in range(20)]
+    log.write_text("\n".join(lines) + "\n")
+    options = ["-i", "emulated", "-c", "tools", "--bus-kwargs", f"address={address}"]
+    logger = stack.enter_context(
+        subprocess.Popen(
+            [sys.executable, "-u", "-m", "can.logger", *options],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+    )
+    stack.callback(logger.kill)
+    assert logger.stdout is not None
+    while "Started on" not in logger.stdout.readline():
+        assert logger.poll() is None
+    subprocess.run(
+        [sys.executable, "-m", "can.player", *options, "--ignore-timestamps", str(log)],
+        check=True,
+        stdout=subprocess.DEVNULL,
+    )
+    printed = [logger.stdout.readline() for _ in lines]
+    assert [line.split("ID:")[1].split()[0] for line in printed] == [
+        f"{0x100 + n:03x}" for n in range(20)
+    ]
+    assert all("Channel: tools" in line for line in printed)
