@@ -128,7 +128,7 @@ class MessageCodec(Generic[MessageT]):
         if self._data_id is None:
             return word.to_bytes(self.length, "little")
         if not 0 <= counter < COUNTERS:
-            raise EncodeError(f"{self.name}.E2E_COUNTER: allowed is 0 to 255, not {counter!r}")
+            raise EncodeError(f"{self.name}.COUNTER: allowed is 0 to 255, not {counter!r}")
         payload = bytearray(word.to_bytes(self.length, "little"))
         payload[2] = counter
         protect(payload, self._data_id)

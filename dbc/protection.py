@@ -17,7 +17,7 @@ from e2e.p05 import e2e_p05_check, e2e_p05_protect
 
 COUNTERS = 256
 """How many values the counter has; it wraps."""
-HEADER_BITS = {"E2E_CRC": (0, 16), "E2E_COUNTER": (16, 8)}
+HEADER_BITS = {"CRC": (0, 16), "COUNTER": (16, 8)}
 """Where the profile wants its header: signal name to (first bit, bits)."""
 
 
