@@ -15,7 +15,8 @@ import can
 import pytest
 
 from runtime.emulated_bus.address import AddressError, TcpAddress, listening, parse_address
-from runtime.emulated_bus.broker import FRAMES_WAITING_MAX
+from runtime.emulated_bus.broker import CHANNELS_MAX, CLIENTS_MAX, FRAMES_WAITING_MAX
+from runtime.emulated_bus.launch import launched_broker
 
 PATIENCE_S = 20.0
 
@@ -163,6 +164,11 @@ def test_a_launched_broker_ends_with_its_launcher(stack: ExitStack) -> None:
         bus.recv(PATIENCE_S)
 
 
+def test_a_launched_broker_that_does_not_start_is_told() -> None:
+    with pytest.raises(RuntimeError, match="has not started"), launched_broker(["--bitrate", "1"]):
+        pass
+
+
 @pytest.mark.parametrize(
     "arguments",
     [["--bitrate", "0"], ["--bitrate", "fast"], ["--bitrate", "2000000"], ["--data-bitrate", "1"]],
@@ -175,6 +181,21 @@ def test_a_bit_rate_that_can_has_not_is_refused(stack: ExitStack, arguments: lis
 
 
 # Overload
+
+
+@pytest.mark.parametrize(
+    ("most", "channels", "reason"),
+    [(CLIENTS_MAX, 1, "200 clients already"), (CHANNELS_MAX, CHANNELS_MAX + 1, "64 channels")],
+)
+def test_there_is_a_limit_to_clients_and_to_channels(
+    stack: ExitStack, directory: Path, most: int, channels: int, reason: str
+) -> None:
+    address = str(directory / "socket")
+    start_broker(stack, "--address", address)
+    for number in range(most):
+        client(stack, address, channel=str(number % channels))
+    with pytest.raises(can.CanInitializationError, match=reason):
+        client(stack, address, channel=str(most % channels))
 
 
 def test_who_floods_waits_until_the_wire_is_free(stack: ExitStack, directory: Path) -> None:

@@ -34,7 +34,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logging.basicConfig(
         format=f"{_NAME}: %(message)s", level=logging.INFO if options.verbose else logging.WARNING
     )
-    # Both signals end the program through the same finally clauses.
+    # Both end the program through its finally clauses. SIGINT is set too because a shell starts
+    # background programs with it ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         address = parse_address(options.address) if options.address else default_address()
