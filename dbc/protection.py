@@ -95,6 +95,5 @@ class SequenceCheck:
 
     def _accept(self, counter: int) -> SequenceResult:
         self._newest = counter
-        self._last_refused = None
         self._run = 0
         return SequenceResult.ACCEPTED
