@@ -93,10 +93,11 @@ class BusPort:
     def recv(self, timeout_s: float) -> Frame | None:
         """Return the next frame, or None when none comes within ``timeout_s`` [s].
 
-        Error frames come with the flag ERROR. Raises BusError when the bus has failed.
+        A deadline that has passed may be given as a negative time: nothing is waited for. Error
+        frames come with the flag ERROR. Raises BusError when the bus has failed.
         """
         try:
-            message = self._bus.recv(timeout_s)
+            message = self._bus.recv(max(timeout_s, 0.0))
         except (can.CanError, OSError) as error:
             raise BusError(f"cannot receive: {_one_line(error)}") from error
         return None if message is None else frame_of(message)

@@ -178,6 +178,7 @@ def test_a_port_marks_error_frames() -> None:
 def test_a_port_receives_nothing_when_nothing_comes() -> None:
     with can.Bus(interface="virtual", channel="quiet") as bus:
         assert BusPort(bus).recv(0) is None
+        assert BusPort(bus).recv(-1) is None
 
 
 def test_a_port_tells_a_failed_bus_in_one_line() -> None:

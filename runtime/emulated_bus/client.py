@@ -110,8 +110,9 @@ class EmulatedBus(can.BusABC):
         so that python-can's own have the last word: the second value is False.
         """
         try:
-            # A frame that waits already costs one system call with timeout 0.
-            if timeout != 0 and not select.select([self._socket], [], [], timeout)[0]:
+            # Without time to wait, looking for a frame is one system call.
+            waits = timeout is None or timeout > 0
+            if waits and not select.select([self._socket], [], [], timeout)[0]:
                 return None, False
             received = self._socket.recv(self._record.size - len(self._partial))
         except BlockingIOError:
