@@ -1,0 +1,167 @@
+"""Plant emulator and controller as two processes on one channel, with a recorder listening in."""
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+import can
+
+from tools.trace import Trace
+
+STOP_TIMEOUT_S = 10.0
+"""How long a program may take to write its report; a stalled machine needs seconds."""
+
+
+class PairError(Exception):
+    """A program of the pair failed; the text is one line for the user."""
+
+
+class PairFiles(NamedTuple):
+    """Where one pair leaves its results."""
+
+    folder: Path
+
+    @property
+    def candump_log(self) -> Path:
+        """Every frame on the channel, as ``candump -L`` prints it."""
+        return self.folder / "candump.log"
+
+    @property
+    def plant_trace(self) -> Path:
+        """The plant's samples, CSV."""
+        return self.folder / "plant_trace.csv"
+
+    def report(self, program: str) -> Path:
+        """The report of one program, JSON."""
+        return self.folder / f"{program}.json"
+
+    def output(self, program: str) -> Path:
+        """What one program printed."""
+        return self.folder / f"{program}.txt"
+
+
+class PairResult(NamedTuple):
+    """What one run of a pair left: the two reports and the plant's time histories."""
+
+    plant: dict[str, Any]
+    controller: dict[str, Any]
+    trace: Trace
+
+
+class Bus(NamedTuple):
+    """How programs and recorder join one channel: python-can's interface, channel and arguments."""
+
+    interface: str
+    channel: str
+    arguments: dict[str, str]
+
+    @property
+    def options(self) -> list[str]:
+        """The same as python-can's command line options."""
+        options = ["--interface", self.interface, "--channel", self.channel]
+        if self.arguments:
+            options += ["--bus-kwargs", *(f"{k}={v}" for k, v in self.arguments.items())]
+        return options
+
+
+class LivePair:
+    """Two running programs and their recorder; use it as a context manager.
+
+    Leaving the block ends the programs with SIGINT, so that their reports are written whatever
+    ended the block, and kills what does not end.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        plant_options: Sequence[str],
+        controller_options: Sequence[str],
+        files: PairFiles,
+    ) -> None:
+        self._bus = bus
+        self._options = {
+            "controller": list(controller_options),
+            "plant_emulator": ["--trace", str(files.plant_trace), *plant_options],
+        }
+        self._files = files
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._recorder: can.Notifier | None = None
+
+    def __enter__(self) -> Self:
+        self._files.folder.mkdir(parents=True, exist_ok=True)
+        bus = can.Bus(
+            interface=self._bus.interface, channel=self._bus.channel, **self._bus.arguments
+        )
+        writer = can.CanutilsLogWriter(self._files.candump_log, channel=self._bus.channel)
+        self._recorder = can.Notifier(bus, [writer])
+        try:
+            for program in self._options:
+                self._processes[program] = self._start(program)
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    @property
+    def plant_is_running(self) -> bool:
+        """Whether the plant still drives; raises PairError when the controller has died first."""
+        code = self._processes["controller"].poll()
+        if code is not None:
+            raise PairError(self._complaint("controller", code))
+        code = self._processes["plant_emulator"].poll()
+        if code:
+            raise PairError(self._complaint("plant_emulator", code))
+        return code is None
+
+    def stop(self) -> None:
+        """End what runs; the recorder last, so that it sees the last frame."""
+        for process in self._processes.values():
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        for process in self._processes.values():
+            try:
+                process.wait(STOP_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        if self._recorder is not None:
+            recorder, self._recorder = self._recorder, None
+            buses = recorder.bus if isinstance(recorder.bus, list) else [recorder.bus]
+            recorder.stop()
+            for bus in buses:
+                bus.shutdown()
+
+    def result(self) -> PairResult:
+        """Read what the programs have written; raises PairError when a report is missing."""
+        for program, process in self._processes.items():
+            if process.returncode:
+                raise PairError(self._complaint(program, process.returncode))
+        return PairResult(
+            json.loads(self._files.report("plant_emulator").read_text(encoding="utf-8")),
+            json.loads(self._files.report("controller").read_text(encoding="utf-8")),
+            Trace.read(self._files.plant_trace),
+        )
+
+    def _start(self, program: str) -> subprocess.Popen[bytes]:
+        report = str(self._files.report(program))
+        command = [sys.executable, "-m", program, *self._bus.options, "--report", report]
+        with self._files.output(program).open("wb") as output:
+            return subprocess.Popen(
+                [*command, *self._options[program]],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,  # Ctrl-C reaches us alone, and we end them in order
+            )
+
+    def _complaint(self, program: str, code: int) -> str:
+        printed = self._files.output(program).read_text(encoding="utf-8", errors="replace")
+        last = (printed.strip().splitlines() or ["it printed nothing"])[-1]
+        return f"{program} ended with status {code}: {last}"
