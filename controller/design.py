@@ -8,7 +8,8 @@ The hold equivalent is exact for a held input, and its output at a tick depends 
 earlier ticks only, so feeding it the last command sent leaves no algebraic loop and no lost period.
 It lags the continuous Q by half a period, just as the vehicle behind the hold lags G: in
 d̂ = (Q/G_n) y - Q u the two lags cancel. With Tustin for Q u they would not, and the observer would
-take the half period for a disturbance.
+take the half period for a disturbance (at 100 Hz and 2 rad/s that is below 1 % of the tracking
+error; it grows with cutoff times period).
 
 Tustin maps s = 0 to z = 1, so Q/G_n, H and G_n keep exactly the zeros and integrators at rest that
 they were designed with.

@@ -8,7 +8,8 @@
 Every step is ``step(params, state, lateral_error_m, sent_steer_rad) -> (state, LawOutput)`` and
 advances one control period. ``sent_steer_rad`` is the command of the previous period as it left,
 after limits: the observers then see what the vehicle was told and do not wind up. For the same
-reason pd_ddob gives its CDOB c as it was sent, u_sent + d̂, which is c itself while no limit acts.
+reason pd_ddob gives its CDOB c as it was sent, u_sent + d̂, which is c itself while no limit acts:
+fed with the c it wanted, a CDOB without washout leaves the path for good after one saturation.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,0 +1,100 @@
+"""The nominal model: the published coefficients, and the vehicle from three independent sides."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from controller.nominal_model import NominalVehicle, paper_eq19, vehicle_model
+from controller.transfer_function import Factor, TransferFunction
+
+PAPER = NominalVehicle(2000.0, 3728.0, 195e3, 500e3, 1.3008, 1.5453, 1.912, 5.0 / 3.6)
+OVERSTEERING = PAPER._replace(rear_cornering_stiffness_n_rad=50e3)
+
+
+def state_space(vehicle: NominalVehicle) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return A and the steering input of (1) with (2) corrected; states β, r, Δψ, y."""
+    m, j, c_f, c_r, l_f, l_r, l_s, v = vehicle
+    lever = c_r * l_r - c_f * l_f
+    a = np.array(
+        [
+            [-(c_r + c_f) / (m * v), -1.0 + lever / (m * v**2), 0.0, 0.0],
+            [lever / j, -(c_r * l_r**2 + c_f * l_f**2) / (j * v), 0.0, 0.0],
+            [0.0, 1.0, 0.0, 0.0],
+            [v, l_s, v, 0.0],
+        ]
+    )
+    return a, np.array([c_f / (m * v), c_f * l_f / j, 0.0, 0.0])
+
+
+def vehicles() -> st.SearchStrategy[NominalVehicle]:
+    return st.builds(
+        NominalVehicle,
+        st.floats(800.0, 5000.0),
+        st.floats(1000.0, 8000.0),
+        st.floats(5e4, 2e5),
+        st.floats(2.5e5, 6e5),  # stiff enough to understeer at any speed
+        st.floats(1.0, 1.6),
+        st.floats(1.0, 1.6),
+        st.floats(0.5, 5.0),
+        st.floats(0.5, 30.0),
+    )
+
+
+def test_equation_19_has_the_printed_coefficients() -> None:
+    s = 2.0j
+    printed = (227.6 * s**2 + 8.479e4 * s + 3.627e4) / (s**4 + 459.2 * s**3 + 3.329e4 * s**2)
+    assert paper_eq19().response(np.array([s]))[0] == pytest.approx(printed, rel=1e-12)
+
+
+def test_the_preview_distance_comes_from_the_leading_coefficient_of_19() -> None:
+    assert vehicle_model(PAPER).numerator[0].s2 == pytest.approx(227.6, abs=0.05)
+
+
+@settings(deadline=None)
+@given(vehicles())
+def test_the_closed_form_equals_the_state_space(vehicle: NominalVehicle) -> None:
+    a, b = state_space(vehicle)
+    s = (1j * np.geomspace(0.01, 300.0, 12)).astype(np.complex128)
+    expected = np.array([np.linalg.solve(si * np.eye(4) - a, b)[3] for si in s])
+    np.testing.assert_allclose(vehicle_model(vehicle).response(s), expected, rtol=1e-6)
+
+
+@settings(deadline=None)
+@given(vehicles())
+def test_steady_lateral_acceleration_has_the_textbook_understeer_gain(
+    vehicle: NominalVehicle,
+) -> None:
+    m, _, c_f, c_r, l_f, l_r, _, v = vehicle
+    wheelbase = l_f + l_r
+    understeer = m * (l_r * c_r - l_f * c_f) / (wheelbase * c_f * c_r)
+    model = vehicle_model(vehicle)
+    gain = model.numerator[0].s0 / model.denominator[0].s0
+    assert gain == pytest.approx(v**2 / (wheelbase + understeer * v**2), rel=1e-9)
+
+
+def test_an_unstable_nominal_vehicle_is_refused() -> None:
+    assert vehicle_model(OVERSTEERING).denominator[0].hurwitz
+    with pytest.raises(ValueError, match="unstable"):
+        vehicle_model(OVERSTEERING._replace(speed_m_s=20.0))
+
+
+def test_powers_of_s_cancel_exactly() -> None:
+    double_zero = TransferFunction(2, (), (Factor(1.0, 2.0, 1.0),))
+    assert double_zero.times(paper_eq19()).power_of_s == 0
+    assert paper_eq19().times(paper_eq19().inverse()).power_of_s == 0
+
+
+@pytest.mark.parametrize(
+    ("transfer", "message"),
+    [
+        (TransferFunction(1, (), (Factor(1.0, 2.0, 1.0),)), "quadratic factors"),
+        (TransferFunction(2, (), (Factor(0.0, 1.0, 1.0),)), "proper sections"),
+    ],
+)
+def test_what_does_not_split_into_sections_is_refused(
+    transfer: TransferFunction, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        transfer.biquads()
