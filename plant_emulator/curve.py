@@ -1,0 +1,139 @@
+"""From a smooth curve (x(t), y(t)) to a path: true arc length, linearly interpolated curvature.
+
+The break points are equally far apart in arc length and as many as the interpolation needs, by
+doubling. On a closed curve, equal distances make the sum over them converge faster than any power,
+so one lap of the interpolated curvature turns by the curve's own 2π.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from plant_emulator.path import Path, Pose
+
+Floats = npt.NDArray[np.float64]
+
+CURVATURE_TOLERANCE = 1e-4
+"""Largest error of the interpolated curvature, relative to the curve's largest curvature..."""
+CURVATURE_TOLERANCE_1_M = 1e-6
+"""...or absolute [1/m], for curves that hardly bend."""
+
+_PIECES_MIN = 64
+_PIECES_MAX = 1 << 18
+_CELLS_PER_KNOT = 16
+_NEWTON_STEPS = 4
+"""Linear interpolation starts Newton with an error below 1e-2 of a cell; each step squares it."""
+
+
+class CurvePoints(NamedTuple):
+    """Points of a curve and their first and second derivative by its parameter, as arrays."""
+
+    x_m: Floats
+    y_m: Floats
+    dx: Floats
+    dy: Floats
+    ddx: Floats
+    ddy: Floats
+
+
+Curve = Callable[[Floats], CurvePoints]
+
+
+def path_along(curve: Curve, knots: Floats, *, closed: bool) -> Path:
+    """Return the path along a curve, from the first knot to the last.
+
+    Between neighbouring ``knots`` (parameters in rising order) the curve must be smooth. A closed
+    curve ends where and as it starts. Raises ValueError for a curve too sharp to interpolate.
+    """
+    lengths = _ArcLength(curve, knots)
+    pieces = _PIECES_MIN
+    while True:
+        points = curve(lengths.parameters(2 * pieces))
+        curvature = _curvature(points)
+        error = np.abs(curvature[1::2] - 0.5 * (curvature[:-1:2] + curvature[2::2])).max()
+        allowed = max(CURVATURE_TOLERANCE * np.abs(curvature).max(), CURVATURE_TOLERANCE_1_M)
+        # Beside a kink of the curvature, the error can be twice the one half-way.
+        if error <= 0.5 * allowed:
+            break
+        pieces *= 2
+        if pieces > _PIECES_MAX:
+            raise ValueError("the path bends too sharply")
+    heading = np.unwrap(np.arctan2(points.dy, points.dx))[::2]
+    curvature = curvature[::2]
+    step_m = lengths.total_m / pieces
+    start_m = step_m * np.arange(pieces)
+    slope = np.diff(curvature) / step_m
+    poses = [
+        Pose(*values)
+        for values in zip(
+            points.x_m[::2].tolist(), points.y_m[::2].tolist(), heading.tolist(), strict=True
+        )
+    ]
+    if closed:
+        return Path(
+            start_m.tolist(),
+            curvature[:-1].tolist(),
+            slope.tolist(),
+            poses[:-1],
+            lengths.total_m,
+            poses[-1].heading_rad - poses[0].heading_rad,
+            True,
+        )
+    # Behind the end of an open path the road goes on straight.
+    return Path(
+        [*start_m.tolist(), lengths.total_m],
+        [*curvature[:-1].tolist(), 0.0],
+        [*slope.tolist(), 0.0],
+        poses,
+        lengths.total_m,
+        0.0,
+        False,
+    )
+
+
+def _curvature(points: CurvePoints) -> Floats:
+    cross: Floats = points.dx * points.ddy - points.dy * points.ddx
+    return cross / _speed(points) ** 3
+
+
+def _speed(points: CurvePoints) -> Floats:
+    """Return the arc length per unit of the parameter."""
+    speed: Floats = np.hypot(points.dx, points.dy)
+    return speed
+
+
+class _ArcLength:
+    """Arc length as a function of a curve's parameter, and its inverse."""
+
+    def __init__(self, curve: Curve, knots: Floats) -> None:
+        self._curve = curve
+        nodes, weights = np.polynomial.legendre.leggauss(5)
+        self._nodes, self._weights = 0.5 * (nodes + 1.0), 0.5 * weights
+        fractions = np.arange(_CELLS_PER_KNOT) / _CELLS_PER_KNOT
+        inner = (knots[:-1, np.newaxis] + np.diff(knots)[:, np.newaxis] * fractions).ravel()
+        self._cells = np.append(inner, knots[-1])
+        pieces = self._between(self._cells[:-1], self._cells[1:])
+        self._length_m = np.concatenate(([0.0], np.cumsum(pieces)))
+        self.total_m = float(self._length_m[-1])
+
+    def parameters(self, pieces: int) -> Floats:
+        """Return the ``pieces`` + 1 parameters of points equally far apart."""
+        wanted = np.linspace(0.0, self.total_m, pieces + 1)
+        parameter: Floats = np.interp(wanted, self._length_m, self._cells)
+        cell = np.searchsorted(self._cells, parameter, side="right") - 1
+        cell = np.clip(cell, 0, len(self._cells) - 2)
+        start = self._cells[cell]
+        for _ in range(_NEWTON_STEPS):
+            error = self._length_m[cell] + self._between(start, parameter) - wanted
+            parameter = parameter - error / _speed(self._curve(parameter))
+        parameter[0], parameter[-1] = self._cells[0], self._cells[-1]
+        return parameter
+
+    def _between(self, start: Floats, end: Floats) -> Floats:
+        """Return the arc lengths from ``start`` to ``end``, each within one cell."""
+        length = np.zeros_like(start)
+        for node, weight in zip(self._nodes, self._weights, strict=True):
+            length = length + weight * _speed(self._curve(start + node * (end - start)))
+        return length * (end - start)

@@ -1,0 +1,213 @@
+"""The moving vehicle: actuator, path and disturbances around the exact propagation of (1).
+
+Everything that bends the motion is an event at a whole nanosecond: a command, the end of the
+wheel's ramp, a break point of the path, a step of a disturbance. `advance` goes from event to event
+in closed form, so it may be called as rarely or as often as somebody wants to look.
+
+Time counts from the start of motion. The arc length s = V t is that of the preview point's foot on
+the path, not of the centre of gravity's: only then does (1), where y is measured at the preview
+point and Δψ and ρ have no preview distance beside them, describe the geometry exactly. So ρ(s) is
+at once what drives (1) and the preview curvature, and the centre of gravity starts `preview_m`
+behind the path's start.
+"""
+
+import math
+from typing import NamedTuple
+
+from plant_emulator.actuator import (
+    WheelSegment,
+    at_rest,
+    command_wheel,
+    end_ramp,
+    is_limited,
+)
+from plant_emulator.motion_design import MotionParams
+from plant_emulator.path import Place, Pose, end_of_place_m, next_place, vehicle_pose
+from plant_emulator.propagation import NS_PER_S, LinearState, propagate
+from runtime.node import NEVER_NS
+
+
+class MotionState(NamedTuple):
+    """Where the motion is and which pieces of its inputs it is in."""
+
+    time_ns: int
+    linear: LinearState
+    wheel: WheelSegment
+    place: Place
+    place_end_ns: int
+    interval: int
+    interval_end_ns: int
+
+
+def start_motion(p: MotionParams) -> MotionState:
+    """Return the state at time 0: on the path, along it, wheel straight."""
+    linear = LinearState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    x = MotionState(0, linear, at_rest(0.0), Place(0, 0), 0, -1, 0)
+    return _enter_interval(p, _enter_place(p, x, Place(0, 0)), 0)
+
+
+def command_motion(p: MotionParams, x: MotionState, steer_rad: float) -> MotionState:
+    """Return the state in which a steering command has just reached the actuator."""
+    return _move_wheel(x, command_wheel(p.actuator, x.linear.wheel_rad, steer_rad, x.time_ns))
+
+
+def advance_motion(p: MotionParams, x: MotionState, to_ns: int) -> MotionState:
+    """Return the state at ``to_ns`` >= its time, with all events up to and at that time."""
+    while True:
+        event_ns = min(x.wheel.end_ns, x.place_end_ns, x.interval_end_ns)
+        if event_ns > to_ns:
+            return _coast(p, x, to_ns)
+        x = _coast(p, x, event_ns)
+        if x.wheel.end_ns == event_ns:
+            x = _move_wheel(x, end_ramp(p.actuator, x.wheel, x.linear.wheel_rad))
+        if x.place_end_ns == event_ns:
+            x = _enter_place(p, x, next_place(p.path, x.place))
+        if x.interval_end_ns == event_ns:
+            x = _enter_interval(p, x, x.interval + 1)
+
+
+def _coast(p: MotionParams, x: MotionState, to_ns: int) -> MotionState:
+    """Return the state at ``to_ns``, before which there is no event."""
+    first_row = p.first_rows[x.interval][x.wheel.phase]
+    linear = propagate(p.table, first_row, x.linear, to_ns - x.time_ns)
+    return MotionState(
+        to_ns, linear, x.wheel, x.place, x.place_end_ns, x.interval, x.interval_end_ns
+    )
+
+
+def _move_wheel(x: MotionState, wheel: WheelSegment) -> MotionState:
+    z = x.linear
+    linear = LinearState(
+        z.side_slip_rad,
+        z.yaw_rate_rad_s,
+        z.heading_error_rad,
+        z.lateral_error_m,
+        wheel.wheel_rad,
+        wheel.wheel_rate_rad_s,
+        z.curvature_1_m,
+        z.curvature_rate_1_m_s,
+        z.side_slip_disturbance_rad_s,
+        z.yaw_disturbance_rad_s2,
+    )
+    return MotionState(
+        x.time_ns, linear, wheel, x.place, x.place_end_ns, x.interval, x.interval_end_ns
+    )
+
+
+def _enter_place(p: MotionParams, x: MotionState, place: Place) -> MotionState:
+    """Return the state at the start of a piece of the path."""
+    z = x.linear
+    linear = LinearState(
+        z.side_slip_rad,
+        z.yaw_rate_rad_s,
+        z.heading_error_rad,
+        z.lateral_error_m,
+        z.wheel_rad,
+        z.wheel_rate_rad_s,
+        p.path.curvature_1_m[place.piece],
+        p.path.curvature_slope_1_m2[place.piece] * p.speed_m_s,
+        z.side_slip_disturbance_rad_s,
+        z.yaw_disturbance_rad_s2,
+    )
+    end_s = end_of_place_m(p.path, place) / p.speed_m_s
+    end_ns = NEVER_NS if end_s == math.inf else round(end_s * NS_PER_S)
+    return MotionState(x.time_ns, linear, x.wheel, place, end_ns, x.interval, x.interval_end_ns)
+
+
+def _enter_interval(p: MotionParams, x: MotionState, interval: int) -> MotionState:
+    """Return the state at the start of an interval of the disturbances."""
+    z = x.linear
+    linear = LinearState(
+        z.side_slip_rad,
+        z.yaw_rate_rad_s,
+        z.heading_error_rad,
+        z.lateral_error_m,
+        z.wheel_rad,
+        z.wheel_rate_rad_s,
+        z.curvature_1_m,
+        z.curvature_rate_1_m_s,
+        p.intervals[interval].side_slip_disturbance_rad_s,
+        p.intervals[interval].yaw_disturbance_rad_s2,
+    )
+    later = interval + 1
+    end_ns = p.intervals[later].start_ns if later < len(p.intervals) else NEVER_NS
+    return MotionState(x.time_ns, linear, x.wheel, x.place, x.place_end_ns, interval, end_ns)
+
+
+class Motion:
+    """Holds the state of one motion; every read-out is the one at ``time_ns``."""
+
+    def __init__(self, params: MotionParams) -> None:
+        self._params = params
+        self._state = start_motion(params)
+
+    def command(self, steer_rad: float) -> None:
+        """Let a steering command (finite) reach the actuator now."""
+        self._state = command_motion(self._params, self._state, steer_rad)
+
+    def advance(self, to_ns: int) -> None:
+        """Move on to ``to_ns``. Raises ValueError when that lies in the past."""
+        if to_ns < self._state.time_ns:
+            raise ValueError(f"cannot move from {self._state.time_ns} ns back to {to_ns} ns")
+        self._state = advance_motion(self._params, self._state, to_ns)
+
+    @property
+    def time_ns(self) -> int:
+        """Time since the start of motion."""
+        return self._state.time_ns
+
+    @property
+    def lateral_error_m(self) -> float:
+        """Lateral error y of the preview point, to the left of the path positive."""
+        return self._state.linear.lateral_error_m
+
+    @property
+    def heading_error_rad(self) -> float:
+        """Heading error Δψ against the path beside the preview point."""
+        return self._state.linear.heading_error_rad
+
+    @property
+    def side_slip_rad(self) -> float:
+        """Side slip angle β at the centre of gravity."""
+        return self._state.linear.side_slip_rad
+
+    @property
+    def yaw_rate_rad_s(self) -> float:
+        """Yaw rate r."""
+        return self._state.linear.yaw_rate_rad_s
+
+    @property
+    def speed_m_s(self) -> float:
+        """Speed V, constant."""
+        return self._params.speed_m_s
+
+    @property
+    def wheel_rad(self) -> float:
+        """Front wheel angle as the actuator knows it: without a steering offset."""
+        return self._state.linear.wheel_rad
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether the actuator's angle or rate limit shapes the wheel's motion."""
+        return is_limited(self._state.wheel)
+
+    @property
+    def preview_curvature_1_m(self) -> float:
+        """Curvature ρ of the path beside the preview point."""
+        return self._state.linear.curvature_1_m
+
+    @property
+    def arc_length_m(self) -> float:
+        """Arc length s of the path beside the preview point, counting on over laps."""
+        return self._params.speed_m_s * (self._state.time_ns / NS_PER_S)
+
+    @property
+    def pose(self) -> Pose:
+        """Where the centre of gravity is in the world and where the vehicle heads."""
+        return vehicle_pose(
+            self._params.path,
+            self.arc_length_m,
+            self.heading_error_rad,
+            self.lateral_error_m,
+            self._params.preview_m,
+        )

@@ -1,0 +1,96 @@
+"""From the rig's settings to everything that a motion follows from besides the commands."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from plant_emulator.actuator import ActuatorParams, WheelPhase
+from plant_emulator.disturbance import DisturbanceInterval, disturbance_intervals
+from plant_emulator.path import Path
+from plant_emulator.path_shapes import build_path
+from plant_emulator.propagation import Row, Table, augmented_matrix, transition_table
+from plant_emulator.rig_settings import (
+    ActuatorSettings,
+    DisturbanceSettings,
+    PathSettings,
+    VehicleSettings,
+)
+from plant_emulator.vehicle import VehicleParams, on_friction
+
+
+class MotionParams(NamedTuple):
+    """What does not change while the vehicle moves."""
+
+    speed_m_s: float
+    preview_m: float
+    actuator: ActuatorParams
+    path: Path
+    intervals: Sequence[DisturbanceInterval]
+    table: Table
+    first_rows: Sequence[Sequence[int]]
+    """Where in ``table`` each interval's transitions start, by `WheelPhase`."""
+
+
+def design_motion(
+    vehicle: VehicleSettings,
+    actuator: ActuatorSettings,
+    path: PathSettings,
+    disturbance: DisturbanceSettings,
+) -> MotionParams:
+    """Return the motion's parameters; computes the transition tables (about 20 ms each).
+
+    Raises WaypointError for a bad waypoint file, ValueError for a vehicle beyond computing.
+    """
+    vehicle_params = VehicleParams(
+        vehicle.speed_km_h / 3.6,
+        vehicle.virtual_mass_kg,
+        vehicle.yaw_inertia_kg_m2,
+        vehicle.front_cornering_stiffness_n_rad,
+        vehicle.rear_cornering_stiffness_n_rad,
+        vehicle.front_axle_m,
+        vehicle.rear_axle_m,
+        vehicle.preview_m,
+    )
+    actuator_params = ActuatorParams(
+        actuator.lag_s,
+        math.inf if actuator.angle_limit_rad is None else actuator.angle_limit_rad,
+        math.inf if actuator.rate_limit_rad_s is None else actuator.rate_limit_rad_s,
+        actuator.dead_band_rad,
+    )
+    intervals = disturbance_intervals(disturbance, vehicle_params)
+    table, first_rows = _transitions(vehicle_params, actuator_params, intervals)
+    return MotionParams(
+        vehicle_params.speed_m_s,
+        vehicle_params.preview_m,
+        actuator_params,
+        build_path(path),
+        intervals,
+        table,
+        first_rows,
+    )
+
+
+def _transitions(
+    vehicle: VehicleParams, actuator: ActuatorParams, intervals: Sequence[DisturbanceInterval]
+) -> tuple[list[Row], list[tuple[int, ...]]]:
+    """Return the tables of every friction and wheel phase, end to end, and `first_rows`."""
+    settling_1_s = 1.0 / actuator.lag_s if actuator.lag_s > 0.0 else 0.0
+    # A wheel at rest rests with any settling, and without a rate limit no wheel ramps: neither
+    # needs a table of its own.
+    ramping_1_s = 0.0 if actuator.rate_limit_rad_s < math.inf else settling_1_s
+    by_phase = {
+        WheelPhase.HELD: settling_1_s,
+        WheelPhase.RAMPING: ramping_1_s,
+        WheelPhase.SETTLING: settling_1_s,
+    }
+    table: list[Row] = []
+    starts: dict[tuple[float, float], int] = {}
+    first_rows = []
+    for interval in intervals:
+        for settling in {settling_1_s, ramping_1_s}:
+            if (interval.friction, settling) not in starts:
+                starts[interval.friction, settling] = len(table)
+                on_road = on_friction(vehicle, interval.friction)
+                table.extend(transition_table(augmented_matrix(on_road, settling)))
+        first_rows.append(tuple(starts[interval.friction, by_phase[phase]] for phase in WheelPhase))
+    return table, first_rows

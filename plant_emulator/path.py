@@ -1,0 +1,147 @@
+"""A path as curvature over arc length: pieces of linear curvature (clothoids) between break points.
+
+    ρ(s) = ρ_k + ρ'_k (s − s_k)   for s_k <= s < s_{k+1}
+
+    s   arc length from the start [m]
+    ρ   curvature, 1/radius, to the left positive [1/m]
+
+This is all the vehicle feels of a path: driven at constant speed, ρ is a ramp over time between
+break points and the motion stays exact. The pose of every break point is kept too, for pictures; it
+comes from the curve itself, so that nothing adds up along the way.
+"""
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from math import ceil, cos, sin
+from typing import NamedTuple
+
+_GAUSS_NODES = (
+    0.04691007703066800,
+    0.23076534494715845,
+    0.5,
+    0.76923465505284155,
+    0.95308992296933200,
+)
+_GAUSS_WEIGHTS = (
+    0.11846344252809454,
+    0.23931433524968324,
+    0.28444444444444444,
+    0.23931433524968324,
+    0.11846344252809454,
+)
+"""Gauss-Legendre quadrature on [0, 1], exact up to degree 9."""
+
+_TURN_MAX_RAD = 0.5
+"""Turn that one quadrature may cover: leaves an error of 1e-15 of its length."""
+
+
+class Pose(NamedTuple):
+    """A point of the path in the world and the direction of the path there."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+    """Counter-clockwise from the x axis; goes on counting over laps."""
+
+
+class Path(NamedTuple):
+    """Break points in order of arc length, the first at 0.
+
+    A closed path starts again at ``length_m``; an open one goes on with its last piece.
+    """
+
+    start_m: Sequence[float]
+    curvature_1_m: Sequence[float]
+    """At the start of each piece."""
+    curvature_slope_1_m2: Sequence[float]
+    pose: Sequence[Pose]
+    """At the start of each piece."""
+    length_m: float
+    """Arc length of one lap, or up to the last break point."""
+    lap_turn_rad: float
+    """What the heading has gained after one lap; 0 on an open path."""
+    closed: bool
+
+
+class Place(NamedTuple):
+    """A piece of the path in a lap."""
+
+    lap: int
+    piece: int
+
+
+def next_place(path: Path, place: Place) -> Place:
+    """Return the piece that follows (on an open path's last piece there is none)."""
+    if place.piece + 1 < len(path.start_m):
+        return Place(place.lap, place.piece + 1)
+    return Place(place.lap + 1, 0)
+
+
+def end_of_place_m(path: Path, place: Place) -> float:
+    """Return the arc length over all laps where the piece ends; infinite on an open path's last."""
+    if place.piece + 1 < len(path.start_m):
+        return place.lap * path.length_m + path.start_m[place.piece + 1]
+    if path.closed:
+        return (place.lap + 1) * path.length_m
+    return float("inf")
+
+
+def _locate(path: Path, arc_length_m: float) -> tuple[Place, float]:
+    """Return the piece that holds a point and the point's distance from the piece's start [m]."""
+    lap = int(arc_length_m // path.length_m) if path.closed else 0
+    in_lap_m = arc_length_m - lap * path.length_m
+    piece = max(bisect_right(path.start_m, in_lap_m) - 1, 0)
+    return Place(lap, piece), in_lap_m - path.start_m[piece]
+
+
+def curvature(path: Path, arc_length_m: float) -> float:
+    """Return the curvature [1/m] at an arc length >= 0; at a jump, the value behind it."""
+    place, along_m = _locate(path, arc_length_m)
+    return path.curvature_1_m[place.piece] + path.curvature_slope_1_m2[place.piece] * along_m
+
+
+def pose(path: Path, arc_length_m: float) -> Pose:
+    """Return the pose of the path at an arc length >= 0."""
+    place, along_m = _locate(path, arc_length_m)
+    start = path.pose[place.piece]
+    turned = start._replace(heading_rad=start.heading_rad + place.lap * path.lap_turn_rad)
+    return along_clothoid(
+        turned, path.curvature_1_m[place.piece], path.curvature_slope_1_m2[place.piece], along_m
+    )
+
+
+def along_clothoid(start: Pose, curvature_1_m: float, slope_1_m2: float, length_m: float) -> Pose:
+    """Return the pose ``length_m`` >= 0 along a piece of linear curvature."""
+    turn_bound = length_m * max(abs(curvature_1_m), abs(curvature_1_m + slope_1_m2 * length_m))
+    parts = max(1, ceil(turn_bound / _TURN_MAX_RAD))
+    part_m = length_m / parts
+    x, y = start.x_m, start.y_m
+    for part in range(parts):
+        for node, weight in zip(_GAUSS_NODES, _GAUSS_WEIGHTS, strict=True):
+            s = (part + node) * part_m
+            heading = start.heading_rad + s * (curvature_1_m + 0.5 * slope_1_m2 * s)
+            x += weight * part_m * cos(heading)
+            y += weight * part_m * sin(heading)
+    turn = length_m * (curvature_1_m + 0.5 * slope_1_m2 * length_m)
+    return Pose(x, y, start.heading_rad + turn)
+
+
+def vehicle_pose(
+    path: Path,
+    arc_length_m: float,
+    heading_error_rad: float,
+    lateral_error_m: float,
+    preview_m: float,
+) -> Pose:
+    """Return where the vehicle's centre of gravity (CG) is and where the vehicle heads.
+
+    ``arc_length_m`` belongs to the preview point, which is ``lateral_error_m`` to the left of the
+    path there. The CG lies ``preview_m`` behind it along the vehicle's own axis.
+    """
+    beside = pose(path, arc_length_m)
+    heading = beside.heading_rad + heading_error_rad
+    return Pose(
+        beside.x_m - lateral_error_m * sin(beside.heading_rad) - preview_m * cos(heading),
+        beside.y_m + lateral_error_m * cos(beside.heading_rad) - preview_m * sin(heading),
+        heading,
+    )

@@ -1,0 +1,141 @@
+"""The paths the rig knows: straight, circle, ellipse, single and double lane change.
+
+ellipse: SAE 2018-01-1086, Fig. 14, from the end of the major axis (where it bends most), to the
+left. Its curvature is interpolated as `plant_emulator.curve` says.
+
+lane changes: of clothoids with the curvatures 0, κ, 0, −κ, 0 after equal lengths, so that the
+heading returns to where it was. The double one has the proportions of ISO 3888-1: 30 m to the
+other lane, 25 m along it, 25 m back.
+"""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+
+from plant_emulator.curve import CurvePoints, Floats, path_along
+from plant_emulator.path import Path, Pose, along_clothoid
+from plant_emulator.rig_settings import PathKind, PathSettings
+
+ISO_3888_1_SIDE_LANE = 25.0 / 30.0
+"""Length of the double lane change's stay in the side lane, and of its way back, per way out."""
+
+_EAST = Pose(0.0, 0.0, 0.0)
+
+BreakPoint = tuple[float, float]
+"""Arc length [m] and curvature there [1/m]."""
+
+
+def build_path(settings: PathSettings) -> Path:
+    """Return the path that the settings describe.
+
+    Raises WaypointError for a waypoint file that is missing or makes no path.
+    """
+    match settings.kind:
+        case PathKind.STRAIGHT:
+            return straight()
+        case PathKind.CIRCLE:
+            return circle(settings.radius_m)
+        case PathKind.ELLIPSE:
+            return ellipse(settings.semi_major_axis_m, settings.semi_minor_axis_m)
+        case PathKind.SINGLE_LANE_CHANGE:
+            return single_lane_change(
+                settings.lane_change_start_m,
+                settings.lane_change_offset_m,
+                settings.lane_change_length_m,
+            )
+        case PathKind.DOUBLE_LANE_CHANGE:
+            return double_lane_change(
+                settings.lane_change_start_m,
+                settings.lane_change_offset_m,
+                settings.lane_change_length_m,
+            )
+        case PathKind.WAYPOINTS:
+            # Only this kind needs scipy, whose import takes longer than the rest of the start-up.
+            from plant_emulator.waypoints import waypoint_path
+
+            return waypoint_path(settings.waypoint_file, closed=settings.waypoints_closed)
+
+
+def straight() -> Path:
+    """Return the x axis."""
+    return _open_path([])
+
+
+def circle(radius_m: float) -> Path:
+    """Return a circle to the left that starts at its rightmost point, northbound."""
+    start = Pose(radius_m, 0.0, 0.5 * math.pi)
+    return Path(
+        [0.0], [1.0 / radius_m], [0.0], [start], 2.0 * math.pi * radius_m, 2.0 * math.pi, True
+    )
+
+
+def ellipse(semi_major_axis_m: float, semi_minor_axis_m: float) -> Path:
+    """Return an ellipse about the origin that starts at (semi-major axis, 0), to the left."""
+    a, b = semi_major_axis_m, semi_minor_axis_m
+
+    def curve(t: Floats) -> CurvePoints:
+        x, y = a * np.cos(t), b * np.sin(t)
+        dx, dy = -a * np.sin(t), b * np.cos(t)
+        return CurvePoints(x, y, dx, dy, -x, -y)
+
+    return path_along(curve, np.linspace(0.0, 2.0 * math.pi, 65), closed=True)
+
+
+def single_lane_change(start_m: float, offset_m: float, length_m: float) -> Path:
+    """Return a straight of ``start_m``, then a change by ``offset_m`` within ``length_m`` of it.
+
+    Both are measured across and along the road; |offset| may be half the length.
+    """
+    return _open_path(_lane_change(start_m, offset_m, length_m))
+
+
+def double_lane_change(start_m: float, offset_m: float, length_m: float) -> Path:
+    """Return a straight, the way out (as `single_lane_change`), the side lane, the way back."""
+    way_out = _lane_change(start_m, offset_m, length_m)
+    side_lane_m = ISO_3888_1_SIDE_LANE * length_m
+    back_m = way_out[-1][0] + side_lane_m
+    return _open_path(way_out + _lane_change(back_m, -offset_m, side_lane_m))
+
+
+def _lane_change(start_m: float, offset_m: float, length_m: float) -> list[BreakPoint]:
+    """Return the break points of a lane change that starts at arc length ``start_m``."""
+    low, high = 0.0, 6.0
+    # The shape of arc length 1 with peak curvature k; offset/length grows with k.
+    for _ in range(60):
+        k = 0.5 * (low + high)
+        end = _end_of(_shape(0.0, k, 1.0))
+        low, high = (k, high) if end.y_m * length_m < abs(offset_m) * end.x_m else (low, k)
+    arc_m = length_m / _end_of(_shape(0.0, low, 1.0)).x_m
+    return _shape(start_m, math.copysign(low, offset_m) / arc_m, arc_m)
+
+
+def _shape(start_m: float, peak_1_m: float, arc_m: float) -> list[BreakPoint]:
+    quarter = 0.25 * arc_m
+    return [
+        (start_m, 0.0),
+        (start_m + quarter, peak_1_m),
+        (start_m + 3.0 * quarter, -peak_1_m),
+        (start_m + arc_m, 0.0),
+    ]
+
+
+def _end_of(points: list[BreakPoint]) -> Pose:
+    return _open_path(points).pose[-1]
+
+
+def _open_path(points: list[BreakPoint]) -> Path:
+    """Return the path eastward through break points of continuous curvature, straight around."""
+    if not points or points[0][0] > 0.0:
+        points = [(0.0, 0.0), *points]
+    slopes = [
+        (to_curvature - from_curvature) / (to_m - from_m)
+        for (from_m, from_curvature), (to_m, to_curvature) in pairwise(points)
+    ]
+    poses = [_EAST]
+    for (from_m, curvature), (to_m, _), slope in zip(points, points[1:], slopes, strict=False):
+        poses.append(along_clothoid(poses[-1], curvature, slope, to_m - from_m))
+    start_m, curvatures = zip(*points, strict=True)
+    return Path(
+        list(start_m), list(curvatures), [*slopes, 0.0], poses, start_m[-1], 0.0, closed=False
+    )

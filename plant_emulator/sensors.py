@@ -1,0 +1,31 @@
+"""Sensor noise: white, Gaussian and additive, one number per quantity and sample.
+
+    measured = true + standard deviation · Φ⁻¹(u),   u uniform in (0, 1)
+
+Three uniforms are taken for every sample whatever the deviations are, so that switching one noise
+on leaves the others as they were. With a deviation of 0 the true value passes unchanged.
+"""
+
+from collections.abc import Iterator
+from statistics import NormalDist
+from typing import NamedTuple
+
+_STANDARD_NORMAL = NormalDist()
+
+
+class Readings(NamedTuple):
+    """One sample of what the rig measures with noise."""
+
+    lateral_error_m: float
+    heading_error_rad: float
+    yaw_rate_rad_s: float
+
+
+def with_noise(true: Readings, deviation: Readings, uniforms: Iterator[float]) -> Readings:
+    """Return the sample as the sensors report it; takes three uniforms in (0, 1)."""
+    normal = _STANDARD_NORMAL.inv_cdf
+    return Readings(
+        true.lateral_error_m + deviation.lateral_error_m * normal(next(uniforms)),
+        true.heading_error_rad + deviation.heading_error_rad * normal(next(uniforms)),
+        true.yaw_rate_rad_s + deviation.yaw_rate_rad_s * normal(next(uniforms)),
+    )
