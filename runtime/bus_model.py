@@ -151,8 +151,7 @@ class BusModel:
             self._refused += 1
             raise BusOverflowError(f"sender {sender} has {waiting} frames waiting for the bus")
         self._waiting_of[sender] = waiting + 1
-        if not self._queue and now_ticks > self._next_start_ticks:
-            self._next_start_ticks = now_ticks
+        self._next_start_ticks = max(self._next_start_ticks, now_ticks)
         self._sequence += 1
         duration_ticks = bits.nominal * self._bit_ticks + bits.data * self._data_bit_ticks
         heapq.heappush(

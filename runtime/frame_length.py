@@ -149,8 +149,8 @@ def _classic_bits(can_id: int, data: bytes, dlc: int, flags: int) -> int:
         head = 0b10101 << 19 | can_id << 7 | rtr << 6 | dlc
         message = head.to_bytes(3, "big") + data
     crc = crc15(message, register)
-    # One bit fills up the last byte: the opposite of the last CRC bit, which closes a run of five.
-    stuffed = _stuff_bits(message + (crc << 1 | ~crc & 1).to_bytes(2, "big"))
+    # The bit that fills up the last byte makes a run of five at the end of the CRC count.
+    stuffed = _stuff_bits(message + (crc << 1).to_bytes(2, "big"))
     unstuffed = header_bits + 8 * len(data) + _CLASSIC_CRC_BITS
     return unstuffed + stuffed + _CLASSIC_TRAILER_BITS
 

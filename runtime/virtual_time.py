@@ -7,6 +7,7 @@ Order at one instant:
 2. When nothing is left to deliver, the first node in the sequence whose deadline is due ticks,
    and 1. follows again.
 3. When no node is due either, time jumps to the next deadline or the next completion of a frame.
+   A deadline set in the past is due now: time never turns back.
 
 With nodes in the sequence (plant, controller) and no time on the wire, the plant senses, the
 measurements arrive, the controller decides, and the command arrives: all at one instant, as in a
@@ -99,8 +100,9 @@ class VirtualTimeExecutor:
     def run(self, until_ns: int) -> None:
         """Run every instant before ``until_ns``, or until a node has finished.
 
-        ``run(a)`` and then ``run(b)`` is the same as ``run(b)``. Raises RuntimeError when nodes
-        keep each other busy at one instant for ever.
+        ``run(a)`` and then ``run(b)`` is the same as ``run(b)``, and ``run(NEVER_NS)`` ends when
+        nothing is left to wait for. Raises RuntimeError when nodes keep each other busy at one
+        instant for ever, and what the bus raises when it cannot take a frame.
         """
         while not self.finished:
             next_ns = self._wire.next_event_ns
@@ -108,11 +110,10 @@ class VirtualTimeExecutor:
                 deadline_ns = node.deadline_ns
                 if deadline_ns < next_ns:
                     next_ns = deadline_ns
-            if next_ns >= until_ns or next_ns == NEVER_NS:
+            if next_ns >= until_ns:
                 return
-            # A deadline set in the past is late, it does not turn time back.
-            self._now_ns = max(self._now_ns, next_ns)
-            self._run_instant(self._now_ns)
+            self._now_ns = next_ns
+            self._run_instant(next_ns)
 
     def _run_instant(self, now_ns: int) -> None:
         """Deliver and tick until nothing is left to do at ``now_ns``."""

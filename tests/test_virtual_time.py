@@ -3,7 +3,7 @@ from itertools import pairwise
 
 import pytest
 
-from runtime.bus_model import BusModel
+from runtime.bus_model import BusModel, BusOverflowError
 from runtime.frame import Frame
 from runtime.node import NEVER_NS
 from runtime.periodic import PeriodicTimer
@@ -189,7 +189,7 @@ def test_the_run_ends_before_until_and_goes_on_as_if_it_had_not() -> None:
 
 def test_nothing_to_wait_for_ends_the_run() -> None:
     executor = VirtualTimeExecutor([ScriptedNode("idle", [])])
-    executor.run(NEVER_NS + 1)
+    executor.run(NEVER_NS)
     assert not executor.finished
 
 
@@ -232,6 +232,12 @@ def test_a_node_gets_a_frame_at_its_end_of_frame() -> None:
     nodes = [periodic("a", events, 0x1), ScriptedNode("b", events)]
     VirtualTimeExecutor(nodes, BusModel(500_000), on_wire).run(10 * MS)
     assert events[1:] == [("b", "got 1", wire[0][0])]
+
+
+def test_a_bus_that_cannot_carry_what_the_nodes_send_ends_the_run_with_its_error() -> None:
+    bus = BusModel(10_000, queue_limit=10)
+    with pytest.raises(BusOverflowError, match="sender 0"):
+        VirtualTimeExecutor([periodic("a", [], 0x1, 0x2)], bus).run(1000 * MS)
 
 
 def test_two_runs_are_equal() -> None:
