@@ -51,7 +51,8 @@ def ellipse_curvature(speed_m_s: float, ticks: int) -> NDArray[np.float64]:
     steps = 0.5 * (stretch[1:] + stretch[:-1]) * np.diff(angle)
     arc_m = np.concatenate([[0.0], np.cumsum(steps)])
     middle_s = (np.arange(ticks) + 0.5) * PERIOD_S
-    return np.interp(speed_m_s * middle_s, arc_m, 60.0 * 30.0 / stretch**3)
+    curvature = np.interp(speed_m_s * middle_s, arc_m, 60.0 * 30.0 / stretch**3)
+    return np.asarray(curvature, dtype=np.float64)
 
 
 class Run(NamedTuple):
