@@ -39,7 +39,7 @@ def design_motion(
 ) -> MotionParams:
     """Return the motion's parameters; computes the transition tables (about 20 ms each).
 
-    Raises WaypointError for a bad waypoint file, ValueError for a vehicle beyond computing.
+    Raises SettingsError for a bad waypoint file, ValueError for a vehicle beyond computing.
     """
     vehicle_params = VehicleParams(
         vehicle.speed_km_h / 3.6,

@@ -15,7 +15,15 @@ import numpy as np
 
 from plant_emulator.curve import CurvePoints, Floats, path_along
 from plant_emulator.path import Path, Pose, along_clothoid
-from plant_emulator.rig_settings import PathKind, PathSettings
+from plant_emulator.rig_settings import (
+    CircleSettings,
+    DoubleLaneChangeSettings,
+    EllipseSettings,
+    PathSettings,
+    SingleLaneChangeSettings,
+    StraightSettings,
+    WaypointSettings,
+)
 
 ISO_3888_1_SIDE_LANE = 25.0 / 30.0
 """Length of the double lane change's stay in the side lane, and of its way back, per way out."""
@@ -29,32 +37,24 @@ BreakPoint = tuple[float, float]
 def build_path(settings: PathSettings) -> Path:
     """Return the path that the settings describe.
 
-    Raises WaypointError for a waypoint file that is missing or makes no path.
+    Raises SettingsError for a waypoint file that cannot be read or makes no path.
     """
-    match settings.kind:
-        case PathKind.STRAIGHT:
+    match settings:
+        case StraightSettings():
             return straight()
-        case PathKind.CIRCLE:
+        case CircleSettings():
             return circle(settings.radius_m)
-        case PathKind.ELLIPSE:
+        case EllipseSettings():
             return ellipse(settings.semi_major_axis_m, settings.semi_minor_axis_m)
-        case PathKind.SINGLE_LANE_CHANGE:
-            return single_lane_change(
-                settings.lane_change_start_m,
-                settings.lane_change_offset_m,
-                settings.lane_change_length_m,
-            )
-        case PathKind.DOUBLE_LANE_CHANGE:
-            return double_lane_change(
-                settings.lane_change_start_m,
-                settings.lane_change_offset_m,
-                settings.lane_change_length_m,
-            )
-        case PathKind.WAYPOINTS:
+        case SingleLaneChangeSettings():
+            return single_lane_change(settings.start_m, settings.offset_m, settings.length_m)
+        case DoubleLaneChangeSettings():
+            return double_lane_change(settings.start_m, settings.offset_m, settings.length_m)
+        case WaypointSettings():
             # Only this kind needs scipy, whose import takes longer than the rest of the start-up.
             from plant_emulator.waypoints import waypoint_path
 
-            return waypoint_path(settings.waypoint_file, closed=settings.waypoints_closed)
+            return waypoint_path(settings.file, closed=settings.closed)
 
 
 def straight() -> Path:

@@ -3,10 +3,9 @@
 Checked here once, at the edge; the modules that compute take plain records and functions.
 """
 
-from enum import StrEnum
 from itertools import pairwise
 from pathlib import Path
-from typing import Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, NonNegativeFloat, model_validator
 
@@ -43,57 +42,90 @@ class ActuatorSettings(Settings):
     dead_band_rad: float = Field(0.0, ge=0.0, le=0.5)
 
 
-class PathKind(StrEnum):
-    """The shapes a path can have."""
+class StraightSettings(Settings):
+    """`[path]`: straight on."""
 
-    STRAIGHT = "straight"
-    CIRCLE = "circle"
-    ELLIPSE = "ellipse"
-    SINGLE_LANE_CHANGE = "single_lane_change"
-    DOUBLE_LANE_CHANGE = "double_lane_change"
-    WAYPOINTS = "waypoints"
+    kind: Literal["straight"] = "straight"
 
 
-class PathSettings(Settings):
-    """`[path]`: one flat table, so that a later layer can change ``kind`` alone.
+class CircleSettings(Settings):
+    """`[path]`: a circle to the left."""
 
-    Keys of the other kinds are checked but not used. The default ellipse has the axes that
-    reproduce the PD row of the paper's Table II; its text does not give them.
+    kind: Literal["circle"] = "circle"
+    radius_m: float = Field(50.0, ge=3.0, le=100_000.0)
+
+
+class EllipseSettings(Settings):
+    """`[path]`: an ellipse to the left, from the end of its major axis, where it bends most.
+
+    The default axes reproduce the PD row of the paper's Table II; the text does not give them.
     """
 
-    kind: PathKind = PathKind.ELLIPSE
-    radius_m: float = Field(50.0, ge=3.0, le=100_000.0)
-    """Circle, turned to the left."""
+    kind: Literal["ellipse"] = "ellipse"
     semi_major_axis_m: float = Field(78.2, ge=3.0, le=100_000.0)
-    """Ellipse; the path starts at this axis' end."""
     semi_minor_axis_m: float = Field(41.74, ge=3.0, le=100_000.0)
-    lane_change_start_m: float = Field(10.0, ge=0.0, le=100_000.0)
-    """Lane changes: straight road before the manoeuvre."""
-    lane_change_offset_m: float = Field(3.5, ge=-20.0, le=20.0)
-    """Lane changes: to the left positive. ISO 3888-1 moves 3.5 m."""
-    lane_change_length_m: float = Field(30.0, ge=1.0, le=10_000.0)
-    """Lane changes: along the road, from one lane to the other. ISO 3888-1 has 30 m."""
-    waypoint_file: Path = Path("waypoints.csv")
-    """Waypoints: CSV with the header x_m,y_m."""
-    waypoints_closed: bool = False
-    """Waypoints: whether the last point joins the first."""
 
     @model_validator(mode="after")
-    def _fits_its_kind(self) -> Self:
-        """Refuse what only together makes no path."""
-        if self.kind is PathKind.ELLIPSE:
-            ratio = self.semi_major_axis_m / self.semi_minor_axis_m
-            if not 1.0 <= ratio <= 10.0:
-                raise ValueError(
-                    "semi_major_axis_m must be 1 to 10 times semi_minor_axis_m, "
-                    f"not {self.semi_major_axis_m} to {self.semi_minor_axis_m}"
-                )
-        if abs(self.lane_change_offset_m) > 0.5 * self.lane_change_length_m:
+    def _is_no_needle(self) -> Self:
+        """Refuse axes in the wrong order, and ellipses too flat to interpolate."""
+        if not 1.0 <= self.semi_major_axis_m / self.semi_minor_axis_m <= 10.0:
             raise ValueError(
-                "lane_change_offset_m must not exceed half of lane_change_length_m, "
-                f"not {self.lane_change_offset_m} in {self.lane_change_length_m}"
+                "semi_major_axis_m must be 1 to 10 times semi_minor_axis_m, "
+                f"not {self.semi_major_axis_m} to {self.semi_minor_axis_m}"
             )
         return self
+
+
+class _LaneChangeSettings(Settings):
+    start_m: float = Field(10.0, ge=0.0, le=100_000.0)
+    """Straight road before the manoeuvre."""
+    offset_m: float = Field(3.5, ge=-20.0, le=20.0)
+    """From lane to lane, to the left positive. ISO 3888-1 has 3.5 m."""
+    length_m: float = Field(30.0, ge=1.0, le=10_000.0)
+    """Along the road, from one lane to the other. ISO 3888-1 has 30 m."""
+
+    @model_validator(mode="after")
+    def _stays_a_road(self) -> Self:
+        if abs(self.offset_m) > 0.5 * self.length_m:
+            raise ValueError(
+                "offset_m must not exceed half of length_m, "
+                f"not {self.offset_m} within {self.length_m}"
+            )
+        return self
+
+
+class SingleLaneChangeSettings(_LaneChangeSettings):
+    """`[path]`: to the other lane and on."""
+
+    kind: Literal["single_lane_change"] = "single_lane_change"
+
+
+class DoubleLaneChangeSettings(_LaneChangeSettings):
+    """`[path]`: to the other lane and back, in the proportions of ISO 3888-1."""
+
+    kind: Literal["double_lane_change"] = "double_lane_change"
+
+
+class WaypointSettings(Settings):
+    """`[path]`: a smooth curve through the points of a file."""
+
+    kind: Literal["waypoints"] = "waypoints"
+    file: Path
+    """CSV with the header x_m,y_m; relative to the directory the program runs in."""
+    closed: bool = False
+    """Whether the path returns from the last point to the first."""
+
+
+PathSettings = Annotated[
+    StraightSettings
+    | CircleSettings
+    | EllipseSettings
+    | SingleLaneChangeSettings
+    | DoubleLaneChangeSettings
+    | WaypointSettings,
+    Field(discriminator="kind"),
+]
+"""`[path]`: one table per kind of path."""
 
 
 class DisturbanceStep(Settings):

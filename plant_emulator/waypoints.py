@@ -13,20 +13,17 @@ from scipy.interpolate import CubicSpline
 
 from plant_emulator.curve import CurvePoints, Floats, path_along
 from plant_emulator.path import Path
+from runtime.settings import SettingsError
 
 HEADER = ["x_m", "y_m"]
 POINTS_MIN = 4
 POINTS_MAX = 10_000
 
 
-class WaypointError(ValueError):
-    """A waypoint file that makes no path; the message is one line that starts with the file."""
-
-
 def waypoint_path(file: FilePath, *, closed: bool) -> Path:
     """Return the path through a file's points; a closed one returns from the last to the first.
 
-    Raises WaypointError.
+    Raises SettingsError in one line that names the file and, where it can, the line in it.
     """
     points = _read(file)
     if closed and points[0] != points[-1]:
@@ -34,7 +31,7 @@ def waypoint_path(file: FilePath, *, closed: bool) -> Path:
     xy = np.array(points)
     chords = np.hypot(*np.diff(xy, axis=0).T)
     if not (chords > 0.0).all():
-        raise WaypointError(f"{file}: point {int(np.argmin(chords)) + 2} repeats the one before it")
+        raise SettingsError(f"{file}: point {int(np.argmin(chords)) + 2} repeats the one before it")
     knots = np.concatenate(([0.0], np.cumsum(chords)))
     spline = CubicSpline(knots, xy, bc_type="periodic" if closed else "natural")
     first, second = spline.derivative(1), spline.derivative(2)
@@ -45,14 +42,16 @@ def waypoint_path(file: FilePath, *, closed: bool) -> Path:
     try:
         return path_along(curve, knots, closed=closed)
     except ValueError as error:
-        raise WaypointError(f"{file}: {error}") from error
+        raise SettingsError(f"{file}: {error}") from error
 
 
 def _read(file: FilePath) -> list[tuple[float, float]]:
     try:
         lines = file.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise WaypointError(f"{file}: cannot be read: {error}") from error
+    except OSError as error:
+        raise SettingsError(f"{file}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise SettingsError(f"{file}: is not UTF-8 text (byte {error.start})") from error
     rows = [
         (number, [cell.strip() for cell in row])
         for number, line in enumerate(lines, start=1)
@@ -60,10 +59,10 @@ def _read(file: FilePath) -> list[tuple[float, float]]:
         for row in csv.reader([line])
     ]
     if not rows or rows[0][1] != HEADER:
-        raise WaypointError(f"{file}: must start with the header {','.join(HEADER)}")
+        raise SettingsError(f"{file}: must start with the header {','.join(HEADER)}")
     points = [_point(file, number, cells) for number, cells in rows[1:]]
     if not POINTS_MIN <= len(points) <= POINTS_MAX:
-        raise WaypointError(
+        raise SettingsError(
             f"{file}: must hold {POINTS_MIN} to {POINTS_MAX} points, not {len(points)}"
         )
     return points
@@ -75,7 +74,7 @@ def _point(file: FilePath, number: int, cells: list[str]) -> tuple[float, float]
     except ValueError:
         x = y = math.nan
     if not (math.isfinite(x) and math.isfinite(y)):
-        raise WaypointError(
+        raise SettingsError(
             f"{file}: line {number}: must be two finite numbers, not {','.join(cells)!r}"
         )
     return x, y
