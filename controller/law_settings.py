@@ -27,7 +27,8 @@ class DobSettings(Settings):
     """Q of the disturbance observer.
 
     order_2: ω²/(s + ω)², (20). type_2: (3τs + 1)/(τs + 1)³ with τ = 1/ω, whose 1 - Q has a double
-    zero at s = 0, so that a ramp of the disturbance is rejected too.
+    zero at s = 0, so that a ramp of the disturbance is rejected too, up to half a control period's
+    worth that sampling leaves.
     """
 
     q_cutoff_rad_s: PositiveFloat  # ω
