@@ -67,7 +67,7 @@ def open_bus(namespace: argparse.Namespace) -> OpenBus:
         raise BusError(f"python-can's configuration cannot be read: {_one_line(error)}") from error
     name = " ".join(filter(None, (choice.interface, choice.channel)))
     if choice.interface == "socketcan" and choice.channel:
-        obstacle = _socketcan_obstacle(choice.channel)
+        obstacle = socketcan_obstacle(choice.channel)
         if obstacle:
             raise BusError(f"cannot open {name}: {obstacle}")
     given = {"interface": choice.interface, "channel": choice.channel}
@@ -123,13 +123,13 @@ def _choose(namespace: argparse.Namespace) -> _Choice:
         if found.get("interface"):
             return _Choice(found["interface"], channel, f"from the {reason}")
     wanted = channel or _AUTO_CHANNEL
-    obstacle = _socketcan_obstacle(wanted)
+    obstacle = socketcan_obstacle(wanted)
     if obstacle:
         return _Choice("emulated", channel, f"no interface was given, and {obstacle}")
     return _Choice("socketcan", wanted, "no interface was given, and this machine has it")
 
 
-def _socketcan_obstacle(channel: str) -> str:
+def socketcan_obstacle(channel: str) -> str:
     """Why ``channel`` cannot be opened as a SocketCAN interface; empty when it can."""
     if sys.platform != "linux":
         return "only Linux has SocketCAN"

@@ -1,9 +1,216 @@
-"""Settings files: TOML in, frozen and checked pydantic models out, one clear line for each mistake."""
+"""Settings files: TOML in, frozen and checked pydantic models out, one clear line for each mistake.
 
-from pydantic import BaseModel, ConfigDict
+Layers, later ones on top:
+
+1. a preset, TOML shipped inside a package
+2. the user's file
+3. ``--set table.key=value``
+
+Tables merge key by key, anything else is replaced as a whole. A table whose ``kind`` changes is
+replaced too: the keys below belong to the other kind.
+
+Types are strict, so that ``speed_m_s = "10"`` and ``gain = true`` are refused instead of guessed.
+"""
+
+import json
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from runtime.settings_mistakes import KeyPath, explain, hint
+
+_KIND = "kind"
+"""Key that tells the members of a union of tables apart."""
+_MISTAKES_MAX = 20
 
 
 class Settings(BaseModel):
-    """Base of every settings table: frozen, unknown keys refused, numbers finite."""
+    """Base of every settings table: frozen, unknown keys refused, numbers finite.
+
+    A field that may be None has None as its default: TOML says "none" by leaving the key out.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class SettingsError(ValueError):
+    """Settings that cannot be used; the text has one line for each of ``mistakes``."""
+
+    def __init__(self, *mistakes: str) -> None:
+        super().__init__("\n".join(mistakes))
+        self.mistakes = mistakes
+
+
+class Preset(NamedTuple):
+    """Settings shipped inside a package: the name the user knows it by, and its TOML text."""
+
+    name: str
+    text: str
+
+
+S = TypeVar("S", bound=Settings)
+
+
+def preset_names(package: str) -> list[str]:
+    """Return the presets in ``package``, in alphabetical order."""
+    files = (Path(entry.name) for entry in resources.files(package).iterdir())
+    return sorted(file.stem for file in files if file.suffix == ".toml")
+
+
+def read_preset(package: str, name: str) -> Preset:
+    """Return the preset ``name`` of ``package``; raises SettingsError naming those there are."""
+    names = preset_names(package)
+    if name not in names:
+        raise SettingsError(f"preset {name}: there is none of this name ({hint(name, names)})")
+    file = resources.files(package) / f"{name}.toml"
+    return Preset(name, file.read_text(encoding="utf-8"))
+
+
+def load_settings(
+    model: type[S],
+    preset: Preset | None = None,
+    file: Path | None = None,
+    overrides: Sequence[str] = (),
+) -> S:
+    """Return the checked settings of ``preset``, below ``file``, below ``overrides``.
+
+    ``overrides``  each ``table.key=value``; the value is TOML, a bare word counts as a string
+
+    Raises SettingsError.
+    """
+    merged: dict[str, Any] = {}
+    sources: dict[KeyPath, str] = {(): "settings"}
+    if preset is not None:
+        source = f"preset {preset.name}"
+        _merge(merged, _parse(preset.text, source), source, (), sources)
+    if file is not None:
+        _merge(merged, _parse(_read(file), str(file)), str(file), (), sources)
+    if overrides:
+        _merge(merged, _parse_overrides(overrides), "--set", (), sources)
+    try:
+        # By way of JSON, because there "strict" still means lists for tuples and words for enums.
+        return model.model_validate_json(json.dumps(merged, default=str), strict=True)
+    except ValidationError as error:
+        mistakes = explain(error, model.model_json_schema(), merged, sources)
+    more = len(mistakes) - _MISTAKES_MAX
+    if more > 0:
+        mistakes[_MISTAKES_MAX:] = [f"and {more} mistakes more"]
+    raise SettingsError(*mistakes)
+
+
+def dump_toml(settings: Settings) -> str:
+    """Return ``settings`` as the TOML text that ``load_settings`` makes the same settings of."""
+    lines = _toml_table(settings.model_dump(mode="json", exclude_none=True), ())
+    return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def _read(file: Path) -> str:
+    """Return the text of ``file``; raises SettingsError."""
+    try:
+        return file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise SettingsError(f"{file}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise SettingsError(f"{file}: is not UTF-8 text (byte {error.start})") from error
+
+
+def _parse(text: str, source: str) -> dict[str, Any]:
+    """Return the tables of a TOML ``text``; raises SettingsError naming the line."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        # Only Python 3.14 has the line as a number; its place in the text is the same in all.
+        found = re.fullmatch(r"(.*) \(at line (\d+), column \d+\)", str(error), re.DOTALL)
+        what, place = (found[1], f":{found[2]}") if found else (str(error), "")
+        raise SettingsError(f"{source}{place}: is not TOML: {what}") from error
+
+
+def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
+    """Return ``table.key=value`` texts as tables, later ones on top; raises SettingsError."""
+    tables: dict[str, Any] = {}
+    for override in overrides:
+        dotted, equals, text = override.partition("=")
+        *parents, key = (part.strip() for part in dotted.split("."))
+        if not equals or not text.strip() or not all((*parents, key)):
+            raise SettingsError(f"--set {override}: is not of the form table.key=value")
+        table = tables
+        for parent in parents:
+            table = table.setdefault(parent, {})
+            if not isinstance(table, dict):
+                raise SettingsError(f"--set {override}: {parent} is set to a value before")
+        table[key] = _parse_value(text)
+    return tables
+
+
+def _parse_value(text: str) -> Any:
+    """Return the TOML value that ``text`` is, or else ``text`` as a string."""
+    try:
+        document = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        return text.strip()
+    # A line break in the text could bring further keys along.
+    return document["value"] if len(document) == 1 else text
+
+
+def _merge(
+    below: dict[str, Any],
+    above: Mapping[str, Any],
+    source: str,
+    path: KeyPath,
+    sources: dict[KeyPath, str],
+) -> None:
+    """Lay ``above`` over ``below`` and write into ``sources`` where each key comes from.
+
+    ``path``  where both tables are; a table comes from all that have added to it
+    """
+    sources[path] = f"{sources[path]}, {source}" if below else source
+    for key, value in above.items():
+        old = below.get(key)
+        if isinstance(value, dict):
+            keep = isinstance(old, dict) and value.get(_KIND, old.get(_KIND)) == old.get(_KIND)
+            below[key] = old if keep else {}
+            _merge(below[key], value, source, (*path, key), sources)
+        else:
+            below[key] = value
+            sources[(*path, key)] = source
+
+
+def _toml_table(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
+    """Return the lines of a table: its values, then its tables, each under its header."""
+    lines = [
+        f"{_toml_key(key)} = {_toml_value(value)}"
+        for key, value in table.items()
+        if not isinstance(value, dict)
+    ]
+    for key, value in table.items():
+        if isinstance(value, dict):
+            header = (*path, _toml_key(key))
+            lines += ["", f"[{'.'.join(header)}]", *_toml_table(value, header)]
+    return lines
+
+
+def _toml_key(key: str) -> str:
+    """Return ``key``, quoted where TOML needs it."""
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _toml_value(key)
+
+
+def _toml_value(value: Any) -> str:
+    """Return a value in TOML; floats with all their digits, tables inside lists inline."""
+    match value:
+        case str():
+            # A JSON string is a TOML string, except that TOML escapes DEL too.
+            return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        case bool():
+            return "true" if value else "false"
+        case list():
+            return f"[{', '.join(map(_toml_value, value))}]"
+        case dict():
+            pairs = (f"{_toml_key(key)} = {_toml_value(item)}" for key, item in value.items())
+            return f"{{{', '.join(pairs)}}}"
+        case _:
+            return repr(value)

@@ -154,12 +154,10 @@ def draw_path(laws: Sequence[LawTraces], subtitle: str) -> Figure:
             label=law.label,
         )
     axes.plot(path_x_m[0], path_y_m[0], "o", color="black", ms=6)
-    axes.annotate(
-        "start", (path_x_m[0], path_y_m[0]), xytext=(8, 8), textcoords="offset points"
-    )
+    axes.annotate("start", (path_x_m[0], path_y_m[0]), xytext=(8, 8), textcoords="offset points")
     axes.set_aspect("equal")
     axes.set(xlabel="x [m]", ylabel="y [m]")
-    magnified = "" if factor == 1 else f", deviation drawn × {factor:g}"
+    magnified = "" if factor == 1 else f", deviation drawn {factor:g} times as large"
     axes.set_title(f"Path seen from above{magnified}")
     axes.legend(loc="best")
     figure.suptitle(subtitle, fontsize=9.5, color="0.35")

@@ -35,6 +35,10 @@ class PairFiles(NamedTuple):
         """The plant's samples, CSV."""
         return self.folder / "plant_trace.csv"
 
+    def settings(self, program: str) -> Path:
+        """The settings one program is run with, TOML."""
+        return self.folder / f"{program}.toml"
+
     def report(self, program: str) -> Path:
         """The report of one program, JSON."""
         return self.folder / f"{program}.json"

@@ -1,0 +1,148 @@
+"""What the host grants a real-time program, asked for on a best-effort basis and reported.
+
+Nothing here fails: what is refused makes a program later at times, and the report says so.
+"""
+
+import ctypes
+import gc
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+_MCL_CURRENT, _MCL_FUTURE = 1, 2  # sys/mman.h
+_PR_SET_TIMERSLACK = 29  # linux/prctl.h
+_STAT = Path("/proc/stat")
+_STEAL_FIELD = 7
+"""Of the cpu line of /proc/stat: time a hypervisor gave to somebody else, proc(5)."""
+
+
+class RealTimeRequest(NamedTuple):
+    """What to ask for.
+
+    ``priority``     of SCHED_FIFO, 1 to 99; 0 does not ask
+    ``cpu``          the only processor to run on; None does not ask
+    ``lock_memory``  whether no page may leave the memory
+    """
+
+    priority: int = 0
+    cpu: int | None = None
+    lock_memory: bool = False
+
+
+class HostAnswer(NamedTuple):
+    """One thing asked for, whether it was got, and what exactly or why not."""
+
+    name: str
+    got: bool
+    detail: str
+
+
+def ask_host(request: RealTimeRequest) -> list[HostAnswer]:
+    """Ask for everything in ``request``, and for precise timers; returns the answers."""
+    answers = [_timer_slack()]
+    if request.priority:
+        answers.append(_fifo(request.priority))
+    if request.cpu is not None:
+        answers.append(_affinity(request.cpu))
+    if request.lock_memory:
+        answers.append(_locked_memory())
+    return answers
+
+
+@contextmanager
+def without_garbage_collection() -> Iterator[HostAnswer]:
+    """Collect now, then not until the end of the block: a collection takes milliseconds.
+
+    Reference counting still frees everything that is in no cycle.
+    """
+    was_enabled = gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield HostAnswer("garbage collector", True, "frozen and off during the run")
+    finally:
+        gc.unfreeze()
+        if was_enabled:
+            gc.enable()
+
+
+class StealClock:
+    """Measures the share of processor time that the host gave to somebody else since it was made.
+
+    Such time makes a program late that is not slow. Only Linux tells.
+    """
+
+    def __init__(self, stat: Path = _STAT) -> None:
+        self._stat = stat
+        self._start = _read_steal(stat)
+
+    def fraction(self) -> float | None:
+        """Stolen share of all processors' time, 0 to 1; None where the platform does not tell."""
+        now = _read_steal(self._stat)
+        if self._start is None or now is None:
+            return None
+        stolen, total = now[0] - self._start[0], now[1] - self._start[1]
+        return stolen / total if total > 0 else 0.0
+
+
+def _read_steal(stat: Path) -> tuple[int, int] | None:
+    """Return stolen and total time of all processors together [clock ticks]."""
+    try:
+        with stat.open(encoding="ascii") as file:
+            times = [int(field) for field in file.readline().split()[1:]]
+        # The last two fields, guest time, are part of the first two already.
+        return times[_STEAL_FIELD], sum(times[: _STEAL_FIELD + 1])
+    except (OSError, ValueError, IndexError):
+        return None
+
+
+def _fifo(priority: int) -> HostAnswer:
+    name = "real-time priority"
+    if sys.platform != "linux":
+        return HostAnswer(name, False, "only on Linux")
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except (OSError, ValueError) as error:
+        return HostAnswer(name, False, f"SCHED_FIFO {priority}: {_why(error)}")
+    return HostAnswer(name, True, f"SCHED_FIFO {priority}")
+
+
+def _affinity(cpu: int) -> HostAnswer:
+    name = "processor"
+    if sys.platform != "linux":
+        return HostAnswer(name, False, "only on Linux")
+    try:
+        os.sched_setaffinity(0, {cpu})
+    except (OSError, ValueError, OverflowError) as error:
+        return HostAnswer(name, False, f"{cpu}: {_why(error)}")
+    return HostAnswer(name, True, f"runs on {cpu} only")
+
+
+def _locked_memory() -> HostAnswer:
+    name = "memory lock"
+    detail = _call_libc("mlockall", _MCL_CURRENT | _MCL_FUTURE)
+    return HostAnswer(name, not detail, detail or "no page leaves the memory")
+
+
+def _timer_slack() -> HostAnswer:
+    """Ask to be woken when asked for; by default Linux may add 50 µs to save power."""
+    detail = _call_libc("prctl", _PR_SET_TIMERSLACK, 1, 0, 0, 0)
+    return HostAnswer("timer slack", not detail, detail or "1 ns")
+
+
+def _call_libc(function: str, *arguments: int) -> str:
+    """Call a function of the C library; returns why it failed, empty when it did not."""
+    if sys.platform != "linux":
+        return "only on Linux"
+    call = getattr(ctypes.CDLL(None, use_errno=True), function)
+    if call(*(ctypes.c_ulong(argument) for argument in arguments)) == 0:
+        return ""
+    return os.strerror(ctypes.get_errno())
+
+
+def _why(error: Exception) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)

@@ -1,0 +1,133 @@
+"""Runs one node in real time: waits for a frame or the node's deadline, whichever comes first.
+
+A wake-up, in this order:
+
+1. Read the clock once. That reading is the time of everything below.
+2. Hand over every frame that waits, oldest first, at most FRAMES_PER_WAKE_UP_MAX: a flood must not
+   keep the node from ticking. What is left waits for the next wake-up, which follows at once.
+3. Tick while the node's deadline is due.
+
+Deadlines are absolute, so that being late once makes nothing late after it.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
+
+from runtime.frame import Frame
+from runtime.node import Node
+from runtime.statistics import DurationStatistics, DurationSummary
+
+NS_PER_S = 1_000_000_000
+FRAMES_PER_WAKE_UP_MAX = 256
+WAIT_NS_MAX = 50_000_000
+"""How long a wait may last, so that a request to stop is heard."""
+
+
+class Port(Protocol):
+    """What a node sends to and receives from."""
+
+    def recv(self, timeout_s: float) -> Frame | None:
+        """Return the next frame, or None when none comes within ``timeout_s`` [s]."""
+        ...
+
+    def send(self, frame: Frame) -> None:
+        """Hand ``frame`` to the bus without waiting."""
+        ...
+
+
+class LoopFigures(NamedTuple):
+    """What a run was like.
+
+    ``lateness``         how long after its deadline each tick ran
+    ``wake_ups``         how often the loop went round
+    ``full_wake_ups``    how often FRAMES_PER_WAKE_UP_MAX cut the frames of a wake-up short
+    ``duration_ns``      from the first reading of the clock to the last [ns]
+    ``busy_ns``          of which not waiting [ns]
+    """
+
+    lateness: DurationSummary
+    wake_ups: int
+    full_wake_ups: int
+    frames_received: int
+    frames_sent: int
+    duration_ns: int
+    busy_ns: int
+
+
+class RealTimeExecutor:
+    """Runs ``node`` on ``port``; ``clock_ns`` is a monotonic clock [ns]."""
+
+    def __init__(
+        self, node: Node, port: Port, clock_ns: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        self._node = node
+        self._port = port
+        self._clock_ns = clock_ns
+        self._lateness = DurationStatistics()
+        self._wake_ups = 0
+        self._full_wake_ups = 0
+        self._frames_received = 0
+        self._frames_sent = 0
+        self._duration_ns = 0
+        self._busy_ns = 0
+
+    @property
+    def figures(self) -> LoopFigures:
+        """Figures of the run so far."""
+        return LoopFigures(
+            self._lateness.summary(),
+            self._wake_ups,
+            self._full_wake_ups,
+            self._frames_received,
+            self._frames_sent,
+            self._duration_ns,
+            self._busy_ns,
+        )
+
+    def run(self, should_stop: Callable[[], bool]) -> None:
+        """Run until the node has finished or ``should_stop()``; what the port raises comes through.
+
+        ``should_stop`` is asked once a wake-up, at least every WAIT_NS_MAX.
+        """
+        start_ns = self._clock_ns()
+        before_ns = start_ns
+        while not (self._node.finished or should_stop()):
+            wait_ns = min(self._node.deadline_ns - before_ns, WAIT_NS_MAX)
+            first = self._port.recv(max(wait_ns, 0) / NS_PER_S)
+            now_ns = self._clock_ns()
+            self._wake_ups += 1
+            if first is not None:
+                self._drain(first, now_ns)
+            self._tick(now_ns)
+            # Read again, because the wait that follows is counted from here and not from now_ns.
+            before_ns = self._clock_ns()
+            self._busy_ns += before_ns - now_ns
+            self._duration_ns = before_ns - start_ns
+
+    def _drain(self, first: Frame, now_ns: int) -> None:
+        """Hand over ``first`` and what waits behind it, as far as one wake-up goes."""
+        frame: Frame | None = first
+        handed_over = 0
+        while frame is not None:
+            self._send(self._node.on_frame(frame, now_ns))
+            handed_over += 1
+            if handed_over == FRAMES_PER_WAKE_UP_MAX:
+                self._full_wake_ups += 1
+                break
+            frame = self._port.recv(0.0)
+        self._frames_received += handed_over
+
+    def _tick(self, now_ns: int) -> None:
+        """Tick while the node's deadline is due."""
+        while True:
+            lateness_ns = now_ns - self._node.deadline_ns
+            if lateness_ns < 0:
+                return
+            self._lateness.record(lateness_ns)
+            self._send(self._node.on_tick(now_ns))
+
+    def _send(self, frames: Sequence[Frame]) -> None:
+        for frame in frames:
+            self._port.send(frame)
+            self._frames_sent += 1

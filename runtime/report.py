@@ -1,0 +1,89 @@
+"""Reports of a run: what was run, on what, how it went; JSON that another program can read."""
+
+import json
+import math
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from runtime.host import HostAnswer
+from runtime.real_time import NS_PER_S, LoopFigures
+from runtime.settings import Settings
+from runtime.statistics import DurationSummary
+
+DISTRIBUTION = "steer-by-wire-emulator"
+
+
+def run_report(
+    program: str,
+    ended_by: str,
+    bus: str,
+    settings: Settings,
+    loop: LoopFigures,
+    node: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Return the report of one run; ``node`` is what the node itself reports."""
+    return {
+        "program": program,
+        "version": version(DISTRIBUTION),
+        "python": platform.python_version(),
+        "ended_by": ended_by,
+        "bus": bus,
+        "settings": settings.model_dump(mode="json"),
+        "loop": loop_report(loop),
+        "node": dict(node),
+    }
+
+
+def loop_report(figures: LoopFigures) -> dict[str, Any]:
+    """Return the figures of a real-time loop, times in seconds."""
+    return {
+        "lateness": durations_report(figures.lateness),
+        "wake_ups": figures.wake_ups,
+        "full_wake_ups": figures.full_wake_ups,
+        "frames_received": figures.frames_received,
+        "frames_sent": figures.frames_sent,
+        "duration_s": figures.duration_ns / NS_PER_S,
+        "busy_fraction": figures.busy_ns / figures.duration_ns if figures.duration_ns else 0.0,
+    }
+
+
+def host_report(answers: Sequence[HostAnswer], steal_fraction: float | None) -> dict[str, Any]:
+    """Return what the host granted, and what share of the processors it gave to others."""
+    return {
+        "answers": [answer._asdict() for answer in answers],
+        "steal_fraction": steal_fraction,
+    }
+
+
+def durations_report(summary: DurationSummary) -> dict[str, float]:
+    """Return a summary of durations in seconds."""
+    return {
+        "samples": summary.samples,
+        "mean_s": summary.mean_ns / NS_PER_S,
+        "p50_s": summary.p50_ns / NS_PER_S,
+        "p99_s": summary.p99_ns / NS_PER_S,
+        "max_s": summary.max_ns / NS_PER_S,
+    }
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a file that is there as a whole or not at all; what is not finite becomes null."""
+    partial = path.with_name(f".{path.name}.partial")
+    text = json.dumps(_finite(content), indent=1, allow_nan=False)
+    partial.write_text(text + "\n", encoding="utf-8")
+    os.replace(partial, path)
+
+
+def _finite(value: Any) -> Any:
+    """Return ``value`` with None for every number that JSON does not have."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return value

@@ -1,0 +1,207 @@
+"""Says in one line what is wrong with a setting: source, dotted key, value, what is allowed.
+
+    plant.toml: vehicle.speed_m_s = -3 should be greater than 0 (allowed: number above 0, up to 60)
+    --set: vehicle.sped_m_s is not a known key (did you mean vehicle.speed_m_s?)
+
+What is allowed is read from the model's JSON schema, which has every limit of a field, where an
+error of pydantic names only the limit that was crossed.
+"""
+
+import difflib
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+KeyPath = tuple[str | int, ...]
+"""Where a setting is: keys of tables and indices into lists, from the top."""
+Schema = Mapping[str, Any]
+
+_VALUE_LENGTH_MAX = 60
+_WORDS_OF_TYPES = {
+    "array": "list of",
+    "boolean": "true or false",
+    "integer": "integer",
+    "number": "number",
+    "object": "table",
+    "string": "string",
+}
+_WORDS_OF_LIMITS = {
+    "exclusiveMinimum": "above",
+    "minimum": "from",
+    "exclusiveMaximum": "below",
+    "maximum": "up to",
+    "minItems": "at least",
+    "maxItems": "at most",
+    "minLength": "at least",
+    "maxLength": "at most",
+    "pattern": "like",
+}
+
+
+def explain(
+    error: ValidationError,
+    schema: Schema,
+    data: Mapping[str, Any],
+    sources: Mapping[KeyPath, str],
+) -> list[str]:
+    """Return one line for each mistake.
+
+    ``schema``   JSON schema of the model
+    ``data``     what was validated
+    ``sources``  where the keys of ``data`` come from; a key that is not in it comes from where the
+                 nearest table above it comes from
+    """
+    mistakes = error.errors(include_url=False)
+    return [_explain_one(mistake, schema, data, sources) for mistake in mistakes]
+
+
+def hint(name: str, known: Iterable[str], prefix: str = "") -> str:
+    """Return what the user who wrote ``name`` may have meant: the nearest of ``known``, or all."""
+    names = list(known)
+    nearest = difflib.get_close_matches(name, names, n=1)
+    if nearest:
+        return f"did you mean {prefix}{nearest[0]}?"
+    return f"known: {', '.join(names) or 'none'}"
+
+
+def _explain_one(
+    mistake: ErrorDetails,
+    schema: Schema,
+    data: Mapping[str, Any],
+    sources: Mapping[KeyPath, str],
+) -> str:
+    """Return the line for one mistake."""
+    context = mistake.get("ctx", {})
+    path, value = _path_in(data, mistake["loc"], mistake["type"]), mistake["input"]
+    if "discriminator" in context:
+        # Said of the table, but the mistake is in the key that tells the kinds of tables apart.
+        path, value = (*path, context["discriminator"].strip("'")), context.get("tag")
+    key, allowed = _dotted(path), _allowed(_schemas_at(schema, path, data))
+    where = f"{_source(sources, path)}: {key}"
+    match mistake["type"]:
+        case "extra_forbidden":
+            siblings = {name for s in _schemas_at(schema, path[:-1], data) for name in _keys(s)}
+            prefix = key.removesuffix(str(path[-1]))
+            meant = hint(str(path[-1]), sorted(siblings), prefix)
+            return f"{where} is not a known key ({meant})"
+        case "missing" | "union_tag_not_found":
+            return f"{where} is missing{allowed}"
+        case "value_error" if isinstance(value, dict):
+            # Said of a whole table: to repeat all that is in it would hide the message.
+            return f"{where.removesuffix(': ')}: {context['error']}"
+        case "value_error":
+            return f"{where} = {_shown(value)}: {context['error']}"
+        case "union_tag_invalid":
+            return f"{where} = {_shown(value)} is not a known one{allowed}"
+        case _:
+            return f"{where} = {_shown(value)} {mistake['msg'].removeprefix('Input ')}{allowed}"
+
+
+def _path_in(data: Mapping[str, Any], location: KeyPath, kind: str) -> KeyPath:
+    """Return pydantic's ``location`` without what is not in ``data``: members of unions it tried.
+
+    The last key of what is missing is kept.
+    """
+    path: list[str | int] = []
+    here: Any = data
+    for index, step in enumerate(location):
+        children = _children(here)
+        if step in children:
+            here = children[step]
+        elif kind != "missing" or index < len(location) - 1:
+            continue
+        path.append(step)
+    return tuple(path)
+
+
+def _children(value: Any) -> Mapping[str | int, Any]:
+    """Return the values inside a table by key, inside a list by index."""
+    if isinstance(value, list):
+        return dict(enumerate(value))
+    return value if isinstance(value, dict) else {}
+
+
+def _source(sources: Mapping[KeyPath, str], path: KeyPath) -> str:
+    """Return where the key at ``path``, or the nearest table above it, comes from."""
+    while path not in sources:
+        path = path[:-1]
+    return sources[path]
+
+
+def _dotted(path: KeyPath) -> str:
+    """Return ``path`` as the user writes it: ``table.key[index]``."""
+    text = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path)
+    return text.removeprefix(".")
+
+
+def _shown(value: Any) -> str:
+    """Return a value on one line, shortened where it is long."""
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= _VALUE_LENGTH_MAX else f"{text[:_VALUE_LENGTH_MAX]}..."
+
+
+def _schemas_at(root: Schema, path: KeyPath, data: Any) -> Sequence[Schema]:
+    """Return every schema that a value at ``path`` may follow; several inside a union."""
+    found = list(_alternatives(root, root, data))
+    for step in path:
+        data = _children(data).get(step)
+        children = [child for schema in found if (child := _child(schema, step)) is not None]
+        found = [schema for child in children for schema in _alternatives(root, child, data)]
+    return found
+
+
+def _child(schema: Schema, step: str | int) -> Schema | None:
+    """Return the schema of one key of a table or of one item of a list, if it has one."""
+    if isinstance(step, str):
+        child = schema.get("properties", {}).get(step, schema.get("additionalProperties"))
+    else:
+        items = schema.get("prefixItems", ())
+        child = items[step] if step < len(items) else schema.get("items")
+    return child if isinstance(child, dict) else None
+
+
+def _alternatives(root: Schema, schema: Schema, data: Any) -> Iterator[Schema]:
+    """Return ``schema`` with references resolved and unions taken apart.
+
+    Of tables that a key tells apart only the one which ``data`` names, if it names one.
+    """
+    if "$ref" in schema:
+        # The form is always "#/$defs/Name".
+        schema = root["$defs"][schema["$ref"].rpartition("/")[2]]
+    if "discriminator" in schema and isinstance(data, dict):
+        discriminator = schema["discriminator"]
+        named = discriminator["mapping"].get(data.get(discriminator["propertyName"]))
+        if named is not None:
+            schema = {"oneOf": [{"$ref": named}]}
+    members = schema.get("anyOf") or schema.get("oneOf")
+    if not members:
+        yield schema
+    for member in members or ():
+        yield from _alternatives(root, member, data)
+
+
+def _keys(schema: Schema) -> Iterable[str]:
+    """Return the keys of a table."""
+    keys: Iterable[str] = schema.get("properties", ())
+    return keys
+
+
+def _allowed(schemas: Sequence[Schema]) -> str:
+    """Return ``schemas`` in words, in brackets; nothing where they say nothing."""
+    texts = dict.fromkeys(filter(None, map(_in_words, schemas)))
+    return f" (allowed: {' or '.join(texts)})" if texts else ""
+
+
+def _in_words(schema: Schema) -> str:
+    """Return a schema in words: its choices, or its type and its limits."""
+    if "const" in schema:
+        return str(schema["const"])
+    if "enum" in schema:
+        return ", ".join(map(str, schema["enum"]))
+    limits = ", ".join(
+        f"{words} {schema[limit]}" for limit, words in _WORDS_OF_LIMITS.items() if limit in schema
+    )
+    return f"{_WORDS_OF_TYPES.get(schema.get('type', ''), '')} {limits}".strip()

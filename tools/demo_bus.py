@@ -1,0 +1,48 @@
+"""The best bus this machine has, with a channel of its own for every pair."""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import NamedTuple
+
+from runtime.bus import socketcan_obstacle
+from runtime.emulated_bus.launch import launched_broker
+from tools.live_pair import Bus
+from tools.virtual_pair import BITRATE_BIT_S
+
+
+class Channels(NamedTuple):
+    """One channel a pair, and what they are in a few words."""
+
+    buses: tuple[Bus, ...]
+    description: str
+
+
+@contextmanager
+def open_channels(wanted: str, names: Sequence[str]) -> Iterator[Channels]:
+    """Make a channel for every name, until the end of the block.
+
+    ``wanted``  socketcan (vcan0, vcan1, ... one a pair), emulated, or auto: socketcan where this
+                machine has them all, else emulated
+
+    Raises argparse.ArgumentError when socketcan is wanted and an interface is missing.
+    """
+    interfaces = [f"vcan{index}" for index in range(len(names))]
+    missing = [name for name in interfaces if socketcan_obstacle(name)]
+    if wanted == "socketcan" and missing:
+        raise argparse.ArgumentError(
+            None,
+            f"no CAN interface {', '.join(missing)}; make it with: sudo ip link add {missing[0]} "
+            f"type vcan && sudo ip link set {missing[0]} up",
+        )
+    if wanted != "emulated" and not missing:
+        buses = tuple(Bus("socketcan", interface, {}) for interface in interfaces)
+        yield Channels(buses, f"SocketCAN {', '.join(interfaces)}")
+        return
+    with launched_broker(["--bitrate", str(BITRATE_BIT_S)]) as address:
+        buses = tuple(Bus("emulated", name, {"address": address}) for name in names)
+        reason = "" if wanted == "emulated" else f" (no {', '.join(missing)} on this machine)"
+        yield Channels(
+            buses,
+            f"emulated CAN bus, {BITRATE_BIT_S // 1000} kbit/s, {len(names)} channels{reason}",
+        )
