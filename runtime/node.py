@@ -10,7 +10,8 @@ Rules an executor keeps:
 Rules a node keeps:
 
 1. ``on_tick`` moves ``deadline_ns`` beyond ``now_ns`` within a bounded number of calls.
-2. A periodic deadline is ``start_ns + index * period_ns``; missed periods are counted, never made up.
+2. A periodic deadline is ``start_ns + index * period_ns``; missed periods are counted, never made
+   up.
 3. Nothing on the wire can make it raise.
 """
 
