@@ -25,6 +25,9 @@ _PIECES_MAX = 1 << 18
 _CELLS_PER_KNOT = 16
 _NEWTON_STEPS = 4
 """Linear interpolation starts Newton with an error below 1e-2 of a cell; each step squares it."""
+_TURN_MISSED_MAX_RAD = 0.1
+"""A heading that turns by more than its curvature says has a cusp between two points."""
+_TOO_SHARP = "the path bends too sharply"
 
 
 class CurvePoints(NamedTuple):
@@ -59,10 +62,13 @@ def path_along(curve: Curve, knots: Floats, *, closed: bool) -> Path:
             break
         pieces *= 2
         if pieces > _PIECES_MAX:
-            raise ValueError("the path bends too sharply")
+            raise ValueError(_TOO_SHARP)
     heading = np.unwrap(np.arctan2(points.dy, points.dx))[::2]
     curvature = curvature[::2]
     step_m = lengths.total_m / pieces
+    turn = 0.5 * step_m * (curvature[1:] + curvature[:-1])
+    if np.abs(np.diff(heading) - turn).max() > _TURN_MISSED_MAX_RAD:
+        raise ValueError(_TOO_SHARP)
     start_m = step_m * np.arange(pieces)
     slope = np.diff(curvature) / step_m
     poses = [

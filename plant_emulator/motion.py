@@ -157,6 +157,11 @@ class Motion:
         return self._state.time_ns
 
     @property
+    def linear(self) -> LinearState:
+        """Everything that moves in closed form."""
+        return self._state.linear
+
+    @property
     def lateral_error_m(self) -> float:
         """Lateral error y of the preview point, to the left of the path positive."""
         return self._state.linear.lateral_error_m

@@ -32,7 +32,7 @@ _GAUSS_WEIGHTS = (
 """Gauss-Legendre quadrature on [0, 1], exact up to degree 9."""
 
 _TURN_MAX_RAD = 0.5
-"""Turn that one quadrature may cover: leaves an error of 1e-15 of its length."""
+"""Turn that one quadrature may cover: leaves an error of 1e-11 of its length."""
 
 
 class Pose(NamedTuple):

@@ -4,7 +4,6 @@ The file is CSV with the header ``x_m,y_m`` and one point per line; empty lines 
 with ``#`` are skipped. The spline's curvature is continuous and the path meets every point.
 """
 
-import csv
 import math
 from pathlib import Path as FilePath
 
@@ -18,6 +17,7 @@ from runtime.settings import SettingsError
 HEADER = ["x_m", "y_m"]
 POINTS_MIN = 4
 POINTS_MAX = 10_000
+COORDINATE_MAX_M = 1e6
 
 
 def waypoint_path(file: FilePath, *, closed: bool) -> Path:
@@ -53,10 +53,9 @@ def _read(file: FilePath) -> list[tuple[float, float]]:
     except UnicodeDecodeError as error:
         raise SettingsError(f"{file}: is not UTF-8 text (byte {error.start})") from error
     rows = [
-        (number, [cell.strip() for cell in row])
+        (number, [cell.strip() for cell in line.split(",")])
         for number, line in enumerate(lines, start=1)
         if line.strip() and not line.startswith("#")
-        for row in csv.reader([line])
     ]
     if not rows or rows[0][1] != HEADER:
         raise SettingsError(f"{file}: must start with the header {','.join(HEADER)}")
@@ -73,8 +72,9 @@ def _point(file: FilePath, number: int, cells: list[str]) -> tuple[float, float]
         x, y = (float(cell) for cell in cells)
     except ValueError:
         x = y = math.nan
-    if not (math.isfinite(x) and math.isfinite(y)):
+    if not (abs(x) <= COORDINATE_MAX_M and abs(y) <= COORDINATE_MAX_M):
         raise SettingsError(
-            f"{file}: line {number}: must be two finite numbers, not {','.join(cells)!r}"
+            f"{file}: line {number}: must be two numbers within ±{COORDINATE_MAX_M:g}, "
+            f"not {','.join(cells)!r}"
         )
     return x, y
