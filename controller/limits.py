@@ -1,0 +1,44 @@
+"""What every steering command passes before it is sent, whatever the law says.
+
+    lo = max(−steer_rad_max, last − step_rad_max)
+    hi = min(+steer_rad_max, last + step_rad_max)      step_rad_max = rate limit · period
+
+A command that the law could not compute (NaN, ±∞) never leaves: the last one is kept, and the node
+counts it and falls back to HOLDING. The step functions are plain arithmetic on floats.
+"""
+
+import math
+from typing import NamedTuple
+
+
+class SteerLimits(NamedTuple):
+    """Bounds of one command.
+
+    ``steer_rad_max``  largest angle to either side [rad]
+    ``step_rad_max``   largest change from one command to the next [rad]
+    """
+
+    steer_rad_max: float
+    step_rad_max: float
+
+
+def limit_step(p: SteerLimits, last_steer_rad: float, wanted_steer_rad: float) -> float:
+    """Return the command nearest to the wanted one that both limits allow [rad].
+
+    ``last_steer_rad`` is what this function returned one period ago (0 before the first command),
+    so it is within the angle limit itself.
+    """
+    if not math.isfinite(wanted_steer_rad):
+        return last_steer_rad
+    low_rad = max(-p.steer_rad_max, last_steer_rad - p.step_rad_max)
+    high_rad = min(p.steer_rad_max, last_steer_rad + p.step_rad_max)
+    return min(max(wanted_steer_rad, low_rad), high_rad)
+
+
+def ramp_step(step_rad: float, value_rad: float) -> float:
+    """Move an angle towards zero by at most ``step_rad``, and never across it [rad]."""
+    if value_rad > step_rad:
+        return value_rad - step_rad
+    if value_rad < -step_rad:
+        return value_rad + step_rad
+    return 0.0

@@ -1,0 +1,94 @@
+"""When the controller may steer, and what it does when measurements stop.
+
+    mode        the command sent at each tick
+    WAITING     none: nothing valid was ever measured
+    ACTIVE      the law's, within the limits
+    HOLDING     the last one, unchanged
+    SAFE_STOP   the last one ramped to zero, then zero
+
+``TRANSITIONS`` is the whole behaviour: in each mode the first row whose guard is true decides, and
+no true guard means stay. Guards see how old the newest measurement is, how many good ones came in a
+row, and whether the law failed; the law itself never branches on any of these.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from dbc.messages import Mode
+
+
+class Supervision(NamedTuple):
+    """When a measurement counts, and how long to hold without one.
+
+    ``measurement_timeout_ns``  a measurement older than this is stale [ns]
+    ``hold_ns``                 how long the last command is held before the ramp [ns]
+    ``recovery_frames``         good measurements in a row that end HOLDING and SAFE_STOP
+    """
+
+    measurement_timeout_ns: int
+    hold_ns: int
+    recovery_frames: int
+
+
+class ModeState(NamedTuple):
+    """The mode, and the time it was entered [ns]."""
+
+    mode: Mode
+    entered_ns: int
+
+
+class Evidence(NamedTuple):
+    """What a transition depends on besides time.
+
+    ``arrival_ns``   when the newest good measurement arrived, None before the first [ns]
+    ``good_run``     good measurements in a row since the last fault
+    ``law_failed``   whether the law's output at this tick was not a finite number
+    """
+
+    arrival_ns: int | None
+    good_run: int
+    law_failed: bool = False
+
+
+Guard = Callable[[Supervision, ModeState, Evidence, int], bool]
+
+
+def is_fresh(p: Supervision, _state: ModeState, seen: Evidence, now_ns: int) -> bool:
+    """Whether there is a measurement young enough to steer by."""
+    return seen.arrival_ns is not None and now_ns - seen.arrival_ns <= p.measurement_timeout_ns
+
+
+def is_stale(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> bool:
+    """Whether the newest measurement is too old to steer by."""
+    return not is_fresh(p, state, seen, now_ns)
+
+
+def is_trusted(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> bool:
+    """Whether measurements are back: fresh, and enough good ones in a row."""
+    return seen.good_run >= p.recovery_frames and is_fresh(p, state, seen, now_ns)
+
+
+def is_held_enough(p: Supervision, state: ModeState, _seen: Evidence, now_ns: int) -> bool:
+    """Whether the mode has lasted for the hold time."""
+    return now_ns - state.entered_ns >= p.hold_ns
+
+
+def is_law_failed(_p: Supervision, _state: ModeState, seen: Evidence, _now_ns: int) -> bool:
+    """Whether the law gave no finite command."""
+    return seen.law_failed
+
+
+TRANSITIONS: Mapping[Mode, tuple[tuple[Guard, Mode], ...]] = {
+    Mode.WAITING: ((is_fresh, Mode.ACTIVE),),
+    Mode.ACTIVE: ((is_law_failed, Mode.HOLDING), (is_stale, Mode.HOLDING)),
+    Mode.HOLDING: ((is_trusted, Mode.ACTIVE), (is_held_enough, Mode.SAFE_STOP)),
+    Mode.SAFE_STOP: ((is_trusted, Mode.ACTIVE),),
+}
+
+
+def mode_step(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> ModeState:
+    """Take at most one transition of the table; returns the state that holds from ``now_ns`` on."""
+    for guard, following in TRANSITIONS[state.mode]:
+        if guard(p, state, seen, now_ns):
+            return ModeState(following, now_ns)
+    return state

@@ -1,0 +1,290 @@
+"""The controller as a node: measurements in, one command each control period out.
+
+At every tick: mode table → law → limits → STEERING_COMMAND. The law never hears how old its sample
+is; freshness, modes and fallback are decided here, around it.
+
+On recovery the law starts anew, at rest at the present measurement. What it then asks for differs
+from the command that was held; the difference is added to its commands and fades out at the ramp
+rate, so that the first command equals the last one held. The law is told what was sent, as always.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from controller.design import design_law
+from controller.laws import LawOutput
+from controller.limits import limit_step, ramp_step
+from controller.modes import Evidence, ModeState, mode_step
+from controller.reception import Reception
+from controller.round_trip import RoundTrip
+from controller.settings import ControllerSettings, limits_of, supervision_of
+from dbc.messages import (
+    CAN_IDS,
+    ControllerStatus,
+    LateralError,
+    Law,
+    Mode,
+    Rejection,
+    SignalRange,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    encode,
+    limits,
+)
+from runtime.frame import Frame
+from runtime.periodic import PeriodicTimer
+from runtime.statistics import DurationStatistics, DurationSummary
+
+STATUS_PERIOD_NS = 100_000_000
+"""Cycle of CONTROLLER_STATUS."""
+_COMMAND_COUNTERS = 1 << 16
+_E2E_COUNTERS = 1 << 8
+_S_NS = 1_000_000_000
+_STATUS_LIMITS = limits(ControllerStatus)
+
+
+class ControlSample(NamedTuple):
+    """One control period with a command, for plots.
+
+    ``time_ns``          when the tick ran [ns]
+    ``lateral_error_m``  the newest measurement [m]
+    ``sample_age_ns``    since that measurement arrived [ns]
+    ``law_output``       of this period; the last one while the law is not ACTIVE
+    ``sent_steer_rad``   the command, after limits [rad]
+    """
+
+    time_ns: int
+    mode: Mode
+    lateral_error_m: float
+    sample_age_ns: int
+    law_output: LawOutput
+    sent_steer_rad: float
+
+
+class Measurement(NamedTuple):
+    """The newest lateral error [m] and when it arrived [ns]."""
+
+    lateral_error_m: float
+    arrival_ns: int
+
+
+class ControllerNode:
+    """Controls one vehicle over the bus.
+
+    ``settings``     law, rate, limits and supervision
+    ``start_ns``     first tick [ns]
+    ``samples_max``  how many control periods are kept in ``samples``, from the first command on
+    """
+
+    def __init__(self, settings: ControllerSettings, start_ns: int, samples_max: int = 0) -> None:
+        self._design = design_law(settings)
+        self._law = Law[settings.law.name]
+        self._limits = limits_of(settings)
+        self._supervision = supervision_of(settings)
+        self._period_ns = settings.period_ns
+        self._ramp_step_rad = settings.supervision.ramp_rad_s * settings.period_ns / _S_NS
+        self._control_timer = PeriodicTimer(start_ns, settings.period_ns)
+        self._status_timer = PeriodicTimer(start_ns, STATUS_PERIOD_NS)
+        self._reception = Reception(
+            (LateralError, SteeringStatus),
+            settings.supervision.max_counter_jump,
+            settings.supervision.recovery_frames,
+        )
+        self._measurement: Measurement | None = None
+        self._good_run = 0
+        self._mode = ModeState(Mode.WAITING, start_ns)
+        self._law_state: Any = None
+        self._law_output = LawOutput(0.0, 0.0, 0.0, 0.0)
+        self._fade_rad: float | None = 0.0  # None: to be taken from the law's next output
+        self._sent_steer_rad = 0.0
+        self._commands_sent = 0
+        self._statuses_sent = 0
+        self._round_trip = RoundTrip()
+        self._sample_age = DurationStatistics()
+        self._law_failures = 0
+        self._peak_steer_rad = 0.0
+        self._mode_ns = dict.fromkeys(Mode, 0)
+        self._last_tick_ns = start_ns
+        self._samples_max = samples_max
+        self._samples: list[ControlSample] = []
+
+    @property
+    def deadline_ns(self) -> int:
+        """When the next tick is due [ns]."""
+        return min(self._control_timer.deadline_ns, self._status_timer.deadline_ns)
+
+    @property
+    def finished(self) -> bool:
+        """Never: the controller runs for as long as it is let."""
+        return False
+
+    @property
+    def samples(self) -> Sequence[ControlSample]:
+        """The control periods kept, oldest first."""
+        return self._samples
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        """Take a frame; the answer to a measurement waits for the next tick."""
+        received = self._reception.take(frame)
+        if isinstance(received, LateralError):
+            self._on_measurement(received.lateral_error_m, now_ns)
+        elif isinstance(received, SteeringStatus):
+            if received.status is not SteeringStatusCode.NO_COMMAND:
+                self._round_trip.on_echo(received.applied_counter, now_ns)
+        elif isinstance(received, Rejection) and frame.can_id == CAN_IDS[LateralError]:
+            self._good_run = 0
+        return ()
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        """Decide on a command, and report the status, if due."""
+        frames = []
+        if self._control_timer.deadline_ns <= now_ns:
+            self._control_timer.advance(now_ns)
+            self._account(now_ns)
+            self._decide(now_ns)
+            if self._mode.mode is not Mode.WAITING:
+                frames.append(self._command_frame(now_ns))
+        if self._status_timer.deadline_ns <= now_ns:
+            self._status_timer.advance(now_ns)
+            frames.append(self._status_frame())
+        return frames
+
+    def report(self) -> Mapping[str, Any]:
+        """Return the figures of the run so far, ready for JSON.
+
+        ``mode_s``      time spent in each mode up to the last tick
+        ``round_trip``  from sending a command to the first echo of its counter
+        ``sample_age``  of the measurement in use, at each tick of the law
+        ``lost``        frames that never came or came too late; ``rejected`` by cause
+        """
+        return {
+            "law": self._law.name.lower(),
+            "rate_hz": _S_NS / self._period_ns,
+            "ticks": self._control_timer.index - self._control_timer.skipped,
+            "skipped_ticks": self._control_timer.skipped,
+            "commands_sent": self._commands_sent,
+            "peak_steer_rad": self._peak_steer_rad,
+            "law_failures": self._law_failures,
+            "mode_s": {mode.name.lower(): ns / _S_NS for mode, ns in self._mode_ns.items()},
+            "round_trip": _in_seconds(self._round_trip.statistics.summary()),
+            "sample_age": _in_seconds(self._sample_age.summary()),
+            "accepted": self._reception.accepted,
+            "lost": self._reception.lost,
+            "rejected": self._reception.rejected,
+        }
+
+    def _on_measurement(self, lateral_error_m: float, now_ns: int) -> None:
+        """Keep the newest measurement; one that comes after a gap starts a new run."""
+        last = self._measurement
+        timeout_ns = self._supervision.measurement_timeout_ns
+        continues = last is not None and now_ns - last.arrival_ns <= timeout_ns
+        self._good_run = self._good_run + 1 if continues else 1
+        self._measurement = Measurement(lateral_error_m, now_ns)
+
+    def _account(self, now_ns: int) -> None:
+        """Book the time since the last tick on the mode it was spent in."""
+        self._mode_ns[self._mode.mode] += now_ns - self._last_tick_ns
+        self._last_tick_ns = now_ns
+
+    def _decide(self, now_ns: int) -> None:
+        """Run the mode table and, if ACTIVE, the law; then the limits set the command."""
+        self._move_on(now_ns, law_failed=False)
+        wanted_rad = self._sent_steer_rad
+        if self._mode.mode is Mode.ACTIVE and self._measurement is not None:
+            self._sample_age.record(now_ns - self._measurement.arrival_ns)
+            law_rad = self._run_law(self._measurement.lateral_error_m)
+            if math.isfinite(law_rad):
+                wanted_rad = law_rad
+            else:
+                self._law_failures += 1
+                self._move_on(now_ns, law_failed=True)
+        elif self._mode.mode is Mode.SAFE_STOP:
+            wanted_rad = ramp_step(self._ramp_step_rad, wanted_rad)
+        self._sent_steer_rad = limit_step(self._limits, self._sent_steer_rad, wanted_rad)
+
+    def _move_on(self, now_ns: int, *, law_failed: bool) -> None:
+        """Take a transition of the mode table, and prepare what the new mode needs."""
+        before = self._mode
+        newest = self._measurement
+        arrival_ns = None if newest is None else newest.arrival_ns
+        seen = Evidence(arrival_ns, self._good_run, law_failed)
+        self._mode = mode_step(self._supervision, before, seen, now_ns)
+        if self._mode.mode is before.mode:
+            return
+        if self._mode.mode is Mode.HOLDING:
+            self._good_run = 0
+        elif self._mode.mode is Mode.ACTIVE and newest is not None:
+            self._law_state = self._design.initial_state(newest.lateral_error_m)
+            # Before the first command nothing is held that the law would have to continue from.
+            self._fade_rad = 0.0 if before.mode is Mode.WAITING else None
+
+    def _run_law(self, lateral_error_m: float) -> float:
+        """Advance the law by one period; returns its command, faded in after a recovery [rad]."""
+        state, output = self._design.step(
+            self._design.params, self._law_state, lateral_error_m, self._sent_steer_rad
+        )
+        if not math.isfinite(output.steer_rad):
+            return output.steer_rad
+        self._law_state, self._law_output = state, output
+        if self._fade_rad is None:
+            self._fade_rad = self._sent_steer_rad - output.steer_rad
+        else:
+            self._fade_rad = ramp_step(self._ramp_step_rad, self._fade_rad)
+        return output.steer_rad + self._fade_rad
+
+    def _command_frame(self, now_ns: int) -> Frame:
+        """Return the command of this period, and note that it was sent."""
+        counter = self._commands_sent % _COMMAND_COUNTERS
+        command = SteeringCommand(self._sent_steer_rad, counter, self._mode.mode)
+        frame = encode(command, counter % _E2E_COUNTERS)
+        self._commands_sent += 1
+        self._round_trip.on_sent(counter, now_ns)
+        self._peak_steer_rad = max(self._peak_steer_rad, abs(self._sent_steer_rad))
+        if len(self._samples) < self._samples_max and self._measurement is not None:
+            error_m, arrival_ns = self._measurement
+            self._samples.append(
+                ControlSample(
+                    time_ns=now_ns,
+                    mode=self._mode.mode,
+                    lateral_error_m=error_m,
+                    sample_age_ns=now_ns - arrival_ns,
+                    law_output=self._law_output,
+                    sent_steer_rad=self._sent_steer_rad,
+                )
+            )
+        return frame
+
+    def _status_frame(self) -> Frame:
+        """Return the status; an estimate beyond its signal's range is sent as that range's end."""
+        status = ControllerStatus(
+            mode=self._mode.mode,
+            law=self._law,
+            disturbance_rad=_clamp(
+                self._law_output.disturbance_rad, _STATUS_LIMITS["disturbance_rad"]
+            ),
+            network_disturbance_rad=_clamp(
+                self._law_output.network_disturbance_rad, _STATUS_LIMITS["network_disturbance_rad"]
+            ),
+            skipped_ticks=self._control_timer.skipped % _E2E_COUNTERS,
+        )
+        frame = encode(status, self._statuses_sent % _E2E_COUNTERS)
+        self._statuses_sent += 1
+        return frame
+
+
+def _in_seconds(summary: DurationSummary) -> Mapping[str, float]:
+    """Return the figures of a statistic, times in seconds."""
+    return {
+        "samples": summary.samples,
+        "mean_s": summary.mean_ns / _S_NS,
+        "p50_s": summary.p50_ns / _S_NS,
+        "p99_s": summary.p99_ns / _S_NS,
+        "max_s": summary.max_ns / _S_NS,
+    }
+
+
+def _clamp(value: float, allowed: SignalRange) -> float:
+    """Return the value nearest to a finite ``value`` that the signal carries."""
+    return min(max(value, allowed.minimum), allowed.maximum)

@@ -1,0 +1,80 @@
+"""Settings of the controller: its law, the limits on its commands, and the care for its inputs.
+
+Times a user sets are in milliseconds; ``period_ns``, ``supervision_of`` and ``limits_of`` give them
+as the node and the step functions want them.
+"""
+
+from typing import Annotated
+
+from pydantic import Field, PositiveFloat
+
+from controller.law_settings import LawSettings
+from controller.limits import SteerLimits
+from controller.modes import Supervision
+from dbc.messages import SteeringCommand
+from dbc.messages import limits as signal_limits
+from runtime.settings import Settings
+
+_MS_NS = 1_000_000
+_S_NS = 1_000_000_000
+
+
+class LimitSettings(Settings):
+    """Limits on every command, whatever the law says.
+
+    ``steer_rad_max``         to either side; never beyond what the command's signal can carry [rad]
+    ``steer_rate_rad_s_max``  [rad/s]
+    """
+
+    steer_rad_max: Annotated[
+        float, Field(gt=0.0, le=signal_limits(SteeringCommand)["steer_rad"].maximum)
+    ] = 0.6
+    steer_rate_rad_s_max: Annotated[float, Field(gt=0.0, le=1000.0)] = 2.0
+
+
+class SupervisionSettings(Settings):
+    """What happens when measurements stop, and when they are believed again.
+
+    ``measurement_timeout_ms``  a measurement older than this is not steered by: long enough for a
+                                step in the network's latency, which is a gap in what arrives
+    ``hold_ms``                 how long the last command is held then
+    ``ramp_rad_s``              how fast it is then ramped to zero; also how fast the difference
+                                between the held command and the law's fades out on recovery
+    ``recovery_frames``         good measurements in a row that end the hold or the ramp
+    ``max_counter_jump``        frames that may be lost in a row, plus one, before a counter is
+                                no longer believed to go on
+    """
+
+    measurement_timeout_ms: Annotated[float, Field(ge=1.0, le=10_000.0)] = 300.0
+    hold_ms: Annotated[float, Field(ge=0.0, le=10_000.0)] = 500.0
+    ramp_rad_s: PositiveFloat = 0.2
+    recovery_frames: Annotated[int, Field(ge=1, le=100)] = 5
+    max_counter_jump: Annotated[int, Field(ge=1, le=127)] = 100
+
+
+class ControllerSettings(LawSettings):
+    """All that the program reads from its settings file."""
+
+    limits: LimitSettings = LimitSettings()
+    supervision: SupervisionSettings = SupervisionSettings()
+
+    @property
+    def period_ns(self) -> int:
+        """The control period [ns], the whole number nearest to what ``rate_hz`` asks for."""
+        return round(_S_NS / self.rate_hz)
+
+
+def supervision_of(settings: ControllerSettings) -> Supervision:
+    """Return the parameters of the mode table."""
+    table = settings.supervision
+    return Supervision(
+        measurement_timeout_ns=round(table.measurement_timeout_ms * _MS_NS),
+        hold_ns=round(table.hold_ms * _MS_NS),
+        recovery_frames=table.recovery_frames,
+    )
+
+
+def limits_of(settings: ControllerSettings) -> SteerLimits:
+    """Return the bounds of one command."""
+    step_rad_max = settings.limits.steer_rate_rad_s_max * settings.period_ns / _S_NS
+    return SteerLimits(settings.limits.steer_rad_max, step_rad_max)
