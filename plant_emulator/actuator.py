@@ -16,9 +16,8 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
+from plant_emulator.propagation import NS_PER_S
 from runtime.node import NEVER_NS
-
-NS_PER_S = 1_000_000_000
 
 
 class ActuatorParams(NamedTuple):
