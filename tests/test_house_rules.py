@@ -41,7 +41,9 @@ def tracked_text_files() -> list[Path]:
 
 
 def test_no_file_names_a_registry_or_a_path_of_one_machine() -> None:
-    forbidden = re.compile(r"pypi\.org/simple|files\.pythonhosted|/(?:work|root|home)/\w|\.\./shared")
+    forbidden = re.compile(
+        r"pypi\.org/simple|files\.pythonhosted|/(?:work|root|home)/\w|\.\./shared"
+    )
     found = [
         f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
         for path in tracked_text_files()

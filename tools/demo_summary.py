@@ -34,13 +34,14 @@ class LawFigures(NamedTuple):
 def figures_of(result: PairResult) -> Figures:
     """Collect the figures of one run from the reports of its two nodes."""
     plant, controller = result.plant["node"], result.controller["node"]
-    lateness = result.controller.get("lateness")
+    latency = plant["downlink"]["latency"]
+    lateness = result.controller["loop"]["lateness"] if "loop" in result.controller else None
     return Figures(
         lateral_error_rms_m=plant["lateral_error_rms_m"],
         lateral_error_peak_m=plant["lateral_error_peak_m"],
         steer_peak_rad=plant["wheel_angle_peak_rad"],
-        latency_p50_s=plant["downlink"]["latency_p50_s"],
-        latency_p99_s=plant["downlink"]["latency_p99_s"],
+        latency_p50_s=latency["p50_s"],
+        latency_p99_s=latency["p99_s"],
         lateness_p50_s=lateness and lateness["p50_s"],
         lateness_p99_s=lateness and lateness["p99_s"],
         skipped_ticks=controller["skipped_ticks"],

@@ -71,6 +71,11 @@ class Bus(NamedTuple):
             options += ["--bus-kwargs", *(f"{k}={v}" for k, v in self.arguments.items())]
         return options
 
+    def open(self) -> can.BusABC:
+        """Join the channel; raises what python-can raises."""
+        arguments: dict[str, Any] = dict(self.arguments)
+        return can.Bus(interface=self.interface, channel=self.channel, **arguments)
+
 
 class LivePair:
     """Two running programs and their recorder; use it as a context manager.
@@ -93,15 +98,14 @@ class LivePair:
         }
         self._files = files
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._listener: can.BusABC | None = None
         self._recorder: can.Notifier | None = None
 
     def __enter__(self) -> Self:
         self._files.folder.mkdir(parents=True, exist_ok=True)
-        bus = can.Bus(
-            interface=self._bus.interface, channel=self._bus.channel, **self._bus.arguments
-        )
+        listener = self._bus.open()
         writer = can.CanutilsLogWriter(self._files.candump_log, channel=self._bus.channel)
-        self._recorder = can.Notifier(bus, [writer])
+        self._listener, self._recorder = listener, can.Notifier(listener, [writer])
         try:
             for program in self._options:
                 self._processes[program] = self._start(program)
@@ -136,11 +140,11 @@ class LivePair:
                 process.kill()
                 process.wait()
         if self._recorder is not None:
-            recorder, self._recorder = self._recorder, None
-            buses = recorder.bus if isinstance(recorder.bus, list) else [recorder.bus]
-            recorder.stop()
-            for bus in buses:
-                bus.shutdown()
+            self._recorder.stop()
+            self._recorder = None
+        if self._listener is not None:
+            self._listener.shutdown()
+            self._listener = None
 
     def result(self) -> PairResult:
         """Read what the programs have written; raises PairError when a report is missing."""

@@ -1,12 +1,15 @@
 """Time histories of one run: read from the plant's trace file or taken from its samples."""
 
 import csv
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from plant_emulator.node import PlantNode
+from plant_emulator.plant_samples import place
 
 FloatArray = NDArray[np.float64]
 
@@ -18,16 +21,26 @@ class Trace(NamedTuple):
     lateral_error_m: FloatArray  # true, at the preview point
     wheel_angle_rad: FloatArray
     downlink_latency_s: FloatArray  # of the command in effect; NaN before the first
-    x_m: FloatArray  # centre of gravity
+    x_m: FloatArray  # preview point
     y_m: FloatArray
-    path_x_m: FloatArray  # nearest point of the path
+    path_x_m: FloatArray  # point of the path beside it
     path_y_m: FloatArray
 
     @classmethod
-    def from_samples(cls, samples: Iterable[object]) -> Self:
+    def of_node(cls, node: PlantNode) -> Self:
         """Collect the samples of a plant node that ran in this process."""
-        rows = [[getattr(sample, name) for name in cls._fields] for sample in samples]
-        return cls._from_rows(rows)
+        return cls._from_rows(
+            [
+                (
+                    sample.time_s,
+                    sample.lateral_error_m,
+                    sample.wheel_angle_rad,
+                    sample.downlink_latency_s,
+                    *place(node.path, sample),
+                )
+                for sample in node.samples
+            ]
+        )
 
     @classmethod
     def read(cls, path: Path) -> Self:

@@ -40,5 +40,10 @@ def run_virtual_pair(
             )
             executor.run(NEVER_NS)
     return PairResult(
-        dict(plant.report()), dict(controller.report()), Trace.from_samples(plant.samples)
+        {"settings": plant_settings.model_dump(mode="json"), "node": dict(plant.report())},
+        {
+            "settings": controller_settings.model_dump(mode="json"),
+            "node": dict(controller.report()),
+        },
+        Trace.of_node(plant),
     )

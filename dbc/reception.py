@@ -1,0 +1,66 @@
+"""What a node believes of the frames it receives, and why it refuses the others.
+
+A frame must be intact and within its ranges (``dbc.messages.decode``) and, where its message has a
+counter, newer than the newest one accepted (``dbc.protection.SequenceCheck``). Everything refused
+is counted by cause.
+"""
+
+from collections import Counter
+from collections.abc import Collection, Mapping
+
+from dbc.messages import CAN_IDS, LatencyConfig, Message, Rejection, decode
+from dbc.protection import SequenceCheck, SequenceResult
+from runtime.frame import Frame
+
+
+class Reception:
+    """Receives some types of messages; frames of all other identifiers are not its business.
+
+    ``message_types``  what is received
+    ``max_jump``       see SequenceCheck; each type has its own
+    ``resync_run``     see SequenceCheck
+    """
+
+    def __init__(
+        self, message_types: Collection[type[Message]], max_jump: int, resync_run: int
+    ) -> None:
+        self._checks = {
+            CAN_IDS[message_type]: None
+            if message_type is LatencyConfig  # sent by hand, so it has no counter
+            else SequenceCheck(max_jump, resync_run)
+            for message_type in message_types
+        }
+        self._accepted = 0
+        self._rejected: Counter[str] = Counter()
+
+    @property
+    def accepted(self) -> int:
+        """Frames accepted so far."""
+        return self._accepted
+
+    @property
+    def rejected(self) -> Mapping[str, int]:
+        """Frames refused so far, by cause."""
+        return dict(sorted(self._rejected.items()))
+
+    @property
+    def lost(self) -> int:
+        """Frames that never came, or came too late, by the counters of those accepted."""
+        return sum(check.lost for check in self._checks.values() if check is not None)
+
+    def take(self, frame: Frame) -> Message | Rejection | SequenceResult | None:
+        """Judge one frame: its message, the cause of its refusal, or None if not received here."""
+        if frame.can_id not in self._checks:
+            return None
+        decoded = decode(frame)
+        if isinstance(decoded, Rejection):
+            self._rejected[decoded.value] += 1
+            return decoded
+        check = self._checks[frame.can_id]
+        if check is not None:
+            result = check.check(decoded.counter)
+            if result is not SequenceResult.ACCEPTED:
+                self._rejected[result.value] += 1
+                return result
+        self._accepted += 1
+        return decoded.message

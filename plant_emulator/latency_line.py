@@ -1,0 +1,217 @@
+"""A latency line: what the network adds to the frames of one direction.
+
+For every frame two uniforms are drawn, in this order, whether they are needed or not:
+
+    1. lost or not   (``plant_emulator.loss``)
+    2. latency       (``plant_emulator.latency``)
+
+so that runs with the same seed meet the same network, and a distribution with a heavier tail makes
+every frame later. Duplicates draw from a stream of their own. A latency of zero is due at the very
+instant the frame came: zero latency adds exactly zero delay.
+
+Order (``Order``) is kept per key; frames of one key are those of one message.
+"""
+
+import heapq
+from collections.abc import Iterator
+from typing import Generic, NamedTuple, TypeVar
+
+from plant_emulator.latency import QUANTILES, Distribution, correlated_score, uniform_of_score
+from plant_emulator.latency_profile import ProfilePoint, profile_at, read_trace
+from plant_emulator.latency_settings import LatencySettings, Order
+from plant_emulator.loss import LossParams, bernoulli, gilbert_elliott, loss_step
+from runtime.node import NEVER_NS
+from runtime.statistics import DurationStatistics
+
+NS_PER_S = 1_000_000_000
+WAITING_MAX = 100_000
+"""Frames one line holds: the longest latency at the highest rate, three times over."""
+
+Item = TypeVar("Item")
+
+
+class Released(NamedTuple, Generic[Item]):
+    """A frame that leaves the line.
+
+    ``due_ns``      when it leaves [ns]
+    ``latency_ns``  since it came [ns]
+    """
+
+    due_ns: int
+    latency_ns: int
+    key: int
+    item: Item
+
+
+class LineCounts(NamedTuple):
+    """What became of the frames: pushed + duplicated = released + lost + superseded + overflowed
+    + those that still wait.
+    """
+
+    pushed: int
+    duplicated: int
+    released: int
+    lost: int
+    superseded: int  # dropped because a newer one of the same key had left before
+    overflowed: int
+
+
+class _Waiting(NamedTuple, Generic[Item]):
+    """Sorts by due time, then in the order in which frames came."""
+
+    due_ns: int
+    sequence: int
+    came_ns: int
+    key: int
+    item: Item
+
+
+class LatencyLine(Generic[Item]):
+    """Holds the frames of one direction until they are due.
+
+    ``uniforms``            stream of the loss and latency of each frame
+    ``duplicate_uniforms``  stream of the duplicates
+    """
+
+    def __init__(
+        self,
+        settings: LatencySettings,
+        uniforms: Iterator[float],
+        duplicate_uniforms: Iterator[float],
+    ) -> None:
+        self._settings = settings
+        self._uniforms = uniforms
+        self._duplicate_uniforms = duplicate_uniforms
+        self._quantile = QUANTILES[settings.model]
+        self._schedule = tuple(
+            ProfilePoint(point.time_s, point.mean_s, point.spread_s, point.loss)
+            for point in settings.schedule
+        )
+        self._trace = None if settings.trace_file is None else read_trace(settings.trace_file)
+        self._mean_s = settings.mean_s
+        self._spread_s = settings.spread_s
+        self._loss = self._loss_params(settings.loss)
+        self._in_burst = False
+        self._score = 0.0
+        self._score_ns: int | None = None
+        self._waiting: list[_Waiting[Item]] = []
+        self._sequence = 0
+        self._last_due_ns: dict[int, int] = {}
+        self._newest_released: dict[int, int] = {}
+        self._latest_latency_ns = 0
+        self._pushed = self._duplicated = self._released = 0
+        self._lost = self._superseded = self._overflowed = 0
+        self._latency = DurationStatistics()
+
+    @property
+    def next_due_ns(self) -> int:
+        """When the next frame is due [ns]; NEVER_NS with none waiting."""
+        return self._waiting[0].due_ns if self._waiting else NEVER_NS
+
+    @property
+    def counts(self) -> LineCounts:
+        """What became of the frames so far."""
+        return LineCounts(
+            self._pushed,
+            self._duplicated,
+            self._released,
+            self._lost,
+            self._superseded,
+            self._overflowed,
+        )
+
+    @property
+    def latency(self) -> DurationStatistics:
+        """Latency of the frames that have left the line."""
+        return self._latency
+
+    @property
+    def latest_latency_ns(self) -> int:
+        """Latency drawn for the newest frame that was not lost [ns]."""
+        return self._latest_latency_ns
+
+    def reconfigure(self, model: Distribution, mean_s: float, spread_s: float, loss: float) -> None:
+        """Change the network from the next frame on; ends a schedule and a trace."""
+        self._quantile = QUANTILES[model]
+        self._schedule = ()
+        self._trace = None
+        self._mean_s = mean_s
+        self._spread_s = spread_s
+        self._loss = self._loss_params(loss)
+
+    def push(self, key: int, item: Item, now_ns: int, motion_ns: int) -> None:
+        """Take a frame that comes at ``now_ns``, ``motion_ns`` after the start of motion."""
+        motion_s = motion_ns / NS_PER_S
+        if self._schedule:
+            shape = self._settings.schedule_shape
+            _, self._mean_s, self._spread_s, loss = profile_at(self._schedule, shape, motion_s)
+            self._loss = self._loss_params(loss)
+        loss_u, latency_u = next(self._uniforms), next(self._uniforms)
+        frame_number = self._pushed
+        self._pushed += 1
+        self._in_burst, is_lost = loss_step(self._loss, self._in_burst, loss_u)
+        latency_ns = self._latency_ns(latency_u, frame_number, now_ns, motion_s)
+        if is_lost:
+            self._lost += 1
+        else:
+            self._latest_latency_ns = latency_ns
+            self._wait(key, item, now_ns, latency_ns)
+        if self._settings.duplicates > 0.0:
+            self._duplicate(key, item, now_ns, is_lost)
+
+    def pop_due(self, now_ns: int) -> list[Released[Item]]:
+        """Return the frames due up to ``now_ns``, in the order in which they leave."""
+        released = []
+        while self._waiting and self._waiting[0].due_ns <= now_ns:
+            due_ns, sequence, came_ns, key, item = heapq.heappop(self._waiting)
+            if self._settings.order is Order.NEWEST_WINS:
+                if sequence < self._newest_released.get(key, -1):
+                    self._superseded += 1
+                    continue
+                self._newest_released[key] = sequence
+            self._released += 1
+            self._latency.record(due_ns - came_ns)
+            released.append(Released(due_ns, due_ns - came_ns, key, item))
+        return released
+
+    def _latency_ns(self, u: float, frame_number: int, now_ns: int, motion_s: float) -> int:
+        if self._trace is not None:
+            return round(self._trace.latency_s(frame_number, motion_s) * NS_PER_S)
+        if self._settings.correlation_time_s > 0.0:
+            u = self._correlated(u, now_ns)
+        return round(self._quantile(u, self._mean_s, self._spread_s) * NS_PER_S)
+
+    def _correlated(self, u: float, now_ns: int) -> float:
+        """Return the uniform of the AR(1) process, which starts in its stationary state."""
+        correlation_time_s = self._settings.correlation_time_s
+        # Before the first frame lies all the time in the world: its score is drawn freely.
+        elapsed_s = float("inf") if self._score_ns is None else (now_ns - self._score_ns) / NS_PER_S
+        self._score = correlated_score(self._score, u, elapsed_s, correlation_time_s)
+        self._score_ns = now_ns
+        return uniform_of_score(self._score)
+
+    def _duplicate(self, key: int, item: Item, now_ns: int, is_lost: bool) -> None:
+        """Perhaps let a frame that is not lost come a second time."""
+        chance_u, latency_u = next(self._duplicate_uniforms), next(self._duplicate_uniforms)
+        if not is_lost and chance_u < self._settings.duplicates:
+            self._duplicated += 1
+            latency_s = self._quantile(latency_u, self._mean_s, self._spread_s)
+            self._wait(key, item, now_ns, round(latency_s * NS_PER_S))
+
+    def _wait(self, key: int, item: Item, now_ns: int, latency_ns: int) -> None:
+        """Queue a frame until it is due."""
+        if len(self._waiting) >= WAITING_MAX:
+            self._overflowed += 1
+            return
+        due_ns = now_ns + latency_ns
+        if self._settings.order is Order.IN_ORDER:
+            due_ns = max(due_ns, self._last_due_ns.get(key, due_ns))
+            self._last_due_ns[key] = due_ns
+        heapq.heappush(self._waiting, _Waiting(due_ns, self._sequence, now_ns, key, item))
+        self._sequence += 1
+
+    def _loss_params(self, loss: float) -> LossParams:
+        table = self._settings
+        if table.burst_frames is None:
+            return bernoulli(loss)
+        return gilbert_elliott(loss, table.burst_frames, table.loss_in_good, table.loss_in_burst)

@@ -1,0 +1,94 @@
+"""Settings tables of the two latency lines: [latency.downlink] and [latency.uplink]."""
+
+from enum import StrEnum
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from plant_emulator.latency import Distribution
+from plant_emulator.latency_profile import LATENCY_S_MAX, Shape, read_trace
+from runtime.settings import Settings
+
+LatencySeconds = Annotated[float, Field(ge=0.0, le=LATENCY_S_MAX)]
+Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class Order(StrEnum):
+    """What a line does when a frame would overtake an earlier one of the same message."""
+
+    NEWEST_WINS = "newest_wins"
+    """It overtakes, and the earlier one is dropped on arrival: a receiver that ignores old data."""
+    IN_ORDER = "in_order"
+    """It waits behind the earlier one: a gateway's queue."""
+    AS_ARRIVES = "as_arrives"
+    """It overtakes, and the earlier one arrives after it: a network of several ways."""
+
+
+class SchedulePoint(Settings):
+    """One ``[[latency.*.schedule]]``: latency from ``time_s`` of motion on."""
+
+    time_s: float = Field(ge=0.0, le=1e9)
+    mean_s: LatencySeconds
+    spread_s: LatencySeconds = 0.0
+    loss: Probability = 0.0
+
+
+class LatencySettings(Settings):
+    """What the network does to frames in one direction; the default is nothing at all."""
+
+    model: Distribution = Distribution.CONSTANT
+    mean_s: LatencySeconds = 0.0
+    spread_s: LatencySeconds = 0.0
+    """Standard deviation."""
+    correlation_time_s: float = Field(0.0, ge=0.0, le=1e6)
+    """Of the AR(1) process behind the latencies; 0 draws every frame anew."""
+    loss: Probability = 0.0
+    """Share of all frames that is lost in the long run."""
+    burst_frames: float | None = Field(None, ge=1.0, le=1e6)
+    """Mean length of a burst of loss (Gilbert-Elliott); none: every frame on its own."""
+    loss_in_good: Probability = 0.0
+    loss_in_burst: Probability = 1.0
+    duplicates: Probability = 0.0
+    """Share of frames that arrive a second time, with a latency of their own."""
+    order: Order = Order.NEWEST_WINS
+    schedule: tuple[SchedulePoint, ...] = Field((), max_length=100_000)
+    """Takes the place of mean_s, spread_s and loss."""
+    schedule_shape: Shape = Shape.STEP
+    trace_file: Path | None = None
+    """Recorded latencies (CSV: latency_s, or time_s,latency_s); takes the place of the model."""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        if self.model is Distribution.CONSTANT and self.spread_s > 0.0:
+            raise ValueError("spread_s needs a model other than 'constant'")
+        if self.loss_in_good >= self.loss_in_burst:
+            raise ValueError("loss_in_good must be below loss_in_burst")
+        for earlier, later in pairwise(self.schedule):
+            if later.time_s < earlier.time_s:
+                raise ValueError(
+                    f"schedule must rise in time: {later.time_s} s follows {earlier.time_s} s"
+                )
+        if self.trace_file is not None:
+            if self.schedule:
+                raise ValueError("schedule and trace_file exclude each other")
+            _check_trace(self.trace_file)
+        return self
+
+
+class BothLatencySettings(Settings):
+    """``[latency]``."""
+
+    downlink: LatencySettings = LatencySettings()
+    """Commands, controller to plant."""
+    uplink: LatencySettings = LatencySettings()
+    """Measurements, plant to controller."""
+
+
+def _check_trace(path: Path) -> None:
+    """Refuse a trace file that cannot be used, in a settings error's one line."""
+    try:
+        read_trace(path)
+    except OSError as error:
+        raise ValueError(f"trace_file {path} cannot be read: {error.strerror}") from error

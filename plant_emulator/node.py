@@ -1,0 +1,302 @@
+"""The plant emulator as a node: commands in, measurements out, the vehicle in between.
+
+``on_frame`` only judges a command and puts it into the downlink. ``on_tick`` does everything that
+is due, each thing at its own exact time and not at the time of the tick, in this order at one
+instant:
+
+1. commands leave the downlink and reach the actuator
+2. the sensors sample, and their messages enter the uplink
+3. messages leave the uplink for the bus
+4. PLANT_STATUS is sent
+
+A tick that comes late therefore changes when frames leave, not how the vehicle moves: the motion is
+advanced from event to event, and a command acts from the instant it was due.
+
+The vehicle stands at the start of its path until motion starts: with the first valid command that
+arrives on the bus, before its latency, so that two programs started one after the other and two
+nodes in virtual time drive the same run.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from dbc.messages import (
+    CAN_IDS,
+    Direction,
+    LatencyConfig,
+    LateralError,
+    Message,
+    PlantStatus,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    VehicleState,
+    encode,
+    encode_not_available,
+    limits,
+)
+from dbc.reception import Reception
+from plant_emulator.latency import Distribution
+from plant_emulator.latency_line import LatencyLine, Released
+from plant_emulator.motion import Motion
+from plant_emulator.motion_design import design_motion
+from plant_emulator.path import Path
+from plant_emulator.plant_report import line_report, motion_report
+from plant_emulator.plant_samples import PlantSample, RunningFigures
+from plant_emulator.sensors import Readings, with_noise
+from plant_emulator.settings import PlantSettings
+from plant_emulator.streams import Channel, uniforms
+from runtime.frame import Frame
+from runtime.node import NEVER_NS
+from runtime.periodic import PeriodicTimer
+
+VEHICLE_STATE_PERIOD_NS = 20_000_000
+STATUS_PERIOD_NS = 100_000_000
+SAMPLES_MAX = 1_000_000
+"""Samples kept for a trace: nearly three hours at 100 Hz."""
+_COUNTERS = 256
+
+_LATERAL_ERROR_RANGE = limits(LateralError)["lateral_error_m"]
+_WHEEL_RANGE = limits(SteeringStatus)["wheel_angle_rad"]
+_STATE_RANGES = limits(VehicleState)
+_LATENCY_RANGE = limits(PlantStatus)["downlink_latency_s"]
+
+
+class PlantNode:
+    """The rig on the bus.
+
+    ``settings``     the run
+    ``start_ns``     first sample [ns]
+    ``samples_max``  how many samples are kept in ``samples``
+    """
+
+    def __init__(
+        self, settings: PlantSettings, start_ns: int, samples_max: int = SAMPLES_MAX
+    ) -> None:
+        self._settings = settings
+        self._params = design_motion(
+            settings.vehicle, settings.actuator, settings.path, settings.disturbance
+        )
+        self._motion = Motion(self._params)
+        self._motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
+        self._sensor_timer = PeriodicTimer(start_ns, settings.sensor_period_ns)
+        self._status_timer = PeriodicTimer(start_ns, STATUS_PERIOD_NS)
+        self._samples_per_state = max(1, VEHICLE_STATE_PERIOD_NS // settings.sensor_period_ns)
+        seed = settings.seed
+        self._downlink: LatencyLine[SteeringCommand] = LatencyLine(
+            settings.latency.downlink,
+            uniforms(seed, Channel.DOWNLINK),
+            uniforms(seed, Channel.DOWNLINK_DUPLICATES),
+        )
+        self._uplink: LatencyLine[Frame] = LatencyLine(
+            settings.latency.uplink,
+            uniforms(seed, Channel.UPLINK),
+            uniforms(seed, Channel.UPLINK_DUPLICATES),
+        )
+        noise = settings.sensor_noise
+        self._noise = Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s)
+        self._noise_uniforms = uniforms(seed, Channel.SENSOR_NOISE)
+        self._reception = Reception(
+            (SteeringCommand, LatencyConfig), settings.max_counter_jump, settings.resync_frames
+        )
+        self._command: Released[SteeringCommand] | None = None
+        self._uplink_latency_s = math.nan
+        self._sent: dict[int, int] = dict.fromkeys(CAN_IDS.values(), 0)
+        self._not_available = 0
+        self._clamped = 0
+        self._figures = RunningFigures()
+        self._samples_max = samples_max
+        self._samples: list[PlantSample] = []
+        self._finished = False
+
+    @property
+    def deadline_ns(self) -> int:
+        """When the next thing is due [ns]."""
+        return min(
+            self._sensor_timer.deadline_ns,
+            self._downlink.next_due_ns,
+            self._uplink.next_due_ns,
+            self._status_timer.deadline_ns,
+        )
+
+    @property
+    def finished(self) -> bool:
+        """Whether the motion has lasted as long as it was to."""
+        return self._finished
+
+    @property
+    def samples(self) -> Sequence[PlantSample]:
+        """One sample a sensor period since the start of motion, oldest first."""
+        return self._samples
+
+    @property
+    def path(self) -> Path:
+        """The path that is driven."""
+        return self._params.path
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        """Judge a frame; a command enters the downlink."""
+        received = self._reception.take(frame)
+        if isinstance(received, SteeringCommand):
+            if self._motion_start_ns == NEVER_NS:
+                self._motion_start_ns = now_ns
+            self._downlink.push(frame.can_id, received, now_ns, self._motion_ns(now_ns))
+        elif isinstance(received, LatencyConfig):
+            self._reconfigure(received)
+        return ()
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        """Do all that is due up to ``now_ns``, in the order of its times."""
+        frames: list[Frame] = []
+        while True:
+            due_ns = self.deadline_ns
+            if due_ns > now_ns:
+                return frames
+            if self._downlink.next_due_ns == due_ns:
+                self._apply(due_ns)
+            elif self._sensor_timer.deadline_ns == due_ns:
+                self._sense(due_ns, self._sensor_timer.advance(now_ns))
+            elif self._uplink.next_due_ns == due_ns:
+                for released in self._uplink.pop_due(due_ns):
+                    frames.append(released.item)
+                    self._uplink_latency_s = released.latency_ns * 1e-9
+            else:
+                self._status_timer.advance(now_ns)
+                frames.append(self._encode(self._status()))
+
+    def report(self) -> Mapping[str, Any]:
+        """Return the figures of the run so far, ready for JSON.
+
+        ``lost``, ``superseded``  frames the latency lines took, by direction
+        ``rejected``              frames refused on arrival, by cause
+        ``not_available``         samples beyond the range of LATERAL_ERROR, sent as NOT_AVAILABLE
+        ``clamped``               other values sent as the end of their signal's range
+        """
+        return {
+            "seed": self._settings.seed,
+            **motion_report(self._figures, self._motion.time_ns),
+            "downlink": line_report(self._downlink),
+            "uplink": line_report(self._uplink),
+            "accepted": self._reception.accepted,
+            "lost_on_the_bus": self._reception.lost,
+            "rejected": self._reception.rejected,
+            "skipped_samples": self._sensor_timer.skipped,
+            "not_available": self._not_available,
+            "clamped": self._clamped,
+        }
+
+    def _motion_ns(self, time_ns: int) -> int:
+        """Return the time since the start of motion [ns], 0 before."""
+        return max(time_ns - self._motion_start_ns, 0)
+
+    def _apply(self, due_ns: int) -> None:
+        """Let the commands that are due reach the actuator."""
+        for released in self._downlink.pop_due(due_ns):
+            self._motion.advance(self._motion_ns(due_ns))
+            self._motion.command(released.item.steer_rad)
+            self._command = released
+
+    def _sense(self, time_ns: int, index: int) -> None:
+        """Sample the vehicle and put the messages into the uplink."""
+        motion_ns = self._motion_ns(time_ns)
+        self._motion.advance(motion_ns)
+        readings = Readings(
+            self._motion.lateral_error_m,
+            self._motion.heading_error_rad,
+            self._motion.yaw_rate_rad_s,
+        )
+        if time_ns >= self._motion_start_ns:
+            self._record(motion_ns)
+            self._finished = motion_ns >= self._settings.duration_ns
+        if any(self._noise):
+            readings = with_noise(readings, self._noise, self._noise_uniforms)
+        self._push(self._encode_error(readings), time_ns, motion_ns)
+        self._push(self._encode(self._steering_status()), time_ns, motion_ns)
+        if index % self._samples_per_state == 0:
+            state = VehicleState(
+                self._clamp(self._motion.speed_m_s, *_STATE_RANGES["speed_m_s"]),
+                self._clamp(readings.yaw_rate_rad_s, *_STATE_RANGES["yaw_rate_rad_s"]),
+                self._clamp(
+                    self._motion.preview_curvature_1_m, *_STATE_RANGES["preview_curvature_1_m"]
+                ),
+            )
+            self._push(self._encode(state), time_ns, motion_ns)
+
+    def _record(self, motion_ns: int) -> None:
+        """Take a sample into the figures and, while there is room, into the trace."""
+        motion, command = self._motion, self._command
+        self._figures.take(motion.lateral_error_m, motion.wheel_rad)
+        if len(self._samples) < self._samples_max:
+            self._samples.append(
+                PlantSample(
+                    time_s=motion_ns * 1e-9,
+                    arc_length_m=motion.arc_length_m,
+                    lateral_error_m=motion.lateral_error_m,
+                    heading_error_rad=motion.heading_error_rad,
+                    yaw_rate_rad_s=motion.yaw_rate_rad_s,
+                    command_rad=command.item.steer_rad if command else math.nan,
+                    wheel_angle_rad=motion.wheel_rad,
+                    downlink_latency_s=command.latency_ns * 1e-9 if command else math.nan,
+                    uplink_latency_s=self._uplink_latency_s,
+                    curvature_1_m=motion.preview_curvature_1_m,
+                )
+            )
+
+    def _encode_error(self, readings: Readings) -> Frame:
+        """Return LATERAL_ERROR; a vehicle too far off its path is not available to the sensor."""
+        # The sensor reports an angle in one turn, however often the vehicle has turned.
+        heading_rad = math.remainder(readings.heading_error_rad, math.tau)
+        low_m, high_m = _LATERAL_ERROR_RANGE
+        if low_m <= readings.lateral_error_m <= high_m:
+            return self._encode(LateralError(readings.lateral_error_m, heading_rad))
+        self._not_available += 1
+        counter = self._next_counter(CAN_IDS[LateralError])
+        return encode_not_available(LateralError(0.0, heading_rad), counter)
+
+    def _steering_status(self) -> SteeringStatus:
+        wheel_rad = self._clamp(self._motion.wheel_rad, *_WHEEL_RANGE)
+        if self._command is None:
+            return SteeringStatus(wheel_rad, 0, SteeringStatusCode.NO_COMMAND)
+        limited = self._motion.is_limited
+        code = SteeringStatusCode.LIMITED if limited else SteeringStatusCode.APPLYING
+        return SteeringStatus(wheel_rad, self._command.item.command_counter, code)
+
+    def _status(self) -> PlantStatus:
+        lines = (self._downlink, self._uplink)
+        downlink_s, uplink_s = (
+            self._clamp(line.latest_latency_ns * 1e-9, *_LATENCY_RANGE) for line in lines
+        )
+        return PlantStatus(
+            downlink_s,
+            uplink_s,
+            sum(line.counts.lost for line in lines) % _COUNTERS,
+            sum(self._reception.rejected.values()) % _COUNTERS,
+        )
+
+    def _reconfigure(self, config: LatencyConfig) -> None:
+        """Change the latency lines that a tool has asked to change."""
+        model = Distribution[config.model.name]
+        if config.direction in (Direction.DOWNLINK, Direction.BOTH):
+            self._downlink.reconfigure(model, config.mean_s, config.spread_s, config.loss)
+        if config.direction in (Direction.UPLINK, Direction.BOTH):
+            self._uplink.reconfigure(model, config.mean_s, config.spread_s, config.loss)
+
+    def _push(self, frame: Frame, time_ns: int, motion_ns: int) -> None:
+        self._uplink.push(frame.can_id, frame, time_ns, motion_ns)
+
+    def _encode(self, message: Message) -> Frame:
+        """Return a message as a frame with its next counter."""
+        return encode(message, self._next_counter(CAN_IDS[type(message)]))
+
+    def _next_counter(self, can_id: int) -> int:
+        counter = self._sent[can_id]
+        self._sent[can_id] = (counter + 1) % _COUNTERS
+        return counter
+
+    def _clamp(self, value: float, low: float, high: float) -> float:
+        """Return the value nearest to a finite one that its signal carries."""
+        if low <= value <= high:
+            return value
+        self._clamped += 1
+        return min(max(value, low), high)

@@ -1,0 +1,25 @@
+"""The plant's part of a report, ready for JSON."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from plant_emulator.latency_line import LatencyLine
+from plant_emulator.plant_samples import RunningFigures
+from runtime.report import durations_report
+
+
+def motion_report(figures: RunningFigures, motion_ns: int) -> Mapping[str, Any]:
+    """Return how well the path was held."""
+    return {
+        "motion_s": motion_ns * 1e-9,
+        "samples": figures.samples,
+        "lateral_error_rms_m": figures.lateral_error_rms_m,
+        "lateral_error_peak_m": figures.lateral_error_peak_m,
+        "lateral_error_final_m": figures.lateral_error_final_m,
+        "wheel_angle_peak_rad": figures.wheel_angle_peak_rad,
+    }
+
+
+def line_report(line: LatencyLine[Any]) -> Mapping[str, Any]:
+    """Return what the network did to one direction."""
+    return {**line.counts._asdict(), "latency": durations_report(line.latency.summary())}

@@ -1,0 +1,78 @@
+"""What is kept of a run: one sample a sensor period, and figures that need no samples."""
+
+import csv
+import math
+from collections.abc import Sequence
+from pathlib import Path as FilePath
+from typing import NamedTuple
+
+from plant_emulator.path import Path, pose
+
+
+class PlantSample(NamedTuple):
+    """The true state of the rig at one sensor period; NaN where there is no value yet."""
+
+    time_s: float  # since the start of motion
+    arc_length_m: float
+    lateral_error_m: float  # at the preview point, without noise
+    heading_error_rad: float
+    yaw_rate_rad_s: float
+    command_rad: float  # in effect
+    wheel_angle_rad: float
+    downlink_latency_s: float  # of the command in effect
+    uplink_latency_s: float  # of the measurement that left last
+    curvature_1_m: float
+
+
+class PlacedSample(NamedTuple):
+    """A sample's place in the world: the preview point, and the point of the path beside it."""
+
+    x_m: float
+    y_m: float
+    path_x_m: float
+    path_y_m: float
+
+
+class RunningFigures:
+    """Root mean square and peaks of a run, taken up sample by sample."""
+
+    def __init__(self) -> None:
+        self.samples = 0
+        self.lateral_error_peak_m = 0.0
+        self.lateral_error_final_m = 0.0
+        self.wheel_angle_peak_rad = 0.0
+        self._squares_m2 = 0.0
+
+    def take(self, lateral_error_m: float, wheel_angle_rad: float) -> None:
+        """Add one sample."""
+        self.samples += 1
+        self._squares_m2 += lateral_error_m * lateral_error_m
+        self.lateral_error_final_m = lateral_error_m
+        self.lateral_error_peak_m = max(self.lateral_error_peak_m, abs(lateral_error_m))
+        self.wheel_angle_peak_rad = max(self.wheel_angle_peak_rad, abs(wheel_angle_rad))
+
+    @property
+    def lateral_error_rms_m(self) -> float:
+        """Root mean square of the lateral error; 0 without samples."""
+        return math.sqrt(self._squares_m2 / self.samples) if self.samples else 0.0
+
+
+def place(path: Path, sample: PlantSample) -> PlacedSample:
+    """Return where a sample was in the world."""
+    beside = pose(path, sample.arc_length_m)
+    return PlacedSample(
+        beside.x_m - sample.lateral_error_m * math.sin(beside.heading_rad),
+        beside.y_m + sample.lateral_error_m * math.cos(beside.heading_rad),
+        beside.x_m,
+        beside.y_m,
+    )
+
+
+def write_trace(file: FilePath, path: Path, samples: Sequence[PlantSample]) -> None:
+    """Write samples and their places as CSV, one row a sample; what has no value stays empty."""
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow((*PlantSample._fields, *PlacedSample._fields))
+        for sample in samples:
+            row = (*sample, *place(path, sample))
+            writer.writerow("" if math.isnan(value) else repr(value) for value in row)

@@ -1,0 +1,51 @@
+"""All that the plant emulator reads from its settings file."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from plant_emulator.latency_settings import BothLatencySettings
+from plant_emulator.rig_settings import (
+    ActuatorSettings,
+    DisturbanceSettings,
+    EllipseSettings,
+    PathSettings,
+    SensorNoiseSettings,
+    VehicleSettings,
+)
+from runtime.settings import Settings
+
+_MS_NS = 1_000_000
+_S_NS = 1_000_000_000
+
+
+class PlantSettings(Settings):
+    """One run of the rig; the seed and these settings are all that its randomness depends on."""
+
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
+    duration_s: Annotated[float, Field(gt=0.0, le=1e6)] = 60.0
+    """Of motion; then the program ends."""
+    sensor_period_ms: Annotated[float, Field(ge=1.0, le=100.0)] = 10.0
+    """Between two LATERAL_ERROR, and two STEERING_STATUS."""
+    start_on_first_command: bool = True
+    """Whether the vehicle stands until a valid command has arrived on the bus."""
+    max_counter_jump: Annotated[int, Field(ge=1, le=127)] = 100
+    """Commands that may be lost in a row on the bus, plus one, before a counter is not believed."""
+    resync_frames: Annotated[int, Field(ge=1, le=100)] = 5
+    """Commands in a row with counters that rise by one, after which a new sender is believed."""
+    vehicle: VehicleSettings = VehicleSettings()
+    actuator: ActuatorSettings = ActuatorSettings()
+    path: PathSettings = EllipseSettings()
+    disturbance: DisturbanceSettings = DisturbanceSettings()
+    sensor_noise: SensorNoiseSettings = SensorNoiseSettings()
+    latency: BothLatencySettings = BothLatencySettings()
+
+    @property
+    def duration_ns(self) -> int:
+        """Length of the motion [ns]."""
+        return round(self.duration_s * _S_NS)
+
+    @property
+    def sensor_period_ns(self) -> int:
+        """Period of the sensors [ns]."""
+        return round(self.sensor_period_ms * _MS_NS)
