@@ -94,6 +94,7 @@ class LatencyLine(Generic[Item]):
         self._in_burst = False
         self._score = 0.0
         self._score_ns: int | None = None
+        self._newest_wins = settings.order is Order.NEWEST_WINS
         self._waiting: list[_Waiting[Item]] = []
         self._sequence = 0
         self._last_due_ns: dict[int, int] = {}
@@ -164,15 +165,20 @@ class LatencyLine(Generic[Item]):
         released = []
         while self._waiting and self._waiting[0].due_ns <= now_ns:
             due_ns, sequence, came_ns, key, item = heapq.heappop(self._waiting)
-            if self._settings.order is Order.NEWEST_WINS:
-                if sequence < self._newest_released.get(key, -1):
-                    self._superseded += 1
-                    continue
-                self._newest_released[key] = sequence
             self._released += 1
             self._latency.record(due_ns - came_ns)
             released.append(Released(due_ns, due_ns - came_ns, key, item))
+            if self._newest_wins:
+                self._newest_released[key] = sequence
+                self._drop_superseded()
         return released
+
+    def _drop_superseded(self) -> None:
+        """Drop what would be due next but is older than what has left: nobody waits for it."""
+        waiting, newest = self._waiting, self._newest_released
+        while waiting and waiting[0].sequence < newest.get(waiting[0].key, -1):
+            heapq.heappop(waiting)
+            self._superseded += 1
 
     def _latency_ns(self, u: float, frame_number: int, now_ns: int, motion_s: float) -> int:
         if self._trace is not None:

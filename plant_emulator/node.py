@@ -109,16 +109,12 @@ class PlantNode:
         self._samples_max = samples_max
         self._samples: list[PlantSample] = []
         self._finished = False
+        self._deadline_ns = start_ns  # kept, because an executor asks far more often than it changes
 
     @property
     def deadline_ns(self) -> int:
         """When the next thing is due [ns]."""
-        return min(
-            self._sensor_timer.deadline_ns,
-            self._downlink.next_due_ns,
-            self._uplink.next_due_ns,
-            self._status_timer.deadline_ns,
-        )
+        return self._deadline_ns
 
     @property
     def finished(self) -> bool:
@@ -142,6 +138,7 @@ class PlantNode:
             if self._motion_start_ns == NEVER_NS:
                 self._motion_start_ns = now_ns
             self._downlink.push(frame.can_id, received, now_ns, self._motion_ns(now_ns))
+            self._deadline_ns = min(self._deadline_ns, self._downlink.next_due_ns)
         elif isinstance(received, LatencyConfig):
             self._reconfigure(received)
         return ()
@@ -149,10 +146,7 @@ class PlantNode:
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
         """Do all that is due up to ``now_ns``, in the order of its times."""
         frames: list[Frame] = []
-        while True:
-            due_ns = self.deadline_ns
-            if due_ns > now_ns:
-                return frames
+        while (due_ns := self._next_due_ns()) <= now_ns:
             if self._downlink.next_due_ns == due_ns:
                 self._apply(due_ns)
             elif self._sensor_timer.deadline_ns == due_ns:
@@ -164,6 +158,8 @@ class PlantNode:
             else:
                 self._status_timer.advance(now_ns)
                 frames.append(self._encode(self._status()))
+        self._deadline_ns = due_ns
+        return frames
 
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON.
@@ -185,6 +181,15 @@ class PlantNode:
             "not_available": self._not_available,
             "clamped": self._clamped,
         }
+
+    def _next_due_ns(self) -> int:
+        """Return when the next thing is due [ns]."""
+        return min(
+            self._sensor_timer.deadline_ns,
+            self._downlink.next_due_ns,
+            self._uplink.next_due_ns,
+            self._status_timer.deadline_ns,
+        )
 
     def _motion_ns(self, time_ns: int) -> int:
         """Return the time since the start of motion [ns], 0 before."""

@@ -104,9 +104,11 @@ class VirtualTimeExecutor:
         nothing is left to wait for. Raises RuntimeError when nodes keep each other busy at one
         instant for ever, and what the bus raises when it cannot take a frame.
         """
-        while not self.finished:
+        while True:
             next_ns = self._wire.next_event_ns
             for _, node in self._nodes:
+                if node.finished:
+                    return
                 deadline_ns = node.deadline_ns
                 if deadline_ns < next_ns:
                     next_ns = deadline_ns
