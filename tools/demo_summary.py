@@ -1,8 +1,9 @@
-"""Figures of the demo: one row a law on the bus and one in virtual time, as table and as JSON."""
+"""Figures of the demo, on the bus and in virtual time, as a table and as JSON."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from rich import box
 from rich.table import Table
 
 from tools.live_pair import PairResult
@@ -51,24 +52,15 @@ def figures_of(result: PairResult) -> Figures:
 
 
 def summary_table(rows: Sequence[LawFigures]) -> Table:
-    """Return the table that is printed."""
-    table = Table(title="Three laws over the same latency", title_justify="left")
-    table.add_column("law")
-    table.add_column("run")
-    for heading in (
-        "RMS\n[mm]",
-        "peak\n[mm]",
-        "peak steer\n[rad]",
-        "latency\np50/p99 [ms]",
-        "lateness\np50/p99 [ms]",
-        "skipped\nticks",
-        "frames\nlost",
-        "frames\nrejected",
-    ):
-        table.add_column(heading, justify="right")
+    """Return the table that is printed: a column a run, so that it fits a terminal's 80 columns."""
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column()
     for row in rows:
-        table.add_row(row.label, "on the bus", *_cells(row.live))
-        table.add_row("", "virtual time", *_cells(row.virtual), style="dim", end_section=True)
+        table.add_column(f"{row.label}\non the bus", justify="right", no_wrap=True)
+        table.add_column("virtual\ntime", justify="right", no_wrap=True, style="dim")
+    runs = [figures for row in rows for figures in (row.live, row.virtual)]
+    for heading, cell in _LINES.items():
+        table.add_row(heading, *(cell(figures) for figures in runs))
     return table
 
 
@@ -93,17 +85,21 @@ def summary_json(
     }
 
 
-def _cells(figures: Figures) -> list[str]:
-    late = "-"
-    if figures.lateness_p50_s is not None and figures.lateness_p99_s is not None:
-        late = f"{1e3 * figures.lateness_p50_s:.2f} / {1e3 * figures.lateness_p99_s:.2f}"
-    return [
-        f"{1e3 * figures.lateral_error_rms_m:.1f}",
-        f"{1e3 * figures.lateral_error_peak_m:.1f}",
-        f"{figures.steer_peak_rad:.3f}",
-        f"{1e3 * figures.latency_p50_s:.0f} / {1e3 * figures.latency_p99_s:.0f}",
-        late,
-        str(figures.skipped_ticks),
-        str(figures.frames_lost),
-        str(figures.frames_rejected),
-    ]
+def _pair(p50_s: float | None, p99_s: float | None, digits: int) -> str:
+    """Return two times in milliseconds, or a dash where there are none."""
+    if p50_s is None or p99_s is None:
+        return "-"
+    return f"{1e3 * p50_s:.{digits}f}/{1e3 * p99_s:.{digits}f}"
+
+
+_LINES: Mapping[str, Callable[[Figures], str]] = {
+    "RMS error [mm]": lambda run: f"{1e3 * run.lateral_error_rms_m:.1f}",
+    "peak error [mm]": lambda run: f"{1e3 * run.lateral_error_peak_m:.1f}",
+    "peak steer [rad]": lambda run: f"{run.steer_peak_rad:.3f}",
+    "latency p50/p99 [ms]": lambda run: _pair(run.latency_p50_s, run.latency_p99_s, 0),
+    "lateness p50/p99 [ms]": lambda run: _pair(run.lateness_p50_s, run.lateness_p99_s, 2),
+    "skipped ticks": lambda run: str(run.skipped_ticks),
+    "frames lost": lambda run: str(run.frames_lost),
+    "frames rejected": lambda run: str(run.frames_rejected),
+}
+"""Lines of the table: a heading, and the text of one run."""
