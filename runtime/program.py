@@ -27,6 +27,9 @@ from runtime.settings import (
 
 NS_PER_S = 1_000_000_000
 DURATION_S_MAX = 1e9
+START_DELAY_NS = 200_000_000
+"""Between asking for a node and its first tick: what building a node takes, and then some, so that
+no run starts with ticks that are late."""
 
 
 class ExitStatus(IntEnum):
@@ -138,13 +141,14 @@ def run_node(
     """
     opened = open_bus(options)
     try:
-        request = RealTimeRequest(options.priority, options.cpu, options.lock_memory)
-        answers = ask_host(request)
-        steal = StealClock()
-        start_ns = time.monotonic_ns()
+        start_ns = time.monotonic_ns() + START_DELAY_NS
         end_ns = None if options.duration is None else start_ns + round(options.duration * NS_PER_S)
         stop = StopRequest(end_ns)
         node = make_node(start_ns)
+        # Only now: building a node at real-time priority would hold up the nodes that already run.
+        request = RealTimeRequest(options.priority, options.cpu, options.lock_memory)
+        answers = ask_host(request)
+        steal = StealClock()
         executor = RealTimeExecutor(node, BusPort(opened.bus))
         print(f"{name}: ready on {opened.description}", flush=True)
         failure = ""
