@@ -16,7 +16,6 @@ from controller.design import design_law
 from controller.laws import LawOutput
 from controller.limits import limit_step, ramp_step
 from controller.modes import Evidence, ModeState, mode_step
-from controller.reception import Reception
 from controller.round_trip import RoundTrip
 from controller.settings import ControllerSettings, limits_of, supervision_of
 from dbc.messages import (
@@ -33,9 +32,11 @@ from dbc.messages import (
     encode,
     limits,
 )
+from dbc.reception import Reception
 from runtime.frame import Frame
 from runtime.periodic import PeriodicTimer
-from runtime.statistics import DurationStatistics, DurationSummary
+from runtime.report import durations_report
+from runtime.statistics import DurationStatistics
 
 STATUS_PERIOD_NS = 100_000_000
 """Cycle of CONTROLLER_STATUS."""
@@ -87,6 +88,9 @@ class ControllerNode:
         self._ramp_step_rad = settings.supervision.ramp_rad_s * settings.period_ns / _S_NS
         self._control_timer = PeriodicTimer(start_ns, settings.period_ns)
         self._status_timer = PeriodicTimer(start_ns, STATUS_PERIOD_NS)
+        self._deadline_ns = (
+            start_ns  # kept, because an executor asks far more often than it changes
+        )
         self._reception = Reception(
             (LateralError, SteeringStatus),
             settings.supervision.max_counter_jump,
@@ -113,7 +117,7 @@ class ControllerNode:
     @property
     def deadline_ns(self) -> int:
         """When the next tick is due [ns]."""
-        return min(self._control_timer.deadline_ns, self._status_timer.deadline_ns)
+        return self._deadline_ns
 
     @property
     def finished(self) -> bool:
@@ -149,6 +153,7 @@ class ControllerNode:
         if self._status_timer.deadline_ns <= now_ns:
             self._status_timer.advance(now_ns)
             frames.append(self._status_frame())
+        self._deadline_ns = min(self._control_timer.deadline_ns, self._status_timer.deadline_ns)
         return frames
 
     def report(self) -> Mapping[str, Any]:
@@ -168,8 +173,8 @@ class ControllerNode:
             "peak_steer_rad": self._peak_steer_rad,
             "law_failures": self._law_failures,
             "mode_s": {mode.name.lower(): ns / _S_NS for mode, ns in self._mode_ns.items()},
-            "round_trip": _in_seconds(self._round_trip.statistics.summary()),
-            "sample_age": _in_seconds(self._sample_age.summary()),
+            "round_trip": durations_report(self._round_trip.statistics.summary()),
+            "sample_age": durations_report(self._sample_age.summary()),
             "accepted": self._reception.accepted,
             "lost": self._reception.lost,
             "rejected": self._reception.rejected,
@@ -272,17 +277,6 @@ class ControllerNode:
         frame = encode(status, self._statuses_sent % _E2E_COUNTERS)
         self._statuses_sent += 1
         return frame
-
-
-def _in_seconds(summary: DurationSummary) -> Mapping[str, float]:
-    """Return the figures of a statistic, times in seconds."""
-    return {
-        "samples": summary.samples,
-        "mean_s": summary.mean_ns / _S_NS,
-        "p50_s": summary.p50_ns / _S_NS,
-        "p99_s": summary.p99_ns / _S_NS,
-        "max_s": summary.max_ns / _S_NS,
-    }
 
 
 def _clamp(value: float, allowed: SignalRange) -> float:

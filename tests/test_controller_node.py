@@ -313,7 +313,7 @@ def test_the_report_books_time_by_mode_and_the_age_of_samples() -> None:
     report = plant.node.report()
     # The first measurement is used at 110 ms, the last one until it is 50 ms old, at 240 ms.
     assert report["mode_s"] == pytest.approx(
-        {"waiting": 0.11, "active": 0.14, "holding": 0.1, "safe_stop": 0.04}
+        {"waiting": 0.11, "active": 0.14, "holding": 0.1, "safe_stop": 0.14}
     )
     assert report["sample_age"]["samples"] == 14
     assert report["sample_age"]["p50_s"] == pytest.approx(0.004, rel=0.01)
