@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from plant_emulator.node import PlantNode
+from plant_emulator.node import PlantNode, motion_params
 from plant_emulator.plant_samples import write_trace
 from plant_emulator.settings import PlantSettings
 from runtime.program import load_program_settings, make_parser, run_main, run_node
@@ -29,7 +29,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     seed = [] if options.seed is None else [f"seed={options.seed}"]
     settings = load_program_settings(PlantSettings, PRESETS, options, seed)
-    node, status = run_node(NAME, options, settings, lambda start_ns: PlantNode(settings, start_ns))
+    params = motion_params(settings)
+    node, status = run_node(
+        NAME, options, settings, lambda start_ns: PlantNode(settings, start_ns, params)
+    )
     report = node.report()
     print(
         f"{NAME}: lateral error RMS {1e3 * report['lateral_error_rms_m']:.2f} mm, "

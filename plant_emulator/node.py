@@ -40,7 +40,7 @@ from dbc.reception import Reception
 from plant_emulator.latency import Distribution
 from plant_emulator.latency_line import LatencyLine, Released
 from plant_emulator.motion import Motion
-from plant_emulator.motion_design import design_motion
+from plant_emulator.motion_design import MotionParams, design_motion
 from plant_emulator.path import Path
 from plant_emulator.plant_report import line_report, motion_report
 from plant_emulator.plant_samples import PlantSample, RunningFigures
@@ -63,21 +63,30 @@ _STATE_RANGES = limits(VehicleState)
 _LATENCY_RANGE = limits(PlantStatus)["downlink_latency_s"]
 
 
+def motion_params(settings: PlantSettings) -> MotionParams:
+    """Design the motion of a run; raises what ``design_motion`` raises."""
+    return design_motion(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
+
+
 class PlantNode:
     """The rig on the bus.
 
     ``settings``     the run
     ``start_ns``     first sample [ns]
+    ``params``       the motion designed from these settings, which takes tens of milliseconds;
+                     designed here unless given
     ``samples_max``  how many samples are kept in ``samples``
     """
 
     def __init__(
-        self, settings: PlantSettings, start_ns: int, samples_max: int = SAMPLES_MAX
+        self,
+        settings: PlantSettings,
+        start_ns: int,
+        params: MotionParams | None = None,
+        samples_max: int = SAMPLES_MAX,
     ) -> None:
         self._settings = settings
-        self._params = design_motion(
-            settings.vehicle, settings.actuator, settings.path, settings.disturbance
-        )
+        self._params = motion_params(settings) if params is None else params
         self._motion = Motion(self._params)
         self._motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
         self._sensor_timer = PeriodicTimer(start_ns, settings.sensor_period_ns)
@@ -109,7 +118,9 @@ class PlantNode:
         self._samples_max = samples_max
         self._samples: list[PlantSample] = []
         self._finished = False
-        self._deadline_ns = start_ns  # kept, because an executor asks far more often than it changes
+        self._deadline_ns = (
+            start_ns  # kept, because an executor asks far more often than it changes
+        )
 
     @property
     def deadline_ns(self) -> int:

@@ -40,20 +40,29 @@ class HostAnswer(NamedTuple):
     detail: str
 
 
-def ask_host(request: RealTimeRequest) -> list[HostAnswer]:
-    """Ask for everything in ``request``, and for precise timers; returns the answers."""
+@contextmanager
+def real_time(request: RealTimeRequest) -> Iterator[list[HostAnswer]]:
+    """Run the block in real time, as far as the host grants it; yields the answers.
+
+    Afterwards the program is an ordinary one again: writing its report must not hold up others.
+    """
     answers = [_timer_slack()]
-    if request.priority:
-        answers.append(_fifo(request.priority))
     if request.cpu is not None:
         answers.append(_affinity(request.cpu))
     if request.lock_memory:
         answers.append(_locked_memory())
-    return answers
+    with _without_garbage_collection():
+        answers.append(HostAnswer("garbage collector", True, "frozen, off during the run"))
+        if request.priority:
+            answers.append(_fifo(request.priority))
+        try:
+            yield answers
+        finally:
+            _end_fifo()
 
 
 @contextmanager
-def without_garbage_collection() -> Iterator[HostAnswer]:
+def _without_garbage_collection() -> Iterator[None]:
     """Collect now, then not until the end of the block: a collection takes milliseconds.
 
     Reference counting still frees everything that is in no cycle.
@@ -63,7 +72,7 @@ def without_garbage_collection() -> Iterator[HostAnswer]:
     gc.freeze()
     gc.disable()
     try:
-        yield HostAnswer("garbage collector", True, "frozen and off during the run")
+        yield
     finally:
         gc.unfreeze()
         if was_enabled:
@@ -109,6 +118,12 @@ def _fifo(priority: int) -> HostAnswer:
     except (OSError, ValueError) as error:
         return HostAnswer(name, False, f"SCHED_FIFO {priority}: {_why(error)}")
     return HostAnswer(name, True, f"SCHED_FIFO {priority}")
+
+
+def _end_fifo() -> None:
+    """Return to the ordinary scheduler."""
+    if sys.platform == "linux" and os.sched_getscheduler(0) == os.SCHED_FIFO:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def _affinity(cpu: int) -> HostAnswer:

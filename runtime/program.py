@@ -13,7 +13,11 @@ from types import FrameType
 from typing import Any, Protocol, TypeVar
 
 from runtime.bus import BusError, BusPort, add_bus_arguments, open_bus
-from runtime.host import RealTimeRequest, StealClock, ask_host, without_garbage_collection
+from runtime.host import (
+    RealTimeRequest,
+    StealClock,
+    real_time,
+)
 from runtime.node import Node
 from runtime.real_time import RealTimeExecutor
 from runtime.report import host_report, run_report, write_json
@@ -27,9 +31,6 @@ from runtime.settings import (
 
 NS_PER_S = 1_000_000_000
 DURATION_S_MAX = 1e9
-START_DELAY_NS = 200_000_000
-"""Between asking for a node and its first tick: what building a node takes, and then some, so that
-no run starts with ticks that are late."""
 
 
 class ExitStatus(IntEnum):
@@ -57,8 +58,13 @@ S = TypeVar("S", bound=Settings)
 class StopRequest:
     """Becomes true when the run is to end, and remembers why."""
 
-    def __init__(self, end_ns: int | None, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
-        self._end_ns = end_ns
+    def __init__(
+        self,
+        start_ns: int,
+        duration_s: float | None,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._end_ns = None if duration_s is None else start_ns + round(duration_s * NS_PER_S)
         self._clock_ns = clock_ns
         self.reason = ""
 
@@ -133,7 +139,8 @@ def run_node(
 ) -> tuple[N, ExitStatus]:
     """Open the bus, run the node to its end in real time, print and write the report.
 
-    ``make_node``  called as ``make_node(start_ns)``, on the monotonic clock [ns]
+    ``make_node``  called as ``make_node(start_ns)``, on the monotonic clock [ns]; the first tick is
+                   due then, so it must not take long
 
     Returns the node, for what it has recorded, and the exit status: a bus that fails ends the run
     with a report too. Raises BusError when the bus cannot be opened, and OSError when the report
@@ -141,24 +148,21 @@ def run_node(
     """
     opened = open_bus(options)
     try:
-        start_ns = time.monotonic_ns() + START_DELAY_NS
-        end_ns = None if options.duration is None else start_ns + round(options.duration * NS_PER_S)
-        stop = StopRequest(end_ns)
-        node = make_node(start_ns)
-        # Only now: building a node at real-time priority would hold up the nodes that already run.
-        request = RealTimeRequest(options.priority, options.cpu, options.lock_memory)
-        answers = ask_host(request)
-        steal = StealClock()
-        executor = RealTimeExecutor(node, BusPort(opened.bus))
         print(f"{name}: ready on {opened.description}", flush=True)
+        request = RealTimeRequest(options.priority, options.cpu, options.lock_memory)
         failure = ""
-        with without_garbage_collection() as frozen, stop.on_signals():
-            try:
-                executor.run(stop)
-            except BusError as error:
-                failure = str(error)
+        with real_time(request) as answers:
+            steal = StealClock()
+            start_ns = time.monotonic_ns()
+            stop = StopRequest(start_ns, options.duration)
+            node = make_node(start_ns)
+            executor = RealTimeExecutor(node, BusPort(opened.bus))
+            with stop.on_signals():
+                try:
+                    executor.run(stop)
+                except BusError as error:
+                    failure = str(error)
         ended_by = failure or stop.reason or "finished"
-        answers.append(frozen)
         report = run_report(
             name, ended_by, opened.description, settings, executor.figures, node.report()
         )
