@@ -77,8 +77,9 @@ def _demo(options: argparse.Namespace, console: Console) -> None:
         files[label].settings("plant_emulator").write_text(
             dump_toml(plant_settings), encoding="utf-8"
         )
-    with open_channels(options.bus, [files[label].folder.name for label in LAWS]) as channels:
-        console.print(f"bus: {channels.description}")
+    names = [files[label].folder.name for label in LAWS]
+    with open_channels(options.bus, names, options.out / "bus.txt") as channels:
+        console.print(f"bus: {channels.description}", soft_wrap=True)
         console.print(f"latency: {_describe_latency(plant_settings)}")
         live = _run_live(channels, files, plant_settings.duration_s, console)
     virtual = _run_virtual(plant_settings, controllers, files, console)
@@ -174,7 +175,9 @@ def _present(
     limit_rad = max(
         result.controller["settings"]["limits"]["steer_rad_max"] for result in live.values()
     )
-    pictures = draw_all(traces, _describe_latency(plant_settings), limit_rad, out)
+    pictures = draw_all(
+        traces, _describe_latency(plant_settings), limit_rad, _events(plant_settings), out
+    )
     run: dict[str, Any] = {
         "bus": channels.description,
         "plant_settings": plant_settings.model_dump(mode="json"),
@@ -192,6 +195,17 @@ def _remarks(live: Mapping[str, PairResult]) -> list[str]:
     if not known:
         return ["time stolen by the host: not known on this platform"]
     return [f"time stolen by the host during the runs: {100.0 * max(known):.1f} %"]
+
+
+def _events(settings: PlantSettings) -> dict[float, str]:
+    """Return the disturbances of the run in a few words, by time [s]."""
+    return {
+        step.at_s: "\n".join(
+            f"{key} {value:g}" for key, value in step if key != "at_s" and value is not None
+        )
+        for step in settings.disturbance.steps
+        if step.at_s < settings.duration_s
+    }
 
 
 def _describe_latency(settings: PlantSettings) -> str:

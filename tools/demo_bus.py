@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import NamedTuple
 
 from runtime.bus import socketcan_obstacle
@@ -19,11 +20,12 @@ class Channels(NamedTuple):
 
 
 @contextmanager
-def open_channels(wanted: str, names: Sequence[str]) -> Iterator[Channels]:
+def open_channels(wanted: str, names: Sequence[str], log: Path) -> Iterator[Channels]:
     """Make a channel for every name, until the end of the block.
 
     ``wanted``  socketcan (vcan0, vcan1, ... one a pair), emulated, or auto: socketcan where this
                 machine has them all, else emulated
+    ``log``     where the emulated bus says what it carried
 
     Raises argparse.ArgumentError when socketcan is wanted and an interface is missing.
     """
@@ -39,7 +41,8 @@ def open_channels(wanted: str, names: Sequence[str]) -> Iterator[Channels]:
         buses = tuple(Bus("socketcan", interface, {}) for interface in interfaces)
         yield Channels(buses, f"SocketCAN {', '.join(interfaces)}")
         return
-    with launched_broker(["--bitrate", str(BITRATE_BIT_S)]) as address:
+    options = ["--bitrate", str(BITRATE_BIT_S)]
+    with log.open("w", encoding="utf-8") as output, launched_broker(options, output) as address:
         buses = tuple(Bus("emulated", name, {"address": address}) for name in names)
         reason = "" if wanted == "emulated" else f" (no {', '.join(missing)} on this machine)"
         yield Channels(

@@ -1,6 +1,6 @@
 """Pictures of the demo: lateral deviation, steer, latency, and the path seen from above."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tools.trace import Trace
+from tools.trace import FloatArray, Trace
 
 mpl.use("Agg")
 
@@ -39,18 +39,25 @@ class LawTraces(NamedTuple):
     virtual: Trace
 
 
-def rms(values: np.ndarray) -> float:
+def rms(values: FloatArray) -> float:
     """Return the root mean square of an array of any shape."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
 def draw_all(
-    laws: Sequence[LawTraces], subtitle: str, steer_limit_rad: float, folder: Path
+    laws: Sequence[LawTraces],
+    subtitle: str,
+    steer_limit_rad: float,
+    events: Mapping[float, str],
+    folder: Path,
 ) -> list[Path]:
-    """Draw the four pictures into ``folder``; returns their paths."""
+    """Draw the four pictures into ``folder``; returns their paths.
+
+    ``events``  what else happens to the vehicle, by time [s]
+    """
     with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
         figures = {
-            "lateral_deviation": draw_lateral_deviation(laws, subtitle),
+            "lateral_deviation": draw_lateral_deviation(laws, subtitle, events),
             "steer": draw_steer(laws, subtitle, steer_limit_rad),
             "latency": draw_latency(laws, subtitle),
             "path_from_above": draw_path(laws, subtitle),
@@ -63,7 +70,9 @@ def draw_all(
     return paths
 
 
-def draw_lateral_deviation(laws: Sequence[LawTraces], subtitle: str) -> Figure:
+def draw_lateral_deviation(
+    laws: Sequence[LawTraces], subtitle: str, events: Mapping[float, str]
+) -> Figure:
     """Lateral error at the preview point over time, and where its size was how often."""
     figure = Figure(figsize=(10.5, 4.6))
     left, right = figure.subplots(1, 2, width_ratios=(3.2, 1.0))
@@ -75,6 +84,18 @@ def draw_lateral_deviation(laws: Sequence[LawTraces], subtitle: str) -> Figure:
         right.plot(size_mm, np.linspace(0.0, 100.0, size_mm.size), color=colour)
     left.plot([], [], color="black", lw=0.8, ls=":", label="the same in virtual time")
     left.axhline(0.0, color="black", lw=0.6)
+    for time_s, text in events.items():
+        left.axvline(time_s, color="0.4", lw=0.9, ls="-.")
+        left.annotate(
+            text,
+            (time_s, 0.97),
+            xycoords=("data", "axes fraction"),
+            xytext=(5, 0),
+            textcoords="offset points",
+            va="top",
+            fontsize=9,
+            color="0.3",
+        )
     left.set(xlabel="time [s]", ylabel="lateral error at the preview point [mm]")
     left.set_title("Lateral deviation")
     left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
@@ -103,37 +124,36 @@ def draw_steer(laws: Sequence[LawTraces], subtitle: str, steer_limit_rad: float)
 
 
 def draw_latency(laws: Sequence[LawTraces], subtitle: str) -> Figure:
-    """Age of the command in effect at the wheel over time, and its distribution."""
-    figure = Figure(figsize=(10.5, 4.2))
-    left, right = figure.subplots(1, 2, width_ratios=(3.2, 1.0), sharey=True)
-    for index, (colour, law) in enumerate(zip(COLOURS, laws, strict=False)):
-        latency_ms = 1e3 * law.live.downlink_latency_s
-        known = np.isfinite(latency_ms)
-        left.plot(
-            law.live.time_s[known],
-            latency_ms[known],
-            ls="none",
-            marker="os^D"[index],
-            ms=2.2,
-            alpha=0.5,
-            color=colour,
-            label=law.label,
-        )
-        right.hist(
-            latency_ms[known],
-            bins=40,
-            orientation="horizontal",
-            histtype="step",
-            lw=1.4,
-            color=colour,
-        )
-    left.set(xlabel="time [s]", ylabel="latency of the command in effect [ms]")
-    left.set_ylim(bottom=0.0)
-    left.set_title("Latency the network added to the command the wheel follows")
-    left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=4, markerscale=3)
-    right.set_xlabel("samples")
-    figure.suptitle(subtitle, fontsize=9.5, color="0.35")
+    """Latency of the command in effect by the time it takes effect, one row a law."""
+    figure = Figure(figsize=(10.5, 1.7 * len(laws) + 1.3))
+    grid = figure.subplots(
+        len(laws), 2, sharex="col", sharey=True, width_ratios=(3.6, 1.0), squeeze=False
+    )
+    for colour, law, (left, right) in zip(COLOURS, laws, grid, strict=False):
+        time_s, latency_ms = commands_in_effect(law.live)
+        left.plot(time_s, latency_ms, ".", ms=3.0, color=colour)
+        right.hist(latency_ms, bins=30, orientation="horizontal", color=colour, edgecolor="white")
+        median_ms = float(np.median(latency_ms))
+        for axes in (left, right):
+            axes.axhline(median_ms, color="black", lw=0.9, ls="--")
+        left.set_title(f"{law.label}: median {median_ms:.0f} ms", fontsize=10)
+        left.set(ylabel="latency [ms]", ylim=(0.0, None))
+    grid[-1, 0].set_xlabel("time [s]")
+    grid[-1, 1].set_xlabel("commands")
+    figure.suptitle(
+        f"Latency of the command in effect at the wheel.  {subtitle}\n"
+        "the newest command wins: late ones are overtaken, so that those in effect are younger",
+        fontsize=9.5,
+        color="0.35",
+    )
     return figure
+
+
+def commands_in_effect(trace: Trace) -> tuple[FloatArray, FloatArray]:
+    """Return time [s] and latency [ms] of each command once, when the sensors first see it act."""
+    latency_ms = 1e3 * trace.downlink_latency_s
+    is_new = np.isfinite(latency_ms) & (np.diff(latency_ms, prepend=np.nan) != 0.0)
+    return trace.time_s[is_new], latency_ms[is_new]
 
 
 def draw_path(laws: Sequence[LawTraces], subtitle: str) -> Figure:
@@ -142,7 +162,8 @@ def draw_path(laws: Sequence[LawTraces], subtitle: str) -> Figure:
     path_x_m, path_y_m = laws[0].live.path_x_m, laws[0].live.path_y_m
     extent_m = max(float(np.ptp(path_x_m)), float(np.ptp(path_y_m)))
     factor = nice_factor(0.06 * extent_m / max(peak_m, 1e-9))
-    figure = Figure(figsize=(8.4, 6.4))
+    width_m, height_m = float(np.ptp(path_x_m)), float(np.ptp(path_y_m))
+    figure = Figure(figsize=(10.0, min(max(9.0 * height_m / width_m, 3.0), 9.0) + 1.6))
     axes = figure.subplots()
     axes.plot(path_x_m, path_y_m, color="black", lw=1.0, ls="--", label="path")
     for colour, law in zip(COLOURS, laws, strict=False):
@@ -154,17 +175,25 @@ def draw_path(laws: Sequence[LawTraces], subtitle: str) -> Figure:
             label=law.label,
         )
     axes.plot(path_x_m[0], path_y_m[0], "o", color="black", ms=6)
-    axes.annotate("start", (path_x_m[0], path_y_m[0]), xytext=(8, 8), textcoords="offset points")
+    axes.annotate(
+        "start",
+        (path_x_m[0], path_y_m[0]),
+        xytext=(-12, 0),
+        textcoords="offset points",
+        ha="right",
+        va="center",
+    )
     axes.set_aspect("equal")
+    axes.margins(0.05)
     axes.set(xlabel="x [m]", ylabel="y [m]")
     magnified = "" if factor == 1 else f", deviation drawn {factor:g} times as large"
     axes.set_title(f"Path seen from above{magnified}")
-    axes.legend(loc="best")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=4)
     figure.suptitle(subtitle, fontsize=9.5, color="0.35")
     return figure
 
 
-def draw_virtual(axes: Axes, time_s: np.ndarray, values: np.ndarray) -> None:
+def draw_virtual(axes: Axes, time_s: FloatArray, values: FloatArray) -> None:
     """Draw a virtual-time trace over the live one."""
     axes.plot(time_s, values, color="black", lw=0.8, ls=":")
 
