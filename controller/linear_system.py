@@ -1,0 +1,155 @@
+"""Linear discrete systems as matrices, for design time: the law as it runs, the plant as held.
+
+    x[k+1] = A x[k] + B v[k]
+    w[k]   = C x[k] + D v[k]         one input, one output
+
+The law's matrices come from its own step function, so what is analysed is what runs. The plant's
+are exact for a command held over the period and delayed by any time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.design import LawDesign
+from controller.transfer_function import TransferFunction
+
+_S_NS = 1_000_000_000
+_TAYLOR_TERMS = 18
+"""With a norm of at most 1/2 the first term left out is below 1e-22."""
+
+
+class LinearSystem(NamedTuple):
+    """A, B, C and D; B and C as vectors."""
+
+    a: NDArray[np.float64]
+    b: NDArray[np.float64]
+    c: NDArray[np.float64]
+    d: float
+
+    def response(self, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return C (zI - A)⁻¹ B + D at each of ``z``, none of them a pole."""
+        identity = np.eye(len(self.b))
+        states = np.linalg.solve(z[:, None, None] * identity - self.a, self.b[:, None])
+        return np.asarray(states[:, :, 0] @ self.c + self.d, dtype=np.complex128)
+
+
+class HeldPlant(NamedTuple):
+    """The plant behind a delayed hold, seen at the control ticks.
+
+        x[k+1] = A x[k] + b_new u[k-n] + b_old u[k-n-1],   y[k] = C x[k]
+
+    A command given at tick k acts from n whole periods and a rest ε later: in each period the older
+    command acts for ε and the newer one for what remains.
+    """
+
+    a: NDArray[np.float64]
+    b_new: NDArray[np.float64]
+    b_old: NDArray[np.float64]
+    c: NDArray[np.float64]
+    whole_periods: int
+
+
+def law_system(design: LawDesign) -> LinearSystem:
+    """Return the law from lateral error [m] to steer [rad], its own command fed back as sent.
+
+    Each column is what one step makes of a single unit of state or input. The last state is the
+    command of the previous period: without limits it is the one that was sent.
+    """
+    rest = design.initial_state(0.0)
+    order = sum(1 for _ in _floats(rest))
+    columns = []
+    for unit in np.eye(order + 2):
+        *values, sent_rad, error_m = (float(value) for value in unit)
+        state, output = design.step(design.params, _filled(rest, iter(values)), error_m, sent_rad)
+        columns.append([*_floats(state), output.steer_rad])
+    rows = np.array(columns).T
+    a, b = rows[:, :-1], rows[:, -1]
+    return LinearSystem(a, b, a[-1], float(b[-1]))
+
+
+def held_plant(model: TransferFunction, period_ns: int, delay_ns: int) -> HeldPlant:
+    """Return the plant for one control period and any constant delay ≥ 0.
+
+    Raises ValueError for a model that is not strictly proper: it would answer before the hold.
+    """
+    a, b, c = _companion_form(model)
+    whole_periods, rest_ns = divmod(delay_ns, period_ns)
+    transition, _ = _over(a, b, period_ns / _S_NS)
+    after_rest, b_new = _over(a, b, (period_ns - rest_ns) / _S_NS)
+    _, during_rest = _over(a, b, rest_ns / _S_NS)
+    return HeldPlant(transition, b_new, after_rest @ during_rest, c, whole_periods)
+
+
+def _companion_form(
+    model: TransferFunction,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return A, B and C of a strictly proper continuous transfer function."""
+    numerator = _product(model.numerator, max(0, model.power_of_s))
+    denominator = _product(model.denominator, max(0, -model.power_of_s))
+    order = len(denominator) - 1
+    if len(numerator) > order:
+        raise ValueError("the plant has to be strictly proper")
+    a = np.eye(order, k=1)
+    a[-1] = -denominator[:0:-1] / denominator[0]
+    b = np.zeros(order)
+    b[-1] = 1.0
+    c = np.zeros(order)
+    c[: len(numerator)] = numerator[::-1] / denominator[0]
+    return a, b, c
+
+
+def _product(factors: tuple[Any, ...], power_of_s: int) -> NDArray[np.float64]:
+    """Return the coefficients of a product of factors and a power of s, highest first."""
+    product = np.array([1.0, *[0.0] * power_of_s])
+    for factor in factors:
+        product = np.polymul(product, np.trim_zeros(np.array(factor), "f"))
+    return product
+
+
+def _over(
+    a: NDArray[np.float64], b: NDArray[np.float64], time_s: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return e^(At), and what a unit input during t adds to the state."""
+    order = len(b)
+    both = np.zeros((order + 1, order + 1))
+    both[:order, :order] = a
+    both[:order, order] = b
+    exponential = _exponential(both * time_s)
+    return exponential[:order, :order], exponential[:order, order]
+
+
+def _exponential(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return e^M by Taylor series with scaling and squaring; scipy's is not for live programs."""
+    norm = float(np.abs(matrix).sum(axis=1).max())
+    squarings = max(0, math.ceil(math.log2(norm)) + 1) if norm else 0
+    scaled = matrix / 2.0**squarings
+    term = total = np.eye(len(matrix))
+    for index in range(1, _TAYLOR_TERMS):
+        term = term @ scaled / index
+        total = total + term
+    for _ in range(squarings):
+        total = total @ total
+    return total
+
+
+def _floats(state: Any) -> Iterator[float]:
+    """Return every number of a nested tuple, in order."""
+    if isinstance(state, tuple):
+        for member in state:
+            yield from _floats(member)
+    else:
+        yield state
+
+
+def _filled(form: Any, values: Iterator[float]) -> Any:
+    """Return a nested tuple of the same types as ``form``, filled with ``values``."""
+    if not isinstance(form, tuple):
+        return next(values)
+    members = [_filled(member, values) for member in form]
+    return type(form)(*members) if hasattr(form, "_fields") else tuple(members)
