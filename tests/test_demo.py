@@ -1,0 +1,82 @@
+"""The demo as a user runs it, short; what it leaves behind, and what it says to bad input."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from runtime.candump import CandumpReader
+from tools import demo
+from tools.demo_bus import open_channels
+from tools.demo_figures import nice_factor
+from tools.trace import Trace
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("demo")
+    assert demo.main(["--bus", "emulated", "--duration", "2", "--out", str(folder)]) == 0
+    return folder
+
+
+def test_it_draws_every_picture(out: Path) -> None:
+    for name in ("lateral_deviation", "steer", "latency", "path_from_above"):
+        assert (out / f"{name}.png").read_bytes().startswith(PNG)
+
+
+def test_the_summary_has_every_figure_of_every_law(out: Path) -> None:
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert set(summary["laws"]) == {"PD", "PD+CDOB", "PD+DDOB"}
+    for law in summary["laws"].values():
+        assert law["on_the_bus"]["frames_rejected"] == 0
+        assert law["virtual_time"]["skipped_ticks"] == 0
+        assert law["virtual_time"]["lateral_error_rms_m"] > 0.0
+        assert law["rms_ratio"] > 0.0
+
+
+def test_every_pair_leaves_a_log_of_every_message_and_can_be_run_again(out: Path) -> None:
+    for law in ("pd", "pd_cdob", "pd_ddob"):
+        with (out / law / "candump.log").open(encoding="ascii") as file:
+            reader = CandumpReader(file)
+            identifiers = {entry.frame.can_id for entry in reader}
+        assert reader.unreadable == 0
+        assert identifiers == {0x100, 0x110, 0x120, 0x130, 0x300, 0x310}
+        for program in ("controller", "plant_emulator"):
+            assert (out / law / f"{program}.toml").is_file()
+            assert (out / law / f"{program}.json").is_file()
+
+
+def test_the_trace_starts_on_the_path_and_ends_after_the_duration(out: Path) -> None:
+    trace = Trace.read(out / "pd" / "plant_trace.csv")
+    assert abs(trace.lateral_error_m[0]) < 1e-3  # the first sample is up to a period old
+    assert trace.time_s[-1] >= 2.0
+    offset_m = np.hypot(trace.x_m - trace.path_x_m, trace.y_m - trace.path_y_m)
+    assert np.allclose(offset_m, np.abs(trace.lateral_error_m), atol=1e-9)
+
+
+@pytest.mark.parametrize("arguments", [["--duration", "-1"], ["--seed", "-5"]])
+def test_a_bad_setting_is_one_line_and_status_2(
+    arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert demo.main([*arguments, "--out", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("demo: error: ")
+    assert error.count("\n") == 1
+    assert "allowed" in error
+
+
+def test_missing_interfaces_are_named_with_the_command_that_makes_them(tmp_path: Path) -> None:
+    names = [f"law{index}" for index in range(40)]  # nobody has vcan39
+    with (
+        pytest.raises(Exception, match=r"vcan39.*ip link add"),
+        open_channels("socketcan", names, tmp_path / "bus.txt"),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(("wanted", "factor"), [(0.3, 1), (1, 1), (1.9, 1), (4.9, 2), (57, 50)])
+def test_a_magnification_is_round_and_never_too_large(wanted: float, factor: float) -> None:
+    assert nice_factor(wanted) == factor
