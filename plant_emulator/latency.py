@@ -22,6 +22,9 @@ from enum import StrEnum
 from math import exp, log, sqrt
 from statistics import NormalDist
 
+RESOLUTION_S = 1e-9
+"""Of latencies on the clock. A mean or spread below it is none, or ratios of the two overflow."""
+
 _STANDARD_NORMAL = NormalDist()
 _SQRT_3 = sqrt(3.0)
 
@@ -53,7 +56,7 @@ def normal_quantile(u: float, mean_s: float, spread_s: float) -> float:
 
 def lognormal_quantile(u: float, mean_s: float, spread_s: float) -> float:
     """Return the quantile [s] of the lognormal distribution."""
-    if mean_s == 0.0 or spread_s == 0.0:
+    if min(mean_s, spread_s) < RESOLUTION_S:
         return mean_s  # a positive variable of mean zero is zero
     variance = log(1.0 + (spread_s / mean_s) ** 2)
     return mean_s * exp(sqrt(variance) * _STANDARD_NORMAL.inv_cdf(u) - 0.5 * variance)
@@ -64,7 +67,7 @@ def gamma_quantile(u: float, mean_s: float, spread_s: float) -> float:
     # Only this distribution needs scipy, and importing it would double the program's start-up time.
     from scipy.special import gammaincinv
 
-    if mean_s == 0.0 or spread_s == 0.0:
+    if min(mean_s, spread_s) < RESOLUTION_S:
         return mean_s
     shape = (mean_s / spread_s) ** 2
     return mean_s / shape * float(gammaincinv(shape, u))

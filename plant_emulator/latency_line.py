@@ -30,17 +30,19 @@ WAITING_MAX = 100_000
 Item = TypeVar("Item")
 
 
-class Released(NamedTuple, Generic[Item]):
-    """A frame that leaves the line.
-
-    ``due_ns``      when it leaves [ns]
-    ``latency_ns``  since it came [ns]
-    """
+class Passage(NamedTuple, Generic[Item]):
+    """A frame on its way; sorts by due time, then in the order in which frames came."""
 
     due_ns: int
-    latency_ns: int
+    sequence: int
+    came_ns: int
     key: int
     item: Item
+
+    @property
+    def latency_ns(self) -> int:
+        """What it spends in the line [ns]."""
+        return self.due_ns - self.came_ns
 
 
 class LineCounts(NamedTuple):
@@ -54,16 +56,6 @@ class LineCounts(NamedTuple):
     lost: int
     superseded: int  # dropped because a newer one of the same key had left before
     overflowed: int
-
-
-class _Waiting(NamedTuple, Generic[Item]):
-    """Sorts by due time, then in the order in which frames came."""
-
-    due_ns: int
-    sequence: int
-    came_ns: int
-    key: int
-    item: Item
 
 
 class LatencyLine(Generic[Item]):
@@ -94,8 +86,11 @@ class LatencyLine(Generic[Item]):
         self._in_burst = False
         self._score = 0.0
         self._score_ns: int | None = None
+        self._correlation_time_s = settings.correlation_time_s
+        self._duplicates = settings.duplicates
         self._newest_wins = settings.order is Order.NEWEST_WINS
-        self._waiting: list[_Waiting[Item]] = []
+        self._in_order = settings.order is Order.IN_ORDER
+        self._waiting: list[Passage[Item]] = []
         self._sequence = 0
         self._last_due_ns: dict[int, int] = {}
         self._newest_released: dict[int, int] = {}
@@ -103,6 +98,7 @@ class LatencyLine(Generic[Item]):
         self._pushed = self._duplicated = self._released = 0
         self._lost = self._superseded = self._overflowed = 0
         self._latency = DurationStatistics()
+        self._injected = DurationStatistics()
 
     @property
     def next_due_ns(self) -> int:
@@ -123,8 +119,13 @@ class LatencyLine(Generic[Item]):
 
     @property
     def latency(self) -> DurationStatistics:
-        """Latency of the frames that have left the line."""
+        """Latency of the frames that have left the line: not of those that were overtaken."""
         return self._latency
+
+    @property
+    def injected(self) -> DurationStatistics:
+        """Latency drawn for every frame that was not lost, duplicates included."""
+        return self._injected
 
     @property
     def latest_latency_ns(self) -> int:
@@ -142,36 +143,38 @@ class LatencyLine(Generic[Item]):
 
     def push(self, key: int, item: Item, now_ns: int, motion_ns: int) -> None:
         """Take a frame that comes at ``now_ns``, ``motion_ns`` after the start of motion."""
-        motion_s = motion_ns / NS_PER_S
         if self._schedule:
-            shape = self._settings.schedule_shape
-            _, self._mean_s, self._spread_s, loss = profile_at(self._schedule, shape, motion_s)
-            self._loss = self._loss_params(loss)
+            self._follow_schedule(motion_ns)
         loss_u, latency_u = next(self._uniforms), next(self._uniforms)
-        frame_number = self._pushed
-        self._pushed += 1
         self._in_burst, is_lost = loss_step(self._loss, self._in_burst, loss_u)
-        latency_ns = self._latency_ns(latency_u, frame_number, now_ns, motion_s)
+        latency_ns = self._latency_ns(latency_u, now_ns, motion_ns)
+        self._pushed += 1
         if is_lost:
             self._lost += 1
         else:
             self._latest_latency_ns = latency_ns
             self._wait(key, item, now_ns, latency_ns)
-        if self._settings.duplicates > 0.0:
+        if self._duplicates > 0.0:
             self._duplicate(key, item, now_ns, is_lost)
 
-    def pop_due(self, now_ns: int) -> list[Released[Item]]:
+    def pop_due(self, now_ns: int) -> list[Passage[Item]]:
         """Return the frames due up to ``now_ns``, in the order in which they leave."""
         released = []
-        while self._waiting and self._waiting[0].due_ns <= now_ns:
-            due_ns, sequence, came_ns, key, item = heapq.heappop(self._waiting)
+        waiting = self._waiting
+        while waiting and waiting[0].due_ns <= now_ns:
+            passage = heapq.heappop(waiting)
             self._released += 1
-            self._latency.record(due_ns - came_ns)
-            released.append(Released(due_ns, due_ns - came_ns, key, item))
+            self._latency.record(passage.due_ns - passage.came_ns)
+            released.append(passage)
             if self._newest_wins:
-                self._newest_released[key] = sequence
+                self._newest_released[passage.key] = passage.sequence
                 self._drop_superseded()
         return released
+
+    def _follow_schedule(self, motion_ns: int) -> None:
+        shape, time_s = self._settings.schedule_shape, motion_ns / NS_PER_S
+        _, self._mean_s, self._spread_s, loss = profile_at(self._schedule, shape, time_s)
+        self._loss = self._loss_params(loss)
 
     def _drop_superseded(self) -> None:
         """Drop what would be due next but is older than what has left: nobody waits for it."""
@@ -180,40 +183,41 @@ class LatencyLine(Generic[Item]):
             heapq.heappop(waiting)
             self._superseded += 1
 
-    def _latency_ns(self, u: float, frame_number: int, now_ns: int, motion_s: float) -> int:
+    def _latency_ns(self, u: float, now_ns: int, motion_ns: int) -> int:
+        """Return the latency of the next frame [ns]."""
         if self._trace is not None:
-            return round(self._trace.latency_s(frame_number, motion_s) * NS_PER_S)
-        if self._settings.correlation_time_s > 0.0:
+            return round(self._trace.latency_s(self._pushed, motion_ns / NS_PER_S) * NS_PER_S)
+        if self._correlation_time_s > 0.0:
             u = self._correlated(u, now_ns)
         return round(self._quantile(u, self._mean_s, self._spread_s) * NS_PER_S)
 
     def _correlated(self, u: float, now_ns: int) -> float:
         """Return the uniform of the AR(1) process, which starts in its stationary state."""
-        correlation_time_s = self._settings.correlation_time_s
         # Before the first frame lies all the time in the world: its score is drawn freely.
         elapsed_s = float("inf") if self._score_ns is None else (now_ns - self._score_ns) / NS_PER_S
-        self._score = correlated_score(self._score, u, elapsed_s, correlation_time_s)
+        self._score = correlated_score(self._score, u, elapsed_s, self._correlation_time_s)
         self._score_ns = now_ns
         return uniform_of_score(self._score)
 
     def _duplicate(self, key: int, item: Item, now_ns: int, is_lost: bool) -> None:
         """Perhaps let a frame that is not lost come a second time."""
         chance_u, latency_u = next(self._duplicate_uniforms), next(self._duplicate_uniforms)
-        if not is_lost and chance_u < self._settings.duplicates:
+        if not is_lost and chance_u < self._duplicates:
             self._duplicated += 1
             latency_s = self._quantile(latency_u, self._mean_s, self._spread_s)
             self._wait(key, item, now_ns, round(latency_s * NS_PER_S))
 
     def _wait(self, key: int, item: Item, now_ns: int, latency_ns: int) -> None:
         """Queue a frame until it is due."""
+        self._injected.record(latency_ns)
         if len(self._waiting) >= WAITING_MAX:
             self._overflowed += 1
             return
         due_ns = now_ns + latency_ns
-        if self._settings.order is Order.IN_ORDER:
+        if self._in_order:
             due_ns = max(due_ns, self._last_due_ns.get(key, due_ns))
             self._last_due_ns[key] = due_ns
-        heapq.heappush(self._waiting, _Waiting(due_ns, self._sequence, now_ns, key, item))
+        heapq.heappush(self._waiting, Passage(due_ns, self._sequence, now_ns, key, item))
         self._sequence += 1
 
     def _loss_params(self, loss: float) -> LossParams:

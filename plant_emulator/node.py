@@ -18,11 +18,11 @@ nodes in virtual time drive the same run.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import cycle
 from typing import Any
 
 from dbc.messages import (
-    CAN_IDS,
     Direction,
     LatencyConfig,
     LateralError,
@@ -38,12 +38,13 @@ from dbc.messages import (
 )
 from dbc.reception import Reception
 from plant_emulator.latency import Distribution
-from plant_emulator.latency_line import LatencyLine, Released
+from plant_emulator.latency_line import LatencyLine, Passage
 from plant_emulator.motion import Motion
 from plant_emulator.motion_design import MotionParams, design_motion
 from plant_emulator.path import Path
 from plant_emulator.plant_report import line_report, motion_report
 from plant_emulator.plant_samples import PlantSample, RunningFigures
+from plant_emulator.propagation import LinearState
 from plant_emulator.sensors import Readings, with_noise
 from plant_emulator.settings import PlantSettings
 from plant_emulator.streams import Channel, uniforms
@@ -88,6 +89,7 @@ class PlantNode:
         self._settings = settings
         self._params = motion_params(settings) if params is None else params
         self._motion = Motion(self._params)
+        self._duration_ns = settings.duration_ns
         self._motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
         self._sensor_timer = PeriodicTimer(start_ns, settings.sensor_period_ns)
         self._status_timer = PeriodicTimer(start_ns, STATUS_PERIOD_NS)
@@ -105,22 +107,25 @@ class PlantNode:
         )
         noise = settings.sensor_noise
         self._noise = Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s)
+        self._is_noisy = any(self._noise)
         self._noise_uniforms = uniforms(seed, Channel.SENSOR_NOISE)
         self._reception = Reception(
             (SteeringCommand, LatencyConfig), settings.max_counter_jump, settings.resync_frames
         )
-        self._command: Released[SteeringCommand] | None = None
+        self._command: Passage[SteeringCommand] | None = None
         self._uplink_latency_s = math.nan
-        self._sent: dict[int, int] = dict.fromkeys(CAN_IDS.values(), 0)
+        self._counters: dict[type[Message], Iterator[int]] = {
+            message_type: cycle(range(_COUNTERS))
+            for message_type in (LateralError, SteeringStatus, VehicleState, PlantStatus)
+        }
         self._not_available = 0
         self._clamped = 0
         self._figures = RunningFigures()
         self._samples_max = samples_max
         self._samples: list[PlantSample] = []
         self._finished = False
-        self._deadline_ns = (
-            start_ns  # kept, because an executor asks far more often than it changes
-        )
+        # Kept, because an executor asks far more often than it changes.
+        self._deadline_ns = start_ns
 
     @property
     def deadline_ns(self) -> int:
@@ -157,20 +162,25 @@ class PlantNode:
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
         """Do all that is due up to ``now_ns``, in the order of its times."""
         frames: list[Frame] = []
-        while (due_ns := self._next_due_ns()) <= now_ns:
-            if self._downlink.next_due_ns == due_ns:
+        while True:
+            command_ns = self._downlink.next_due_ns
+            sample_ns = self._sensor_timer.deadline_ns
+            measured_ns = self._uplink.next_due_ns
+            due_ns = min(command_ns, sample_ns, measured_ns, self._status_timer.deadline_ns)
+            if due_ns > now_ns:
+                self._deadline_ns = due_ns
+                return frames
+            if command_ns == due_ns:
                 self._apply(due_ns)
-            elif self._sensor_timer.deadline_ns == due_ns:
+            elif sample_ns == due_ns:
                 self._sense(due_ns, self._sensor_timer.advance(now_ns))
-            elif self._uplink.next_due_ns == due_ns:
+            elif measured_ns == due_ns:
                 for released in self._uplink.pop_due(due_ns):
                     frames.append(released.item)
                     self._uplink_latency_s = released.latency_ns * 1e-9
             else:
                 self._status_timer.advance(now_ns)
                 frames.append(self._encode(self._status()))
-        self._deadline_ns = due_ns
-        return frames
 
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON.
@@ -193,15 +203,6 @@ class PlantNode:
             "clamped": self._clamped,
         }
 
-    def _next_due_ns(self) -> int:
-        """Return when the next thing is due [ns]."""
-        return min(
-            self._sensor_timer.deadline_ns,
-            self._downlink.next_due_ns,
-            self._uplink.next_due_ns,
-            self._status_timer.deadline_ns,
-        )
-
     def _motion_ns(self, time_ns: int) -> int:
         """Return the time since the start of motion [ns], 0 before."""
         return max(time_ns - self._motion_start_ns, 0)
@@ -217,61 +218,66 @@ class PlantNode:
         """Sample the vehicle and put the messages into the uplink."""
         motion_ns = self._motion_ns(time_ns)
         self._motion.advance(motion_ns)
-        readings = Readings(
-            self._motion.lateral_error_m,
-            self._motion.heading_error_rad,
-            self._motion.yaw_rate_rad_s,
-        )
+        z = self._motion.linear
         if time_ns >= self._motion_start_ns:
-            self._record(motion_ns)
-            self._finished = motion_ns >= self._settings.duration_ns
-        if any(self._noise):
+            self._record(motion_ns, z)
+            self._finished = motion_ns >= self._duration_ns
+        readings = Readings(z.lateral_error_m, z.heading_error_rad, z.yaw_rate_rad_s)
+        if self._is_noisy:
             readings = with_noise(readings, self._noise, self._noise_uniforms)
-        self._push(self._encode_error(readings), time_ns, motion_ns)
-        self._push(self._encode(self._steering_status()), time_ns, motion_ns)
+        frames = [
+            self._encode_error(readings),
+            self._encode(self._steering_status(z.wheel_rad)),
+        ]
         if index % self._samples_per_state == 0:
-            state = VehicleState(
-                self._clamp(self._motion.speed_m_s, *_STATE_RANGES["speed_m_s"]),
-                self._clamp(readings.yaw_rate_rad_s, *_STATE_RANGES["yaw_rate_rad_s"]),
-                self._clamp(
-                    self._motion.preview_curvature_1_m, *_STATE_RANGES["preview_curvature_1_m"]
-                ),
-            )
-            self._push(self._encode(state), time_ns, motion_ns)
+            frames.append(self._encode(self._vehicle_state(readings, z.curvature_1_m)))
+        for frame in frames:
+            self._uplink.push(frame.can_id, frame, time_ns, motion_ns)
 
-    def _record(self, motion_ns: int) -> None:
+    def _record(self, motion_ns: int, z: LinearState) -> None:
         """Take a sample into the figures and, while there is room, into the trace."""
-        motion, command = self._motion, self._command
-        self._figures.take(motion.lateral_error_m, motion.wheel_rad)
-        if len(self._samples) < self._samples_max:
-            self._samples.append(
-                PlantSample(
-                    time_s=motion_ns * 1e-9,
-                    arc_length_m=motion.arc_length_m,
-                    lateral_error_m=motion.lateral_error_m,
-                    heading_error_rad=motion.heading_error_rad,
-                    yaw_rate_rad_s=motion.yaw_rate_rad_s,
-                    command_rad=command.item.steer_rad if command else math.nan,
-                    wheel_angle_rad=motion.wheel_rad,
-                    downlink_latency_s=command.latency_ns * 1e-9 if command else math.nan,
-                    uplink_latency_s=self._uplink_latency_s,
-                    curvature_1_m=motion.preview_curvature_1_m,
-                )
+        self._figures.take(z.lateral_error_m, z.wheel_rad)
+        if len(self._samples) >= self._samples_max:
+            return
+        command_rad = latency_s = math.nan
+        if self._command is not None:
+            command_rad = self._command.item.steer_rad
+            latency_s = self._command.latency_ns * 1e-9
+        self._samples.append(
+            # By position, in the order of the fields: this runs at every sample.
+            PlantSample(
+                motion_ns * 1e-9,
+                self._motion.arc_length_m,
+                z.lateral_error_m,
+                z.heading_error_rad,
+                z.yaw_rate_rad_s,
+                command_rad,
+                z.wheel_rad,
+                latency_s,
+                self._uplink_latency_s,
+                z.curvature_1_m,
             )
+        )
 
     def _encode_error(self, readings: Readings) -> Frame:
         """Return LATERAL_ERROR; a vehicle too far off its path is not available to the sensor."""
-        # The sensor reports an angle in one turn, however often the vehicle has turned.
-        heading_rad = math.remainder(readings.heading_error_rad, math.tau)
         low_m, high_m = _LATERAL_ERROR_RANGE
         if low_m <= readings.lateral_error_m <= high_m:
+            # The sensor reports an angle in one turn, however often the vehicle has turned.
+            heading_rad = math.remainder(readings.heading_error_rad, math.tau)
             return self._encode(LateralError(readings.lateral_error_m, heading_rad))
         self._not_available += 1
-        counter = self._next_counter(CAN_IDS[LateralError])
-        return encode_not_available(LateralError(0.0, heading_rad), counter)
+        return encode_not_available(LateralError(0.0, 0.0), next(self._counters[LateralError]))
 
-    def _steering_status(self) -> SteeringStatus:
-        wheel_rad = self._clamp(self._motion.wheel_rad, *_WHEEL_RANGE)
+    def _vehicle_state(self, readings: Readings, curvature_1_m: float) -> VehicleState:
+        return VehicleState(
+            self._clamp(self._motion.speed_m_s, *_STATE_RANGES["speed_m_s"]),
+            self._clamp(readings.yaw_rate_rad_s, *_STATE_RANGES["yaw_rate_rad_s"]),
+            self._clamp(curvature_1_m, *_STATE_RANGES["preview_curvature_1_m"]),
+        )
+
+    def _steering_status(self, wheel_rad: float) -> SteeringStatus:
+        wheel_rad = self._clamp(wheel_rad, *_WHEEL_RANGE)
         if self._command is None:
             return SteeringStatus(wheel_rad, 0, SteeringStatusCode.NO_COMMAND)
         limited = self._motion.is_limited
@@ -298,21 +304,15 @@ class PlantNode:
         if config.direction in (Direction.UPLINK, Direction.BOTH):
             self._uplink.reconfigure(model, config.mean_s, config.spread_s, config.loss)
 
-    def _push(self, frame: Frame, time_ns: int, motion_ns: int) -> None:
-        self._uplink.push(frame.can_id, frame, time_ns, motion_ns)
-
     def _encode(self, message: Message) -> Frame:
         """Return a message as a frame with its next counter."""
-        return encode(message, self._next_counter(CAN_IDS[type(message)]))
-
-    def _next_counter(self, can_id: int) -> int:
-        counter = self._sent[can_id]
-        self._sent[can_id] = (counter + 1) % _COUNTERS
-        return counter
+        return encode(message, next(self._counters[type(message)]))
 
     def _clamp(self, value: float, low: float, high: float) -> float:
-        """Return the value nearest to a finite one that its signal carries."""
+        """Return the nearest value that its signal carries; for no number, which is the end of a
+        motion that grew without bound, the end of the range.
+        """
         if low <= value <= high:
             return value
         self._clamped += 1
-        return min(max(value, low), high)
+        return low if value < low else high

@@ -48,8 +48,10 @@ class RunningFigures:
         self.samples += 1
         self._squares_m2 += lateral_error_m * lateral_error_m
         self.lateral_error_final_m = lateral_error_m
-        self.lateral_error_peak_m = max(self.lateral_error_peak_m, abs(lateral_error_m))
-        self.wheel_angle_peak_rad = max(self.wheel_angle_peak_rad, abs(wheel_angle_rad))
+        if abs(lateral_error_m) > self.lateral_error_peak_m:
+            self.lateral_error_peak_m = abs(lateral_error_m)
+        if abs(wheel_angle_rad) > self.wheel_angle_peak_rad:
+            self.wheel_angle_peak_rad = abs(wheel_angle_rad)
 
     @property
     def lateral_error_rms_m(self) -> float:

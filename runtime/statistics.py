@@ -6,11 +6,12 @@ the middle of its bin, so it is within 0.4 % of a recorded duration. Number, mea
 exact. The same durations give the same figures, in whatever order they come.
 """
 
-from collections import Counter
+from collections import defaultdict
 from typing import NamedTuple
 
 _BIN_BITS = 8
 """Leading bits of a duration that choose its bin."""
+_LEADING_MASK = (1 << _BIN_BITS) - 1
 
 
 class DurationSummary(NamedTuple):
@@ -28,8 +29,7 @@ class DurationStatistics:
 
     def __init__(self) -> None:
         # At most 57 powers of two with 128 bins each for durations below 2**63 ns.
-        self._bins: Counter[tuple[int, int]] = Counter()
-        self._samples = 0
+        self._bins: defaultdict[int, int] = defaultdict(int)
         self._total_ns = 0
         self._max_ns = 0
 
@@ -37,11 +37,15 @@ class DurationStatistics:
         """Add one duration [ns]. Raises ValueError for a negative one: a clock ran backwards."""
         if duration_ns < 0:
             raise ValueError(f"a duration cannot be negative: {duration_ns} ns")
-        shift = max(duration_ns.bit_length() - _BIN_BITS, 0)
-        self._bins[shift, duration_ns >> shift] += 1
-        self._samples += 1
+        shift = duration_ns.bit_length() - _BIN_BITS
+        if shift > 0:
+            # The leading bits are below 2**_BIN_BITS, so bins sort as their durations do.
+            self._bins[shift << _BIN_BITS | duration_ns >> shift] += 1
+        else:
+            self._bins[duration_ns] += 1
         self._total_ns += duration_ns
-        self._max_ns = max(self._max_ns, duration_ns)
+        if duration_ns > self._max_ns:
+            self._max_ns = duration_ns
 
     def quantile_ns(self, fraction: float) -> int:
         """The shortest duration that ``fraction`` (0 to 1) of all do not exceed [ns].
@@ -51,18 +55,21 @@ class DurationStatistics:
         if not 0 <= fraction <= 1:
             raise ValueError(f"a quantile is asked for with 0 to 1, not {fraction}")
         reached = 0
-        for (shift, leading), count in sorted(self._bins.items()):
+        wanted = fraction * sum(self._bins.values())
+        for number, count in sorted(self._bins.items()):
             reached += count
-            if reached >= fraction * self._samples:
+            if reached >= wanted:
+                shift, leading = number >> _BIN_BITS, number & _LEADING_MASK
                 middle_ns = (leading << shift) + ((1 << shift) >> 1)
                 return min(middle_ns, self._max_ns)
         return 0
 
     def summary(self) -> DurationSummary:
         """Number, mean, median, 99th percentile and maximum."""
+        samples = sum(self._bins.values())
         return DurationSummary(
-            samples=self._samples,
-            mean_ns=self._total_ns / self._samples if self._samples else 0.0,
+            samples=samples,
+            mean_ns=self._total_ns / samples if samples else 0.0,
             p50_ns=self.quantile_ns(0.5),
             p99_ns=self.quantile_ns(0.99),
             max_ns=self._max_ns,
