@@ -61,7 +61,8 @@ class SampledLoop:
 
     def closed_loop_poles(self, delay_ns: int) -> NDArray[np.complex128]:
         """Return all poles in z of the loop with a constant delay ≥ 0, largest modulus first."""
-        return _sorted_poles(self._closed_loop(delay_ns))
+        poles = np.linalg.eigvals(self._closed_loop(delay_ns)).astype(np.complex128)
+        return poles[np.argsort(-np.abs(poles), kind="stable")]
 
     def is_stable(self, delay_ns: int) -> bool:
         """Whether every mode of the loop decays."""
@@ -132,10 +133,6 @@ class SampledLoop:
             crossover_rad_s=math.nan if nearest is None else float(crossovers_rad_s[nearest]),
         )
 
-    def law_poles(self) -> NDArray[np.complex128]:
-        """Return the poles in z of the law alone, largest modulus first."""
-        return _sorted_poles(self._law.a)
-
     def _closed_loop(self, delay_ns: int) -> NDArray[np.float64]:
         """Return the state matrix of plant, law and the commands that are on their way.
 
@@ -159,12 +156,6 @@ class SampledLoop:
         matrix[law_end] = command
         matrix[law_end + 1 :] = on_its_way[:-1]
         return matrix
-
-
-def _sorted_poles(matrix: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Return the eigenvalues of a matrix, largest modulus first."""
-    poles = np.linalg.eigvals(matrix).astype(np.complex128)
-    return poles[np.argsort(-np.abs(poles), kind="stable")]
 
 
 def _at_sign_changes(judged: NDArray[np.float64], wanted: NDArray[Number]) -> NDArray[Number]:

@@ -12,6 +12,7 @@ from scipy.linalg import expm
 
 from controller.design import design_law
 from controller.law_settings import LawSettings
+from controller.settings import ControllerSettings
 
 PERIOD_S = 0.01
 STEER_RAD_MAX = 0.6
@@ -22,12 +23,12 @@ PRESETS = [f"{family}_{law}" for family in ("paper", "practical") for law in LAW
 
 def preset(name: str) -> LawSettings:
     text = files("controller.presets").joinpath(f"{name}.toml").read_text(encoding="utf-8")
-    return LawSettings.model_validate(tomllib.loads(text))
+    return ControllerSettings.model_validate(tomllib.loads(text))
 
 
 def variant(name: str, **tables: Any) -> LawSettings:
     """Return a preset with some of its tables replaced."""
-    return LawSettings.model_validate(preset(name).model_dump() | tables)
+    return ControllerSettings.model_validate(preset(name).model_dump() | tables)
 
 
 @cache
