@@ -74,10 +74,15 @@ def read_trace(path: Path) -> Trace:
     """
     with path.open(newline="", encoding="utf-8") as file:
         rows = csv.reader(file)
-        header = next(rows, [])
-        if header not in (["latency_s"], ["time_s", "latency_s"]):
-            raise ValueError(f"{path}, line 1: must be latency_s or time_s,latency_s")
-        table = [_numbers(path, rows.line_num, row, header) for row in rows]
+        try:
+            header = next(rows, [])
+            if header not in (["latency_s"], ["time_s", "latency_s"]):
+                raise ValueError(f"{path}, line 1: must be latency_s or time_s,latency_s")
+            table = [_numbers(path, rows.line_num, row, header) for row in rows]
+        except csv.Error as error:
+            raise ValueError(f"{path}, line {rows.line_num}: {error}") from error
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{path}: is not UTF-8 text (byte {error.start})") from error
     if not table:
         raise ValueError(f"{path}: holds no latencies")
     times_s = tuple(row[0] for row in table) if len(header) == 2 else ()
