@@ -1,5 +1,7 @@
 """Plant emulator and controller together in one process, in virtual time."""
 
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 from controller.node import ControllerNode
@@ -8,13 +10,15 @@ from plant_emulator.node import PlantNode
 from plant_emulator.settings import PlantSettings
 from runtime.bus_model import BusModel
 from runtime.candump import CandumpLog
-from runtime.node import NEVER_NS
+from runtime.frame import Frame
 from runtime.virtual_time import VirtualTimeExecutor
 from tools.live_pair import PairResult
 from tools.trace import Trace
 
 BITRATE_BIT_S = 500_000
 """The bit rate virtual time and the emulated bus have unless told otherwise."""
+
+SLICE_NS = 1_000_000_000
 
 
 def run_virtual_pair(
@@ -31,14 +35,7 @@ def run_virtual_pair(
     plant = PlantNode(plant_settings, 0)
     controller = ControllerNode(controller_settings, 0)
     bus = None if bitrate_bit_s is None else BusModel(bitrate_bit_s)
-    if candump_log is None:
-        VirtualTimeExecutor((plant, controller), bus).run(NEVER_NS)
-    else:
-        with CandumpLog(candump_log, "virtual") as log:
-            executor = VirtualTimeExecutor(
-                (plant, controller), bus, lambda now_ns, _, frame: log.write(now_ns, frame)
-            )
-            executor.run(NEVER_NS)
+    run_virtual_nodes(plant, controller, bus, candump_log, lambda: False)
     return PairResult(
         {"settings": plant_settings.model_dump(mode="json"), "node": dict(plant.report())},
         {
@@ -47,3 +44,30 @@ def run_virtual_pair(
         },
         Trace.of_node(plant),
     )
+
+
+def run_virtual_nodes(
+    plant: PlantNode,
+    controller: ControllerNode,
+    bus: BusModel | None,
+    candump_log: Path | None,
+    should_stop: Callable[[], bool],
+) -> None:
+    """Run two nodes that start at 0 until the plant has finished or ``should_stop()``.
+
+    ``should_stop`` is asked every SLICE_NS of virtual time.
+    """
+    with ExitStack() as stack:
+        on_wire = None
+        if candump_log is not None:
+            on_wire = _writer(stack.enter_context(CandumpLog(candump_log, "virtual")))
+        executor = VirtualTimeExecutor((plant, controller), bus, on_wire)
+        until_ns = SLICE_NS
+        while not (executor.finished or should_stop()):
+            executor.run(until_ns)
+            until_ns += SLICE_NS
+
+
+def _writer(log: CandumpLog) -> Callable[[int, int, Frame], None]:
+    """Return what writes every frame on the wire into ``log``."""
+    return lambda time_ns, _sender, frame: log.write(time_ns, frame)
