@@ -17,6 +17,8 @@ from runtime.program import ExitStatus, load_program_settings, make_parser, run_
 
 NAME = "steering-controller"
 PRESETS = "controller.presets"
+DEFAULT_PRESET = "practical_pd_ddob"
+"""What runs when neither a preset nor a file is given: no law is good without its values."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -34,6 +36,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
+    if options.preset is None and options.settings is None:
+        options.preset = DEFAULT_PRESET
+        print(f"{NAME}: neither preset nor file is given: preset {DEFAULT_PRESET}", file=sys.stderr)
     short = {"law": options.law, "rate_hz": options.rate_hz}
     overrides = [f"{key}={value}" for key, value in short.items() if value is not None]
     settings = load_program_settings(ControllerSettings, PRESETS, options, overrides)

@@ -23,8 +23,8 @@ SLOWEST_DECAY_1_S = 1e-3
 """A mode that decays more slowly is drift, not stability: a quarter of an hour to one third. It
 also is what keeps rounding from deciding about a double pole at z = 1."""
 MARGIN_RESOLUTION_NS = 10_000
-_LOWEST_FREQUENCY_RAD_S = 1e-2
-_FREQUENCIES = 20_000
+_OMEGA_RAD_S_MIN = 1e-2
+_OMEGAS = 20_000
 _S_NS = 1_000_000_000
 
 Number = TypeVar("Number", np.float64, np.complex128)
@@ -102,13 +102,13 @@ class SampledLoop:
         return stable_ns
 
     def loop_response(
-        self, frequency_rad_s: NDArray[np.float64], delay_ns: int
+        self, omega_rad_s: NDArray[np.float64], delay_ns: int
     ) -> NDArray[np.complex128]:
         """Return the loop transfer at frequencies above 0, up to Nyquist [rad/s].
 
         The loop is cut where the command goes onto the wire; -1 is the critical point.
         """
-        z = np.exp(1j * frequency_rad_s * self._period_ns / _S_NS)
+        z = np.exp(1j * omega_rad_s * self._period_ns / _S_NS)
         a, b_new, b_old, c, whole_periods = held_plant(self._model, self._period_ns, delay_ns)
         inputs = b_new + b_old / z[:, None]
         states = np.linalg.solve(z[:, None, None] * np.eye(len(c)) - a, inputs[:, :, None])
@@ -118,13 +118,13 @@ class SampledLoop:
     def margins(self, delay_ns: int) -> StabilityMargins:
         """Return the classical margins at a constant delay, which mean little if unstable."""
         nyquist_rad_s = math.pi * _S_NS / self._period_ns
-        frequency_rad_s = np.geomspace(_LOWEST_FREQUENCY_RAD_S, nyquist_rad_s, _FREQUENCIES)
-        loop = self.loop_response(frequency_rad_s, delay_ns)
+        omega_rad_s = np.geomspace(_OMEGA_RAD_S_MIN, nyquist_rad_s, _OMEGAS)
+        loop = self.loop_response(omega_rad_s, delay_ns)
         on_axis = _at_sign_changes(loop.imag, loop.real)
         factors = -1.0 / on_axis[on_axis < 0.0]
         log_gain = np.log(np.abs(loop))
         phases_rad = np.abs(np.angle(-_at_sign_changes(log_gain, loop)))
-        crossovers_rad_s = _at_sign_changes(log_gain, frequency_rad_s)
+        crossovers_rad_s = _at_sign_changes(log_gain, omega_rad_s)
         nearest = int(np.argmin(phases_rad)) if len(phases_rad) else None
         return StabilityMargins(
             gain_max=float(min(factors[factors > 1.0], default=math.inf)),

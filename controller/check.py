@@ -65,14 +65,14 @@ def _poles(poles: NDArray[np.complex128], period_ns: int) -> Iterator[str]:
     """Return a table of poles, slowest first, a conjugate pair in one line."""
     shown = [pole for pole in poles if abs(pole) >= _MODULUS_SHOWN_MIN]
     if shown:
-        yield f"  {'z':>24} {'|z|':>12} {'decay [1/s]':>14} {'frequency [rad/s]':>18}"
+        yield f"  {'z':>24} {'|z|':>12} {'decay [1/s]':>14} {'omega [rad/s]':>18}"
     for pole in sorted(shown, key=lambda pole: (-abs(pole), -pole.real)):
         if pole.imag < 0.0:
             continue
         z = f"{pole.real:.6f} ± {pole.imag:.6f}j" if pole.imag else f"{pole.real:.6f}"
         decay_1_s = round(-math.log(abs(pole)) * _S_NS / period_ns, 4) + 0.0  # no "-0.0000"
-        frequency_rad_s = abs(np.angle(pole)) * _S_NS / period_ns
-        yield f"  {z:>24} {abs(pole):>12.6f} {decay_1_s:>14.4f} {frequency_rad_s:>18.4f}"
+        omega_rad_s = abs(np.angle(pole)) * _S_NS / period_ns
+        yield f"  {z:>24} {abs(pole):>12.6f} {decay_1_s:>14.4f} {omega_rad_s:>18.4f}"
     hidden = len(poles) - len(shown)
     if hidden:
         yield f"  {'and ' if shown else ''}{hidden} at z = 0"
