@@ -17,11 +17,13 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import can
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
+from runtime.program import ExitStatus
 from runtime.settings import Preset, SettingsError, dump_toml, load_settings, read_preset
 from tools.demo_bus import Channels, open_channels
 from tools.demo_figures import LawTraces, draw_all
@@ -43,13 +45,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     console = Console()
     try:
         _demo(options, console)
-    except (PairError, SettingsError, argparse.ArgumentError, OSError) as error:
+    except (SettingsError, argparse.ArgumentError) as error:
         print(f"demo: error: {error}", file=sys.stderr)
-        return 2 if isinstance(error, SettingsError | argparse.ArgumentError) else 3
+        return ExitStatus.SETTINGS
+    except OSError as error:
+        print(f"demo: error: {error.filename}: {error.strerror}", file=sys.stderr)
+        return ExitStatus.SETTINGS
+    except (PairError, can.CanError) as error:
+        print(f"demo: error: {error}", file=sys.stderr)
+        return ExitStatus.BUS
     except KeyboardInterrupt:
         print(f"demo: interrupted; what the pairs wrote is in {options.out}", file=sys.stderr)
-        return 130
-    return 0
+        return ExitStatus.INTERRUPTED
+    return ExitStatus.OK
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
