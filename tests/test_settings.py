@@ -133,8 +133,7 @@ def test_an_override_inside_a_value_is_refused() -> None:
 
 def test_a_mistake_names_source_key_value_and_range() -> None:
     assert mistakes("motor.speed_m_s=-3") == (
-        "--set: motor.speed_m_s = -3 should be greater than 0 "
-        "(allowed: number above 0, up to 60)",
+        "--set: motor.speed_m_s = -3 should be greater than 0 (allowed: number above 0, up to 60)",
     )
 
 
