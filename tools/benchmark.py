@@ -1,0 +1,121 @@
+"""How fast it is on this machine, beside what it should be.
+
+    python -m tools.benchmark [--json FILE]
+
+Prints the median of several repetitions with the least and the most, the target where there is
+one, and the ratio of the time behind each figure to that of a fixed loop of arithmetic. A start is
+timed to the program's first frame on an emulated bus. Other work on the machine shows in the
+spread; a target that is missed then says little.
+"""
+
+import argparse
+import json
+import os
+import platform
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from runtime.host import StealClock
+from tools.benchmark_loop import controller_node_line, frame_lines, law_lines, virtual_time_lines
+from tools.benchmark_measurement import Line, calibration
+from tools.benchmark_startup import StartupError, heavy_modules, startup_lines
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run all benchmarks; returns the exit status, which does not depend on the figures."""
+    parser = argparse.ArgumentParser(
+        prog="benchmark", description=(__doc__ or "").splitlines()[0], allow_abbrev=False
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures too")
+    options = parser.parse_args(arguments)
+    try:
+        _benchmark(options.json)
+    except (StartupError, OSError) as error:
+        print(f"benchmark: error: {error}", file=sys.stderr)
+        return 3
+    return 0
+
+
+def _benchmark(json_file: Path | None) -> None:
+    console, steal = Console(), StealClock()
+    loop = calibration()
+    lines = [
+        *law_lines(),
+        *frame_lines(),
+        controller_node_line(),
+        *virtual_time_lines(),
+        *startup_lines(),
+    ]
+    heavy = heavy_modules()
+    machine = {
+        "python": f"{platform.python_implementation()} {platform.python_version()}",
+        "platform": platform.platform(),
+        "processors": os.cpu_count(),
+        "steal_fraction": steal.fraction(),
+    }
+    console.print(_table(loop, lines))
+    for program, modules in heavy.items():
+        console.print(f"heavy modules {program} imports (target: none): {_listed(modules)}")
+    stolen = machine["steal_fraction"]
+    console.print(f"{machine['python']}, {machine['processors']} processors, ", end="")
+    console.print("steal unknown" if stolen is None else f"{100 * stolen:.1f} % stolen by the host")
+    if json_file is not None:
+        content = {
+            "machine": machine,
+            "calibration_us": loop.median,
+            "lines": [_as_json(line, loop.median) for line in lines],
+            "heavy_modules": heavy,
+        }
+        json_file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def _table(loop: Line, lines: Sequence[Line]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column("what", no_wrap=True)
+    for heading in ("median", "least", "most", "unit", "ratio", "target", ""):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for line in (loop, *lines):
+        figures = (line.median, min(line.figures), max(line.figures))
+        verdict = {None: "", True: "met", False: "missed"}[line.is_met]
+        table.add_row(
+            line.name,
+            *(_short(figure) for figure in figures),
+            line.unit,
+            _short(line.ratio(loop.median)),
+            line.target.text if line.target else "",
+            verdict,
+        )
+    return table
+
+
+def _as_json(line: Line, calibration_us: float) -> dict[str, Any]:
+    return {
+        "name": line.name,
+        "unit": line.unit,
+        "median": line.median,
+        "least": min(line.figures),
+        "greatest": max(line.figures),
+        "repetitions": len(line.figures),
+        "ratio_to_calibration": line.ratio(calibration_us),
+        "target": line.target.text if line.target else None,
+        "is_met": line.is_met,
+    }
+
+
+def _short(figure: float) -> str:
+    """Return a figure with three digits that count."""
+    return f"{figure:.3g}" if figure < 1000.0 else f"{figure:.0f}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names) or "none"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
