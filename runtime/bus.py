@@ -66,8 +66,13 @@ def open_bus(namespace: argparse.Namespace) -> OpenBus:
     except ValueError as error:
         raise BusError(f"python-can's configuration cannot be read: {_one_line(error)}") from error
     name = " ".join(filter(None, (choice.interface, choice.channel)))
-    if choice.interface == "socketcan" and choice.channel:
-        obstacle = socketcan_obstacle(choice.channel)
+    if choice.interface == "socketcan":
+        # Without a channel python-can would open all of them, which receives but cannot send.
+        obstacle = (
+            socketcan_obstacle(choice.channel)
+            if choice.channel
+            else f"no channel was given (such as -c {_AUTO_CHANNEL})"
+        )
         if obstacle:
             raise BusError(f"cannot open {name}: {obstacle}")
     given = {"interface": choice.interface, "channel": choice.channel}
