@@ -20,6 +20,9 @@ from runtime.statistics import DurationStatistics, DurationSummary
 
 NS_PER_S = 1_000_000_000
 FRAMES_PER_WAKE_UP_MAX = 256
+TICKS_PER_WAKE_UP_MAX = 10_000
+"""Ticks at one reading of the clock before the node is called stuck. Signals only ask for the end
+of a run, so a node that kept its executor here could not even be interrupted."""
 WAIT_NS_MAX = 50_000_000
 """How long a wait may last, so that a request to stop is heard."""
 
@@ -40,6 +43,8 @@ class LoopFigures(NamedTuple):
     """What a run was like.
 
     ``lateness``         how long after its deadline each tick ran
+    ``overruns``         how often the work of a wake-up lasted beyond the next deadline: late
+                         because the program was slow or held up, not because it woke up late
     ``wake_ups``         how often the loop went round
     ``full_wake_ups``    how often FRAMES_PER_WAKE_UP_MAX cut the frames of a wake-up short
     ``duration_ns``      from the first reading of the clock to the last [ns]
@@ -47,6 +52,7 @@ class LoopFigures(NamedTuple):
     """
 
     lateness: DurationSummary
+    overruns: int
     wake_ups: int
     full_wake_ups: int
     frames_received: int
@@ -65,6 +71,7 @@ class RealTimeExecutor:
         self._port = port
         self._clock_ns = clock_ns
         self._lateness = DurationStatistics()
+        self._overruns = 0
         self._wake_ups = 0
         self._full_wake_ups = 0
         self._frames_received = 0
@@ -77,6 +84,7 @@ class RealTimeExecutor:
         """Figures of the run so far."""
         return LoopFigures(
             self._lateness.summary(),
+            self._overruns,
             self._wake_ups,
             self._full_wake_ups,
             self._frames_received,
@@ -102,6 +110,8 @@ class RealTimeExecutor:
             self._tick(now_ns)
             # Read again, because the wait that follows is counted from here and not from now_ns.
             before_ns = self._clock_ns()
+            if self._node.deadline_ns <= before_ns:
+                self._overruns += 1
             self._busy_ns += before_ns - now_ns
             self._duration_ns = before_ns - start_ns
 
@@ -119,13 +129,16 @@ class RealTimeExecutor:
         self._frames_received += handed_over
 
     def _tick(self, now_ns: int) -> None:
-        """Tick while the node's deadline is due."""
-        while True:
+        """Tick while the node's deadline is due; raises RuntimeError when that does not end."""
+        for _ in range(TICKS_PER_WAKE_UP_MAX):
             lateness_ns = now_ns - self._node.deadline_ns
             if lateness_ns < 0:
                 return
             self._lateness.record(lateness_ns)
             self._send(self._node.on_tick(now_ns))
+        raise RuntimeError(
+            f"the node's deadline does not move on: {TICKS_PER_WAKE_UP_MAX} ticks at {now_ns} ns"
+        )
 
     def _send(self, frames: Sequence[Frame]) -> None:
         for frame in frames:
