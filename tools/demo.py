@@ -42,7 +42,7 @@ GRACE_S = 30.0
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the demo; returns the exit status."""
     options = _parse(arguments)
-    console = Console()
+    console = Console(markup=False)  # [mm] is a unit
     try:
         _demo(options, console)
     except (SettingsError, argparse.ArgumentError) as error:
@@ -175,6 +175,12 @@ def _present(
         for label, result in live.items()
     ]
     console.print(summary_table(rows))
+    console.print(
+        "Two figures are median / 99th percentile. Latency is what the network injects into"
+    )
+    console.print(
+        "commands; where a newer one overtakes, the older never acts: see the round trip."
+    )
     for line in _remarks(live):
         console.print(line)
     traces = [

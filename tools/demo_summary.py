@@ -15,8 +15,10 @@ class Figures(NamedTuple):
     lateral_error_rms_m: float
     lateral_error_peak_m: float
     steer_peak_rad: float
-    latency_p50_s: float
+    latency_p50_s: float  # injected into the commands that were not lost
     latency_p99_s: float
+    round_trip_p50_s: float  # measured by the controller through the echoed counter
+    round_trip_p99_s: float
     lateness_p50_s: float | None  # of the controller's ticks; virtual time is never late
     lateness_p99_s: float | None
     skipped_ticks: int
@@ -35,7 +37,7 @@ class LawFigures(NamedTuple):
 def figures_of(result: PairResult) -> Figures:
     """Collect the figures of one run from the reports of its two nodes."""
     plant, controller = result.plant["node"], result.controller["node"]
-    latency = plant["downlink"]["latency"]
+    latency, round_trip = plant["downlink"]["injected"], controller["round_trip"]
     lateness = result.controller["loop"]["lateness"] if "loop" in result.controller else None
     return Figures(
         lateral_error_rms_m=plant["lateral_error_rms_m"],
@@ -43,6 +45,8 @@ def figures_of(result: PairResult) -> Figures:
         steer_peak_rad=plant["wheel_angle_peak_rad"],
         latency_p50_s=latency["p50_s"],
         latency_p99_s=latency["p99_s"],
+        round_trip_p50_s=round_trip["p50_s"],
+        round_trip_p99_s=round_trip["p99_s"],
         lateness_p50_s=lateness and lateness["p50_s"],
         lateness_p99_s=lateness and lateness["p99_s"],
         skipped_ticks=controller["skipped_ticks"],
@@ -96,8 +100,9 @@ _LINES: Mapping[str, Callable[[Figures], str]] = {
     "RMS error [mm]": lambda run: f"{1e3 * run.lateral_error_rms_m:.1f}",
     "peak error [mm]": lambda run: f"{1e3 * run.lateral_error_peak_m:.1f}",
     "peak steer [rad]": lambda run: f"{run.steer_peak_rad:.3f}",
-    "latency p50/p99 [ms]": lambda run: _pair(run.latency_p50_s, run.latency_p99_s, 0),
-    "lateness p50/p99 [ms]": lambda run: _pair(run.lateness_p50_s, run.lateness_p99_s, 2),
+    "latency [ms]": lambda run: _pair(run.latency_p50_s, run.latency_p99_s, 0),
+    "round trip [ms]": lambda run: _pair(run.round_trip_p50_s, run.round_trip_p99_s, 0),
+    "lateness [ms]": lambda run: _pair(run.lateness_p50_s, run.lateness_p99_s, 2),
     "skipped ticks": lambda run: str(run.skipped_ticks),
     "frames lost": lambda run: str(run.frames_lost),
     "frames rejected": lambda run: str(run.frames_rejected),
