@@ -99,7 +99,7 @@ def _pair(p50_s: float | None, p99_s: float | None, digits: int) -> str:
 _LINES: Mapping[str, Callable[[Figures], str]] = {
     "RMS error [mm]": lambda run: f"{1e3 * run.lateral_error_rms_m:.1f}",
     "peak error [mm]": lambda run: f"{1e3 * run.lateral_error_peak_m:.1f}",
-    "peak steer [rad]": lambda run: f"{run.steer_peak_rad:.3f}",
+    "max steer [rad]": lambda run: f"{run.steer_peak_rad:.3f}",
     "latency [ms]": lambda run: _pair(run.latency_p50_s, run.latency_p99_s, 0),
     "round trip [ms]": lambda run: _pair(run.round_trip_p50_s, run.round_trip_p99_s, 0),
     "lateness [ms]": lambda run: _pair(run.lateness_p50_s, run.lateness_p99_s, 2),
