@@ -45,10 +45,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.check:
         print(check_text(settings), end="")
         return ExitStatus.OK
-    _, status = run_node(
-        NAME, options, settings, lambda start_ns: ControllerNode(settings, start_ns)
-    )
-    return status
+    return run_node(NAME, options, settings, lambda start_ns: ControllerNode(settings, start_ns))
 
 
 if __name__ == "__main__":

@@ -7,12 +7,11 @@ import argparse
 import sys
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 
 from plant_emulator.node import PlantNode, motion_params
 from plant_emulator.plant_samples import write_trace
 from plant_emulator.settings import PlantSettings
-from runtime.program import load_program_settings, make_parser, run_main, run_node
+from runtime.program import load_program_settings, make_parser, output_file, run_main, run_node, say
 
 NAME = "plant-emulator"
 PRESETS = "plant_emulator.presets"
@@ -22,7 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     parser = make_parser(NAME, "Emulates vehicle, path, actuator and network latency.", PRESETS)
     parser.add_argument("--seed", type=int, metavar="N", help="of all randomness of the run")
-    parser.add_argument("--trace", type=Path, metavar="FILE", help="write every sample, CSV")
+    parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every sample, CSV")
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
@@ -30,17 +29,25 @@ def _run(options: argparse.Namespace) -> int:
     seed = [] if options.seed is None else [f"seed={options.seed}"]
     settings = load_program_settings(PlantSettings, PRESETS, options, seed)
     params = motion_params(settings)
-    node, status = run_node(
-        NAME, options, settings, lambda start_ns: PlantNode(settings, start_ns, params)
+    return run_node(
+        NAME,
+        options,
+        settings,
+        lambda start_ns: PlantNode(settings, start_ns, params),
+        partial(_conclude, options),
     )
-    report = node.report()
-    print(
-        f"{NAME}: lateral error RMS {1e3 * report['lateral_error_rms_m']:.2f} mm, "
-        f"peak {1e3 * report['lateral_error_peak_m']:.2f} mm over {report['motion_s']:.2f} s"
-    )
+
+
+def _conclude(options: argparse.Namespace, node: PlantNode) -> None:
+    """Write the trace, and say how well the path was held."""
     if options.trace is not None:
         write_trace(options.trace, node.path, node.samples)
-    return status
+    report = node.report()
+    say(
+        NAME,
+        f"lateral error RMS {1e3 * report['lateral_error_rms_m']:.2f} mm, "
+        f"peak {1e3 * report['lateral_error_peak_m']:.2f} mm over {report['motion_s']:.2f} s",
+    )
 
 
 if __name__ == "__main__":

@@ -11,6 +11,8 @@ What decides, first to last:
 
 import argparse
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -84,6 +86,20 @@ def open_bus(namespace: argparse.Namespace) -> OpenBus:
         cause = _one_line(error.__cause__ or error)
         raise BusError(f"cannot open {name} ({choice.reason}): {cause}") from error
     return OpenBus(bus, f"{bus.channel_info} ({choice.reason})")
+
+
+@contextmanager
+def shutting_down(bus: can.BusABC) -> Iterator[None]:
+    """Shut ``bus`` down at the end of the block.
+
+    One that has failed may fail again then, as an adapter that was unplugged does; by then it has
+    been told.
+    """
+    try:
+        yield
+    finally:
+        with suppress(can.CanError, OSError):
+            bus.shutdown()
 
 
 class BusPort:

@@ -1,7 +1,12 @@
-"""What the two programs share: command line, start, signals, report, exit status."""
+"""What the two programs share: command line, start, signals, report, exit status.
+
+From the line "ready" on a run ends with its report, whether the node has finished, time is up, a
+signal came or the bus failed. What could lose a report is refused before there is a run.
+"""
 
 import argparse
 import math
+import os
 import signal
 import sys
 import time
@@ -10,16 +15,12 @@ from contextlib import contextmanager
 from enum import IntEnum
 from pathlib import Path
 from types import FrameType
-from typing import Any, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TextIO, TypeVar
 
-from runtime.bus import BusError, BusPort, add_bus_arguments, open_bus
-from runtime.host import (
-    RealTimeRequest,
-    StealClock,
-    real_time,
-)
-from runtime.node import Node
-from runtime.real_time import RealTimeExecutor
+from runtime.bus import BusError, BusPort, OpenBus, add_bus_arguments, open_bus, shutting_down
+from runtime.host import RealTimeRequest, StealClock, priority, real_time
+from runtime.node import NEVER_NS, Node
+from runtime.real_time import LoopFigures, RealTimeExecutor
 from runtime.report import host_report, run_report, write_json
 from runtime.settings import (
     Settings,
@@ -39,8 +40,10 @@ class ExitStatus(IntEnum):
     OK = 0
     SETTINGS = 2
     BUS = 3
+    OUTPUT = 4
+    """A file could not be written."""
     INTERRUPTED = 130
-    """By Ctrl-C before there was a run; a run that is interrupted ends with OK and its report."""
+    """By Ctrl-C outside of a run; a run that is interrupted ends with OK and its report."""
 
 
 class ReportingNode(Node, Protocol):
@@ -58,25 +61,28 @@ S = TypeVar("S", bound=Settings)
 class StopRequest:
     """Becomes true when the run is to end, and remembers why."""
 
-    def __init__(
-        self,
-        start_ns: int,
-        duration_s: float | None,
-        clock_ns: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
-        self._end_ns = None if duration_s is None else start_ns + round(duration_s * NS_PER_S)
+    def __init__(self, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self._clock_ns = clock_ns
+        self._end_ns = NEVER_NS
         self.reason = ""
 
     def __call__(self) -> bool:
         """Whether the run is to end."""
-        if not self.reason and self._end_ns is not None and self._clock_ns() >= self._end_ns:
+        if not self.reason and self._clock_ns() >= self._end_ns:
             self.reason = "duration"
         return bool(self.reason)
 
+    def end_at(self, end_ns: int) -> None:
+        """Let the run end at ``end_ns`` at the latest."""
+        self._end_ns = end_ns
+
     @contextmanager
     def on_signals(self) -> Iterator[None]:
-        """Let SIGINT and SIGTERM ask for the end until the end of the block."""
+        """Let SIGINT and SIGTERM ask for the end until the end of the block.
+
+        However often they come: terminals and the wrappers that pass signals on send them twice,
+        and the second must not cost the report.
+        """
         previous = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
         for number in previous:
             signal.signal(number, self._take_signal)
@@ -87,7 +93,19 @@ class StopRequest:
                 signal.signal(number, handler)
 
     def _take_signal(self, number: int, _frame: FrameType | None) -> None:
-        self.reason = signal.Signals(number).name
+        self.reason = self.reason or signal.Signals(number).name
+
+
+class _Run(NamedTuple):
+    """What has become of a run, beside what the node itself reports.
+
+    ``failure``  of the bus; empty when it has not failed
+    """
+
+    ended_by: str
+    failure: str
+    loop: LoopFigures
+    host: Mapping[str, Any]
 
 
 def make_parser(name: str, description: str, preset_package: str) -> argparse.ArgumentParser:
@@ -104,16 +122,15 @@ def make_parser(name: str, description: str, preset_package: str) -> argparse.Ar
         metavar="TABLE.KEY=VALUE",
         help="one setting on top of the file; may be given several times",
     )
-    parser.add_argument("--report", type=Path, metavar="FILE", help="write a report, JSON")
+    parser.add_argument("--report", type=output_file, metavar="FILE", help="write a report, JSON")
     parser.add_argument(
         "--duration", type=_seconds, metavar="SECONDS", help="end after this time at the latest"
     )
     group = parser.add_argument_group("real time, as far as the host grants it")
     group.add_argument(
         "--priority",
-        type=int,
+        type=priority,
         default=50,
-        choices=range(100),
         metavar="0..99",
         help="SCHED_FIFO priority; 0 does not ask for it (default: %(default)s)",
     )
@@ -134,64 +151,119 @@ def load_program_settings(
     return load_settings(model, preset, options.settings, [*options.overrides, *overrides])
 
 
+def output_file(text: str) -> Path:
+    """Read the name of a file to write after the run; argparse turns the error into one line.
+
+    What is wrong with it is better said now than when there is something to lose.
+    """
+    path = Path(text)
+    if path.is_dir():
+        raise argparse.ArgumentTypeError(f"{text} is a directory")
+    if not path.parent.is_dir():
+        raise argparse.ArgumentTypeError(f"there is no directory {path.parent}")
+    if not all(os.access(place, os.W_OK) for place in (path.parent, path) if place.exists()):
+        raise argparse.ArgumentTypeError(f"{text} may not be written")
+    return path
+
+
 def run_node(
-    name: str, options: argparse.Namespace, settings: Settings, make_node: Callable[[int], N]
-) -> tuple[N, ExitStatus]:
+    name: str,
+    options: argparse.Namespace,
+    settings: Settings,
+    make_node: Callable[[int], N],
+    conclude: Callable[[N], None] = lambda _node: None,
+) -> ExitStatus:
     """Open the bus, run the node to its end in real time, print and write the report.
 
     ``make_node``  called as ``make_node(start_ns)``, on the monotonic clock [ns]; the first tick is
                    due then, so it must not take long
+    ``conclude``   writes and says what the program has to add, after the report
 
-    Returns the node, for what it has recorded, and the exit status: a bus that fails ends the run
-    with a report too. Raises BusError when the bus cannot be opened, and OSError when the report
-    cannot be written.
+    Returns the exit status: a bus that fails ends the run with a report too. Raises BusError when
+    the bus cannot be opened, and OSError when a file cannot be written.
     """
     opened = open_bus(options)
-    try:
-        print(f"{name}: ready on {opened.description}", flush=True)
-        request = RealTimeRequest(options.priority, options.cpu, options.lock_memory)
-        failure = ""
-        with real_time(request) as answers:
-            steal = StealClock()
-            start_ns = time.monotonic_ns()
-            stop = StopRequest(start_ns, options.duration)
-            node = make_node(start_ns)
-            executor = RealTimeExecutor(node, BusPort(opened.bus))
-            with stop.on_signals():
-                try:
-                    executor.run(stop)
-                except BusError as error:
-                    failure = str(error)
-        ended_by = failure or stop.reason or "finished"
+    stop = StopRequest()
+    # What is to be kept is written before the shut-down, which may take seconds or fail.
+    with shutting_down(opened.bus), stop.on_signals():
+        say(name, f"ready on {opened.description}")
+        node, run = _run_in_real_time(options, opened, stop, make_node)
+        if run.failure:
+            say(name, f"error: {run.failure}", sys.stderr)
         report = run_report(
-            name, ended_by, opened.description, settings, executor.figures, node.report()
+            name, run.ended_by, opened.description, settings, run.loop, node.report()
         )
-        report["host"] = host_report(answers, steal.fraction())
-    finally:
-        opened.bus.shutdown()
-    _tell(name, report)
-    if failure:
-        print(f"{name}: error: {failure}", file=sys.stderr)
-    if options.report is not None:
-        write_json(options.report, report)
-    return node, ExitStatus.BUS if failure else ExitStatus.OK
+        report["host"] = run.host
+        if options.report is not None:
+            write_json(options.report, report)
+        _tell(name, report)
+        conclude(node)
+    return ExitStatus.BUS if run.failure else ExitStatus.OK
+
+
+def _run_in_real_time(
+    options: argparse.Namespace, opened: OpenBus, stop: StopRequest, make_node: Callable[[int], N]
+) -> tuple[N, _Run]:
+    """Make the node and run it to its end."""
+    request = RealTimeRequest(options.priority, options.cpu, options.lock_memory)
+    failure = ""
+    with real_time(request) as answers:
+        steal = StealClock()
+        start_ns = time.monotonic_ns()
+        if options.duration is not None:
+            stop.end_at(start_ns + round(options.duration * NS_PER_S))
+        node = make_node(start_ns)
+        executor = RealTimeExecutor(node, BusPort(opened.bus))
+        try:
+            executor.run(stop)
+        except BusError as error:
+            failure = str(error)
+    ended_by = failure or stop.reason or "finished"
+    host = host_report(answers, steal.fraction())
+    return node, _Run(ended_by, failure, executor.figures, host)
 
 
 def run_main(name: str, main: Callable[[], int]) -> int:
     """Call ``main``; turns what a user can cause into one line on standard error and a status."""
     try:
-        return main()
-    except (SettingsError, argparse.ArgumentError) as error:
+        status = main()
+        print(end="", flush=True)
+        return status
+    except SettingsError as error:
         lines, status = str(error).splitlines(), ExitStatus.SETTINGS
     except BusError as error:
         lines, status = [str(error)], ExitStatus.BUS
+    except BrokenPipeError:
+        # Nobody reads on, as after "| head"; that is no mistake.
+        _silence(sys.stdout)
+        lines, status = [], ExitStatus.OK
     except OSError as error:
-        lines, status = [f"{error.filename}: {error.strerror}"], ExitStatus.SETTINGS
+        where = error.filename2 or error.filename
+        lines = [f"{where}: {error.strerror}" if where else str(error)]
+        status = ExitStatus.OUTPUT
     except KeyboardInterrupt:
-        lines, status = ["interrupted before the run"], ExitStatus.INTERRUPTED
+        lines, status = ["interrupted"], ExitStatus.INTERRUPTED
     for line in lines:
-        print(f"{name}: error: {line}", file=sys.stderr)
+        say(name, f"error: {line}", sys.stderr)
     return status
+
+
+def say(name: str, text: str, stream: TextIO | None = None) -> None:
+    """Print one line to ``stream``, standard output unless given, at once.
+
+    A reader that has gone or a disk that is full must neither end a run nor cost its report.
+    """
+    stream = stream or sys.stdout
+    try:
+        print(f"{name}: {text}", file=stream, flush=True)
+    except OSError:
+        _silence(stream)
+
+
+def _silence(stream: TextIO) -> None:
+    """Have ``stream`` written to nowhere, also what Python still holds and writes at the end."""
+    with open(os.devnull, "w", encoding="utf-8") as nowhere:
+        os.dup2(nowhere.fileno(), stream.fileno())
 
 
 def _tell(name: str, report: Mapping[str, Any]) -> None:
@@ -199,16 +271,17 @@ def _tell(name: str, report: Mapping[str, Any]) -> None:
     loop, steal = report["loop"], report["host"]["steal_fraction"]
     lateness = loop["lateness"]
     refused = [f"{a['name']} ({a['detail']})" for a in report["host"]["answers"] if not a["got"]]
-    print(f"{name}: ended by {report['ended_by']} after {loop['duration_s']:.2f} s")
-    print(
-        f"{name}: {loop['frames_received']} frames received, {loop['frames_sent']} sent; lateness "
-        f"p50 {1e3 * lateness['p50_s']:.3f} ms, p99 {1e3 * lateness['p99_s']:.3f} ms, "
-        f"max {1e3 * lateness['max_s']:.3f} ms"
+    say(name, f"ended by {report['ended_by']} after {loop['duration_s']:.2f} s")
+    say(name, f"{loop['frames_received']} frames received, {loop['frames_sent']} sent")
+    say(
+        name,
+        f"lateness p50 {1e3 * lateness['p50_s']:.3f} ms, p99 {1e3 * lateness['p99_s']:.3f} ms, "
+        f"max {1e3 * lateness['max_s']:.3f} ms",
     )
     if refused:
-        print(f"{name}: refused by the host: {', '.join(refused)}")
+        say(name, f"refused by the host: {', '.join(refused)}")
     if steal:
-        print(f"{name}: {100.0 * steal:.1f} % of the processor time went to other guests")
+        say(name, f"{100.0 * steal:.1f} % of the processor time went to other guests")
 
 
 def _seconds(text: str) -> float:

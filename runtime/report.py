@@ -72,11 +72,22 @@ def durations_report(summary: DurationSummary) -> dict[str, float]:
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a file that is there as a whole or not at all; what is not finite becomes null."""
+    """Write a file that is there as a whole or not at all; what is not finite becomes null.
+
+    Raises OSError.
+    """
+    text = json.dumps(_finite(content), indent=1, allow_nan=False) + "\n"
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        # A link, a pipe or a device such as /dev/stdout is written to, never replaced.
+        path.write_text(text, encoding="utf-8")
+        return
     partial = path.with_name(f".{path.name}.partial")
-    text = json.dumps(_finite(content), indent=1, allow_nan=False)
-    partial.write_text(text + "\n", encoding="utf-8")
-    os.replace(partial, path)
+    try:
+        partial.write_text(text, encoding="utf-8")
+        os.replace(partial, path)
+    except OSError:
+        partial.unlink(missing_ok=True)
+        raise
 
 
 def _finite(value: Any) -> Any:

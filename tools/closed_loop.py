@@ -154,7 +154,7 @@ def _run_in_virtual_time(
 ) -> Run:
     plant, controller = PlantNode(plant_settings, 0), ControllerNode(controller_settings, 0)
     bus = None if options.ideal_wire else BusModel(options.bitrate)
-    stop = StopRequest(0, None)
+    stop = StopRequest()
     begin_s = time.perf_counter()
     with stop.on_signals():
         try:
@@ -175,7 +175,7 @@ def _run_in_real_time(
     candump_log: Path | None,
 ) -> Run:
     params = motion_params(plant_settings)  # takes long, so before the first tick is due
-    stop = StopRequest(0, None)
+    stop = StopRequest()
     with real_time(RealTimeRequest()) as answers, stop.on_signals():
         steal = StealClock()
         plant, controller, figures = run_threaded_nodes(
