@@ -10,6 +10,7 @@ What decides, first to last:
 """
 
 import argparse
+import errno
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -123,12 +124,18 @@ class BusPort:
             raise BusError(f"cannot receive: {_one_line(error)}") from error
         return None if message is None else frame_of(message)
 
-    def send(self, frame: Frame) -> None:
-        """Hand ``frame`` to the bus without waiting for room; raises BusError."""
+    def send(self, frame: Frame) -> bool:
+        """Hand ``frame`` to the bus; returns whether it had room, without waiting for it.
+
+        Raises BusError when the bus has failed.
+        """
         try:
             self._bus.send(message_of(frame), timeout=0)
         except (can.CanError, OSError, ValueError) as error:
+            if _is_full(error):
+                return False
             raise BusError(f"cannot send: {_one_line(error)}") from error
+        return True
 
 
 def _choose(namespace: argparse.Namespace) -> _Choice:
@@ -165,6 +172,18 @@ def socketcan_obstacle(channel: str) -> str:
     if not flags & _IFF_UP:
         return f"the network interface {channel} is down (ip link set {channel} up)"
     return ""
+
+
+def _is_full(error: Exception) -> bool:
+    """Whether a frame was refused only because too many wait already.
+
+    So it is on an overloaded bus, and as long as nobody is there to acknowledge: both pass.
+    """
+    if isinstance(error, can.CanTimeoutError):
+        return True
+    code = error.error_code if isinstance(error, can.CanError) else getattr(error, "errno", None)
+    # python-can's socketcan gives no code when the socket rather than the interface is full.
+    return code in (errno.ENOBUFS, errno.EAGAIN) or "Transmit buffer full" in str(error)
 
 
 def _one_line(error: BaseException) -> str:

@@ -239,7 +239,8 @@ def run_main(name: str, main: Callable[[], int]) -> int:
         lines, status = [], ExitStatus.OK
     except OSError as error:
         where = error.filename2 or error.filename
-        lines = [f"{where}: {error.strerror}" if where else str(error)]
+        cause = error.strerror or str(error)
+        lines = [f"{where}: {cause}" if where else cause]
         status = ExitStatus.OUTPUT
     except KeyboardInterrupt:
         lines, status = ["interrupted"], ExitStatus.INTERRUPTED
@@ -278,6 +279,8 @@ def _tell(name: str, report: Mapping[str, Any]) -> None:
         f"lateness p50 {1e3 * lateness['p50_s']:.3f} ms, p99 {1e3 * lateness['p99_s']:.3f} ms, "
         f"max {1e3 * lateness['max_s']:.3f} ms",
     )
+    if loop["frames_refused"]:
+        say(name, f"{loop['frames_refused']} frames not sent: the bus had no room for them")
     if refused:
         say(name, f"refused by the host: {', '.join(refused)}")
     if steal:

@@ -34,8 +34,8 @@ class Port(Protocol):
         """Return the next frame, or None when none comes within ``timeout_s`` [s]."""
         ...
 
-    def send(self, frame: Frame) -> None:
-        """Hand ``frame`` to the bus without waiting."""
+    def send(self, frame: Frame) -> bool:
+        """Hand ``frame`` to the bus without waiting; returns whether it had room."""
         ...
 
 
@@ -47,6 +47,7 @@ class LoopFigures(NamedTuple):
                          because the program was slow or held up, not because it woke up late
     ``wake_ups``         how often the loop went round
     ``full_wake_ups``    how often FRAMES_PER_WAKE_UP_MAX cut the frames of a wake-up short
+    ``frames_refused``   frames of the node the bus had no room for; they are not sent again
     ``duration_ns``      from the first reading of the clock to the last [ns]
     ``busy_ns``          of which not waiting [ns]
     """
@@ -57,6 +58,7 @@ class LoopFigures(NamedTuple):
     full_wake_ups: int
     frames_received: int
     frames_sent: int
+    frames_refused: int
     duration_ns: int
     busy_ns: int
 
@@ -76,6 +78,7 @@ class RealTimeExecutor:
         self._full_wake_ups = 0
         self._frames_received = 0
         self._frames_sent = 0
+        self._frames_refused = 0
         self._duration_ns = 0
         self._busy_ns = 0
 
@@ -89,6 +92,7 @@ class RealTimeExecutor:
             self._full_wake_ups,
             self._frames_received,
             self._frames_sent,
+            self._frames_refused,
             self._duration_ns,
             self._busy_ns,
         )
@@ -142,5 +146,7 @@ class RealTimeExecutor:
 
     def _send(self, frames: Sequence[Frame]) -> None:
         for frame in frames:
-            self._port.send(frame)
-            self._frames_sent += 1
+            if self._port.send(frame):
+                self._frames_sent += 1
+            else:
+                self._frames_refused += 1

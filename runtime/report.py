@@ -47,6 +47,7 @@ def loop_report(figures: LoopFigures) -> dict[str, Any]:
         "full_wake_ups": figures.full_wake_ups,
         "frames_received": figures.frames_received,
         "frames_sent": figures.frames_sent,
+        "frames_refused": figures.frames_refused,
         "duration_s": figures.duration_ns / NS_PER_S,
         "busy_fraction": figures.busy_ns / figures.duration_ns if figures.duration_ns else 0.0,
     }

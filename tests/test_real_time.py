@@ -40,6 +40,7 @@ class Machine:
         self.waits_ns: list[int] = []
         self.sent: list[Frame] = []
         self.bus_fails = False
+        self.bus_is_full = False
         self._arrivals = list(arrivals)
         self._oversleep_ns = oversleep_ns
 
@@ -58,10 +59,13 @@ class Machine:
             self.now_ns += timeout_ns + self._oversleep_ns
         return None
 
-    def send(self, sent: Frame) -> None:
+    def send(self, sent: Frame) -> bool:
         if self.bus_fails:
-            raise BusError("cannot send: no room")
+            raise BusError("cannot send: bus-off")
+        if self.bus_is_full:
+            return False
         self.sent.append(sent)
+        return True
 
 
 class Recorder:
@@ -228,10 +232,21 @@ def test_a_bus_that_fails_ends_the_run_and_leaves_its_figures() -> None:
         machine.bus_fails = tick == 3
 
     executor = RealTimeExecutor(Recorder(work=work), machine, machine.clock_ns)
-    with pytest.raises(BusError, match="no room"):
+    with pytest.raises(BusError, match="bus-off"):
         executor.run(never)
     assert executor.figures.frames_sent == 2
     assert executor.figures.lateness.samples == 3
+
+
+def test_a_frame_that_the_bus_has_no_room_for_is_counted_and_not_sent_again() -> None:
+    machine = Machine()
+
+    def work(tick: int) -> None:
+        machine.bus_is_full = tick == 2
+
+    figures = run(Recorder(ticks=4, work=work), machine)
+    assert machine.sent == [COMMAND] * 3
+    assert (figures.frames_sent, figures.frames_refused) == (3, 1)
 
 
 def test_a_node_whose_deadline_does_not_move_on_is_an_error_and_no_hang() -> None:
