@@ -34,8 +34,8 @@ def open_channels(wanted: str, names: Sequence[str], log: Path) -> Iterator[Chan
     if wanted == "socketcan" and missing:
         raise argparse.ArgumentError(
             None,
-            f"no CAN interface {', '.join(missing)}; make it with: sudo ip link add {missing[0]} "
-            f"type vcan && sudo ip link set {missing[0]} up",
+            f"no CAN interface {', '.join(missing)}; make them with: sudo modprobe vcan; for i in "
+            f"{' '.join(missing)}; do sudo ip link add $i type vcan; sudo ip link set $i up; done",
         )
     if wanted != "emulated" and not missing:
         buses = tuple(Bus("socketcan", interface, {}) for interface in interfaces)

@@ -23,6 +23,7 @@ from runtime.emulated_bus.address import (
     parse_address,
 )
 from runtime.emulated_bus.broker import Broker
+from runtime.host import RealTimeRequest, priority, real_time
 
 _NAME = "emulated-can-bus"
 _CANNOT_LISTEN = 3
@@ -61,7 +62,8 @@ def _serve(listener: socket.socket, address: Address, options: argparse.Namespac
     start_ns = time.monotonic_ns()
     print(f"{_NAME}: listening at {address}, {rates}", flush=True)
     try:
-        broker.run(sys.stdin.fileno() if options.end_with_stdin else None)
+        with real_time(RealTimeRequest(options.priority)):
+            broker.run(sys.stdin.fileno() if options.end_with_stdin else None)
     finally:
         duration_ns = time.monotonic_ns() - start_ns
         print(f"{_NAME}: {_statistics(broker.loads, duration_ns)}", file=sys.stderr)
@@ -106,6 +108,14 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="end when standard input is closed: a program that starts a bus of its own holds the "
         "other end, so that none is left behind when it dies",
+    )
+    parser.add_argument(
+        "--priority",
+        type=priority,
+        default=0,
+        metavar="0..99",
+        help="SCHED_FIFO priority, as far as the host grants it; 0 does not ask for it "
+        "(default: %(default)s)",
     )
     parser.add_argument(
         "--verbose", action="store_true", help="also log clients that come and go in order"
