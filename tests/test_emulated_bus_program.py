@@ -171,9 +171,17 @@ def test_a_launched_broker_that_does_not_start_is_told() -> None:
 
 @pytest.mark.parametrize(
     "arguments",
-    [["--bitrate", "0"], ["--bitrate", "fast"], ["--bitrate", "2000000"], ["--data-bitrate", "1"]],
+    [
+        ["--bitrate", "0"],
+        ["--bitrate", "fast"],
+        ["--bitrate", "2000000"],
+        ["--data-bitrate", "1"],
+        ["--priority", "100"],
+    ],
 )
-def test_a_bit_rate_that_can_has_not_is_refused(stack: ExitStack, arguments: list[str]) -> None:
+def test_a_bit_rate_or_priority_that_does_not_exist_is_refused(
+    stack: ExitStack, arguments: list[str]
+) -> None:
     broker = start_broker(stack, *arguments)
     _, errors = broker.communicate(timeout=PATIENCE_S)
     assert broker.returncode == 2

@@ -112,7 +112,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--priority",
         type=priority,
-        default=0,
+        default=50,
         metavar="0..99",
         help="SCHED_FIFO priority, as far as the host grants it; 0 does not ask for it "
         "(default: %(default)s)",
