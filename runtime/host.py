@@ -53,7 +53,8 @@ def priority(text: str) -> int:
 def real_time(request: RealTimeRequest) -> Iterator[list[HostAnswer]]:
     """Run the block in real time, as far as the host grants it; yields the answers.
 
-    Afterwards the program is an ordinary one again: writing its report must not hold up others.
+    Afterwards the program has its ordinary priority again: writing its report must not hold up
+    others. Affinity, memory lock and timer slack stay, as they hold up nobody.
     """
     answers = [_timer_slack()]
     if request.cpu is not None:
@@ -62,12 +63,14 @@ def real_time(request: RealTimeRequest) -> Iterator[list[HostAnswer]]:
         answers.append(_locked_memory())
     with _without_garbage_collection():
         answers.append(HostAnswer("garbage collector", True, "frozen, off during the run"))
-        if request.priority:
-            answers.append(_fifo(request.priority))
+        fifo = _fifo(request.priority) if request.priority else None
+        if fifo is not None:
+            answers.append(fifo)
         try:
             yield answers
         finally:
-            _end_fifo()
+            if fifo is not None and fifo.got:
+                os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 @contextmanager
@@ -129,12 +132,6 @@ def _fifo(priority: int) -> HostAnswer:
     return HostAnswer(name, True, f"SCHED_FIFO {priority}")
 
 
-def _end_fifo() -> None:
-    """Return to the ordinary scheduler."""
-    if sys.platform == "linux" and os.sched_getscheduler(0) == os.SCHED_FIFO:
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-
-
 def _affinity(cpu: int) -> HostAnswer:
     name = "processor"
     if sys.platform != "linux":
@@ -148,8 +145,21 @@ def _affinity(cpu: int) -> HostAnswer:
 
 def _locked_memory() -> HostAnswer:
     name = "memory lock"
-    detail = _call_libc("mlockall", _MCL_CURRENT | _MCL_FUTURE)
-    return HostAnswer(name, not detail, detail or "no page leaves the memory")
+    # Under a limit, locking what comes later too would let an allocation fail in the middle of a run.
+    limited = _lock_limit_bytes() is not None
+    detail = _call_libc("mlockall", _MCL_CURRENT if limited else _MCL_CURRENT | _MCL_FUTURE)
+    got = "no page of the start" if limited else "no page"
+    return HostAnswer(name, not detail, detail or f"{got} leaves the memory")
+
+
+def _lock_limit_bytes() -> int | None:
+    """Return how much memory may be locked [bytes]; None without limit, as for root."""
+    if sys.platform != "linux" or os.geteuid() == 0:
+        return None
+    import resource  # only Unix has it
+
+    limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
+    return None if limit == resource.RLIM_INFINITY else limit
 
 
 def _timer_slack() -> HostAnswer:

@@ -6,6 +6,7 @@ The host is made up, so that no test locks its own process into memory or starve
 import ctypes
 import gc
 import os
+import resource
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,6 +25,7 @@ class Linux:
         self.error = 0
         self.calls: list[tuple[object, ...]] = []
         self.policy = os.SCHED_OTHER
+        self.user = 0  # root
 
     def mlockall(self, flags: object) -> int:
         return self._libc("mlockall", flags)
@@ -58,6 +60,7 @@ def linux(monkeypatch: pytest.MonkeyPatch) -> Linux:
     monkeypatch.setattr(sys, "platform", "linux")
     for name in ("sched_setscheduler", "sched_getscheduler", "sched_setaffinity"):
         monkeypatch.setattr(os, name, getattr(linux, name))
+    monkeypatch.setattr(os, "geteuid", lambda: linux.user)
     monkeypatch.setattr(ctypes, "CDLL", lambda *_, **__: linux)
     monkeypatch.setattr(ctypes, "get_errno", lambda: linux.error)
     return linux
@@ -88,6 +91,23 @@ def test_what_is_granted_is_reported_as_got(linux: Linux) -> None:
     assert ("mlockall", 3) in linux.calls
     assert ("affinity", 0, {1}) in linux.calls
     assert ("scheduler", 0, os.SCHED_FIFO, 50) in linux.calls
+
+
+def test_under_a_limit_only_the_memory_in_use_is_locked(
+    linux: Linux, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    linux.user = 1000
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (8 << 20, 8 << 20))
+    with real_time(EVERYTHING) as answers:
+        assert by_name(answers)["memory lock"].detail == "no page of the start leaves the memory"
+    assert ("mlockall", 1) in linux.calls
+
+
+def test_a_priority_that_was_not_asked_for_is_left_alone(linux: Linux) -> None:
+    linux.policy = os.SCHED_FIFO
+    with real_time(RealTimeRequest()):
+        pass
+    assert linux.policy == os.SCHED_FIFO
 
 
 def test_what_is_refused_is_reported_with_the_reason_and_the_block_runs(linux: Linux) -> None:
