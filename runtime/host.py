@@ -145,7 +145,7 @@ def _affinity(cpu: int) -> HostAnswer:
 
 def _locked_memory() -> HostAnswer:
     name = "memory lock"
-    # Under a limit, locking what comes later too would let an allocation fail in the middle of a run.
+    # Under a limit, locking what comes later too would let an allocation fail during the run.
     limited = _lock_limit_bytes() is not None
     detail = _call_libc("mlockall", _MCL_CURRENT if limited else _MCL_CURRENT | _MCL_FUTURE)
     got = "no page of the start" if limited else "no page"
