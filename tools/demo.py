@@ -175,12 +175,8 @@ def _present(
         for label, result in live.items()
     ]
     console.print(summary_table(rows))
-    console.print(
-        "Two figures are median / 99th percentile. Latency is what the network injects into"
-    )
-    console.print(
-        "commands; where a newer one overtakes, the older never acts: see the round trip."
-    )
+    console.print("Pairs are median/99th percentile. Latency is what the network injects; where a")
+    console.print("newer command overtakes an older one, only the newer acts: see the round trip.")
     for line in _remarks(live):
         console.print(line)
     traces = [
