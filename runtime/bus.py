@@ -86,7 +86,9 @@ def open_bus(namespace: argparse.Namespace) -> OpenBus:
         # interface of SocketCAN is a plain OSError, a missing driver an ImportError.
         cause = _one_line(error.__cause__ or error)
         raise BusError(f"cannot open {name} ({choice.reason}): {cause}") from error
-    return OpenBus(bus, f"{bus.channel_info} ({choice.reason})")
+    # Some of python-can's interfaces leave this at what the base class says.
+    what = name if bus.channel_info == can.BusABC.channel_info else bus.channel_info
+    return OpenBus(bus, f"{what} ({choice.reason})")
 
 
 @contextmanager
