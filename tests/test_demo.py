@@ -57,7 +57,14 @@ def test_the_trace_starts_on_the_path_and_ends_after_the_duration(out: Path) -> 
     assert np.allclose(offset_m, np.abs(trace.lateral_error_m), atol=1e-9)
 
 
-@pytest.mark.parametrize("arguments", [["--duration", "-1"], ["--seed", "-5"]])
+@pytest.mark.parametrize("text", ["-1", "0.005", "nan", "long", "1e9"])
+def test_a_duration_out_of_range_is_refused(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        demo.main([f"--duration={text}"])
+    assert "allowed is 1 to 3600 s" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [["--seed", "-5"]])
 def test_a_bad_setting_is_one_line_and_status_2(
     arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -9,6 +9,7 @@ pictures, ``summary.json`` and, for each pair, its candump log, reports, trace a
 
 import argparse
 import json
+import math
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -33,6 +34,9 @@ from tools.virtual_pair import run_virtual_pair
 
 LAWS = {"PD": "practical_pd", "PD+CDOB": "practical_pd_cdob", "PD+DDOB": "practical_pd_ddob"}
 """Labels of the pairs, and the controller's presets behind them."""
+
+DURATION_S_MIN, DURATION_S_MAX = 1.0, 3600.0
+"""A shorter run has no latency to draw, a longer one is no demonstration."""
 
 POLL_S = 0.1
 GRACE_S = 30.0
@@ -64,9 +68,22 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="demo", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/demo"), metavar="DIR")
     parser.add_argument("--bus", choices=("auto", "socketcan", "emulated"), default="auto")
-    parser.add_argument("--duration", type=float, metavar="SECONDS", help="default: 30")
+    parser.add_argument("--duration", type=_duration, metavar="SECONDS", help="default: 30")
     parser.add_argument("--seed", type=int, metavar="N", help="of the latency; default: 1086")
     return parser.parse_args(arguments)
+
+
+def _duration(text: str) -> float:
+    """Read the length of the run; argparse turns the error into one line."""
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not DURATION_S_MIN <= seconds <= DURATION_S_MAX:
+        raise argparse.ArgumentTypeError(
+            f"allowed is {DURATION_S_MIN:g} to {DURATION_S_MAX:g} s, not {text!r}"
+        )
+    return seconds
 
 
 def _demo(options: argparse.Namespace, console: Console) -> None:
