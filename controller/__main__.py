@@ -43,6 +43,8 @@ def _run(options: argparse.Namespace) -> int:
     overrides = [f"{key}={value}" for key, value in short.items() if value is not None]
     settings = load_program_settings(ControllerSettings, PRESETS, options, overrides)
     if options.check:
+        # At 1 kHz the loop has hundreds of states, and 600 ms of delay take ten seconds to test.
+        print(f"{NAME}: analysing the sampled loop ...", file=sys.stderr, flush=True)
         print(check_text(settings), end="")
         return ExitStatus.OK
     return run_node(NAME, options, settings, lambda start_ns: ControllerNode(settings, start_ns))
