@@ -231,7 +231,9 @@ def _join(hello: Hello, address_text: str | None) -> tuple[socket.socket, Answer
             f"start one with: emulated-can-bus{option}"
         ) from error
     try:
-        connection.sendall(raw)
+        # A broker that is full answers and hangs up before it hears anything; its answer says why.
+        with suppress(BrokenPipeError):
+            connection.sendall(raw)
         answer = unpack_answer(_receive_exactly(connection, ANSWER.size))
         if answer.reason:
             raise ProtocolError(answer.reason)
