@@ -147,15 +147,17 @@ class LatencyLine(Generic[Item]):
             self._follow_schedule(motion_ns)
         loss_u, latency_u = next(self._uniforms), next(self._uniforms)
         self._in_burst, is_lost = loss_step(self._loss, self._in_burst, loss_u)
-        latency_ns = self._latency_ns(latency_u, now_ns, motion_ns)
-        self._pushed += 1
+        if self._correlation_time_s > 0.0:
+            latency_u = self._correlated(latency_u, now_ns)
+        latency_ns = self._latency_ns(latency_u, motion_ns)
         if is_lost:
             self._lost += 1
         else:
             self._latest_latency_ns = latency_ns
             self._wait(key, item, now_ns, latency_ns)
         if self._duplicates > 0.0:
-            self._duplicate(key, item, now_ns, is_lost)
+            self._duplicate(key, item, now_ns, motion_ns, is_lost)
+        self._pushed += 1
 
     def pop_due(self, now_ns: int) -> list[Passage[Item]]:
         """Return the frames due up to ``now_ns``, in the order in which they leave."""
@@ -183,12 +185,10 @@ class LatencyLine(Generic[Item]):
             heapq.heappop(waiting)
             self._superseded += 1
 
-    def _latency_ns(self, u: float, now_ns: int, motion_ns: int) -> int:
-        """Return the latency of the next frame [ns]."""
+    def _latency_ns(self, u: float, motion_ns: int) -> int:
+        """Return the latency of the frame that is being pushed [ns]."""
         if self._trace is not None:
             return round(self._trace.latency_s(self._pushed, motion_ns / NS_PER_S) * NS_PER_S)
-        if self._correlation_time_s > 0.0:
-            u = self._correlated(u, now_ns)
         return round(self._quantile(u, self._mean_s, self._spread_s) * NS_PER_S)
 
     def _correlated(self, u: float, now_ns: int) -> float:
@@ -199,13 +199,12 @@ class LatencyLine(Generic[Item]):
         self._score_ns = now_ns
         return uniform_of_score(self._score)
 
-    def _duplicate(self, key: int, item: Item, now_ns: int, is_lost: bool) -> None:
+    def _duplicate(self, key: int, item: Item, now_ns: int, motion_ns: int, is_lost: bool) -> None:
         """Perhaps let a frame that is not lost come a second time."""
         chance_u, latency_u = next(self._duplicate_uniforms), next(self._duplicate_uniforms)
         if not is_lost and chance_u < self._duplicates:
             self._duplicated += 1
-            latency_s = self._quantile(latency_u, self._mean_s, self._spread_s)
-            self._wait(key, item, now_ns, round(latency_s * NS_PER_S))
+            self._wait(key, item, now_ns, self._latency_ns(latency_u, motion_ns))
 
     def _wait(self, key: int, item: Item, now_ns: int, latency_ns: int) -> None:
         """Queue a frame until it is due."""
