@@ -104,7 +104,7 @@ class SampledLoop:
     def loop_response(
         self, omega_rad_s: NDArray[np.float64], delay_ns: int
     ) -> NDArray[np.complex128]:
-        """Return the loop transfer at frequencies above 0, up to Nyquist [rad/s].
+        """Return the loop transfer at each ω above 0, up to Nyquist [rad/s].
 
         The loop is cut where the command goes onto the wire; -1 is the critical point.
         """

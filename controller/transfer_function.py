@@ -55,7 +55,7 @@ class TransferFunction(NamedTuple):
         return TransferFunction(-self.power_of_s, self.denominator, self.numerator)
 
     def response(self, s_rad_s: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return F at complex frequencies s [rad/s], same shape; s = 0 only if power_of_s ≥ 0."""
+        """Return F at complex s [rad/s], same shape; s = 0 only if power_of_s ≥ 0."""
         value = s_rad_s ** float(self.power_of_s)
         for factor in self.numerator:
             value = value * np.polyval(factor, s_rad_s)
