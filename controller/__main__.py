@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 
-from controller.check import check_text
+from controller.analysis.check import check_text
 from controller.laws import LawName
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings

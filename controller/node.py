@@ -34,6 +34,7 @@ from dbc.messages import (
 )
 from dbc.reception import Reception
 from runtime.frame import Frame
+from runtime.node import NS_PER_S
 from runtime.periodic import PeriodicTimer
 from runtime.report import durations_report
 from runtime.statistics import DurationStatistics
@@ -42,7 +43,6 @@ STATUS_PERIOD_NS = 100_000_000
 """Cycle of CONTROLLER_STATUS."""
 _COMMAND_COUNTERS = 1 << 16
 _E2E_COUNTERS = 1 << 8
-_S_NS = 1_000_000_000
 _STATUS_LIMITS = limits(ControllerStatus)
 
 
@@ -85,7 +85,7 @@ class ControllerNode:
         self._limits = limits_of(settings)
         self._supervision = supervision_of(settings)
         self._period_ns = settings.period_ns
-        self._ramp_step_rad = settings.supervision.ramp_rad_s * settings.period_ns / _S_NS
+        self._ramp_step_rad = settings.supervision.ramp_rad_s * settings.period_ns / NS_PER_S
         self._control_timer = PeriodicTimer(start_ns, settings.period_ns)
         self._status_timer = PeriodicTimer(start_ns, STATUS_PERIOD_NS)
         self._deadline_ns = (
@@ -166,13 +166,13 @@ class ControllerNode:
         """
         return {
             "law": self._law.name.lower(),
-            "rate_hz": _S_NS / self._period_ns,
+            "rate_hz": NS_PER_S / self._period_ns,
             "ticks": self._control_timer.index - self._control_timer.skipped,
             "skipped_ticks": self._control_timer.skipped,
             "commands_sent": self._commands_sent,
             "peak_steer_rad": self._peak_steer_rad,
             "law_failures": self._law_failures,
-            "mode_s": {mode.name.lower(): ns / _S_NS for mode, ns in self._mode_ns.items()},
+            "mode_s": {mode.name.lower(): ns / NS_PER_S for mode, ns in self._mode_ns.items()},
             "round_trip": durations_report(self._round_trip.statistics.summary()),
             "sample_age": durations_report(self._sample_age.summary()),
             "accepted": self._reception.accepted,

@@ -13,10 +13,8 @@ from controller.limits import SteerLimits
 from controller.modes import Supervision
 from dbc.messages import SteeringCommand
 from dbc.messages import limits as signal_limits
+from runtime.node import NS_PER_MS, NS_PER_S
 from runtime.settings import Settings
-
-_MS_NS = 1_000_000
-_S_NS = 1_000_000_000
 
 
 class LimitSettings(Settings):
@@ -61,20 +59,20 @@ class ControllerSettings(LawSettings):
     @property
     def period_ns(self) -> int:
         """The control period [ns], the whole number nearest to what ``rate_hz`` asks for."""
-        return round(_S_NS / self.rate_hz)
+        return round(NS_PER_S / self.rate_hz)
 
 
 def supervision_of(settings: ControllerSettings) -> Supervision:
     """Return the parameters of the mode table."""
     table = settings.supervision
     return Supervision(
-        measurement_timeout_ns=round(table.measurement_timeout_ms * _MS_NS),
-        hold_ns=round(table.hold_ms * _MS_NS),
+        measurement_timeout_ns=round(table.measurement_timeout_ms * NS_PER_MS),
+        hold_ns=round(table.hold_ms * NS_PER_MS),
         recovery_frames=table.recovery_frames,
     )
 
 
 def limits_of(settings: ControllerSettings) -> SteerLimits:
     """Return the bounds of one command."""
-    step_rad_max = settings.limits.steer_rate_rad_s_max * settings.period_ns / _S_NS
+    step_rad_max = settings.limits.steer_rate_rad_s_max * settings.period_ns / NS_PER_S
     return SteerLimits(settings.limits.steer_rad_max, step_rad_max)

@@ -16,8 +16,7 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-from plant_emulator.propagation import NS_PER_S
-from runtime.node import NEVER_NS
+from runtime.node import NEVER_NS, NS_PER_S
 
 
 class ActuatorParams(NamedTuple):

@@ -20,8 +20,7 @@ from plant_emulator.latency import QUANTILES, Distribution, correlated_score, un
 from plant_emulator.latency_profile import ProfilePoint, profile_at, read_trace
 from plant_emulator.latency_settings import LatencySettings, Order
 from plant_emulator.loss import LossParams, bernoulli, gilbert_elliott, loss_step
-from plant_emulator.propagation import NS_PER_S
-from runtime.node import NEVER_NS
+from runtime.node import NEVER_NS, NS_PER_S
 from runtime.statistics import DurationStatistics
 
 WAITING_MAX = 100_000

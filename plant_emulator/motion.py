@@ -23,8 +23,8 @@ from plant_emulator.actuator import (
 )
 from plant_emulator.motion_design import MotionParams
 from plant_emulator.path import Place, Pose, end_of_place_m, next_place, vehicle_pose
-from plant_emulator.propagation import NS_PER_S, LinearState, propagate
-from runtime.node import NEVER_NS
+from plant_emulator.propagation import LinearState, propagate
+from runtime.node import NEVER_NS, NS_PER_S
 
 
 class MotionState(NamedTuple):

@@ -20,13 +20,13 @@ from typing import NamedTuple
 import numpy as np
 
 from plant_emulator.vehicle import Matrix, VehicleParams, state_matrices
+from runtime.node import NS_PER_S
 
 DIGIT_BITS = 12
 DIGIT_VALUES = 1 << DIGIT_BITS
 TABLE_ROWS = 2 * DIGIT_VALUES
 """Rows of one table: the fine digit's values (1 ns apart), then the coarse one's (4.096 µs)."""
 
-NS_PER_S = 1_000_000_000
 
 Row = tuple[float, ...]
 Table = Sequence[Row]

@@ -13,10 +13,8 @@ from plant_emulator.rig_settings import (
     SensorNoiseSettings,
     VehicleSettings,
 )
+from runtime.node import NS_PER_MS, NS_PER_S
 from runtime.settings import Settings
-
-_MS_NS = 1_000_000
-_S_NS = 1_000_000_000
 
 
 class PlantSettings(Settings):
@@ -43,9 +41,9 @@ class PlantSettings(Settings):
     @property
     def duration_ns(self) -> int:
         """Length of the motion [ns]."""
-        return round(self.duration_s * _S_NS)
+        return round(self.duration_s * NS_PER_S)
 
     @property
     def sensor_period_ns(self) -> int:
         """Period of the sensors [ns]."""
-        return round(self.sensor_period_ms * _MS_NS)
+        return round(self.sensor_period_ms * NS_PER_MS)

@@ -23,9 +23,7 @@ from typing import NamedTuple
 
 from runtime.frame import EXTENDED, REMOTE, Frame
 from runtime.frame_length import INTERMISSION_BITS, frame_bits
-from runtime.node import NEVER_NS
-
-NS_PER_S = 1_000_000_000
+from runtime.node import NEVER_NS, NS_PER_S
 
 
 class BusOverflowError(RuntimeError):

@@ -20,6 +20,8 @@ from typing import Protocol
 
 from runtime.frame import Frame
 
+NS_PER_S = 1_000_000_000
+NS_PER_MS = 1_000_000
 NEVER_NS = 2**63 - 1
 """A deadline that does not come."""
 

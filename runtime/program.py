@@ -19,8 +19,8 @@ from typing import Any, NamedTuple, Protocol, TextIO, TypeVar
 
 from runtime.bus import BusError, BusPort, OpenBus, add_bus_arguments, open_bus, shutting_down
 from runtime.host import RealTimeRequest, StealClock, priority, real_time
-from runtime.node import NEVER_NS, Node
-from runtime.real_time import NS_PER_S, LoopFigures, RealTimeExecutor
+from runtime.node import NEVER_NS, NS_PER_S, Node
+from runtime.real_time import LoopFigures, RealTimeExecutor
 from runtime.report import host_report, run_report, write_json
 from runtime.settings import (
     Settings,

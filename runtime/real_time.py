@@ -15,10 +15,9 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 from runtime.frame import Frame
-from runtime.node import Node
+from runtime.node import NS_PER_S, Node
 from runtime.statistics import DurationStatistics, DurationSummary
 
-NS_PER_S = 1_000_000_000
 FRAMES_PER_WAKE_UP_MAX = 256
 TICKS_PER_WAKE_UP_MAX = 10_000
 """Ticks at one reading of the clock before the node is called stuck. Signals only ask for the end

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from runtime.host import HostAnswer
-from runtime.real_time import NS_PER_S, LoopFigures
+from runtime.node import NS_PER_S
+from runtime.real_time import LoopFigures
 from runtime.settings import Settings
 from runtime.statistics import DurationSummary
 

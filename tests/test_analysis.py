@@ -13,11 +13,11 @@ from scipy.linalg import expm
 from scipy.signal import StateSpace
 from scipy.signal import TransferFunction as ScipyTransferFunction
 
-from controller.analysis import MARGIN_RESOLUTION_NS, SampledLoop
+from controller.analysis.linear_system import held_plant, law_system
+from controller.analysis.sampled_loop import MARGIN_RESOLUTION_NS, SampledLoop
 from controller.design import LawDesign, design_law, design_pd
 from controller.law_settings import LawSettings, PdSettings
 from controller.laws import LAWS, LawName
-from controller.linear_system import held_plant, law_system
 from controller.nominal_model import NominalVehicle, paper_eq19, vehicle_model
 from controller.transfer_function import Factor, TransferFunction
 

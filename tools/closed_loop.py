@@ -23,8 +23,9 @@ from plant_emulator.node import PlantNode, motion_params
 from plant_emulator.plant_samples import write_trace
 from plant_emulator.settings import PlantSettings
 from runtime.bus import BusError
-from runtime.bus_model import NS_PER_S, BusModel, BusOverflowError
+from runtime.bus_model import BusModel, BusOverflowError
 from runtime.host import RealTimeRequest, StealClock, real_time
+from runtime.node import NS_PER_S
 from runtime.program import ExitStatus, StopRequest, run_main
 from runtime.report import host_report, loop_report, write_json
 from runtime.settings import Settings, dump_toml, load_settings, preset_names, read_preset

@@ -15,9 +15,10 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.analysis.linear_system import held_plant, law_system
 from controller.design import LawDesign
-from controller.linear_system import held_plant, law_system
 from controller.transfer_function import TransferFunction
+from runtime.node import NS_PER_S
 
 SLOWEST_DECAY_1_S = 1e-3
 """A mode that decays more slowly is drift, not stability: a quarter of an hour to one third. It
@@ -25,7 +26,6 @@ also is what keeps rounding from deciding about a double pole at z = 1."""
 MARGIN_RESOLUTION_NS = 10_000
 _OMEGA_RAD_S_MIN = 1e-2
 _OMEGAS = 20_000
-_S_NS = 1_000_000_000
 
 Number = TypeVar("Number", np.float64, np.complex128)
 
@@ -71,7 +71,7 @@ class SampledLoop:
     def decay_1_s(self, delay_ns: int) -> float:
         """Return the decay rate of the slowest mode [1/s]; negative where it grows."""
         largest = float(np.abs(self.closed_loop_poles(delay_ns)[0]))
-        return -math.log(largest) * _S_NS / self._period_ns
+        return -math.log(largest) * NS_PER_S / self._period_ns
 
     def stable_delays(self, step_ns: int, delay_ns_max: int) -> tuple[int, ...]:
         """Return those of 0, step, 2 step, ... at which the loop is stable [ns]."""
@@ -108,7 +108,7 @@ class SampledLoop:
 
         The loop is cut where the command goes onto the wire; -1 is the critical point.
         """
-        z = np.exp(1j * omega_rad_s * self._period_ns / _S_NS)
+        z = np.exp(1j * omega_rad_s * self._period_ns / NS_PER_S)
         a, b_new, b_old, c, whole_periods = held_plant(self._model, self._period_ns, delay_ns)
         inputs = b_new + b_old / z[:, None]
         states = np.linalg.solve(z[:, None, None] * np.eye(len(c)) - a, inputs[:, :, None])
@@ -117,7 +117,7 @@ class SampledLoop:
 
     def margins(self, delay_ns: int) -> StabilityMargins:
         """Return the classical margins at a constant delay, which mean little if unstable."""
-        nyquist_rad_s = math.pi * _S_NS / self._period_ns
+        nyquist_rad_s = math.pi * NS_PER_S / self._period_ns
         omega_rad_s = np.geomspace(_OMEGA_RAD_S_MIN, nyquist_rad_s, _OMEGAS)
         loop = self.loop_response(omega_rad_s, delay_ns)
         on_axis = _at_sign_changes(loop.imag, loop.real)

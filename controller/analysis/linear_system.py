@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from controller.design import LawDesign
 from controller.transfer_function import TransferFunction
+from runtime.node import NS_PER_S
 
-_S_NS = 1_000_000_000
 _TAYLOR_TERMS = 18
 """With a norm of at most 1/2 the first term left out is below 1e-22."""
 
@@ -80,9 +80,9 @@ def held_plant(model: TransferFunction, period_ns: int, delay_ns: int) -> HeldPl
     """
     a, b, c = _companion_form(model)
     whole_periods, rest_ns = divmod(delay_ns, period_ns)
-    transition, _ = _over(a, b, period_ns / _S_NS)
-    after_rest, b_new = _over(a, b, (period_ns - rest_ns) / _S_NS)
-    _, during_rest = _over(a, b, rest_ns / _S_NS)
+    transition, _ = _over(a, b, period_ns / NS_PER_S)
+    after_rest, b_new = _over(a, b, (period_ns - rest_ns) / NS_PER_S)
+    _, during_rest = _over(a, b, rest_ns / NS_PER_S)
     return HeldPlant(transition, b_new, after_rest @ during_rest, c, whole_periods)
 
 

@@ -10,16 +10,15 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.analysis import SLOWEST_DECAY_1_S, SampledLoop
+from controller.analysis.linear_system import law_system
+from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 from controller.design import design_law
-from controller.linear_system import law_system
 from controller.settings import ControllerSettings
+from runtime.node import NS_PER_MS, NS_PER_S
 from runtime.settings import dump_toml
 
 DELAY_STEP_NS = 10_000_000
 DELAY_NS_MAX = 600_000_000
-_MS_NS = 1_000_000
-_S_NS = 1_000_000_000
 _MODULUS_SHOWN_MIN = 1e-3
 """Poles closer to z = 0 belong to memory that is empty after a few periods."""
 
@@ -32,7 +31,7 @@ def check_text(settings: ControllerSettings) -> str:
 
 
 def _rate(settings: ControllerSettings) -> str:
-    rate_hz = _S_NS / settings.period_ns
+    rate_hz = NS_PER_S / settings.period_ns
     return f"Runs at {rate_hz:.9g} Hz, every {settings.period_ns} ns."
 
 
@@ -70,8 +69,8 @@ def _poles(poles: NDArray[np.complex128], period_ns: int) -> Iterator[str]:
         if pole.imag < 0.0:
             continue
         z = f"{pole.real:.6f} ± {pole.imag:.6f}j" if pole.imag else f"{pole.real:.6f}"
-        decay_1_s = round(-math.log(abs(pole)) * _S_NS / period_ns, 4) + 0.0  # no "-0.0000"
-        omega_rad_s = abs(np.angle(pole)) * _S_NS / period_ns
+        decay_1_s = round(-math.log(abs(pole)) * NS_PER_S / period_ns, 4) + 0.0  # no "-0.0000"
+        omega_rad_s = abs(np.angle(pole)) * NS_PER_S / period_ns
         yield f"  {z:>24} {abs(pole):>12.6f} {decay_1_s:>14.4f} {omega_rad_s:>18.4f}"
     hidden = len(poles) - len(shown)
     if hidden:
@@ -97,7 +96,7 @@ def _margins(loop: SampledLoop) -> Iterator[str]:
 
 def _delays(loop: SampledLoop) -> Iterator[str]:
     """Return the delay margin and the set of stable delays."""
-    last_ms, step_ms = DELAY_NS_MAX // _MS_NS, DELAY_STEP_NS // _MS_NS
+    last_ms, step_ms = DELAY_NS_MAX // NS_PER_MS, DELAY_STEP_NS // NS_PER_MS
     margin_ns = loop.delay_margin_ns(DELAY_STEP_NS, DELAY_NS_MAX)
     match margin_ns:
         case None:
@@ -105,7 +104,7 @@ def _delays(loop: SampledLoop) -> Iterator[str]:
         case 0:
             margin = "none"
         case _:
-            margin = f"{margin_ns / _MS_NS:.2f} ms"
+            margin = f"{margin_ns / NS_PER_MS:.2f} ms"
     stable = loop.stable_delays(DELAY_STEP_NS, DELAY_NS_MAX)
     yield f"  delay margin  {margin}"
     yield f"  stable at     {_ranges(stable)}"
@@ -120,6 +119,8 @@ def _ranges(stable: Sequence[int]) -> str:
     starts = [stable[0], *(b for _, b in gaps)]
     ends = [*(a for a, _ in gaps), stable[-1]]
     return ", ".join(
-        f"{start // _MS_NS} to {end // _MS_NS} ms" if end > start else f"{start // _MS_NS} ms"
+        f"{start // NS_PER_MS} to {end // NS_PER_MS} ms"
+        if end > start
+        else f"{start // NS_PER_MS} ms"
         for start, end in zip(starts, ends, strict=True)
     )
