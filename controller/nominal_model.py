@@ -49,12 +49,8 @@ def paper_eq19() -> TransferFunction:
     )
 
 
-def vehicle_model(vehicle: NominalVehicle) -> TransferFunction:
-    """Return G_n of a vehicle at constant speed.
-
-    Raises ValueError where a zero or a pole besides the two integrators is not in the open left
-    half-plane: the observers divide by N and by D.
-    """
+def steer_to_lateral_error(vehicle: NominalVehicle) -> TransferFunction:
+    """Return y/δ_f of (4) for any vehicle at constant speed, stable inverse or not."""
     m, j, c_f, c_r, l_f, l_r, l_s, v = vehicle
     a11 = -(c_r + c_f) / (m * v)
     a12 = -1.0 + (c_r * l_r - c_f * l_f) / (m * v**2)
@@ -69,8 +65,30 @@ def vehicle_model(vehicle: NominalVehicle) -> TransferFunction:
         v * yaw_gain,
     )
     poles = Factor(1.0, -(a11 + a22), a11 * a22 - a12 * a21)
-    if not poles.hurwitz:
-        raise ValueError(f"the nominal vehicle is unstable at {v} m/s (oversteering, too fast)")
-    if not zeros.hurwitz:
-        raise ValueError(f"the nominal vehicle is not minimum phase with preview {l_s} m")
     return TransferFunction(power_of_s=-2, numerator=(zeros,), denominator=(poles,))
+
+
+def curvature_to_lateral_error(vehicle: NominalVehicle) -> TransferFunction:
+    """Return y/ρ_ref of (5): -V²/s², since curvature turns the path away and nothing else."""
+    return TransferFunction(
+        power_of_s=-2, numerator=(Factor(0.0, 0.0, -(vehicle.speed_m_s**2)),), denominator=()
+    )
+
+
+def vehicle_model(vehicle: NominalVehicle) -> TransferFunction:
+    """Return G_n: (4) of a vehicle, for observers that divide by N and by D.
+
+    Raises ValueError where a zero or a pole besides the two integrators is not in the open left
+    half-plane.
+    """
+    model = steer_to_lateral_error(vehicle)
+    (zeros,), (poles,) = model.numerator, model.denominator
+    if not poles.hurwitz:
+        raise ValueError(
+            f"the nominal vehicle is unstable at {vehicle.speed_m_s} m/s (oversteering, too fast)"
+        )
+    if not zeros.hurwitz:
+        raise ValueError(
+            f"the nominal vehicle is not minimum phase with preview {vehicle.preview_distance_m} m"
+        )
+    return model

@@ -1,0 +1,60 @@
+"""What the reproduction of one figure or table yields; pictures, data, and a verdict."""
+
+from collections.abc import Mapping
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+
+class Verdict(StrEnum):
+    """How what the paper says compares with what comes out."""
+
+    REPRODUCED = "reproduced"
+    WITH_CORRECTION = "reproduced with the stated correction"
+    NOT_REPRODUCIBLE = "not reproducible from the text"
+
+
+class Picture(NamedTuple):
+    """One picture and the data drawn in it.
+
+    ``name``     of its files, without suffix: figure_09, figure_09_with_delay
+    ``columns``  one table, all of one length: a header with the unit in the name, and numbers
+    """
+
+    name: str
+    figure: Figure
+    columns: Mapping[str, NDArray[np.float64]]
+
+
+class Comparison(NamedTuple):
+    """One figure of the paper beside ours, as text with units.
+
+    ``published``   what the paper prints, or says in words; "" where it says nothing
+    ``reproduced``  what was computed
+    ``agrees``      None where there is nothing to agree with
+    """
+
+    quantity: str
+    published: str
+    reproduced: str
+    agrees: bool | None
+
+
+class Reproduction(NamedTuple):
+    """One figure or table of the paper.
+
+    ``key``      figure_09 or table_2
+    ``caption``  the paper's parameters and ours
+    ``why``      what stands behind the verdict, with the correction spelt out
+    """
+
+    key: str
+    title: str
+    caption: str
+    pictures: tuple[Picture, ...]
+    comparisons: tuple[Comparison, ...]
+    verdict: Verdict
+    why: str
