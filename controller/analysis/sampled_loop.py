@@ -61,7 +61,7 @@ class SampledLoop:
 
     def closed_loop_poles(self, delay_ns: int) -> NDArray[np.complex128]:
         """Return all poles in z of the loop with a constant delay ≥ 0, largest modulus first."""
-        poles = np.linalg.eigvals(self._closed_loop(delay_ns)).astype(np.complex128)
+        poles = np.linalg.eigvals(self.closed_loop_matrix(delay_ns)).astype(np.complex128)
         return poles[np.argsort(-np.abs(poles), kind="stable")]
 
     def is_stable(self, delay_ns: int) -> bool:
@@ -133,8 +133,8 @@ class SampledLoop:
             crossover_rad_s=math.nan if nearest is None else float(crossovers_rad_s[nearest]),
         )
 
-    def _closed_loop(self, delay_ns: int) -> NDArray[np.float64]:
-        """Return the state matrix of plant, law and the commands that are on their way.
+    def closed_loop_matrix(self, delay_ns: int) -> NDArray[np.float64]:
+        """Return the state matrix [z] of plant, law and the commands that are on their way.
 
         The commands are u[k-1], u[k-2], ..., u[k-n-1].
         """
