@@ -92,3 +92,43 @@ def mode_step(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> 
         if guard(p, state, seen, now_ns):
             return ModeState(following, now_ns)
     return state
+
+
+class Supervisor:
+    """Keeps the mode and the evidence for it: when measurements arrived, how many in a row.
+
+    ``start_ns``  when WAITING begins [ns]
+    """
+
+    def __init__(self, supervision: Supervision, start_ns: int) -> None:
+        self._supervision = supervision
+        self._state = ModeState(Mode.WAITING, start_ns)
+        self._arrival_ns: int | None = None
+        self._good_run = 0
+
+    @property
+    def mode(self) -> Mode:
+        """The mode in force."""
+        return self._state.mode
+
+    def on_measurement(self, now_ns: int) -> None:
+        """Note a good measurement; one that comes after a gap starts a new run."""
+        arrival_ns, timeout_ns = self._arrival_ns, self._supervision.measurement_timeout_ns
+        continues = arrival_ns is not None and now_ns - arrival_ns <= timeout_ns
+        self._good_run = self._good_run + 1 if continues else 1
+        self._arrival_ns = now_ns
+
+    def on_rejection(self) -> None:
+        """Note a measurement that was refused: the run of good ones is over."""
+        self._good_run = 0
+
+    def move_on(self, now_ns: int, *, law_failed: bool = False) -> Mode | None:
+        """Take at most one transition; returns the mode entered, None for no change."""
+        before = self._state.mode
+        seen = Evidence(self._arrival_ns, self._good_run, law_failed)
+        self._state = mode_step(self._supervision, self._state, seen, now_ns)
+        if self._state.mode is before:
+            return None
+        if self._state.mode is Mode.HOLDING:
+            self._good_run = 0
+        return self._state.mode

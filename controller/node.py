@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from controller.design import design_law
 from controller.laws import LawOutput
 from controller.limits import limit_step, ramp_step
-from controller.modes import Evidence, ModeState, mode_step
+from controller.modes import Supervisor
 from controller.round_trip import RoundTrip
 from controller.settings import ControllerSettings, limits_of, supervision_of
 from dbc.messages import (
@@ -83,7 +83,6 @@ class ControllerNode:
         self._design = design_law(settings)
         self._law = Law[settings.law.name]
         self._limits = limits_of(settings)
-        self._supervision = supervision_of(settings)
         self._period_ns = settings.period_ns
         self._ramp_step_rad = settings.supervision.ramp_rad_s * settings.period_ns / NS_PER_S
         self._control_timer = PeriodicTimer(start_ns, settings.period_ns)
@@ -97,8 +96,7 @@ class ControllerNode:
             settings.supervision.recovery_frames,
         )
         self._measurement: Measurement | None = None
-        self._good_run = 0
-        self._mode = ModeState(Mode.WAITING, start_ns)
+        self._supervisor = Supervisor(supervision_of(settings), start_ns)
         self._law_state: Any = None
         self._law_output = LawOutput(0.0, 0.0, 0.0, 0.0)
         self._fade_rad: float | None = 0.0  # None: to be taken from the law's next output
@@ -138,7 +136,7 @@ class ControllerNode:
             if received.status is not SteeringStatusCode.NO_COMMAND:
                 self._round_trip.on_echo(received.applied_counter, now_ns)
         elif isinstance(received, Rejection) and frame.can_id == CAN_IDS[LateralError]:
-            self._good_run = 0
+            self._supervisor.on_rejection()
         return ()
 
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
@@ -148,7 +146,7 @@ class ControllerNode:
             self._control_timer.advance(now_ns)
             self._account(now_ns)
             self._decide(now_ns)
-            if self._mode.mode is not Mode.WAITING:
+            if self._supervisor.mode is not Mode.WAITING:
                 frames.append(self._command_frame(now_ns))
         if self._status_timer.deadline_ns <= now_ns:
             self._status_timer.advance(now_ns)
@@ -181,23 +179,20 @@ class ControllerNode:
         }
 
     def _on_measurement(self, lateral_error_m: float, now_ns: int) -> None:
-        """Keep the newest measurement; one that comes after a gap starts a new run."""
-        last = self._measurement
-        timeout_ns = self._supervision.measurement_timeout_ns
-        continues = last is not None and now_ns - last.arrival_ns <= timeout_ns
-        self._good_run = self._good_run + 1 if continues else 1
+        """Keep the newest measurement."""
+        self._supervisor.on_measurement(now_ns)
         self._measurement = Measurement(lateral_error_m, now_ns)
 
     def _account(self, now_ns: int) -> None:
         """Book the time since the last tick on the mode it was spent in."""
-        self._mode_ns[self._mode.mode] += now_ns - self._last_tick_ns
+        self._mode_ns[self._supervisor.mode] += now_ns - self._last_tick_ns
         self._last_tick_ns = now_ns
 
     def _decide(self, now_ns: int) -> None:
         """Run the mode table and, if ACTIVE, the law; then the limits set the command."""
         self._move_on(now_ns, law_failed=False)
         wanted_rad = self._sent_steer_rad
-        if self._mode.mode is Mode.ACTIVE and self._measurement is not None:
+        if self._supervisor.mode is Mode.ACTIVE and self._measurement is not None:
             self._sample_age.record(now_ns - self._measurement.arrival_ns)
             law_rad = self._run_law(self._measurement.lateral_error_m)
             if math.isfinite(law_rad):
@@ -205,25 +200,18 @@ class ControllerNode:
             else:
                 self._law_failures += 1
                 self._move_on(now_ns, law_failed=True)
-        elif self._mode.mode is Mode.SAFE_STOP:
+        elif self._supervisor.mode is Mode.SAFE_STOP:
             wanted_rad = ramp_step(self._ramp_step_rad, wanted_rad)
         self._sent_steer_rad = limit_step(self._limits, self._sent_steer_rad, wanted_rad)
 
     def _move_on(self, now_ns: int, *, law_failed: bool) -> None:
         """Take a transition of the mode table, and prepare what the new mode needs."""
-        before = self._mode
-        newest = self._measurement
-        arrival_ns = None if newest is None else newest.arrival_ns
-        seen = Evidence(arrival_ns, self._good_run, law_failed)
-        self._mode = mode_step(self._supervision, before, seen, now_ns)
-        if self._mode.mode is before.mode:
-            return
-        if self._mode.mode is Mode.HOLDING:
-            self._good_run = 0
-        elif self._mode.mode is Mode.ACTIVE and newest is not None:
-            self._law_state = self._design.initial_state(newest.lateral_error_m)
+        before = self._supervisor.mode
+        entered = self._supervisor.move_on(now_ns, law_failed=law_failed)
+        if entered is Mode.ACTIVE and self._measurement is not None:
+            self._law_state = self._design.initial_state(self._measurement.lateral_error_m)
             # Before the first command nothing is held that the law would have to continue from.
-            self._fade_rad = 0.0 if before.mode is Mode.WAITING else None
+            self._fade_rad = 0.0 if before is Mode.WAITING else None
 
     def _run_law(self, lateral_error_m: float) -> float:
         """Advance the law by one period; returns its command, faded in after a recovery [rad]."""
@@ -242,7 +230,7 @@ class ControllerNode:
     def _command_frame(self, now_ns: int) -> Frame:
         """Return the command of this period, and note that it was sent."""
         counter = self._commands_sent % _COMMAND_COUNTERS
-        command = SteeringCommand(self._sent_steer_rad, counter, self._mode.mode)
+        command = SteeringCommand(self._sent_steer_rad, counter, self._supervisor.mode)
         frame = encode(command, counter % _E2E_COUNTERS)
         self._commands_sent += 1
         self._round_trip.on_sent(counter, now_ns)
@@ -252,7 +240,7 @@ class ControllerNode:
             self._samples.append(
                 ControlSample(
                     time_ns=now_ns,
-                    mode=self._mode.mode,
+                    mode=self._supervisor.mode,
                     lateral_error_m=error_m,
                     sample_age_ns=now_ns - arrival_ns,
                     law_output=self._law_output,
@@ -264,7 +252,7 @@ class ControllerNode:
     def _status_frame(self) -> Frame:
         """Return the status; an estimate beyond its signal's range is sent as that range's end."""
         status = ControllerStatus(
-            mode=self._mode.mode,
+            mode=self._supervisor.mode,
             law=self._law,
             disturbance_rad=_clamp(
                 self._law_output.disturbance_rad, _STATUS_LIMITS["disturbance_rad"]
