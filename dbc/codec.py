@@ -69,6 +69,7 @@ class MessageCodec(Generic[MessageT]):
         kinds = get_type_hints(message_type)
         self._signals = tuple(packed_signal(signals[name], kind) for name, kind in kinds.items())
         self.limits = {name: signal_range(signals[name]) for name in kinds}
+        self.resolutions = {name: float(signals[name].scale) for name in kinds}
 
     def pack(self, message: MessageT, counter: int) -> bytes:
         """Payload of ``message``; raises EncodeError."""

@@ -42,6 +42,7 @@ __all__ = [
     "encode",
     "encode_not_available",
     "limits",
+    "resolutions",
 ]
 
 
@@ -208,6 +209,11 @@ CAN_IDS: Mapping[type[Message], int] = MappingProxyType(
 def limits(message_type: type[Message]) -> Mapping[str, SignalRange]:
     """What each field of ``message_type`` can carry, so that a node can clamp to it."""
     return MappingProxyType(_CODECS[message_type].limits)
+
+
+def resolutions(message_type: type[Message]) -> Mapping[str, float]:
+    """How far apart the values are that each field of ``message_type`` can carry."""
+    return MappingProxyType(_CODECS[message_type].resolutions)
 
 
 def encode(message: Message, counter: int) -> Frame:

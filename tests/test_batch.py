@@ -1,0 +1,190 @@
+"""The treaty of compiled runs: bit for bit what the two nodes do in virtual time."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from controller.node import ControllerNode
+from controller.settings import ControllerSettings
+from dbc.messages import Mode
+from plant_emulator.node import PlantNode
+from plant_emulator.settings import PlantSettings
+from runtime.settings import load_settings, preset_names, read_preset
+from tools.batch.engine import BatchRun, Outcome, run_batch
+from tools.batch.plan import (
+    NothingArrivesError,
+    Plan,
+    plan_any_latency,
+    plan_constant_latency,
+    plan_run,
+)
+from tools.virtual_pair import run_virtual_nodes
+
+LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob")
+
+NETWORKS: dict[str, Sequence[str]] = {
+    "none": (),
+    "off the grid": ("downlink.mean_s=0.0837213", "uplink.mean_s=0.0123457"),
+    "uniform": ("downlink.model=uniform", "downlink.mean_s=0.08", "downlink.spread_s=0.03"),
+    "normal": ("uplink.model=normal", "uplink.mean_s=0.05", "uplink.spread_s=0.02"),
+    "lognormal": ("downlink.model=lognormal", "downlink.mean_s=0.1", "downlink.spread_s=0.05"),
+    "gamma": ("downlink.model=gamma", "downlink.mean_s=0.16", "downlink.spread_s=0.05"),
+    "lossy": ("downlink.loss=0.1", "uplink.loss=0.1", "uplink.mean_s=0.02"),
+    "bursts": ("uplink.loss=0.3", "uplink.burst_frames=200", "downlink.mean_s=0.04"),
+    "duplicates": (
+        "downlink.model=gamma",
+        "downlink.mean_s=0.05",
+        "downlink.spread_s=0.05",
+        "downlink.duplicates=0.2",
+    ),
+    "in order": (
+        "downlink.model=gamma",
+        "downlink.mean_s=0.08",
+        "downlink.spread_s=0.06",
+        "downlink.order=in_order",
+        "uplink.order=in_order",
+    ),
+    "as it arrives": (
+        *("downlink.model=gamma", "downlink.mean_s=0.08", "downlink.spread_s=0.06"),
+        *("uplink.model=gamma", "uplink.mean_s=0.05", "uplink.spread_s=0.05"),
+        *("downlink.order=as_arrives", "uplink.order=as_arrives"),
+    ),
+    "correlated": (
+        "downlink.model=normal",
+        "downlink.mean_s=0.1",
+        "downlink.spread_s=0.03",
+        "downlink.correlation_time_s=0.5",
+    ),
+    "schedule": (
+        "downlink.model=gamma",
+        "downlink.schedule_shape=ramp",
+        "downlink.schedule=[{time_s=0.0, mean_s=0.01, spread_s=0.005},"
+        " {time_s=6.0, mean_s=0.2, spread_s=0.05, loss=0.1}]",
+        "uplink.schedule=[{time_s=0.0, mean_s=0.03}, {time_s=4.0, mean_s=0.005}]",
+    ),
+}
+
+RIGS: dict[str, Sequence[str]] = {
+    "noise": ("sensor_noise.lateral_error_m=0.02",),
+    "only yaw noise": ("sensor_noise.yaw_rate_rad_s=0.02",),
+    "actuator": (
+        *("actuator.lag_s=0.1", "actuator.angle_limit_rad=0.05"),
+        *("actuator.rate_limit_rad_s=0.3", "actuator.dead_band_rad=0.001"),
+    ),
+    "disturbances": (
+        "disturbance.steps=[{at_s=2.0, side_force_n=400.0},"
+        " {at_s=4.00001, steering_offset_rad=0.02, friction=0.7}]",
+    ),
+    "lane change": ('path={kind="double_lane_change"}', "vehicle.speed_km_h=20"),
+    "circle": ('path={kind="circle", radius_m=30.0}',),
+    "sensors at their own pace": ("sensor_period_ms=7", "latency.uplink.mean_s=0.003"),
+    "moving from the start": ("start_on_first_command=false", "latency.uplink.mean_s=0.2"),
+}
+
+
+def plant_settings(overrides: Sequence[str], duration_s: float = 8.0) -> PlantSettings:
+    preset = read_preset("plant_emulator.presets", "paper_corner_d")
+    return load_settings(PlantSettings, preset, None, [f"duration_s={duration_s}", *overrides])
+
+
+def controller_settings(preset: str, overrides: Sequence[str] = ()) -> ControllerSettings:
+    return load_settings(
+        ControllerSettings, read_preset("controller.presets", preset), None, overrides
+    )
+
+
+def assert_same_as_nodes(plant: PlantSettings, controller: ControllerSettings) -> BatchRun:
+    batch = run_batch(plant, controller)
+    plant_node = PlantNode(plant, 0)
+    controller_node = ControllerNode(controller, 0, samples_max=1_000_000)
+    run_virtual_nodes(plant_node, controller_node, None, None, lambda: False)
+    nodes = np.array(plant_node.samples)
+    columns = {
+        "time_s": 0,
+        "arc_length_m": 1,
+        "lateral_error_m": 2,
+        "heading_error_rad": 3,
+        "yaw_rate_rad_s": 4,
+        "command_rad": 5,
+        "wheel_angle_rad": 6,
+        "downlink_latency_s": 7,
+        "curvature_1_m": 9,
+    }
+    assert batch.outcome is Outcome.COMPLETE
+    for name, column in columns.items():
+        np.testing.assert_array_equal(getattr(batch, name), nodes[:, column], err_msg=name)
+    ticks = controller_node.samples
+    assert len(ticks) > 0
+    np.testing.assert_array_equal(batch.sent_rad, [tick.sent_steer_rad for tick in ticks])
+    np.testing.assert_array_equal(batch.law_output, [tick.law_output for tick in ticks])
+    np.testing.assert_array_equal(batch.tick_s, [tick.time_ns * 1e-9 for tick in ticks])
+    assert batch.lateral_error_rms_m == plant_node.report()["lateral_error_rms_m"]
+    return batch
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+@pytest.mark.parametrize("law", LAWS)
+def test_a_compiled_run_equals_the_nodes_on_any_network(law: str, network: str) -> None:
+    overrides = [f"latency.{override}" for override in NETWORKS[network]]
+    assert_same_as_nodes(plant_settings(overrides), controller_settings(f"practical_{law}"))
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_a_compiled_run_equals_the_nodes_with_any_rig(rig: str) -> None:
+    assert_same_as_nodes(plant_settings(RIGS[rig]), controller_settings("practical_pd_ddob"))
+
+
+@pytest.mark.parametrize("preset", preset_names("controller.presets"))
+def test_a_compiled_run_equals_the_nodes_with_every_preset(preset: str) -> None:
+    overrides = ("sensor_period_ms=1", "latency.downlink.mean_s=0.004")
+    assert_same_as_nodes(plant_settings(overrides, 2.0), controller_settings(preset))
+
+
+@pytest.mark.parametrize("preset", preset_names("plant_emulator.presets"))
+def test_a_compiled_run_equals_the_nodes_with_every_plant_preset(preset: str) -> None:
+    plant = load_settings(
+        PlantSettings, read_preset("plant_emulator.presets", preset), None, ["duration_s=5"]
+    )
+    assert_same_as_nodes(plant, controller_settings("practical_pd_dob"))
+
+
+def test_a_compiled_run_goes_through_every_mode_as_the_node_does() -> None:
+    plant = plant_settings(
+        ["latency.uplink.loss=0.5", "latency.uplink.burst_frames=120"], duration_s=30.0
+    )
+    controller = controller_settings("practical_pd_ddob", ["supervision.hold_ms=100"])
+    modes = {segment.mode for segment in plan_run(plant, controller).segments}
+    assert modes == {Mode.ACTIVE, Mode.HOLDING, Mode.SAFE_STOP}
+    assert_same_as_nodes(plant, controller)
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        (),
+        ("latency.downlink.mean_s=0.0837213", "latency.uplink.mean_s=0.0123457"),
+        ("sensor_period_ms=7", "latency.uplink.mean_s=0.2", "start_on_first_command=false"),
+    ],
+)
+def test_the_two_ways_to_plan_a_constant_latency_agree(overrides: Sequence[str]) -> None:
+    plant, controller = plant_settings(overrides), controller_settings("practical_pd")
+    one, other = plan_constant_latency(plant, controller), plan_any_latency(plant, controller)
+    for name in Plan._fields:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+
+
+def test_a_run_that_leaves_the_sensors_range_ends_there_and_says_so() -> None:
+    plant = plant_settings(["start_on_first_command=false", "vehicle.speed_km_h=100"], 60.0)
+    controller = controller_settings("practical_pd", ["limits.steer_rad_max=0.001"])
+    run = run_batch(plant, controller)
+    assert run.outcome is Outcome.LEFT_RANGE
+    assert abs(run.lateral_error_m[-1]) > 83.88
+    assert abs(run.lateral_error_m[-2]) < 83.88
+    assert run.time_s[-1] < 60.0
+
+
+def test_a_network_that_lets_nothing_through_is_refused() -> None:
+    plant = plant_settings(["latency.uplink.loss=1.0"])
+    with pytest.raises(NothingArrivesError, match="no measurement arrived"):
+        run_batch(plant, controller_settings("practical_pd"))

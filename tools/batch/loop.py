@@ -1,0 +1,214 @@
+"""The compiled loop of one run: plant events and control ticks in the order of virtual time.
+
+At one instant (``runtime.virtual_time`` with the nodes plant, controller and no time on the wire):
+
+1. commands that were sent earlier and are due now reach the actuator
+2. the sensors sample
+3. the controller decides on the newest measurement that has arrived, and sends
+4. that command reaches the actuator, if its latency is zero
+
+Which measurement is in use at which tick, which command comes through and when, and what mode the
+controller is in follows from the latencies alone and is laid down before (``tools.batch.plan``).
+
+The functions here are compiled at their first call, after ``tools.batch.steps.register_steps``.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from controller.limits import SteerLimits, limit_step, ramp_step
+from dbc.messages import Mode
+from plant_emulator.motion import MotionState, advance_motion, command_motion, start_motion
+
+COMPLETE, LEFT_RANGE, LAW_FAILED = range(3)
+"""How a segment ended: at its end; with an error LATERAL_ERROR cannot carry; with a command that is
+no number."""
+
+_ACTIVE, _SAFE_STOP = int(Mode.ACTIVE), int(Mode.SAFE_STOP)
+
+
+class Constants(NamedTuple):
+    """Numbers of a run.
+
+    ``ramp_step_rad``     of SAFE_STOP and of the fade after a recovery, per control period
+    ``*_resolution_*``    of the signals on the wire (DBC)
+    ``motion_start_ns``   since when the vehicle moves
+    """
+
+    limits: SteerLimits
+    ramp_step_rad: float
+    lateral_error_resolution_m: float
+    lateral_error_m_max: float
+    steer_resolution_rad: float
+    motion_start_ns: int
+
+
+class Schedule(NamedTuple):
+    """What happens when, in ns; it does not depend on how the vehicle moves.
+
+    ``tick_ns``         control ticks from the first command on
+    ``tick_sample``     the sample whose measurement is in use at each tick
+    ``command_due_ns``  when each command that comes through reaches the actuator, in order
+    ``command_tick``    which tick it was sent at
+    ``sample_ns``       when the sensors sample
+    ``noise_m``         what each sample's lateral error has added on its way
+    """
+
+    tick_ns: NDArray[np.int64]
+    tick_sample: NDArray[np.int64]
+    command_due_ns: NDArray[np.int64]
+    command_tick: NDArray[np.int64]
+    sample_ns: NDArray[np.int64]
+    noise_m: NDArray[np.float64]
+
+
+class Records(NamedTuple):
+    """What is kept: the first seven per sample, the last two per control tick.
+
+    ``command``     index into the schedule's commands of the one in effect, -1 before the first
+    ``law_output``  (ticks, 4), in the order of ``LawOutput``
+    """
+
+    lateral_error_m: NDArray[np.float64]
+    heading_error_rad: NDArray[np.float64]
+    yaw_rate_rad_s: NDArray[np.float64]
+    wheel_angle_rad: NDArray[np.float64]
+    curvature_1_m: NDArray[np.float64]
+    measured_m: NDArray[np.float64]
+    command: NDArray[np.int64]
+    sent_rad: NDArray[np.float64]
+    law_output: NDArray[np.float64]
+
+
+def empty_records(samples: int, ticks: int) -> Records:
+    """Return room for a run."""
+    return Records(
+        np.full(samples, np.nan),
+        np.full(samples, np.nan),
+        np.full(samples, np.nan),
+        np.full(samples, np.nan),
+        np.full(samples, np.nan),
+        np.full(samples, np.nan),
+        np.full(samples, -1),
+        np.full(ticks, np.nan),
+        np.zeros((ticks, 4)),
+    )
+
+
+class Progress(NamedTuple):
+    """Where the plant is: its motion, the next sample to take, the next command to come through."""
+
+    motion: MotionState
+    sample: int
+    command: int
+
+
+class Segment(NamedTuple):
+    """Ticks that the controller spends in one mode, as ``range(first_tick, last_tick)``.
+
+    ``is_recovery``  whether the law has just started anew with a command being held
+    """
+
+    mode: int
+    first_tick: int
+    last_tick: int
+    is_recovery: bool
+
+
+@njit(nogil=True)
+def at_start(p: Any) -> Progress:
+    """Return the plant before its first sample."""
+    return Progress(start_motion(p), 0, 0)
+
+
+@njit(nogil=True)
+def plant_until(
+    p: Any, c: Constants, s: Schedule, r: Records, x: Progress, ticks_done: int, to_ns: int
+) -> tuple[Progress, int]:
+    """Apply the commands of the ticks done, and take samples, up to and at ``to_ns``."""
+    z, sample, command = x
+    while True:
+        command_ns = sample_ns = to_ns + 1
+        if command < len(s.command_due_ns) and s.command_tick[command] < ticks_done:
+            command_ns = s.command_due_ns[command]
+        if sample < len(s.sample_ns):
+            sample_ns = s.sample_ns[sample]
+        if command_ns > to_ns and sample_ns > to_ns:
+            return Progress(z, sample, command), COMPLETE
+        if command_ns <= sample_ns:
+            z = advance_motion(p, z, max(command_ns - c.motion_start_ns, 0))
+            raw = round(r.sent_rad[s.command_tick[command]] / c.steer_resolution_rad)
+            z = command_motion(p, z, raw * c.steer_resolution_rad)
+            command += 1
+        else:
+            z = advance_motion(p, z, max(sample_ns - c.motion_start_ns, 0))
+            r.lateral_error_m[sample] = z.linear.lateral_error_m
+            r.heading_error_rad[sample] = z.linear.heading_error_rad
+            r.yaw_rate_rad_s[sample] = z.linear.yaw_rate_rad_s
+            r.wheel_angle_rad[sample] = z.linear.wheel_rad
+            r.curvature_1_m[sample] = z.linear.curvature_1_m
+            r.command[sample] = command - 1
+            reading_m = z.linear.lateral_error_m + s.noise_m[sample]
+            sample += 1
+            if not abs(reading_m) <= c.lateral_error_m_max:
+                return Progress(z, sample, command), LEFT_RANGE
+            raw = round(reading_m / c.lateral_error_resolution_m)
+            r.measured_m[sample - 1] = raw * c.lateral_error_resolution_m
+
+
+@njit(nogil=True)
+def run_segment(
+    law_step: Any,
+    law_params: Any,
+    p: Any,
+    c: Constants,
+    s: Schedule,
+    r: Records,
+    segment: Segment,
+    x: Progress,
+    law_state: Any,
+    sent_rad: float,
+    fade_rad: float,
+    end_ns: int,
+) -> tuple[Progress, float, float, int, int]:
+    """Run the ticks of a segment, each with the plant up to the next; returns where it ended.
+
+    ``x``       the plant, up to and at the first tick of the segment
+    ``end_ns``  how far to run the plant after the last tick of all
+
+    Returns the plant, the command last sent, the fade that is left [rad], the tick that comes next,
+    and how it ended.
+    """
+    mode, first_tick, last_tick, is_recovery = segment
+    for tick in range(first_tick, last_tick):
+        wanted_rad = sent_rad
+        if mode == _ACTIVE:
+            error_m = r.measured_m[s.tick_sample[tick]]
+            law_state, output = law_step(law_params, law_state, error_m, sent_rad)
+            if not math.isfinite(output.steer_rad):
+                return x, sent_rad, fade_rad, tick, LAW_FAILED
+            if is_recovery and tick == first_tick:
+                fade_rad = sent_rad - output.steer_rad
+            else:
+                fade_rad = ramp_step(c.ramp_step_rad, fade_rad)
+            wanted_rad = output.steer_rad + fade_rad
+            r.law_output[tick, 0] = output.steer_rad
+            r.law_output[tick, 1] = output.disturbance_rad
+            r.law_output[tick, 2] = output.network_disturbance_rad
+            r.law_output[tick, 3] = output.compensated_lateral_error_m
+        else:
+            if tick > 0:
+                r.law_output[tick] = r.law_output[tick - 1]
+            if mode == _SAFE_STOP:
+                wanted_rad = ramp_step(c.ramp_step_rad, wanted_rad)
+        sent_rad = limit_step(c.limits, sent_rad, wanted_rad)
+        r.sent_rad[tick] = sent_rad
+        next_ns = s.tick_ns[tick + 1] if tick + 1 < len(s.tick_ns) else end_ns
+        x, outcome = plant_until(p, c, s, r, x, tick + 1, next_ns)
+        if outcome != COMPLETE:
+            return x, sent_rad, fade_rad, tick + 1, outcome
+    return x, sent_rad, fade_rad, last_tick, COMPLETE

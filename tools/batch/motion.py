@@ -1,0 +1,51 @@
+"""The motion of the plant emulator in the form that compiles: arrays in place of lists."""
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from plant_emulator.disturbance import DisturbanceInterval
+from plant_emulator.motion_design import MotionParams, design_motion
+from plant_emulator.rig_settings import (
+    ActuatorSettings,
+    DisturbanceSettings,
+    PathSettings,
+    VehicleSettings,
+)
+from plant_emulator.settings import PlantSettings
+
+_KEPT = 32
+"""Motions kept for the next run with the same rig: about 2 MB each."""
+_INTERVAL = np.dtype(
+    [
+        ("start_ns", np.int64),
+        *((name, np.float64) for name in DisturbanceInterval._fields[1:]),
+    ]
+)
+
+
+def compiled_motion(plant: PlantSettings) -> MotionParams:
+    """Return the parameters of ``motion_params``; equal rigs share one."""
+    return _designed(plant.vehicle, plant.actuator, plant.path, plant.disturbance)
+
+
+@lru_cache(maxsize=_KEPT)
+def _designed(
+    vehicle: VehicleSettings,
+    actuator: ActuatorSettings,
+    path: PathSettings,
+    disturbance: DisturbanceSettings,
+) -> MotionParams:
+    live = design_motion(vehicle, actuator, path, disturbance)
+    arrays: dict[str, Any] = {
+        "table": np.array(live.table),
+        "first_rows": np.array(live.first_rows),
+        "intervals": np.array([tuple(interval) for interval in live.intervals], dtype=_INTERVAL),
+    }
+    road: dict[str, Any] = {
+        name: np.array(getattr(live.path, name))
+        for name in ("start_m", "curvature_1_m", "curvature_slope_1_m2")
+    }
+    # Poses are for pictures, and a list of them does not compile.
+    return live._replace(**arrays, path=live.path._replace(**road, pose=()))
