@@ -150,7 +150,7 @@ def _pieces(loop: GainLoop, spec: DStability, window: Window) -> Iterator[_Piece
     """Return ∂Γ of the upper half-plane, off the real axis."""
     sigma, theta, radius, every_root_in_cone = spec
     top = loop.omega_rad_s_max
-    step = _STEP / (loop.dead_time_s + 1.0 / radius)
+    step = _STEP / (loop.dead_time_s + 1.0 / (sigma or radius))
     top_step = _STEP / loop.dead_time_s if loop.dead_time_s else 0.0
 
     def on_sigma(omega_rad_s: Floats) -> Complexes:
@@ -211,7 +211,9 @@ def _followed(loop: GainLoop, piece: _Piece, window: Window) -> Iterator[Boundar
     for index, end, reached in reversed(ends):
         if end is not None and math.isclose(reached, end.parameter + end.step, rel_tol=1e-9):
             parameters = np.insert(parameters, index, end.parameter)
-            points = np.insert(points, index, _limit(at, end), axis=0)
+            limit = _limit(at, end) * window.sides + window.origin
+            limit = _on_line(limit, real_root_line(loop, piece.s_of(np.array([end.parameter]))[0]))
+            points = np.insert(points, index, (limit - window.origin) / window.sides, axis=0)
             drawn = np.insert(drawn, min(index, len(drawn)), True)
     for start, stop in _runs(drawn):
         gains = points[start : stop + 1] * window.sides + window.origin
@@ -264,6 +266,16 @@ def _limit(at: Callable[[Floats], Floats], end: _End) -> Floats:
     """Return the point at an end on the real axis."""
     one, two = at(end.parameter + end.step * np.array([1.0, 2.0]))
     return np.asarray(one - (two - one) / (3.0 if end.mirrored else 1.0))
+
+
+def _on_line(gains: Floats, line: GainLine | None) -> Floats:
+    """Return the gains moved onto a straight line, along K_p, as far as rounding has them off it.
+
+    The limit along a curve is not exact, but it has to be on the line for the faces to close.
+    """
+    if line is None:
+        return gains
+    return np.array([-(line.constant + line.k_d * gains[1]) / line.k_p, gains[1]])
 
 
 def _runs(drawn: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:

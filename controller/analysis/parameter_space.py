@@ -27,6 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 from shapely.affinity import affine_transform
 
@@ -44,6 +45,8 @@ from controller.transfer_function import TransferFunction
 _OVERSHOOT = 1e-5
 """By which an end of a curve is drawn beyond the boundary it lies on, of the window's sides: more
 than a curve is off its chords, so that it crosses; what sticks out is no edge of a face."""
+_GRID = 1e-9
+"""To which nodes are rounded, of the window's sides; it makes the arithmetic of areas robust."""
 _FACE_AREA_MIN = 1e-10
 """Of the window; a smaller face is between two polylines of one and the same crossing."""
 
@@ -116,13 +119,17 @@ def d_stable_region(loops: Iterable[GainLoop], spec: DStability, window: Window)
 
     Raises ValueError where a sampled loop is too slow for the radius of the specification.
     """
-    polygon: Polygon | MultiPolygon = shapely.box(*_bounds(window))
+    square: Polygon | MultiPolygon = shapely.box(0.0, 0.0, 1.0, 1.0)
     curves: list[BoundaryCurve] = []
     for loop in loops:
         own = boundary_curves(loop, spec, window)
         curves.extend(own)
-        good = [face for face in _faces(own, window, polygon) if _good(loop, spec, face)]
-        polygon = _areas(shapely.intersection(polygon, shapely.union_all(good)))
+        faces = _faces(own, window, square)
+        good = faces[_good(loop, spec, window, faces)]
+        square = _areas(
+            shapely.intersection(square, shapely.union_all(good, grid_size=_GRID), grid_size=_GRID)
+        )
+    polygon = _areas(shapely.make_valid(_from_window(square, window)))
     return GainRegion(polygon, tuple(curves), window)
 
 
@@ -190,23 +197,24 @@ def verified(
 
 def _faces(
     curves: Sequence[BoundaryCurve], window: Window, wanted: Polygon | MultiPolygon
-) -> list[Polygon]:
-    """Return the faces into which the boundaries cut the window, those that meet ``wanted``."""
-    unit = shapely.box(0.0, 0.0, 1.0, 1.0)
+) -> NDArray[np.object_]:
+    """Return the faces into which the boundaries cut the unit square where they meet ``wanted``."""
+    square = shapely.box(0.0, 0.0, 1.0, 1.0)
     lines = [shapely.LineString(_overshot(_unit(curve.gains, window))) for curve in curves]
-    net = shapely.union_all([unit.boundary, *lines])
+    net = shapely.union_all([square.boundary, *lines], grid_size=_GRID)
     faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(net)))
-    inner = shapely.contains(unit, shapely.point_on_surface(faces))
+    inner = shapely.contains(square, shapely.point_on_surface(faces))
     large = shapely.area(faces) > _FACE_AREA_MIN
-    back = [_from_window(face, window) for face in faces[inner & large]]
     shapely.prepare(wanted)
-    return [face for face in back if shapely.intersects(wanted, face)]
+    return np.asarray(faces[inner & large & shapely.intersects(wanted, faces)])
 
 
-def _good(loop: GainLoop, spec: DStability, face: Polygon) -> bool:
-    """Judge a face by the roots at one point of it."""
-    point = shapely.point_on_surface(face)
-    return bool(loop.satisfies(spec, np.array([[point.x, point.y]]))[0])
+def _good(
+    loop: GainLoop, spec: DStability, window: Window, faces: NDArray[np.object_]
+) -> NDArray[np.bool_]:
+    """Judge each face by the roots at one point of it."""
+    points = shapely.get_coordinates(shapely.point_on_surface(faces))
+    return loop.satisfies(spec, points * window.sides + window.origin)
 
 
 def _overshot(points: Floats) -> Floats:
@@ -227,10 +235,6 @@ def _beside(region: GainRegion, generator: np.random.Generator, points: int, awa
     offset = away * np.column_stack([np.cos(angle_rad), np.sin(angle_rad)])
     both = np.concatenate([on_edge + offset, on_edge - offset])
     return np.asarray(both * region.window.sides + region.window.origin)
-
-
-def _bounds(window: Window) -> tuple[float, float, float, float]:
-    return window.k_p_min, window.k_d_min, window.k_p_max, window.k_d_max
 
 
 def _unit(gains: Floats, window: Window) -> Floats:
@@ -258,5 +262,6 @@ def _scaled(shape: shapely.Geometry, k_p: float, k_d: float) -> shapely.Geometry
 
 def _areas(shape: shapely.Geometry) -> Polygon | MultiPolygon:
     """Return the areas of a shape, without the lines and points an intersection may leave."""
-    parts = shapely.get_parts(shapely.get_parts(shape))
-    return shapely.union_all([part for part in parts if isinstance(part, Polygon)])
+    parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon"]
+    areas = shapely.union_all(parts)
+    return Polygon() if areas.is_empty else areas
