@@ -1,0 +1,120 @@
+"""How many roots of a loop with an exact delay lie in the right half-plane: argument principle.
+
+    Δ(s) = p(s) + q(s) e^(-sT),   deg q < deg p = n,   real coefficients
+
+Cleared of denominators Δ is entire, so its argument along the imaginary axis counts its zeros there
+are to the right, and no pole on the axis asks for an indentation:
+
+    Z = n/2 - (arg Δ(jω) from ω = 0 to ∞)/π
+
+e^(-jωT) is evaluated as it stands; a Padé approximation has other roots. Powers of s common to p
+and q are taken out first and reported: roots at s = 0 that no delay and no gain moves.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Polynomial = NDArray[np.float64]
+"""Real coefficients, highest power first."""
+
+_LARGEST_TURN_RAD = 0.3
+_HALVINGS_MAX = 40
+_LOGARITHMIC_POINTS = 4000
+_POINTS_PER_RAD = 8.0
+
+
+class RootCount(NamedTuple):
+    """Where the roots of a loop lie.
+
+    ``right``      in the open right half-plane
+    ``at_origin``  at s = 0 exactly, from a cancellation of integrators: what goes in there is
+                   integrated by something the feedback does not see
+    ``clearance``  smallest |Δ|/(|p| + |q|) on the imaginary axis, from 0, where a root lies on it
+                   and ``right`` means nothing, to 1
+    """
+
+    right: int
+    at_origin: int
+    clearance: float
+
+    @property
+    def stable(self) -> bool:
+        """Whether every root has a negative real part."""
+        return self.right == 0 and self.at_origin == 0
+
+
+def on_axis(omega_rad_s: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Return s = jω."""
+    return np.asarray(1j * omega_rad_s, np.complex128)
+
+
+def count_roots(undelayed: Polynomial, delayed: Polynomial, delay_s: float) -> RootCount:
+    """Return where the roots of p + q e^(-sT) lie, T ≥ 0.
+
+    ``undelayed`` is p and ``delayed`` q. Raises ValueError unless deg q < deg p: the loop would
+    answer at once (neutral), and its roots need not be finitely many.
+    """
+    p, q, at_origin = _without_common_powers(undelayed, delayed)
+    if len(q) >= len(p):
+        raise ValueError("the loop has to be strictly proper")
+    omega_rad_s = _initial_points(p, q, delay_s)
+    values = _values(p, q, delay_s, omega_rad_s)
+    for _ in range(_HALVINGS_MAX):
+        turns_rad = _turns(values)
+        coarse = np.flatnonzero(np.abs(turns_rad) > _LARGEST_TURN_RAD)
+        if not len(coarse):
+            break
+        middles = 0.5 * (omega_rad_s[coarse] + omega_rad_s[coarse + 1])
+        omega_rad_s = np.insert(omega_rad_s, coarse + 1, middles)
+        values = np.insert(values, coarse + 1, _values(p, q, delay_s, middles))
+    order = len(p) - 1
+    leading = p[0] * (1j * omega_rad_s[-1]) ** order
+    change_rad = float(np.sum(_turns(values))) - float(np.angle(values[-1] / leading))
+    s = on_axis(omega_rad_s)
+    size = np.abs(np.polyval(p, s)) + np.abs(np.polyval(q, s))
+    return RootCount(
+        right=round(order / 2.0 - change_rad / np.pi),
+        at_origin=at_origin,
+        clearance=float(np.min(np.abs(values) / size)),
+    )
+
+
+def _without_common_powers(
+    undelayed: Polynomial, delayed: Polynomial
+) -> tuple[Polynomial, Polynomial, int]:
+    """Return p and q without leading zeros and without the powers of s they share."""
+    p, q = np.trim_zeros(undelayed, "f"), np.trim_zeros(delayed, "f")
+    common = min(len(poly) - len(np.trim_zeros(poly, "b")) for poly in (p, q))
+    return p[: len(p) - common], q[: len(q) - common], common
+
+
+def _initial_points(p: Polynomial, q: Polynomial, delay_s: float) -> NDArray[np.float64]:
+    """Return ω from 0 to where p[0] s^n is more than twice all other terms, for good [rad/s].
+
+    Beyond, the argument has only what _values divided by the leading term shows still to go. The
+    points are dense enough that neither the polynomials nor e^(-jωT) can make a turn unseen.
+    """
+    others = np.abs(p)
+    others[0] = 0.0
+    others[len(p) - len(q) :] += np.abs(q)
+    last_rad_s = 1.0
+    while np.polyval(others, last_rad_s) > 0.5 * abs(p[0]) * last_rad_s ** (len(p) - 1):
+        last_rad_s *= 1.5
+    logarithmic = np.geomspace(1e-6 * last_rad_s, last_rad_s, _LOGARITHMIC_POINTS)
+    turns = 1 + int(_POINTS_PER_RAD * last_rad_s * delay_s)
+    return np.union1d(logarithmic, np.linspace(0.0, last_rad_s, turns + 1))
+
+
+def _values(
+    p: Polynomial, q: Polynomial, delay_s: float, omega_rad_s: NDArray[np.float64]
+) -> NDArray[np.complex128]:
+    """Return Δ(jω)."""
+    s = on_axis(omega_rad_s)
+    return np.asarray(np.polyval(p, s) + np.polyval(q, s) * np.exp(-s * delay_s), np.complex128)
+
+
+def _turns(values: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return the angle from each value to the next, within ±π [rad]."""
+    return np.angle(values[1:] * np.conj(values[:-1]))
