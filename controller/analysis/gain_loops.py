@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.analysis.d_stability import DStability, in_s_plane, judge
+from controller.analysis.delayed_d_stability import delayed_loop_satisfies
 from controller.analysis.linear_system import held_plant
 from controller.analysis.sampled_loop import SampledLoop
 from controller.design import LawDesign, design_pd
@@ -72,13 +73,17 @@ class ContinuousGainLoop:
     """A continuous plant from wheel angle [rad] to lateral error [m] under a continuous PD.
 
     ``derivative_filter_rad_s``  N; None for the ideal derivative
+    ``delay_s``                  of e^(-sT), ≥ 0; with one, P C has to be strictly proper for any
+                                 gains, else ValueError: such a loop has no last root to look at
     """
 
     omega_rad_s_max = math.inf
-    dead_time_s = 0.0
 
     def __init__(
-        self, model: TransferFunction, derivative_filter_rad_s: float | None = None
+        self,
+        model: TransferFunction,
+        derivative_filter_rad_s: float | None = None,
+        delay_s: float = 0.0,
     ) -> None:
         filter_s = 0.0 if derivative_filter_rad_s is None else 1.0 / derivative_filter_rad_s
         self._inverse = model.inverse()
@@ -91,11 +96,15 @@ class ContinuousGainLoop:
         self._characteristic = np.array(
             [np.pad(part, (length - len(part), 0)) for part in (constant, k_p, k_d)]
         )
+        self.dead_time_s = delay_s
+        if delay_s and self.infinite_root_line() is not None:
+            raise ValueError("plant and controller together have to be strictly proper with delay")
 
     def critical(self, s_rad_s: Complexes) -> Complexes:
         """Return -1/P."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(-self._inverse.response(s_rad_s), dtype=np.complex128)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            wanted = -self._inverse.response(s_rad_s) * np.exp(s_rad_s * self.dead_time_s)
+        return np.asarray(wanted, dtype=np.complex128)
 
     def derivative(self, s_rad_s: Complexes) -> Complexes:
         """Return s/(s/N + 1)."""
@@ -112,7 +121,9 @@ class ContinuousGainLoop:
         return GainLine(constant, k_p, k_d) if k_p or k_d else None
 
     def roots(self, gains: Floats) -> Complexes:
-        """Return the roots s at each gain (K_p, K_d), shape (n, roots)."""
+        """Return the roots s at each gain (K_p, K_d), shape (n, roots); only without delay."""
+        if self.dead_time_s:
+            raise ValueError("a continuous loop with delay has infinitely many roots")
         coefficients = _with_one(gains) @ self._characteristic
         order = coefficients.shape[1] - 1
         companion = np.zeros((len(gains), order, order))
@@ -121,8 +132,19 @@ class ContinuousGainLoop:
         return np.linalg.eigvals(companion).astype(np.complex128)
 
     def satisfies(self, spec: DStability, gains: Floats) -> Bools:
-        """Judge the roots of the characteristic polynomial."""
-        return judge(spec, self.roots(gains)).satisfied
+        """Judge the roots of the characteristic polynomial; with delay, how many are where."""
+        if not self.dead_time_s:
+            return judge(spec, self.roots(gains)).satisfied
+        undelayed = self._characteristic[0]
+        return np.array(
+            [
+                delayed_loop_satisfies(
+                    spec, undelayed, gain @ self._characteristic[1:], self.dead_time_s
+                )
+                for gain in gains
+            ],
+            dtype=np.bool_,
+        )
 
 
 class SampledGainLoop:
