@@ -23,10 +23,9 @@ from tools.batch.loop import (
     LEFT_RANGE,
     Constants,
     Schedule,
-    at_start,
     empty_records,
-    plant_until,
     run_segment,
+    run_to_first_tick,
 )
 from tools.batch.motion import compiled_motion
 from tools.batch.plan import Plan, plan_run
@@ -117,9 +116,8 @@ class _Run:
     def result(self) -> BatchRun:
         """Run to the end, or as far as it goes."""
         plan, motion, constants = self._plan, self._motion, self._constants
-        x = at_start(motion)
         first_ns = int(plan.tick_ns[0]) if len(plan.tick_ns) else plan.end_ns
-        x, code = plant_until(motion, constants, self._schedule, self._records, x, 0, first_ns)
+        x, code = run_to_first_tick(motion, constants, self._schedule, self._records, first_ns)
         sent_rad, fade_rad, ticks = 0.0, 0.0, 0
         law_state = self._law.initial_state(0.0)
         for segment in plan.segments:

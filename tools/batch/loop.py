@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 from controller.limits import SteerLimits, limit_step, ramp_step
 from dbc.messages import Mode
 from plant_emulator.motion import MotionState, advance_motion, command_motion, start_motion
+from tools.batch.borrowing import borrowed_floats, borrowed_ints
+from tools.batch.motion import borrowed_motion
 
 COMPLETE, LEFT_RANGE, LAW_FAILED = range(3)
 """How a segment ended: at its end; with an error LATERAL_ERROR cannot carry; with a command that is
@@ -120,13 +122,34 @@ class Segment(NamedTuple):
 
 
 @njit(nogil=True)
-def at_start(p: Any) -> Progress:
-    """Return the plant before its first sample."""
-    return Progress(start_motion(p), 0, 0)
+def _borrowed_schedule(s: Schedule) -> Schedule:
+    return Schedule(
+        borrowed_ints(s.tick_ns),
+        borrowed_ints(s.tick_sample),
+        borrowed_ints(s.command_due_ns),
+        borrowed_ints(s.command_tick),
+        borrowed_ints(s.sample_ns),
+        borrowed_floats(s.noise_m),
+    )
 
 
 @njit(nogil=True)
-def plant_until(
+def _borrowed_records(r: Records) -> Records:
+    return Records(
+        borrowed_floats(r.lateral_error_m),
+        borrowed_floats(r.heading_error_rad),
+        borrowed_floats(r.yaw_rate_rad_s),
+        borrowed_floats(r.wheel_angle_rad),
+        borrowed_floats(r.curvature_1_m),
+        borrowed_floats(r.measured_m),
+        borrowed_ints(r.command),
+        borrowed_floats(r.sent_rad),
+        borrowed_floats(r.law_output),
+    )
+
+
+@njit(nogil=True, forceinline=True)
+def _plant_until(
     p: Any, c: Constants, s: Schedule, r: Records, x: Progress, ticks_done: int, to_ns: int
 ) -> tuple[Progress, int]:
     """Apply the commands of the ticks done, and take samples, up to and at ``to_ns``."""
@@ -161,6 +184,15 @@ def plant_until(
 
 
 @njit(nogil=True)
+def run_to_first_tick(
+    p: Any, c: Constants, s: Schedule, r: Records, first_tick_ns: int
+) -> tuple[Progress, int]:
+    """Run the plant from its start up to and at the first tick; returns where it is, and how."""
+    p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
+    return _plant_until(p, c, s, r, Progress(start_motion(p), 0, 0), 0, first_tick_ns)
+
+
+@njit(nogil=True)
 def run_segment(
     law_step: Any,
     law_params: Any,
@@ -183,6 +215,7 @@ def run_segment(
     Returns the plant, the command last sent, the fade that is left [rad], the tick that comes next,
     and how it ended.
     """
+    p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
     mode, first_tick, last_tick, is_recovery = segment
     for tick in range(first_tick, last_tick):
         wanted_rad = sent_rad
@@ -201,14 +234,14 @@ def run_segment(
             r.law_output[tick, 2] = output.network_disturbance_rad
             r.law_output[tick, 3] = output.compensated_lateral_error_m
         else:
-            if tick > 0:
-                r.law_output[tick] = r.law_output[tick - 1]
+            for column in range(4):
+                r.law_output[tick, column] = r.law_output[tick - 1, column]
             if mode == _SAFE_STOP:
                 wanted_rad = ramp_step(c.ramp_step_rad, wanted_rad)
         sent_rad = limit_step(c.limits, sent_rad, wanted_rad)
         r.sent_rad[tick] = sent_rad
         next_ns = s.tick_ns[tick + 1] if tick + 1 < len(s.tick_ns) else end_ns
-        x, outcome = plant_until(p, c, s, r, x, tick + 1, next_ns)
+        x, outcome = _plant_until(p, c, s, r, x, tick + 1, next_ns)
         if outcome != COMPLETE:
             return x, sent_rad, fade_rad, tick + 1, outcome
     return x, sent_rad, fade_rad, last_tick, COMPLETE

@@ -4,9 +4,11 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numba import njit
 
 from plant_emulator.disturbance import DisturbanceInterval
 from plant_emulator.motion_design import MotionParams, design_motion
+from plant_emulator.path import Path
 from plant_emulator.rig_settings import (
     ActuatorSettings,
     DisturbanceSettings,
@@ -14,6 +16,7 @@ from plant_emulator.rig_settings import (
     VehicleSettings,
 )
 from plant_emulator.settings import PlantSettings
+from tools.batch.borrowing import borrowed_floats, borrowed_ints
 
 _KEPT = 32
 """Motions kept for the next run with the same rig: about 2 MB each."""
@@ -40,7 +43,7 @@ def _designed(
     live = design_motion(vehicle, actuator, path, disturbance)
     arrays: dict[str, Any] = {
         "table": np.array(live.table),
-        "first_rows": np.array(live.first_rows),
+        "first_rows": np.array(live.first_rows, dtype=np.int64),
         "intervals": np.array([tuple(interval) for interval in live.intervals], dtype=_INTERVAL),
     }
     road: dict[str, Any] = {
@@ -49,3 +52,26 @@ def _designed(
     }
     # Poses are for pictures, and a list of them does not compile.
     return live._replace(**arrays, path=live.path._replace(**road, pose=()))
+
+
+@njit(nogil=True)
+def borrowed_motion(p: MotionParams) -> MotionParams:
+    """Return the parameters with borrowed arrays, except for the intervals, hardly ever read."""
+    road = p.path
+    return MotionParams(
+        p.speed_m_s,
+        p.preview_m,
+        p.actuator,
+        Path(
+            borrowed_floats(road.start_m),
+            borrowed_floats(road.curvature_1_m),
+            borrowed_floats(road.curvature_slope_1_m2),
+            road.pose,
+            road.length_m,
+            road.lap_turn_rad,
+            road.closed,
+        ),
+        p.intervals,
+        borrowed_floats(p.table),
+        borrowed_ints(p.first_rows),
+    )

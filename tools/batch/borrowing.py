@@ -1,0 +1,44 @@
+"""Arrays without reference counts, for the inside of a compiled loop.
+
+A NamedTuple of arrays that is handed from function to function has every array's reference count
+raised and lowered on the way, atomically; here that costs more than the arithmetic. A borrowed
+array points to the same memory and counts nothing, so its owner must outlive it: borrow in the
+function that Python calls, which holds the owners as its arguments.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from numba import carray, njit, types
+from numba.extending import intrinsic
+
+
+def _pointer_to(dtype: Any) -> Callable[[int], Any]:
+    """Return a function for compiled code, from an address to a pointer."""
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def pointer(_typing: Any, address: Any) -> Any:
+        kind = types.CPointer(dtype)
+
+        def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+            return builder.inttoptr(arguments[0], context.get_value_type(kind))
+
+        return kind(address), generate
+
+    return pointer  # type: ignore[no-any-return]
+
+
+_float_pointer = _pointer_to(types.float64)
+_int_pointer = _pointer_to(types.int64)
+
+
+@njit(nogil=True)
+def borrowed_floats(array: Any) -> Any:
+    """Return the same float64 memory, C-contiguous, uncounted."""
+    return carray(_float_pointer(array.ctypes.data), array.shape)
+
+
+@njit(nogil=True)
+def borrowed_ints(array: Any) -> Any:
+    """Return the same int64 memory, C-contiguous, uncounted."""
+    return carray(_int_pointer(array.ctypes.data), array.shape)
