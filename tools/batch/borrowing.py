@@ -6,26 +6,25 @@ array points to the same memory and counts nothing, so its owner must outlive it
 function that Python calls, which holds the owners as its arguments.
 """
 
-from collections.abc import Callable
 from typing import Any
 
-from numba import carray, njit, types
+from numba import carray, njit, types  # type: ignore[attr-defined]
 from numba.extending import intrinsic
 
 
-def _pointer_to(dtype: Any) -> Callable[[int], Any]:
+def _pointer_to(dtype: Any) -> Any:
     """Return a function for compiled code, from an address to a pointer."""
 
-    @intrinsic  # type: ignore[untyped-decorator]
+    @intrinsic
     def pointer(_typing: Any, address: Any) -> Any:
-        kind = types.CPointer(dtype)
+        kind = types.CPointer(dtype)  # type: ignore[no-untyped-call]
 
         def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
             return builder.inttoptr(arguments[0], context.get_value_type(kind))
 
         return kind(address), generate
 
-    return pointer  # type: ignore[no-any-return]
+    return pointer
 
 
 _float_pointer = _pointer_to(types.float64)
