@@ -23,6 +23,7 @@ from can.util import load_environment_config, load_file_config
 
 from runtime.frame import Frame
 from runtime.message import frame_of, message_of
+from runtime.real_time import Received
 
 _AUTO_CHANNEL = "vcan0"
 _NETWORK_INTERFACES = Path("/sys/class/net")
@@ -114,17 +115,18 @@ class BusPort:
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus
 
-    def recv(self, timeout_s: float) -> Frame | None:
+    def recv(self, timeout_s: float) -> Received | None:
         """Return the next frame, or None when none comes within ``timeout_s`` [s].
 
         A deadline that has passed may be given as a negative time: nothing is waited for. Error
-        frames come with the flag ERROR. Raises BusError when the bus has failed.
+        frames come with the flag ERROR. When a frame arrived is not told: python-can's time stamps
+        are of another clock with each interface. Raises BusError when the bus has failed.
         """
         try:
             message = self._bus.recv(max(timeout_s, 0.0))
         except (can.CanError, OSError) as error:
             raise BusError(f"cannot receive: {_one_line(error)}") from error
-        return None if message is None else frame_of(message)
+        return None if message is None else Received(frame_of(message), None)
 
     def send(self, frame: Frame) -> bool:
         """Hand ``frame`` to the bus; returns whether it had room, without waiting for it.

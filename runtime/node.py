@@ -4,7 +4,8 @@ Rules an executor keeps:
 
 1. It reads the clock once per wake-up, hands over every waiting frame (``on_frame``), then ticks
    (``on_tick``) if ``now_ns >= deadline_ns``; frames that leave are the return values, in order.
-2. Times are integer nanoseconds on one monotonic clock that never runs backwards.
+   A frame comes with its own arrival where that is known, at the latest this reading.
+2. Times are integer nanoseconds on one monotonic clock; those a node is told never run backwards.
 3. ``on_tick`` is called again at the same ``now_ns`` while ``deadline_ns <= now_ns``.
 
 Rules a node keeps:

@@ -5,6 +5,8 @@ A wake-up, in this order:
 1. Read the clock once. That reading is the time of everything below.
 2. Hand over every frame that waits, oldest first, at most FRAMES_PER_WAKE_UP_MAX: a flood must not
    keep the node from ticking. What is left waits for the next wake-up, which follows at once.
+   Where the port knows when a frame arrived, that is the time the node is told, kept between the
+   last reading and this one: a node never hears of the future, nor of a time before its last.
 3. Tick while the node's deadline is due.
 
 Deadlines are absolute, so that being late once makes nothing late after it.
@@ -26,10 +28,17 @@ WAIT_NS_MAX = 50_000_000
 """How long a wait may last, so that a request to stop is heard."""
 
 
+class Received(NamedTuple):
+    """A frame, and when it arrived on the monotonic clock [ns]; None where the port cannot tell."""
+
+    frame: Frame
+    arrival_ns: int | None
+
+
 class Port(Protocol):
     """What a node sends to and receives from."""
 
-    def recv(self, timeout_s: float) -> Frame | None:
+    def recv(self, timeout_s: float) -> Received | None:
         """Return the next frame, or None when none comes within ``timeout_s`` [s]."""
         ...
 
@@ -102,15 +111,16 @@ class RealTimeExecutor:
         ``should_stop`` is asked once a wake-up, at least every WAIT_NS_MAX.
         """
         start_ns = self._clock_ns()
-        before_ns = start_ns
+        before_ns = told_ns = start_ns
         while not (self._node.finished or should_stop()):
             wait_ns = min(self._node.deadline_ns - before_ns, WAIT_NS_MAX)
             first = self._port.recv(max(wait_ns, 0) / NS_PER_S)
             now_ns = self._clock_ns()
             self._wake_ups += 1
             if first is not None:
-                self._drain(first, now_ns)
+                self._drain(first, told_ns, now_ns)
             self._tick(now_ns)
+            told_ns = now_ns
             # Read again, because the wait that follows is counted from here and not from now_ns.
             before_ns = self._clock_ns()
             if self._node.deadline_ns <= before_ns:
@@ -118,17 +128,22 @@ class RealTimeExecutor:
             self._busy_ns += before_ns - now_ns
             self._duration_ns = before_ns - start_ns
 
-    def _drain(self, first: Frame, now_ns: int) -> None:
-        """Hand over ``first`` and what waits behind it, as far as one wake-up goes."""
-        frame: Frame | None = first
+    def _drain(self, first: Received, told_ns: int, now_ns: int) -> None:
+        """Hand over ``first`` and what waits behind it, as far as one wake-up goes.
+
+        ``told_ns``  the last time that the node was told before [ns]
+        """
+        received: Received | None = first
         handed_over = 0
-        while frame is not None:
-            self._send(self._node.on_frame(frame, now_ns))
+        while received is not None:
+            frame, arrival_ns = received
+            told_ns = now_ns if arrival_ns is None else min(max(arrival_ns, told_ns), now_ns)
+            self._send(self._node.on_frame(frame, told_ns))
             handed_over += 1
             if handed_over == FRAMES_PER_WAKE_UP_MAX:
                 self._full_wake_ups += 1
                 break
-            frame = self._port.recv(0.0)
+            received = self._port.recv(0.0)
         self._frames_received += handed_over
 
     def _tick(self, now_ns: int) -> None:

@@ -15,6 +15,7 @@ from runtime import bus as bus_module
 from runtime.bus import BusError, BusPort, OpenBus, add_bus_arguments, open_bus
 from runtime.emulated_bus.launch import launched_broker
 from runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from runtime.real_time import Received
 
 PATIENCE_S = 10.0
 
@@ -167,7 +168,7 @@ def test_a_port_passes_frames_through_unchanged(broker_address: str, frame: Fram
     ):
         BusPort(one).send(frame)
         received = BusPort(other).recv(PATIENCE_S)
-    assert received == frame
+    assert received == Received(frame, None)
 
 
 def test_a_port_marks_error_frames() -> None:
@@ -176,7 +177,7 @@ def test_a_port_marks_error_frames() -> None:
         can.Bus(interface="virtual", channel="errors") as other,
     ):
         one.send(can.Message(is_error_frame=True, is_extended_id=False, arbitration_id=0x40))
-        assert BusPort(other).recv(PATIENCE_S) == Frame(0x40, b"", ERROR)
+        assert BusPort(other).recv(PATIENCE_S) == Received(Frame(0x40, b"", ERROR), None)
 
 
 def test_a_port_receives_nothing_when_nothing_comes() -> None:

@@ -14,6 +14,7 @@ from runtime.real_time import (
     WAIT_NS_MAX,
     LoopFigures,
     RealTimeExecutor,
+    Received,
 )
 
 MS = 1_000_000
@@ -30,10 +31,17 @@ class Machine:
 
     ``arrivals``      frames and when they arrive [ns], in order
     ``oversleep_ns``  how much longer than asked for a wait without a frame lasts
+    ``wake_up_ns``    how long after the arrival of a frame a wait ends
+    ``tells_arrivals``  whether the port knows when a frame arrived
     """
 
     def __init__(
-        self, arrivals: Sequence[tuple[int, Frame]] = (), oversleep_ns: int = 0, start_ns: int = 0
+        self,
+        arrivals: Sequence[tuple[int, Frame]] = (),
+        oversleep_ns: int = 0,
+        start_ns: int = 0,
+        wake_up_ns: int = 0,
+        tells_arrivals: bool = False,
     ) -> None:
         self.now_ns = start_ns
         self.readings_ns: list[int] = []
@@ -43,18 +51,21 @@ class Machine:
         self.bus_is_full = False
         self._arrivals = list(arrivals)
         self._oversleep_ns = oversleep_ns
+        self._wake_up_ns = wake_up_ns
+        self._tells_arrivals = tells_arrivals
 
     def clock_ns(self) -> int:
         self.readings_ns.append(self.now_ns)
         return self.now_ns
 
-    def recv(self, timeout_s: float) -> Frame | None:
+    def recv(self, timeout_s: float) -> Received | None:
         timeout_ns = round(timeout_s * 1e9)
         self.waits_ns.append(timeout_ns)
         if self._arrivals and self._arrivals[0][0] <= self.now_ns + timeout_ns:
             arrival_ns, arrived = self._arrivals.pop(0)
-            self.now_ns = max(self.now_ns, arrival_ns)
-            return arrived
+            if arrival_ns > self.now_ns:
+                self.now_ns = arrival_ns + self._wake_up_ns
+            return Received(arrived, arrival_ns if self._tells_arrivals else None)
         if timeout_ns:
             self.now_ns += timeout_ns + self._oversleep_ns
         return None
@@ -146,6 +157,33 @@ def test_a_frame_before_the_deadline_is_handed_over_when_it_arrives() -> None:
     node = Recorder(ticks=2)
     run(node, Machine([(4 * MS, frame(1))]))
     assert node.calls == [("tick", 0), ("frame", 4 * MS), ("tick", 10 * MS)]
+
+
+def test_a_node_is_told_when_a_frame_arrived_where_the_port_knows() -> None:
+    arrivals = [(4 * MS, frame(1)), (5 * MS, frame(2))]
+    node = Recorder(ticks=2)
+    run(node, Machine(arrivals, wake_up_ns=2 * MS, tells_arrivals=True))
+    assert node.calls == [("tick", 0), ("frame", 4 * MS), ("frame", 5 * MS), ("tick", 10 * MS)]
+    node = Recorder(ticks=2)
+    run(node, Machine(arrivals, wake_up_ns=2 * MS))
+    assert node.calls == [("tick", 0), ("frame", 6 * MS), ("frame", 6 * MS), ("tick", 10 * MS)]
+
+
+def test_a_node_is_told_no_time_of_the_future_and_none_before_its_last() -> None:
+    class Confused(Machine):
+        """Its arrivals are off, as after the wall clock was set."""
+
+        offset_ns = 0
+
+        def recv(self, timeout_s: float) -> Received | None:
+            received = super().recv(timeout_s)
+            return received and Received(received.frame, self.now_ns + self.offset_ns)
+
+    for offset_ns, told_ns in [(60 * MS, 14 * MS), (-60 * MS, 10 * MS)]:
+        node, machine = Recorder(ticks=3), Confused([(14 * MS, frame(1))])
+        machine.offset_ns = offset_ns
+        run(node, machine)
+        assert node.calls[1:3] == [("tick", 10 * MS), ("frame", told_ns)]
 
 
 def test_a_wake_up_reads_the_clock_once_for_the_node_and_once_for_the_wait_after_it() -> None:
