@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.analysis.root_count import Polynomial, RootCount, count_roots, on_axis
+from controller.analysis.small_gain import CdobParts
 from controller.design import q_order_2, q_type_2, washout
 from controller.law_settings import CdobSettings, DobSettings, LawSettings, PdSettings
 from controller.laws import LawName
@@ -98,6 +99,19 @@ def dob_alone(q: TransferFunction, model: TransferFunction) -> ContinuousLaw:
     """Return u = r - (Q/G_n) y + Q u, where r is u_new: the loop of (12), (13) and (21)."""
     one = np.ones(1)
     return _with_dob(ContinuousLaw(one, np.zeros(1), one), q, model)
+
+
+def cdob_parts(settings: LawSettings) -> CdobParts:
+    """Return what the small gain condition (25) of the settings' CDOB needs.
+
+    Raises ValueError for a law without one.
+    """
+    cdob, model = settings.cdob, settings.model
+    if cdob is None or model is None:
+        raise ValueError(f"law = {settings.law.value!r} has no CDOB")
+    filter_h = _ONE if cdob.washout_rad_s is None else washout(cdob.washout_rad_s)
+    q = filter_h.times(q_order_2(cdob.q_cutoff_rad_s))
+    return CdobParts(pd_compensator(settings.pd), q, model)
 
 
 def loop_response(
