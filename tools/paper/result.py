@@ -15,6 +15,8 @@ class Verdict(StrEnum):
     REPRODUCED = "reproduced"
     WITH_CORRECTION = "reproduced with the stated correction"
     NOT_REPRODUCIBLE = "not reproducible from the text"
+    BEYOND = "beyond the paper"
+    """The paper has no such figure or table: there is nothing to reproduce."""
 
 
 class Picture(NamedTuple):

@@ -28,9 +28,9 @@ TOLERANCE_M = 2e-4
 _WHY = (
     "PD row: reproduced with C_r = 500,000 N/rad instead of the printed 50,000, on the ellipse of "
     "78.2 m by 41.74 m for 200 s (inferred, see Figure 14). With the printed C_r the RMS falls "
-    "with mass where the paper's rises. PD+DOB row: not reproducible. (11) with Q of (20) at 5 rad/s "
-    "leaves 2 to 4 % of the PD's error, the table 55 to 70 %. That the DOB reduces the error in "
-    "every corner holds."
+    "with mass where the paper's rises. PD+DOB row: not reproducible. (11) with Q of (20) at 5 "
+    "rad/s leaves 2 to 4 % of the PD's error, the table 55 to 70 %. That the DOB reduces the error "
+    "in every corner holds."
 )
 
 
