@@ -1,0 +1,76 @@
+"""What a run with vcan0 is asked to be, and how it is told that it cannot."""
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+NAME_CHARACTERS_MAX = 15
+"""Of a network interface: IFNAMSIZ without its final zero (linux/if.h)."""
+INTERFACES_MAX = 64
+FD_MTU = 72
+"""With this MTU a CAN interface carries CAN FD frames too (linux/can.h, CANFD_MTU)."""
+
+_NAME = re.compile(rf"[A-Za-z][A-Za-z0-9_.-]{{0,{NAME_CHARACTERS_MAX - 1}}}")
+
+
+class Request(NamedTuple):
+    """What to run.
+
+    ``command``     program and arguments
+    ``interfaces``  names of the CAN interfaces it finds
+    ``netem``       parameters of the kernel's network emulator on each of them; none when empty
+    ``memory_mib``  of a User Mode Linux [MiB]
+    """
+
+    command: tuple[str, ...]
+    interfaces: tuple[str, ...] = ("vcan0",)
+    netem: tuple[str, ...] = ()
+    memory_mib: int = 1024
+
+
+class BackendError(Exception):
+    """A backend cannot run the command; the text is one line that says what is missing."""
+
+
+def interface_names(text: str) -> tuple[str, ...]:
+    """Read a number of interfaces or their names; raises ValueError.
+
+    >>> interface_names("2")
+    ('vcan0', 'vcan1')
+    >>> interface_names("can0,vcan7")
+    ('can0', 'vcan7')
+    """
+    if text.isascii() and text.isdecimal():
+        if not 1 <= int(text) <= INTERFACES_MAX:
+            raise ValueError(f"allowed is 1 to {INTERFACES_MAX} interfaces, not {text}")
+        return tuple(f"vcan{index}" for index in range(int(text)))
+    names = tuple(text.split(","))
+    for name in names:
+        if not _NAME.fullmatch(name):
+            raise ValueError(f"{name!r} is no name of a network interface")
+    if len(set(names)) < len(names):
+        raise ValueError(f"{text!r} names an interface twice")
+    return names
+
+
+def link_commands(request: Request) -> list[list[str]]:
+    """Return the commands that make the request's interfaces in a network of one's own.
+
+    The queue is long because netem holds every frame that is under way, and a full queue lets
+    ``send`` fail (ENOBUFS).
+    """
+    commands = [["ip", "link", "set", "lo", "up"]]
+    for name in request.interfaces:
+        commands += [
+            ["ip", "link", "add", "dev", name, "type", "vcan"],
+            ["ip", "link", "set", name, "mtu", str(FD_MTU), "up"],
+        ]
+        if request.netem:
+            commands.append(["tc", "qdisc", "add", "dev", name, "root", *netem_words(request)])
+    return commands
+
+
+def netem_words(request: Request) -> Sequence[str]:
+    """Return netem's parameters, with room for what is under way unless they limit it."""
+    limit = () if "limit" in request.netem else ("limit", "100000")
+    return ("netem", *limit, *request.netem)

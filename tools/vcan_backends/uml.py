@@ -1,0 +1,198 @@
+"""User Mode Linux: a kernel with CAN as an ordinary program, on the host's own files.
+
+Outside: what it takes, and starting it. Inside is ``uml_guest``; between them, ``uml_streams``.
+"""
+
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NoReturn
+
+from tools.vcan_backends.guard import Launch, execute, start_guard
+from tools.vcan_backends.request import BackendError, Request, link_commands
+from tools.vcan_backends.supervision import TIMEOUT_STATUS, supervise
+from tools.vcan_backends.uml_streams import Streams
+
+NAME = "uml"
+PROGRAM = "linux.uml"
+MODULE_FOLDERS = Path("/usr/lib/uml/modules")
+MODULES = (
+    "can", "can-raw", "can-bcm", "can-gw", "vcan", "vxcan", "slcan",
+    "sch_netem", "sch_prio", "cls_basic", "em_canid",
+)  # fmt: skip
+"""What is loaded, as far as it is there, with all that these need."""
+BOOT_S_MAX = 120.0
+"""A boot takes two seconds, on a machine that does other things ten."""
+
+
+def obstacle(request: Request) -> str:
+    """Why there is no User Mode Linux; empty when there is."""
+    needed = {PROGRAM: "user-mode-linux", "ip": "iproute2"}
+    if request.netem:
+        needed["tc"] = "iproute2"
+    missing = {name: package for name, package in needed.items() if shutil.which(name) is None}
+    if missing:
+        packages = " ".join(dict.fromkeys(missing.values()))
+        return f"no program {', '.join(missing)} (apt-get install {packages})"
+    try:
+        _modules(request)
+        _memory_folder(request)
+    except BackendError as error:
+        return str(error)
+    return ""
+
+
+def run(request: Request, timeout_s: float | None) -> int:
+    """Run the command; returns its exit status. Raises BackendError when it does not boot."""
+    folder = _make_folder(request)
+    said = tempfile.TemporaryFile()  # noqa: SIM115 it is closed with the wrapper
+    guest_in, to_guest = os.pipe()
+    guest_stdin, to_stdin = os.pipe()
+    from_guest, guest_out = os.pipe()
+    kernel = _kernel_command(request, folder, guest_in, guest_out, guest_stdin)
+
+    def start() -> NoReturn:
+        os.setsid()  # Ctrl-C is for the command inside, and it gets it from us
+        for descriptor in (guest_in, guest_stdin, guest_out):
+            os.set_inheritable(descriptor, True)
+        with open(os.devnull, "rb") as nothing:
+            os.dup2(nothing.fileno(), 0)
+        os.dup2(said.fileno(), 1)
+        os.dup2(said.fileno(), 2)
+        execute(kernel, {**os.environ, "TMPDIR": str(_memory_folder(request))})
+
+    guard = start_guard(
+        Launch(
+            start,
+            (guest_in, guest_stdin, guest_out),
+            lambda: shutil.rmtree(folder, ignore_errors=True),
+        )
+    )
+    streams = Streams(guard, from_guest, to_guest, to_stdin)
+    status = supervise(guard, timeout_s, streams.pass_on, streams.selector)
+    if status == TIMEOUT_STATUS:
+        return status
+    said.seek(0)
+    return streams.finish(status, _last_line(said.read()))
+
+
+def _kernel_command(
+    request: Request, folder: Path, line_in: int, line_out: int, stdin: int
+) -> list[str]:
+    """Return how the kernel is started; what follows ``--`` is for its first process."""
+    linker = os.environ.get("LD_LIBRARY_PATH")
+    return [
+        PROGRAM,
+        f"mem={request.memory_mib}M",
+        f"uml_dir={folder}",
+        "rootfstype=hostfs",
+        "rootflags=/",
+        "rw",
+        "quiet",
+        "con=null",
+        f"ssl0=fd:{line_in},fd:{line_out}",
+        f"ssl1=fd:{stdin},null",
+        f"init={folder / 'python'}",
+        *([f"LD_LIBRARY_PATH={linker}"] if linker else []),
+        "--",
+        "-IS",
+        str(folder / "init.py"),
+    ]
+
+
+def _make_folder(request: Request) -> Path:
+    """Write down what the guest is to do, in a private folder without blanks in its name."""
+    place = tempfile.gettempdir()
+    if any(character.isspace() or character in "\",'" for character in place):
+        place = "/tmp"  # noqa: S108 the kernel's command line has blanks between its words
+    folder = Path(tempfile.mkdtemp(prefix="with_vcan-", dir=place))
+    root = Path(__file__).resolve().parents[2]
+    job = {
+        "command": request.command,
+        "environment": {**os.environ, "WITH_VCAN_BACKEND": NAME},
+        "folder": os.getcwd(),
+        "user": os.getuid(),
+        "group": os.getgid(),
+        "groups": os.getgroups(),
+        "file_mask": _file_mask(),
+        "limits": {
+            number: resource.getrlimit(number)
+            for name, number in vars(resource).items()
+            if name.startswith("RLIMIT_")
+        },
+        "modules": _modules(request),
+        "links": link_commands(request),
+    }
+    (folder / "job.json").write_text(json.dumps(job), encoding="ascii")
+    (folder / "python").symlink_to(os.path.realpath(sys.executable))
+    (folder / "init.py").write_text(
+        f"import sys\nsys.path.insert(0, {str(root)!r})\nsys.dont_write_bytecode = True\n"
+        f"from tools.vcan_backends.uml_guest import main\nmain({str(folder)!r})\n",
+        encoding="utf-8",
+    )
+    return folder
+
+
+def _file_mask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _modules(request: Request) -> list[tuple[str, str]]:
+    """Return paths and parameters of the kernel modules, each after those it needs."""
+    version = subprocess.run([PROGRAM, "--version"], capture_output=True, text=True, check=False)
+    folder = MODULE_FOLDERS / version.stdout.strip()
+    try:
+        lines = (folder / "modules.dep").read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise BackendError(f"{folder} holds no kernel modules ({error.strerror})") from error
+    needs: dict[str, list[str]] = {}
+    by_name = {}
+    for line in lines:
+        path, _, others = line.partition(":")
+        needs[path] = others.split()
+        by_name[Path(path).name.partition(".ko")[0].replace("_", "-")] = path
+    if "vcan" not in by_name:
+        raise BackendError(f"{folder} has no module vcan")
+    ordered: dict[str, str] = {}
+    for name in MODULES:
+        path = by_name.get(name.replace("_", "-"), "")
+        for wanted in (*reversed(needs.get(path, [])), path):
+            if wanted:
+                echo = Path(wanted).name.startswith("vcan.") and request.netem
+                ordered[str(folder / wanted)] = "echo=1" if echo else ""
+    return list(ordered.items())
+
+
+def _memory_folder(request: Request) -> Path:
+    """Return a folder for the file that is the guest's memory: large enough, and executable.
+
+    In a container /dev/shm is often neither.
+    """
+    tried = []
+    for name in (os.environ.get("TMPDIR"), "/dev/shm", "/tmp", "/var/tmp"):  # noqa: S108
+        if not name or not os.access(name, os.W_OK | os.X_OK):
+            continue
+        found = os.statvfs(name)
+        free_mib = found.f_bavail * found.f_frsize // 2**20
+        if found.f_flag & os.ST_NOEXEC:
+            tried.append(f"{name} is mounted noexec")
+        elif free_mib < request.memory_mib:
+            tried.append(f"{name} has {free_mib} MiB left")
+        else:
+            return Path(name)
+    raise BackendError(
+        f"nowhere {request.memory_mib} MiB for its memory: {', '.join(tried)} "
+        "(set TMPDIR or --memory)"
+    )
+
+
+def _last_line(said: bytes) -> str:
+    lines = said.decode(errors="replace").splitlines()
+    return next((line.strip() for line in reversed(lines) if line.strip()), "")

@@ -1,0 +1,117 @@
+"""The wrapper's side of a User Mode Linux's serial lines.
+
+Two lines, which are pipes out here, carry the frames of ``frames``: one everything but standard
+input, which must not hold up a signal, one standard input.
+"""
+
+import os
+import selectors
+from contextlib import suppress
+
+from tools.vcan_backends.frames import Kind, LineFrame, Unpacker, pack
+from tools.vcan_backends.guard import Guard
+from tools.vcan_backends.request import BackendError
+from tools.vcan_backends.system_calls import Signal
+
+PIECE_BYTES = 2048
+"""Of standard input, at most in one frame: less than a pipe takes at once when it takes any."""
+
+
+class Streams:
+    """Passes streams and signals on, and remembers how it ended.
+
+    ``selector``  watches what can be read; its data are what to call
+    """
+
+    def __init__(self, guard: Guard, from_guest: int, to_guest: int, to_stdin: int) -> None:
+        self._guard = guard
+        self._from_guest, self._to_guest, self._to_stdin = from_guest, to_guest, to_stdin
+        self._unpacker = Unpacker()
+        self._ready = False
+        self._failure = ""
+        self._status: int | None = None
+        self._interrupted = 0
+        self.selector = selectors.DefaultSelector()
+        self.selector.register(from_guest, selectors.EVENT_READ, self._read)
+
+    def pass_on(self, arrived: Signal) -> None:
+        """Send a signal to the command; one that comes before there is a command ends it all."""
+        if self._ready:
+            self._write(self._to_guest, pack(Kind.SIGNAL, b"%d" % arrived.number))
+        else:
+            self._interrupted = arrived.number
+            self._guard.end()
+
+    def finish(self, kernel_status: int, last_words: str) -> int:
+        """Return the command's exit status; raises BackendError when there was no command.
+
+        ``last_words``  of the kernel
+        """
+        while self._from_guest in self.selector.get_map():
+            self._read()
+        if self._status is not None:
+            return self._status
+        if self._interrupted:
+            return 128 + self._interrupted
+        if self._failure:
+            raise BackendError(f"User Mode Linux: {self._failure}")
+        when = "ended while the command ran" if self._ready else "has not booted"
+        raise BackendError(
+            f"User Mode Linux {when} (status {kernel_status}): {last_words or 'it said nothing'}"
+        )
+
+    def _read(self) -> None:
+        piece = os.read(self._from_guest, 65536)
+        if not piece:
+            self.selector.unregister(self._from_guest)
+            return
+        for frame in self._unpacker.feed(piece):
+            self._take(frame)
+
+    def _take(self, frame: LineFrame) -> None:
+        if frame.kind in (Kind.STDOUT, Kind.STDERR):
+            self._print(frame.kind, frame.content)
+        elif frame.kind is Kind.READY:
+            self._ready = True
+            self._watch_stdin()
+        elif frame.kind is Kind.STATUS:
+            self._status = int(frame.content)
+            self._guard.end()  # all is written: the guest has synchronised its files
+        elif frame.kind is Kind.FAILED:
+            self._failure = frame.content.decode(errors="replace")
+            self._guard.end()
+
+    def _print(self, stream: int, content: bytes) -> None:
+        try:
+            while content:
+                content = content[os.write(stream, content) :]
+        except OSError:
+            # Nobody reads on: let the command know as if it had written there itself.
+            self._write(self._to_guest, pack(Kind.CLOSED, b"%d" % stream))
+
+    def _watch_stdin(self) -> None:
+        """Let the lines' free space say when to read: a pipe that has room has it for a piece."""
+        self.selector.register(self._to_stdin, selectors.EVENT_WRITE, self._await_stdin)
+
+    def _await_stdin(self) -> None:
+        self.selector.unregister(self._to_stdin)
+        try:
+            self.selector.register(0, selectors.EVENT_READ, self._pass_stdin)
+        except (PermissionError, OSError, ValueError):
+            # A file or /dev/null can always be read and cannot be watched; closed is at its end.
+            self._pass_stdin(watched=False)
+
+    def _pass_stdin(self, watched: bool = True) -> None:
+        if watched:
+            self.selector.unregister(0)
+        try:
+            piece = os.read(0, PIECE_BYTES)
+        except OSError:
+            piece = b""
+        self._write(self._to_stdin, pack(Kind.STDIN, piece))
+        if piece:
+            self._watch_stdin()
+
+    def _write(self, descriptor: int, content: bytes) -> None:
+        with suppress(BrokenPipeError):
+            os.write(descriptor, content)
