@@ -15,9 +15,9 @@ is searched. Only those parts of the σ line, the cone and the circle are follow
 can change the verdict of ``judge``: the cone within R (beyond it where every root has to be inside)
 and both left of -σ.
 
-A curve is sampled adaptively in the window looked at: an interval is halved until its middle lies
-on the chord. Ends of curves lie on other boundaries; each is followed a little beyond, so that
-rounding leaves no gap in the net of boundaries.
+A curve is sampled adaptively in the window looked at (``adaptive_curve``). Ends of curves lie on
+other boundaries; off the real axis each is followed a little beyond, on it the limit is taken, so
+that rounding leaves no gap in the net of boundaries.
 """
 
 from __future__ import annotations
@@ -28,14 +28,11 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from controller.analysis.adaptive_curve import MARGIN, adapted, runs
 from controller.analysis.d_stability import DStability
 from controller.analysis.gain_loops import Complexes, Floats, GainLine, GainLoop
 
-_CHORD_ERROR = 1e-6  # of the window's sides
-_HALVINGS = 24
-_MARGIN = 0.05  # around the window, followed too
 _OVERLAP = 1e-3  # by which a piece of ∂Γ is followed beyond its end
 _STEP = 1e-3  # from the real axis, of the smallest length at hand
 _PER_DECADE = 60
@@ -191,7 +188,7 @@ def _first_samples(
     ratios = np.geomspace(start, end, 2 + int(_PER_DECADE * math.log10(end / start)))
     s = s_of(ratios)
     k_p, k_d = np.abs([window.origin, window.origin + window.sides]).max(axis=0)
-    reach = (1.0 + _MARGIN) * (k_p + k_d * np.abs(loop.derivative(s)))
+    reach = (1.0 + MARGIN) * (k_p + k_d * np.abs(loop.derivative(s)))
     beyond = np.abs(loop.critical(s)) > reach
     samples = len(ratios) - int(np.argmin(beyond[::-1])) if not beyond.all() else 0
     ratios = ratios[: samples + 1]
@@ -206,7 +203,7 @@ def _followed(loop: GainLoop, piece: _Piece, window: Window) -> Iterator[Boundar
     def at(parameters: Floats) -> Floats:
         return (gains_of(loop, piece.s_of(parameters)) - window.origin) / window.sides
 
-    parameters, points, drawn = _adapted(at, piece.first)
+    parameters, points, drawn = adapted(at, piece.first)
     ends = ((0, piece.start, piece.first[0]), (len(points), piece.end, piece.first[-1]))
     for index, end, reached in reversed(ends):
         if end is not None and math.isclose(reached, end.parameter + end.step, rel_tol=1e-9):
@@ -215,51 +212,10 @@ def _followed(loop: GainLoop, piece: _Piece, window: Window) -> Iterator[Boundar
             limit = _on_line(limit, real_root_line(loop, piece.s_of(np.array([end.parameter]))[0]))
             points = np.insert(points, index, (limit - window.origin) / window.sides, axis=0)
             drawn = np.insert(drawn, min(index, len(drawn)), True)
-    for start, stop in _runs(drawn):
+    for start, stop in runs(drawn):
         gains = points[start : stop + 1] * window.sides + window.origin
         s_rad_s = piece.s_of(parameters[start : stop + 1])
         yield BoundaryCurve(piece.bound, RootKind.COMPLEX, gains, s_rad_s)
-
-
-def _adapted(
-    at: Callable[[Floats], Floats], parameters: Floats
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Halve intervals near the unit square until their middle lies on the chord.
-
-    Returns parameters, points, and which of the intervals between them belong to the curve: those
-    away from the square do not, nor those where halving does not help, the two sides of a pole.
-    """
-    points = at(parameters)
-    open_, drawn = np.ones(len(points) - 1, np.bool_), np.ones(len(points) - 1, np.bool_)
-    for _ in range(_HALVINGS):
-        left = np.flatnonzero(open_)
-        middles = 0.5 * (parameters[left] + parameters[left + 1])
-        between = at(middles)
-        before, after = points[left], points[left + 1]
-        lowest = np.minimum(np.minimum(before, after), between)
-        highest = np.maximum(np.maximum(before, after), between)
-        near = np.all((lowest <= 1.0 + _MARGIN) & (highest >= -_MARGIN), axis=1)
-        bent = near & ~(_off_chord(before, between, after) <= _CHORD_ERROR)
-        drawn[left] = near
-        open_[:] = False
-        open_[left] = bent
-        split = left[bent]
-        if not len(split):
-            return parameters, points, drawn
-        parameters = np.insert(parameters, split + 1, middles[bent])
-        points = np.insert(points, split + 1, between[bent], axis=0)
-        drawn = np.insert(drawn, split + 1, True)
-        open_ = np.insert(open_, split + 1, True)
-    return parameters, points, drawn & ~open_
-
-
-def _off_chord(before: Floats, between: Floats, after: Floats) -> Floats:
-    """Return the distances of points from the straight lines between their neighbours."""
-    chord, offset = after - before, between - before
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        along = np.clip(np.sum(offset * chord, axis=1) / np.sum(chord**2, axis=1), 0.0, 1.0)
-        along = np.where(np.isnan(along), 0.0, along)
-        return np.asarray(np.hypot(*(offset - along[:, None] * chord).T))
 
 
 def _limit(at: Callable[[Floats], Floats], end: _End) -> Floats:
@@ -276,12 +232,6 @@ def _on_line(gains: Floats, line: GainLine | None) -> Floats:
     if line is None:
         return gains
     return np.array([-(line.constant + line.k_d * gains[1]) / line.k_p, gains[1]])
-
-
-def _runs(drawn: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-    """Return (first, last + 1) of each run of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], drawn, [False]]).astype(np.int8)))
-    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
 def _straight_lines(loop: GainLoop, spec: DStability, window: Window) -> Iterator[BoundaryCurve]:
@@ -307,7 +257,7 @@ def _clipped(line: GainLine, window: Window) -> Floats | None:
     """Return the two ends of a straight line on the window enlarged by the margin, else None."""
     slope = np.array([line.k_p, line.k_d]) * window.sides
     constant = line.constant + float(np.array([line.k_p, line.k_d]) @ window.origin)
-    low, high = -_MARGIN, 1.0 + _MARGIN
+    low, high = -MARGIN, 1.0 + MARGIN
     crossings = []
     for axis in (0, 1):
         if slope[1 - axis]:
