@@ -21,6 +21,7 @@ from runtime.bus import BusError, BusPort, OpenBus, add_bus_arguments, open_bus,
 from runtime.host import RealTimeRequest, StealClock, priority, real_time
 from runtime.node import NEVER_NS, NS_PER_S, Node
 from runtime.real_time import LoopFigures, RealTimeExecutor
+from runtime.recording import Recording, RecordingPort, recording_obstacle
 from runtime.report import host_report, run_report, write_json
 from runtime.settings import (
     Settings,
@@ -123,6 +124,12 @@ def make_parser(name: str, description: str, preset_package: str) -> argparse.Ar
     )
     parser.add_argument("--report", type=output_file, metavar="FILE", help="write a report, JSON")
     parser.add_argument(
+        "--record",
+        type=recording_file,
+        metavar="FILE",
+        help="write every frame sent and received: .log .asc .blf .csv .db .trc .mf4",
+    )
+    parser.add_argument(
         "--duration", type=_seconds, metavar="SECONDS", help="end after this time at the latest"
     )
     group = parser.add_argument_group("real time, as far as the host grants it")
@@ -165,6 +172,14 @@ def output_file(text: str) -> Path:
     return path
 
 
+def recording_file(text: str) -> Path:
+    """Read the name of a recording; argparse turns the error into one line."""
+    path = output_file(text)
+    if obstacle := recording_obstacle(path):
+        raise argparse.ArgumentTypeError(obstacle)
+    return path
+
+
 def run_node(
     name: str,
     options: argparse.Namespace,
@@ -178,30 +193,49 @@ def run_node(
                    due then, so it must not take long
     ``conclude``   writes and says what the program has to add, after the report
 
-    Returns the exit status: a bus that fails ends the run with a report too. Raises BusError when
-    the bus cannot be opened, and OSError when a file cannot be written.
+    Returns the exit status: a bus or a recording that fails leaves a report too. Raises BusError
+    when the bus cannot be opened, and OSError when a file cannot be written.
     """
     opened = open_bus(options)
     stop = StopRequest()
     # What is to be kept is written before the shut-down, which may take seconds or fail.
     with shutting_down(opened.bus), stop.on_signals():
+        recording = _start_recording(options, opened)
         say(name, f"ready on {opened.description}")
-        node, run = _run_in_real_time(options, opened, stop, make_node)
+        try:
+            node, run = _run_in_real_time(options, opened, stop, make_node, recording)
+        finally:
+            recorded = None if recording is None else recording.close()
         if run.failure:
             say(name, f"error: {run.failure}", sys.stderr)
         report = run_report(
             name, run.ended_by, opened.description, settings, run.loop, node.report()
         )
         report["host"] = run.host
+        report["recording"] = None if recorded is None else recorded._asdict()
         if options.report is not None:
             write_json(options.report, report)
         _tell(name, report)
         conclude(node)
-    return ExitStatus.BUS if run.failure else ExitStatus.OK
+    if run.failure:
+        return ExitStatus.BUS
+    return ExitStatus.OUTPUT if recorded is not None and recorded.failure else ExitStatus.OK
+
+
+def _start_recording(options: argparse.Namespace, opened: OpenBus) -> Recording | None:
+    """Start what was asked for; before the run, whose priority the recorder must not have."""
+    if options.record is None:
+        return None
+    channel = options.channel or getattr(opened.bus, "channel", None) or "can0"
+    return Recording(options.record, str(channel).replace(" ", "_"))
 
 
 def _run_in_real_time(
-    options: argparse.Namespace, opened: OpenBus, stop: StopRequest, make_node: Callable[[int], N]
+    options: argparse.Namespace,
+    opened: OpenBus,
+    stop: StopRequest,
+    make_node: Callable[[int], N],
+    recording: Recording | None,
 ) -> tuple[N, _Run]:
     """Make the node and run it to its end."""
     request = RealTimeRequest(options.priority, options.cpu, options.lock_memory)
@@ -212,7 +246,10 @@ def _run_in_real_time(
         if options.duration is not None:
             stop.end_at(start_ns + round(options.duration * NS_PER_S))
         node = make_node(start_ns)
-        executor = RealTimeExecutor(node, BusPort(opened.bus))
+        port = BusPort(opened.bus)
+        executor = RealTimeExecutor(
+            node, port if recording is None else RecordingPort(port, recording)
+        )
         try:
             executor.run(stop)
         except BusError as error:
@@ -280,10 +317,23 @@ def _tell(name: str, report: Mapping[str, Any]) -> None:
     )
     if loop["frames_refused"]:
         say(name, f"{loop['frames_refused']} frames not sent: the bus had no room for them")
+    if report["recording"] is not None:
+        _tell_recording(name, report["recording"])
     if refused:
         say(name, f"refused by the host: {', '.join(refused)}")
     if steal:
         say(name, f"{100.0 * steal:.1f} % of the processor time went to other guests")
+
+
+def _tell_recording(name: str, recording: Mapping[str, Any]) -> None:
+    """Print what has become of the recording."""
+    say(name, f"{recording['frames']} frames recorded in {recording['file']}")
+    if recording["dropped"]:
+        say(name, f"{recording['dropped']} frames not recorded: the recorder did not keep up")
+    if recording["left_out"]:
+        say(name, f"{recording['left_out']} frames not recorded: the format has no place for them")
+    if recording["failure"]:
+        say(name, f"error: {recording['file']}: {recording['failure']}", sys.stderr)
 
 
 def _seconds(text: str) -> float:

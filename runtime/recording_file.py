@@ -1,0 +1,163 @@
+"""The recorder's side of a recording: records from a pipe, through python-can's writers, to a file.
+
+A frame that waited to be taken arrived before others that were recorded already. The writers give
+such a frame the time of the one before it, so records are put in order first: each is held until
+one comes that is HELD_NS newer.
+
+Text formats are handed to the operating system after every read, so that even the end of the
+recorder itself loses little more than what is held.
+"""
+
+import argparse
+import heapq
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import can
+from can.io.generic import TextIOMessageWriter
+
+from runtime.frame import Frame
+from runtime.message import message_of
+from runtime.recording import LEFT_OUT, RECORD
+
+HELD_NS = 100_000_000
+"""Longer than frames wait in a program that runs on time."""
+_READ_BYTES = 1 << 16
+_POLL_S, _SETTLE_S = 0.02, 5.0
+
+
+def main() -> int:
+    """Record what comes on standard input until it ends; tell the program what became of it."""
+    # The terminal's Ctrl-C ends the program, and the end of the pipe then ends the recorder.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parser = argparse.ArgumentParser(prog="python -m runtime.recording_file")
+    parser.add_argument("path", type=Path)
+    parser.add_argument("channel")
+    options = parser.parse_args()
+    summary = record(options.path, options.channel, sys.stdin.buffer)
+    os.write(1, json.dumps(summary).encode("ascii"))
+    return 0
+
+
+class _Record(NamedTuple):
+    """One recorded frame; sorts by time, and at one time as recorded."""
+
+    time_ns: int
+    number: int
+    frame: Frame
+    is_received: bool
+
+
+def record(path: Path, channel: str, source: BinaryIO) -> dict[str, Any]:
+    """Write every record in ``source`` to ``path``; returns frames, left_out and failure.
+
+    Says "ready" on standard output when the file is open.
+    """
+    counts = {"frames": 0, "left_out": 0}
+    failure = ""
+    writer: can.io.generic.MessageWriter | None = None
+    try:
+        if path.is_file() and not path.is_symlink():
+            path.unlink()  # the writers replace a file, but the one for .db would add to it
+        writer = can.Logger(path)
+        os.write(1, b"ready\n")
+        _write_all(writer, path.suffix.lower(), channel, _records(source), counts)
+    except Exception as error:  # whatever a writer raises, the program has to hear of it
+        failure = _why(error)
+    try:
+        if writer is not None:
+            _settle(writer, counts["frames"])
+            writer.stop()
+    except Exception as error:
+        failure = failure or _why(error)
+    if isinstance(writer, can.SqliteWriter) and writer.num_frames < counts["frames"]:
+        # It writes in a thread of its own, whose errors nobody else sees.
+        failure = failure or "the database has refused frames"
+        counts["frames"] = writer.num_frames
+    return {**counts, "failure": failure}
+
+
+def _write_all(
+    writer: can.io.generic.MessageWriter,
+    suffix: str,
+    channel: str,
+    reads: Iterator[list[_Record]],
+    counts: dict[str, int],
+) -> None:
+    """Write all records in order of time; counts them as it goes."""
+    left_out = LEFT_OUT.get(suffix, 0)
+    for records in _ordered(reads):
+        for time_ns, _, frame, is_received in records:
+            if frame.flags & left_out:
+                counts["left_out"] += 1
+                continue
+            message = message_of(frame)
+            message.timestamp = time_ns * 1e-9
+            message.channel = channel
+            message.is_rx = is_received
+            writer.on_message_received(message)
+            counts["frames"] += 1
+        if isinstance(writer, TextIOMessageWriter):
+            writer.file.flush()
+
+
+def _ordered(reads: Iterator[list[_Record]]) -> Iterator[list[_Record]]:
+    """Yield the records in order of time, as far as HELD_NS goes."""
+    held: list[_Record] = []
+    newest_ns = 0
+    for records in reads:
+        for item in records:
+            heapq.heappush(held, item)
+            newest_ns = max(newest_ns, item.time_ns)
+        ripe = []
+        while held and held[0].time_ns <= newest_ns - HELD_NS:
+            ripe.append(heapq.heappop(held))
+        yield ripe
+    yield sorted(held)
+
+
+def _records(source: BinaryIO) -> Iterator[list[_Record]]:
+    """Yield the whole records of every read until the pipe ends."""
+    rest = b""
+    number = 0
+    while chunk := os.read(source.fileno(), _READ_BYTES):
+        rest += chunk
+        records = []
+        place = 0
+        while len(rest) - place >= RECORD.size:
+            time_ns, can_id, flags, direction, length = RECORD.unpack_from(rest, place)
+            end = place + RECORD.size + length
+            if len(rest) < end:
+                break
+            frame = Frame(can_id, rest[place + RECORD.size : end], flags)
+            records.append(_Record(time_ns, number, frame, bool(direction)))
+            number += 1
+            place = end
+        rest = rest[place:]
+        yield records
+
+
+def _settle(writer: can.io.generic.MessageWriter, frames: int) -> None:
+    """Wait for the thread of the writer for .db, which ends with at most one more batch."""
+    if isinstance(writer, can.SqliteWriter):
+        before, patience_s = -1, 0.0
+        while writer.num_frames < frames and patience_s < _SETTLE_S:
+            patience_s = 0.0 if writer.num_frames > before else patience_s + _POLL_S
+            before = writer.num_frames
+            time.sleep(_POLL_S)
+
+
+def _why(error: Exception) -> str:
+    """Return what went wrong on one line."""
+    text = (error.strerror if isinstance(error, OSError) else None) or str(error)
+    return " ".join(text.split()) or type(error).__name__
+
+
+if __name__ == "__main__":
+    sys.exit(main())
