@@ -63,6 +63,7 @@ class MessageCodec(Generic[MessageT]):
         self.name = message.name
         self.can_id = message.frame_id
         self.length = message.length
+        self.cycle_time_ms = message.cycle_time or 0
         self._data_id = _data_id(message)
         self._message_type = message_type
         signals = {field_name(signal): signal for signal in message.signals}

@@ -20,6 +20,7 @@ from runtime.frame import ERROR, EXTENDED, REMOTE, Frame
 
 __all__ = [
     "CAN_IDS",
+    "CYCLE_TIMES_MS",
     "MESSAGE_TYPES",
     "ControllerStatus",
     "Decoded",
@@ -204,6 +205,11 @@ CAN_IDS: Mapping[type[Message], int] = MappingProxyType(
     {message_type: codec.can_id for message_type, codec in _CODECS.items()}
 )
 """The identifier each message is sent under."""
+
+CYCLE_TIMES_MS: Mapping[type[Message], int] = MappingProxyType(
+    {message_type: codec.cycle_time_ms for message_type, codec in _CODECS.items()}
+)
+"""How often each message is sent at the default rates [ms]; 0 for one sent when needed."""
 
 
 def limits(message_type: type[Message]) -> Mapping[str, SignalRange]:
