@@ -11,8 +11,9 @@ from functools import partial
 
 from controller.analysis.check import check_text
 from controller.laws import LawName
-from controller.node import ControllerNode
+from controller.node import RECEIVED, ControllerNode
 from controller.settings import ControllerSettings
+from dbc.messages import CAN_IDS
 from runtime.program import ExitStatus, load_program_settings, make_parser, run_main, run_node
 
 NAME = "steering-controller"
@@ -47,7 +48,13 @@ def _run(options: argparse.Namespace) -> int:
         print(f"{NAME}: analysing the sampled loop ...", file=sys.stderr, flush=True)
         print(check_text(settings), end="")
         return ExitStatus.OK
-    return run_node(NAME, options, settings, lambda start_ns: ControllerNode(settings, start_ns))
+    return run_node(
+        NAME,
+        options,
+        settings,
+        lambda start_ns: ControllerNode(settings, start_ns),
+        can_ids=[CAN_IDS[message_type] for message_type in RECEIVED],
+    )
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from dbc.messages import (
     ControllerStatus,
     LateralError,
     Law,
+    Message,
     Mode,
     Rejection,
     SignalRange,
@@ -41,6 +42,8 @@ from runtime.statistics import DurationStatistics
 
 STATUS_PERIOD_NS = 100_000_000
 """Cycle of CONTROLLER_STATUS."""
+RECEIVED: tuple[type[Message], ...] = (LateralError, SteeringStatus)
+"""What the controller receives."""
 _COMMAND_COUNTERS = 1 << 16
 _E2E_COUNTERS = 1 << 8
 _STATUS_LIMITS = limits(ControllerStatus)
@@ -91,7 +94,7 @@ class ControllerNode:
             start_ns  # kept, because an executor asks far more often than it changes
         )
         self._reception = Reception(
-            (LateralError, SteeringStatus),
+            RECEIVED,
             settings.supervision.max_counter_jump,
             settings.supervision.recovery_frames,
         )

@@ -8,10 +8,12 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 
-from plant_emulator.node import PlantNode, motion_params
+from dbc.messages import CAN_IDS
+from plant_emulator.node import RECEIVED, PlantNode, motion_params
 from plant_emulator.plant_samples import write_trace
 from plant_emulator.settings import PlantSettings
-from runtime.program import load_program_settings, make_parser, output_file, run_main, run_node, say
+from runtime.option_types import output_file
+from runtime.program import load_program_settings, make_parser, run_main, run_node, say
 
 NAME = "plant-emulator"
 PRESETS = "plant_emulator.presets"
@@ -35,6 +37,7 @@ def _run(options: argparse.Namespace) -> int:
         settings,
         lambda start_ns: PlantNode(settings, start_ns, params),
         partial(_conclude, options),
+        [CAN_IDS[message_type] for message_type in RECEIVED],
     )
 
 

@@ -52,6 +52,8 @@ from runtime.frame import Frame
 from runtime.node import NEVER_NS
 from runtime.periodic import PeriodicTimer
 
+RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig)
+"""What the plant receives."""
 VEHICLE_STATE_PERIOD_NS = 20_000_000
 STATUS_PERIOD_NS = 100_000_000
 SAMPLES_MAX = 1_000_000
@@ -109,9 +111,7 @@ class PlantNode:
         self._noise = Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s)
         self._is_noisy = any(self._noise)
         self._noise_uniforms = uniforms(seed, Channel.SENSOR_NOISE)
-        self._reception = Reception(
-            (SteeringCommand, LatencyConfig), settings.max_counter_jump, settings.resync_frames
-        )
+        self._reception = Reception(RECEIVED, settings.max_counter_jump, settings.resync_frames)
         self._command: Passage[SteeringCommand] | None = None
         self._uplink_latency_s = math.nan
         self._counters: dict[type[Message], Iterator[int]] = {

@@ -1,5 +1,7 @@
 """Opens any python-can interface by python-can's own conventions, and is a node's port to it.
 
+``runtime.port`` opens it for a node, which on SocketCAN need not cost what python-can costs.
+
 What decides, first to last:
 
 1. the command line (``add_bus_arguments``: python-can's own options, as ``can.logger`` has them)
@@ -15,7 +17,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import can
 import can.cli
@@ -47,29 +49,70 @@ class OpenBus(NamedTuple):
     description: str
 
 
-class _Choice(NamedTuple):
+class Choice(NamedTuple):
     """An interface and what decided it; with no channel, the interface's own default."""
 
     interface: str
     channel: str | None
     reason: str
 
+    @property
+    def name(self) -> str:
+        """Interface and channel."""
+        return " ".join(filter(None, (self.interface, self.channel)))
 
-def add_bus_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add python-can's options: interface, channel, bit rates, FD, timing, bus arguments."""
-    can.cli.add_bus_arguments(parser)
+
+class Closable(Protocol):
+    """What has to be shut down."""
+
+    def shutdown(self) -> None:
+        """Give back what it has taken from the machine."""
+        ...
 
 
-def open_bus(namespace: argparse.Namespace) -> OpenBus:
-    """Open the bus that the parsed command line, the configuration or this machine asks for.
+def add_bus_arguments(parser: argparse.ArgumentParser, *, with_filters: bool = False) -> None:
+    """Add python-can's options: interface, channel, bit rates, FD, timing, bus arguments.
+
+    ``with_filters``  also its ``--filter``, for programs that take any frame
+    """
+    can.cli.add_bus_arguments(parser, filter_arg=with_filters)
+
+
+def choose_bus(namespace: argparse.Namespace) -> Choice:
+    """Return what the parsed command line, the configuration or this machine asks to open.
 
     Raises BusError.
     """
     try:
-        choice = _choose(namespace)
+        return _choose(namespace)
     except ValueError as error:
-        raise BusError(f"python-can's configuration cannot be read: {_one_line(error)}") from error
-    name = " ".join(filter(None, (choice.interface, choice.channel)))
+        raise BusError(f"python-can's configuration cannot be read: {one_line(error)}") from error
+
+
+def open_bus(namespace: argparse.Namespace, choice: Choice | None = None) -> OpenBus:
+    """Open the bus that the parsed command line, the configuration or this machine asks for.
+
+    ``choice``  of ``choose_bus``, where it has been made already
+
+    Raises BusError.
+    """
+    choice = choice or choose_bus(namespace)
+    check_openable(choice)
+    given = {"interface": choice.interface, "channel": choice.channel}
+    try:
+        bus = can.cli.create_bus_from_namespace(namespace, **given)
+    except argparse.ArgumentError as error:
+        # It wraps whatever the interface has raised, which need not be a CanError: a missing
+        # interface of SocketCAN is a plain OSError, a missing driver an ImportError.
+        cause = one_line(error.__cause__ or error)
+        raise BusError(f"cannot open {choice.name} ({choice.reason}): {cause}") from error
+    # Some of python-can's interfaces leave this at what the base class says.
+    what = choice.name if bus.channel_info == can.BusABC.channel_info else bus.channel_info
+    return OpenBus(bus, f"{what} ({choice.reason})")
+
+
+def check_openable(choice: Choice) -> None:
+    """Raise BusError for a network interface that python-can could not open."""
     if choice.interface == "socketcan":
         # Without a channel python-can would open all of them, which receives but cannot send.
         obstacle = (
@@ -78,22 +121,11 @@ def open_bus(namespace: argparse.Namespace) -> OpenBus:
             else f"no channel was given (such as -c {_AUTO_CHANNEL})"
         )
         if obstacle:
-            raise BusError(f"cannot open {name}: {obstacle}")
-    given = {"interface": choice.interface, "channel": choice.channel}
-    try:
-        bus = can.cli.create_bus_from_namespace(namespace, **given)
-    except argparse.ArgumentError as error:
-        # It wraps whatever the interface has raised, which need not be a CanError: a missing
-        # interface of SocketCAN is a plain OSError, a missing driver an ImportError.
-        cause = _one_line(error.__cause__ or error)
-        raise BusError(f"cannot open {name} ({choice.reason}): {cause}") from error
-    # Some of python-can's interfaces leave this at what the base class says.
-    what = name if bus.channel_info == can.BusABC.channel_info else bus.channel_info
-    return OpenBus(bus, f"{what} ({choice.reason})")
+            raise BusError(f"cannot open {choice.name}: {obstacle}")
 
 
 @contextmanager
-def shutting_down(bus: can.BusABC) -> Iterator[None]:
+def shutting_down(bus: Closable) -> Iterator[None]:
     """Shut ``bus`` down at the end of the block.
 
     One that has failed may fail again then, as an adapter that was unplugged does; by then it has
@@ -109,7 +141,7 @@ def shutting_down(bus: can.BusABC) -> Iterator[None]:
 class BusPort:
     """What a node's executor sends to and receives from: frames, and no python-can.
 
-    ``bus``  stays its owner's to shut down
+    ``bus``  stays its owner's to shut down, by ``shutdown`` or by itself
     """
 
     def __init__(self, bus: can.BusABC) -> None:
@@ -125,7 +157,7 @@ class BusPort:
         try:
             message = self._bus.recv(max(timeout_s, 0.0))
         except (can.CanError, OSError) as error:
-            raise BusError(f"cannot receive: {_one_line(error)}") from error
+            raise BusError(f"cannot receive: {one_line(error)}") from error
         return None if message is None else Received(frame_of(message), None)
 
     def send(self, frame: Frame) -> bool:
@@ -138,11 +170,15 @@ class BusPort:
         except (can.CanError, OSError, ValueError) as error:
             if _is_full(error):
                 return False
-            raise BusError(f"cannot send: {_one_line(error)}") from error
+            raise BusError(f"cannot send: {one_line(error)}") from error
         return True
 
+    def shutdown(self) -> None:
+        """Shut the bus down."""
+        self._bus.shutdown()
 
-def _choose(namespace: argparse.Namespace) -> _Choice:
+
+def _choose(namespace: argparse.Namespace) -> Choice:
     """Decide what to open; raises ValueError for a configuration that cannot be read."""
     sources = (
         ("command line", vars(namespace)),
@@ -153,12 +189,12 @@ def _choose(namespace: argparse.Namespace) -> _Choice:
     channel = next((str(found["channel"]) for _, found in sources if found.get("channel")), None)
     for reason, found in sources:
         if found.get("interface"):
-            return _Choice(found["interface"], channel, f"from the {reason}")
+            return Choice(found["interface"], channel, f"from the {reason}")
     wanted = channel or _AUTO_CHANNEL
     obstacle = socketcan_obstacle(wanted)
     if obstacle:
-        return _Choice("emulated", channel, f"no interface was given, and {obstacle}")
-    return _Choice("socketcan", wanted, "no interface was given, and this machine has it")
+        return Choice("emulated", channel, f"no interface was given, and {obstacle}")
+    return Choice("socketcan", wanted, "no interface was given, and this machine has it")
 
 
 def socketcan_obstacle(channel: str) -> str:
@@ -190,6 +226,6 @@ def _is_full(error: Exception) -> bool:
     return code in (errno.ENOBUFS, errno.EAGAIN) or "Transmit buffer full" in str(error)
 
 
-def _one_line(error: BaseException) -> str:
+def one_line(error: BaseException) -> str:
     """Return the text of an error on one line, its type where it has no text."""
     return " ".join(str(error).split()) or type(error).__name__

@@ -3,7 +3,6 @@
 Nothing here fails: what is refused makes a program later at times, and the report says so.
 """
 
-import argparse
 import ctypes
 import gc
 import os
@@ -15,7 +14,7 @@ from typing import NamedTuple
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2  # sys/mman.h
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
-_PRIORITY_MAX = 99  # sched(7)
+PRIORITY_MAX = 99  # of SCHED_FIFO, sched(7)
 _STAT = Path("/proc/stat")
 _STEAL_FIELD = 7
 """Of the cpu line of /proc/stat: time a hypervisor gave to somebody else, proc(5)."""
@@ -40,13 +39,6 @@ class HostAnswer(NamedTuple):
     name: str
     got: bool
     detail: str
-
-
-def priority(text: str) -> int:
-    """Read a priority of SCHED_FIFO or 0; argparse turns the error into one line."""
-    if not (text.isascii() and text.isdecimal() and int(text) <= _PRIORITY_MAX):
-        raise argparse.ArgumentTypeError(f"allowed is 0 to {_PRIORITY_MAX}, not {text!r}")
-    return int(text)
 
 
 @contextmanager

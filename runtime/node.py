@@ -23,6 +23,7 @@ from runtime.frame import Frame
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
+NS_PER_US = 1_000
 NEVER_NS = 2**63 - 1
 """A deadline that does not come."""
 

@@ -5,24 +5,33 @@ signal came or the bus failed. What could lose a report is refused before there 
 """
 
 import argparse
-import math
 import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import IntEnum
 from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple, Protocol, TextIO, TypeVar
 
-from runtime.bus import BusError, BusPort, OpenBus, add_bus_arguments, open_bus, shutting_down
-from runtime.host import RealTimeRequest, StealClock, priority, real_time
-from runtime.node import NEVER_NS, NS_PER_S, Node
+from runtime.bus import BusError, add_bus_arguments, shutting_down
+from runtime.connection import Connection, ConnectionFigures
+from runtime.host import RealTimeRequest, StealClock, real_time
+from runtime.node import NEVER_NS, NS_PER_S, NS_PER_US, Node
+from runtime.option_types import (
+    SPIN_US_MAX,
+    output_file,
+    priority,
+    recording_file,
+    seconds,
+    spin_us,
+)
+from runtime.port import open_port
 from runtime.real_time import LoopFigures, RealTimeExecutor
-from runtime.recording import Recording, RecordingPort, recording_obstacle
-from runtime.report import host_report, run_report, write_json
+from runtime.recording import Recording, RecordingPort
+from runtime.report import connection_report, host_report, run_report, write_json
 from runtime.settings import (
     Settings,
     SettingsError,
@@ -30,8 +39,10 @@ from runtime.settings import (
     preset_names,
     read_preset,
 )
+from runtime.summary import summary_lines
 
-DURATION_S_MAX = 1e9
+PATIENCE_S = 60.0
+"""How long ``--reconnect`` waits for the bus unless told."""
 
 
 class ExitStatus(IntEnum):
@@ -105,6 +116,7 @@ class _Run(NamedTuple):
     ended_by: str
     failure: str
     loop: LoopFigures
+    connection: ConnectionFigures
     host: Mapping[str, Any]
 
 
@@ -130,7 +142,7 @@ def make_parser(name: str, description: str, preset_package: str) -> argparse.Ar
         help="write every frame sent and received: .log .asc .blf .csv .db .trc .mf4",
     )
     parser.add_argument(
-        "--duration", type=_seconds, metavar="SECONDS", help="end after this time at the latest"
+        "--duration", type=seconds, metavar="SECONDS", help="end after this time at the latest"
     )
     group = parser.add_argument_group("real time, as far as the host grants it")
     group.add_argument(
@@ -142,7 +154,31 @@ def make_parser(name: str, description: str, preset_package: str) -> argparse.Ar
     )
     group.add_argument("--cpu", type=int, metavar="N", help="run on processor N only")
     group.add_argument("--no-memory-lock", dest="lock_memory", action="store_false")
+    group.add_argument(
+        "--spin-us",
+        type=spin_us,
+        default=0,
+        metavar="US",
+        help=f"do not sleep this long before a deadline, 0 to {SPIN_US_MAX}; takes a processor",
+    )
     add_bus_arguments(parser)
+    group = parser.add_argument_group("a bus that fails")
+    group.add_argument(
+        "--reconnect", action="store_true", help="open a bus that was lost again, and go on"
+    )
+    group.add_argument(
+        "--reconnect-limit",
+        type=seconds,
+        default=PATIENCE_S,
+        metavar="SECONDS",
+        help="how long the bus may stay away (default: %(default)g)",
+    )
+    group.add_argument(
+        "--no-fast-socketcan",
+        dest="fast_socketcan",
+        action="store_false",
+        help="open SocketCAN through python-can too",
+    )
     return parser
 
 
@@ -157,53 +193,37 @@ def load_program_settings(
     return load_settings(model, preset, options.settings, [*options.overrides, *overrides])
 
 
-def output_file(text: str) -> Path:
-    """Read the name of a file to write after the run; argparse turns the error into one line.
-
-    What is wrong with it is better said now than when there is something to lose.
-    """
-    path = Path(text)
-    if path.is_dir():
-        raise argparse.ArgumentTypeError(f"{text} is a directory")
-    if not path.parent.is_dir():
-        raise argparse.ArgumentTypeError(f"there is no directory {path.parent}")
-    if not all(os.access(place, os.W_OK) for place in (path.parent, path) if place.exists()):
-        raise argparse.ArgumentTypeError(f"{text} may not be written")
-    return path
-
-
-def recording_file(text: str) -> Path:
-    """Read the name of a recording; argparse turns the error into one line."""
-    path = output_file(text)
-    if obstacle := recording_obstacle(path):
-        raise argparse.ArgumentTypeError(obstacle)
-    return path
-
-
 def run_node(
     name: str,
     options: argparse.Namespace,
     settings: Settings,
     make_node: Callable[[int], N],
     conclude: Callable[[N], None] = lambda _node: None,
+    can_ids: Collection[int] | None = None,
 ) -> ExitStatus:
     """Open the bus, run the node to its end in real time, print and write the report.
 
     ``make_node``  called as ``make_node(start_ns)``, on the monotonic clock [ns]; the first tick is
                    due then, so it must not take long
     ``conclude``   writes and says what the program has to add, after the report
+    ``can_ids``    identifiers the node receives; None for all
 
     Returns the exit status: a bus or a recording that fails leaves a report too. Raises BusError
     when the bus cannot be opened, and OSError when a file cannot be written.
     """
-    opened = open_bus(options)
+    opened = open_port(options, can_ids, fast=options.fast_socketcan)
+    connection = Connection(
+        opened,
+        options.reconnect_limit if options.reconnect else 0.0,
+        lambda line: say(name, line, sys.stderr),
+    )
     stop = StopRequest()
     # What is to be kept is written before the shut-down, which may take seconds or fail.
-    with shutting_down(opened.bus), stop.on_signals():
-        recording = _start_recording(options, opened)
+    with shutting_down(connection), stop.on_signals():
+        recording = _start_recording(options, opened.channel)
         say(name, f"ready on {opened.description}")
         try:
-            node, run = _run_in_real_time(options, opened, stop, make_node, recording)
+            node, run = _run_in_real_time(options, connection, stop, make_node, recording)
         finally:
             recorded = None if recording is None else recording.close()
         if run.failure:
@@ -211,28 +231,31 @@ def run_node(
         report = run_report(
             name, run.ended_by, opened.description, settings, run.loop, node.report()
         )
+        report["connection"] = connection_report(run.connection)
         report["host"] = run.host
         report["recording"] = None if recorded is None else recorded._asdict()
         if options.report is not None:
             write_json(options.report, report)
-        _tell(name, report)
+        for line in summary_lines(report):
+            say(name, line)
+        if recorded is not None and recorded.failure:
+            say(name, f"error: {recorded.file}: {recorded.failure}", sys.stderr)
         conclude(node)
     if run.failure:
         return ExitStatus.BUS
     return ExitStatus.OUTPUT if recorded is not None and recorded.failure else ExitStatus.OK
 
 
-def _start_recording(options: argparse.Namespace, opened: OpenBus) -> Recording | None:
+def _start_recording(options: argparse.Namespace, channel: str) -> Recording | None:
     """Start what was asked for; before the run, whose priority the recorder must not have."""
     if options.record is None:
         return None
-    channel = options.channel or getattr(opened.bus, "channel", None) or "can0"
-    return Recording(options.record, str(channel).replace(" ", "_"))
+    return Recording(options.record, channel.replace(" ", "_"))
 
 
 def _run_in_real_time(
     options: argparse.Namespace,
-    opened: OpenBus,
+    connection: Connection,
     stop: StopRequest,
     make_node: Callable[[int], N],
     recording: Recording | None,
@@ -246,17 +269,15 @@ def _run_in_real_time(
         if options.duration is not None:
             stop.end_at(start_ns + round(options.duration * NS_PER_S))
         node = make_node(start_ns)
-        port = BusPort(opened.bus)
-        executor = RealTimeExecutor(
-            node, port if recording is None else RecordingPort(port, recording)
-        )
+        port = connection if recording is None else RecordingPort(connection, recording)
+        executor = RealTimeExecutor(node, port, spin_ns=options.spin_us * NS_PER_US)
         try:
             executor.run(stop)
         except BusError as error:
             failure = str(error)
     ended_by = failure or stop.reason or "finished"
     host = host_report(answers, steal.fraction())
-    return node, _Run(ended_by, failure, executor.figures, host)
+    return node, _Run(ended_by, failure, executor.figures, connection.figures, host)
 
 
 def run_main(name: str, main: Callable[[], int]) -> int:
@@ -301,47 +322,3 @@ def _silence(stream: TextIO) -> None:
     """Have ``stream`` written to nowhere, also what Python still holds and writes at the end."""
     with open(os.devnull, "w", encoding="utf-8") as nowhere:
         os.dup2(nowhere.fileno(), stream.fileno())
-
-
-def _tell(name: str, report: Mapping[str, Any]) -> None:
-    """Print in a few lines what the run was like."""
-    loop, steal = report["loop"], report["host"]["steal_fraction"]
-    lateness = loop["lateness"]
-    refused = [f"{a['name']} ({a['detail']})" for a in report["host"]["answers"] if not a["got"]]
-    say(name, f"ended by {report['ended_by']} after {loop['duration_s']:.2f} s")
-    say(name, f"{loop['frames_received']} frames received, {loop['frames_sent']} sent")
-    say(
-        name,
-        f"lateness p50 {1e3 * lateness['p50_s']:.3f} ms, p99 {1e3 * lateness['p99_s']:.3f} ms, "
-        f"max {1e3 * lateness['max_s']:.3f} ms",
-    )
-    if loop["frames_refused"]:
-        say(name, f"{loop['frames_refused']} frames not sent: the bus had no room for them")
-    if report["recording"] is not None:
-        _tell_recording(name, report["recording"])
-    if refused:
-        say(name, f"refused by the host: {', '.join(refused)}")
-    if steal:
-        say(name, f"{100.0 * steal:.1f} % of the processor time went to other guests")
-
-
-def _tell_recording(name: str, recording: Mapping[str, Any]) -> None:
-    """Print what has become of the recording."""
-    say(name, f"{recording['frames']} frames recorded in {recording['file']}")
-    if recording["dropped"]:
-        say(name, f"{recording['dropped']} frames not recorded: the recorder did not keep up")
-    if recording["left_out"]:
-        say(name, f"{recording['left_out']} frames not recorded: the format has no place for them")
-    if recording["failure"]:
-        say(name, f"error: {recording['file']}: {recording['failure']}", sys.stderr)
-
-
-def _seconds(text: str) -> float:
-    """Read a duration; argparse turns the error into one line."""
-    try:
-        value_s = float(text)
-    except ValueError:
-        value_s = math.nan
-    if not 0.0 < value_s < DURATION_S_MAX:
-        raise argparse.ArgumentTypeError(f"allowed is above 0 to {DURATION_S_MAX:g}, not {text!r}")
-    return value_s

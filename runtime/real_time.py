@@ -5,18 +5,21 @@ A wake-up, in this order:
 1. Read the clock once. That reading is the time of everything below.
 2. Hand over every frame that waits, oldest first, at most FRAMES_PER_WAKE_UP_MAX: a flood must not
    keep the node from ticking. What is left waits for the next wake-up, which follows at once.
+   Error frames are the port's business and are not handed over.
    Where the port knows when a frame arrived, that is the time the node is told, kept between the
    last reading and this one: a node never hears of the future, nor of a time before its last.
 3. Tick while the node's deadline is due.
 
-Deadlines are absolute, so that being late once makes nothing late after it.
+Deadlines are absolute, so that being late once makes nothing late after it. The last of a wait may
+be spent spinning: looking at clock and port without sleeping, which takes all of a processor and
+none of the time that a host needs to wake a program up.
 """
 
 import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
-from runtime.frame import Frame
+from runtime.frame import ERROR, Frame
 from runtime.node import NS_PER_S, Node
 from runtime.statistics import DurationStatistics, DurationSummary
 
@@ -72,14 +75,23 @@ class LoopFigures(NamedTuple):
 
 
 class RealTimeExecutor:
-    """Runs ``node`` on ``port``; ``clock_ns`` is a monotonic clock [ns]."""
+    """Runs ``node`` on ``port``.
+
+    ``clock_ns``  monotonic clock [ns]
+    ``spin_ns``   how long before a deadline the spinning begins [ns]
+    """
 
     def __init__(
-        self, node: Node, port: Port, clock_ns: Callable[[], int] = time.monotonic_ns
+        self,
+        node: Node,
+        port: Port,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+        spin_ns: int = 0,
     ) -> None:
         self._node = node
         self._port = port
         self._clock_ns = clock_ns
+        self._spin_ns = spin_ns
         self._lateness = DurationStatistics()
         self._overruns = 0
         self._wake_ups = 0
@@ -113,8 +125,7 @@ class RealTimeExecutor:
         start_ns = self._clock_ns()
         before_ns = told_ns = start_ns
         while not (self._node.finished or should_stop()):
-            wait_ns = min(self._node.deadline_ns - before_ns, WAIT_NS_MAX)
-            first = self._port.recv(max(wait_ns, 0) / NS_PER_S)
+            first = self._wait(before_ns)
             now_ns = self._clock_ns()
             self._wake_ups += 1
             if first is not None:
@@ -128,6 +139,16 @@ class RealTimeExecutor:
             self._busy_ns += before_ns - now_ns
             self._duration_ns = before_ns - start_ns
 
+    def _wait(self, before_ns: int) -> Received | None:
+        """Return the next frame, or None when the deadline comes first, or WAIT_NS_MAX."""
+        deadline_ns = self._node.deadline_ns
+        wait_ns = min(deadline_ns - before_ns - self._spin_ns, WAIT_NS_MAX)
+        received = self._port.recv(max(wait_ns, 0) / NS_PER_S)
+        if self._spin_ns and wait_ns < WAIT_NS_MAX:
+            while received is None and self._clock_ns() < deadline_ns:
+                received = self._port.recv(0.0)
+        return received
+
     def _drain(self, first: Received, told_ns: int, now_ns: int) -> None:
         """Hand over ``first`` and what waits behind it, as far as one wake-up goes.
 
@@ -138,7 +159,8 @@ class RealTimeExecutor:
         while received is not None:
             frame, arrival_ns = received
             told_ns = now_ns if arrival_ns is None else min(max(arrival_ns, told_ns), now_ns)
-            self._send(self._node.on_frame(frame, told_ns))
+            if not frame.flags & ERROR:
+                self._send(self._node.on_frame(frame, told_ns))
             handed_over += 1
             if handed_over == FRAMES_PER_WAKE_UP_MAX:
                 self._full_wake_ups += 1

@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from runtime.connection import ConnectionFigures
 from runtime.host import HostAnswer
 from runtime.node import NS_PER_S
 from runtime.real_time import LoopFigures
@@ -51,6 +52,18 @@ def loop_report(figures: LoopFigures) -> dict[str, Any]:
         "frames_refused": figures.frames_refused,
         "duration_s": figures.duration_ns / NS_PER_S,
         "busy_fraction": figures.busy_ns / figures.duration_ns if figures.duration_ns else 0.0,
+    }
+
+
+def connection_report(figures: ConnectionFigures) -> dict[str, Any]:
+    """Return what has become of the connection to the bus, times in seconds."""
+    return {
+        "driver": figures.driver,
+        "error_frames": dict(figures.error_frames),
+        "frames_dropped": figures.frames_dropped,
+        "outages": figures.outages,
+        "reconnections": figures.reconnections,
+        "outage_s": figures.outage_ns / NS_PER_S,
     }
 
 

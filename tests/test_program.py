@@ -18,12 +18,12 @@ from can.interfaces.virtual import VirtualBus
 from runtime.bus import BusError
 from runtime.frame import Frame
 from runtime.node import NEVER_NS
+from runtime.option_types import output_file
 from runtime.program import (
     ExitStatus,
     StopRequest,
     load_program_settings,
     make_parser,
-    output_file,
     run_main,
     run_node,
 )

@@ -23,7 +23,8 @@ from runtime.emulated_bus.address import (
     parse_address,
 )
 from runtime.emulated_bus.broker import Broker
-from runtime.host import RealTimeRequest, priority, real_time
+from runtime.host import RealTimeRequest, real_time
+from runtime.option_types import priority
 
 _NAME = "emulated-can-bus"
 _CANNOT_LISTEN = 3

@@ -1,0 +1,62 @@
+"""Types of command line options that programs share; argparse turns their errors into one line.
+
+What is wrong with an option is better said at once than when there is something to lose.
+"""
+
+import argparse
+import math
+import os
+from pathlib import Path
+
+from runtime.host import PRIORITY_MAX
+from runtime.recording import recording_obstacle
+
+DURATION_S_MAX = 1e9
+SPIN_US_MAX = 10_000
+
+
+def output_file(text: str) -> Path:
+    """Read the name of a file to write after the run."""
+    path = Path(text)
+    if path.is_dir():
+        raise argparse.ArgumentTypeError(f"{text} is a directory")
+    if not path.parent.is_dir():
+        raise argparse.ArgumentTypeError(f"there is no directory {path.parent}")
+    if not all(os.access(place, os.W_OK) for place in (path.parent, path) if place.exists()):
+        raise argparse.ArgumentTypeError(f"{text} may not be written")
+    return path
+
+
+def recording_file(text: str) -> Path:
+    """Read the name of a recording."""
+    path = output_file(text)
+    if obstacle := recording_obstacle(path):
+        raise argparse.ArgumentTypeError(obstacle)
+    return path
+
+
+def seconds(text: str) -> float:
+    """Read a duration [s]."""
+    try:
+        value_s = float(text)
+    except ValueError:
+        value_s = math.nan
+    if not 0.0 < value_s < DURATION_S_MAX:
+        raise argparse.ArgumentTypeError(f"allowed is above 0 to {DURATION_S_MAX:g}, not {text!r}")
+    return value_s
+
+
+def spin_us(text: str) -> int:
+    """Read how long to spin before a deadline [us]."""
+    return _whole(text, SPIN_US_MAX)
+
+
+def priority(text: str) -> int:
+    """Read a priority of SCHED_FIFO, or 0."""
+    return _whole(text, PRIORITY_MAX)
+
+
+def _whole(text: str, maximum: int) -> int:
+    if not (text.isascii() and text.isdecimal() and int(text) <= maximum):
+        raise argparse.ArgumentTypeError(f"allowed is 0 to {maximum}, not {text!r}")
+    return int(text)

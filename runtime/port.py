@@ -1,0 +1,141 @@
+"""Opens the bus for a node: what it sends to and receives from, with receive filters set.
+
+A SocketCAN interface is opened by ``runtime.socketcan``, without python-can, unless that is turned
+off or the configuration asks for something only python-can's ``socketcan`` has. Every other
+interface is python-can's.
+"""
+
+import argparse
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple, Protocol
+
+import can
+from can.typechecking import CanFilter
+from can.util import load_config
+
+from runtime.bus import BusError, BusPort, Choice, check_openable, choose_bus, one_line, open_bus
+from runtime.frame import Frame
+from runtime.real_time import Received
+from runtime.socketcan import SocketCanPort
+
+AF_CAN, PYTHON_CAN = "AF_CAN", "python-can"
+"""What a port is made of, for the report."""
+_FAST_PATH_TAKES = {
+    *("interface", "channel", "fd", "can_filters", "single_handle"),
+    # python-can's socketcan takes these too, and leaves them to ``ip link``.
+    *("bitrate", "data_bitrate", "timing"),
+}
+
+
+class ClosablePort(Protocol):
+    """A port and its end."""
+
+    def recv(self, timeout_s: float) -> Received | None:
+        """Return the next frame, or None when none comes within ``timeout_s`` [s]."""
+        ...
+
+    def send(self, frame: Frame) -> bool:
+        """Hand ``frame`` to the bus without waiting; returns whether it had room."""
+        ...
+
+    def shutdown(self) -> None:
+        """Leave the bus."""
+        ...
+
+
+class OpenPort(NamedTuple):
+    """An open port.
+
+    ``port``          to be shut down by who opened it
+    ``description``   what was opened, and what decided it
+    ``channel``       its name, for recordings
+    ``driver``        AF_CAN or PYTHON_CAN
+    ``is_socketcan``  whether its error frames mean what SocketCAN's mean
+    ``reopen``        opens the same again, whatever has become of the machine; raises BusError
+    """
+
+    port: ClosablePort
+    description: str
+    channel: str
+    driver: str
+    is_socketcan: bool
+    reopen: Callable[[], "OpenPort"]
+
+
+def open_port(
+    namespace: argparse.Namespace, can_ids: Collection[int] | None = None, *, fast: bool = True
+) -> OpenPort:
+    """Open the port that the parsed command line, the configuration or this machine asks for.
+
+    ``can_ids``  11-bit identifiers that are received; None for everything. Filters in python-can's
+                 configuration come before them. An interface that cannot filter itself lets
+                 everything through: python-can would throw away error frames with the others
+    ``fast``     whether a SocketCAN interface may be opened without python-can
+
+    Raises BusError.
+    """
+    return _open(namespace, _receive_filters(can_ids), fast, choose_bus(namespace))
+
+
+def _open(
+    namespace: argparse.Namespace,
+    filters: Sequence[CanFilter] | None,
+    fast: bool,
+    choice: Choice,
+) -> OpenPort:
+    reopen = partial(_open, namespace, filters, fast, choice)
+    is_socketcan = choice.interface == "socketcan"
+    if is_socketcan and fast and choice.channel:
+        config = _configuration(namespace, choice)
+        if config is not None and set(config) <= _FAST_PATH_TAKES:
+            port = _open_fast(choice, choice.channel, config, filters)
+            description = f"SocketCAN {choice.channel} by {AF_CAN} ({choice.reason})"
+            return OpenPort(port, description, choice.channel, AF_CAN, is_socketcan, reopen)
+    bus, description = open_bus(namespace, choice)
+    if filters is not None and bus.filters is None and _filters_itself(bus):
+        bus.set_filters(filters)
+    channel = choice.channel or str(getattr(bus, "channel", None) or "can0")
+    return OpenPort(BusPort(bus), description, channel, PYTHON_CAN, is_socketcan, reopen)
+
+
+def _open_fast(
+    choice: Choice,
+    channel: str,
+    config: Mapping[str, Any],
+    filters: Sequence[CanFilter] | None,
+) -> SocketCanPort:
+    check_openable(choice)
+    try:
+        return SocketCanPort(
+            channel, config.get("can_filters") or filters, fd=bool(config.get("fd"))
+        )
+    except OSError as error:
+        cause = error.strerror or one_line(error)
+        raise BusError(f"cannot open {choice.name} ({choice.reason}): {cause}") from error
+
+
+def _configuration(namespace: argparse.Namespace, choice: Choice) -> Mapping[str, Any] | None:
+    """Return what python-can would open the bus with; None for what only it can complain about."""
+    given = {
+        key: value
+        for key, value in vars(namespace).items()
+        if key in ("fd", "bitrate", "data_bitrate", "timing", "can_filters")
+    }
+    given |= {"interface": choice.interface, "channel": choice.channel}
+    given |= getattr(namespace, "bus_kwargs", {})
+    try:
+        return dict(load_config(config=given))
+    except (can.CanError, ValueError, TypeError):
+        return None
+
+
+def _receive_filters(can_ids: Collection[int] | None) -> Sequence[CanFilter] | None:
+    if can_ids is None:
+        return None
+    return [{"can_id": can_id, "can_mask": 0x7FF, "extended": False} for can_id in sorted(can_ids)]
+
+
+def _filters_itself(bus: can.BusABC) -> bool:
+    """Whether the interface, its driver or its hardware filters, and not python-can afterwards."""
+    return type(bus)._apply_filters is not can.BusABC._apply_filters
