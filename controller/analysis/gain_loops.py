@@ -3,7 +3,7 @@
     1 + P (K_p + K_d q) = 0      hence at a root s     K_p + K_d q(s) = -1/P(s)
 
 ``critical(s)`` is -1/P and ``derivative(s)`` is q, both at complex s [rad/s], for sampled loops at
-z = e^(sT). Two kinds:
+z = e^(sT). Two kinds here, and ``controller.analysis.law_gain_loop`` for the laws with observers:
 
     ContinuousGainLoop    P(s) with any dead time e^(-sT), exact; q = s or s/(s/N + 1)
     SampledGainLoop       the plant behind a delayed hold, and C(z) as ``controller.design`` makes
@@ -16,6 +16,7 @@ z = e^(sT). Two kinds:
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple, Protocol
 
@@ -168,18 +169,12 @@ class SampledGainLoop:
         self.omega_rad_s_max = math.pi * NS_PER_S / period_ns
         self.dead_time_s = (delay_ns + period_ns) / NS_PER_S
         design = partial(_pd_design, derivative_filter_rad_s, period_ns / NS_PER_S)
-        # Three designs fix an affine one; K_p has to be positive in each.
         one, both, twice = design(1.0, 0.0), design(1.0, 1.0), design(2.0, 0.0)
         one_section, both_section = one.params.compensator, both.params.compensator
         self._q_numerator = np.array(both_section[:3]) - np.array(one_section[:3])
         self._q_denominator = np.array([1.0, *one_section[3:]])
-        closed = [
-            SampledLoop(law, model, period_ns).closed_loop_matrix(delay_ns)
-            for law in (one, both, twice)
-        ]
-        self._matrices = np.array(
-            [2.0 * closed[0] - closed[2], closed[2] - closed[0], closed[1] - closed[0]]
-        )
+        loops = [SampledLoop(law, model, period_ns) for law in (one, both, twice)]
+        self._matrices = affine_in_gains(loops, delay_ns)
 
     def critical(self, s_rad_s: Complexes) -> Complexes:
         """Return -1/P(z): minus the input that makes the output 1."""
@@ -208,8 +203,7 @@ class SampledGainLoop:
 
     def roots(self, gains: Floats) -> Complexes:
         """Return the roots s = ln(z)/T at each gain (K_p, K_d), shape (n, roots)."""
-        matrices = np.tensordot(_with_one(gains), self._matrices, axes=1)
-        return in_s_plane(np.linalg.eigvals(matrices).astype(np.complex128), self._period_ns)
+        return roots_of_affine(self._matrices, gains, self._period_ns)
 
     def satisfies(self, spec: DStability, gains: Floats) -> Bools:
         """Judge the eigenvalues of the closed loop."""
@@ -217,6 +211,22 @@ class SampledGainLoop:
 
     def _z(self, s_rad_s: Complexes) -> Complexes:
         return np.asarray(np.exp(s_rad_s * (self._period_ns / NS_PER_S)), dtype=np.complex128)
+
+
+def affine_in_gains(loops: Sequence[SampledLoop], delay_ns: int) -> Floats:
+    """Return M_0, M_p and M_d of the state matrix M_0 + K_p M_p + K_d M_d, shape (3, n, n).
+
+    ``loops`` are those at the gains (1, 0), (1, 1) and (2, 0): three fix an affine matrix, and the
+    settings ask for K_p > 0.
+    """
+    one, both, twice = (loop.closed_loop_matrix(delay_ns) for loop in loops)
+    return np.array([2.0 * one - twice, twice - one, both - one])
+
+
+def roots_of_affine(matrices: Floats, gains: Floats, period_ns: int) -> Complexes:
+    """Return the roots s of M_0 + K_p M_p + K_d M_d at each gain (K_p, K_d), shape (n, roots)."""
+    closed = np.tensordot(_with_one(gains), matrices, axes=1)
+    return in_s_plane(np.linalg.eigvals(closed).astype(np.complex128), period_ns)
 
 
 def _pd_design(

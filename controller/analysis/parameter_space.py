@@ -40,6 +40,8 @@ from controller.analysis.gain_boundaries import (
     boundary_curves,
 )
 from controller.analysis.gain_loops import Floats, GainLoop, SampledGainLoop
+from controller.analysis.law_gain_loop import LawGainLoop
+from controller.law_settings import LawSettings
 from controller.transfer_function import TransferFunction
 
 _OVERSHOOT = 1e-5
@@ -149,6 +151,26 @@ def sampled_region(
     """
     loops = (
         SampledGainLoop(plant, period_ns, delay_ns, derivative_filter_rad_s)
+        for plant, delay_ns in product(plants, delays_ns)
+    )
+    return d_stable_region(loops, spec, window)
+
+
+def law_region(
+    settings: LawSettings,
+    plants: Sequence[TransferFunction],
+    period_ns: int,
+    delays_ns: Sequence[int],
+    spec: DStability,
+    window: Window,
+) -> GainRegion:
+    """Return the gains of the PD for which the loop of a whole law is D-stable, as above.
+
+    The observers and N are those of ``settings``, its gains do not matter. Takes a good deal longer
+    than ``sampled_region``: up to a second for each plant and delay.
+    """
+    loops = (
+        LawGainLoop(settings, plant, period_ns, delay_ns)
         for plant, delay_ns in product(plants, delays_ns)
     )
     return d_stable_region(loops, spec, window)
