@@ -12,7 +12,6 @@ from typing import Any
 import can
 import pytest
 
-from runtime.bus import socketcan_obstacle
 from runtime.emulated_bus.launch import launched_broker
 
 PATIENCE_S = 10.0
@@ -27,15 +26,19 @@ def broker_address() -> Iterator[str]:
         yield address
 
 
-@pytest.fixture(params=["emulated", "virtual", "socketcan", "udp_multicast"])
+@pytest.fixture(
+    params=[
+        "emulated",
+        "virtual",
+        pytest.param("socketcan", marks=pytest.mark.vcan),
+        "udp_multicast",
+    ]
+)
 def open_client(request: pytest.FixtureRequest, broker_address: str) -> Iterator[OpenClient]:
     """Opens one more client on a bus that is this test's own (vcan0 has to be quiet)."""
     interface: str = request.param
     if interface == "udp_multicast" and not os.environ.get("TEST_UDP_MULTICAST"):
         pytest.skip("udp_multicast leaves the host: set TEST_UDP_MULTICAST=1 to test it")
-    obstacle = socketcan_obstacle("vcan0")
-    if interface == "socketcan" and obstacle:
-        pytest.skip(obstacle)
     channel = uuid.uuid4().hex
     options: dict[str, dict[str, Any]] = {
         "emulated": {"channel": channel, "address": broker_address, "fd": True},

@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from tools.vcan_backends.request import BackendError, Request, interface_names
+from tools.vcan_backends.request import BackendError, Request, interface_names, netem_of
 
 UNAVAILABLE_STATUS = 3
 STDERR = 2
@@ -66,9 +66,7 @@ def choose(wanted: str, request: Request) -> Backend:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     options = _parse(arguments)
-    request = Request(
-        tuple(options.command), options.interfaces, tuple(options.netem.split()), options.memory
-    )
+    request = Request(tuple(options.command), options.interfaces, options.netem, options.memory)
     try:
         backend = choose(options.backend, request)
         if options.which:
@@ -107,10 +105,11 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument(
         "--netem",
-        default="",
-        metavar="PARAMETERS",
-        help='latency in the kernel, as "delay 40ms 10ms loss 1%%" (tc-netem(8)); every frame '
-        "meets it, in both directions",
+        action="append",
+        default=[],
+        metavar="[NAME:]PARAMETERS",
+        help='latency in the kernel, as "delay 40ms 10ms loss 1%%" (tc-netem(8)), of all '
+        "interfaces or one; every frame meets it, in both directions",
     )
     parser.add_argument(
         "--timeout", type=_seconds, metavar="SECONDS", help="end with status 124 after this time"
@@ -130,6 +129,10 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.command[:1] == ["--"]:
         del options.command[0]
+    try:
+        options.netem = netem_of(options.netem, options.interfaces)
+    except ValueError as error:
+        parser.error(f"argument --netem: {error}")
     if not options.command and not options.which:
         parser.error("a command is missing")
     return options

@@ -9,6 +9,8 @@ NAME_CHARACTERS_MAX = 15
 INTERFACES_MAX = 64
 FD_MTU = 72
 """With this MTU a CAN interface carries CAN FD frames too (linux/can.h, CANFD_MTU)."""
+QUEUE_FRAMES = "100000"
+"""Netem's queue, unless its parameters say otherwise: every frame that is under way is in it."""
 
 _NAME = re.compile(rf"[A-Za-z][A-Za-z0-9_.-]{{0,{NAME_CHARACTERS_MAX - 1}}}")
 
@@ -18,13 +20,13 @@ class Request(NamedTuple):
 
     ``command``     program and arguments
     ``interfaces``  names of the CAN interfaces it finds
-    ``netem``       parameters of the kernel's network emulator on each of them; none when empty
+    ``netem``       name and parameters of the kernel's network emulator of those that have one
     ``memory_mib``  of a User Mode Linux [MiB]
     """
 
     command: tuple[str, ...]
     interfaces: tuple[str, ...] = ("vcan0",)
-    netem: tuple[str, ...] = ()
+    netem: tuple[tuple[str, tuple[str, ...]], ...] = ()
     memory_mib: int = 1024
 
 
@@ -53,24 +55,35 @@ def interface_names(text: str) -> tuple[str, ...]:
     return names
 
 
-def link_commands(request: Request) -> list[list[str]]:
-    """Return the commands that make the request's interfaces in a network of one's own.
+def netem_of(
+    texts: Sequence[str], interfaces: Sequence[str]
+) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """Read ``PARAMETERS`` of all interfaces or ``NAME:PARAMETERS`` of one; raises ValueError.
 
-    The queue is long because netem holds every frame that is under way, and a full queue lets
-    ``send`` fail (ENOBUFS).
+    >>> netem_of(["vcan1:delay 40ms"], ["vcan0", "vcan1"])
+    (('vcan1', ('delay', '40ms')),)
     """
+    found: dict[str, tuple[str, ...]] = {}
+    for text in texts:
+        name, colon, parameters = text.rpartition(":")
+        if colon and name not in interfaces:
+            raise ValueError(f"there is no interface {name!r} to give a latency")
+        if not parameters.split():
+            raise ValueError(f'{text!r} holds no parameters, as "delay 40ms 10ms"')
+        for interface in [name] if colon else interfaces:
+            found[interface] = tuple(parameters.split())
+    return tuple(found.items())
+
+
+def link_commands(request: Request) -> list[list[str]]:
+    """Return the commands that make the request's interfaces in a network of one's own."""
     commands = [["ip", "link", "set", "lo", "up"]]
     for name in request.interfaces:
         commands += [
             ["ip", "link", "add", "dev", name, "type", "vcan"],
             ["ip", "link", "set", name, "mtu", str(FD_MTU), "up"],
         ]
-        if request.netem:
-            commands.append(["tc", "qdisc", "add", "dev", name, "root", *netem_words(request)])
+    for name, words in request.netem:
+        limit = () if "limit" in words else ("limit", QUEUE_FRAMES)
+        commands.append(["tc", "qdisc", "add", "dev", name, "root", "netem", *limit, *words])
     return commands
-
-
-def netem_words(request: Request) -> Sequence[str]:
-    """Return netem's parameters, with room for what is under way unless they limit it."""
-    limit = () if "limit" in request.netem else ("limit", "100000")
-    return ("netem", *limit, *request.netem)

@@ -42,7 +42,7 @@ def main(folder: str) -> NoReturn:
         _Command(job, line, stdin_line).run()
     except BaseException as error:  # the kernel panics when its first process ends
         if line >= 0:
-            _write(line, pack(Kind.FAILED, f"{type(error).__name__}: {error}".encode()))
+            _write(line, pack(Kind.FAILED, (str(error) or type(error).__name__).encode()))
             _await_end(line)
     power_off()
     sys.exit(1)
