@@ -39,8 +39,8 @@ _WHY_CDOB = (
     "ends in a limit cycle on the steering limits, and so does PD+CDOB. With a filtered derivative "
     "(N = 30 rad/s) PD+CDOB is stable, but hardly steers: at low frequency (18) leaves no "
     "feedback, and the curvature takes the vehicle off the path. What the text says holds only "
-    "with the washout, which changes the law, and with a filter at which PD does not survive 80 ms: "
-    "where PD does, CDOB has the larger error (see the picture over N). "
+    "with the washout, which changes the law, and with a filter at which PD does not survive "
+    "80 ms: where PD does, CDOB has the larger error (see the picture over N). "
 )
 
 
