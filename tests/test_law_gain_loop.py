@@ -18,7 +18,7 @@ from runtime.node import NS_PER_MS
 PERIOD_NS = 10 * NS_PER_MS
 GAINS = (1.1, 0.15)
 FILTER_RAD_S = 12.0
-Q_CUTOFF_RAD_S = 1.35
+Q_CUTOFFS_RAD_S = np.array([1.35, 2.5])
 CORNER = steer_to_lateral_error(paper_box().vertices()[0])
 
 
@@ -32,8 +32,8 @@ def law_settings(law: str) -> LawSettings:
                 "derivative_gain_rad_s_m": GAINS[1],
                 "derivative_filter_rad_s": FILTER_RAD_S,
             },
-            "dob": {"q_cutoff_rad_s": Q_CUTOFF_RAD_S, "q_kind": "type_2"},
-            "cdob": {"q_cutoff_rad_s": 2.5, "washout_rad_s": 2.1},
+            "dob": {"q_cutoff_rad_s": Q_CUTOFFS_RAD_S[0], "q_kind": "type_2"},
+            "cdob": {"q_cutoff_rad_s": Q_CUTOFFS_RAD_S[1], "washout_rad_s": 2.1},
             "nominal_model": {"kind": "vehicle", **paper_box().nominal._asdict()},
         }
     )
@@ -57,8 +57,9 @@ def test_the_roots_are_those_of_the_loop_that_is_checked(law: str) -> None:
         loop = SampledLoop(design_law(settings), CORNER, PERIOD_NS)
         checked = loop.closed_loop_poles(delay_ns)
         for root in in_s_plane(checked[np.abs(checked) > 0.5], PERIOD_NS):
-            triple = abs(root + Q_CUTOFF_RAD_S) < 0.01  # Q's poles; rounding moves them by ε^(1/3)
-            assert np.min(np.abs(ours - root)) < (5e-3 if triple else 1e-6)
+            # Rounding moves the multiple poles of the Q filters, which feedback leaves in place.
+            multiple = np.min(np.abs(root + Q_CUTOFFS_RAD_S)) < 0.01
+            assert np.min(np.abs(ours - root)) < (5e-3 if multiple else 1e-5)
 
 
 @pytest.mark.parametrize("law", ["pd_dob", "pd_cdob", "pd_ddob"])
