@@ -24,9 +24,11 @@ $(STAMP): requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
+LOCKED_EXTRAS := tools multicast parquet mcap dev
+
 # Rewrites the lock from the ranges in pyproject.toml (needs uv on the path).
 lock:
-	uv pip compile --universal --python-version 3.11 --all-extras --no-header --no-annotate \
+	uv pip compile --universal --python-version 3.11 $(addprefix --extra ,$(LOCKED_EXTRAS)) --no-header --no-annotate \
 	    --no-emit-index-url --no-emit-find-links --quiet --output-file requirements.lock pyproject.toml
 
 clean:
