@@ -1,7 +1,10 @@
 """The region of gains: closed forms, roots computed anew, other people's discretisation."""
 
 import math
+import re
 from itertools import pairwise, product
+from pathlib import Path
+from typing import Any
 
 import control
 import numpy as np
@@ -29,6 +32,7 @@ from controller.nominal_model import NominalVehicle, paper_eq19, steer_to_latera
 from controller.transfer_function import Factor, TransferFunction
 from runtime.node import NS_PER_MS
 
+DOCS = Path(__file__).resolve().parent.parent / "docs"
 PERIOD_NS = 10 * NS_PER_MS
 SPEC = paper_d_stability()
 STRICT = SPEC._replace(every_root_in_cone=True)
@@ -275,3 +279,12 @@ def test_an_empty_region_says_so() -> None:
 def test_a_circle_beyond_what_the_sampled_loop_can_have_is_refused() -> None:
     with pytest.raises(ValueError, match=r"must be below π/T = 314.2 rad/s"):
         d_stable_region([sampled(0, None)], d_stability(0.3, 135.0, 400.0), WINDOW)
+
+
+def test_the_example_of_the_documentation_runs() -> None:
+    text = (DOCS / "parameter_space.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(example, names)  # noqa: S102  # our own documentation
+    assert names["region"].contains(names["k_p_rad_m"], names["k_d_rad_s_m"])
+    assert names["region"].relative_distance(names["k_p_rad_m"], names["k_d_rad_s_m"]) > 0.1

@@ -82,7 +82,8 @@ class GainRegion(NamedTuple):
     def relative_distance(self, k_p: float, k_d: float) -> float:
         """Return the distance to the edge with each gain in units of its own value; both ≠ 0.
 
-        Positive inside, negative outside; -inf where the region is empty.
+        Positive inside, negative outside; -inf where the region is empty. The frame of the window
+        counts as an edge where it cuts the region off.
         """
         if self.polygon.is_empty:
             return -math.inf
