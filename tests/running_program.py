@@ -1,0 +1,95 @@
+"""A program of the project that runs while a test looks on."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+PATIENCE_S = 60.0
+"""How long something that must happen is waited for."""
+ORDINARY = ("--priority", "0", "--no-memory-lock")
+
+
+class RunningProgram:
+    """One process, what it has printed so far, and its report.
+
+    ``printed``  both streams, line by line
+    """
+
+    def __init__(self, module: str, options: Sequence[str], report: Path) -> None:
+        self._report = report
+        self.printed: list[str] = []
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", module, *ORDINARY, "--report", str(report), *options],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self.printed.append(line.rstrip("\n"))
+
+    def wait_for(self, pattern: str) -> str:
+        """Wait for a line to be printed; returns it."""
+
+        def found() -> str | None:
+            return next((line for line in self.printed if re.search(pattern, line)), None)
+
+        wait_until(lambda: found() is not None or not self._reader.is_alive(), pattern)
+        line = found()
+        assert line is not None, f"it ended without {pattern!r}: {self.printed}"
+        return line
+
+    def interrupt(self) -> int:
+        """End it as Ctrl-C does; returns its exit status."""
+        self._process.send_signal(signal.SIGINT)
+        return self.end()
+
+    def end(self) -> int:
+        """Wait for its end; returns its exit status."""
+        status = self._process.wait(PATIENCE_S)
+        self._reader.join(PATIENCE_S)
+        return status
+
+    def kill(self) -> None:
+        """Leave nothing behind."""
+        self._process.kill()
+        self.end()
+        assert self._process.stdout is not None
+        self._process.stdout.close()
+
+    def report(self) -> dict[str, Any]:
+        """Read what it has reported."""
+        report: dict[str, Any] = json.loads(self._report.read_text(encoding="utf-8"))
+        return report
+
+
+@contextmanager
+def running(module: str, options: Sequence[str], report: Path) -> Iterator[RunningProgram]:
+    """Run a program until the end of the block."""
+    program = RunningProgram(module, options, report)
+    try:
+        program.wait_for("ready on|error:")
+        yield program
+    finally:
+        program.kill()
+
+
+def wait_until(condition: Callable[[], bool], what: str) -> None:
+    """Wait for something that must happen."""
+    until_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < until_s, f"this does not come: {what}"
+        time.sleep(0.005)
