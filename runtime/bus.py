@@ -211,7 +211,23 @@ def socketcan_obstacle(channel: str) -> str:
         return f"the network interface {channel} is not CAN"
     if not flags & _IFF_UP:
         return f"the network interface {channel} is down (ip link set {channel} up)"
+    if has_carrier(channel) is False:
+        return (
+            f"the network interface {channel} has no carrier: it is in bus-off (ip link set "
+            f"{channel} down, then up), or its other end is down"
+        )
     return ""
+
+
+def has_carrier(channel: str) -> bool | None:
+    """Whether a network interface can send; None when that is not known.
+
+    A CAN controller loses its carrier with bus-off and gets it back when it is started again.
+    """
+    try:
+        return (_NETWORK_INTERFACES / channel / "carrier").read_text().strip() == "1"
+    except OSError:  # it is down, or there is none
+        return None
 
 
 def _is_full(error: Exception) -> bool:

@@ -2,7 +2,7 @@
 
     CONNECTED  the port's frames come and go
     SILENT     bus-off: the CAN controller has switched itself off. The port stays open, nothing is
-               sent; whatever it receives but an error, and word of a restart, ends it
+               sent; word of a restart ends it, or the carrier of the network interface
     LOST       the port has failed and is closed; a thread opens it again every RETRY_S
 
 A connection that is not to be kept raises BusError instead of leaving CONNECTED. One that is to be
@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import can
 
-from runtime.bus import BusError
-from runtime.error_frames import BUS_OFF, ERROR_ACTIVE, RESTARTED, UNSPECIFIED, error_causes
+from runtime.bus import BusError, has_carrier
+from runtime.error_frames import BUS_OFF, RESTARTED, UNSPECIFIED, error_causes
 from runtime.frame import ERROR, Frame
 from runtime.node import NEVER_NS, NS_PER_S
 from runtime.port import ClosablePort, OpenPort
@@ -33,6 +33,7 @@ RETRY_S = 0.5
 SETTLED_S = 1.0
 TOLD_OUTAGES_MAX = 10
 """Outages that are told; further ones are only counted."""
+_RETRY_NS = round(RETRY_S * NS_PER_S)
 _STOP_TIMEOUT_S = 5.0
 
 
@@ -82,6 +83,7 @@ class Connection:
         self._lost_at_ns = NEVER_NS  # while there is an outage: since when
         self._reopened_at_ns = 0
         self._is_silent = False
+        self._look_at_ns = 0  # while silent: when to look whether the bus is back
         self._cause = ""
         self._reopener: _Reopener | None = None
 
@@ -118,7 +120,7 @@ class Connection:
         if received is not None:
             if received.frame.flags & ERROR:
                 self._take_error_frame(received.frame)
-            elif self._lost_at_ns != NEVER_NS:
+            elif self._lost_at_ns != NEVER_NS and not self._is_silent:
                 self._end_outage()
         return received
 
@@ -153,7 +155,8 @@ class Connection:
                 "bus-off: the CAN controller has switched itself off after too many errors"
             )
             self._is_silent = True
-        elif self._is_silent and (RESTARTED in causes or ERROR_ACTIVE in causes):
+            self._look_at_ns = self._clock_ns() + _RETRY_NS
+        elif self._is_silent and RESTARTED in causes:
             self._end_outage()
 
     def _lose(self, cause: str) -> None:
@@ -191,6 +194,12 @@ class Connection:
     def _watch_outage(self) -> None:
         """End an outage that is over; raises BusError when it has lasted too long."""
         now_ns = self._clock_ns()
+        if self._is_silent and now_ns >= self._look_at_ns:
+            # To be error-active again is not enough: the queue is opened with the carrier.
+            self._look_at_ns = now_ns + _RETRY_NS
+            if has_carrier(self._opened.channel):
+                self._end_outage()
+                return
         if self._port is not None and not self._is_silent:
             if now_ns - self._reopened_at_ns > SETTLED_S * NS_PER_S:
                 self._end_outage()

@@ -11,7 +11,6 @@ from runtime.frame import Frame
 
 BUS_OFF = "bus_off"
 RESTARTED = "restarted"
-ERROR_ACTIVE = "error_active"
 UNSPECIFIED = "unspecified"
 """A cause that no bit tells; all error frames of interfaces other than SocketCAN."""
 
@@ -30,7 +29,7 @@ _CONTROLLER_DETAILS = (  # of byte 1
     (0x02, "transmit_overflow"),
     (0x04 | 0x08, "error_warning"),
     (0x10 | 0x20, "error_passive"),
-    (0x40, ERROR_ACTIVE),
+    (0x40, "error_active"),
 )
 _PROTOCOL_DETAILS = (  # of byte 2
     (0x01 | 0x08 | 0x10, "bit_error"),
