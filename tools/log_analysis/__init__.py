@@ -1,0 +1,1 @@
+"""What a log of the bus tells: signals, latency, cycle times, frames lost and refused."""

@@ -1,0 +1,205 @@
+"""The report on one log as one HTML file, which needs nothing else: no network, no other file."""
+
+import base64
+import html
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from matplotlib.figure import Figure
+
+DPI = 100
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 1080px; margin: 2em auto;
+       padding: 0 1em; }
+h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin-top: 2em; }
+table { border-collapse: collapse; margin: 0.8em 0; font-variant-numeric: tabular-nums; }
+th, td { padding: 0.2em 0.8em; border-bottom: 1px solid #ddd; text-align: right; }
+th:first-child, td:first-child { text-align: left; }
+th { border-bottom: 2px solid #888; font-weight: 600; }
+img { max-width: 100%; } .note { color: #555; } code { background: #f4f4f4; }
+"""
+LATENCY_ROWS = {
+    "round_trip": "round trip: command on the bus to its first echo on the bus",
+    "downlink": "downlink: command on the bus to the first sample that sees it act",
+    "uplink": "uplink: sample to the bus",
+    "told_downlink": "downlink by the plant's own word",
+    "told_uplink": "uplink by the plant's own word",
+}
+SIGNAL_NAMES = {
+    "lateral_error_m": ("lateral error", "mm", 1e3),
+    "heading_error_rad": ("heading error", "mrad", 1e3),
+    "steer_rad": ("steer, commanded", "mrad", 1e3),
+    "wheel_angle_rad": ("wheel angle", "mrad", 1e3),
+    "speed_m_s": ("speed", "m/s", 1.0),
+    "yaw_rate_rad_s": ("yaw rate", "mrad/s", 1e3),
+    "disturbance_rad": ("disturbance, estimated", "mrad", 1e3),
+    "network_disturbance_rad": ("network disturbance, estimated", "mrad", 1e3),
+}
+"""What each signal is called in a report, the unit there, and how many of it make the SI unit."""
+_WHAT_A_LOG_TELLS = """
+<p class="note">Times are those of the recorder. On a bus both nodes and the recorder see a frame at
+the same moment, its end; a recorder in one of the programs sees what that program sent and took, so
+its own waiting is included. The round trip is measured by one clock. Its two parts are not: the
+samples are numbered and taken at a fixed period, so the times of STEERING_STATUS give the
+uplink's jitter, but its smallest value is on the plant's clock only. {constant} The downlink as
+measured contains the wait for the next sample, 0 to one sensor period, and sees only commands that
+acted: one that the emulated downlink lost, and one that a newer one overtook, look the same in a
+log. A counter that is missing from the bus was lost before it came there (in the emulated uplink
+for the plant's measurements, else in a transmit queue) or missed by the recorder.</p>
+"""
+_CONSTANT = {
+    True: "It is taken from PLANT_STATUS, in which the plant tells the latency it injects "
+    "(resolution 0.5 ms), by setting the medians equal.",
+    False: "The log has too little of PLANT_STATUS to know it, so the uplink is counted from its "
+    "fastest frame, and the downlink contains that smallest value.",
+}
+
+
+def report_html(title: str, figures: Mapping[str, Any], pictures: Mapping[str, Figure]) -> str:
+    """Return the page."""
+    parts = [_facts(figures), "<h2>Signals</h2>", _signals(figures)]
+    parts += [_picture(name, figure) for name, figure in pictures.items()]
+    if figures["has_times"]:
+        parts += ["<h2>Latency and jitter</h2>", _latency(figures)]
+        parts += [_WHAT_A_LOG_TELLS.format(constant=_CONSTANT[figures["latency"]["is_absolute"]])]
+    parts += ["<h2>Messages</h2>", _messages(figures)]
+    parts += ["<h2>Lost and refused</h2>", _refused(figures)]
+    if figures["gaps"]:
+        parts += ["<h2>Longest gaps</h2>", _gaps(figures)]
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{_text(title)}'
+        f"</title><style>{_STYLE}</style></head><body><h1>{_text(title)}</h1>\n"
+        + "\n".join(parts)
+        + "\n</body></html>\n"
+    )
+
+
+def milliseconds(value_s: float | None, digits: int = 2) -> str:
+    """Return a time in ms, or a dash for None."""
+    return "-" if value_s is None else f"{1e3 * value_s:.{digits}f}"
+
+
+def _facts(figures: Mapping[str, Any]) -> str:
+    modes = [f"{name} {time_s:.2f} s" for name, time_s in figures["modes_s"].items() if time_s]
+    rows = [
+        ("frames", f"{figures['frames']}"),
+        ("duration", f"{figures['duration_s']:.3f} s" if figures["has_times"] else "no times"),
+        ("first frame", figures["start"] or "not a date: times count from some start"),
+        ("channels", ", ".join(figures["channels"]) or "not in the log"),
+        ("law", ", ".join(figures["laws"]) or "no CONTROLLER_STATUS in the log"),
+        ("modes of the controller", ", ".join(modes) or "-"),
+        ("lines that could not be read", _unreadable(figures)),
+    ]
+    rows += [
+        ("latency was changed", f"at {config['at_s'] or 0.0:.2f} s: {_config(config)}")
+        for config in figures["latency_configs"]
+    ]
+    return _table((), rows)
+
+
+def _config(config: Mapping[str, Any]) -> str:
+    return (
+        f"{config['direction']} {config['model']}, mean {milliseconds(config['mean_s'], 1)} ms, "
+        f"spread {milliseconds(config['spread_s'], 1)} ms, {100.0 * config['loss']:g} % lost"
+    )
+
+
+def _unreadable(figures: Mapping[str, Any]) -> str:
+    first = figures["first_unreadable"]
+    return f"{figures['unreadable']}{f', the first: {first}' if first else ''}"
+
+
+def _signals(figures: Mapping[str, Any]) -> str:
+    rows = []
+    for name, report in figures["signals"].items():
+        if not report["samples"]:
+            continue
+        text, unit, scale = SIGNAL_NAMES[name]
+        at_s = report["peak_at_s"]
+        cells = [f"{scale * report[key]:.3f}" for key in ("mean", "rms", "peak")]
+        has_time = at_s is not None and at_s == at_s
+        rows.append((f"{text} [{unit}]", *cells, f"{at_s:.2f}" if has_time else "-"))
+    return _table(("", "mean", "RMS", "peak", "at [s]"), rows) if rows else "<p>None.</p>"
+
+
+def _latency(figures: Mapping[str, Any]) -> str:
+    latency = figures["latency"]
+    rows = []
+    for name, text in LATENCY_ROWS.items():
+        report = latency[name]
+        keys = ("min_s", "p50_s", "mean_s", "p99_s", "max_s", "jitter_s")
+        cells = [milliseconds(report[key]) for key in keys]
+        rows.append((text, *cells, str(report["samples"])))
+    heads = ("[ms]", "least", "median", "mean", "99 %", "most", "jitter (std)", "samples")
+    acted = f"{latency['commands_seen_to_act']} of {latency['commands']} commands were seen to act."
+    return _table(heads, rows) + f"<p>{acted}</p>"
+
+
+def _messages(figures: Mapping[str, Any]) -> str:
+    rows = []
+    for name, message in figures["messages"].items():
+        cycle = message["cycle"]
+        keys = ("min_s", "p50_s", "mean_s", "p99_s", "max_s", "jitter_s")
+        rows.append(
+            (
+                f"{name} ({message['can_id']})",
+                str(message["accepted"]),
+                milliseconds(message["cycle_dbc_s"], 0),
+                *(milliseconds(cycle[key]) for key in keys),
+                str(message["gaps"]),
+            )
+        )
+    heads = ("", "frames", "DBC [ms]", "least", "median", "mean", "99 %", "most", "std", "gaps")
+    note = "<p class='note'>Distances in ms; a gap is longer than three cycles of the DBC.</p>"
+    return _table(heads, rows) + note
+
+
+def _refused(figures: Mapping[str, Any]) -> str:
+    rows = [
+        (name, str(m["missing"]), str(m["late"]), _counts(m["refused"]))
+        for name, m in figures["messages"].items()
+        if m["accepted"] or m["refused"]
+    ]
+    foreign = ", ".join(f"{key}: {n}" for key, n in list(figures["foreign_ids"].items())[:12])
+    facts = [
+        ("frames with foreign identifiers", f"{figures['foreign_frames']} {foreign}"),
+        ("error frames", str(figures["error_frames"])),
+        ("dropped by the latency lines, by the plant's own count", str(figures["plant_lost"])),
+        ("refused by the plant, by its own count", str(figures["plant_rejected"])),
+        ("control periods skipped, by the controller's own count", str(figures["skipped_ticks"])),
+        ("times that run backwards", str(figures["times_backwards"])),
+    ]
+    heads = ("", "missing counters", "of them late", "refused, by cause")
+    return _table(heads, rows) + _table((), facts)
+
+
+def _counts(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{cause} {count}" for cause, count in counts.items()) or "0"
+
+
+def _gaps(figures: Mapping[str, Any]) -> str:
+    rows = [
+        (gap["name"], f"{gap['at_s']:.3f}", milliseconds(gap["duration_s"], 1))
+        for gap in figures["gaps"]
+    ]
+    return _table(("", "from [s]", "length [ms]"), rows)
+
+
+def _picture(name: str, figure: Figure) -> str:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=DPI)
+    data = base64.b64encode(buffer.getvalue()).decode("ascii")
+    return f'<h2>{_text(name)}</h2><img alt="{_text(name)}" src="data:image/png;base64,{data}">'
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    head = "".join(f"<th>{_text(text)}</th>" for text in heads)
+    body = "".join(
+        f"<tr>{''.join(f'<td>{_text(cell)}</td>' for cell in row)}</tr>\n" for row in rows
+    )
+    return f"<table>{f'<tr>{head}</tr>' if head else ''}\n{body}</table>"
+
+
+def _text(text: str) -> str:
+    return html.escape(text, quote=True)
