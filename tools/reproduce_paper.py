@@ -67,8 +67,8 @@ def _check(kind: str, number: str) -> None:
     numbers = numbers_of(kind)
     if number not in numbers:
         reason = NOT_COMPUTED[kind].get(number)
-        told = f"is {reason}, nothing to compute" if reason else f"the paper has no {kind} {number}"
-        raise SettingsError(f"--{kind} {number}: {told}; there are {', '.join(numbers)}")
+        told = f"{reason}, nothing to compute" if reason else f"the paper has no {kind} {number}"
+        raise SettingsError(f"--{kind} {number}: {told}; allowed are {', '.join(numbers)}")
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -103,7 +103,7 @@ def _reproduce(entries: Sequence[Entry], out: Path, console: Console) -> None:
                 progress.advance(task)
                 failure = future.exception()
                 if failure is None:
-                    _tell(future.result(), console)
+                    console.print(f"{entry.key:18}  {future.result().verdict}")
                 else:
                     console.print(f"{entry.key:18}  failed: {failure}")
                     failures.append(failure)
@@ -174,10 +174,6 @@ def _progress(console: Console, total: int) -> Progress:
         transient=True,
         disable=not console.is_terminal or total == 0,
     )
-
-
-def _tell(written: Written, console: Console) -> None:
-    console.print(f"{written.key:18}  {written.verdict}")
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ section { margin-top: 2.5rem; padding-top: 1.2rem; border-top: 1px solid #bbb; }
 img { max-width: 100%; height: auto; display: block; margin: .8rem 0 0; }
 .caption, .data { color: #444; font-size: .92rem; margin: .2rem 0; }
 .verdict { display: inline-block; padding: .05rem .55rem; border-radius: .8rem;
-           border: 1px solid; font-size: .88rem; }
+           border: 1px solid; font-size: .88rem; white-space: nowrap; }
 .good { background: #e3f4e5; border-color: #2e7d32; }
 .fair { background: #fdf3d8; border-color: #b58100; }
 .poor { background: #fbe4e0; border-color: #b3402a; }

@@ -66,8 +66,3 @@ def thinned(trace: History, step_s: float) -> History:
     period_s = float(trace.time_s[1] - trace.time_s[0])
     stride = max(1, round(step_s / period_s))
     return History(*(column[::stride] for column in trace))
-
-
-def at_time(trace: History, values: FloatArray, time_s: float) -> float:
-    """Return a column's value at the sample nearest to a time of motion."""
-    return float(values[np.argmin(np.abs(trace.time_s - time_s))])

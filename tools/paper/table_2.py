@@ -84,7 +84,7 @@ def table_2() -> Reproduction:
             _mass_trend("C_r = 50,000 N/rad", pd[0], pd[2]),
             *_comparisons(dob),
             _reduction(pd, dob),
-            *(_against(dob[0], row, "PD+DOB, tried: ") for row in tried),
+            *(_attempt(dob[0], row) for row in tried),
         ),
         Verdict.NOT_REPRODUCIBLE,
         _WHY,
@@ -103,13 +103,19 @@ def _rows(law: str, preset: str, published_m: Sequence[float]) -> list[Row]:
 
 def _comparisons(rows: Sequence[Row]) -> list[Comparison]:
     """Hold all lines of one law against its published one, which is the first."""
-    return [_against(rows[0], row, "") for row in rows[1:]]
+    return [_against(rows[0], row) for row in rows[1:]]
 
 
-def _against(theirs: Row, ours: Row, prefix: str) -> Comparison:
+def _attempt(theirs: Row, ours: Row) -> Comparison:
+    """Tell how far an attempt is off; it is not a result, so that it neither agrees nor not."""
+    tried = ours._replace(label=f"PD+DOB, tried: {ours.label}")
+    return _against(theirs, tried)._replace(agrees=None)
+
+
+def _against(theirs: Row, ours: Row) -> Comparison:
     worst_m = max(abs(a - b) for a, b in zip(theirs.rms_m, ours.rms_m, strict=True))
     return Comparison(
-        f"RMS error: {prefix}{ours.label}",
+        f"RMS error: {ours.label}",
         _text(theirs),
         f"{_text(ours)}; off by {worst_m:.4f} m at most",
         worst_m <= TOLERANCE_M,
