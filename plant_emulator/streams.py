@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from enum import IntEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 BLOCK = 1024
 """Uniforms drawn at once: numpy costs microseconds per call and nanoseconds per number."""
@@ -28,7 +29,16 @@ class Channel(IntEnum):
 
 def uniforms(seed: int, channel: Channel) -> Iterator[float]:
     """Yield the endless stream of uniforms in (0, 1) of one channel."""
-    # The bit generator is named because numpy may change what `default_rng` stands for.
-    generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, channel])))
+    generator = _generator(seed, channel)
     while True:
         yield from np.maximum(generator.random(BLOCK), SMALLEST).tolist()
+
+
+def first_uniforms(seed: int, channel: Channel, count: int) -> NDArray[np.float64]:
+    """Return the first ``count`` numbers of the same stream, shape (count,)."""
+    return np.maximum(_generator(seed, channel).random(count), SMALLEST)
+
+
+def _generator(seed: int, channel: Channel) -> np.random.Generator:
+    # The bit generator is named because numpy may change what `default_rng` stands for.
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, channel])))

@@ -12,13 +12,7 @@ from plant_emulator.node import PlantNode
 from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, preset_names, read_preset
 from tools.batch.engine import BatchRun, Outcome, run_batch
-from tools.batch.plan import (
-    NothingArrivesError,
-    Plan,
-    plan_any_latency,
-    plan_constant_latency,
-    plan_run,
-)
+from tools.batch.plan import NothingArrivesError, plan_run
 from tools.virtual_pair import run_virtual_nodes
 
 LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob")
@@ -157,21 +151,6 @@ def test_a_compiled_run_goes_through_every_mode_as_the_node_does() -> None:
     modes = {segment.mode for segment in plan_run(plant, controller).segments}
     assert modes == {Mode.ACTIVE, Mode.HOLDING, Mode.SAFE_STOP}
     assert_same_as_nodes(plant, controller)
-
-
-@pytest.mark.parametrize(
-    "overrides",
-    [
-        (),
-        ("latency.downlink.mean_s=0.0837213", "latency.uplink.mean_s=0.0123457"),
-        ("sensor_period_ms=7", "latency.uplink.mean_s=0.2", "start_on_first_command=false"),
-    ],
-)
-def test_the_two_ways_to_plan_a_constant_latency_agree(overrides: Sequence[str]) -> None:
-    plant, controller = plant_settings(overrides), controller_settings("practical_pd")
-    one, other = plan_constant_latency(plant, controller), plan_any_latency(plant, controller)
-    for name in Plan._fields:
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
 def test_a_run_that_leaves_the_sensors_range_ends_there_and_says_so() -> None:

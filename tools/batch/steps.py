@@ -13,7 +13,7 @@ from numba.extending import register_jitable
 
 from controller import cdob, dob, laws, limits, pd, sections
 from controller.laws import LAWS, LawName
-from plant_emulator import actuator, motion, path, propagation
+from plant_emulator import actuator, loss, motion, path, propagation
 
 _STEP_FUNCTIONS: tuple[Callable[..., Any], ...] = (
     sections.section_step,
@@ -28,6 +28,7 @@ _STEP_FUNCTIONS: tuple[Callable[..., Any], ...] = (
     laws.pd_ddob_step,
     limits.limit_step,
     limits.ramp_step,
+    loss.loss_step,
     propagation.propagate,
     actuator.at_rest,
     actuator.command_wheel,

@@ -1,0 +1,201 @@
+"""A latency line over a whole run at once: which frames come through, when, in which order.
+
+It gives what ``plant_emulator.latency_line`` gives frame by frame. Every number is drawn by the
+same functions from the same streams; only the queue is put differently, as sorting:
+
+    order of leaving    by due time, frames due together as they came
+    newest wins         drops what leaves after a later frame of its message has left
+    in order            each frame is due no earlier than those of its message before it
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from plant_emulator.latency import (
+    QUANTILES,
+    RESOLUTION_S,
+    Distribution,
+    correlated_score,
+    uniform_of_score,
+)
+from plant_emulator.latency_profile import ProfilePoint, profile_at, read_trace
+from plant_emulator.latency_settings import LatencySettings, Order
+from plant_emulator.loss import LossParams, bernoulli, gilbert_elliott, loss_step
+from plant_emulator.streams import Channel, first_uniforms
+from runtime.node import NS_PER_S
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+
+class Frames(NamedTuple):
+    """Frames that enter a line, in order; each array has shape (frames,).
+
+    ``motion_ns``  the time of motion at which each comes
+    ``is_wanted``  those of the one message whose passage is asked for; all draw from the stream
+    """
+
+    came_ns: IntArray
+    motion_ns: IntArray
+    is_wanted: BoolArray
+
+
+class Passages(NamedTuple):
+    """Wanted frames that leave the line, in the order in which they do.
+
+    ``frame``  index among all frames that entered
+    """
+
+    due_ns: IntArray
+    frame: IntArray
+    latency_ns: IntArray
+
+
+class _Network(NamedTuple):
+    """Mean, spread [s] and loss for each frame; shape (frames,) or, where they stay, (1,)."""
+
+    mean_s: FloatArray
+    spread_s: FloatArray
+    loss: FloatArray
+
+
+def passages(
+    settings: LatencySettings, seed: int, channel: Channel, duplicates: Channel, frames: Frames
+) -> Passages:
+    """Let frames through a line whose streams are ``channel`` and ``duplicates`` of ``seed``."""
+    count = len(frames.came_ns)
+    network = _network(settings, frames)
+    draws = (
+        first_uniforms(seed, channel, 2 * count) if _is_random(settings) else np.zeros(2 * count)
+    )
+    is_lost = _losses(settings, network.loss, draws[0::2])
+    u = draws[1::2]
+    if settings.correlation_time_s > 0.0:
+        u = _correlated(u, frames.came_ns, settings.correlation_time_s)
+    latency_ns = _latencies_ns(settings, network, u, frames.motion_ns)
+    index, latency_ns, sent = np.arange(count), latency_ns, ~is_lost & frames.is_wanted
+    if settings.duplicates > 0.0:
+        chance, again = first_uniforms(seed, duplicates, 2 * count).reshape(-1, 2).T
+        copy_ns = _latencies_ns(settings, network, again, frames.motion_ns)
+        copied = sent & (chance < settings.duplicates)
+        # A copy enters right behind its frame.
+        index = np.repeat(index, 2)
+        latency_ns = np.column_stack((latency_ns, copy_ns)).ravel()
+        sent = np.column_stack((sent, copied)).ravel()
+    index, latency_ns = index[sent], latency_ns[sent]
+    came_ns = frames.came_ns[index]
+    due_ns = came_ns + latency_ns
+    if settings.order is Order.IN_ORDER:
+        due_ns = np.maximum.accumulate(due_ns)
+    leaving = np.argsort(due_ns, kind="stable")
+    if settings.order is Order.NEWEST_WINS and len(leaving):
+        newest = np.maximum.accumulate(leaving)
+        leaving = leaving[leaving == newest]
+    return Passages(due_ns[leaving], index[leaving], (due_ns - came_ns)[leaving])
+
+
+def _is_random(settings: LatencySettings) -> bool:
+    """Whether any draw makes a difference."""
+    return (
+        settings.model is not Distribution.CONSTANT
+        or settings.loss > 0.0
+        or settings.loss_in_good > 0.0
+        or any(point.loss > 0.0 for point in settings.schedule)
+    )
+
+
+def _network(settings: LatencySettings, frames: Frames) -> _Network:
+    if not settings.schedule:
+        return _Network(
+            np.array([settings.mean_s]), np.array([settings.spread_s]), np.array([settings.loss])
+        )
+    points = tuple(
+        ProfilePoint(point.time_s, point.mean_s, point.spread_s, point.loss)
+        for point in settings.schedule
+    )
+    rows = [
+        profile_at(points, settings.schedule_shape, motion_ns / NS_PER_S)[1:]
+        for motion_ns in frames.motion_ns.tolist()
+    ]
+    return _Network(*np.array(rows, dtype=np.float64).reshape(-1, 3).T)
+
+
+def _losses(settings: LatencySettings, loss: FloatArray, u: FloatArray) -> BoolArray:
+    """Return which frames are lost."""
+    chains = np.array([_chain(settings, share) for share in loss.tolist()])
+    return np.asarray(_run_chain(chains, u, len(chains) > 1), dtype=np.bool_)
+
+
+def _chain(settings: LatencySettings, loss: float) -> LossParams:
+    if settings.burst_frames is None:
+        return bernoulli(loss)
+    return gilbert_elliott(
+        loss, settings.burst_frames, settings.loss_in_good, settings.loss_in_burst
+    )
+
+
+@njit(nogil=True)
+def _run_chain(chains: Any, u: Any, has_one_each: Any) -> Any:
+    """Step the chain through all frames, with parameters of each frame's own or with one set."""
+    is_lost = np.zeros(len(u), dtype=np.bool_)
+    in_burst = False
+    for frame in range(len(u)):
+        row = chains[frame] if has_one_each else chains[0]
+        in_burst, is_lost[frame] = loss_step(
+            LossParams(row[0], row[1], row[2], row[3]), in_burst, u[frame]
+        )
+    return is_lost
+
+
+def _correlated(u: FloatArray, came_ns: IntArray, correlation_time_s: float) -> FloatArray:
+    """Return the uniforms of the AR(1) process."""
+    correlated = np.empty_like(u)
+    score, elapsed_s, before_ns = 0.0, float("inf"), 0
+    for frame, (value, now_ns) in enumerate(zip(u.tolist(), came_ns.tolist(), strict=True)):
+        if frame:
+            elapsed_s = (now_ns - before_ns) / NS_PER_S
+        score, before_ns = correlated_score(score, value, elapsed_s, correlation_time_s), now_ns
+        correlated[frame] = uniform_of_score(score)
+    return correlated
+
+
+def _latencies_ns(
+    settings: LatencySettings, network: _Network, u: FloatArray, motion_ns: IntArray
+) -> IntArray:
+    """Return the latency of every frame [ns]."""
+    if settings.trace_file is not None:
+        trace = read_trace(settings.trace_file)
+        seconds = [
+            trace.latency_s(frame, time_ns / NS_PER_S)
+            for frame, time_ns in enumerate(motion_ns.tolist())
+        ]
+        return _whole_ns(np.array(seconds))
+    if settings.model is Distribution.CONSTANT:
+        return np.broadcast_to(_whole_ns(network.mean_s), u.shape)
+    if settings.model is Distribution.GAMMA:
+        return _whole_ns(_gamma_quantiles(u, network.mean_s, network.spread_s))
+    quantile = QUANTILES[settings.model]
+    means, spreads = (
+        np.broadcast_to(values, u.shape).tolist() for values in (network.mean_s, network.spread_s)
+    )
+    return _whole_ns(np.array(list(map(quantile, u.tolist(), means, spreads))))
+
+
+def _gamma_quantiles(u: FloatArray, mean_s: FloatArray, spread_s: FloatArray) -> FloatArray:
+    """Return ``gamma_quantile`` of arrays: one call of scipy costs as much as a hundred values."""
+    from scipy.special import gammaincinv
+
+    mean_s, spread_s = np.broadcast_arrays(mean_s, spread_s)
+    is_spread = np.minimum(mean_s, spread_s) >= RESOLUTION_S
+    safe_mean_s = np.where(is_spread, mean_s, 1.0)
+    shape = (safe_mean_s / np.where(is_spread, spread_s, 1.0)) ** 2
+    quantiles = safe_mean_s / shape * gammaincinv(shape, u)
+    return np.asarray(np.where(is_spread, quantiles, mean_s), dtype=np.float64)
+
+
+def _whole_ns(seconds: FloatArray) -> IntArray:
+    return np.rint(seconds * NS_PER_S).astype(np.int64)
