@@ -44,7 +44,7 @@ def _run(options: argparse.Namespace) -> int:
     overrides = [f"{key}={value}" for key, value in short.items() if value is not None]
     settings = load_program_settings(ControllerSettings, PRESETS, options, overrides)
     if options.check:
-        # At 1 kHz the loop has hundreds of states, and 600 ms of delay take ten seconds to test.
+        # The second moments of varying latencies take seconds.
         print(f"{NAME}: analysing the sampled loop ...", file=sys.stderr, flush=True)
         print(check_text(settings), end="")
         return ExitStatus.OK

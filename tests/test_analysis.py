@@ -14,7 +14,8 @@ from scipy.signal import StateSpace
 from scipy.signal import TransferFunction as ScipyTransferFunction
 
 from controller.analysis.linear_system import held_plant, law_system
-from controller.analysis.sampled_loop import MARGIN_RESOLUTION_NS, SampledLoop
+from controller.analysis.sampled_loop import SampledLoop
+from controller.analysis.stable_delays import RESOLUTION_NS, delay_margin_ns, stable_delays
 from controller.design import LawDesign, design_law, design_pd
 from controller.law_settings import LawSettings, PdSettings
 from controller.laws import LAWS, LawName
@@ -46,6 +47,10 @@ def pd_design(rate_hz: float, **pd: float) -> LawDesign:
 
 def pd_loop(rate_hz: int, model: TransferFunction, **pd: float) -> SampledLoop:
     return SampledLoop(pd_design(rate_hz, **pd), model, 1_000_000_000 // rate_hz)
+
+
+def margin_ns(loop: SampledLoop, delay_ns_max: int) -> int | None:
+    return delay_margin_ns(stable_delays(loop, delay_ns_max), delay_ns_max)
 
 
 def law_settings(law: str, **tables: Any) -> LawSettings:
@@ -98,13 +103,19 @@ def test_margins_of_an_integrator_are_those_computed_by_hand() -> None:
     assert margins.gain_min == 0.0
     # With one period of delay: z² - z + g has a pole pair of modulus √g.
     assert margins.gain_max == pytest.approx(1.0 / 0.3, rel=1e-4)
+    # Without: z - 1 + g, and a factor of 2/g brings its zero to -1, which is Nyquist itself.
+    without_delay = loop.margins(0)
+    assert without_delay.gain_max == pytest.approx(2.0 / 0.3, rel=1e-6)
+    # |1/(1 + L)| = |(z - 1)/(z - 1 + g)| rises all the way to z = -1.
+    assert without_delay.peak_sensitivity == pytest.approx(2.0 / 1.7, rel=1e-6)
+    assert without_delay.peak_sensitivity_rad_s == pytest.approx(100.0 * math.pi)
 
 
 def test_the_delay_margin_of_an_integrator_is_its_phase_margin_over_its_crossover() -> None:
     loop = pd_loop(1000, INTEGRATOR, proportional_gain_rad_m=20.0, derivative_gain_rad_s_m=0.0)
-    margin_ns = loop.delay_margin_ns(10 * MS_NS, 600 * MS_NS)
+    found_ns = margin_ns(loop, 600 * MS_NS)
     # Half a period is the hold's own.
-    assert margin_ns == pytest.approx(1e9 * (math.pi / 2.0 / 20.0 - 0.0005), rel=1e-3)
+    assert found_ns == pytest.approx(1e9 * (math.pi / 2.0 / 20.0 - 0.0005), rel=1e-3)
 
 
 def test_a_loop_without_feedback_at_rest_is_drift_and_not_stability() -> None:
@@ -116,8 +127,8 @@ def test_a_loop_without_feedback_at_rest_is_drift_and_not_stability() -> None:
     loop = SampledLoop(design_law(published), model, PERIOD_NS)
     assert abs(loop.closed_loop_poles(0)[0]) == pytest.approx(1.0, abs=1e-6)
     assert not loop.is_stable(0)
-    assert loop.delay_margin_ns(10 * MS_NS, 100 * MS_NS) == 0
-    assert loop.stable_delays(10 * MS_NS, 100 * MS_NS) == ()
+    assert margin_ns(loop, 100 * MS_NS) == 0
+    assert stable_delays(loop, 100 * MS_NS) == ()
 
 
 def test_a_plant_that_answers_before_the_hold_is_refused() -> None:
@@ -212,12 +223,12 @@ def test_just_inside_the_delay_margin_the_loop_settles_and_just_outside_it_does_
 ) -> None:
     design = design_law(observer_settings(law.value))
     model = vehicle_model(NominalVehicle(**VEHICLE))
-    margin_ns = SampledLoop(design, model, PERIOD_NS).delay_margin_ns(20 * MS_NS, 1400 * MS_NS)
-    assert margin_ns is not None
-    assert margin_ns > 0
+    found_ns = margin_ns(SampledLoop(design, model, PERIOD_NS), 1400 * MS_NS)
+    assert found_ns is not None
+    assert found_ns > 0
     ticks = 3000
-    inside = simulated(design, model, int(0.95 * margin_ns), ticks)
-    outside = simulated(design, model, int(1.05 * margin_ns), ticks)
+    inside = simulated(design, model, int(0.95 * found_ns), ticks)
+    outside = simulated(design, model, int(1.05 * found_ns), ticks)
     late = slice(ticks * 2 // 3, None)
     early = slice(ticks // 3, ticks // 2)
     assert max(map(abs, inside[late])) < 0.9 * max(map(abs, inside[early]))
@@ -262,13 +273,13 @@ def test_the_published_gains_tolerate_ten_milliseconds_and_a_filter_buys_more(
     if derivative_filter_rad_s is not None:
         pd["derivative_filter_rad_s"] = derivative_filter_rad_s
     loop = pd_loop(rate_hz, paper_eq19(), **pd)
-    margin_ns = loop.delay_margin_ns(10 * MS_NS, 100 * MS_NS)
-    assert margin_ns is not None
+    found_ns = margin_ns(loop, 100 * MS_NS)
+    assert found_ns is not None
     period_ms = 1e3 / rate_hz
-    found_ms = margin_ns / MS_NS
+    found_ms = found_ns / MS_NS
     assert margin_ms - rounded_ms - period_ms < found_ms < margin_ms + rounded_ms
-    assert loop.is_stable(margin_ns)
-    assert not loop.is_stable(margin_ns + MARGIN_RESOLUTION_NS)
+    assert loop.is_stable(found_ns)
+    assert not loop.is_stable(found_ns + RESOLUTION_NS)
 
 
 def test_the_published_loop_has_the_published_crossover_and_phase_margin() -> None:
@@ -276,16 +287,3 @@ def test_the_published_loop_has_the_published_crossover_and_phase_margin() -> No
     assert margins.crossover_rad_s == pytest.approx(195.0, abs=1.5)
     # The hold and the backward difference turn it by up to a period at the crossover: 1.1°.
     assert 112.0 < math.degrees(margins.phase_rad) < 114.5
-
-
-def test_a_larger_delay_can_be_stable_where_a_smaller_one_is_not() -> None:
-    design = design_law(
-        law_settings(
-            "pd_cdob",
-            pd={**PAPER_GAINS, "derivative_filter_rad_s": 20.0},
-            cdob={"q_cutoff_rad_s": 50.0, "washout_rad_s": 3.0},
-        )
-    )
-    loop = SampledLoop(design, vehicle_model(NominalVehicle(**VEHICLE)), PERIOD_NS)
-    stable_ms = [delay_ns // MS_NS for delay_ns in loop.stable_delays(10 * MS_NS, 240 * MS_NS)]
-    assert stable_ms == [0, 10, 20, 30, 40, *range(110, 181, 10)]

@@ -5,22 +5,24 @@ The text as a whole is a settings file again: all but the settings are TOML comm
 
 import math
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controller.analysis.linear_system import law_system
 from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
+from controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns, stable_delays
 from controller.design import design_law
 from controller.settings import ControllerSettings
 from runtime.node import NS_PER_MS, NS_PER_S
 from runtime.settings import dump_toml
 
-DELAY_STEP_NS = 10_000_000
-DELAY_NS_MAX = 600_000_000
+JITTER_MEANS_MS = (80, 160)
+JITTER_LOSS = 0.01
 _MODULUS_SHOWN_MIN = 1e-3
 """Poles closer to z = 0 belong to memory that is empty after a few periods."""
+_RESOLUTION_NS = 10_000
+_RANGES_PER_LINE = 3
 
 
 def check_text(settings: ControllerSettings) -> str:
@@ -58,6 +60,12 @@ def _analysis(settings: ControllerSettings) -> Iterator[str]:
     yield ""
     yield "Constant delay between command and wheel angle:"
     yield from _delays(loop)
+    yield ""
+    yield (
+        "Latency drawn anew for each command (gamma, newest wins,"
+        f" {100.0 * JITTER_LOSS:g} % lost), standard deviation:"
+    )
+    yield from _jitter(loop)
 
 
 def _poles(poles: NDArray[np.complex128], period_ns: int) -> Iterator[str]:
@@ -85,42 +93,66 @@ def _decay_in_words(decay_1_s: float) -> str:
 
 def _margins(loop: SampledLoop) -> Iterator[str]:
     margins = loop.margins(0)
-    yield f"  gain    stable between x {margins.gain_min:.4g} and x {margins.gain_max:.4g}"
+    yield f"  gain         stable between x {margins.gain_min:.4g} and x {margins.gain_max:.4g}"
     if math.isfinite(margins.phase_rad):
         phase_deg = math.degrees(margins.phase_rad)
         yield (
-            f"  phase   {margins.phase_rad:.4g} rad ({phase_deg:.1f}°)"
+            f"  phase        {margins.phase_rad:.4g} rad ({phase_deg:.1f}°)"
             f" at {margins.crossover_rad_s:.4g} rad/s"
         )
+    yield (
+        f"  sensitivity  at most {margins.peak_sensitivity:.4g},"
+        f" at {margins.peak_sensitivity_rad_s:.4g} rad/s"
+    )
 
 
 def _delays(loop: SampledLoop) -> Iterator[str]:
     """Return the delay margin and the set of stable delays."""
-    last_ms, step_ms = DELAY_NS_MAX // NS_PER_MS, DELAY_STEP_NS // NS_PER_MS
-    margin_ns = loop.delay_margin_ns(DELAY_STEP_NS, DELAY_NS_MAX)
-    match margin_ns:
+    limit_ms = DELAY_NS_MAX // NS_PER_MS
+    stable = stable_delays(loop)
+    match delay_margin_ns(stable):
         case None:
-            margin = f"above {last_ms} ms"
+            margin = f"above {limit_ms} ms"
         case 0:
             margin = "none"
-        case _:
-            margin = f"{margin_ns / NS_PER_MS:.2f} ms"
-    stable = loop.stable_delays(DELAY_STEP_NS, DELAY_NS_MAX)
+        case margin_ns:
+            margin = f"{_ms_rounded_down(margin_ns)} ms"
     yield f"  delay margin  {margin}"
-    yield f"  stable at     {_ranges(stable)}"
-    yield f"                (tested every {step_ms} ms from 0 to {last_ms} ms)"
+    ranges = [f"{_ms_rounded_up(first)} to {_ms_rounded_down(last)} ms" for first, last in stable]
+    yield from _wrapped("  stable at     ", ranges or ["no delay"])
+    yield f"                (searched from 0 to {limit_ms} ms)"
 
 
-def _ranges(stable: Sequence[int]) -> str:
-    """Return tested delays in ascending order [ns] as ranges without a gap, in milliseconds."""
-    if not stable:
-        return "none"
-    gaps = [(a, b) for a, b in pairwise(stable) if b - a > DELAY_STEP_NS]
-    starts = [stable[0], *(b for _, b in gaps)]
-    ends = [*(a for a, _ in gaps), stable[-1]]
-    return ", ".join(
-        f"{start // NS_PER_MS} to {end // NS_PER_MS} ms"
-        if end > start
-        else f"{start // NS_PER_MS} ms"
-        for start, end in zip(starts, ends, strict=True)
-    )
+def _jitter(loop: SampledLoop) -> Iterator[str]:
+    """Return which standard deviations of the latency are tolerated at some mean latencies."""
+    # Imports scipy for the gamma distribution, which a running node has no use for.
+    from controller.analysis.jitter import JitterTooLargeError, stable_spreads
+
+    for mean_ms in JITTER_MEANS_MS:
+        heading = f"  mean {mean_ms:>3} ms   "
+        try:
+            spreads = stable_spreads(loop, mean_ms * NS_PER_MS, JITTER_LOSS)
+        except JitterTooLargeError:
+            yield f"{heading}too many commands on their way at this rate to be analysed"
+            continue
+        ranges = [
+            f"{math.ceil(first / NS_PER_MS)} to {last // NS_PER_MS} ms" for first, last in spreads
+        ]
+        yield from _wrapped(heading, ranges or ["no standard deviation"])
+    yield "                (mean-square stability, searched from 0 to the mean)"
+
+
+def _wrapped(heading: str, ranges: Sequence[str]) -> Iterator[str]:
+    """Return ranges in lines of a few each, the first line behind a heading."""
+    for start in range(0, len(ranges), _RANGES_PER_LINE):
+        line = ", ".join(ranges[start : start + _RANGES_PER_LINE])
+        more = "," if start + _RANGES_PER_LINE < len(ranges) else ""
+        yield f"{heading if start == 0 else ' ' * len(heading)}{line}{more}"
+
+
+def _ms_rounded_down(time_ns: int) -> str:
+    return f"{time_ns // _RESOLUTION_NS * _RESOLUTION_NS / NS_PER_MS:.2f}"
+
+
+def _ms_rounded_up(time_ns: int) -> str:
+    return f"{-(-time_ns // _RESOLUTION_NS) * _RESOLUTION_NS / NS_PER_MS:.2f}"

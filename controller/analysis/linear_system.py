@@ -73,23 +73,39 @@ def law_system(design: LawDesign) -> LinearSystem:
     return LinearSystem(a, b, a[-1], float(b[-1]))
 
 
+def without_idle_states(system: LinearSystem) -> LinearSystem:
+    """Return the system without states that nothing drives or nothing reads: poles at z = 0."""
+    while True:
+        driven = np.any(system.a, axis=1) | (system.b != 0.0)
+        read = np.any(system.a, axis=0) | (system.c != 0.0)
+        kept = driven & read
+        if np.all(kept):
+            return system
+        system = LinearSystem(
+            system.a[np.ix_(kept, kept)], system.b[kept], system.c[kept], system.d
+        )
+
+
 def held_plant(model: TransferFunction, period_ns: int, delay_ns: int) -> HeldPlant:
     """Return the plant for one control period and any constant delay ≥ 0.
 
     Raises ValueError for a model that is not strictly proper: it would answer before the hold.
     """
-    a, b, c = _companion_form(model)
+    a, b, c = companion_form(model)
     whole_periods, rest_ns = divmod(delay_ns, period_ns)
-    transition, _ = _over(a, b, period_ns / NS_PER_S)
-    after_rest, b_new = _over(a, b, (period_ns - rest_ns) / NS_PER_S)
-    _, during_rest = _over(a, b, rest_ns / NS_PER_S)
+    transition, _ = held_over(a, b, period_ns / NS_PER_S)
+    after_rest, b_new = held_over(a, b, (period_ns - rest_ns) / NS_PER_S)
+    _, during_rest = held_over(a, b, rest_ns / NS_PER_S)
     return HeldPlant(transition, b_new, after_rest @ during_rest, c, whole_periods)
 
 
-def _companion_form(
+def companion_form(
     model: TransferFunction,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return A, B and C of a strictly proper continuous transfer function."""
+    """Return A, B and C of a continuous transfer function.
+
+    Raises ValueError for one that is not strictly proper: it would answer before the hold.
+    """
     numerator = _product(model.numerator, max(0, model.power_of_s))
     denominator = _product(model.denominator, max(0, -model.power_of_s))
     order = len(denominator) - 1
@@ -112,7 +128,7 @@ def _product(factors: tuple[Any, ...], power_of_s: int) -> NDArray[np.float64]:
     return product
 
 
-def _over(
+def held_over(
     a: NDArray[np.float64], b: NDArray[np.float64], time_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return e^(At), and what a unit input during t adds to the state."""

@@ -5,17 +5,21 @@ command acts after the delay and is held until the next one acts. For that the l
 discrete system, exactly; limits, quantisation and jitter are left out. A latency of measurements
 adds to the delay, rounded up to a whole number of periods.
 
-The set of stable delays need not be an interval that starts at zero: an observer can make a loop
-unstable at 80 ms and stable at 160 ms. Hence every delay is tested, not only the largest.
+``stable_delays`` finds at which delays the loop is stable, ``jitter`` treats delays that vary.
 """
 
 import math
-from typing import NamedTuple, TypeVar
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.analysis.linear_system import held_plant, law_system
+from controller.analysis.linear_system import (
+    held_plant,
+    law_system,
+    without_idle_states,
+)
 from controller.design import LawDesign
 from controller.transfer_function import TransferFunction
 from runtime.node import NS_PER_S
@@ -23,11 +27,15 @@ from runtime.node import NS_PER_S
 SLOWEST_DECAY_1_S = 1e-3
 """A mode that decays more slowly is drift, not stability: a quarter of an hour to one third. It
 also is what keeps rounding from deciding about a double pole at z = 1."""
-MARGIN_RESOLUTION_NS = 10_000
 _OMEGA_RAD_S_MIN = 1e-2
-_OMEGAS = 20_000
+_GEOMETRIC_POINTS = 1500
+_EVEN_POINTS_PER_PERIOD = 8  # a period of delay turns the loop by half a turn up to Nyquist
+_EVEN_PERIODS = 20  # what law and plant turn it by
+_BISECTIONS = 40
+_PEAK_ROUNDS = 4
+_PEAK_POINTS = 21
 
-Number = TypeVar("Number", np.float64, np.complex128)
+RealFunction = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 class StabilityMargins(NamedTuple):
@@ -38,12 +46,16 @@ class StabilityMargins(NamedTuple):
     ``phase_rad``       distance from -1 where the loop gain is 1, the smallest [rad]; inf where the
                         gain never is 1
     ``crossover_rad_s``  where that is [rad/s]; NaN where the gain never is 1
+    ``peak_sensitivity``  largest |1/(1 + L)|: the inverse of the smallest distance from -1
+    ``peak_sensitivity_rad_s``  where that is [rad/s]
     """
 
     gain_max: float
     gain_min: float
     phase_rad: float
     crossover_rad_s: float
+    peak_sensitivity: float
+    peak_sensitivity_rad_s: float
 
 
 class SampledLoop:
@@ -52,12 +64,14 @@ class SampledLoop:
     ``design``     the law
     ``model``      the plant, from wheel angle [rad] to lateral error [m], strictly proper
     ``period_ns``  of the control ticks [ns]
+
+    Plant and period can be read back, the law as the matrices of its steps.
     """
 
     def __init__(self, design: LawDesign, model: TransferFunction, period_ns: int) -> None:
-        self._law = law_system(design)
-        self._model = model
-        self._period_ns = period_ns
+        self.law = law_system(design)
+        self.model = model
+        self.period_ns = period_ns
 
     def closed_loop_poles(self, delay_ns: int) -> NDArray[np.complex128]:
         """Return all poles in z of the loop with a constant delay ≥ 0, largest modulus first."""
@@ -71,35 +85,7 @@ class SampledLoop:
     def decay_1_s(self, delay_ns: int) -> float:
         """Return the decay rate of the slowest mode [1/s]; negative where it grows."""
         largest = float(np.abs(self.closed_loop_poles(delay_ns)[0]))
-        return -math.log(largest) * NS_PER_S / self._period_ns
-
-    def stable_delays(self, step_ns: int, delay_ns_max: int) -> tuple[int, ...]:
-        """Return those of 0, step, 2 step, ... at which the loop is stable [ns]."""
-        return tuple(
-            delay_ns for delay_ns in range(0, delay_ns_max + 1, step_ns) if self.is_stable(delay_ns)
-        )
-
-    def delay_margin_ns(self, step_ns: int, delay_ns_max: int) -> int | None:
-        """Return the delay at which stability is first lost, coming from zero [ns].
-
-        The largest stable delay found, to MARGIN_RESOLUTION_NS. 0 if the loop is not even stable
-        without delay, None if it is at every step up to the maximum. A loss of stability that is
-        over within one step can be missed.
-        """
-        if not self.is_stable(0):
-            return 0
-        steps = range(step_ns, delay_ns_max + 1, step_ns)
-        unstable_ns = next((step for step in steps if not self.is_stable(step)), None)
-        if unstable_ns is None:
-            return None
-        stable_ns = unstable_ns - step_ns
-        while unstable_ns - stable_ns > MARGIN_RESOLUTION_NS:
-            middle_ns = (stable_ns + unstable_ns) // 2
-            if self.is_stable(middle_ns):
-                stable_ns = middle_ns
-            else:
-                unstable_ns = middle_ns
-        return stable_ns
+        return -math.log(largest) * NS_PER_S / self.period_ns
 
     def loop_response(
         self, omega_rad_s: NDArray[np.float64], delay_ns: int
@@ -108,38 +94,54 @@ class SampledLoop:
 
         The loop is cut where the command goes onto the wire; -1 is the critical point.
         """
-        z = np.exp(1j * omega_rad_s * self._period_ns / NS_PER_S)
-        a, b_new, b_old, c, whole_periods = held_plant(self._model, self._period_ns, delay_ns)
+        z = np.exp(1j * omega_rad_s * self.period_ns / NS_PER_S)
+        a, b_new, b_old, c, whole_periods = held_plant(self.model, self.period_ns, delay_ns)
         inputs = b_new + b_old / z[:, None]
         states = np.linalg.solve(z[:, None, None] * np.eye(len(c)) - a, inputs[:, :, None])
         plant = states[:, :, 0] @ c * z ** float(-whole_periods)
-        return np.asarray(-self._law.response(z) * plant, dtype=np.complex128)
+        law = without_idle_states(self.law)
+        return np.asarray(-law.response(z) * plant, dtype=np.complex128)
 
     def margins(self, delay_ns: int) -> StabilityMargins:
         """Return the classical margins at a constant delay, which mean little if unstable."""
-        nyquist_rad_s = math.pi * NS_PER_S / self._period_ns
-        omega_rad_s = np.geomspace(_OMEGA_RAD_S_MIN, nyquist_rad_s, _OMEGAS)
-        loop = self.loop_response(omega_rad_s, delay_ns)
-        on_axis = _at_sign_changes(loop.imag, loop.real)
+
+        def response(omega_rad_s: NDArray[np.float64]) -> NDArray[np.complex128]:
+            return self.loop_response(omega_rad_s, delay_ns)
+
+        omega_rad_s = self._grid(delay_ns)
+        loop = response(omega_rad_s)
+        real_at = _zeros(lambda omega: response(omega).imag, omega_rad_s, loop.imag)
+        on_axis = np.append(response(real_at).real, loop[-1].real)  # z = -1 is always on the axis
         factors = -1.0 / on_axis[on_axis < 0.0]
-        log_gain = np.log(np.abs(loop))
-        phases_rad = np.abs(np.angle(-_at_sign_changes(log_gain, loop)))
-        crossovers_rad_s = _at_sign_changes(log_gain, omega_rad_s)
+        crossovers = _zeros(
+            lambda omega: np.log(np.abs(response(omega))), omega_rad_s, np.log(np.abs(loop))
+        )
+        phases_rad = np.abs(np.angle(-response(crossovers)))
         nearest = int(np.argmin(phases_rad)) if len(phases_rad) else None
+        peak, peak_rad_s = _peak(lambda omega: 1.0 / np.abs(1.0 + response(omega)), omega_rad_s)
         return StabilityMargins(
             gain_max=float(min(factors[factors > 1.0], default=math.inf)),
             gain_min=float(max(factors[factors < 1.0], default=0.0)),
             phase_rad=math.inf if nearest is None else float(phases_rad[nearest]),
-            crossover_rad_s=math.nan if nearest is None else float(crossovers_rad_s[nearest]),
+            crossover_rad_s=math.nan if nearest is None else float(crossovers[nearest]),
+            peak_sensitivity=peak,
+            peak_sensitivity_rad_s=peak_rad_s,
         )
+
+    def _grid(self, delay_ns: int) -> NDArray[np.float64]:
+        """Return ω up to Nyquist, dense in ratio and, for the turns of the delay, evenly."""
+        nyquist_rad_s = math.pi * NS_PER_S / self.period_ns
+        even = _EVEN_POINTS_PER_PERIOD * (delay_ns // self.period_ns + _EVEN_PERIODS)
+        ratios = np.geomspace(_OMEGA_RAD_S_MIN, nyquist_rad_s, _GEOMETRIC_POINTS)
+        return np.union1d(ratios[:-1], np.linspace(0.0, nyquist_rad_s, even + 1)[1:])
 
     def closed_loop_matrix(self, delay_ns: int) -> NDArray[np.float64]:
         """Return the state matrix [z] of plant, law and the commands that are on their way.
 
         The commands are u[k-1], u[k-2], ..., u[k-n-1].
         """
-        a, b_new, b_old, c, whole_periods = held_plant(self._model, self._period_ns, delay_ns)
-        law = self._law
+        a, b_new, b_old, c, whole_periods = held_plant(self.model, self.period_ns, delay_ns)
+        law = self.law
         plant_end = len(c)
         law_end = plant_end + len(law.b)
         order = law_end + whole_periods + 1
@@ -158,8 +160,26 @@ class SampledLoop:
         return matrix
 
 
-def _at_sign_changes(judged: NDArray[np.float64], wanted: NDArray[Number]) -> NDArray[Number]:
-    """Return ``wanted`` where ``judged``, sampled at the same points, crosses zero (linearly)."""
-    before = np.flatnonzero(np.signbit(judged[:-1]) != np.signbit(judged[1:]))
-    share = judged[before] / (judged[before] - judged[before + 1])
-    return np.asarray(wanted[before] + share * (wanted[before + 1] - wanted[before]), wanted.dtype)
+def _zeros(
+    function: RealFunction, omega_rad_s: NDArray[np.float64], values: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the zeros of a function between those neighbours of a grid where its sign changes."""
+    before = np.flatnonzero(np.signbit(values[:-1]) != np.signbit(values[1:]))
+    low, high = omega_rad_s[before], omega_rad_s[before + 1]
+    negative_low = np.signbit(values[before])
+    for _ in range(_BISECTIONS if len(before) else 0):
+        middle = 0.5 * (low + high)
+        is_low = np.signbit(function(middle)) == negative_low
+        low, high = np.where(is_low, middle, low), np.where(is_low, high, middle)
+    return np.asarray(0.5 * (low + high))
+
+
+def _peak(function: RealFunction, omega_rad_s: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the largest value and where it is, on a grid that gets finer around it."""
+    for _ in range(_PEAK_ROUNDS):
+        values = function(omega_rad_s)
+        at = int(np.argmax(values))
+        peak, peak_rad_s = float(values[at]), float(omega_rad_s[at])
+        low, high = omega_rad_s[max(0, at - 1)], omega_rad_s[min(at + 1, len(values) - 1)]
+        omega_rad_s = np.linspace(low, high, _PEAK_POINTS)
+    return peak, peak_rad_s

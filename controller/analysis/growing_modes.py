@@ -1,0 +1,189 @@
+"""How many modes of the sampled loop grow, and at which delays one begins to: without eigenvalues.
+
+With plant (A, b, c) behind a hold delayed by τ = n T + ε and the law F(z), the loop's poles are the
+zeros of
+
+    χ(z) = q(z) - p_ε(z) z^(-n)          q = det(zI - A_plant) det(zI - A_law), of degree d
+                                         p = q F c (zI - A)⁻¹ (b_new(ε) + b_old(ε)/z)
+
+Argument principle: χ has d zeros outside |z| = ρ less the turns it makes about 0 as z goes once
+round that circle. Only z^(-n) depends on the whole periods, so that q and p are computed once for
+all delays: a problem of the order of law and plant, not of that of all commands on their way.
+
+Direct method (Walton and Marshall 1987, for continuous loops): as the delay grows, a mode can begin
+or cease to grow only where a zero crosses the circle,
+
+    log r(θ, ε) - (τ/T) log z = 2πj k,     z = ρ exp(jθ),   r = p/q z^(ε/T)
+
+r hardly depends on ε below Nyquist, so that |r| is 1 at a few θ, and each θ has its delays
+τ = (arg r + 2πk) T/θ. They serve as starting points; Newton's method solves the equation itself.
+The list of crossings tells where to look, so that no change is missed for being shorter than the
+step of a scan; what is found there is decided by counting.
+
+ρ = exp(-SLOWEST_DECAY_1_S T): a mode that decays more slowly counts as growing.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.analysis.linear_system import companion_form, held_over, without_idle_states
+from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
+from runtime.node import NS_PER_S
+
+_PHASE_STEP_RAD = 1.0
+"""Where χ turns by more between two points of the circle, points are added between them."""
+_REFINEMENTS_MAX = 40
+"""Ends the adding of points where a mode lies on the circle itself."""
+_SLOW_RAD_S_MIN = 1e-5
+_RATIO = 1.02
+_PARTS_OF_PERIOD = 8
+_NEWTON_STEPS = 12
+_THETA_STEP = 1e-7
+_RESIDUAL_MAX = 1e-8
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+class GrowingModes:
+    """The modes of one loop outside |z| = ρ, at any constant delay up to a limit.
+
+    ``loop``          the loop
+    ``delay_ns_max``  the largest delay that will be asked for [ns]
+    """
+
+    def __init__(self, loop: SampledLoop, delay_ns_max: int) -> None:
+        self._law = without_idle_states(loop.law)
+        self._a, self._b, self._c = companion_form(loop.model)
+        self._period_ns = loop.period_ns
+        self._transition, self._whole = held_over(self._a, self._b, loop.period_ns / NS_PER_S)
+        self._delay_ns_max = delay_ns_max
+        self._degree = len(self._law.b) + len(self._c)
+        self._log_radius = -SLOWEST_DECAY_1_S * loop.period_ns / NS_PER_S
+        self._theta = self._grid()
+        self._q, self._p = self._polynomials(self._theta)
+
+    def count(self, delay_ns: int) -> int:
+        """Return how many modes grow, or hardly decay, at a constant delay up to the limit.
+
+        A complex pair counts twice.
+        """
+        theta, chi = self._theta, self._chi(self._theta, self._q, self._p, delay_ns)
+        for _ in range(_REFINEMENTS_MAX):
+            turns_rad = np.angle(chi[1:] * chi[:-1].conj())
+            wide = np.flatnonzero(np.abs(turns_rad) > _PHASE_STEP_RAD)
+            if not len(wide):
+                break
+            between = 0.5 * (theta[wide] + theta[wide + 1])
+            values = self._chi(between, *self._polynomials(between), delay_ns)
+            theta = np.insert(theta, wide + 1, between)
+            chi = np.insert(chi, wide + 1, values)
+        turns_rad = np.angle(chi[1:] * chi[:-1].conj())
+        return self._degree - round(float(turns_rad.sum()) / math.pi)
+
+    def crossings_ns(self) -> FloatArray:
+        """Return the delays at which a mode begins or ceases to grow, ascending [ns]."""
+        theta, delay_ns = self._first_guesses()
+        inside = np.ones(len(theta), dtype=bool)
+        for _ in range(_NEWTON_STEPS):
+            residual, by_theta, by_delay = self._crossing_residual(theta, delay_ns)
+            determinant = by_theta.real * by_delay.imag - by_theta.imag * by_delay.real
+            determinant[determinant == 0.0] = math.inf
+            d_theta = residual.real * by_delay.imag - residual.imag * by_delay.real
+            d_delay = by_theta.real * residual.imag - by_theta.imag * residual.real
+            theta = theta - d_theta / determinant
+            delay_ns = delay_ns - d_delay / determinant
+            inside = (theta > 0.0) & (theta <= math.pi)
+            inside &= (delay_ns >= 0.0) & (delay_ns <= self._delay_ns_max)
+            theta, delay_ns = theta[inside], delay_ns[inside]
+        residual, _, _ = self._crossing_residual(theta, delay_ns)
+        return np.unique(np.round(delay_ns[np.abs(residual) < _RESIDUAL_MAX]))
+
+    def _grid(self) -> FloatArray:
+        """Return angles from 0 to π.
+
+        Evenly dense enough for z^(-n), and of small enough ratios that the modes of a slow law,
+        all of them close to z = 1, do not turn χ by more than _PHASE_STEP_RAD together.
+        """
+        whole_periods = self._delay_ns_max / self._period_ns
+        points = math.ceil(2.0 * math.pi * (whole_periods + self._degree))
+        slowest = _SLOW_RAD_S_MIN * self._period_ns / NS_PER_S
+        slow = slowest * _RATIO ** np.arange(math.log(math.pi / slowest) / math.log(_RATIO))
+        return np.union1d(slow, np.linspace(0.0, math.pi, points + 1))
+
+    def _z(self, theta: FloatArray) -> ComplexArray:
+        return np.asarray(np.exp(self._log_radius + 1j * theta), dtype=np.complex128)
+
+    def _polynomials(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Return q, shape (points,), and what p is multiplied from, shape (points, plant order)."""
+        z = self._z(theta)
+        law, plant = self._law.a, self._transition
+        shifted = z[:, None, None] * np.eye(len(plant)) - plant
+        row = np.linalg.solve(shifted.transpose(0, 2, 1), self._c[:, None])[:, :, 0]
+        q = np.linalg.det(shifted.transpose(0, 2, 1)) * np.linalg.det(
+            z[:, None, None] * np.eye(len(law)) - law
+        )
+        return q, (q * self._law.response(z))[:, None] * row
+
+    def _chi(
+        self, theta: FloatArray, q: ComplexArray, p: ComplexArray, delay_ns: int
+    ) -> ComplexArray:
+        z = self._z(theta)
+        whole_periods, rest_ns = divmod(delay_ns, self._period_ns)
+        new = self._held_for((self._period_ns - rest_ns) / NS_PER_S)
+        return q - (p @ new + p @ (self._whole - new) / z) * z ** float(-whole_periods)
+
+    def _held_for(self, time_s: float) -> FloatArray:
+        """Return what a unit command adds to the plant's state in some time."""
+        return held_over(self._a, self._b, time_s)[1]
+
+    def _first_guesses(self) -> tuple[FloatArray, FloatArray]:
+        """Return angles and delays [ns] near the crossings, shape (guesses,) each."""
+        period_s = self._period_ns / NS_PER_S
+        theta, gain = self._theta[1:], self._p[1:] / self._q[1:, None]
+        log_z = self._log_radius + 1j * theta
+        guesses: list[tuple[FloatArray, FloatArray]] = []
+        for part in range(_PARTS_OF_PERIOD):
+            share = part / _PARTS_OF_PERIOD
+            new = self._held_for((1.0 - share) * period_s)
+            r = (gain @ new + gain @ (self._whole - new) * np.exp(-log_z)) * np.exp(share * log_z)
+            log_modulus, phase = np.log(np.abs(r)), np.unwrap(np.angle(r))
+            at = np.flatnonzero(np.signbit(log_modulus[:-1]) != np.signbit(log_modulus[1:]))
+            along = log_modulus[at] / (log_modulus[at] - log_modulus[at + 1])
+            theta_at = theta[at] + along * (theta[at + 1] - theta[at])
+            phase_at = phase[at] + along * (phase[at + 1] - phase[at])
+            for angle, turned in zip(theta_at, phase_at, strict=True):
+                last = angle * (self._delay_ns_max / self._period_ns + 1.0)
+                k = np.arange(math.ceil(-turned / math.tau), (last - turned) / math.tau)
+                periods = (turned + math.tau * k) / angle
+                off = np.abs((periods - share + 0.5) % 1.0 - 0.5)
+                near = periods[off <= 0.75 / _PARTS_OF_PERIOD]
+                guesses.append((np.full(len(near), angle), near * self._period_ns))
+        if not guesses:
+            return np.zeros(0), np.zeros(0)
+        return np.concatenate([g[0] for g in guesses]), np.concatenate([g[1] for g in guesses])
+
+    def _crossing_residual(
+        self, theta: FloatArray, delay_ns: FloatArray
+    ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Return log(p z^(-n) / q), mod 2πj, and its derivatives by angle and by delay [1/ns]."""
+        periods, rest_ns = np.divmod(delay_ns, self._period_ns)
+        new_s = (self._period_ns - rest_ns) / NS_PER_S
+        new = np.array([self._held_for(time_s) for time_s in new_s]).reshape(-1, len(self._c))
+        rate = new @ self._a.T + self._b  # d(new)/d(new_s)
+        old = self._whole - new
+
+        def transfer(angle: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+            z = self._z(angle)
+            q, p = self._polynomials(angle)
+            delayed = p / q[:, None] * (z ** (-periods))[:, None]
+            value = np.sum(delayed * (new + old / z[:, None]), axis=1)
+            by_delay = np.sum(delayed * rate, axis=1) * (1.0 / z - 1.0) / NS_PER_S
+            return value, by_delay
+
+        value, by_delay = transfer(theta)
+        beside, _ = transfer(theta + _THETA_STEP)
+        by_theta = np.asarray(np.log(beside / value) / _THETA_STEP, dtype=np.complex128)
+        return np.asarray(np.log(value), dtype=np.complex128), by_theta, by_delay / value

@@ -1,0 +1,334 @@
+"""Stability of the sampled loop when the latency of every command is drawn anew.
+
+Each command gets a latency of its own, independent of all others, or is lost; of the commands that
+have arrived the newest is held, and what it overtook is dropped. The age of the held command is
+then a Markov chain, and the loop a jump-linear system, as in Jitterbug (Lincoln and Cervin 2002):
+
+    x[k+1] = A_i x[k]        x = (plant, law, u[k-1], ..., u[k-n])        while u[k-i] is held
+
+    X_i = E[x xᵀ 1{i}]       X_j[k+1] = Σ_i P(i → j) A_j X_i[k] A_jᵀ
+
+The second moments decay, the loop is *stable in the mean square*, if and only if the spectral
+radius λ of that recursion is below 1; -ln λ/(2T) is the rate at which the root mean square decays.
+With a latency that does not vary it is ``SampledLoop.decay_1_s``. Stability in the mean square is
+more than stability of almost every run: rare runs of bad luck that grow for long enough may give
+the mean of squares no bound although every single run calms down. The converse cannot happen.
+
+Arrivals are looked at once a step δ = T/steps_per_period: a latency is rounded up to whole steps.
+Of a command not yet arrived after b-1 steps the next sees, with a share p of all commands lost,
+
+    h_b = (1 - p) (F(bδ) - F((b-1)δ)) / (1 - (1 - p) F((b-1)δ)),     F(t) = P(latency ≤ t)
+
+Commands are followed up to the age that is exceeded with a probability below AGE_PROBABILITY_MIN;
+should it come to that, the hold goes on to the next command without an arrival.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from itertools import groupby, pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.analysis.linear_system import companion_form, held_over, without_idle_states
+from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
+from runtime.node import NS_PER_S
+
+AGE_PROBABILITY_MIN = 1e-9
+MOMENTS_MAX = 250_000
+"""Numbers in all second moments together: what a laptop decides on within a second or so."""
+SPREAD_PARTS = 4
+SPREAD_RESOLUTION_NS = 1_000_000
+_SETTLING_S = 3.0
+_STRIDE_S = 0.2
+_SMALLEST_UNIT = 1e-9
+_TOLERANCE = 1e-5
+_SIGN_TOLERANCE = 0.1
+_AGREEING = 4
+_KRYLOV_VECTORS = 60
+_INVARIANT = 1e-12
+
+FloatArray = NDArray[np.float64]
+LatencyCdf = Callable[[FloatArray], FloatArray]
+"""P(latency ≤ t) for latencies t [s], any shape."""
+
+
+class JitterTooLargeError(ValueError):
+    """The second moments are too many to be analysed."""
+
+
+class Arrivals(NamedTuple):
+    """When commands arrive, in steps.
+
+    ``cdf``               P(latency ≤ b δ) for b = 0, 1, ..., ascending; beyond the end as the last
+    ``loss``              share of commands that never arrive, 0 to below 1
+    ``steps_per_period``  steps δ of one control period
+    """
+
+    cdf: FloatArray
+    loss: float = 0.0
+    steps_per_period: int = 1
+
+
+class SpreadInterval(NamedTuple):
+    """Standard deviations from ``first_ns`` to ``last_ns`` [ns]."""
+
+    first_ns: int
+    last_ns: int
+
+
+def gamma_cdf(mean_s: float, spread_s: float) -> LatencyCdf:
+    """Return the gamma distribution with a mean and a standard deviation > 0 [s]."""
+    from scipy.special import gammainc
+
+    shape = (mean_s / spread_s) ** 2
+    return lambda t: np.asarray(gammainc(shape, np.maximum(t, 0.0) * shape / mean_s))
+
+
+def uniform_cdf(mean_s: float, spread_s: float) -> LatencyCdf:
+    """Return the uniform distribution; what lies below zero counts as zero, as in the plant."""
+    width_s = math.sqrt(12.0) * spread_s
+    return lambda t: np.clip((t - mean_s) / width_s + 0.5, 0.0, 1.0)
+
+
+def constant_cdf(mean_s: float) -> LatencyCdf:
+    """Return the latency that does not vary."""
+    return lambda t: np.where(t >= mean_s * (1.0 - 1e-12), 1.0, 0.0)
+
+
+def arrivals(
+    cdf: LatencyCdf, period_ns: int, loss: float = 0.0, steps_per_period: int = 1
+) -> Arrivals:
+    """Return the arrivals of a latency distribution, as far as its tail matters."""
+    step_s = period_ns / NS_PER_S / steps_per_period
+    count = 64
+    while True:
+        values = cdf(np.arange(count, dtype=np.float64) * np.float64(step_s))
+        if values[-1] >= 1.0 - 1e-3 * AGE_PROBABILITY_MIN or count >= 1 << 16:
+            needed = int(np.searchsorted(values, 1.0 - 1e-3 * AGE_PROBABILITY_MIN)) + 1
+            return Arrivals(values[:needed], loss, steps_per_period)
+        count *= 2
+
+
+def mean_square_decay_1_s(loop: SampledLoop, when: Arrivals) -> float:
+    """Return the decay rate of the root mean square of the loop's state [1/s]; negative: it grows.
+
+    To about 1e-4, and 1 % where modes of equal rate belong together. Raises JitterTooLargeError
+    where commands on their way are too many, ValueError where none ever arrives.
+    """
+    return _MomentRecursion(loop, when).decay_1_s(_TOLERANCE, 10.0 * _TOLERANCE)
+
+
+def is_mean_square_stable(loop: SampledLoop, when: Arrivals) -> bool:
+    """Whether the root mean square decays; faster than its rate. Raises as the rate does."""
+    return _MomentRecursion(loop, when).is_stable()
+
+
+def stable_spreads(
+    loop: SampledLoop,
+    mean_ns: int,
+    loss: float = 0.0,
+    steps_per_period: int = 1,
+    distribution: Callable[[float, float], LatencyCdf] = gamma_cdf,
+) -> tuple[SpreadInterval, ...]:
+    """Return the standard deviations from 0 to the mean at which the mean square decays, ascending.
+
+    ``distribution``  of the latency, from mean and standard deviation [s]
+
+    Tested every SPREAD_PARTS-th of the mean, boundaries bisected to SPREAD_RESOLUTION_NS; what
+    begins and ends between two tests is missed. Jitter can help as well as harm: the commands that
+    overtake make the loop's age smaller than the mean latency. Raises as ``mean_square_decay_1_s``.
+    """
+
+    def recursion(spread_ns: int) -> _MomentRecursion:
+        mean_s = mean_ns / NS_PER_S
+        cdf = distribution(mean_s, spread_ns / NS_PER_S) if spread_ns else constant_cdf(mean_s)
+        when = arrivals(cdf, loop.period_ns, loss, steps_per_period)
+        return _MomentRecursion(loop, when)
+
+    tested = [mean_ns * part // SPREAD_PARTS for part in range(SPREAD_PARTS + 1)]
+    recursions = [recursion(spread_ns) for spread_ns in tested]  # all of them, before any is used
+    verdicts = {
+        spread_ns: each.is_stable() for spread_ns, each in zip(tested, recursions, strict=True)
+    }
+    for (low_ns, was_stable), (high_ns, is_stable) in pairwise(list(verdicts.items())):
+        while was_stable != is_stable and high_ns - low_ns > SPREAD_RESOLUTION_NS:
+            middle_ns = (low_ns + high_ns) // 2
+            verdicts[middle_ns] = recursion(middle_ns).is_stable()
+            if verdicts[middle_ns] == was_stable:
+                low_ns = middle_ns
+            else:
+                high_ns = middle_ns
+    intervals = []
+    for is_stable, group in groupby(sorted(verdicts.items()), key=lambda item: item[1]):
+        spreads_ns = [spread_ns for spread_ns, _ in group]
+        if is_stable:
+            intervals.append(SpreadInterval(spreads_ns[0], spreads_ns[-1]))
+    return tuple(intervals)
+
+
+def largest_spread_ns(intervals: tuple[SpreadInterval, ...], mean_ns: int) -> int | None:
+    """Return the standard deviation up to which all are tolerated [ns].
+
+    0 if the mean itself is not tolerated as a constant latency, None if all up to the mean are.
+    """
+    if not intervals or intervals[0].first_ns > 0:
+        return 0
+    return None if intervals[0].last_ns >= mean_ns else intervals[0].last_ns
+
+
+class _MomentRecursion:
+    """X ↦ Σ_i P(i → j) A_j X_i A_jᵀ over one control period, as a linear operator.
+
+    A mode is the age in periods of the command that is held, from the youngest that ever arrives to
+    the oldest followed. The state is plant, law, and the commands of the ages 0 to the oldest.
+    """
+
+    def __init__(self, loop: SampledLoop, when: Arrivals) -> None:
+        hazards, oldest = _hazards(when)
+        youngest = int(np.argmax(hazards > 0.0)) // when.steps_per_period
+        law, (a, b, c) = without_idle_states(loop.law), companion_form(loop.model)
+        plant_end, law_end = len(b), len(b) + len(law.b)
+        order, modes = law_end + oldest + 1, oldest + 1 - youngest
+        if modes * order**2 > MOMENTS_MAX:
+            raise JitterTooLargeError(
+                f"{modes} ages of the command held times {order}² moments are more than"
+                f" {MOMENTS_MAX}: take a lower rate, a shorter latency or a smaller spread"
+            )
+        self._shape = (modes, order, order)
+        self._plant_end = plant_end
+        step_s = loop.period_ns / NS_PER_S / when.steps_per_period
+        self._transition, self._hold = held_over(a, b, step_s)
+        self._held_rows = law_end + youngest + np.arange(modes)
+        self._law = np.zeros((law_end + 1 - plant_end, law_end))  # the law anew, and its command
+        self._law[:-1, :plant_end] = np.outer(law.b, c)
+        self._law[:-1, plant_end:] = law.a
+        self._law[-1] = np.concatenate([law.d * c, law.c])
+        ages = np.arange(youngest, oldest + 1) * when.steps_per_period
+        self._choices = [_newest(hazards[ages + s]) for s in range(when.steps_per_period)]
+        self._period_s = loop.period_ns / NS_PER_S
+
+    def is_stable(self) -> bool:
+        """Whether the moments decay; a rate far from zero need not be known well for that."""
+        return self.decay_1_s(_TOLERANCE, _SIGN_TOLERANCE) > SLOWEST_DECAY_1_S
+
+    def decay_1_s(self, tolerance_1_s: float, relative_tolerance: float) -> float:
+        """Return -ln λ/(2T) of the largest eigenvalue λ.
+
+        The map keeps moments positive semidefinite, so its spectral radius is an eigenvalue, and
+        none has a larger real part. It is found by Arnoldi's method, a stride of many periods at
+        once, which sets the slow modes apart, in units of, and starting from, what is left of any
+        initial moments after _SETTLING_S: the modes of an observer are far from orthogonal, and
+        without that the method takes combinations of fast ones for convergence.
+        """
+        x = np.broadcast_to(np.eye(self._shape[1]), self._shape).reshape(-1)
+        for _ in range(math.ceil(_SETTLING_S / self._period_s)):
+            x = self._over_one_period(x)
+            x /= np.abs(x).max()
+        unit = np.sqrt(np.einsum("mii->i", x.reshape(self._shape)))
+        unit = np.maximum(unit, _SMALLEST_UNIT * unit.max())
+        units = np.broadcast_to(np.outer(unit, unit), self._shape).reshape(-1)
+        periods = math.ceil(_STRIDE_S / self._period_s)
+
+        def stride(scaled: FloatArray) -> FloatArray:
+            moments = scaled * units
+            for _ in range(periods):
+                moments = self._over_one_period(moments)
+            return np.asarray(moments / units)
+
+        rates = []
+        for eigenvalue in _arnoldi(stride, x / units):
+            rates.append(-0.5 * math.log(eigenvalue) / (periods * self._period_s))
+            last = rates[-_AGREEING:]
+            if len(last) == _AGREEING and np.ptp(last) <= tolerance_1_s + relative_tolerance * abs(
+                last[0]
+            ):
+                break
+        return float(rates[-1])
+
+    def _over_one_period(self, moments: FloatArray) -> FloatArray:
+        x = moments.reshape(self._shape)
+        for chosen, kept in self._choices:
+            older = np.cumsum(x[:0:-1], axis=0)[::-1]
+            x = kept[:, None, None] * x
+            x[:-1] += chosen[:-1, None, None] * older
+            self._move(x)
+        return self._decided(x).reshape(-1)
+
+    def _move(self, x: FloatArray) -> None:
+        """Move the plant by one step, each mode with the command that it holds."""
+        end, each = self._plant_end, np.arange(len(x))
+        held = x[each, self._held_rows][:, None, :]
+        x[:, :end] = self._transition @ x[:, :end] + self._hold[:, None] * held
+        held = x[each, :, self._held_rows][:, :, None]
+        x[:, :, :end] = x[:, :, :end] @ self._transition.T + held * self._hold
+
+    def _decided(self, x: FloatArray) -> FloatArray:
+        """Return the moments after the law has decided: every command gets a period older."""
+        start, law_end = self._plant_end, self._law.shape[1]
+        end = law_end + 1
+        rows = np.empty_like(x)
+        rows[:, :start] = x[:, :start]
+        rows[:, start:end] = self._law @ x[:, :law_end]
+        rows[:, end:] = x[:, law_end:-1]
+        after = np.zeros_like(x)
+        older = after[1:]
+        older[:, :, :start] = rows[:-1, :, :start]
+        older[:, :, start:end] = rows[:-1, :, :law_end] @ self._law.T
+        older[:, :, end:] = rows[:-1, :, law_end:-1]
+        after[-1, :, :start] += rows[-1, :, :start]
+        after[-1, :, start:end] += rows[-1, :, :law_end] @ self._law.T
+        after[-1, :, end:] += rows[-1, :, law_end:-1]
+        return after
+
+
+def _arnoldi(operator: Callable[[FloatArray], FloatArray], start: FloatArray) -> Iterator[float]:
+    """Return the largest real part of the Ritz values, for Krylov spaces of 1, 2, ... dimensions.
+
+    Products over all moments are left to einsum: numpy would give them to several threads, which
+    takes far longer where processors are shared.
+    """
+    basis = np.zeros((_KRYLOV_VECTORS + 1, len(start)))
+    basis[0] = start / math.sqrt(float(np.einsum("i,i", start, start)))
+    hessenberg = np.zeros((_KRYLOV_VECTORS + 1, _KRYLOV_VECTORS))
+    for last in range(_KRYLOV_VECTORS):
+        image = operator(basis[last])
+        known = basis[: last + 1]
+        for _ in range(2):  # the second time takes off what rounding left of the first
+            shares = np.einsum("vi,i->v", known, image)
+            image = image - np.einsum("vi,v->i", known, shares)
+            hessenberg[: last + 1, last] += shares
+        yield float(np.linalg.eigvals(hessenberg[: last + 1, : last + 1]).real.max())
+        length = math.sqrt(float(np.einsum("i,i", image, image)))
+        if length <= _INVARIANT * abs(hessenberg[last, last]):
+            return
+        hessenberg[last + 1, last] = length
+        basis[last + 1] = image / length
+
+
+def _hazards(when: Arrivals) -> tuple[FloatArray, int]:
+    """Return h_b for the ages that are followed, and the largest of them in periods."""
+    arrived = np.where(when.cdf < AGE_PROBABILITY_MIN, 0.0, when.cdf) * (1.0 - when.loss)
+    if not len(arrived) or not arrived[-1] > 0.0:
+        raise ValueError("no command ever arrives")
+    still_out, oldest = 1.0, -1
+    while still_out >= AGE_PROBABILITY_MIN:  # none of the ages 0 to oldest has arrived
+        oldest += 1
+        still_out *= 1.0 - arrived[min(oldest * when.steps_per_period, len(arrived) - 1)]
+    steps = (oldest + 1) * when.steps_per_period
+    padded = np.concatenate([[0.0], arrived, np.full(max(0, steps - len(arrived)), arrived[-1])])
+    out_before = 1.0 - padded[:-1]
+    hazards = np.divide(
+        np.diff(padded), out_before, out=np.ones_like(out_before), where=out_before > 0.0
+    )
+    return hazards[:steps], oldest
+
+
+def _newest(hazards: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return by mode: P(it is the youngest that arrives now), P(none younger arrives now).
+
+    i → j < i has the probability of the first of j, whatever i; i → i that of the second of i.
+    """
+    none_younger = np.concatenate([[1.0], np.cumprod(1.0 - hazards)])[:-1]
+    return hazards * none_younger, none_younger
