@@ -28,9 +28,10 @@ TOLERANCE_M = 2e-4
 _WHY = (
     "PD row: reproduced with C_r = 500,000 N/rad instead of the printed 50,000, on the ellipse of "
     "78.2 m by 41.74 m for 200 s (inferred, see Figure 14). With the printed C_r the RMS falls "
-    "with mass where the paper's rises. PD+DOB row: not reproducible. (11) with Q of (20) at 5 "
-    "rad/s leaves 2 to 4 % of the PD's error, the table 55 to 70 %. That the DOB reduces the error "
-    "in every corner holds."
+    "with mass where the paper's rises, and it would on any path: a steady turn takes a steer of "
+    "l + m V² (c_r l_r - c_f l_f)/(c_f c_r l) times its curvature, and c_r l_r < c_f l_f there. "
+    "PD+DOB row: not reproducible. (11) with Q of (20) at 5 rad/s leaves 2 to 4 % of the PD's "
+    "error, the table 55 to 70 %. That the DOB reduces the error in every corner holds."
 )
 
 
@@ -187,7 +188,7 @@ def _draw_attempts(theirs: Row, tried: Sequence[Row]) -> Figure:
     axes = figure.subplots()
     places = np.arange(4)
     axes.plot(places, theirs.rms_m, "o-", color="black", lw=2.5, label="published")
-    for row, colour, marker in zip(tried, (*COLOURS, "#56B4E9"), "svD^P", strict=False):
+    for row, colour, marker in zip(tried, (*COLOURS, "#56B4E9", "0.6"), "svD^Px", strict=False):
         axes.plot(places, row.rms_m, marker=marker, color=colour, lw=1.2, label=row.label)
     axes.set_xticks(places, _corner_labels())
     axes.set(ylabel="RMS lateral error [m]")

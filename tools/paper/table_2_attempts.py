@@ -4,6 +4,7 @@ Each is one thing the authors may have done otherwise; where it has a free numbe
 one that comes closest to the published row (least squares over the four corners).
 
     lower cut-off   Q of (20) with another ω_c
+    τ = 5 s         for ω_c = 5 rad/s, τ = 1/ω_c
     weaker Q        g Q with a gain g < 1 at rest
     own command     the observer is told the PD's wish instead of the command (v = -C y)
     other point     the error of a point d ahead of the centre of gravity, while (11) holds that of
@@ -51,6 +52,7 @@ def attempts() -> Iterator[tuple[str, tuple[float, ...]]]:
         f"lower cut-off, ω_c = {cutoff_rad_s:.3f} rad/s",
         table_2_row(order_2(cutoff_rad_s), PATH),
     )
+    yield "τ = 5 s instead of ω_c = 5 rad/s", table_2_row(order_2(1.0 / Q_CUTOFF_RAD_S), PATH)
     gain = _closest(lambda g: table_2_row(order_2(Q_CUTOFF_RAD_S, g), PATH), 0.0, 1.0)
     yield f"weaker Q, gain {gain:.2f} at rest", table_2_row(order_2(Q_CUTOFF_RAD_S, gain), PATH)
     told_wish = order_2(Q_CUTOFF_RAD_S)._replace(fed_with_own_command=False)
