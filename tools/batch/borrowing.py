@@ -8,8 +8,10 @@ function that Python calls, which holds the owners as its arguments.
 
 from typing import Any
 
-from numba import carray, njit, types  # type: ignore[attr-defined]
+from numba import carray, types  # type: ignore[attr-defined]
 from numba.extending import intrinsic
+
+from tools.batch.compilation import compiled
 
 
 def _pointer_to(dtype: Any) -> Any:
@@ -31,13 +33,13 @@ _float_pointer = _pointer_to(types.float64)
 _int_pointer = _pointer_to(types.int64)
 
 
-@njit(nogil=True)
+@compiled
 def borrowed_floats(array: Any) -> Any:
     """Return the same float64 memory, C-contiguous, uncounted."""
     return carray(_float_pointer(array.ctypes.data), array.shape)
 
 
-@njit(nogil=True)
+@compiled
 def borrowed_ints(array: Any) -> Any:
     """Return the same int64 memory, C-contiguous, uncounted."""
     return carray(_int_pointer(array.ctypes.data), array.shape)

@@ -29,7 +29,7 @@ from tools.batch.loop import (
 )
 from tools.batch.motion import compiled_motion
 from tools.batch.plan import Plan, plan_run
-from tools.batch.steps import compiled_law_step, register_steps
+from tools.batch.steps import register_steps
 
 FloatArray = NDArray[np.float64]
 
@@ -99,7 +99,6 @@ class _Run:
         register_steps()
         self._plan = plan
         self._law = design_law(controller)
-        self._law_step = compiled_law_step(controller.law)
         self._motion = compiled_motion(plant)
         self._constants = Constants(
             limits=limits_of(controller),
@@ -128,7 +127,6 @@ class _Run:
                 law_state = self._law.initial_state(float(self._records.measured_m[newest]))
                 fade_rad = 0.0
             x, sent_rad, fade_rad, ticks, code = run_segment(
-                self._law_step,
                 self._law.params,
                 motion,
                 constants,

@@ -17,14 +17,15 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from controller.limits import SteerLimits, limit_step, ramp_step
 from dbc.messages import Mode
 from plant_emulator.motion import MotionState, advance_motion, command_motion, start_motion
 from tools.batch.borrowing import borrowed_floats, borrowed_ints
+from tools.batch.compilation import compiled, compiled_inline
 from tools.batch.motion import borrowed_motion
+from tools.batch.steps import law_step
 
 COMPLETE, LEFT_RANGE, LAW_FAILED = range(3)
 """How a segment ended: at its end; with an error LATERAL_ERROR cannot carry; with a command that is
@@ -121,7 +122,7 @@ class Segment(NamedTuple):
     is_recovery: bool
 
 
-@njit(nogil=True)
+@compiled
 def _borrowed_schedule(s: Schedule) -> Schedule:
     return Schedule(
         borrowed_ints(s.tick_ns),
@@ -133,7 +134,7 @@ def _borrowed_schedule(s: Schedule) -> Schedule:
     )
 
 
-@njit(nogil=True)
+@compiled
 def _borrowed_records(r: Records) -> Records:
     return Records(
         borrowed_floats(r.lateral_error_m),
@@ -148,7 +149,7 @@ def _borrowed_records(r: Records) -> Records:
     )
 
 
-@njit(nogil=True, forceinline=True)
+@compiled_inline
 def _plant_until(
     p: Any, c: Constants, s: Schedule, r: Records, x: Progress, ticks_done: int, to_ns: int
 ) -> tuple[Progress, int]:
@@ -183,18 +184,15 @@ def _plant_until(
             r.measured_m[sample - 1] = raw * c.lateral_error_resolution_m
 
 
-@njit(nogil=True)
-def run_to_first_tick(
-    p: Any, c: Constants, s: Schedule, r: Records, first_tick_ns: int
-) -> tuple[Progress, int]:
+@compiled
+def run_to_first_tick(p: Any, c: Constants, s: Schedule, r: Records, first_tick_ns: int) -> Any:
     """Run the plant from its start up to and at the first tick; returns where it is, and how."""
     p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
     return _plant_until(p, c, s, r, Progress(start_motion(p), 0, 0), 0, first_tick_ns)
 
 
-@njit(nogil=True)
+@compiled
 def run_segment(
-    law_step: Any,
     law_params: Any,
     p: Any,
     c: Constants,

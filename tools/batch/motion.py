@@ -4,7 +4,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from plant_emulator.disturbance import DisturbanceInterval
 from plant_emulator.motion_design import MotionParams, design_motion
@@ -17,6 +16,7 @@ from plant_emulator.rig_settings import (
 )
 from plant_emulator.settings import PlantSettings
 from tools.batch.borrowing import borrowed_floats, borrowed_ints
+from tools.batch.compilation import compiled
 
 _KEPT = 32
 """Motions kept for the next run with the same rig: about 2 MB each."""
@@ -54,7 +54,7 @@ def _designed(
     return live._replace(**arrays, path=live.path._replace(**road, pose=()))
 
 
-@njit(nogil=True)
+@compiled
 def borrowed_motion(p: MotionParams) -> MotionParams:
     """Return the parameters with borrowed arrays, except for the intervals, hardly ever read."""
     road = p.path

@@ -11,7 +11,6 @@ same functions from the same streams; only the queue is put differently, as sort
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from plant_emulator.latency import (
@@ -26,6 +25,7 @@ from plant_emulator.latency_settings import LatencySettings, Order
 from plant_emulator.loss import LossParams, bernoulli, gilbert_elliott, loss_step
 from plant_emulator.streams import Channel, first_uniforms
 from runtime.node import NS_PER_S
+from tools.batch.compilation import compiled
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -138,7 +138,7 @@ def _chain(settings: LatencySettings, loss: float) -> LossParams:
     )
 
 
-@njit(nogil=True)
+@compiled
 def _run_chain(chains: Any, u: Any, has_one_each: Any) -> Any:
     """Step the chain through all frames, with parameters of each frame's own or with one set."""
     is_lost = np.zeros(len(u), dtype=np.bool_)

@@ -8,11 +8,9 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from numba import njit
-from numba.extending import register_jitable
+from numba.extending import overload, register_jitable
 
 from controller import cdob, dob, laws, limits, pd, sections
-from controller.laws import LAWS, LawName
 from plant_emulator import actuator, loss, motion, path, propagation
 
 _STEP_FUNCTIONS: tuple[Callable[..., Any], ...] = (
@@ -53,8 +51,26 @@ def register_steps() -> None:
         register_jitable(function)
 
 
-@cache
-def compiled_law_step(law: LawName) -> Any:
-    """Return the step of a law as a function that a compiled loop takes as an argument."""
-    register_steps()
-    return njit(nogil=True)(LAWS[law].step)
+def law_step(params: Any, state: Any, lateral_error_m: float, sent_steer_rad: float) -> Any:
+    """Advance the law that ``params`` belong to; compiled code then calls that law directly."""
+    step = _STEP_OF[type(params)]
+    return step(params, state, lateral_error_m, sent_steer_rad)
+
+
+_STEP_OF: dict[type, Callable[..., Any]] = {
+    pd.PdParams: laws.pd_law_step,
+    laws.PdDobParams: laws.pd_dob_step,
+    laws.PdCdobParams: laws.pd_cdob_step,
+    laws.PdDdobParams: laws.pd_ddob_step,
+}
+
+
+@overload(law_step)
+def _law_step_of_type(params: Any, state: Any, lateral_error_m: Any, sent_steer_rad: Any) -> Any:  # noqa: ARG001
+    """Choose by type, when compiling."""
+    step = _STEP_OF[params.instance_class]
+
+    def of_type(params: Any, state: Any, lateral_error_m: Any, sent_steer_rad: Any) -> Any:
+        return step(params, state, lateral_error_m, sent_steer_rad)
+
+    return of_type

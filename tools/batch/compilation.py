@@ -1,0 +1,54 @@
+"""How the batch functions are compiled: without the interpreter's lock, and kept on disk.
+
+What numba keeps on disk it takes for valid while the file of the compiled function is unchanged; a
+change in one of the step functions it calls goes unnoticed. So everything compiled is kept in a
+folder named after the content of all the files that any of it may come from.
+"""
+
+import hashlib
+import os
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+
+_SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "tools/batch")
+_ROOT = Path(__file__).resolve().parents[2]
+
+
+def compiled(function: Any) -> Any:
+    """Compile a function at its first call, or take it from disk.
+
+    Without a folder that can be written it is compiled anew in every process. Compiled code keeps
+    to the order of its operations: no fast-math, no fused multiply-add.
+    """
+    return _compiled(function, inline=False)
+
+
+def compiled_inline(function: Any) -> Any:
+    """Compile a function as a part of those that call it: for the innermost of a loop."""
+    return _compiled(function, inline=True)
+
+
+def _compiled(function: Any, *, inline: bool) -> Any:
+    folder = _cache_folder()
+    if folder is not None:
+        numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]  # read when decorating
+    return numba.njit(nogil=True, cache=folder is not None, forceinline=inline)(function)
+
+
+@cache
+def _cache_folder() -> Path | None:
+    """Return the folder for code compiled from the sources as they are now."""
+    digest = hashlib.sha256(f"{sys.version} {numba.__version__}".encode())
+    for source in sorted(path for name in _SOURCES for path in (_ROOT / name).glob("*.py")):
+        digest.update(source.read_bytes())
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    folder = base / "steer-by-wire-emulator" / digest.hexdigest()[:16]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return folder if os.access(folder, os.W_OK) else None
