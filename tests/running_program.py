@@ -41,11 +41,11 @@ class RunningProgram:
         for line in self._process.stdout:
             self.printed.append(line.rstrip("\n"))
 
-    def wait_for(self, pattern: str) -> str:
-        """Wait for a line to be printed; returns it."""
+    def wait_for(self, pattern: str, skip: int = 0) -> str:
+        """Wait for a line to be printed behind the first ``skip``; returns it."""
 
         def found() -> str | None:
-            return next((line for line in self.printed if re.search(pattern, line)), None)
+            return next((line for line in self.printed[skip:] if re.search(pattern, line)), None)
 
         wait_until(lambda: found() is not None or not self._reader.is_alive(), pattern)
         line = found()
