@@ -235,10 +235,10 @@ def _two_laps(
 def _drift(label: str, run: History, lap: float | None) -> Comparison:
     """Tell the error at the ends of both laps and the drift rate between them."""
     if lap is None:
-        middle_m, end_m = (mean_before(run, share * DURATION_S) for share in (0.5, 1.0))
+        middle_m, end_m = run.lateral_error_m[run.time_s.size // 2], run.lateral_error_m[-1]
         text = (
-            f"{middle_m:.1f} m after {0.5 * DURATION_S:g} s, {end_m:.1f} m after {DURATION_S:g} s, "
-            "the farthest the wire carries"
+            f"{middle_m:.1f} m after {0.5 * DURATION_S:g} s, {end_m:.1f} m after {DURATION_S:g} s; "
+            "the wire carries no more than 83.9 m"
         )
         return Comparison(f"error over a full lap, N = 30 rad/s, {label}", "", text, None)
     first_m, second_m = mean_before(run, lap), mean_before(run, 2.0 * lap)
