@@ -122,7 +122,8 @@ def test_a_page_of_nothing_is_a_page() -> None:
 
 def test_headings_carry_the_number_once() -> None:
     assert heading(written("figure_08")) == "Figure 8: A title"
-    assert heading(written("figure_21_varying")) == "Figure 21: A title"
+    beyond = written("figure_21_varying", Verdict.BEYOND)
+    assert heading(beyond) == "Beyond Figure 21: A title"
     assert heading(written("table_2")) == "Table 2: A title"
     assert heading(written("robustness_table")) == "A title"
     assert heading(written()._replace(title="Figure 8: again")) == "Figure 8: again"

@@ -85,7 +85,8 @@ def heading(item: Written) -> str:
     if item.title.startswith(("Figure", "Table")) or not rest[:1].isdigit():
         return item.title
     number, _, _ = rest.partition("_")
-    return f"{kind.capitalize()} {int(number)}: {item.title}"
+    beyond = "Beyond " if item.verdict is Verdict.BEYOND else ""
+    return f"{beyond}{kind.capitalize()} {int(number)}: {item.title}"
 
 
 def agreement(comparisons: Sequence[Comparison]) -> str:
