@@ -1,0 +1,103 @@
+"""VEHICLE.toml: the nominal vehicle, and between which bounds its parameters may lie.
+
+[vehicle]                              as [nominal_model] of the controller's settings, in SI
+virtual_mass_kg = 2000
+...
+[uncertainty]                          any of the same keys, as [minimum, maximum]
+virtual_mass_kg = [1600, 5000]
+"""
+
+from typing import Annotated, Self
+
+from pydantic import Field, PositiveFloat, model_validator
+
+from controller.analysis.uncertainty import ParameterRange, UncertaintyBox
+from controller.law_settings import VehicleModelSettings
+from controller.nominal_model import NominalVehicle, vehicle_model
+from runtime.settings import Settings
+
+_RANGES_MAX = 6
+"""2^6 corners; more would take longer than anybody waits."""
+
+Range = tuple[PositiveFloat, PositiveFloat]
+
+
+class VehicleTable(Settings):
+    """`[vehicle]`: parameters of the single-track model; see ``NominalVehicle``."""
+
+    virtual_mass_kg: PositiveFloat
+    yaw_inertia_kg_m2: PositiveFloat
+    front_cornering_stiffness_n_rad: PositiveFloat
+    rear_cornering_stiffness_n_rad: PositiveFloat
+    front_axle_distance_m: PositiveFloat
+    rear_axle_distance_m: PositiveFloat
+    preview_distance_m: Annotated[float, Field(ge=0.0)]
+    speed_m_s: PositiveFloat
+
+    @property
+    def vehicle(self) -> NominalVehicle:
+        """Return the nominal vehicle."""
+        return NominalVehicle(**self.model_dump())
+
+    @property
+    def nominal_model(self) -> VehicleModelSettings:
+        """Return the controller's table [nominal_model]."""
+        return VehicleModelSettings(kind="vehicle", **self.model_dump())
+
+    @model_validator(mode="after")
+    def _refuse_a_model_without_stable_inverse(self) -> Self:
+        vehicle_model(self.vehicle)
+        return self
+
+
+class UncertaintyTable(Settings):
+    """`[uncertainty]`: [minimum, maximum] of any of the vehicle's parameters."""
+
+    virtual_mass_kg: Range | None = None
+    yaw_inertia_kg_m2: Range | None = None
+    front_cornering_stiffness_n_rad: Range | None = None
+    rear_cornering_stiffness_n_rad: Range | None = None
+    front_axle_distance_m: Range | None = None
+    rear_axle_distance_m: Range | None = None
+    preview_distance_m: Range | None = None
+    speed_m_s: Range | None = None
+
+    def ranges(self) -> tuple[ParameterRange, ...]:
+        """Return those that are given; speed first, so that corners are in the paper's order."""
+        given = {key: bounds for key, bounds in self if bounds is not None}
+        order = sorted(given, key=lambda key: key != "speed_m_s")
+        return tuple(ParameterRange(key, *given[key]) for key in order)
+
+
+class VehicleFile(Settings):
+    """All of VEHICLE.toml."""
+
+    vehicle: VehicleTable
+    uncertainty: UncertaintyTable = UncertaintyTable()
+
+    @property
+    def box(self) -> UncertaintyBox:
+        """Return the vehicles between the bounds."""
+        return UncertaintyBox(self.vehicle.vehicle, self.uncertainty.ranges())
+
+    @model_validator(mode="after")
+    def _refuse_ranges_without_the_nominal_value(self) -> Self:
+        ranges = self.uncertainty.ranges()
+        if len(ranges) > _RANGES_MAX:
+            raise ValueError(
+                f"[uncertainty] has {len(ranges)} ranges; at most {_RANGES_MAX} are possible,"
+                f" which are {2**_RANGES_MAX} corners"
+            )
+        for field, minimum, maximum in ranges:
+            if minimum >= maximum:
+                raise ValueError(
+                    f"uncertainty.{field} = [{minimum:g}, {maximum:g}]: the minimum must be below"
+                    " the maximum; leave the key out where there is no uncertainty"
+                )
+            nominal = getattr(self.vehicle, field)
+            if not minimum <= nominal <= maximum:
+                raise ValueError(
+                    f"vehicle.{field} = {nominal:g} must lie within its range in [uncertainty],"
+                    f" {minimum:g} to {maximum:g}"
+                )
+        return self
