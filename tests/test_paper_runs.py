@@ -4,14 +4,22 @@ import math
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.special import ellipe
 
 from controller.analysis.uncertainty import paper_box
 from controller.nominal_model import paper_eq19, steer_to_lateral_error
 from tools.paper import published
 from tools.paper.continuous_runs import PD as NO_OBSERVER
-from tools.paper.continuous_runs import DrivenEllipse, Observer, order_2, table_2_row
+from tools.paper.continuous_runs import (
+    DrivenEllipse,
+    Observer,
+    curvature_met,
+    order_2,
+    table_2_row,
+)
 from tools.paper.delay_runs import (
+    CDOB,
     DDOB,
     FILTER,
     PD,
@@ -83,16 +91,38 @@ def test_pd_survives_the_paper_s_delay_only_with_a_slow_derivative() -> None:
     assert steers_rad[1] == pytest.approx(0.6)
 
 
+def gain_ratio_at_rest() -> float:
+    """G/G_n at s = 0, the vehicle's over that of (19); both have two integrators."""
+    (zeros,), (poles,) = steer_to_lateral_error(paper_box().nominal)[1:]
+    (nominal_zeros,), (nominal_poles,) = paper_eq19()[1:]
+    return (zeros.s0 / poles.s0) / (nominal_zeros.s0 / nominal_poles.s0)
+
+
+def test_cdob_as_published_hardly_steers_so_that_curvature_acts_twice_integrated() -> None:
+    plant = delayed_plant(60.0)
+    run = drive([CDOB.changed(*FILTER)], plant)[CDOB.label]
+    speed_m_s = plant.vehicle.speed_km_h / 3.6
+    time_s, rho_1_m = curvature_met(speed_m_s, PATH._replace(duration_s=60.0))
+    heading_rad = cumulative_trapezoid(speed_m_s * rho_1_m, time_s, initial=0.0)
+    unsteered_m = -trapezoid(speed_m_s * heading_rad, time_s)
+    assert peak(run.wheel_angle_rad) < 1e-3
+    assert run.lateral_error_m[-1] == pytest.approx(unsteered_m, rel=2e-3)
+
+
 def test_ddob_as_published_drifts_and_with_washout_and_type_2_q_does_not() -> None:
+    """Drift: (13) towards rest, G_n/G (1 - Q) = G_n/G 2s/ω_D, of (5), with the mean curvature."""
     lap = lap_s(delayed_plant(1.0))
     plant = delayed_plant(2.0 * lap)
+    speed_m_s = plant.vehicle.speed_km_h / 3.6
+    mean_curvature_1_m = 2.0 * math.pi / (lap * speed_m_s)
+    drift_m_s = -2.0 / 5.0 * speed_m_s**2 * mean_curvature_1_m / gain_ratio_at_rest()
     ends_m = {}
     for overrides in (FILTER, (*FILTER, *WASHOUT, *TYPE_2)):
         run = drive([DDOB.changed(*overrides)], plant)[DDOB.label]
         ends_m[overrides] = mean_before(run, lap), mean_before(run, 2.0 * lap)
     first_m, second_m = ends_m[FILTER]
     assert -6.0 < first_m < -5.0
-    assert -0.022 < (second_m - first_m) / lap < -0.018
+    assert (second_m - first_m) / lap == pytest.approx(drift_m_s, rel=0.01)
     first_m, second_m = ends_m[(*FILTER, *WASHOUT, *TYPE_2)]
     assert abs(first_m) < 2e-4
     assert abs(second_m - first_m) < 1e-5
@@ -103,10 +133,7 @@ def test_a_reference_step_of_the_cdob_ends_where_the_gains_at_rest_say() -> None
     plant = delayed_plant(1.0)
     controller = paper_controller("paper_pd_cdob", FILTER)
     step = reference_step(plant, controller, 0.1, 0.08, 20.0)
-    (n, *_), (d, *_) = steer_to_lateral_error(paper_box().nominal)[1:]
-    (n_n, *_), (d_n, *_) = paper_eq19()[1:]
-    ratio = (n.s0 / d.s0) / (n_n.s0 / d_n.s0)
-    assert step.error_m[-1] == pytest.approx(0.1 * (ratio - 1.0), abs=2e-4)
+    assert step.error_m[-1] == pytest.approx(0.1 * (gain_ratio_at_rest() - 1.0), abs=2e-4)
 
 
 def test_a_reference_step_without_delay_is_followed_by_pd() -> None:
