@@ -89,7 +89,7 @@ def _show(port: ClosablePort, bus: str, watch: BusWatch, stop: Callable[[], bool
             keys = read_keys()
             if any(key in QUIT_KEYS for key in keys):
                 return
-            settings = _take_keys(keys, settings, port)
+            settings = _take_keys(keys, settings, port, watch)
             if keys or now_ns >= draw_ns:
                 draw_ns = now_ns + period_ns
                 lines = screen_lines(
@@ -124,14 +124,19 @@ def _listen(port: ClosablePort, watch: BusWatch, wait_s: float) -> int:
     return now_ns
 
 
-def _take_keys(keys: Sequence[str], settings: _Settings, port: ClosablePort) -> _Settings:
+def _take_keys(
+    keys: Sequence[str], settings: _Settings, port: ClosablePort, watch: BusWatch
+) -> _Settings:
     """Let keys change the latency, and send what they came to."""
     choice, sent = settings
     for key in keys:
         changed = pressed(choice, key)
         if changed is not None:
             choice = changed
-            sent += port.send(encode(choice.message(), 0))
+            frame = encode(choice.message(), 0)
+            if port.send(frame):
+                sent += 1
+                watch.on_frame(frame, time.monotonic_ns())  # nobody hears himself
     return _Settings(choice, sent)
 
 

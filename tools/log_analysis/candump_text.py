@@ -22,6 +22,8 @@ from tools.log_analysis.text_lines import TextLines
 _HEAD_LINES = 200
 """Lines that tell whether the times of candump are distances."""
 _CAN_ERR_FLAG = 0x20000000
+_CLOCK_STARTED_NS = 631_152_000 * NS_PER_S
+"""1990: greater times are dates."""
 _PLAIN = re.compile(
     r"""\s*(?:\(([^)]+)\)\s+)?              # time
         (\S+)\s+                             # channel
@@ -98,11 +100,13 @@ def _time_ns(stamp: str) -> int | None:
 
 
 def _are_distances(stamps: list[str]) -> bool:
-    """Whether times are those of candump -td: they would run backwards otherwise."""
+    """Whether times are those of candump -td, not -tz: they would run backwards otherwise."""
     times = [time_ns for stamp in stamps if (time_ns := _time_ns(stamp)) is not None]
+    if max(times, default=0) >= _CLOCK_STARTED_NS:
+        return False
     # Among as many distances the next is smaller as often as not; times hardly ever step back.
     backwards = sum(after < before for before, after in pairwise(times))
-    return 4 * backwards > len(times) and len(times) > 1
+    return 10 * backwards > len(times)
 
 
 def _distances() -> Callable[[str], int | None]:
