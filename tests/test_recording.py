@@ -8,7 +8,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ from runtime.recording import (
     RecordingPort,
     recording_obstacle,
 )
-from tests.running_program import ORDINARY, RunningProgram, wait_until
+from tests.running_program import ORDINARY, running, wait_until
 
 Capture = pytest.CaptureFixture[str]
 NEEDS_ASAMMDF = pytest.mark.skipif(
@@ -340,27 +340,26 @@ def test_both_programs_record_the_same_frames_and_keep_them_on_ctrl_c(
 ) -> None:
     bus = ["-i", "emulated", "-c", "can0", "--bus-kwargs", f"address={broker}"]
     logs = {"plant_emulator": tmp_path / "plant.asc", "controller": tmp_path / "controller.log"}
-    programs = {
-        name: RunningProgram(name, [*bus, "--record", str(log)], tmp_path / f"{name}.json")
-        for name, log in logs.items()
-    }
-    for program in programs.values():
-        program.wait_for("ready on")
     log = logs["controller"]
-    # Text is handed to the operating system as it comes, so it can be looked at meanwhile.
-    wait_until(lambda: log.read_text().count(" T\n") > 50, "the controller's commands in its log")
     sent, received = {}, {}
-    for name, program in programs.items():
-        assert program.interrupt() == ExitStatus.OK
-        report = program.report()
-        loop, recording = report["loop"], report["recording"]
-        messages = messages_in(logs[name])
-        sent[name] = [frame_of(message) for message in messages if not message.is_rx]
-        received[name] = [frame_of(message) for message in messages if message.is_rx]
-        assert recording["frames"] == loop["frames_sent"] + loop["frames_received"]
-        assert (len(sent[name]), len(received[name])) == (
-            loop["frames_sent"], loop["frames_received"]
-        )  # fmt: skip
+    with ExitStack() as stack:
+        programs = {
+            name: stack.enter_context(
+                running(name, [*bus, "--record", str(path)], tmp_path / f"{name}.json")
+            )
+            for name, path in logs.items()
+        }
+        # Text is handed to the operating system as it comes, so it can be looked at meanwhile.
+        wait_until(lambda: log.read_text().count(" T\n") > 50, f"commands in {log}")
+        for name, program in programs.items():
+            assert program.interrupt() == ExitStatus.OK
+            report = program.report()
+            messages = messages_in(logs[name])
+            sent[name] = [frame_of(message) for message in messages if not message.is_rx]
+            received[name] = [frame_of(message) for message in messages if message.is_rx]
+            assert len(messages) == report["recording"]["frames"]
+            assert len(sent[name]) == report["loop"]["frames_sent"]
+            assert len(received[name]) == report["loop"]["frames_received"]
     assert not Counter(received["controller"]) - Counter(sent["plant_emulator"])
     assert not Counter(received["plant_emulator"]) - Counter(sent["controller"])
     assert len(received["plant_emulator"]) > 50
