@@ -9,11 +9,12 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from rich.console import Console
 
 from runtime.settings import SettingsError
 from tools import reproduce_paper
 from tools.paper.index_page import agreement, heading, index_page
-from tools.paper.registry import ENTRIES, NOT_COMPUTED, function_of, numbers_of
+from tools.paper.registry import ENTRIES, NOT_COMPUTED, Entry, entry_of, function_of, numbers_of
 from tools.paper.result import Comparison, Picture, Reproduction, Verdict
 from tools.paper.written import Written, read_written, write_reproduction
 
@@ -132,6 +133,15 @@ def test_headings_carry_the_number_once() -> None:
 def test_only_what_can_agree_is_counted() -> None:
     assert agreement(COMPARISONS) == "1 of 2"
     assert agreement(COMPARISONS[2:]) == "-"
+
+
+def test_a_figure_that_fails_does_not_keep_the_others_from_being_written(tmp_path: Path) -> None:
+    broken = Entry("figure_99", "figure", "99", "no_module", "figure_99")
+    with pytest.raises(KeyError, match="figure_99"):
+        reproduce_paper.reproduce_all(
+            (broken, entry_of("figure_15")), tmp_path, Console(quiet=True)
+        )
+    assert "figure_15" in (tmp_path / "index.html").read_text(encoding="utf-8")
 
 
 def test_figures_of_several_runs_end_up_on_one_page_in_the_paper_s_order(tmp_path: Path) -> None:

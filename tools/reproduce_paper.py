@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         entries = selected(options.figure, options.table, everything=options.all)
         options.out.mkdir(parents=True, exist_ok=True)
-        _reproduce(entries, options.out, console)
+        reproduce_all(entries, options.out, console)
     except SettingsError as error:
         print(f"{NAME}: error: {error}", file=sys.stderr)
         return ExitStatus.SETTINGS
@@ -88,7 +88,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def _reproduce(entries: Sequence[Entry], out: Path, console: Console) -> None:
+def reproduce_all(entries: Sequence[Entry], out: Path, console: Console) -> None:
     """Compute and write in worker processes, then write the index page.
 
     A failure does not keep the others from being written; the first one is raised at the end.
