@@ -155,18 +155,18 @@ class RealTimeExecutor:
         ``told_ns``  the last time that the node was told before [ns]
         """
         received: Received | None = first
-        handed_over = 0
+        taken = 0
         while received is not None:
             frame, arrival_ns = received
             told_ns = now_ns if arrival_ns is None else min(max(arrival_ns, told_ns), now_ns)
             if not frame.flags & ERROR:
                 self._send(self._node.on_frame(frame, told_ns))
-            handed_over += 1
-            if handed_over == FRAMES_PER_WAKE_UP_MAX:
+                self._frames_received += 1
+            taken += 1
+            if taken == FRAMES_PER_WAKE_UP_MAX:
                 self._full_wake_ups += 1
                 break
             received = self._port.recv(0.0)
-        self._frames_received += handed_over
 
     def _tick(self, now_ns: int) -> None:
         """Tick while the node's deadline is due; raises RuntimeError when that does not end."""

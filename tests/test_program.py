@@ -280,6 +280,37 @@ def test_a_bus_that_fails_in_receiving_ends_the_run_likewise(
     assert json.loads(file.read_text())["ended_by"] == "cannot receive: the adapter is gone"
 
 
+def test_with_reconnect_a_bus_that_fails_once_does_not_end_the_run(
+    options: Options, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("runtime.connection.RETRY_S", 0.001)
+    monkeypatch.setattr("runtime.connection.SETTLED_S", 0.0)
+    calls = []
+
+    def refuse_once(*_arguments: object, **_options: object) -> tuple[None, bool]:
+        calls.append("recv")
+        if len(calls) == 1:
+            raise can.CanOperationError("the adapter is gone")
+        return None, False
+
+    monkeypatch.setattr(VirtualBus, "_recv_internal", refuse_once)
+    file = tmp_path / "report.json"
+    heard: list[str] = []
+
+    def hear(_name: str, text: str, _stream: object = None) -> None:
+        heard.append(text)
+        if "is back" in text:
+            interrupt()
+
+    monkeypatch.setattr("runtime.program.say", hear)
+    assert run(options("--reconnect", "--report", str(file)), Sleeper()) == ExitStatus.OK
+    begin = "cannot receive: the adapter is gone; waiting 60 s"
+    assert any(text.startswith(begin) for text in heard)
+    report = json.loads(file.read_text())
+    assert report["ended_by"] == "SIGINT"
+    assert (report["connection"]["outages"], report["connection"]["reconnections"]) == (1, 1)
+
+
 def test_a_bus_that_fails_again_when_it_is_shut_down_is_told_once(
     options: Options, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -470,6 +501,10 @@ def test_settings_are_layered_as_the_command_line_asks(
         ("--priority", "100"),
         ("--priority", "-1"),
         ("--cpu", "x"),
+        ("--spin-us", "-1"),
+        ("--spin-us", "10001"),
+        ("--spin-us", "0.5"),
+        ("--reconnect-limit", "0"),
         ("--dura", "1"),
         ("one.toml", "two.toml"),
     ],

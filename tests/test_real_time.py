@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import pytest
 
 from runtime.bus import BusError
-from runtime.frame import Frame
+from runtime.frame import ERROR, Frame
 from runtime.node import NEVER_NS
 from runtime.periodic import PeriodicTimer
 from runtime.real_time import (
@@ -120,8 +120,13 @@ def never() -> bool:
     return False
 
 
-def run(node: Recorder, machine: Machine, should_stop: Callable[[], bool] = never) -> LoopFigures:
-    executor = RealTimeExecutor(node, machine, machine.clock_ns)
+def run(
+    node: Recorder,
+    machine: Machine,
+    should_stop: Callable[[], bool] = never,
+    spin_ns: int = 0,
+) -> LoopFigures:
+    executor = RealTimeExecutor(node, machine, machine.clock_ns, spin_ns)
     executor.run(should_stop)
     return executor.figures
 
@@ -217,6 +222,50 @@ def test_work_beyond_the_next_deadline_is_an_overrun_and_keeps_phase() -> None:
     assert node.tick_times_ns == [0, 10 * MS, 24 * MS, 30 * MS]
     assert figures.overruns == 1
     assert figures.lateness.max_ns == 4 * MS
+
+
+class Spinning(Machine):
+    """A machine that wakes up late, and on which a look at the port takes a microsecond."""
+
+    def recv(self, timeout_s: float) -> Received | None:
+        received = super().recv(timeout_s)
+        if received is None and timeout_s == 0.0:
+            self.now_ns += MS // 1000
+        return received
+
+
+def test_spinning_makes_up_for_a_late_wake_up() -> None:
+    node, machine = Recorder(ticks=4), Spinning(oversleep_ns=MS // 5)
+    figures = run(node, machine, spin_ns=MS // 2)
+    # The first tick is due before there is a wait.
+    assert max(node.tick_times_ns[n] - n * 10 * MS for n in (1, 2, 3)) <= MS // 1000
+    assert figures.lateness.max_ns <= MS // 1000
+    sleeps_ns = [wait_ns for wait_ns in machine.waits_ns if wait_ns]
+    assert max(sleeps_ns) <= 10 * MS - MS // 2
+    assert len(sleeps_ns) == 3
+
+
+def test_a_frame_ends_the_spinning() -> None:
+    node = Recorder(ticks=2)
+    machine = Spinning([(10 * MS - MS // 4, frame(1))], tells_arrivals=True)
+    run(node, machine, spin_ns=MS // 2)
+    assert node.calls[:2] == [("tick", 0), ("frame", 10 * MS - MS // 4)]
+    assert 0 <= node.tick_times_ns[1] - 10 * MS <= MS // 1000
+
+
+def test_nothing_is_spun_away_while_a_deadline_is_far_off() -> None:
+    node, machine = Recorder(period_ns=1000 * MS), Spinning()
+    run(node, machine, lambda: machine.now_ns >= 400 * MS, spin_ns=10 * MS)
+    assert machine.waits_ns.count(0) == 1
+    assert set(machine.waits_ns[1:]) == {WAIT_NS_MAX}
+
+
+def test_error_frames_are_no_node_s_business() -> None:
+    node = Recorder(ticks=2)
+    error = Frame(0x300, bytes(8), ERROR)
+    figures = run(node, Machine([(4 * MS, error), (4 * MS, frame(1)), (5 * MS, error)]))
+    assert node.calls == [("tick", 0), ("frame", 4 * MS), ("tick", 10 * MS)]
+    assert figures.frames_received == 1
 
 
 def test_a_flood_does_not_keep_the_node_from_ticking() -> None:
