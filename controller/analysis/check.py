@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 
 from controller.analysis.linear_system import law_system
 from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
-from controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns, stable_delays
+from controller.analysis.stable_delays import (
+    DELAY_NS_MAX,
+    DelayInterval,
+    delay_margin_ns,
+    stable_delays,
+)
 from controller.design import design_law
 from controller.settings import ControllerSettings
 from runtime.node import NS_PER_MS, NS_PER_S
@@ -58,14 +63,16 @@ def _analysis(settings: ControllerSettings) -> Iterator[str]:
         yield "Margins without delay, at the command on the wire:"
         yield from _margins(loop)
     yield ""
+    stable = stable_delays(loop)
     yield "Constant delay between command and wheel angle:"
-    yield from _delays(loop)
-    yield ""
-    yield (
-        "Latency drawn anew for each command (gamma, newest wins,"
-        f" {100.0 * JITTER_LOSS:g} % lost), standard deviation:"
-    )
-    yield from _jitter(loop)
+    yield from _delays(stable)
+    if stable:
+        yield ""
+        yield (
+            "Latency drawn anew for each command (gamma, newest wins,"
+            f" {100.0 * JITTER_LOSS:g} % lost), standard deviation:"
+        )
+        yield from _jitter(loop)
 
 
 def _poles(poles: NDArray[np.complex128], period_ns: int) -> Iterator[str]:
@@ -106,10 +113,9 @@ def _margins(loop: SampledLoop) -> Iterator[str]:
     )
 
 
-def _delays(loop: SampledLoop) -> Iterator[str]:
+def _delays(stable: tuple[DelayInterval, ...]) -> Iterator[str]:
     """Return the delay margin and the set of stable delays."""
     limit_ms = DELAY_NS_MAX // NS_PER_MS
-    stable = stable_delays(loop)
     match delay_margin_ns(stable):
         case None:
             margin = f"above {limit_ms} ms"

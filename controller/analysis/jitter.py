@@ -40,7 +40,7 @@ MOMENTS_MAX = 250_000
 """Numbers in all second moments together: what a laptop decides on within a second or so."""
 SPREAD_PARTS = 4
 SPREAD_RESOLUTION_NS = 1_000_000
-_SETTLING_S = 3.0
+_SETTLING_S = 1.5
 _STRIDE_S = 0.2
 _SMALLEST_UNIT = 1e-9
 _TOLERANCE = 1e-5
