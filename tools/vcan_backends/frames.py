@@ -24,6 +24,8 @@ class Kind(IntEnum):
     """To be sent to the command; content: its number, decimal."""
     CLOSED = 7
     """Nobody reads this stream of the command any more; content: its number, decimal."""
+    SIZE = 8
+    """Of the terminal, if the command has one; content: struct winsize."""
 
 
 class LineFrame(NamedTuple):

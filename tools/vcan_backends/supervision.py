@@ -9,7 +9,7 @@ from collections.abc import Callable
 from tools.vcan_backends.guard import Guard, exit_status
 from tools.vcan_backends.system_calls import Signal, read_signal, signal_descriptor
 
-PASSED_ON = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+PASSED_ON = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGWINCH)
 TIMEOUT_STATUS = 124
 """As of timeout(1)."""
 GRACE_S = 5.0

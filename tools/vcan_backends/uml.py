@@ -16,7 +16,7 @@ from typing import NoReturn
 from tools.vcan_backends.guard import Launch, execute, start_guard
 from tools.vcan_backends.request import BackendError, Request, link_commands
 from tools.vcan_backends.supervision import TIMEOUT_STATUS, supervise
-from tools.vcan_backends.uml_streams import Streams
+from tools.vcan_backends.uml_streams import Streams, has_terminal, raw_terminal
 
 NAME = "uml"
 PROGRAM = "linux.uml"
@@ -74,7 +74,8 @@ def run(request: Request, timeout_s: float | None) -> int:
         )
     )
     streams = Streams(guard, from_guest, to_guest, to_stdin)
-    status = supervise(guard, timeout_s, streams.pass_on, streams.selector)
+    with raw_terminal():
+        status = supervise(guard, timeout_s, streams.pass_on, streams.selector)
     if status == TIMEOUT_STATUS:
         return status
     said.seek(0)
@@ -113,6 +114,7 @@ def _make_folder(request: Request) -> Path:
     folder = Path(tempfile.mkdtemp(prefix="with_vcan-", dir=place))
     root = Path(__file__).resolve().parents[2]
     job = {
+        "terminal": has_terminal(),
         "command": request.command,
         "environment": {**os.environ, "WITH_VCAN_BACKEND": NAME},
         "folder": os.getcwd(),

@@ -1,5 +1,6 @@
 """Process 1 inside a User Mode Linux: makes the interfaces, runs the command."""
 
+import fcntl
 import json
 import os
 import resource
@@ -7,6 +8,7 @@ import selectors
 import signal
 import subprocess
 import sys
+import termios
 import tty
 from contextlib import suppress
 from pathlib import Path
@@ -48,12 +50,12 @@ def main(folder: str) -> NoReturn:
     sys.exit(1)
 
 
-class _Pipes(NamedTuple):
-    """Our ends of the command's standard streams."""
+class _Ends(NamedTuple):
+    """Our ends of the command's standard streams; of a terminal, its one end and no ``stderr``."""
 
     stdin: int
     stdout: int
-    stderr: int
+    stderr: int | None
 
 
 class _Command:
@@ -65,9 +67,11 @@ class _Command:
         self._waiting, self._input_ended = b"", False
         self._status: int | None = None
         self._selector = selectors.DefaultSelector()
-        self._pid, self._pipes = _start(job)
-        self._streams = {self._pipes.stdout: Kind.STDOUT, self._pipes.stderr: Kind.STDERR}
-        os.set_blocking(self._pipes.stdin, False)
+        self._pid, self._ends = _start(job)
+        self._streams = {self._ends.stdout: Kind.STDOUT}
+        if self._ends.stderr is not None:
+            self._streams[self._ends.stderr] = Kind.STDERR
+        os.set_blocking(self._ends.stdin, False)
         self._child_ends = signal_descriptor([signal.SIGCHLD])
         read = selectors.EVENT_READ
         self._selector.register(self._child_ends, read, self._reap)
@@ -106,7 +110,12 @@ class _Command:
 
     def _pass_output(self, descriptor: int) -> bool:
         """Pass on what is there; returns whether the stream goes on."""
-        piece = os.read(descriptor, PIECE_BYTES)
+        try:
+            piece = os.read(descriptor, PIECE_BYTES)
+        except BlockingIOError:
+            return True
+        except OSError:  # of a terminal, so is its end told
+            piece = b""
         if piece:
             _write(self._line, pack(self._streams[descriptor], piece))
         else:
@@ -126,6 +135,9 @@ class _Command:
             if kind is Kind.SIGNAL:
                 with suppress(ProcessLookupError):
                     os.killpg(self._pid, int(content))
+            elif kind is Kind.SIZE:
+                with suppress(OSError):
+                    fcntl.ioctl(self._ends.stdin, termios.TIOCSWINSZ, content)
             elif kind is Kind.CLOSED:
                 stream = Kind(int(content))
                 for descriptor in [d for d, s in self._streams.items() if s is stream]:
@@ -136,21 +148,21 @@ class _Command:
             self._waiting += frame.content
             self._input_ended |= not frame.content
         self._selector.unregister(self._stdin_line)
-        self._selector.register(self._pipes.stdin, selectors.EVENT_WRITE, self._feed)
+        self._selector.register(self._ends.stdin, selectors.EVENT_WRITE, self._feed)
 
     def _feed(self) -> None:
         """Give the command what it takes; only when it has all does the line bring more."""
         try:
-            self._waiting = self._waiting[os.write(self._pipes.stdin, self._waiting) :]
+            self._waiting = self._waiting[os.write(self._ends.stdin, self._waiting) :]
         except BlockingIOError:
             return
         except BrokenPipeError:  # it does not want any more
             self._waiting, self._input_ended = b"", True
         if self._waiting:
             return
-        self._selector.unregister(self._pipes.stdin)
+        self._selector.unregister(self._ends.stdin)
         if self._input_ended:
-            os.close(self._pipes.stdin)
+            os.close(self._ends.stdin)
         else:
             self._selector.register(self._stdin_line, selectors.EVENT_READ, self._take_input)
 
@@ -184,28 +196,35 @@ def _make_links(job: dict[str, Any]) -> None:
             raise OSError(f"{' '.join(command)}: {done.stderr.strip()}")
 
 
-def _start(job: dict[str, Any]) -> tuple[int, _Pipes]:
+def _start(job: dict[str, Any]) -> tuple[int, _Ends]:
     """Start the command as its user; returns its process and our ends of its streams."""
-    stdin, stdout, stderr = os.pipe(), os.pipe(), os.pipe()
+    if job["terminal"]:
+        ours, theirs = os.openpty()
+        given, ends = (theirs, theirs, theirs), _Ends(os.dup(ours), ours, None)
+    else:
+        stdin, stdout, stderr = os.pipe(), os.pipe(), os.pipe()
+        given, ends = (stdin[0], stdout[1], stderr[1]), _Ends(stdin[1], stdout[0], stderr[0])
     pid = os.fork()
     if pid == 0:
         try:
-            for theirs, number in ((stdin[0], 0), (stdout[1], 1), (stderr[1], 2)):
+            for number, theirs in enumerate(given):
                 os.dup2(theirs, number)
+            os.setsid()
+            if job["terminal"]:
+                fcntl.ioctl(0, termios.TIOCSCTTY, 0)
             _become(job)
             execute(job["command"], job["environment"])
         except BaseException as error:  # nothing may leave a forked process
             print(f"with_vcan: error: {error}", file=sys.stderr, flush=True)
         finally:
             os._exit(126)
-    for descriptor in (stdin[0], stdout[1], stderr[1]):
+    for descriptor in set(given):
         os.close(descriptor)
-    return pid, _Pipes(stdin[1], stdout[0], stderr[0])
+    return pid, ends
 
 
 def _become(job: dict[str, Any]) -> None:
-    """Take on session, limits, user and folder of who has asked."""
-    os.setsid()
+    """Take on limits, user and folder of who has asked."""
     os.umask(job["file_mask"])
     for number, limits in job["limits"].items():
         with suppress(OSError, ValueError):  # some kernels know more of them, or allow less

@@ -4,9 +4,14 @@ Two lines, which are pipes out here, carry the frames of ``frames``: one everyth
 input, which must not hold up a signal, one standard input.
 """
 
+import fcntl
 import os
 import selectors
-from contextlib import suppress
+import signal
+import termios
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 
 from tools.vcan_backends.frames import Kind, LineFrame, Unpacker, pack
 from tools.vcan_backends.guard import Guard
@@ -15,6 +20,25 @@ from tools.vcan_backends.system_calls import Signal
 
 PIECE_BYTES = 2048
 """Of standard input, at most in one frame: less than a pipe takes at once when it takes any."""
+
+
+def has_terminal() -> bool:
+    """Whether somebody sits at a terminal; then the command gets one too."""
+    return os.isatty(0) and os.isatty(1)
+
+
+@contextmanager
+def raw_terminal() -> Iterator[None]:
+    """Let the guest's terminal do all that one does, such as echo and Ctrl-C, during the block."""
+    if not has_terminal():
+        yield
+        return
+    before = termios.tcgetattr(0)
+    tty.setraw(0)
+    try:
+        yield
+    finally:
+        termios.tcsetattr(0, termios.TCSADRAIN, before)
 
 
 class Streams:
@@ -36,7 +60,9 @@ class Streams:
 
     def pass_on(self, arrived: Signal) -> None:
         """Send a signal to the command; one that comes before there is a command ends it all."""
-        if self._ready:
+        if arrived.number == signal.SIGWINCH:
+            self._tell_size()
+        elif self._ready:
             self._write(self._to_guest, pack(Kind.SIGNAL, b"%d" % arrived.number))
         else:
             self._interrupted = arrived.number
@@ -73,6 +99,7 @@ class Streams:
             self._print(frame.kind, frame.content)
         elif frame.kind is Kind.READY:
             self._ready = True
+            self._tell_size()
             self._watch_stdin()
         elif frame.kind is Kind.STATUS:
             self._status = int(frame.content)
@@ -88,6 +115,11 @@ class Streams:
         except OSError:
             # Nobody reads on: let the command know as if it had written there itself.
             self._write(self._to_guest, pack(Kind.CLOSED, b"%d" % stream))
+
+    def _tell_size(self) -> None:
+        if self._ready and has_terminal():
+            size = fcntl.ioctl(0, termios.TIOCGWINSZ, bytes(8))
+            self._write(self._to_guest, pack(Kind.SIZE, size))
 
     def _watch_stdin(self) -> None:
         """Let the lines' free space say when to read: a pipe that has room has it for a piece."""
