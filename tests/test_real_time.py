@@ -249,7 +249,7 @@ def test_a_frame_ends_the_spinning() -> None:
     node = Recorder(ticks=2)
     machine = Spinning([(10 * MS - MS // 4, frame(1))], tells_arrivals=True)
     run(node, machine, spin_ns=MS // 2)
-    assert node.calls[:2] == [("tick", 0), ("frame", 10 * MS - MS // 4)]
+    assert node.calls[1] == ("frame", 10 * MS - MS // 4)
     assert 0 <= node.tick_times_ns[1] - 10 * MS <= MS // 1000
 
 
