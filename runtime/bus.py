@@ -32,6 +32,12 @@ _NETWORK_INTERFACES = Path("/sys/class/net")
 _ARPHRD_CAN = 280
 """Type of a CAN network interface (linux/if_arp.h)."""
 _IFF_UP = 1
+_FULL_CODES = {
+    "PcanCanOperationError": (0x01, 0x80),  # PCAN_ERROR_XMTFULL, PCAN_ERROR_QXMTFULL
+    "CANLIBOperationError": (-13,),  # Kvaser: canERR_TXBUFOFL
+    "VectorOperationError": (11,),  # XL_ERR_QUEUE_IS_FULL
+}
+"""Codes of drivers whose transmit queue is full, by python-can's exception for their failures."""
 
 
 class BusError(Exception):
@@ -238,8 +244,10 @@ def _is_full(error: Exception) -> bool:
     if isinstance(error, can.CanTimeoutError):
         return True
     code = error.error_code if isinstance(error, can.CanError) else getattr(error, "errno", None)
+    if code in _FULL_CODES.get(type(error).__name__, (errno.ENOBUFS, errno.EAGAIN)):
+        return True
     # python-can's socketcan gives no code when the socket rather than the interface is full.
-    return code in (errno.ENOBUFS, errno.EAGAIN) or "Transmit buffer full" in str(error)
+    return "Transmit buffer full" in str(error)
 
 
 def one_line(error: BaseException) -> str:

@@ -89,6 +89,11 @@ class Sleeper(Probe):
         return False
 
 
+def vendor_error(name: str, code: int) -> Exception:
+    error: Exception = type(name, (can.CanOperationError,), {})("the queue is full", code)
+    return error
+
+
 @pytest.fixture
 def presets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     directory = tmp_path / "some_presets"
@@ -332,6 +337,9 @@ def test_a_bus_that_fails_again_when_it_is_shut_down_is_told_once(
         can.CanOperationError("Failed to transmit: No buffer space available", errno.ENOBUFS),
         can.CanOperationError("Transmit buffer full"),
         OSError(errno.EAGAIN, "Resource temporarily unavailable"),
+        vendor_error("PcanCanOperationError", 0x80),
+        vendor_error("CANLIBOperationError", -13),
+        vendor_error("VectorOperationError", 11),
     ],
     ids=str,
 )
