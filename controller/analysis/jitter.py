@@ -14,13 +14,9 @@ With a latency that does not vary it is ``SampledLoop.decay_1_s``. Stability in 
 more than stability of almost every run: rare runs of bad luck that grow for long enough may give
 the mean of squares no bound although every single run calms down. The converse cannot happen.
 
-Arrivals are looked at once a step δ = T/steps_per_period: a latency is rounded up to whole steps.
-Of a command not yet arrived after b-1 steps the next sees, with a share p of all commands lost,
-
-    h_b = (1 - p) (F(bδ) - F((b-1)δ)) / (1 - (1 - p) F((b-1)δ)),     F(t) = P(latency ≤ t)
-
-Commands are followed up to the age that is exceeded with a probability below AGE_PROBABILITY_MIN;
-should it come to that, the hold goes on to the next command without an arrival.
+``arrivals`` says when commands arrive, in steps T/steps_per_period. Commands are followed up to the
+age that is exceeded with a probability below AGE_PROBABILITY_MIN; should it come to that, the hold
+goes on to the next command without an arrival.
 """
 
 import math
@@ -31,11 +27,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.analysis.arrivals import (
+    Arrivals,
+    LatencyCdf,
+    arrivals,
+    constant_cdf,
+    gamma_cdf,
+    hazards_by_age,
+)
 from controller.analysis.linear_system import companion_form, held_over, without_idle_states
 from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 from runtime.node import NS_PER_S
 
-AGE_PROBABILITY_MIN = 1e-9
 MOMENTS_MAX = 250_000
 """Numbers in all second moments together: what a laptop decides on within a second or so."""
 SPREAD_PARTS = 4
@@ -48,27 +51,13 @@ _SIGN_TOLERANCE = 0.1
 _AGREEING = 4
 _KRYLOV_VECTORS = 60
 _INVARIANT = 1e-12
+_SMALLEST = 1e-300
 
 FloatArray = NDArray[np.float64]
-LatencyCdf = Callable[[FloatArray], FloatArray]
-"""P(latency ≤ t) for latencies t [s], any shape."""
 
 
 class JitterTooLargeError(ValueError):
     """The second moments are too many to be analysed."""
-
-
-class Arrivals(NamedTuple):
-    """When commands arrive, in steps.
-
-    ``cdf``               P(latency ≤ b δ) for b = 0, 1, ..., ascending; beyond the end as the last
-    ``loss``              share of commands that never arrive, 0 to below 1
-    ``steps_per_period``  steps δ of one control period
-    """
-
-    cdf: FloatArray
-    loss: float = 0.0
-    steps_per_period: int = 1
 
 
 class SpreadInterval(NamedTuple):
@@ -76,39 +65,6 @@ class SpreadInterval(NamedTuple):
 
     first_ns: int
     last_ns: int
-
-
-def gamma_cdf(mean_s: float, spread_s: float) -> LatencyCdf:
-    """Return the gamma distribution with a mean and a standard deviation > 0 [s]."""
-    from scipy.special import gammainc
-
-    shape = (mean_s / spread_s) ** 2
-    return lambda t: np.asarray(gammainc(shape, np.maximum(t, 0.0) * shape / mean_s))
-
-
-def uniform_cdf(mean_s: float, spread_s: float) -> LatencyCdf:
-    """Return the uniform distribution; what lies below zero counts as zero, as in the plant."""
-    width_s = math.sqrt(12.0) * spread_s
-    return lambda t: np.clip((t - mean_s) / width_s + 0.5, 0.0, 1.0)
-
-
-def constant_cdf(mean_s: float) -> LatencyCdf:
-    """Return the latency that does not vary."""
-    return lambda t: np.where(t >= mean_s * (1.0 - 1e-12), 1.0, 0.0)
-
-
-def arrivals(
-    cdf: LatencyCdf, period_ns: int, loss: float = 0.0, steps_per_period: int = 1
-) -> Arrivals:
-    """Return the arrivals of a latency distribution, as far as its tail matters."""
-    step_s = period_ns / NS_PER_S / steps_per_period
-    count = 64
-    while True:
-        values = cdf(np.arange(count, dtype=np.float64) * np.float64(step_s))
-        if values[-1] >= 1.0 - 1e-3 * AGE_PROBABILITY_MIN or count >= 1 << 16:
-            needed = int(np.searchsorted(values, 1.0 - 1e-3 * AGE_PROBABILITY_MIN)) + 1
-            return Arrivals(values[:needed], loss, steps_per_period)
-        count *= 2
 
 
 def mean_square_decay_1_s(loop: SampledLoop, when: Arrivals) -> float:
@@ -186,7 +142,7 @@ class _MomentRecursion:
     """
 
     def __init__(self, loop: SampledLoop, when: Arrivals) -> None:
-        hazards, oldest = _hazards(when)
+        hazards, oldest = hazards_by_age(when)
         youngest = int(np.argmax(hazards > 0.0)) // when.steps_per_period
         law, (a, b, c) = without_idle_states(loop.law), companion_form(loop.model)
         plant_end, law_end = len(b), len(b) + len(law.b)
@@ -225,7 +181,10 @@ class _MomentRecursion:
         x = np.broadcast_to(np.eye(self._shape[1]), self._shape).reshape(-1)
         for _ in range(math.ceil(_SETTLING_S / self._period_s)):
             x = self._over_one_period(x)
-            x /= np.abs(x).max()
+            largest = np.abs(x).max()
+            if largest == 0.0:
+                return math.inf  # dead beat: nothing is left after a few periods
+            x /= largest
         unit = np.sqrt(np.einsum("mii->i", x.reshape(self._shape)))
         unit = np.maximum(unit, _SMALLEST_UNIT * unit.max())
         units = np.broadcast_to(np.outer(unit, unit), self._shape).reshape(-1)
@@ -239,7 +198,7 @@ class _MomentRecursion:
 
         rates = []
         for eigenvalue in _arnoldi(stride, x / units):
-            rates.append(-0.5 * math.log(eigenvalue) / (periods * self._period_s))
+            rates.append(-0.5 * math.log(max(eigenvalue, _SMALLEST)) / (periods * self._period_s))
             last = rates[-_AGREEING:]
             if len(last) == _AGREEING and np.ptp(last) <= tolerance_1_s + relative_tolerance * abs(
                 last[0]
@@ -305,24 +264,6 @@ def _arnoldi(operator: Callable[[FloatArray], FloatArray], start: FloatArray) ->
             return
         hessenberg[last + 1, last] = length
         basis[last + 1] = image / length
-
-
-def _hazards(when: Arrivals) -> tuple[FloatArray, int]:
-    """Return h_b for the ages that are followed, and the largest of them in periods."""
-    arrived = np.where(when.cdf < AGE_PROBABILITY_MIN, 0.0, when.cdf) * (1.0 - when.loss)
-    if not len(arrived) or not arrived[-1] > 0.0:
-        raise ValueError("no command ever arrives")
-    still_out, oldest = 1.0, -1
-    while still_out >= AGE_PROBABILITY_MIN:  # none of the ages 0 to oldest has arrived
-        oldest += 1
-        still_out *= 1.0 - arrived[min(oldest * when.steps_per_period, len(arrived) - 1)]
-    steps = (oldest + 1) * when.steps_per_period
-    padded = np.concatenate([[0.0], arrived, np.full(max(0, steps - len(arrived)), arrived[-1])])
-    out_before = 1.0 - padded[:-1]
-    hazards = np.divide(
-        np.diff(padded), out_before, out=np.ones_like(out_before), where=out_before > 0.0
-    )
-    return hazards[:steps], oldest
 
 
 def _newest(hazards: FloatArray) -> tuple[FloatArray, FloatArray]:
