@@ -178,7 +178,7 @@ def _memory_folder(request: Request) -> Path:
     In a container /dev/shm is often neither.
     """
     tried = []
-    for name in (os.environ.get("TMPDIR"), "/dev/shm", "/tmp", "/var/tmp"):  # noqa: S108
+    for name in ("/dev/shm", os.environ.get("TMPDIR"), "/tmp", "/var/tmp"):  # noqa: S108
         if not name or not os.access(name, os.W_OK | os.X_OK):
             continue
         found = os.statvfs(name)
