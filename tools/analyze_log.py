@@ -26,15 +26,13 @@ from rich.text import Text
 from runtime.program import ExitStatus, run_main
 from runtime.report import write_json
 from runtime.settings import SettingsError
-from tools.log_analysis.analysis import LogAnalysis
+from tools.log_analysis.file_analysis import analyse_files
 from tools.log_analysis.html_report import milliseconds, report_html
-from tools.log_analysis.log_file import LogError, open_log
+from tools.log_analysis.log_file import LogError
 from tools.log_analysis.mcap_export import McapFile
 from tools.log_analysis.signal_table import CsvTable, Export, MissingLibraryError, ParquetTable
 
 NAME = "analyze_log"
-PROGRESS_FRAMES = 5_000
-"""Frames between two looks at the clock of the progress bar."""
 
 
 class Result(NamedTuple):
@@ -115,37 +113,11 @@ def _analyse(
 ) -> Result:
     """Analyse one log and write its files."""
     folder.mkdir(parents=True, exist_ok=True)
-    analysis = LogAnalysis()
-    unreadable, first_unreadable = 0, ""
-    channels: dict[str, None] = {}
     with ExitStack() as stack:
         exports = _exports(folder, options)
         for export in exports:
             stack.callback(export.close)
-        for path in paths:
-            log = open_log(path)
-            for number, (time_ns, channel, frame) in enumerate(log):
-                if number % PROGRESS_FRAMES == 0:
-                    advance(str(path), log.fraction_read)
-                channels[channel] = None
-                if options.channel not in (None, channel):
-                    continue
-                taken = analysis.take(time_ns, frame)
-                if taken is not None:
-                    for export in exports:
-                        export.write(time_ns, *taken)
-            unreadable += log.unreadable
-            first_unreadable = first_unreadable or log.first_unreadable
-    figures = {
-        "files": [str(path) for path in paths],
-        "channels": sorted(filter(None, channels)),
-        "unreadable": unreadable,
-        "first_unreadable": first_unreadable,
-        **analysis.figures(),
-    }
-    if options.channel and not figures["frames"]:
-        there = ", ".join(figures["channels"]) or "none is named"
-        raise LogError(f"{paths[0]}: no frame of channel {options.channel}; in the log: {there}")
+        figures, analysis = analyse_files(paths, options.channel, exports, advance)
     # Only a report needs matplotlib, and a mistake in the file should not have to wait for it.
     from tools.log_analysis.pictures import draw_pictures
 

@@ -145,11 +145,21 @@ class _BinaryLog:
         try:
             with path.open("rb"):  # sqlite would make a file that is not there
                 self._size = max(path.stat().st_size, 1)
-            self._reader: Any = can.LogReader(path)
+            self._reader: Any = self._opened()
         except OSError as error:
             raise LogError(f"{path}: {error.strerror or error}") from error
         except Exception as error:
             raise LogError(f"{path}: no {path.suffix} file: {_one_line(error)}") from error
+
+    def _opened(self) -> Any:
+        if self._path.suffix.lower() != ".blf":
+            return can.LogReader(self._path)
+        file = self._path.open("rb")
+        try:
+            return can.BLFReader(file)
+        except Exception:
+            file.close()  # which a reader that has failed leaves open
+            raise
 
     @property
     def fraction_read(self) -> float | None:
