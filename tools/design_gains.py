@@ -19,8 +19,9 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
 from functools import partial
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from pathlib import Path
 
 from rich.console import Console
@@ -29,12 +30,14 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from controller.laws import LawName
 from runtime.program import ExitStatus, run_main, say
 from runtime.settings import load_settings
+from tools.gain_design.candidate import any_settings
 from tools.gain_design.design import Design, NoDesignError
 from tools.gain_design.explanation import demand_lines, reason_lines
 from tools.gain_design.preset_text import preset_name
 from tools.gain_design.specification import Specification
 from tools.gain_design.vehicle_file import VehicleFile
 from tools.gain_design.verification import Verification, verification_line, verify
+from tools.gain_design.virtual_check import refuse_what_the_rig_does_not_drive
 from tools.gain_design.worker import Job, SharedProgress, begin_worker, run_job, shared_progress
 
 NAME = "design_gains"
@@ -88,6 +91,7 @@ def _run(options: argparse.Namespace) -> int:
     begin_s = time.perf_counter()
     vehicle = load_settings(VehicleFile, None, options.vehicle)
     spec = load_settings(Specification, None, options.spec, options.overrides)
+    refuse_what_the_rig_does_not_drive(spec, vehicle, any_settings(spec, vehicle))
     pictures = options.pictures or options.out
     for folder in (options.out, pictures):
         folder.mkdir(parents=True, exist_ok=True)
@@ -102,8 +106,7 @@ def _run(options: argparse.Namespace) -> int:
     status = int(ExitStatus.OK)
     progress = shared_progress(len(jobs))
     workers = min(WORKERS, len(jobs)) if not options.verify else WORKERS
-    context = get_context("spawn")
-    with ProcessPoolExecutor(workers, context, begin_worker, (progress,)) as pool:
+    with _pool(workers, progress) as pool:
         futures = [pool.submit(run_job, job) for job in jobs]
         _watch(console, spec.laws, futures, progress)
         for future in futures:
@@ -121,6 +124,21 @@ def _run(options: argparse.Namespace) -> int:
                 status = _status_of(verification, status)
     print(f"\n{time.perf_counter() - begin_s:.0f} s")
     return status
+
+
+@contextmanager
+def _pool(workers: int, progress: SharedProgress) -> Iterator[ProcessPoolExecutor]:
+    """Open the workers; an exception ends them at once instead of waiting for their laws."""
+    others = set(active_children())
+    pool = ProcessPoolExecutor(workers, get_context("spawn"), begin_worker, (progress,))
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in set(active_children()) - others:
+            child.terminate()
+        raise
+    pool.shutdown()
 
 
 def _status_of(verification: Verification, status: int) -> int:

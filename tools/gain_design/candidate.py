@@ -137,6 +137,13 @@ def controller_settings(
     )
 
 
+def any_settings(spec: Specification, vehicle: VehicleFile) -> ControllerSettings:
+    """Return settings from the middle of what is searched, of the first law."""
+    law = spec.laws[0]
+    middle = [round(sum(ends) / 2) for ends in bounds(law, vehicle.vehicle.vehicle, spec.rate_hz)]
+    return controller_settings(spec, vehicle, law, Candidate(law, tuple(middle)).values())
+
+
 def designs(settings: ControllerSettings) -> tuple[LawDesign, LawDesign]:
     """Return the law, and its PD without any observer."""
     alone = settings.model_copy(update={"law": LawName.PD, "dob": None, "cdob": None})

@@ -49,7 +49,8 @@ def confirm(study: Study, candidate: Candidate) -> Confirmation:
     demanded = settling_1_s if "settling" in study.stability else _STABLE_1_S
     failures = sum(decay <= demanded for decay in decays)
     if "delay margin" in study.stability:
-        failures += _failures(loops, spec.margin_delays_ns[len(spec.delays_ns) :])
+        beyond_ns = tuple(d for d in spec.margin_delays_ns if d > spec.delays_ns[-1])
+        failures += _failures(loops, beyond_ns)
     with_lag_ns = None
     if spec.actuator is not None:
         lagged = _lagged(design, study.models, spec.actuator.lag_s, spec.period_ns)

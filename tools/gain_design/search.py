@@ -3,8 +3,8 @@
 Demands that are not met count before the objective, by how far they are from being met, so that
 the search finds its way into the feasible set first and down in it afterwards. It judges by the
 coarse study, in the logarithms of the parameters; what it ends with is put on the lattice, where it
-goes to better neighbours until there is none. The best on the lattice that pass the fine study and
-the confirmation by eigenvalues are what is returned.
+goes to better neighbours until there is none, first judged by the coarse study, then by the fine
+one. The best on the lattice whose stability the eigenvalues confirm is what is returned.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 _INFEASIBLE = 1e6
 """Cost of a violation of 0; no objective comes near."""
 _KEPT = 40
-"""How many of the best of the coarse study are tried in the fine one until one passes."""
+"""How many of the best of one study are tried in the next until one passes."""
 _SPREAD_MIN = 0.3
 """Steps of the lattice; an evolution that varies less has ended."""
 _FIRST_SPREAD = 0.25
@@ -89,14 +89,18 @@ def find(coarse: Study, fine: Study, law: LawName, progress: Progress) -> Found:
         nearest = min((Candidate(law, corner) for corner in rounded), key=lattice.cost)
         descend(lattice.cost, nearest)
     judged += len(lattice.known)
+    finely = _Lattice(fine)
     for candidate in lattice.best()[:_KEPT]:
-        judgement = judge_candidate(fine, candidate)
-        if judgement.violation:
-            continue
+        if finely.cost(candidate) < _INFEASIBLE:
+            break
+    descend(finely.cost, finely.best()[0])
+    for candidate in finely.best()[:_KEPT]:
+        if finely.known[candidate] >= _INFEASIBLE:
+            break
         confirmation = confirm(fine, candidate)
         if confirmation.stable:
-            return Found(candidate, judgement, confirmation, judged)
-    best = lattice.best()[0]
+            return Found(candidate, judge_candidate(fine, candidate), confirmation, judged)
+    best = finely.best()[0]
     return Found(best, judge_candidate(fine, best), None, judged)
 
 

@@ -118,7 +118,7 @@ class Specification(Settings):
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
     """The presets are called so, with the law behind."""
-    laws: Annotated[tuple[LawName, ...], Field(min_length=1)]
+    laws: tuple[LawName, ...]
     rate_hz: Annotated[float, Field(ge=10.0, le=1000.0)] = 100.0
     minimise: Literal["rms", "peak_sensitivity", "noise_gain"] = "rms"
     """The largest over all corners and delays of the range, and over all paths."""
@@ -187,7 +187,9 @@ class Specification(Settings):
         return self
 
     @model_validator(mode="after")
-    def _refuse_a_law_twice(self) -> Self:
+    def _refuse_no_law_and_a_law_twice(self) -> Self:
+        if not self.laws:
+            raise ValueError("laws must name at least one law")
         if len(set(self.laws)) < len(self.laws):
             raise ValueError("laws names a law twice")
         return self

@@ -8,13 +8,17 @@ from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
 
+from pydantic import ValidationError
+
 from controller.nominal_model import NominalVehicle
 from controller.settings import ControllerSettings
 from plant_emulator.latency import Distribution
 from plant_emulator.latency_settings import BothLatencySettings, LatencySettings
+from plant_emulator.path_shapes import build_path
 from plant_emulator.rig_settings import PathSettings, VehicleSettings
 from plant_emulator.settings import PlantSettings
 from runtime.node import NS_PER_MS, NS_PER_S
+from runtime.settings import SettingsError
 from tools.gain_design.specification import JitterTable, Specification
 from tools.gain_design.vehicle_file import VehicleFile
 from tools.virtual_pair import run_virtual_pair
@@ -42,8 +46,17 @@ class Driven(NamedTuple):
 
 def drive(asked: Drive) -> Driven:
     """Run both nodes on a wire that takes no time."""
+    result = run_virtual_pair(plant_settings(asked), asked.settings, None)
+    return Driven(
+        float(result.plant["node"]["lateral_error_rms_m"]),
+        float(result.controller["node"]["peak_steer_rad"]),
+    )
+
+
+def plant_settings(asked: Drive) -> PlantSettings:
+    """Return the rig's settings; raises pydantic's ValidationError for what it does not drive."""
     vehicle = asked.corner
-    plant = PlantSettings(
+    return PlantSettings(
         duration_s=asked.duration_s,
         sensor_period_ms=asked.settings.period_ns / NS_PER_MS,
         vehicle=VehicleSettings(
@@ -59,11 +72,24 @@ def drive(asked: Drive) -> Driven:
         path=asked.path,
         latency=BothLatencySettings(downlink=asked.latency),
     )
-    result = run_virtual_pair(plant, asked.settings, None)
-    return Driven(
-        float(result.plant["node"]["lateral_error_rms_m"]),
-        float(result.controller["node"]["peak_steer_rad"]),
-    )
+
+
+def refuse_what_the_rig_does_not_drive(
+    spec: Specification, vehicle: VehicleFile, settings: ControllerSettings
+) -> None:
+    """Raise SettingsError where a corner or a path is not one the plant emulator can run."""
+    for path in spec.course.paths:
+        build_path(path)
+    for asked in constant_drives(spec, vehicle, settings, [0]):
+        try:
+            plant_settings(asked)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(map(str, first["loc"]))
+            raise SettingsError(
+                f"the plant emulator cannot drive a corner: {where} = {first['input']}:"
+                f" {first['msg'].lower()}"
+            ) from error
 
 
 def constant_drives(
