@@ -19,6 +19,7 @@ from plant_emulator.latency_settings import BothLatencySettings, LatencySettings
 from plant_emulator.settings import PlantSettings
 from runtime.settings import dump_toml, load_settings, read_preset
 from tools.live_pair import Bus, LivePair, PairFiles, PairResult
+from tools.vcan_backends.request import program_path
 from tools.virtual_pair import run_virtual_pair
 
 pytestmark = pytest.mark.vcan
@@ -59,9 +60,10 @@ def plant_settings(latency_s: float) -> PlantSettings:
 @pytest.fixture(scope="module")
 def delay_s() -> float:
     """What netem adds on its interface [s]."""
-    if shutil.which("tc") is None:
+    program = shutil.which("tc", path=program_path())
+    if program is None:
         pytest.skip("no program tc (apt-get install iproute2)")
-    command = ["tc", "-json", "qdisc", "show", "dev", NETEM_CHANNEL]
+    command = [program, "-json", "qdisc", "show", "dev", NETEM_CHANNEL]
     shown = subprocess.run(command, capture_output=True, text=True, check=False)
     queues = json.loads(shown.stdout or "[]")
     delays = [queue["options"]["delay"] for queue in queues if queue["kind"] == "netem"]

@@ -16,6 +16,7 @@ from typing import IO, NamedTuple
 
 import pytest
 
+from tools.vcan_backends import request as request_module
 from tools.vcan_backends.__main__ import choose, main
 from tools.vcan_backends.frames import Kind, LineFrame, Unpacker, pack
 from tools.vcan_backends.guard import descendants
@@ -346,6 +347,7 @@ def test_where_there_is_no_way_the_packages_to_install_are_named(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.setattr(request_module, "SYSTEM_FOLDERS", "/nowhere")
     assert main(["--interfaces", "nocan0", "true"]) == 3
     (line,) = capsys.readouterr().err.splitlines()
     for word in (

@@ -5,7 +5,6 @@ the interfaces are made, and then goes back to being who it was by a second user
 """
 
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +12,13 @@ from typing import NoReturn
 
 from tools.vcan_backends.guard import execute, exit_status
 from tools.vcan_backends.host import run_as_child
-from tools.vcan_backends.request import BackendError, Request, link_commands
+from tools.vcan_backends.request import (
+    BackendError,
+    Request,
+    link_commands,
+    missing_programs,
+    program_path,
+)
 from tools.vcan_backends.system_calls import (
     CLONE_NEWNET,
     CLONE_NEWNS,
@@ -35,7 +40,7 @@ _ECHO = Path("/sys/module/vcan/parameters/echo")
 def obstacle(request: Request) -> str:
     """Why there is no such namespace; empty when there is. Makes one to find out."""
     programs = ["ip", "tc"] if request.netem else ["ip"]
-    if missing := [name for name in programs if shutil.which(name) is None]:
+    if missing := missing_programs(programs):
         return f"no program {', '.join(missing)} (apt-get install iproute2)"
     read_end, write_end = os.pipe()
     pid = os.fork()
@@ -82,8 +87,9 @@ def _enter(request: Request) -> None:
         mount("sysfs", "/sys", MS_NOSUID | MS_NODEV | MS_NOEXEC)
     except OSError as error:
         raise BackendError(f"no private network namespace: {error.strerror}") from error
+    environment = {**os.environ, "PATH": program_path(), "LC_ALL": "C"}
     for command in link_commands(request):
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
         if done.returncode:
             raise BackendError(_explain(command, done.stderr))
     if request.netem and _ECHO.read_text().strip() not in "Y1":
@@ -106,9 +112,10 @@ def _map(users: str, groups: str) -> None:
 
 def _load_vcan(request: Request) -> None:
     """Load the module with what netem needs; without one, the next command tells."""
-    if request.netem and not _ECHO.exists() and shutil.which("modprobe"):
+    if request.netem and not _ECHO.exists() and not missing_programs(["modprobe"]):
         command = ["modprobe", "vcan", "echo=1"]
-        subprocess.run(command, capture_output=True, check=False)
+        environment = {**os.environ, "PATH": program_path()}
+        subprocess.run(command, capture_output=True, check=False, env=environment)
 
 
 def _explain(command: list[str], complaint: str) -> str:

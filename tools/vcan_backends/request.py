@@ -1,6 +1,8 @@
 """What a run with vcan0 is asked to be, and how it is told that it cannot."""
 
+import os
 import re
+import shutil
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -11,6 +13,9 @@ FD_MTU = 72
 """With this MTU a CAN interface carries CAN FD frames too (linux/can.h, CANFD_MTU)."""
 QUEUE_FRAMES = "100000"
 """Netem's queue, unless its parameters say otherwise: every frame that is under way is in it."""
+
+SYSTEM_FOLDERS = "/usr/sbin:/sbin"
+"""Where ip and tc are; not on every user's PATH."""
 
 _NAME = re.compile(rf"[A-Za-z][A-Za-z0-9_.-]{{0,{NAME_CHARACTERS_MAX - 1}}}")
 
@@ -28,6 +33,16 @@ class Request(NamedTuple):
     interfaces: tuple[str, ...] = ("vcan0",)
     netem: tuple[tuple[str, tuple[str, ...]], ...] = ()
     memory_mib: int = 1024
+
+
+def program_path() -> str:
+    """Return the PATH that system programs are looked for on."""
+    return f"{os.environ.get('PATH', os.defpath)}:{SYSTEM_FOLDERS}"
+
+
+def missing_programs(names: Sequence[str]) -> list[str]:
+    """Return which of the programs this machine does not have."""
+    return [name for name in names if shutil.which(name, path=program_path()) is None]
 
 
 class BackendError(Exception):

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from tools.vcan_backends.guard import Launch, execute, start_guard
-from tools.vcan_backends.request import BackendError, Request, link_commands
+from tools.vcan_backends.request import BackendError, Request, link_commands, missing_programs
 from tools.vcan_backends.supervision import TIMEOUT_STATUS, supervise
 from tools.vcan_backends.uml_streams import Streams, has_terminal, raw_terminal
 
@@ -35,9 +35,8 @@ def obstacle(request: Request) -> str:
     needed = {PROGRAM: "user-mode-linux", "ip": "iproute2"}
     if request.netem:
         needed["tc"] = "iproute2"
-    missing = {name: package for name, package in needed.items() if shutil.which(name) is None}
-    if missing:
-        packages = " ".join(dict.fromkeys(missing.values()))
+    if missing := missing_programs(list(needed)):
+        packages = " ".join(dict.fromkeys(needed[name] for name in missing))
         return f"no program {', '.join(missing)} (apt-get install {packages})"
     try:
         _modules(request)
