@@ -1,0 +1,1 @@
+"""Stress studies: thousands of scenarios of network, vehicle and law, and what becomes of each."""
