@@ -118,7 +118,7 @@ def _run(
     pool: ProcessPoolExecutor, entries: Sequence[Entry], out: Path
 ) -> Iterator[tuple[list[tuple[Entry, Future[Written]]], list[str]]]:
     """Yield, whenever that changes, what has finished since and what is running."""
-    waiting = list(entries)
+    waiting = sorted(entries, key=lambda entry: entry.kind != "table")  # they take longest
     running: dict[Future[Written], Entry] = {}
     while waiting or running:
         while waiting and len(running) < WORKERS:
