@@ -16,10 +16,11 @@ MS_NOSUID, MS_NODEV, MS_NOEXEC = 2, 4, 8  # linux/mount.h
 MS_REC, MS_PRIVATE = 0x4000, 0x40000
 SI_KERNEL = 0x80
 """Origin of a signal: the kernel, as for Ctrl-C at a terminal (asm-generic/siginfo.h)."""
+FINIT_MODULE = {"x86_64": 313, "i686": 350}
+"""Number of the system call by machine (asm/unistd.h); User Mode Linux is for x86 only."""
 
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
 _RB_POWER_OFF = 0x4321FEDC  # linux/reboot.h
-_FINIT_MODULE = {"x86_64": 313, "i686": 350}  # asm/unistd.h; User Mode Linux is x86 only
 _SIGNAL_SET_BYTES = 128
 _SIGNAL_INFO = struct.Struct("=Iii116x")
 """Begin and length of struct signalfd_siginfo: number, errno, origin."""
@@ -69,7 +70,7 @@ def die_with_parent() -> None:
 def insert_module(path: str, parameters: str) -> None:
     """Load a module into the kernel; one that is there already is no error."""
     with open(path, "rb") as file:
-        number = _FINIT_MODULE[platform.machine()]
+        number = FINIT_MODULE[platform.machine()]
         try:
             _libc("syscall", ctypes.c_long(number), file.fileno(), parameters.encode(), 0)
         except FileExistsError:

@@ -5,6 +5,7 @@ Outside: what it takes, and starting it. Inside is ``uml_guest``; between them, 
 
 import json
 import os
+import platform
 import resource
 import shutil
 import subprocess
@@ -16,10 +17,12 @@ from typing import NoReturn
 from tools.vcan_backends.guard import Launch, execute, start_guard
 from tools.vcan_backends.request import BackendError, Request, link_commands, missing_programs
 from tools.vcan_backends.supervision import TIMEOUT_STATUS, supervise
+from tools.vcan_backends.system_calls import FINIT_MODULE
 from tools.vcan_backends.uml_streams import Streams, has_terminal, raw_terminal
 
 NAME = "uml"
 PROGRAM = "linux.uml"
+CPUS = Path("/proc/cpuinfo")
 MODULE_FOLDERS = Path("/usr/lib/uml/modules")
 MODULES = (
     "can", "can-raw", "can-bcm", "can-gw", "vcan", "vxcan", "slcan",
@@ -38,6 +41,10 @@ def obstacle(request: Request) -> str:
     if missing := missing_programs(list(needed)):
         packages = " ".join(dict.fromkeys(needed[name] for name in missing))
         return f"no program {', '.join(missing)} (apt-get install {packages})"
+    if platform.machine() not in FINIT_MODULE:
+        return f"there is none for {platform.machine()}"
+    if "User Mode Linux" in CPUS.read_text(encoding="utf-8", errors="replace"):
+        return "this is one"
     try:
         _modules(request)
         _memory_folder(request)
