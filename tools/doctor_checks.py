@@ -36,7 +36,10 @@ REAL_TIME_PRIORITY = 50
 
 _NETWORK_INTERFACES = Path("/sys/class/net")
 _ARPHRD_CAN = 280
-_DETECT = "import can, json; print(json.dumps(list(can.detect_available_configs(timeout=2)), default=str))"
+_DETECT = """
+import can, json
+print(json.dumps(list(can.detect_available_configs()), default=str))
+"""
 
 
 class Finding(NamedTuple):
