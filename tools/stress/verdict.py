@@ -61,7 +61,7 @@ class VerdictRules(Settings):
     window_s: float = Field(15.0, gt=0.0, le=10_000.0)
     """Of each of the two windows at the end of a run; at most a quarter of it."""
     settling_band_m: float = Field(0.1, gt=0.0, le=100.0)
-    amplitude_m: float = Field(0.05, gt=0.0, le=100.0)
+    amplitude_m: float = Field(0.02, gt=0.0, le=100.0)
     growth: float = Field(1.5, gt=1.0, le=1000.0)
     sustained: float = Field(0.8, gt=0.0, le=1.0)
     irregularity: float = Field(0.4, gt=0.0, le=10.0)
