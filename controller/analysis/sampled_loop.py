@@ -94,21 +94,11 @@ class SampledLoop:
 
         The loop is cut where the command goes onto the wire; -1 is the critical point.
         """
-        z = np.exp(1j * omega_rad_s * self.period_ns / NS_PER_S)
-        a, b_new, b_old, c, whole_periods = held_plant(self.model, self.period_ns, delay_ns)
-        inputs = b_new + b_old / z[:, None]
-        states = np.linalg.solve(z[:, None, None] * np.eye(len(c)) - a, inputs[:, :, None])
-        plant = states[:, :, 0] @ c * z ** float(-whole_periods)
-        law = without_idle_states(self.law)
-        return np.asarray(-law.response(z) * plant, dtype=np.complex128)
+        return self._responder(delay_ns)(omega_rad_s)
 
     def margins(self, delay_ns: int) -> StabilityMargins:
         """Return the classical margins at a constant delay, which mean little if unstable."""
-
-        def response(omega_rad_s: NDArray[np.float64]) -> NDArray[np.complex128]:
-            return self.loop_response(omega_rad_s, delay_ns)
-
-        omega_rad_s = self._grid(delay_ns)
+        response, omega_rad_s = self._responder(delay_ns), self._grid(delay_ns)
         loop = response(omega_rad_s)
         real_at = _zeros(lambda omega: response(omega).imag, omega_rad_s, loop.imag)
         on_axis = np.append(response(real_at).real, loop[-1].real)  # z = -1 is always on the axis
@@ -127,6 +117,20 @@ class SampledLoop:
             peak_sensitivity=peak,
             peak_sensitivity_rad_s=peak_rad_s,
         )
+
+    def _responder(self, delay_ns: int) -> Callable[[NDArray[np.float64]], NDArray[np.complex128]]:
+        """Return the loop transfer as a function of ω, prepared for one delay."""
+        a, b_new, b_old, c, whole_periods = held_plant(self.model, self.period_ns, delay_ns)
+        law = without_idle_states(self.law)
+
+        def response(omega_rad_s: NDArray[np.float64]) -> NDArray[np.complex128]:
+            z = np.exp(1j * omega_rad_s * self.period_ns / NS_PER_S)
+            inputs = b_new + b_old / z[:, None]
+            states = np.linalg.solve(z[:, None, None] * np.eye(len(c)) - a, inputs[:, :, None])
+            plant = states[:, :, 0] @ c * z ** float(-whole_periods)
+            return np.asarray(-law.response(z) * plant, dtype=np.complex128)
+
+        return response
 
     def _grid(self, delay_ns: int) -> NDArray[np.float64]:
         """Return ω up to Nyquist, dense in ratio and, for the turns of the delay, evenly."""
