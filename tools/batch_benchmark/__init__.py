@@ -1,0 +1,1 @@
+"""How fast compiled runs are: beside plain C of the same arithmetic, and beside other tools."""

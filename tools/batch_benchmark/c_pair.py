@@ -1,0 +1,136 @@
+"""The same pair in C: compiled with gcc at run time, called with the batch's own plan."""
+
+import ctypes
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from controller.design import design_params
+from controller.settings import ControllerSettings, limits_of
+from dbc.messages import LateralError, SteeringCommand, limits, resolutions
+from plant_emulator.settings import PlantSettings
+from tools.batch.motion import compiled_motion
+from tools.batch.network import FloatArray
+from tools.batch.plan import Plan
+
+SOURCE = Path(__file__).with_name("pd_ddob_pair.c")
+FLAGS = ("-O3", "-march=native", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror")
+"""Like numba: all that this processor can do, but every operation rounded as it is written."""
+
+
+class _Run(ctypes.Structure):
+    _fields_ = (
+        *(
+            (name, ctypes.c_double)
+            for name in (
+                "speed_m_s",
+                "steer_rad_max",
+                "step_rad_max",
+                "error_resolution_m",
+                "error_m_max",
+                "steer_resolution_rad",
+                "path_length_m",
+            )
+        ),
+        *(
+            (name, ctypes.c_int64)
+            for name in ("motion_start_ns", "end_ns", "pieces", "ticks", "commands", "samples")
+        ),
+    )
+
+
+class CResult(NamedTuple):
+    """What the C run leaves, as ``BatchRun`` names it; all samples and ticks of the run."""
+
+    lateral_error_m: FloatArray
+    wheel_angle_rad: FloatArray
+    sent_rad: FloatArray
+
+
+class MissingCompilerError(RuntimeError):
+    """There is no gcc."""
+
+
+def compile_pair(folder: Path) -> ctypes.CDLL:
+    """Compile the C source into ``folder``. Raises MissingCompilerError."""
+    gcc = shutil.which("gcc")
+    if gcc is None:
+        raise MissingCompilerError("no gcc was found: install one to compare with C")
+    library = folder / "pd_ddob_pair.so"
+    subprocess.run((gcc, *FLAGS, "-shared", "-fPIC", "-o", library, SOURCE, "-lm"), check=True)
+    return ctypes.CDLL(str(library))
+
+
+class CPair:
+    """One run prepared for C; ``run`` makes it, as often as one likes."""
+
+    def __init__(
+        self,
+        library: ctypes.CDLL,
+        plant: PlantSettings,
+        controller: ControllerSettings,
+        plan: Plan,
+    ) -> None:
+        """Prepare a run of pd_ddob without noise, disturbances and actuator dynamics."""
+        motion = compiled_motion(plant)
+        steer = limits_of(controller)
+        self._function = library.run_pair
+        self._run = _Run(
+            motion.speed_m_s,
+            steer.steer_rad_max,
+            steer.step_rad_max,
+            resolutions(LateralError)["lateral_error_m"],
+            limits(LateralError)["lateral_error_m"].maximum,
+            resolutions(SteeringCommand)["steer_rad"],
+            motion.path.length_m,
+            plan.motion_start_ns,
+            plan.end_ns,
+            len(motion.path.start_m),
+            len(plan.tick_ns),
+            len(plan.command_tick),
+            len(plan.sample_ns),
+        )
+        self._law = np.array(list(_numbers(design_params(controller))))
+        self._inputs: list[Any] = [
+            self._law,
+            np.asarray(motion.table),
+            *(
+                np.asarray(values)
+                for values in (
+                    motion.path.start_m,
+                    motion.path.curvature_1_m,
+                    motion.path.curvature_slope_1_m2,
+                )
+            ),
+            plan.tick_ns,
+            plan.tick_sample,
+            plan.command_due_ns,
+            plan.command_tick,
+            plan.sample_ns,
+            plan.noise_m,
+        ]
+        self._shape = (len(plan.sample_ns), len(plan.tick_ns))
+
+    def run(self) -> CResult:
+        """Run once, into arrays of its own as the batch does."""
+        samples, ticks = self._shape
+        per_sample = [np.empty(samples) for _ in range(6)]
+        outputs = [*per_sample, np.empty(samples, np.int64), np.empty(ticks), np.empty((ticks, 4))]
+        self._function(
+            ctypes.byref(self._run),
+            *(ctypes.c_void_p(array.ctypes.data) for array in (*self._inputs, *outputs)),
+        )
+        return CResult(per_sample[0], per_sample[3], outputs[-2])
+
+
+def _numbers(nested: Any) -> Iterator[float]:
+    """Return every coefficient, in the order of the fields, which is that of the C struct."""
+    if isinstance(nested, tuple):
+        for member in nested:
+            yield from _numbers(member)
+    else:
+        yield nested
