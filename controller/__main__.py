@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--check",
         action="store_true",
-        help="print the settings in effect, poles and delay margin, and do not run",
+        help="print the settings in effect and what delay and jitter they tolerate, and do not run",
     )
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 

@@ -40,7 +40,7 @@ from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 from runtime.node import NS_PER_S
 
 MOMENTS_MAX = 250_000
-"""Numbers in all second moments together: what a laptop decides on within a second or so."""
+"""Numbers in all second moments together: what is decided in a few seconds."""
 SPREAD_PARTS = 4
 SPREAD_RESOLUTION_NS = 1_000_000
 _SETTLING_S = 1.5
