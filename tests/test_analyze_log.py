@@ -34,6 +34,7 @@ from tools.log_analysis.candump_text import Logged
 from tools.log_analysis.durations import History
 from tools.log_analysis.file_analysis import analyse_files
 from tools.log_analysis.log_file import LogError, open_log
+from tools.log_analysis.sensing_times import relative_uplink
 from tools.virtual_pair import run_virtual_pair
 
 Capture = pytest.CaptureFixture[str]
@@ -216,6 +217,43 @@ def test_modes_and_law_are_told(constant: Run) -> None:
     assert figures["laws"] == ["PD"]
     assert sum(figures["modes_s"].values()) == pytest.approx(figures["duration_s"], abs=0.15)
     assert figures["modes_s"]["ACTIVE"] > 0.9 * DURATION_S
+
+
+@given(
+    st.lists(st.tuples(st.integers(20, 150), st.integers(1, 20)), min_size=1, max_size=6),
+    st.integers(0, 2**32 - 1),
+)
+def test_samples_that_the_plant_skipped_do_not_look_like_latency(
+    stalls: list[tuple[int, int]], seed: int
+) -> None:
+    period_ns = 10_000_000
+    steps = [1 + skipped for samples, skipped in stalls for skipped in [*[0] * samples, skipped]]
+    sensed = np.cumsum([*[1] * 20, *steps, *[1] * 20])
+    jitter_ns = np.random.default_rng(seed).uniform(0.0, 1e6, sensed.size)
+    arrivals_ns = sensed * period_ns + jitter_ns
+    silences_ns = np.diff(arrivals_ns, prepend=arrivals_ns[0])
+    uplink = relative_uplink(np.arange(sensed.size), arrivals_ns, silences_ns)
+    assert uplink.skipped == sum(skipped for _, skipped in stalls)
+    np.testing.assert_allclose(uplink.latency_ns, jitter_ns - jitter_ns.min(), atol=1.0)
+
+
+def test_jitter_does_not_look_like_samples_that_the_plant_skipped() -> None:
+    random = np.random.default_rng(3)
+    number = np.arange(1000)
+    arrivals_ns = np.sort(number * 1e7 + random.normal(40e6, 8e6, number.size))
+    silences_ns = np.diff(arrivals_ns, prepend=arrivals_ns[0])
+    uplink = relative_uplink(number, arrivals_ns, silences_ns)
+    assert uplink.skipped == 0
+
+
+@pytest.mark.parametrize("period_ns", [1_000_000, 5_000_000, 20_000_000, 33_333_000])
+def test_another_sensing_period_than_the_dbcs_is_found(period_ns: int) -> None:
+    number = np.arange(500)
+    arrivals_ns = number * float(period_ns) + 5e6 * (number % 7 == 0)
+    silences_ns = np.diff(arrivals_ns, prepend=arrivals_ns[0])
+    uplink = relative_uplink(number, arrivals_ns, silences_ns)
+    assert uplink.skipped == 0
+    np.testing.assert_allclose(uplink.latency_ns, 5e6 * (number % 7 == 0), atol=1.0)
 
 
 # Every format

@@ -13,12 +13,14 @@ from dbc.messages import (
     MESSAGE_TYPES,
     ControllerStatus,
     LatencyConfig,
+    LateralError,
     Law,
     Message,
     Mode,
     PlantStatus,
     SteeringCommand,
     SteeringStatus,
+    VehicleState,
 )
 from runtime.frame import Frame
 from runtime.node import NS_PER_MS, NS_PER_S
@@ -34,6 +36,8 @@ CONFIGS_MAX = 100
 """How many changes of the latency are listed, the first."""
 _CLOCK_STARTED_NS = 631_152_000 * NS_PER_S
 """1990: smaller times are since some start, not dates."""
+
+_FROM_PLANT = (LateralError, SteeringStatus, VehicleState, PlantStatus)
 
 HISTORIES: Mapping[str, tuple[str, str]] = {
     "lateral_error_m": ("LATERAL_ERROR", "lateral_error_m"),
@@ -161,6 +165,8 @@ class LogAnalysis:
     def _time(self, heard: Heard, since_ns: int) -> None:
         """Let a message on the bus count for latencies, cycles and gaps."""
         name, message, counter, is_late = heard
+        if isinstance(message, _FROM_PLANT):
+            self.latencies.on_plant_frame(since_ns)
         if isinstance(message, SteeringStatus):
             self.latencies.on_status(message, counter, is_late, since_ns)
         elif isinstance(message, PlantStatus) and not is_late:
@@ -227,6 +233,7 @@ class LogAnalysis:
             "downlink": latencies.downlink.report(),
             "told_uplink": latencies.told_uplink.report(),
             "told_downlink": latencies.told_downlink.report(),
+            "samples_skipped": latencies.samples_skipped,
             "is_absolute": latencies.absolute_windows > 0 and not latencies.relative_windows,
         }
 

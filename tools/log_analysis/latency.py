@@ -19,7 +19,7 @@ commands that never act, because the network lost them or a newer one overtook t
 the plant's uplink lost is not on the bus, so it shows as a missing counter only.
 
 All this is done in windows of WINDOW_NS, because two clocks that drift apart by 1e-5 are 0.1 ms
-apart after one; a sample the plant skipped shifts s_k to the end of its window only.
+apart after one.
 """
 
 from typing import NamedTuple
@@ -30,25 +30,26 @@ from dbc.messages import CYCLE_TIMES_MS, PlantStatus, SteeringCommand, SteeringS
 from dbc.messages import SteeringStatusCode as Code
 from dbc.protection import COUNTERS
 from runtime.node import NS_PER_MS, NS_PER_S
-from tools.log_analysis.durations import Durations, FloatArray, History
+from tools.log_analysis.durations import Durations, History
+from tools.log_analysis.sensing_times import relative_uplink
 
 WINDOW_NS = 10 * NS_PER_S
 IN_FLIGHT_MAX = 4096
 """Commands whose time is remembered, as in the controller's own measurement."""
 TOLD_MIN = 5
 """Words of the plant that a window needs to be believed."""
-_JUMP_NS = NS_PER_S // 2
-"""A shift of the sensing times that no latency makes, but a plant that was started anew."""
 
 
 class _Status(NamedTuple):
     """A STEERING_STATUS.
 
+    ``silence_ns``     how long the plant was silent, at most, since the one before [ns]
     ``round_trip_ns``  of the command it names first, None for the others
     """
 
     number: int
     arrival_ns: int
+    silence_ns: int
     round_trip_ns: int | None
 
 
@@ -64,10 +65,13 @@ class Latencies:
         self.commands = 0
         self.absolute_windows = 0
         self.relative_windows = 0
+        self.samples_skipped = 0
         self._sent_ns: dict[int, int] = {}
         self._window: list[_Status] = []
         self._told_s: list[float] = []
         self._newest: tuple[int, int, int] | None = None  # counter, number, arrival
+        self._heard_ns: int | None = None  # the plant, last
+        self._silence_ns = 0  # of the plant, at most, since the last status
 
     @property
     def echoed(self) -> int:
@@ -80,6 +84,12 @@ class Latencies:
         if len(self._sent_ns) >= IN_FLIGHT_MAX:
             del self._sent_ns[next(iter(self._sent_ns))]  # the oldest: a dict keeps its order
         self._sent_ns[command.command_counter] = time_ns
+
+    def on_plant_frame(self, time_ns: int) -> None:
+        """Take any frame of the plant, before it is taken for what it is."""
+        if self._heard_ns is not None:
+            self._silence_ns = max(self._silence_ns, time_ns - self._heard_ns)
+        self._heard_ns = time_ns
 
     def on_status(
         self, status: SteeringStatus, counter: int, is_late: bool, time_ns: int
@@ -95,7 +105,8 @@ class Latencies:
         number = self._unwrapped(counter, is_late, time_ns)
         if self._window and time_ns - self._window[0].arrival_ns >= WINDOW_NS:
             self._close_window()
-        self._window.append(_Status(number, time_ns, round_trip_ns))
+        self._window.append(_Status(number, time_ns, self._silence_ns, round_trip_ns))
+        self._silence_ns = 0
         return round_trip_ns
 
     def on_plant_status(self, status: PlantStatus, time_ns: int) -> None:
@@ -130,12 +141,12 @@ class Latencies:
         told_s, self._told_s = self._told_s, []
         if len(window) < 2:
             return
-        numbers = np.array([status.number for status in window])
-        arrivals_ns = np.array([status.arrival_ns for status in window])
-        uplink_ns = _relative_uplink_ns(numbers, arrivals_ns)
+        numbers, arrivals_ns, silences_ns = np.array([status[:3] for status in window]).T
+        uplink_ns, skipped = relative_uplink(numbers, arrivals_ns, silences_ns)
+        self.samples_skipped += skipped
         if len(told_s) >= TOLD_MIN:
             offset_ns = float(np.median(told_s)) * NS_PER_S - float(np.median(uplink_ns))
-            uplink_ns = uplink_ns + max(offset_ns, 0.0)
+            uplink_ns = np.maximum(uplink_ns + offset_ns, 0.0)
             self.absolute_windows += 1
         else:
             self.relative_windows += 1
@@ -147,30 +158,3 @@ class Latencies:
                 downlink_ns = max(status.round_trip_ns - latency_ns, 0.0)
                 self.downlink.record(round(downlink_ns))
                 self.history["downlink"].add(at_s, downlink_ns / NS_PER_S)
-
-
-def _relative_uplink_ns(numbers: FloatArray, arrivals_ns: FloatArray) -> FloatArray:
-    """Return how much later than the fastest each status came [ns], shape as both arguments."""
-    period_ns = _period_ns(numbers, arrivals_ns)
-    shift_ns = arrivals_ns - arrivals_ns[0] - (numbers - numbers[0]) * period_ns
-    # A plant that was started anew counts and senses from anywhere.
-    parts = np.cumsum(np.abs(np.diff(shift_ns, prepend=shift_ns[0])) > _JUMP_NS)
-    for part in range(int(parts[-1]) + 1):
-        inside = parts == part
-        shift_ns[inside] -= shift_ns[inside].min()
-    return np.asarray(shift_ns, dtype=np.float64)
-
-
-def _period_ns(numbers: FloatArray, arrivals_ns: FloatArray) -> float:
-    """Return the sensing period [ns]: the DBC's, unless what was measured is another one."""
-    wanted_ns = float(CYCLE_TIMES_MS[SteeringStatus] * NS_PER_MS)
-    steps = np.diff(numbers)
-    is_forward = steps > 0
-    if not is_forward.any():
-        return wanted_ns
-    span = float((numbers[is_forward.nonzero()[0][-1] + 1]) - numbers[0])
-    measured_ns = float(np.median(np.diff(arrivals_ns)[is_forward] / steps[is_forward]))
-    overall_ns = float(arrivals_ns[-1] - arrivals_ns[0]) / span if span > 0 else measured_ns
-    if abs(overall_ns / wanted_ns - 1.0) < 0.05 or abs(measured_ns / wanted_ns - 1.0) < 0.05:
-        return wanted_ns
-    return round(measured_ns, -3)
