@@ -34,7 +34,7 @@ def _draw_motion(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | 
     """Lateral error, and below it what was commanded and what the wheel did."""
     if not (figures["signals"]["lateral_error_m"]["samples"]):
         return None
-    figure = Figure(figsize=(WIDTH_IN, 5.2))
+    figure = Figure(figsize=(WIDTH_IN, 5.4))
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1.0))
     time_s, error_m = analysis.histories["lateral_error_m"].points()
     above.plot(time_s, 1e3 * error_m, color=BLUE, lw=1.2)
@@ -51,7 +51,7 @@ def _draw_motion(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | 
     ):
         below.plot(*analysis.histories[label].points(), color=colour, lw=1.0, label=text)
     below.set(xlabel="time since the first frame [s]", ylabel="steer [rad]")
-    below.legend(loc="upper right", ncols=2)
+    below.legend(loc="upper center", bbox_to_anchor=(0.5, -0.24), ncols=2)
     for axes in (above, below):
         _mark_gaps(axes, figures)
     return figure
