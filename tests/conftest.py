@@ -1,9 +1,10 @@
-"""Runs the tests that need a real ``vcan0`` (``@pytest.mark.vcan``) where there is one.
+"""Skips what this platform has not, and runs the tests on ``vcan0`` where there is one.
 
-They are collected like all others, moved to the end, and run together in one pytest of their own
-below ``tools/with_vcan``: on the host's vcan0, in a network namespace, or in User Mode Linux. Their
-reports come back one by one, as if they had run here. Where none of these can be had they are
-skipped with the reason. A pytest that was started by ``tools/with_vcan`` runs them itself.
+Tests that need a real ``vcan0`` are marked ``@pytest.mark.vcan``. They are collected like all
+others, moved to the end, and run together in one pytest of their own below ``tools/with_vcan``: on
+the host's vcan0, in a network namespace, or in User Mode Linux. Their reports come back one by one,
+as if they had run here. Where none of these can be had they are skipped with the reason. A pytest
+that was started by ``tools/with_vcan`` runs them itself.
 """
 
 import json
@@ -16,6 +17,34 @@ from pathlib import Path
 from typing import IO, Any
 
 import pytest
+
+_PROCESSES = "ends programs with SIGINT, or asks them through Unix sockets"
+NEEDS_LINUX = {
+    "test_bus_opening": "has files stand for Linux's network interfaces",
+    "test_host": "asks Linux for real-time rights",
+    "test_port": "has files stand for Linux's network interfaces",
+    "test_socketcan": "sets SocketCAN's own options",
+    "test_with_vcan": "only Linux has SocketCAN",
+}
+"""Test modules that are for Linux only, and why."""
+NEEDS_POSIX = {
+    "test_bus_contract": _PROCESSES,
+    "test_closed_loop_tool": _PROCESSES,
+    "test_demo": _PROCESSES,
+    "test_emulated_bus": _PROCESSES,
+    "test_emulated_bus_program": _PROCESSES,
+    "test_monitor": "needs pseudo-terminals",
+    "test_on_vcan": _PROCESSES,
+    "test_on_vcan_latency": _PROCESSES,
+    "test_plant_program": _PROCESSES,
+    "test_program": _PROCESSES,
+    "test_recording": _PROCESSES,
+    "test_report": "makes pipes and links in the file system",
+    "test_slcan": "needs pseudo-terminals",
+    "test_socketcan_on_vcan": "needs pseudo-terminals",
+    "test_two_processes": _PROCESSES,
+}
+"""Test modules that are not for Windows, and why."""
 
 ROOT = Path(__file__).resolve().parent.parent
 WITH_VCAN = ROOT / "tools" / "with_vcan"
@@ -34,6 +63,32 @@ INSIDE = "VCAN_TEST_REPORTS"
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "vcan: needs a real vcan0, see tests/conftest.py")
     config.pluginmanager.register(_Inside(config) if os.environ.get(INSIDE) else _Outside())
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pycollect_makemodule(
+    module_path: Path, parent: pytest.Collector
+) -> pytest.Module | None:
+    """Skip a module before it is imported, which already fails on another platform."""
+    reason = ""
+    if sys.platform != "linux":
+        reason = NEEDS_LINUX.get(module_path.stem, "")
+    if sys.platform == "win32":
+        reason = reason or NEEDS_POSIX.get(module_path.stem, "")
+    if not reason:
+        return None
+    module: _ElsewhereModule = _ElsewhereModule.from_parent(parent, path=module_path)
+    module.reason = f"not on {sys.platform}: {reason}"
+    return module
+
+
+class _ElsewhereModule(pytest.Module):
+    """A module of tests for another platform."""
+
+    reason = ""
+
+    def collect(self) -> Iterator[pytest.Item]:
+        pytest.skip(self.reason, allow_module_level=True)
 
 
 class _Inside:

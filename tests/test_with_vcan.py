@@ -141,6 +141,8 @@ def test_an_ordinary_user_stays_who_it_is(backend: str) -> None:
         capture_output=True, text=True, timeout=PATIENCE_S, check=False, cwd="/",
         user=NOBODY, group=NOBODY, extra_groups=[],
     )  # fmt: skip
+    if done.returncode == 3:
+        pytest.skip(f"not for an ordinary user: {done.stderr}")
     assert done.stdout.split() == [str(NOBODY), str(NOBODY), "/sys/class/net/vcan0"], done
 
 

@@ -139,7 +139,7 @@ def _make_folder(request: Request) -> Path:
     (folder / "job.json").write_text(json.dumps(job), encoding="ascii")
     (folder / "python").symlink_to(os.path.realpath(sys.executable))
     (folder / "init.py").write_text(
-        f"import sys\nsys.path.insert(0, {str(root)!r})\nsys.dont_write_bytecode = True\n"
+        f"import sys\nsys.path.append({str(root)!r})\nsys.dont_write_bytecode = True\n"
         f"from tools.vcan_backends.uml_guest import main\nmain({str(folder)!r})\n",
         encoding="utf-8",
     )
