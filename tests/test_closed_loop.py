@@ -308,7 +308,7 @@ def test_measurements_that_stop_and_come_back_never_make_the_steer_jump(
         [(4005 * MS_NS, uplink_loss(1.0)), ((4005 + gap_ms) * MS_NS, uplink_loss(0.0))]
     )
     controller = preset(f"practical_{law}")
-    result = run(plant_settings(15.0), controller, others=(operator,))
+    result = run(plant_settings(20.0), controller, others=(operator,))
 
     commands = [command for _, command in result.commands]
     modes = [command.mode for command in commands]

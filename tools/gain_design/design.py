@@ -61,11 +61,12 @@ def design(spec: Specification, vehicle: VehicleFile, law: LawName, progress: Pr
     found = find(make_study(spec, vehicle, fine=False), fine, law, progress)
     if not found.feasible:
         raise NoDesignError(f"{law.value}: {_why_no_design(spec, vehicle, found, progress)}")
-    return describe(fine, found)
+    described = describe(fine, found)
+    return described._replace(reasons=tuple(reasons(fine, found.candidate)))
 
 
 def describe(study: Study, found: Found) -> Design:
-    """Return everything about a law that has been found."""
+    """Return everything about a law that has been found but the reasons for it."""
     spec, vehicle, law = study.spec, study.vehicle, found.candidate.law
     settings = controller_settings(spec, vehicle, law, found.candidate.values())
     by_delay = rms_by_delay(study, settings, found)
@@ -76,7 +77,7 @@ def describe(study: Study, found: Found) -> Design:
         law,
         settings,
         found,
-        tuple(reasons(study, found.candidate)),
+        (),
         by_delay,
         _held_up_to_ns(by_delay, spec.rms_m_max_of(law)),
         tuple(float(value) for value in worst_m[: len(spec.jitter)]),
@@ -122,6 +123,6 @@ def _why_no_design(
     dropped = (
         f"without one of these there is a design: {', '.join(culprits)}"
         if culprits
-        else "no single demand is to blame, several have to give"
+        else "with any single demand dropped none was found either"
     )
     return f"no design; the nearest ({best}) fails: {fails}; {dropped}"
