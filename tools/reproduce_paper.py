@@ -7,6 +7,7 @@ Leaves in DIR, as they come, a PNG and a CSV per picture and a JSON per figure, 
 """
 
 import argparse
+import os
 import signal
 import sys
 import time
@@ -148,6 +149,8 @@ def write_index(out: Path) -> Path:
 @contextmanager
 def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     """Open the workers; an exception ends them at once instead of waiting for their figures."""
+    # Two workers whose matrices are spread over two cores wait for each other most of the time.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     others = set(active_children())
     pool = ProcessPoolExecutor(workers, get_context("spawn"), _leave_interrupts_to_the_parent)
     try:
