@@ -10,7 +10,7 @@ results are the same bytes however often it was interrupted and whatever compute
 """
 
 import argparse
-import importlib.util
+import importlib
 import os
 import sys
 import time
@@ -243,11 +243,11 @@ def _live(
 
 def _report(console: Console, folder: Path) -> None:
     """Write the report of a complete study, where this installation has one."""
-    if importlib.util.find_spec("tools.stress_report") is None:
-        console.print("report: skipped, tools.stress_report is not there")
+    try:
+        page = importlib.import_module("tools.stress_report").write_report(folder)
+    except ImportError as error:
+        console.print(f"report: skipped: {error}")
         return
-    write_report = importlib.import_module("tools.stress_report").write_report
-    page = write_report(folder)
     console.print(f"report: {page or folder}")
 
 

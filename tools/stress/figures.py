@@ -16,8 +16,9 @@ by itself in e. ``mean_m`` and ``mean_before_m`` are m of the last window and of
 ``drift_m_s`` = (m − m_before)/window; the amplitudes are √2 times the RMS of e.
 
 An oscillation is told from noise by its half periods: e crosses zero and goes beyond 0.3 of the
-amplitude on the other side. ``oscillation_rad_s`` is π over the mean half period in both windows,
-``irregularity`` the standard deviation of the half periods over their mean.
+amplitude on the other side. ``oscillation_rad_s`` is π over the mean of the half periods that lie
+in either window, ``irregularity`` their standard deviation over their mean. With two periods in a
+window both are good to 5 % and 0.2, with more they are better.
 """
 
 import math
@@ -31,7 +32,8 @@ from plant_emulator.settings import PlantSettings
 from runtime.node import NS_PER_S
 from tools.batch.compilation import compiled
 
-FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.floating[Any]]
+"""What numpy says of the product of two arrays of float64."""
 
 WINDOW_SHARE_MAX = 0.25
 """Of the run: the two windows at its end leave the first half to settle."""
@@ -185,18 +187,30 @@ def _end(rules: Any, error_m: Any, row: Any) -> None:
     row[5], row[6] = last[0], before[0]
     row[7] = (last[0] - before[0]) / (window * rules.sensor_period_s)
     row[8], row[9] = last[2], before[2]
-    centre = 0.5 * (window - 1)
     level = _HYSTERESIS * min(last[2], before[2])
-    side, crossed = 0, -1
     halves, total, square = 0, 0.0, 0.0
-    turned = -1  # where e last crossed zero
+    # One after the other: between the two lines there is a step, which is no crossing.
+    for begin, line in ((first, before), (middle, last)):
+        count, length, squares = _half_periods(error_m, begin, window, line, level)
+        halves += count
+        total += length
+        square += squares
+    if halves >= HALF_PERIODS_MIN:
+        mean = total / halves
+        row[10] = math.pi / (mean * rules.sensor_period_s)
+        row[11] = math.sqrt(max(square / halves - mean * mean, 0.0)) / mean
+
+
+@compiled
+def _half_periods(error_m: Any, first: Any, window: Any, line: Any, level: Any) -> Any:
+    """Return number, sum and sum of squares of the half periods in a window, in samples."""
+    centre = 0.5 * (window - 1)
+    side, crossed, turned = 0, -1, -1  # turned: where e last crossed zero
+    halves, total, square = 0, 0.0, 0.0
     previous = 0.0
-    for k in range(first, samples):
-        if k < middle:
-            e = error_m[k] - before[0] - before[1] * (k - first - centre)
-        else:
-            e = error_m[k] - last[0] - last[1] * (k - middle - centre)
-        if e * previous < 0.0 or turned < 0:
+    for k in range(window):
+        e = error_m[first + k] - line[0] - line[1] * (k - centre)
+        if e * previous < 0.0:
             turned = k
         previous = e
         now = 1 if e > level else -1 if e < -level else 0
@@ -209,10 +223,7 @@ def _end(rules: Any, error_m: Any, row: Any) -> None:
                     square += half * half
                 crossed = turned
             side = now
-    if halves >= HALF_PERIODS_MIN:
-        mean = total / halves
-        row[10] = math.pi / (mean * rules.sensor_period_s)
-        row[11] = math.sqrt(max(square / halves - mean * mean, 0.0)) / mean
+    return halves, total, square
 
 
 @compiled

@@ -5,6 +5,7 @@ the latencies, losses and noise are the same, drawn from the same seed.
 """
 
 import json
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dbc.messages import LateralError, limits
+from runtime.bus import socketcan_obstacle
 from runtime.settings import SettingsError, dump_toml
 from tools.demo_bus import open_channels
 from tools.live_pair import Bus, LivePair, PairError, PairFiles
@@ -60,7 +62,12 @@ def open_bus(name: str, folder: Path) -> Iterator[Bus]:
     interface, colon, channel = name.partition(":")
     if colon and not (interface and channel):
         raise SettingsError(f"--live {name}: is neither emulated, vcan0 nor INTERFACE:CHANNEL")
-    yield Bus(interface, channel, {}) if colon else Bus("socketcan", name, {})
+    if not colon:
+        interface, channel = "socketcan", name
+    obstacle = socketcan_obstacle(channel) if interface == "socketcan" else ""
+    if obstacle:
+        raise SettingsError(f"--live {name}: {obstacle}")
+    yield Bus(interface, channel, {})
 
 
 def run_live(
@@ -91,8 +98,7 @@ def run_live(
             LiveRun(run, study, live_figures(computer, pair, Trace.read(files.plant_trace)))
         )
         on_run(done[-1])
-        text = json.dumps([one._asdict() for one in done], indent=1)
-        (folder / "live.json").write_text(text, encoding="utf-8")
+        _write(folder / "live.json", done)
     return done
 
 
@@ -141,6 +147,19 @@ def _drive(pair: Pair, bus: Bus, files: PairFiles, should_stop: Callable[[], boo
             time.sleep(POLL_S)
     live.result()
     return True
+
+
+def _write(file: Path, runs: Sequence[LiveRun]) -> None:
+    """Write the runs as JSON, which has no NaN."""
+
+    def known(figures: Mapping[str, Any]) -> dict[str, Any]:
+        return {
+            name: None if isinstance(value, float) and math.isnan(value) else value
+            for name, value in figures.items()
+        }
+
+    rows = [{"run": one.run, "study": known(one.study), "live": known(one.live)} for one in runs]
+    file.write_text(json.dumps(rows, indent=1), encoding="utf-8")
 
 
 def _verdict(computer: Computer, row: Any, end: RunEnd) -> str:

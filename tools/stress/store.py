@@ -38,12 +38,13 @@ RESULTS = "results.parquet"
 class Store:
     """The folder of one study; rows go in as they are computed, in any order."""
 
-    def __init__(self, folder: Path, scenarios: Scenarios) -> None:
+    def __init__(self, folder: Path, scenarios: Scenarios, chunk_runs: int = CHUNK_RUNS) -> None:
         self._arrow, self._parquet = _pyarrow()
         self.folder = folder
         self._chunks = folder / "chunks"
         self._scenarios = scenarios
         self._runs = scenarios.study.runs
+        self._chunk_runs = chunk_runs
         self._open: dict[int, _Chunk] = {}
         self._schema = self._make_schema()
 
@@ -72,7 +73,9 @@ class Store:
                 "give --out another folder"
             )
         self.folder.mkdir(parents=True, exist_ok=True)
-        if not self.is_complete:
+        if self.is_complete:
+            shutil.rmtree(self._chunks, ignore_errors=True)
+        else:
             self._chunks.mkdir(exist_ok=True)
         _write(file, lambda place: place.write_text(identity, encoding="utf-8"))
         _write(self.folder / "study.toml", lambda place: place.write_text(text, encoding="utf-8"))
@@ -81,25 +84,27 @@ class Store:
         """Return how many runs are stored."""
         if self.is_complete:
             return self._runs
-        files = self._chunks.glob("*.parquet") if self._chunks.exists() else ()
+        files = set(self._chunks.glob("*.parquet")) if self._chunks.exists() else set()
+        # A part may be left beside the chunk that it has become.
+        files -= {self._part(int(file.stem)) for file in files if file.stem.isdigit()}
         return sum(int(self._parquet.read_metadata(file).num_rows) for file in files)
 
     def missing(self) -> Iterator[list[int]]:
         """Yield the ids that are not stored yet, chunk by chunk, in order."""
-        for number in range(-(-self._runs // CHUNK_RUNS)):
+        for number in range(-(-self._runs // self._chunk_runs)):
             if self._file(number).exists():
                 continue
             chunk = self._chunk(number)
-            ids = np.flatnonzero(~chunk.is_done) + number * CHUNK_RUNS
+            ids = np.flatnonzero(~chunk.is_done) + number * self._chunk_runs
             yield ids.tolist()
 
     def put(self, computed: Computed) -> None:
         """Take runs; a chunk that is complete is written."""
-        numbers = computed.ids // CHUNK_RUNS
+        numbers = computed.ids // self._chunk_runs
         for number in np.unique(numbers).tolist():
             rows = numbers == number
             chunk = self._chunk(number)
-            chunk.take(Computed(*(column[rows] for column in computed)), number * CHUNK_RUNS)
+            chunk.take(Computed(*(column[rows] for column in computed)), number * self._chunk_runs)
             if chunk.is_done.all():
                 self._write_chunk(self._file(number), number, chunk)
                 self._part(number).unlink(missing_ok=True)
@@ -119,7 +124,7 @@ class Store:
 
         def write(place: Path) -> None:
             with self._parquet.ParquetWriter(place, self._schema, compression="zstd") as writer:
-                for number in range(-(-self._runs // CHUNK_RUNS)):
+                for number in range(-(-self._runs // self._chunk_runs)):
                     writer.write_table(self._parquet.read_table(self._file(number)))
 
         _write(self.results, write)
@@ -127,7 +132,7 @@ class Store:
 
     def find(self, run: int) -> dict[str, Any] | None:
         """Return one row by its id; None if it is not stored."""
-        number = run // CHUNK_RUNS
+        number = run // self._chunk_runs
         for file in (self.results, self._file(number), self._part(number)):
             if file.exists():
                 table = self._parquet.read_table(file, filters=[("id", "=", run)])
@@ -145,10 +150,10 @@ class Store:
     def _chunk(self, number: int) -> "_Chunk":
         """Return a chunk in memory, with the rows of it that are stored."""
         if number not in self._open:
-            size = min(CHUNK_RUNS, self._runs - number * CHUNK_RUNS)
+            size = min(self._chunk_runs, self._runs - number * self._chunk_runs)
             chunk = _Chunk(size)
             if self._part(number).exists():
-                chunk.take(self._read(self._part(number)), number * CHUNK_RUNS)
+                chunk.take(self._read(self._part(number)), number * self._chunk_runs)
                 chunk.is_new = False
             self._open[number] = chunk
         return self._open[number]
@@ -163,7 +168,7 @@ class Store:
 
     def _write_chunk(self, file: Path, number: int, chunk: "_Chunk") -> None:
         done = np.flatnonzero(chunk.is_done)
-        table = self._table(done + number * CHUNK_RUNS, chunk.ends[done], chunk.figures[done])
+        table = self._table(done + number * self._chunk_runs, chunk.ends[done], chunk.figures[done])
         _write(file, lambda place: self._parquet.write_table(table, place, compression="zstd"))
 
     def _table(self, ids: IntArray, ends: IntArray, figures: NDArray[np.float64]) -> Any:
