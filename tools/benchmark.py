@@ -17,14 +17,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
 from runtime.host import StealClock
 from tools.benchmark_loop import controller_node_line, frame_lines, law_lines, virtual_time_lines
 from tools.benchmark_measurement import Line, calibration
 from tools.benchmark_startup import StartupError, heavy_modules, startup_lines
+from tools.benchmark_table import line_record, lines_table
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -59,7 +58,7 @@ def _benchmark(json_file: Path | None) -> None:
         "processors": os.cpu_count(),
         "steal_fraction": steal.fraction(),
     }
-    console.print(_table(loop, lines))
+    console.print(lines_table([loop, *lines], loop.median))
     for program, modules in heavy.items():
         console.print(f"heavy modules {program} imports (target: none): {_listed(modules)}")
     stolen = machine["steal_fraction"]
@@ -75,42 +74,8 @@ def _benchmark(json_file: Path | None) -> None:
         json_file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
-def _table(loop: Line, lines: Sequence[Line]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    table.add_column("what", no_wrap=True)
-    for heading in ("median", "least", "most", "unit", "ratio", "target", ""):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for line in (loop, *lines):
-        figures = (line.median, min(line.figures), max(line.figures))
-        verdict = {None: "", True: "met", False: "missed"}[line.is_met]
-        table.add_row(
-            line.name,
-            *(_short(figure) for figure in figures),
-            line.unit,
-            _short(line.ratio(loop.median)),
-            line.target.text if line.target else "",
-            verdict,
-        )
-    return table
-
-
 def _as_json(line: Line, calibration_us: float) -> dict[str, Any]:
-    return {
-        "name": line.name,
-        "unit": line.unit,
-        "median": line.median,
-        "least": min(line.figures),
-        "greatest": max(line.figures),
-        "repetitions": len(line.figures),
-        "ratio_to_calibration": line.ratio(calibration_us),
-        "target": line.target.text if line.target else None,
-        "is_met": line.is_met,
-    }
-
-
-def _short(figure: float) -> str:
-    """Return a figure with three digits that count."""
-    return f"{figure:.3g}" if figure < 1000.0 else f"{figure:.0f}"
+    return {**line_record(line), "ratio_to_calibration": line.ratio(calibration_us)}
 
 
 def _listed(names: Sequence[str]) -> str:
