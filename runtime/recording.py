@@ -197,7 +197,9 @@ def _offering_by_thread(descriptor: int) -> tuple[Callable[[bytes], bool], Calla
     ended = threading.Event()
 
     def pump() -> None:
-        while queue or not ended.wait(0.01):
+        is_last = False
+        while not is_last:
+            is_last = ended.wait(0.01)  # before the queue is looked at, which then is complete
             batch = b"".join(queue.popleft() for _ in range(len(queue)))
             try:
                 while batch:

@@ -113,8 +113,9 @@ class Latencies:
         """Take the plant's own word."""
         self._told_s.append(status.uplink_latency_s)
         self.told_uplink.record(round(status.uplink_latency_s * NS_PER_S))
-        self.told_downlink.record(round(status.downlink_latency_s * NS_PER_S))
-        self.history["told_downlink"].add(time_ns / NS_PER_S, status.downlink_latency_s)
+        if self.commands:  # before the first the plant says 0
+            self.told_downlink.record(round(status.downlink_latency_s * NS_PER_S))
+            self.history["told_downlink"].add(time_ns / NS_PER_S, status.downlink_latency_s)
 
     def finish(self) -> None:
         """Evaluate what the last window holds."""
