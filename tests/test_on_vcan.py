@@ -46,8 +46,8 @@ A_COMMAND = " 100#"
 FOREIGN_ID = 0x5A0
 FLOOD_FRAMES = 10_000
 FD_FRAMES = 100
-PHASE_COMMANDS = 150
-"""Of a phase in which nothing is done to the pair: one and a half seconds."""
+PHASE_COMMANDS = 120
+"""Of a phase in which nothing is done to the pair: more than a second."""
 PLANT_OPTIONS = [
     "--preset", "paper_nominal", "--set", "duration_s=600",
     "--set", "path.kind=ellipse", "--set", "path.semi_major_axis_m=20",

@@ -25,6 +25,8 @@ KILLED_STATUS = 128 + signal.SIGKILL
 NOT_EXECUTABLE_STATUS, NOT_FOUND_STATUS = 126, 127
 """As of a shell."""
 _BETWEEN_KILLS_S = 0.005
+_END = 0
+"""On the lifeline: kill everything. No signal has this number."""
 
 
 class Guard(NamedTuple):
@@ -39,9 +41,8 @@ class Guard(NamedTuple):
             os.write(self.lifeline, bytes([number]))
 
     def end(self) -> None:
-        """Have everything killed."""
-        with suppress(OSError):
-            os.close(self.lifeline)
+        """Have everything killed; may be asked for again."""
+        self.send(_END)
 
 
 class Launch(NamedTuple):
@@ -112,7 +113,7 @@ def _guard(launch: Launch, lifeline: int) -> int:
         ready, _, _ = select.select([lifeline, child_ends], [], [])
         if lifeline in ready:
             numbers = os.read(lifeline, 64)
-            if not numbers:
+            if not numbers or _END in numbers:
                 break
             for number in numbers:
                 os.kill(child, number)

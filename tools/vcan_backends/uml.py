@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 from pathlib import Path
 from typing import NoReturn
 
@@ -80,6 +81,9 @@ def run(request: Request, timeout_s: float | None) -> int:
         )
     )
     streams = Streams(guard, from_guest, to_guest, to_stdin)
+    patience = threading.Timer(BOOT_S_MAX, streams.give_up, (BOOT_S_MAX,))
+    patience.daemon = True
+    patience.start()
     with raw_terminal():
         status = supervise(guard, timeout_s, streams.pass_on, streams.selector)
     if status == TIMEOUT_STATUS:

@@ -68,6 +68,12 @@ class Streams:
             self._interrupted = arrived.number
             self._guard.end()
 
+    def give_up(self, after_s: float) -> None:
+        """End a kernel that has not booted by now; ``after_s`` is for the complaint."""
+        if not self._ready:
+            self._failure = f"it has not booted within {after_s:g} s"
+            self._guard.end()
+
     def finish(self, kernel_status: int, last_words: str) -> int:
         """Return the command's exit status; raises BackendError when there was no command.
 
