@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -57,39 +58,47 @@ def obstacle(request: Request) -> str:
 def run(request: Request, timeout_s: float | None) -> int:
     """Run the command; returns its exit status. Raises BackendError when it does not boot."""
     folder = _make_folder(request)
-    said = tempfile.TemporaryFile()  # noqa: SIM115 it is closed with the wrapper
+    environment = {**os.environ, "TMPDIR": str(_memory_folder(request))}
     guest_in, to_guest = os.pipe()
     guest_stdin, to_stdin = os.pipe()
     from_guest, guest_out = os.pipe()
+    theirs = (guest_in, guest_stdin, guest_out)
     kernel = _kernel_command(request, folder, guest_in, guest_out, guest_stdin)
+    with tempfile.TemporaryFile() as said:
 
-    def start() -> NoReturn:
-        os.setsid()  # Ctrl-C is for the command inside, and it gets it from us
-        for descriptor in (guest_in, guest_stdin, guest_out):
-            os.set_inheritable(descriptor, True)
-        with open(os.devnull, "rb") as nothing:
-            os.dup2(nothing.fileno(), 0)
-        os.dup2(said.fileno(), 1)
-        os.dup2(said.fileno(), 2)
-        execute(kernel, {**os.environ, "TMPDIR": str(_memory_folder(request))})
+        def start() -> NoReturn:
+            _become(kernel, environment, theirs, said.fileno())
 
-    guard = start_guard(
-        Launch(
-            start,
-            (guest_in, guest_stdin, guest_out),
-            lambda: shutil.rmtree(folder, ignore_errors=True),
+        guard = start_guard(
+            Launch(start, theirs, lambda: shutil.rmtree(folder, ignore_errors=True))
         )
-    )
-    streams = Streams(guard, from_guest, to_guest, to_stdin)
-    patience = threading.Timer(BOOT_S_MAX, streams.give_up, (BOOT_S_MAX,))
-    patience.daemon = True
-    patience.start()
-    with raw_terminal():
-        status = supervise(guard, timeout_s, streams.pass_on, streams.selector)
-    if status == TIMEOUT_STATUS:
-        return status
-    said.seek(0)
-    return streams.finish(status, _last_line(said.read()))
+        streams = Streams(guard, from_guest, to_guest, to_stdin)
+        patience = threading.Timer(BOOT_S_MAX, streams.give_up, (BOOT_S_MAX,))
+        patience.daemon = True
+        patience.start()
+        with raw_terminal():
+            status = supervise(guard, timeout_s, streams.pass_on, streams.selector)
+        if status == TIMEOUT_STATUS:
+            return status
+        said.seek(0)
+        return streams.finish(status, _last_line(said.read()))
+
+
+def _become(
+    kernel: Sequence[str], environment: dict[str, str], lines: Sequence[int], said: int
+) -> NoReturn:
+    """Become the kernel, in a session of its own: Ctrl-C is for the command, which gets it from us.
+
+    ``said``  takes what the kernel prints itself
+    """
+    os.setsid()
+    for descriptor in lines:
+        os.set_inheritable(descriptor, True)
+    with open(os.devnull, "rb") as nothing:
+        os.dup2(nothing.fileno(), 0)
+    os.dup2(said, 1)
+    os.dup2(said, 2)
+    execute(kernel, environment)
 
 
 def _kernel_command(
