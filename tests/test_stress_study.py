@@ -1,5 +1,6 @@
 """Study files: what they may say, which points they stand for, and what is refused in one line."""
 
+import re
 import tomllib
 from collections import Counter
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from plant_emulator.rig_settings import EllipseSettings
 from plant_emulator.settings import PlantSettings
 from runtime.settings import SettingsError, load_settings, read_preset
+from tools.stress.compute import COLUMNS
 from tools.stress.factors import Factor, Level, make_factors, quantile_of, range_values
 from tools.stress.sampling import make_design, replicate_seed
 from tools.stress.scenario import Scenarios
@@ -25,6 +27,7 @@ from tools.stress.study_file import (
     Triangular,
     Uniform,
 )
+from tools.stress.verdict import Verdict, VerdictRules
 
 SHIPPED = Path(__file__).resolve().parent.parent / "tools" / "stress"
 BASE = """
@@ -339,3 +342,20 @@ def test_factors_keep_their_labels_and_keys() -> None:
     assert factor.name == "a"
     assert [level.label for level in factor.levels or ()] == [1, 2]
     assert (factor.levels or ())[0].values == (("plant.a", 1), ("plant.b", 1))
+
+
+def test_the_studies_in_the_documentation_are_accepted(tmp_path: Path) -> None:
+    docs = SHIPPED.parent.parent / "docs" / "stress_studies.md"
+    study, factor = re.findall(r"```toml\n(.*?)```", docs.read_text(encoding="utf-8"), re.DOTALL)
+    text = read_preset("controller.presets", "practical_pd").text
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    made = scenarios(tmp_path, study, base="")
+    assert made.study.runs == 11 * 3 * 2 * 4 * 5 * 2
+    drawn = scenarios(tmp_path, f'{factor}\n[sampling]\nkind = "sobol"\ncount = 8\n')
+    assert drawn.study.cases == 8
+
+
+def test_the_documentation_names_every_figure_and_verdict() -> None:
+    text = (SHIPPED.parent.parent / "docs" / "stress_studies.md").read_text(encoding="utf-8")
+    words = {*COLUMNS, *map(str, Verdict), *VerdictRules.model_fields}
+    assert sorted(word for word in words if f"`{word}`" not in text) == []

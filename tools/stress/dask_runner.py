@@ -6,6 +6,8 @@ does. Workers need this package in the same version; waypoint and trace files un
 
 import importlib
 import json
+import signal
+import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import lru_cache
@@ -57,7 +59,16 @@ class DaskWorkers:
                 yield NOTHING
                 continue
             for future in done:
-                yield Computed(*future.result())
+                yield self._result(future)
+
+    def _result(self, future: Any) -> Computed:
+        """Return what came back; raises the worker's own error, OSError where nothing came."""
+        if future.status == "finished":
+            return Computed(*future.result())
+        error = future.exception() if future.status == "error" else None
+        if isinstance(error, SettingsError):
+            raise error
+        raise OSError(f"{self.description} have failed: {error or future.status}")
 
 
 @contextmanager
@@ -75,11 +86,11 @@ def dask_workers(study: Study, address: str | None, workers: int | None) -> Iter
         ) from error
     with ExitStack() as stack:
         if address is None:
-            cluster = stack.enter_context(
-                distributed.LocalCluster(
+            with _deaf_children():
+                cluster = distributed.LocalCluster(
                     n_workers=workers, threads_per_worker=1, dashboard_address=None
                 )
-            )
+            stack.enter_context(cluster)
             client = stack.enter_context(distributed.Client(cluster))
             description = f"{workers} processes through dask"
         else:
@@ -89,6 +100,22 @@ def dask_workers(study: Study, address: str | None, workers: int | None) -> Iter
                 raise SettingsError(f"--scheduler {address}: nobody answers there") from error
             description = f"the workers of {address}"
         yield DaskWorkers(client, study, description)
+
+
+@contextmanager
+def _deaf_children() -> Iterator[None]:
+    """Let processes that are started in the block ignore Ctrl-C, which a terminal sends to all.
+
+    They finish what they have in hand, and the study ends them.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def compute_block(payload: str, ids: Sequence[int]) -> tuple[Any, Any, Any]:
