@@ -41,7 +41,7 @@ def test_the_workflow_makes_the_interfaces_that_the_tests_want(jobs: dict[str, A
     assert "modprobe vcan echo=1" in text
     delay = f"delay {1e3 * conftest.NETEM_DELAY_S:g}ms"
     assert f"dev {conftest.NETEM_CHANNEL} root netem limit 100000 {delay}" in text
-    assert f'--netem "{conftest.NETEM_CHANNEL}:{delay}"' in text
+    assert f"--interfaces vcan0,{conftest.NETEM_CHANNEL}" in text
 
 
 def test_every_command_of_the_workflow_is_well_formed(jobs: dict[str, Any]) -> None:
