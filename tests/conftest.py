@@ -18,6 +18,10 @@ from typing import IO, Any
 
 import pytest
 
+# The analysis multiplies thousands of small matrices, for which more threads only wait for each other
+# (on a busy machine ten times as long). Before numpy is imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 _PROCESSES = "ends programs with SIGINT, or asks them through Unix sockets"
 NEEDS_LINUX = {
     "test_bus_opening": "has files stand for Linux's network interfaces",
