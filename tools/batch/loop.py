@@ -88,17 +88,17 @@ class Records(NamedTuple):
 
 
 def empty_records(samples: int, ticks: int) -> Records:
-    """Return room for a run."""
+    """Return room for a run; what is in it before is not to be read."""
     return Records(
-        np.full(samples, np.nan),
-        np.full(samples, np.nan),
-        np.full(samples, np.nan),
-        np.full(samples, np.nan),
-        np.full(samples, np.nan),
-        np.full(samples, np.nan),
-        np.full(samples, -1),
-        np.full(ticks, np.nan),
-        np.zeros((ticks, 4)),
+        np.empty(samples),
+        np.empty(samples),
+        np.empty(samples),
+        np.empty(samples),
+        np.empty(samples),
+        np.empty(samples),
+        np.empty(samples, dtype=np.int64),
+        np.empty(ticks),
+        np.empty((ticks, 4)),
     )
 
 
@@ -150,6 +150,16 @@ def _borrowed_records(r: Records) -> Records:
 
 
 @compiled_inline
+def _on_wire(value: float, resolution: float) -> float:
+    """Return what a signal makes of a value: ``round(value / resolution) * resolution``.
+
+    Rounded as a float, because the way through an integer costs more than the law; 0.0 is added
+    because rounding gives a negative zero where an integer has none.
+    """
+    return float((np.rint(value / resolution) + 0.0) * resolution)
+
+
+@compiled_inline
 def _plant_until(
     p: Any, c: Constants, s: Schedule, r: Records, x: Progress, ticks_done: int, to_ns: int
 ) -> tuple[Progress, int]:
@@ -165,8 +175,8 @@ def _plant_until(
             return Progress(z, sample, command), COMPLETE
         if command_ns <= sample_ns:
             z = advance_motion(p, z, max(command_ns - c.motion_start_ns, 0))
-            raw = round(r.sent_rad[s.command_tick[command]] / c.steer_resolution_rad)
-            z = command_motion(p, z, raw * c.steer_resolution_rad)
+            steer_rad = r.sent_rad[s.command_tick[command]]
+            z = command_motion(p, z, _on_wire(steer_rad, c.steer_resolution_rad))
             command += 1
         else:
             z = advance_motion(p, z, max(sample_ns - c.motion_start_ns, 0))
@@ -180,15 +190,38 @@ def _plant_until(
             sample += 1
             if not abs(reading_m) <= c.lateral_error_m_max:
                 return Progress(z, sample, command), LEFT_RANGE
-            raw = round(reading_m / c.lateral_error_resolution_m)
-            r.measured_m[sample - 1] = raw * c.lateral_error_resolution_m
+            r.measured_m[sample - 1] = _on_wire(reading_m, c.lateral_error_resolution_m)
 
 
 @compiled
 def run_to_first_tick(p: Any, c: Constants, s: Schedule, r: Records, first_tick_ns: int) -> Any:
-    """Run the plant from its start up to and at the first tick; returns where it is, and how."""
+    """Run the plant from its start up to and at the first tick; returns samples taken, and how."""
     p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
-    return _plant_until(p, c, s, r, Progress(start_motion(p), 0, 0), 0, first_tick_ns)
+    start = Progress(start_motion(p), 0, 0)
+    x, outcome = _plant_until(p, c, s, r, start, 0, first_tick_ns)
+    return x.sample, outcome
+
+
+@compiled
+def run_first_segment(
+    law_params: Any,
+    p: Any,
+    c: Constants,
+    s: Schedule,
+    r: Records,
+    segment: Segment,
+    law_state: Any,
+    end_ns: int,
+) -> Any:
+    """Run from the plant's start through the first segment; returns what ``run_segment`` does.
+
+    To hand the plant's state to and fro costs as much as hundreds of ticks, and most runs have one
+    segment only; so it starts once more.
+    """
+    p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
+    start = Progress(start_motion(p), 0, 0)
+    x, _ = _plant_until(p, c, s, r, start, 0, s.tick_ns[0])
+    return _run_ticks(law_params, p, c, s, r, segment, x, law_state, 0.0, 0.0, end_ns)
 
 
 @compiled
@@ -204,8 +237,8 @@ def run_segment(
     sent_rad: float,
     fade_rad: float,
     end_ns: int,
-) -> tuple[Progress, float, float, int, int]:
-    """Run the ticks of a segment, each with the plant up to the next; returns where it ended.
+) -> Any:
+    """Run the ticks of a segment, each with the plant up to the next.
 
     ``x``       the plant, up to and at the first tick of the segment
     ``end_ns``  how far to run the plant after the last tick of all
@@ -214,6 +247,23 @@ def run_segment(
     and how it ended.
     """
     p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
+    return _run_ticks(law_params, p, c, s, r, segment, x, law_state, sent_rad, fade_rad, end_ns)
+
+
+@compiled_inline
+def _run_ticks(
+    law_params: Any,
+    p: Any,
+    c: Constants,
+    s: Schedule,
+    r: Records,
+    segment: Segment,
+    x: Progress,
+    law_state: Any,
+    sent_rad: float,
+    fade_rad: float,
+    end_ns: int,
+) -> tuple[Progress, float, float, int, int]:
     mode, first_tick, last_tick, is_recovery = segment
     for tick in range(first_tick, last_tick):
         wanted_rad = sent_rad

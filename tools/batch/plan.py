@@ -31,10 +31,13 @@ SAMPLES_WITHOUT_ARRIVAL_MAX = 100_000
 
 
 class Plan(NamedTuple):
-    """The instants of a run; ``loop.Schedule`` says what each array means.
+    """The instants of a run; ``loop.Schedule`` says what each of the first arrays means.
 
-    ``segments``  the controller's modes, in order
-    ``end_ns``    when the last sample is taken
+    ``motion_ns``  time of motion at each sample, 0 before it
+    ``time_s``     the same since the motion's start, shape (samples since then,)
+    ``tick_s``     of each tick, from the start of the run
+    ``segments``   the controller's modes, in order
+    ``end_ns``     when the last sample is taken
     """
 
     tick_ns: IntArray
@@ -44,6 +47,9 @@ class Plan(NamedTuple):
     command_latency_ns: IntArray
     sample_ns: IntArray
     noise_m: FloatArray
+    motion_ns: IntArray
+    time_s: FloatArray
+    tick_s: FloatArray
     segments: tuple[Segment, ...]
     motion_start_ns: int
     end_ns: int
@@ -78,14 +84,21 @@ def plan_run(plant: PlantSettings, controller: ControllerSettings) -> Plan:
         plant.latency.downlink, plant.seed, Channel.DOWNLINK, Channel.DOWNLINK_DUPLICATES, commands
     )
     through = down.due_ns <= end_ns
+    sample_ns = np.arange(samples) * sensor_ns
+    # The sample at the instant of the first command is taken before that command.
+    is_moving = sample_ns >= motion_start_ns + int(plant.start_on_first_command)
+    motion_ns = np.maximum(sample_ns - motion_start_ns, 0)
     return Plan(
         tick_ns=tick_ns,
         tick_sample=arrivals.sample[in_use],
         command_due_ns=down.due_ns[through],
         command_tick=down.frame[through],
         command_latency_ns=down.latency_ns[through],
-        sample_ns=np.arange(samples) * sensor_ns,
+        sample_ns=sample_ns,
         noise_m=_noise(plant, samples),
+        motion_ns=motion_ns,
+        time_s=np.multiply(motion_ns[is_moving], 1e-9),
+        tick_s=np.multiply(tick_ns, 1e-9),
         segments=_segments(controller, arrivals.arrival_ns, in_use, tick_ns),
         motion_start_ns=motion_start_ns,
         end_ns=end_ns,

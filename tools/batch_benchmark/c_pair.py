@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controller.design import design_params
+from controller.design import design_law
 from controller.settings import ControllerSettings, limits_of
 from dbc.messages import LateralError, SteeringCommand, limits, resolutions
 from plant_emulator.settings import PlantSettings
+from runtime.node import NS_PER_S
 from tools.batch.motion import compiled_motion
 from tools.batch.network import FloatArray
 from tools.batch.plan import Plan
@@ -28,8 +29,13 @@ class _Run(ctypes.Structure):
             (name, ctypes.c_double)
             for name in (
                 "speed_m_s",
+                "lag_s",
+                "angle_limit_rad",
+                "rate_limit_rad_s",
+                "dead_band_rad",
                 "steer_rad_max",
                 "step_rad_max",
+                "ramp_step_rad",
                 "error_resolution_m",
                 "error_m_max",
                 "steer_resolution_rad",
@@ -38,7 +44,16 @@ class _Run(ctypes.Structure):
         ),
         *(
             (name, ctypes.c_int64)
-            for name in ("motion_start_ns", "end_ns", "pieces", "ticks", "commands", "samples")
+            for name in (
+                "motion_start_ns",
+                "end_ns",
+                "pieces",
+                "closed",
+                "intervals",
+                "ticks",
+                "commands",
+                "samples",
+            )
         ),
     )
 
@@ -75,37 +90,49 @@ class CPair:
         controller: ControllerSettings,
         plan: Plan,
     ) -> None:
-        """Prepare a run of pd_ddob without noise, disturbances and actuator dynamics."""
+        """Prepare a run of pd_ddob, of a vehicle that stands till then, with no gap in what it measures."""
         motion = compiled_motion(plant)
         steer = limits_of(controller)
+        resolution_m = resolutions(LateralError)["lateral_error_m"]
         self._function = library.run_pair
         self._run = _Run(
             motion.speed_m_s,
+            *motion.actuator,
             steer.steer_rad_max,
             steer.step_rad_max,
-            resolutions(LateralError)["lateral_error_m"],
+            controller.supervision.ramp_rad_s * controller.period_ns / NS_PER_S,
+            resolution_m,
             limits(LateralError)["lateral_error_m"].maximum,
             resolutions(SteeringCommand)["steer_rad"],
             motion.path.length_m,
             plan.motion_start_ns,
             plan.end_ns,
             len(motion.path.start_m),
+            motion.path.closed,
+            len(motion.intervals),
             len(plan.tick_ns),
             len(plan.command_tick),
             len(plan.sample_ns),
         )
-        self._law = np.array(list(_numbers(design_params(controller))))
+        road = motion.path
+        self._rig = [
+            np.asarray(array)
+            for array in (
+                motion.table,
+                road.start_m,
+                road.curvature_1_m,
+                road.curvature_slope_1_m2,
+                motion.first_rows,
+                motion.intervals,
+            )
+        ]
+        self._rig_pointers = np.array([array.ctypes.data for array in self._rig], dtype=np.uintp)
+        law = design_law(controller)
+        first_m = round(float(plan.noise_m[plan.tick_sample[0]]) / resolution_m) * resolution_m
         self._inputs: list[Any] = [
-            self._law,
-            np.asarray(motion.table),
-            *(
-                np.asarray(values)
-                for values in (
-                    motion.path.start_m,
-                    motion.path.curvature_1_m,
-                    motion.path.curvature_slope_1_m2,
-                )
-            ),
+            np.array(list(_numbers(law.params))),
+            np.array(list(_numbers(law.initial_state(first_m)))),
+            self._rig_pointers,
             plan.tick_ns,
             plan.tick_sample,
             plan.command_due_ns,
@@ -119,12 +146,13 @@ class CPair:
         """Run once, into arrays of its own as the batch does."""
         samples, ticks = self._shape
         per_sample = [np.empty(samples) for _ in range(6)]
-        outputs = [*per_sample, np.empty(samples, np.int64), np.empty(ticks), np.empty((ticks, 4))]
+        in_effect, sent_rad = np.empty(samples, np.int64), np.empty(ticks)
+        outputs = [*per_sample, in_effect, sent_rad, np.empty((ticks, 4))]
         self._function(
             ctypes.byref(self._run),
             *(ctypes.c_void_p(array.ctypes.data) for array in (*self._inputs, *outputs)),
         )
-        return CResult(per_sample[0], per_sample[3], outputs[-2])
+        return CResult(per_sample[0], per_sample[3], sent_rad)
 
 
 def _numbers(nested: Any) -> Iterator[float]:

@@ -1,6 +1,7 @@
 /* One run of plant and pd_ddob in plain C: the arithmetic of the project's step functions, operation
-   by operation, for a transparent actuator, no noise and no disturbance but the path. It is what the
-   compiled batch is measured against, and has to give the same bits (no fast-math, no contraction). */
+   by operation, with actuator, disturbances, path, noise, limits and the resolution of the wire. It
+   is what the compiled batch is measured against, and has to give the same bits (no fast-math, no
+   contraction). Only the mode is always ACTIVE. */
 
 #include <math.h>
 #include <stdint.h>
@@ -23,19 +24,33 @@ typedef struct {
     double disturbance_rad;
 } LawState;
 
+enum { HELD, RAMPING, SETTLING };
+
+#define NEVER_NS INT64_MAX
+
+typedef struct { int64_t start_ns; double w_beta, w_r, friction; } Interval;
+
 typedef struct {
-    double speed_m_s, steer_rad_max, step_rad_max, error_resolution_m, error_m_max,
-        steer_resolution_rad;
-    double path_length_m;
+    double speed_m_s, lag_s, angle_limit_rad, rate_limit_rad_s, dead_band_rad;
+    double steer_rad_max, step_rad_max, ramp_step_rad, error_resolution_m, error_m_max;
+    double steer_resolution_rad, path_length_m;
     int64_t motion_start_ns, end_ns;
-    int64_t pieces, ticks, commands, samples;
+    int64_t pieces, closed, intervals, ticks, commands, samples;
 } Run;
 
-typedef struct { double beta, r, psi, y, delta, rho, rho_rate; } Vehicle;
+typedef struct {
+    const double *table, *start_m, *curvature_1_m, *slope_1_m2;
+    const int64_t *first_rows;
+    const Interval *intervals;
+} Rig;
+
+typedef struct { double beta, r, psi, y, delta, delta_rate, rho, rho_rate, w_beta, w_r; } Linear;
 
 typedef struct {
-    Vehicle z;
-    int64_t time_ns, place_end_ns, piece, lap;
+    Linear z;
+    double goal_rad;
+    int64_t phase, clipped, time_ns, wheel_end_ns, place_end_ns, interval_end_ns;
+    int64_t piece, lap, interval;
 } Motion;
 
 static double section_step(const Section *p, SectionState *x, double u)
@@ -71,10 +86,11 @@ static double law_step(const Law *p, LawState *x, double error_m, double sent_ra
     return output[0];
 }
 
-static void propagate(const double *table, Vehicle *z, int64_t dt_ns)
+static void propagate(const double *table, Linear *z, int64_t dt_ns)
 {
-    double beta = z->beta, r = z->r, psi = z->psi, y = z->y;
-    double delta = z->delta, rho = z->rho, rho_rate = z->rho_rate;
+    double beta = z->beta, r = z->r, psi = z->psi, y = z->y, delta = z->delta;
+    double delta_rate = z->delta_rate, rho = z->rho, rho_rate = z->rho_rate;
+    double w_beta = z->w_beta, w_r = z->w_r;
     while (dt_ns > 0) {
         int64_t coarse = dt_ns >> DIGIT_BITS;
         const double *f;
@@ -87,61 +103,141 @@ static void propagate(const double *table, Vehicle *z, int64_t dt_ns)
             f = table + ROW * (DIGIT_VALUES + coarse);
             dt_ns -= coarse << DIGIT_BITS;
         }
-        y = y + (f[20] * beta + f[21] * r + f[22] * psi) + (f[23] * delta + f[24] * 0.0)
-            + (f[25] * rho + f[26] * rho_rate) + (f[27] * 0.0 + f[28] * 0.0);
-        psi = psi + (f[12] * beta + f[13] * r) + (f[14] * delta + f[15] * 0.0)
-            + (f[16] * rho + f[17] * rho_rate) + (f[18] * 0.0 + f[19] * 0.0);
-        double new_beta = (f[0] * beta + f[1] * r) + (f[2] * delta + f[3] * 0.0)
-            + (f[4] * 0.0 + f[5] * 0.0);
-        r = (f[6] * beta + f[7] * r) + (f[8] * delta + f[9] * 0.0) + (f[10] * 0.0 + f[11] * 0.0);
+        y = y + (f[20] * beta + f[21] * r + f[22] * psi) + (f[23] * delta + f[24] * delta_rate)
+            + (f[25] * rho + f[26] * rho_rate) + (f[27] * w_beta + f[28] * w_r);
+        psi = psi + (f[12] * beta + f[13] * r) + (f[14] * delta + f[15] * delta_rate)
+            + (f[16] * rho + f[17] * rho_rate) + (f[18] * w_beta + f[19] * w_r);
+        double new_beta = (f[0] * beta + f[1] * r) + (f[2] * delta + f[3] * delta_rate)
+            + (f[4] * w_beta + f[5] * w_r);
+        r = (f[6] * beta + f[7] * r) + (f[8] * delta + f[9] * delta_rate)
+            + (f[10] * w_beta + f[11] * w_r);
         beta = new_beta;
+        delta = delta + f[29] * delta_rate;
+        delta_rate = f[30] * delta_rate;
         rho = rho + f[31] * rho_rate;
     }
-    z->beta = beta, z->r = r, z->psi = psi, z->y = y, z->rho = rho;
+    z->beta = beta, z->r = r, z->psi = psi, z->y = y;
+    z->delta = delta, z->delta_rate = delta_rate, z->rho = rho;
 }
 
-static void enter_piece(const Run *p, const double *start_m, const double *curvature_1_m,
-                        const double *slope_1_m2, Motion *x)
+static void coast(const Rig *rig, Motion *x, int64_t to_ns)
 {
-    x->z.rho = curvature_1_m[x->piece];
-    x->z.rho_rate = slope_1_m2[x->piece] * p->speed_m_s;
-    double end_m = x->piece + 1 < p->pieces ? x->lap * p->path_length_m + start_m[x->piece + 1]
-                                            : (x->lap + 1) * p->path_length_m;
-    x->place_end_ns = llrint(end_m / p->speed_m_s * 1e9);
-}
-
-static void advance(const Run *p, const double *table, const double *start_m,
-                    const double *curvature_1_m, const double *slope_1_m2, Motion *x, int64_t to_ns)
-{
-    while (x->place_end_ns <= to_ns) {
-        propagate(table, &x->z, x->place_end_ns - x->time_ns);
-        x->time_ns = x->place_end_ns;
-        if (x->piece + 1 < p->pieces) {
-            x->piece++;
-        } else {
-            x->piece = 0;
-            x->lap++;
-        }
-        enter_piece(p, start_m, curvature_1_m, slope_1_m2, x);
-    }
+    const double *table = rig->table + ROW * rig->first_rows[3 * x->interval + x->phase];
     propagate(table, &x->z, to_ns - x->time_ns);
     x->time_ns = to_ns;
 }
 
-/* Fills error_m (samples) and sent_rad (ticks). */
-void run_pair(const Run *p, const Law *law, const double *table, const double *start_m,
-              const double *path_1_m, const double *slope_1_m2, const int64_t *tick_ns,
+static void after_ramp(const Run *p, Motion *x, double wheel_rad, double goal_rad)
+{
+    if (p->lag_s > 0.0) {
+        x->z.delta_rate = (goal_rad - wheel_rad) / p->lag_s;
+        x->z.delta = wheel_rad;
+        x->phase = SETTLING;
+    } else {
+        x->z.delta_rate = 0.0;
+        x->z.delta = goal_rad;
+        x->phase = HELD;
+    }
+    x->goal_rad = goal_rad;
+    x->wheel_end_ns = NEVER_NS;
+}
+
+static void command_wheel(const Run *p, Motion *x, double steer_rad)
+{
+    double wheel_rad = x->z.delta, goal_rad = wheel_rad;
+    double target = fmin(fmax(steer_rad, -p->angle_limit_rad), p->angle_limit_rad);
+    x->clipped = target != steer_rad;
+    if (wheel_rad < target - p->dead_band_rad)
+        goal_rad = target - p->dead_band_rad;
+    else if (wheel_rad > target + p->dead_band_rad)
+        goal_rad = target + p->dead_band_rad;
+    double distance_rad = fabs(goal_rad - wheel_rad);
+    if (p->rate_limit_rad_s == INFINITY || distance_rad <= p->rate_limit_rad_s * p->lag_s) {
+        after_ramp(p, x, wheel_rad, goal_rad);
+        return;
+    }
+    double ramp_s = distance_rad / p->rate_limit_rad_s - p->lag_s;
+    x->z.delta = wheel_rad;
+    x->z.delta_rate = copysign(p->rate_limit_rad_s, goal_rad - wheel_rad);
+    x->phase = RAMPING;
+    x->goal_rad = goal_rad;
+    x->wheel_end_ns = x->time_ns + (int64_t)ceil(ramp_s * 1e9);
+}
+
+static void enter_place(const Run *p, const Rig *rig, Motion *x)
+{
+    x->z.rho = rig->curvature_1_m[x->piece];
+    x->z.rho_rate = rig->slope_1_m2[x->piece] * p->speed_m_s;
+    double end_m = INFINITY;
+    if (x->piece + 1 < p->pieces)
+        end_m = x->lap * p->path_length_m + rig->start_m[x->piece + 1];
+    else if (p->closed)
+        end_m = (x->lap + 1) * p->path_length_m;
+    double end_s = end_m / p->speed_m_s;
+    x->place_end_ns = end_s == INFINITY ? NEVER_NS : llrint(end_s * 1e9);
+}
+
+static void enter_interval(const Run *p, const Rig *rig, Motion *x, int64_t interval)
+{
+    x->interval = interval;
+    x->z.w_beta = rig->intervals[interval].w_beta;
+    x->z.w_r = rig->intervals[interval].w_r;
+    int more = interval + 1 < p->intervals;
+    x->interval_end_ns = more ? rig->intervals[interval + 1].start_ns : NEVER_NS;
+}
+
+static int64_t earliest(int64_t a, int64_t b)
+{
+    return a < b ? a : b;
+}
+
+static void advance(const Run *p, const Rig *rig, Motion *x, int64_t to_ns)
+{
+    for (;;) {
+        int64_t event_ns = earliest(x->wheel_end_ns, earliest(x->place_end_ns, x->interval_end_ns));
+        if (event_ns > to_ns)
+            break;
+        coast(rig, x, event_ns);
+        if (x->wheel_end_ns == event_ns)
+            after_ramp(p, x, x->z.delta, x->goal_rad);
+        if (x->place_end_ns == event_ns) {
+            if (x->piece + 1 < p->pieces) {
+                x->piece++;
+            } else {
+                x->piece = 0;
+                x->lap++;
+            }
+            enter_place(p, rig, x);
+        }
+        if (x->interval_end_ns == event_ns)
+            enter_interval(p, rig, x, x->interval + 1);
+    }
+    coast(rig, x, to_ns);
+}
+
+static double ramp_step(double step_rad, double value_rad)
+{
+    if (value_rad > step_rad)
+        return value_rad - step_rad;
+    if (value_rad < -step_rad)
+        return value_rad + step_rad;
+    return 0.0;
+}
+
+/* Fills the arrays behind noise_m: seven of one entry a sample, two of one row a tick. */
+void run_pair(const Run *p, const Law *law, const LawState *start, const Rig *rig, const int64_t *tick_ns,
               const int64_t *tick_sample, const int64_t *command_due_ns,
               const int64_t *command_tick, const int64_t *sample_ns, const double *noise_m,
               double *error_m, double *heading_rad, double *yaw_rate_rad_s, double *wheel_rad,
               double *curvature_1_m, double *measured_m, int64_t *in_effect, double *sent_rad,
               double *output)
 {
-    Motion x = {0};
-    LawState state = {0};
-    double sent = 0.0;
+    Motion x = {.wheel_end_ns = NEVER_NS};
+    LawState state = *start;
+    double sent = 0.0, fade = 0.0;
     int64_t sample = 0, command = 0;
-    enter_piece(p, start_m, path_1_m, slope_1_m2, &x);
+    enter_place(p, rig, &x);
+    enter_interval(p, rig, &x, 0);
     for (int64_t tick = 0; tick <= p->ticks; tick++) {
         int64_t to_ns = tick < p->ticks ? tick_ns[tick] : p->end_ns;
         for (;;) {
@@ -154,10 +250,10 @@ void run_pair(const Run *p, const Law *law, const double *table, const double *s
                 break;
             int64_t at_ns = command_ns <= next_sample_ns ? command_ns : next_sample_ns;
             int64_t motion_ns = at_ns - p->motion_start_ns;
-            advance(p, table, start_m, path_1_m, slope_1_m2, &x, motion_ns > 0 ? motion_ns : 0);
+            advance(p, rig, &x, motion_ns > 0 ? motion_ns : 0);
             if (command_ns <= next_sample_ns) {
                 double raw = rint(sent_rad[command_tick[command]] / p->steer_resolution_rad);
-                x.z.delta = raw * p->steer_resolution_rad;
+                command_wheel(p, &x, raw * p->steer_resolution_rad);
                 command++;
             } else {
                 double reading_m = x.z.y + noise_m[sample];
@@ -178,6 +274,8 @@ void run_pair(const Run *p, const Law *law, const double *table, const double *s
         double wanted = law_step(law, &state, measured_m[tick_sample[tick]], sent, output + 4 * tick);
         if (!isfinite(wanted))
             return;
+        fade = ramp_step(p->ramp_step_rad, fade);
+        wanted = wanted + fade;
         double low = fmax(-p->steer_rad_max, sent - p->step_rad_max);
         double high = fmin(p->steer_rad_max, sent + p->step_rad_max);
         sent = fmin(fmax(wanted, low), high);
