@@ -19,7 +19,8 @@ from tools import stress_latency
 from tools.batch.engine import run_batch
 from tools.batch.plan import plan_run
 from tools.stress import live, replay
-from tools.stress.compute import COLUMNS, Computed, Computer
+from tools.stress.compute import Computed, Computer
+from tools.stress.figures import COLUMNS
 from tools.stress.losses import losses_of
 from tools.stress.runner import run_study
 from tools.stress.scenario import Scenarios, pair_of_row

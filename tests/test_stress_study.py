@@ -12,8 +12,8 @@ import pytest
 from plant_emulator.rig_settings import EllipseSettings
 from plant_emulator.settings import PlantSettings
 from runtime.settings import SettingsError, load_settings, read_preset
-from tools.stress.compute import COLUMNS
 from tools.stress.factors import Factor, Level, make_factors, quantile_of, range_values
+from tools.stress.figures import COLUMNS
 from tools.stress.sampling import make_design, replicate_seed
 from tools.stress.scenario import Scenarios
 from tools.stress.study import load_study
@@ -292,6 +292,10 @@ BAD: dict[str, tuple[str, str]] = {
     "a name that is taken": (
         '[[factors]]\nname = "id"\nkey = "plant.vehicle.speed_km_h"\nvalues = [5.0]\n',
         r"factor id: a column of the results has this name already",
+    ),
+    "the name of a figure": (
+        '[[factors]]\nname = "rms_m"\nkey = "plant.vehicle.speed_km_h"\nvalues = [5.0]\n',
+        r"factor rms_m: a column of the results has this name already",
     ),
     "the same value twice": (
         '[[factors]]\nkey = "plant.vehicle.speed_km_h"\nvalues = [5.0, 5.0]\n',

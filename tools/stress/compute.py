@@ -17,7 +17,13 @@ from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
 from tools.batch.engine import Outcome, run_batch
 from tools.batch.plan import NothingArrivesError, Plan, plan_run
-from tools.stress.figures import Figures, LatencyFigures, latency_figures, take_figures
+from tools.stress.figures import (
+    COLUMNS,
+    COUNTS,
+    LatencyFigures,
+    latency_figures,
+    take_figures,
+)
 from tools.stress.losses import Losses, losses_of
 from tools.stress.scenario import Scenarios
 from tools.stress.verdict import RUN_ENDS, RunEnd, rules_of
@@ -27,10 +33,6 @@ IntArray = NDArray[np.int64]
 
 PLANS_KEPT = 64
 """Networks kept for the next runs: about 300 kB each for a minute at 100 Hz."""
-COUNTS = ("samples", "commands_sent", "commands_acted", "downlink_lost", "uplink_lost")
-COLUMNS = (*Figures._fields, *COUNTS)
-"""Columns of what is computed; the counts are whole numbers: samples since the start of motion,
-commands sent, those that reached the actuator, and frames that each direction lost."""
 
 _ENDS = {
     Outcome.COMPLETE: RunEnd.COMPLETE,

@@ -70,6 +70,12 @@ class Figures(NamedTuple):
     latency_p99_s: float
 
 
+COUNTS = ("samples", "commands_sent", "commands_acted", "downlink_lost", "uplink_lost")
+COLUMNS = (*Figures._fields, *COUNTS)
+"""Columns of what is computed; the counts are whole numbers: samples since the start of motion,
+commands sent, those that reached the actuator, and frames that each direction lost."""
+
+
 class LatencyFigures(NamedTuple):
     """Of the command in effect, over the samples; NaN where there was none."""
 

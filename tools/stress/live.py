@@ -19,8 +19,8 @@ from runtime.bus import socketcan_obstacle
 from runtime.settings import SettingsError, dump_toml
 from tools.demo_bus import open_channels
 from tools.live_pair import Bus, LivePair, PairError, PairFiles
-from tools.stress.compute import COLUMNS, Computer
-from tools.stress.figures import figures_of
+from tools.stress.compute import Computer
+from tools.stress.figures import COLUMNS, figures_of
 from tools.stress.scenario import Pair
 from tools.stress.verdict import RUN_ENDS, RunEnd, rules_of, verdicts
 from tools.trace import Trace

@@ -15,8 +15,8 @@ from controller.node import ControllerNode
 from plant_emulator.node import PlantNode
 from runtime.settings import SettingsError, dump_toml
 from tools.live_pair import PairFiles
-from tools.stress.compute import COLUMNS, COUNTS, Computer
-from tools.stress.figures import Figures, figures_of
+from tools.stress.compute import Computer
+from tools.stress.figures import COLUMNS, COUNTS, Figures, figures_of
 from tools.stress.scenario import Pair
 from tools.stress.store import Store
 from tools.stress.verdict import RUN_ENDS, RunEnd, rules_of, verdicts

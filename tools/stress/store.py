@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.settings import SettingsError
-from tools.stress.compute import COLUMNS, COUNTS, Computed
+from tools.stress.compute import Computed
+from tools.stress.figures import COLUMNS, COUNTS
 from tools.stress.scenario import Scenarios
 from tools.stress.verdict import RUN_ENDS, verdicts
 

@@ -14,6 +14,7 @@ from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
 from runtime.settings import Settings, SettingsError, load_settings, read_preset
 from tools.stress.factors import Factor, make_factors, named_path
+from tools.stress.figures import COLUMNS
 from tools.stress.sampling import Design, make_design
 from tools.stress.study_file import BaseSettings, SamplingKind, StudySettings, read_study
 
@@ -22,7 +23,10 @@ RUNS_MAX = 2**40
 MOTION_TABLES = ("plant.vehicle", "plant.actuator", "plant.path", "plant.disturbance")
 MOTIONS_KEPT = 24
 """Vehicles and paths that a grid may turn through fastest: the batch engine keeps a few more."""
-COLUMNS_TAKEN = ("id", "point", "replicate", "seed", "controller", "law", "overrides", "verdict")
+COLUMNS_TAKEN = (
+    *("id", "point", "replicate", "seed", "controller", "law", "overrides", "verdict", "ended_by"),
+    *COLUMNS,
+)
 
 Tables = Mapping[str, Any]
 
