@@ -6,8 +6,9 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-import conftest
 import pytest
+
+from tests import conftest
 
 ROOT = Path(__file__).resolve().parent.parent
 RUN = ROOT / ".ci" / "run"

@@ -90,7 +90,7 @@ class CPair:
         controller: ControllerSettings,
         plan: Plan,
     ) -> None:
-        """Prepare a run of pd_ddob whose vehicle stands till it starts and whose sensors never pause."""
+        """Prepare a run of pd_ddob whose sensors never pause, from a vehicle at rest."""
         motion = compiled_motion(plant)
         steer = limits_of(controller)
         resolution_m = resolutions(LateralError)["lateral_error_m"]
