@@ -18,8 +18,8 @@ from typing import IO, Any
 
 import pytest
 
-# The analysis multiplies thousands of small matrices, for which more threads only wait for each other
-# (on a busy machine ten times as long). Before numpy is imported.
+# The analysis multiplies thousands of small matrices, for which more threads only wait for each
+# other: on a busy machine it takes ten times as long. To be said before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 _PROCESSES = "ends programs with SIGINT, or asks them through Unix sockets"
