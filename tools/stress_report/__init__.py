@@ -1,0 +1,14 @@
+"""The report of a stress study: one page, its pictures, and an expected cost beside the runs."""
+
+from pathlib import Path
+
+
+def write_report(folder: Path) -> Path:
+    """Write the report of the study whose results are in ``folder``; returns the page.
+
+    Raises SettingsError where there are no results, OSError where nothing can be written.
+    """
+    # Pictures and compiled runs take a second to import, which nobody else has to wait for.
+    from tools.stress_report.report import write
+
+    return write(folder)

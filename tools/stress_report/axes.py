@@ -1,0 +1,104 @@
+"""The axes of a study's pictures: mean latency and jitter, by level or, where drawn, by bin."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.stress_report.results import FactorRecord, Rows, StudyRecord
+
+IntArray = NDArray[np.int64]
+
+LATENCY = "plant.latency."
+BINS = 10
+LEVELS_MAX = 40
+"""More levels than fit beside each other go into bins."""
+
+
+class Axis(NamedTuple):
+    """One axis; a study that varies no such thing has one level, of which ``factor`` is None.
+
+    ``values``  of the levels, or of the middle of each bin
+    ``labels``  as they stand at the axis
+    ``place``   of each row
+    """
+
+    title: str
+    factor: FactorRecord | None
+    values: tuple[float, ...]
+    labels: tuple[str, ...]
+    place: IntArray
+
+
+class StudyAxes(NamedTuple):
+    """``group`` of each row is the same where everything but latency and jitter is."""
+
+    mean: Axis
+    jitter: Axis
+    group: IntArray
+    others: tuple[str, ...]
+
+
+def study_axes(study: StudyRecord, rows: Rows) -> StudyAxes:
+    """Return the axes of a study, of the downlink if both directions vary by themselves."""
+    mean = _factor(study.factors, ("mean_s",))
+    jitter = _factor(study.factors, ("spread_fraction", "spread_s"))
+    others = [f.name for f in study.factors if f not in (mean, jitter)]
+    group = np.zeros(len(rows.id), dtype=np.int64)
+    for name in others:
+        _, places = np.unique(rows.factors[name], return_inverse=True)
+        _, group = np.unique(group * (int(places.max()) + 1) + places, return_inverse=True)
+    return StudyAxes(
+        _axis(mean, rows, "mean latency [ms]", 1e3),
+        _axis(jitter, rows, *_jitter_title(jitter)),
+        group,
+        tuple(others),
+    )
+
+
+def is_share(axis: Axis) -> bool:
+    """Whether the jitter is a share of the mean latency."""
+    return axis.factor is not None and any(
+        key.endswith("spread_fraction") for key in axis.factor.keys
+    )
+
+
+def _factor(factors: Sequence[FactorRecord], endings: tuple[str, ...]) -> FactorRecord | None:
+    found = [
+        factor
+        for factor in factors
+        if factor.keys and all(_is_of(key, endings) for key in factor.keys)
+    ]
+    found.sort(key=lambda factor: not any("downlink" in key for key in factor.keys))
+    return found[0] if found else None
+
+
+def _is_of(key: str, endings: tuple[str, ...]) -> bool:
+    return key.startswith(LATENCY) and key.rpartition(".")[2] in endings
+
+
+def _jitter_title(factor: FactorRecord | None) -> tuple[str, float]:
+    if factor is not None and all(key.endswith("spread_s") for key in factor.keys):
+        return "jitter: standard deviation [ms]", 1e3
+    return "jitter: standard deviation / mean [%]", 100.0
+
+
+def _axis(factor: FactorRecord | None, rows: Rows, title: str, scale: float) -> Axis:
+    if factor is None:
+        return Axis(title, None, (np.nan,), ("as set",), np.zeros(len(rows.id), dtype=np.int64))
+    column = np.asarray(rows.factors[factor.name], dtype=np.float64)
+    levels, place = np.unique(column, return_inverse=True)
+    if len(levels) > LEVELS_MAX:
+        edges = np.linspace(levels[0], levels[-1], BINS + 1)
+        place = np.clip(np.searchsorted(edges, column, side="right") - 1, 0, BINS - 1)
+        levels = 0.5 * (edges[:-1] + edges[1:])
+    labels = tuple(f"{scale * level:.3g}" for level in levels.tolist())
+    return Axis(title, factor, tuple(levels.tolist()), labels, np.asarray(place, dtype=np.int64))
+
+
+def cells(axes: StudyAxes, rows: Rows, controllers: int) -> tuple[IntArray, tuple[int, int, int]]:
+    """Return the cell of each row, and the shape (controllers, jitters, means) of all cells."""
+    shape = (controllers, len(axes.jitter.values), len(axes.mean.values))
+    place: Any = np.ravel_multi_index((rows.controller, axes.jitter.place, axes.mean.place), shape)
+    return place, shape

@@ -1,0 +1,257 @@
+"""Break-point of each law: the largest mean latency that it holds, by bisection, seed by seed.
+
+At one jitter, a law holds a mean latency with a seed if it holds the path under the GROUPS_MAX
+worst of all other conditions in the study (corners, paths, ...). Its break-point with that seed is
+the largest multiple of STEP_NS that holds, found by galloping from the one of the seed before and
+bisecting; it takes for granted that what holds a latency holds shorter ones, of which the heat maps
+are the proof. One seed draws the same uniforms for every latency and every law.
+
+With the break-points of n seeds in order, b_(1) ≤ ... ≤ b_(n), whatever their distribution:
+
+    P(b_(r) is at most its q-quantile) = P(Bin(n, q) ≥ r)
+
+so b_(r) with the largest r for which P(Bin(n, 1 - share) ≤ r - 1) ≤ 1 - CONFIDENCE is a bound: at
+b_(r) at least ``share`` of all seeds hold, with that confidence. (That is the bound of Clopper and
+Pearson: with 29 seeds of which all hold at b_(1), share ≥ 0.05^(1/29) = 0.90.) The interval for the
+median comes from the same law at q = 1/2.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from runtime.node import NS_PER_S
+from tools.stress.compute import Computer
+from tools.stress.figures import COLUMNS
+from tools.stress.scenario import Scenarios
+from tools.stress.verdict import RUN_ENDS, Verdict, verdicts
+from tools.stress_report.axes import Axis, StudyAxes, is_share
+from tools.stress_report.monte_carlo import seeds
+from tools.stress_report.results import Rows, StudyRecord, case_of, read_overrides
+
+SEEDS = 29
+"""The fewest of which, if all hold, at least HELD_SHARE do, with CONFIDENCE."""
+HELD_SHARE = 0.90
+CONFIDENCE = 0.95
+STEP_NS = 10_000_000
+LATENCY_NS_MAX = 2 * NS_PER_S
+"""Where galloping ends."""
+GROUPS_MAX = 2
+JITTERS_MAX = 5
+_THREADS = 2
+
+
+class BreakPoint(NamedTuple):
+    """Break-point of a law at one jitter [s]; -1 where not even no latency is held.
+
+    ``by_seed_s``    in ascending order; LATENCY_NS_MAX stands for that and more
+    ``held_s``       at least HELD_SHARE of all seeds hold here, with CONFIDENCE; NaN where there
+                     are too few seeds to say
+    ``low_s``, ``high_s``   interval of the median, with CONFIDENCE
+    """
+
+    controller: int
+    jitter: int
+    by_seed_s: tuple[float, ...]
+    held_s: float
+    median_s: float
+    low_s: float
+    high_s: float
+
+
+class _Conditions(NamedTuple):
+    """What a latency is varied under: overrides of the worst other conditions."""
+
+    controller: int
+    jitter: int
+    overrides: tuple[Mapping[str, Any], ...]
+    guess: int
+
+
+def break_points(
+    study: StudyRecord, rows: Rows, axes: StudyAxes, count: int = SEEDS
+) -> list[BreakPoint]:
+    """Return the break-points of all controllers, jitter by jitter; computes their runs.
+
+    ``count``  of seeds; where nothing is random one is enough
+    """
+    if axes.mean.factor is None:
+        return []
+    jitters = len(axes.jitter.values)
+    chosen = np.unique(np.linspace(0, jitters - 1, min(jitters, JITTERS_MAX)).round().astype(int))
+    conditions = _conditions(study, rows, axes, chosen.tolist())
+    run_seeds = seeds(int(study.sampling["seed"]), count)
+    by_jitter = [[each for each in conditions if each.jitter == j] for j in chosen.tolist()]
+
+    def of_jitter(group: list[_Conditions]) -> list[BreakPoint]:
+        search = _Search(study.scenarios, axes)
+        return search.break_points(group, run_seeds)
+
+    with ThreadPoolExecutor(_THREADS) as pool:
+        return [point for points in pool.map(of_jitter, by_jitter) for point in points]
+
+
+def held_bound(ascending: tuple[float, ...], share: float, confidence: float) -> float:
+    """Return where at least ``share`` of all seeds hold, with ``confidence``; NaN if unknown."""
+    from scipy.stats import binom
+
+    ranks = np.arange(1, len(ascending) + 1)
+    fits = binom.cdf(ranks - 1, len(ascending), 1.0 - share) <= 1.0 - confidence
+    return ascending[int(np.count_nonzero(fits)) - 1] if fits[0] else math.nan
+
+
+def median_interval(ascending: tuple[float, ...], confidence: float) -> tuple[float, float]:
+    """Return an interval that holds the median with ``confidence``; infinite for too few."""
+    from scipy.stats import binom
+
+    count = len(ascending)
+    rank = int(binom.ppf(0.5 * (1.0 - confidence), count, 0.5))
+    while rank > 0 and 2.0 * binom.cdf(rank - 1, count, 0.5) > 1.0 - confidence:
+        rank -= 1
+    return (ascending[rank - 1], ascending[count - rank]) if rank else (-math.inf, math.inf)
+
+
+def largest_held(holds: Callable[[int], bool], guess: int, largest: int) -> int:
+    """Return the largest number from 0 to ``largest`` that holds, -1 if none does.
+
+    ``guess``  where to start to look; what holds a number is taken to hold all smaller ones
+    """
+    low, high, step = -1, largest + 1, 1
+    at = min(max(guess, 0), largest)
+    while low < at < high:
+        if holds(at):
+            low, at = at, min(at + step, largest)
+        else:
+            high, at = at, max(at - step, 0)
+        step *= 2
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low
+
+
+class _Search:
+    """Searches at one jitter, with the networks that the laws share."""
+
+    def __init__(self, scenarios: Scenarios, axes: StudyAxes) -> None:
+        self._computer = Computer(scenarios)
+        self._axes = axes
+
+    def break_points(self, group: list[_Conditions], run_seeds: list[int]) -> list[BreakPoint]:
+        """Return the break-point of each law."""
+        found: list[list[int]] = [[] for _ in group]
+        for seed in run_seeds:
+            # The laws one after the other: they break at latencies near each other, and share
+            # the networks of those.
+            for conditions, steps in zip(group, found, strict=True):
+                if steps and self._is_fixed(conditions):
+                    steps.append(steps[0])
+                    continue
+                guess = steps[-1] if steps else conditions.guess
+                steps.append(
+                    largest_held(
+                        lambda at, c=conditions, s=seed: self._holds(c, at, s),  # type: ignore[misc]
+                        guess,
+                        LATENCY_NS_MAX // STEP_NS,
+                    )
+                )
+        return [_break_point(c, steps) for c, steps in zip(group, found, strict=True)]
+
+    def _holds(self, conditions: _Conditions, steps: int, seed: int) -> bool:
+        return all(
+            self._run_holds(conditions.controller, overrides | {"plant.seed": seed})
+            for overrides in self._at(conditions, steps * STEP_NS / NS_PER_S)
+        )
+
+    def _at(self, conditions: _Conditions, mean_s: float) -> list[dict[str, Any]]:
+        """Return the overrides with another mean latency, the jitter as it is."""
+        return [
+            dict(overrides) | latency_overrides(self._axes, conditions.jitter, mean_s)
+            for overrides in conditions.overrides
+        ]
+
+    def _run_holds(self, controller: int, overrides: dict[str, Any]) -> bool:
+        scenarios = self._computer.scenarios
+        case = case_of(overrides)
+        row = np.full(len(COLUMNS), np.nan)
+        plant = scenarios.plant(case)
+        settings = scenarios.controller(case, scenarios.controllers[controller])
+        end = RUN_ENDS.index(self._computer.one(plant, settings, row))
+        rules = scenarios.study.settings.verdict
+        return verdicts(rules, np.array([end]), row[None, :])[0] is Verdict.HOLDS
+
+    def _is_fixed(self, conditions: _Conditions) -> bool:
+        """Whether no draw makes a difference."""
+        plants = [
+            self._computer.scenarios.plant(case_of(overrides | {"plant.seed": 0}))
+            for overrides in self._at(conditions, 0.1)
+        ]
+        lines = [line for p in plants for line in (p.latency.downlink, p.latency.uplink)]
+        return all(
+            line.model.value == "constant" and line.loss == 0.0 and line.loss_in_good == 0.0
+            for line in lines
+            if not line.schedule
+        ) and not any(p.sensor_noise.lateral_error_m or p.latency.downlink.schedule for p in plants)
+
+
+def latency_overrides(axes: StudyAxes, jitter: int, mean_s: float) -> dict[str, Any]:
+    """Return what sets a mean latency, with the spread of a level of jitter."""
+    found: dict[str, Any] = dict.fromkeys(_keys(axes.mean), mean_s)
+    spread = axes.jitter.values[jitter]
+    for key in _keys(axes.jitter):
+        line = key.rpartition(".")[0]
+        found[f"{line}.spread_s"] = spread * mean_s if is_share(axes.jitter) else spread
+    return found
+
+
+def _keys(axis: Axis) -> tuple[str, ...]:
+    return () if axis.factor is None else axis.factor.keys
+
+
+def _conditions(
+    study: StudyRecord, rows: Rows, axes: StudyAxes, jitters: list[int]
+) -> list[_Conditions]:
+    """Choose for each law and jitter the worst of all else, and where to start to look."""
+    picked: list[tuple[int, int, list[int], int]] = []
+    for jitter in jitters:
+        for controller in range(len(study.names)):
+            here = np.flatnonzero((rows.controller == controller) & (axes.jitter.place == jitter))
+            if len(here):
+                picked.append((controller, jitter, *_worst(rows, axes, here)))
+    overrides = read_overrides(study, sorted({run for *_, runs, _ in picked for run in runs}))
+    return [
+        _Conditions(controller, jitter, tuple(overrides[run] for run in runs), guess)
+        for controller, jitter, runs, guess in picked
+    ]
+
+
+def _worst(rows: Rows, axes: StudyAxes, here: Any) -> tuple[list[int], int]:
+    """Return a run of each of the worst groups, and the latency where they break, in steps."""
+    groups, place = np.unique(axes.group[here], return_inverse=True)
+    failed = np.bincount(place, weights=~rows.holds[here])
+    largest_m = np.zeros(len(groups))
+    # Among those that all hold the one that comes nearest to breaking has the largest error.
+    np.maximum.at(largest_m, place, np.nan_to_num(rows.rms_m[here], nan=np.inf))
+    worst = np.lexsort((-largest_m, -failed))[:GROUPS_MAX]
+    runs = [int(rows.id[here[np.flatnonzero(place == group)[-1]]]) for group in worst.tolist()]
+    bad = here[~rows.holds[here]]
+    places = axes.mean.place[bad] if len(bad) else [len(axes.mean.values) - 1]
+    guess_s = axes.mean.values[int(np.min(places))]
+    return runs, int(guess_s * NS_PER_S) // STEP_NS
+
+
+def _break_point(conditions: _Conditions, steps: list[int]) -> BreakPoint:
+    ascending = tuple(sorted(-1.0 if at < 0 else at * STEP_NS / NS_PER_S for at in steps))
+    low_s, high_s = median_interval(ascending, CONFIDENCE)
+    return BreakPoint(
+        conditions.controller,
+        conditions.jitter,
+        ascending,
+        held_bound(ascending, HELD_SHARE, CONFIDENCE),
+        float(np.median(ascending)),
+        low_s,
+        high_s,
+    )

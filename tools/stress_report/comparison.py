@@ -1,0 +1,67 @@
+"""Each law against PD under the same conditions and the same network (common random numbers).
+
+q = RMS of the law / RMS of the reference        run by run, where both hold the path
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tools.stress_report.results import Rows, StudyRecord
+
+
+class Comparison(NamedTuple):
+    """One controller; the ratios are NaN where there is no pair in which both hold.
+
+    ``only_it``, ``only_reference``  pairs of runs in which only the one or the other holds
+    ``low``, ``median``, ``high``    of the ratios: 10th, 50th, 90th percentile
+    ``better``                       share of the ratios below 1
+    """
+
+    controller: int
+    runs: int
+    held: int
+    pairs: int
+    only_it: int
+    only_reference: int
+    low: float
+    median: float
+    high: float
+    better: float
+    rms_median_m: float
+    rms_worst_held_m: float
+
+
+def comparisons(study: StudyRecord, rows: Rows) -> list[Comparison]:
+    """Return the comparison of every controller with the reference, itself included."""
+    return [_comparison(study, rows, place) for place in range(len(study.names))]
+
+
+def _comparison(study: StudyRecord, rows: Rows, place: int) -> Comparison:
+    it = np.flatnonzero(rows.controller == place)
+    reference = np.flatnonzero(rows.controller == study.reference)
+    _, of_it, of_reference = np.intersect1d(
+        rows.case[it], rows.case[reference], assume_unique=True, return_indices=True
+    )
+    one, other = it[of_it], reference[of_reference]
+    both = rows.holds[one] & rows.holds[other]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = rows.rms_m[one][both] / rows.rms_m[other][both]
+    ratios = ratios[np.isfinite(ratios)]
+    low, median, high = np.quantile(ratios, [0.1, 0.5, 0.9]) if len(ratios) else [math.nan] * 3
+    held_m = rows.rms_m[it][rows.holds[it]]
+    return Comparison(
+        controller=place,
+        runs=len(it),
+        held=int(np.count_nonzero(rows.holds[it])),
+        pairs=len(one),
+        only_it=int(np.count_nonzero(rows.holds[one] & ~rows.holds[other])),
+        only_reference=int(np.count_nonzero(~rows.holds[one] & rows.holds[other])),
+        low=float(low),
+        median=float(median),
+        high=float(high),
+        better=float(np.mean(ratios < 1.0)) if len(ratios) else math.nan,
+        rms_median_m=float(np.median(held_m)) if len(held_m) else math.nan,
+        rms_worst_held_m=float(held_m.max()) if len(held_m) else math.nan,
+    )

@@ -1,0 +1,150 @@
+"""Expected cost by covariance propagation beside the mean of many runs, for cells of a study.
+
+Both answer the same question in ways that share nothing but the law's and vehicle's numbers; where
+they differ by more than a few standard errors, one of them is wrong. Compared is on the grid, where
+the propagation is exact; the runs off the grid say what rounding up changes.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from controller.settings import ControllerSettings
+from plant_emulator.settings import PlantSettings
+from runtime.settings import SettingsError
+from tools.demo_figures import COLOURS
+from tools.stress_report.axes import StudyAxes
+from tools.stress_report.break_points import latency_overrides
+from tools.stress_report.expected_cost import ExpectedCost, expected_cost
+from tools.stress_report.monte_carlo import MonteCarloCost, monte_carlo_costs, seeds
+from tools.stress_report.results import Rows, StudyRecord, case_of, read_overrides
+
+RUNS = 50
+DURATION_S_MAX = 20.0
+MEAN_S_MAX = 0.2
+"""Longer latencies have so many commands on their way that their moments take long."""
+_THREADS = 2
+
+
+class CostCheck(NamedTuple):
+    """One law in one cell; ``refused`` says why there is no expected cost."""
+
+    controller: int
+    conditions: str
+    expected: ExpectedCost | None
+    on_grid: MonteCarloCost
+    off_grid: MonteCarloCost
+    refused: str
+
+    @property
+    def standard_errors(self) -> float:
+        """How far the two are from each other, in standard errors."""
+        assert self.expected is not None  # noqa: S101 - for the type checker
+        off_m2 = self.expected.mean_square_m2 - self.on_grid.mean_square_m2
+        return off_m2 / self.on_grid.standard_error_m2 if self.on_grid.standard_error_m2 else 0.0
+
+
+def cost_checks(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[CostCheck]:
+    """Return the checks of all laws in some cells that all of them hold; computes their runs."""
+    cells = _cells(rows, axes)
+    overrides = read_overrides(study, [run for _, _, run in cells])
+    return [
+        check
+        for jitter, mean, run in cells
+        for check in _checks(study, axes, jitter, mean, overrides[run])
+    ]
+
+
+def draw_checks(study: StudyRecord, checks: list[CostCheck]) -> Figure:
+    """Draw the spread of the lateral error over seeds, from the propagation and from the runs."""
+    shown = [check for check in checks if check.expected is not None]
+    columns = len({check.conditions for check in shown})
+    lines = -(-len(shown) // columns)
+    figure = Figure(figsize=(6.2 * columns + 0.6, 1.9 * lines + 1.0))
+    panels = figure.subplots(lines, columns, sharex=True, squeeze=False)
+    for check, panel in zip(shown, panels.T.flat, strict=False):
+        assert check.expected is not None  # noqa: S101 - for the type checker
+        colour = COLOURS[check.controller % len(COLOURS)]
+        time_s = check.expected.time_s
+        panel.plot(
+            time_s,
+            1e3 * check.on_grid.error_deviation_m,
+            color=colour,
+            lw=1.0,
+            label=f"{len(check.on_grid.costs_m2)} runs",
+        )
+        panel.plot(
+            time_s,
+            1e3 * check.expected.error_deviation_m,
+            color="black",
+            lw=1.2,
+            ls="--",
+            label="propagated",
+        )
+        panel.set_title(f"{study.names[check.controller]}, {check.conditions}", fontsize=9.5)
+        panel.set_ylabel("deviation [mm]", fontsize=9)
+        panel.set_ylim(bottom=0.0)
+        panel.legend(loc="upper right", fontsize=8.5, ncols=2)
+    for panel in panels[-1]:
+        panel.set_xlabel("time [s]")
+    return figure
+
+
+def _cells(rows: Rows, axes: StudyAxes) -> list[tuple[int, int, int]]:
+    """Return (jitter, mean, run) of cells that all laws hold: the shortest and longest latency."""
+    jitters = [place for place, value in enumerate(axes.jitter.values) if value != 0.0]
+    if axes.mean.factor is None or not jitters:
+        return []
+    jitter = jitters[len(jitters) // 2]
+    means = [
+        place
+        for place, mean_s in enumerate(axes.mean.values)
+        if 0.0 < mean_s <= MEAN_S_MAX and _all_hold(rows, axes, jitter, place)
+    ]
+    found = []
+    for mean in sorted({means[0], means[-1]} if means else ()):
+        here = (axes.jitter.place == jitter) & (axes.mean.place == mean)
+        found.append((jitter, mean, int(rows.id[np.argmax(here)])))
+    return found
+
+
+def _all_hold(rows: Rows, axes: StudyAxes, jitter: int, mean: int) -> bool:
+    here = (axes.jitter.place == jitter) & (axes.mean.place == mean)
+    return bool(here.any() and rows.holds[here].all())
+
+
+def _checks(
+    study: StudyRecord, axes: StudyAxes, jitter: int, mean: int, overrides: dict[str, Any]
+) -> list[CostCheck]:
+    """Return the checks of all laws in one cell, under the conditions of one of its runs."""
+    mean_s = axes.mean.values[mean]
+    case = case_of(overrides | latency_overrides(axes, jitter, mean_s))
+    plant = study.scenarios.plant(case)
+    plant = plant.model_copy(update={"duration_s": min(plant.duration_s, DURATION_S_MAX)})
+    controllers = [study.scenarios.controller(case, name) for name in study.names]
+    run_seeds = seeds(int(study.sampling["seed"]), RUNS)
+    on_grid, off_grid = (
+        monte_carlo_costs(plant, controllers, run_seeds, is_on_grid=is_on_grid)
+        for is_on_grid in (True, False)
+    )
+    line = plant.latency.downlink
+    text = f"{1e3 * line.mean_s:.3g} ± {1e3 * line.spread_s:.3g} ms"
+    with ThreadPoolExecutor(_THREADS) as pool:
+        answers = pool.map(partial(_expected, plant), controllers)
+        return [
+            CostCheck(place, text, expected, on_grid[place], off_grid[place], refused)
+            for place, (expected, refused) in enumerate(answers)
+        ]
+
+
+def _expected(
+    plant: PlantSettings, controller: ControllerSettings
+) -> tuple[ExpectedCost | None, str]:
+    """Return the expected cost, or why there is none."""
+    try:
+        return expected_cost(plant, controller), ""
+    except SettingsError as error:
+        return None, str(error)

@@ -1,0 +1,173 @@
+"""Heat maps over mean latency and jitter, one a law: RMS error, and share of runs that hold.
+
+A cell holds what is worst over everything else that varies (corners of the box, paths, ...):
+
+    RMS     the largest of the medians over replicates
+    held    the smallest share of replicates that hold the path
+
+All laws share one scale of colours. Hatched are cells with a run that does not hold.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Rectangle
+from numpy.typing import NDArray
+
+from tools.stress.verdict import Verdict
+from tools.stress_report.axes import StudyAxes, cells
+from tools.stress_report.results import VERDICTS, Rows
+
+FloatArray = NDArray[np.float64]
+
+HATCHES = {
+    "unstable, left the range, or no start": "xxx",
+    "limit cycle": "///",
+    "drifts away": "...",
+}
+_FAMILIES = (
+    (Verdict.NO_START, Verdict.LEFT_RANGE, Verdict.UNSTABLE),
+    (Verdict.LIMIT_CYCLE,),
+    (Verdict.DRIFTS,),
+)
+_COLUMNS = 2
+_TEXT_CELLS_MAX = 90
+"""Cells of one map into which numbers are written."""
+
+
+class HeatMaps(NamedTuple):
+    """Arrays of shape (controllers, jitters, means); NaN where nothing was run.
+
+    ``family``  place in HATCHES of the worst that became of a run; -1 where all hold
+    """
+
+    rms_m: FloatArray
+    held: FloatArray
+    family: NDArray[np.int64]
+
+
+def heat_maps(rows: Rows, axes: StudyAxes, controllers: int) -> HeatMaps:
+    """Return the worst of each cell."""
+    cell, shape = cells(axes, rows, controllers)
+    count = int(np.prod(shape))
+    keys, place = np.unique(cell * (int(axes.group.max()) + 1) + axes.group, return_inverse=True)
+    cell_of = keys // (int(axes.group.max()) + 1)
+    sizes = np.bincount(place)
+    order = np.lexsort((np.where(np.isnan(rows.rms_m), np.inf, rows.rms_m), place))
+    middle = np.cumsum(sizes) - sizes + (sizes - 1) // 2
+    medians_m = rows.rms_m[order[middle]]
+    shares = np.bincount(place, weights=rows.holds) / sizes
+    rms_m, held = np.full(count, -np.inf), np.full(count, np.inf)
+    np.maximum.at(rms_m, cell_of, np.where(np.isnan(medians_m), np.inf, medians_m))
+    np.minimum.at(held, cell_of, shares)
+    family = np.full(count, -1)
+    for index, members in reversed(list(enumerate(_FAMILIES))):
+        is_member = np.isin(rows.verdict, [VERDICTS.index(verdict) for verdict in members])
+        family[np.unique(cell[is_member])] = index
+    return HeatMaps(
+        np.where(np.isfinite(rms_m), rms_m, np.nan).reshape(shape),
+        np.where(np.isfinite(held), held, np.nan).reshape(shape),
+        family.reshape(shape),
+    )
+
+
+def draw_rms(maps: HeatMaps, axes: StudyAxes, names: tuple[str, ...]) -> Figure:
+    """Draw the RMS error; the scale is logarithmic, from 1 mm or more to 10 m or less."""
+    known_mm = 1e3 * maps.rms_m[np.isfinite(maps.rms_m)]
+    low, high = (float(np.clip(f(known_mm, initial=10.0), 1.0, 1e4)) for f in (np.min, np.max))
+    norm = LogNorm(low, max(high, 1.01 * low))
+    title = "RMS lateral error [mm], worst over all else"
+    return _draw(1e3 * maps.rms_m, maps, axes, names, norm, "viridis_r", title, "{:.3g}")
+
+
+def draw_held(maps: HeatMaps, axes: StudyAxes, names: tuple[str, ...]) -> Figure:
+    """Draw the share of runs that hold."""
+    title = "runs that hold the path [%], worst over all else"
+    norm = Normalize(0.0, 100.0)
+    return _draw(100.0 * maps.held, maps, axes, names, norm, "RdYlBu", title, "{:.0f}")
+
+
+def _draw(
+    values: FloatArray,
+    maps: HeatMaps,
+    axes: StudyAxes,
+    names: tuple[str, ...],
+    norm: Normalize,
+    colours: str,
+    title: str,
+    form: str,
+) -> Figure:
+    columns = min(_COLUMNS, len(names))
+    lines = -(-len(names) // columns)
+    means, jitters = len(axes.mean.values), len(axes.jitter.values)
+    width = min(max(0.5 * means + 1.2, 4.0), 7.5) * columns + 1.4
+    height = min(max(0.42 * jitters + 1.0, 2.2), 5.0) * lines + 1.0
+    figure = Figure(figsize=(width, height))
+    panels = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
+    for panel in panels.flat[len(names) :]:
+        panel.set_visible(False)
+    for place, (name, panel) in enumerate(zip(names, panels.flat, strict=False)):
+        panel.set_facecolor("0.75")
+        panel.grid(visible=False)
+        edges = (np.arange(means + 1) - 0.5, np.arange(jitters + 1) - 0.5)
+        mesh = panel.pcolormesh(*edges, values[place], norm=norm, cmap=colours)
+        for row, column in np.ndindex(jitters, means):
+            is_hatched = bool(maps.family[place, row, column] >= 0)
+            if is_hatched:
+                _hatch(panel, row, column, int(maps.family[place, row, column]))
+            if means * jitters <= _TEXT_CELLS_MAX and np.isfinite(values[place, row, column]):
+                value = float(values[place, row, column])
+                shade = mesh.cmap(norm(value))
+                ink = "black" if is_hatched or sum(shade[:3]) > 1.4 else "white"
+                label = panel.text(
+                    column, row, form.format(value), ha="center", va="center", color=ink, size=7.5
+                )
+                if is_hatched:
+                    label.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1.2})
+        panel.set_title(name, fontsize=10)
+        panel.set_xticks(*_ticks(axes.mean.labels, 12))
+        panel.set_yticks(*_ticks(axes.jitter.labels, 10))
+        panel.tick_params(labelbottom=place + columns >= len(names))
+    figure.supxlabel(axes.mean.title, fontsize=10)
+    figure.supylabel(axes.jitter.title, fontsize=10)
+    bar = figure.colorbar(mesh, ax=panels, label=title, shrink=0.9, pad=0.02)
+    for axis_format in (bar.ax.yaxis.set_major_formatter, bar.ax.yaxis.set_minor_formatter):
+        axis_format("{x:g}")
+    shown = [h for i, h in enumerate(HATCHES.items()) if np.any(maps.family == i)]
+    if shown:
+        figure.legend(
+            handles=[
+                Patch(facecolor="white", edgecolor="0.2", hatch=hatch, label=label)
+                for label, hatch in shown
+            ],
+            loc="outside upper center",
+            ncols=3,
+            title="hatched: at least one run does not hold; the worst of them",
+            title_fontsize=9,
+            fontsize=9,
+        )
+    return figure
+
+
+def _hatch(panel: object, row: int, column: int, family: int) -> None:
+    hatch = tuple(HATCHES.values())[family]
+    for colour, width in (("white", 2.2), ("0.1", 0.7)):  # seen on any colour
+        patch = Rectangle(
+            (column - 0.5, row - 0.5),
+            1.0,
+            1.0,
+            fill=False,
+            hatch=hatch,
+            edgecolor=colour,
+            linewidth=0.0,
+        )
+        patch.set_hatch_linewidth(width)
+        panel.add_patch(patch)  # type: ignore[attr-defined]
+
+
+def _ticks(labels: tuple[str, ...], count: int) -> tuple[list[int], list[str]]:
+    stride = -(-len(labels) // count)
+    places = list(range(0, len(labels), stride))
+    return places, [labels[place] for place in places]

@@ -1,0 +1,185 @@
+"""The sampled loop around one vehicle as matrices, with what drives it: path, forces, noise.
+
+    x = (β, r, Δψ, y, δ; law; u[k], u[k-1], ..., u[k-n]; s; 1)
+
+    plant   over one step of T/steps_per_period, exact: the command held, behind the actuator's lag
+            where there is one, a curvature that is a straight line over the step, and
+            disturbances held over it
+    law     as it steps, from the error measured at each tick
+    u       commands, the newest first
+    s       a weighted sum of errors (``expected_cost``)
+    1       so that what drives the loop is part of its matrix
+
+Left out are the limits of commands and actuator, and the resolution of signals: a run that meets no
+limit is linear. Whatever else is not linear, or not of this form, is refused.
+"""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.analysis.linear_system import LinearSystem, law_system
+from controller.design import design_law
+from controller.settings import ControllerSettings
+from plant_emulator.disturbance import disturbance_intervals
+from plant_emulator.latency_settings import LatencySettings, Order
+from plant_emulator.path import Path, curvature
+from plant_emulator.path_shapes import build_path
+from plant_emulator.rig_settings import DisturbanceSettings
+from plant_emulator.settings import PlantSettings
+from plant_emulator.vehicle import VehicleParams, state_matrices
+from runtime.node import NS_PER_S
+from runtime.settings import SettingsError
+
+FloatArray = NDArray[np.float64]
+
+LATERAL_ERROR, WHEEL = 3, 4
+"""Where y and δ are in the plant's state."""
+
+
+class LinearLoop(NamedTuple):
+    """What the loop is made of; ``driven`` has shape (steps, plant states).
+
+    ``law_at_rest``  the law's state after a constant error of 1 m, from which it starts: it takes
+                     the first measurement for one that has lasted
+    ``transition``   of the plant over one step
+    ``hold``         what a unit command held over the step adds
+    ``driven``       what path and disturbances add in each step
+    ``noise_m``      standard deviation of white noise on each measurement
+    ``periods``      of the whole run
+    """
+
+    law: LinearSystem
+    law_at_rest: FloatArray
+    transition: FloatArray
+    hold: FloatArray
+    driven: FloatArray
+    noise_m: float
+    periods: int
+    period_s: float
+    steps_per_period: int
+
+
+def linear_loop(
+    plant: PlantSettings, controller: ControllerSettings, steps_per_period: int = 1
+) -> LinearLoop:
+    """Return the loop of a run; raises SettingsError where it is not of this form."""
+    mistakes = _unfit(plant, controller)
+    if mistakes:
+        raise SettingsError(*mistakes)
+    step_s = controller.period_ns / NS_PER_S / steps_per_period
+    periods = -(-plant.duration_ns // controller.period_ns)
+    vehicle = plant.vehicle
+    params = VehicleParams(
+        vehicle.speed_km_h / 3.6,
+        vehicle.virtual_mass_kg,
+        vehicle.yaw_inertia_kg_m2,
+        vehicle.front_cornering_stiffness_n_rad,
+        vehicle.rear_cornering_stiffness_n_rad,
+        vehicle.front_axle_m,
+        vehicle.rear_axle_m,
+        vehicle.preview_m,
+    )
+    a, b = _plant_matrices(params, plant.actuator.lag_s)
+    transition, (hold, at_start, *disturbed), rise = _over_step(a, b, step_s)
+    ends_s = step_s * np.arange(periods * steps_per_period + 1, dtype=np.float64)
+    rho_1_m = _curvatures(build_path(plant.path), params.speed_m_s * ends_s)
+    driven = np.outer(rho_1_m[:-1], at_start) + np.outer(np.diff(rho_1_m) / step_s, rise)
+    driven += _disturbances(plant.disturbance, params, ends_s) @ np.array(disturbed)
+    design = design_law(controller)
+    return LinearLoop(
+        law_system(design),
+        np.array([*_floats(design.initial_state(1.0)), 0.0]),
+        transition,
+        hold,
+        driven,
+        plant.sensor_noise.lateral_error_m,
+        periods,
+        controller.period_ns / NS_PER_S,
+        steps_per_period,
+    )
+
+
+def _plant_matrices(vehicle: VehicleParams, lag_s: float) -> tuple[FloatArray, FloatArray]:
+    """Return A, and B of command, curvature, wβ and wr; without a lag the wheel is no state."""
+    a, b = state_matrices(vehicle)
+    if lag_s == 0.0:
+        return a, b
+    with_wheel = np.zeros((5, 5))
+    with_wheel[:4, :4] = a
+    with_wheel[:4, WHEEL] = b[:, 0]
+    with_wheel[WHEEL, WHEEL] = -1.0 / lag_s
+    inputs = np.zeros((5, 4))
+    inputs[WHEEL, 0] = 1.0 / lag_s
+    inputs[:4, 1:] = b[:, 1:]
+    return with_wheel, inputs
+
+
+def _over_step(
+    a: FloatArray, b: FloatArray, step_s: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return e^(At), what each input held at 1 adds, and a curvature that rises by 1/s."""
+    from scipy.linalg import expm
+
+    order, inputs = b.shape
+    both = np.zeros((order + inputs + 1, order + inputs + 1))
+    both[:order, :order] = a
+    both[:order, order:-1] = b
+    both[order + 1, -1] = 1.0
+    moved = expm(both * step_s)
+    return moved[:order, :order], moved[:order, order:-1].T, moved[:order, -1]
+
+
+def _disturbances(
+    settings: DisturbanceSettings, vehicle: VehicleParams, ends_s: FloatArray
+) -> FloatArray:
+    """Return wβ and wr of each step, shape (steps, 2): the mean, where they jump within it."""
+    intervals = disturbance_intervals(settings, vehicle)
+    starts_s = np.array([interval.start_ns / NS_PER_S for interval in intervals])
+    values = np.array([interval[1:3] for interval in intervals])
+    jumps = np.diff(values, axis=0, prepend=np.zeros((1, 2)))
+    since_s = np.maximum(ends_s[:, None] - starts_s, 0.0)
+    return np.asarray(np.diff(since_s @ jumps, axis=0) / np.diff(ends_s)[:, None])
+
+
+def _curvatures(path: Path, arc_lengths_m: FloatArray) -> FloatArray:
+    return np.array([curvature(path, arc_m) for arc_m in arc_lengths_m.tolist()])
+
+
+def _unfit(plant: PlantSettings, controller: ControllerSettings) -> list[str]:
+    """Return what keeps a run from being a jump-linear loop."""
+    down, actuator = plant.latency.downlink, plant.actuator
+    conditions = {
+        "latency.uplink: must be left out": plant.latency.uplink != LatencySettings(),
+        "sensor_period_ms: must be the control period": plant.sensor_period_ns
+        != controller.period_ns,
+        "actuator.rate_limit_rad_s: must be left out": actuator.rate_limit_rad_s is not None,
+        "actuator.dead_band_rad: must be 0": actuator.dead_band_rad > 0.0,
+        "disturbance.steps: must not change friction": any(
+            step.friction is not None for step in plant.disturbance.steps
+        ),
+        "latency.downlink.order: must be newest_wins": down.order is not Order.NEWEST_WINS,
+        "latency.downlink.duplicates: must be 0": down.duplicates > 0.0,
+        "latency.downlink.burst_frames: must be left out": down.burst_frames is not None,
+        "latency.downlink.loss_in_good: must be 0": down.loss_in_good > 0.0,
+        "latency.downlink.correlation_time_s: must be 0": down.correlation_time_s > 0.0,
+        "latency.downlink.schedule: must be left out": bool(down.schedule),
+        "latency.downlink.trace_file: must be left out": down.trace_file is not None,
+        "start_on_first_command: must be true": not plant.start_on_first_command,
+    }
+    return [
+        f"{what} for the expected cost, which is of a linear loop and independent latencies"
+        for what, is_unfit in conditions.items()
+        if is_unfit
+    ]
+
+
+def _floats(state: Any) -> Iterator[float]:
+    """Return every number of a nested tuple, in order."""
+    if isinstance(state, tuple):
+        for member in state:
+            yield from _floats(member)
+    else:
+        yield state

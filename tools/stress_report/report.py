@@ -1,0 +1,94 @@
+"""Writes the report of a study: pictures as PNG, and one page with all of them."""
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from tools.demo_figures import STYLE
+from tools.stress_report.axes import StudyAxes, study_axes
+from tools.stress_report.break_point_picture import draw_break_points
+from tools.stress_report.break_points import SEEDS, break_points
+from tools.stress_report.comparison import comparisons
+from tools.stress_report.cost_check import cost_checks, draw_checks
+from tools.stress_report.heat_maps import draw_held, draw_rms, heat_maps
+from tools.stress_report.page import Picture, Section, page
+from tools.stress_report.results import Rows, StudyRecord, read_rows, read_study
+from tools.stress_report.sections import (
+    break_point_section,
+    comparison_section,
+    cost_section,
+    map_section,
+    study_section,
+    worst_section,
+)
+from tools.stress_report.worst_runs import draw_worst, worst_runs
+
+PAGE = "report.html"
+_DPI = 110
+
+
+def write(folder: Path, break_point_seeds: int = SEEDS) -> Path:
+    """Write page and pictures into the folder of the results; returns the page.
+
+    Raises SettingsError where there are no results, OSError where nothing can be written.
+    """
+    study = read_study(folder)
+    rows = read_rows(study)
+    axes = study_axes(study, rows)
+    sections = [
+        study_section(study, rows),
+        _maps(study, rows, axes),
+        _break_points(study, rows, axes, break_point_seeds),
+        comparison_section(study, comparisons(study, rows)),
+        _worst(study, rows),
+        _costs(study, rows, axes),
+    ]
+    file = folder / PAGE
+    file.write_text(page(f"Stress study {study.name}", sections), encoding="utf-8")
+    return file
+
+
+def _maps(study: StudyRecord, rows: Rows, axes: StudyAxes) -> Section:
+    maps = heat_maps(rows, axes, len(study.names))
+    pictures = [
+        _save(study, "heat_map_rms", lambda: draw_rms(maps, axes, study.names)),
+        _save(study, "heat_map_held", lambda: draw_held(maps, axes, study.names)),
+    ]
+    return map_section(axes, pictures)
+
+
+def _break_points(study: StudyRecord, rows: Rows, axes: StudyAxes, seeds: int) -> Section:
+    points = break_points(study, rows, axes, seeds)
+    pictures = (
+        [_save(study, "break_points", lambda: draw_break_points(points, axes, study.names))]
+        if points
+        else []
+    )
+    return break_point_section(study, axes, points, pictures)
+
+
+def _worst(study: StudyRecord, rows: Rows) -> Section:
+    found = worst_runs(study, rows)
+    pictures = [_save(study, "worst_runs", lambda: draw_worst(study, found))] if found else []
+    return worst_section(study, rows, found, pictures)
+
+
+def _costs(study: StudyRecord, rows: Rows, axes: StudyAxes) -> Section:
+    checks = cost_checks(study, rows, axes)
+    has_some = any(check.expected is not None for check in checks)
+    pictures = (
+        [_save(study, "expected_cost", lambda: draw_checks(study, checks))] if has_some else []
+    )
+    return cost_section(study, checks, pictures)
+
+
+def _save(study: StudyRecord, name: str, draw: Callable[[], Figure]) -> Picture:
+    """Draw a picture, write it beside the page, and return it for the page."""
+    stream = io.BytesIO()
+    with mpl.rc_context(STYLE):
+        draw().savefig(stream, format="png", dpi=_DPI, metadata={"Software": None})
+    (study.folder / f"{name}.png").write_bytes(stream.getvalue())
+    return Picture(stream.getvalue(), name.replace("_", " "))

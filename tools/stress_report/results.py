@@ -1,0 +1,222 @@
+"""What a study has left in its folder, read column by column: settings, factors, rows.
+
+    study.json        what the results follow from
+    results.parquet   the rows; of a study that is not complete yet, the files in chunks/
+
+Only the columns that are asked for are read; texts come as places in a list. A hundred thousand
+rows are a few tens of megabytes.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.settings import SettingsError
+from tools.stress.sampling import Design
+from tools.stress.scenario import Case, Scenarios
+from tools.stress.study import Study
+from tools.stress.study_file import StudySettings
+from tools.stress.verdict import Verdict
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+VERDICTS = tuple(Verdict)
+HOLDS = VERDICTS.index(Verdict.HOLDS)
+_NUMBERS = ("rms_m", "peak_m", "duration_s", "latency_mean_s")
+
+
+class FactorRecord(NamedTuple):
+    """A factor of the study; ``labels`` are empty where its values are drawn."""
+
+    name: str
+    keys: tuple[str, ...]
+    labels: tuple[Any, ...]
+
+
+class StudyRecord(NamedTuple):
+    """What the results follow from.
+
+    ``scenarios``  makes settings of overrides, as the study did; of its points it knows nothing
+    ``runs``       of the complete study
+    """
+
+    folder: Path
+    name: str
+    title: str
+    plant: Mapping[str, Any]
+    controllers: Mapping[str, Mapping[str, Any]]
+    sampling: Mapping[str, Any]
+    verdict: Mapping[str, Any]
+    factors: tuple[FactorRecord, ...]
+    scenarios: Scenarios
+    runs: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The controllers, in the order of the study."""
+        return tuple(self.controllers)
+
+    @property
+    def reference(self) -> int:
+        """The place of the controller that others are compared with: the first plain PD."""
+        laws = [str(tables["law"]) for tables in self.controllers.values()]
+        return laws.index("pd") if "pd" in laws else 0
+
+    def replay(self, run: int) -> str:
+        """Return the command that makes a run again."""
+        return (
+            f"python -m tools.stress_latency {self.folder / 'study.toml'} "
+            f"--out {self.folder} --replay {run}"
+        )
+
+
+class Rows(NamedTuple):
+    """Columns of the results, one element a run; ``factors`` are numbers or places in a list.
+
+    ``controller``, ``verdict``  places in ``StudyRecord.names`` and in ``VERDICTS``
+    ``case``                     the same for runs that differ in the controller only
+    """
+
+    id: IntArray
+    case: IntArray
+    controller: IntArray
+    verdict: IntArray
+    rms_m: FloatArray
+    peak_m: FloatArray
+    duration_s: FloatArray
+    latency_mean_s: FloatArray
+    factors: Mapping[str, NDArray[Any]]
+
+    @property
+    def holds(self) -> NDArray[np.bool_]:
+        """Which runs hold the path."""
+        return np.asarray(self.verdict == HOLDS)
+
+
+def read_study(folder: Path) -> StudyRecord:
+    """Return what the results in a folder follow from; raises SettingsError."""
+    file = folder / "study.json"
+    try:
+        record = json.loads(file.read_text(encoding="utf-8"))
+        settings = StudySettings.model_validate(
+            {
+                "name": record["name"],
+                "base": {"controllers": list(record["controllers"])},
+                "sampling": record["sampling"],
+                "verdict": record["verdict"],
+            }
+        )
+        factors = tuple(
+            FactorRecord(name, tuple(keys), tuple(labels))
+            for name, keys, labels in record["levels"]
+        )
+        plant, controllers = record["plant"], record["controllers"]
+    except OSError as error:
+        raise SettingsError(
+            f"{file}: cannot be read: {error.strerror}; give the folder of a study's results"
+        ) from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise SettingsError(f"{file}: is not the record of a study: {error}") from error
+    scenarios = Scenarios(Study(str(file), settings, plant, controllers, Design((), 1, None)))
+    points = settings.sampling.count or int(np.prod([len(f.labels) for f in factors], initial=1))
+    return StudyRecord(
+        folder=folder,
+        name=settings.name,
+        title=_title(folder),
+        plant=plant,
+        controllers=controllers,
+        sampling=record["sampling"],
+        verdict=record["verdict"],
+        factors=factors,
+        scenarios=scenarios,
+        runs=points * settings.sampling.replicates * len(controllers),
+    )
+
+
+def read_rows(study: StudyRecord) -> Rows:
+    """Return the columns of the rows there are, sorted by id; raises SettingsError for none."""
+    names = [factor.name for factor in study.factors]
+    texts = ["controller", "verdict"]
+    table = _table(study.folder, ["id", *texts, *_NUMBERS, *names])
+    run = table["id"]
+    rows = Rows(
+        id=run,
+        case=run // len(study.names),
+        controller=_places(table["controller"], study.names),
+        verdict=_places(table["verdict"], [str(verdict) for verdict in VERDICTS]),
+        **{name: table[name] for name in _NUMBERS},
+        factors={name: table[name] for name in names},
+    )
+    if not len(rows.id):
+        raise SettingsError(f"{study.folder}: holds no results yet")
+    return rows
+
+
+def read_overrides(study: StudyRecord, runs: Sequence[int]) -> dict[int, dict[str, Any]]:
+    """Return what sets each of these runs apart from the base of the study, by dotted key."""
+    from pyarrow import parquet
+
+    found: dict[int, dict[str, Any]] = {}
+    for file in _files(study.folder):
+        table = parquet.read_table(
+            file, columns=["id", "overrides"], filters=[("id", "in", list(runs))]
+        )
+        texts = zip(table["id"].to_pylist(), table["overrides"].to_pylist(), strict=True)
+        found |= {run: json.loads(text) for run, text in texts}
+    return found
+
+
+def case_of(overrides: Mapping[str, Any]) -> Case:
+    """Return overrides in the form that ``Scenarios`` makes settings of."""
+    return Case(0, 0, int(overrides["plant.seed"]), (), overrides)
+
+
+def _table(folder: Path, columns: list[str]) -> dict[str, NDArray[Any]]:
+    """Return columns as arrays, sorted by id; texts as objects that share their strings."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    files = _files(folder)
+    try:
+        tables = [parquet.read_table(file, columns=columns) for file in files]
+    except (pa.ArrowException, OSError) as error:
+        raise SettingsError(f"{folder}: results cannot be read: {error}") from error
+    table = pa.concat_tables(tables).sort_by("id")
+    arrays: dict[str, NDArray[Any]] = {}
+    for name in columns:
+        column = table[name]
+        if pa.types.is_string(column.type):
+            coded = column.combine_chunks().dictionary_encode()
+            words = np.array(coded.dictionary.to_pylist(), dtype=object)
+            arrays[name] = words[coded.indices.to_numpy()]
+        else:
+            arrays[name] = column.to_numpy()
+    return arrays
+
+
+def _files(folder: Path) -> list[Path]:
+    results = folder / "results.parquet"
+    files = [results] if results.exists() else sorted((folder / "chunks").glob("*.parquet"))
+    if not files:
+        raise SettingsError(f"{folder}: holds no results yet")
+    return files
+
+
+def _places(words: NDArray[Any], known: Sequence[str]) -> IntArray:
+    place = {word: index for index, word in enumerate(known)}
+    return np.array([place[word] for word in words.tolist()], dtype=np.int64)
+
+
+def _title(folder: Path) -> str:
+    """Return the title of the study file kept beside the results."""
+    import tomllib
+
+    try:
+        return str(tomllib.loads((folder / "study.toml").read_text(encoding="utf-8"))["title"])
+    except (OSError, ValueError, KeyError):
+        return ""
