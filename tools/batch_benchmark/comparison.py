@@ -1,0 +1,202 @@
+"""What the compiled batch is compared with, all in one process and on the same runs."""
+
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from controller.analysis.uncertainty import paper_box
+from controller.design import design_law
+from controller.settings import ControllerSettings
+from plant_emulator.settings import PlantSettings
+from runtime.settings import load_settings, read_preset
+from tools.batch.engine import run_batch
+from tools.batch.plan import plan_run
+from tools.batch_benchmark.c_pair import CPair, compile_pair
+from tools.benchmark_measurement import REPETITIONS, Line, Target
+from tools.virtual_pair import run_virtual_pair
+
+DURATION_S = 60.0
+RUNS = 40
+"""Runs timed together: some twenty milliseconds."""
+NETWORKS = {
+    "80 ms": ("mean_s=0.08",),
+    "83.7213 ms, off the grid": ("mean_s=0.0837213",),
+    "80 ± 30 ms, 1 % lost": ("model=gamma", "mean_s=0.08", "spread_s=0.03", "loss=0.01"),
+}
+
+
+def pair_settings(
+    network: Sequence[str], duration_s: float = DURATION_S
+) -> tuple[PlantSettings, ControllerSettings]:
+    """Return a run of practical_pd_ddob at 100 Hz on a network."""
+    plant = load_settings(
+        PlantSettings,
+        read_preset("plant_emulator.presets", "paper_corner_d"),
+        None,
+        [f"duration_s={duration_s}", *(f"latency.downlink.{setting}" for setting in network)],
+    )
+    preset = read_preset("controller.presets", "practical_pd_ddob")
+    return plant, load_settings(ControllerSettings, preset, None, [])
+
+
+def lines_beside_c() -> list[Line]:
+    """Time runs here and in C, turn by turn. Raises ValueError where their numbers differ.
+
+    In both the network, the law and the rig are there; the arrays of the result are not.
+    """
+    lines = []
+    with tempfile.TemporaryDirectory() as folder:
+        library = compile_pair(Path(folder))
+        for name, network in NETWORKS.items():
+            plant, controller = pair_settings(network)
+            plan, design = plan_run(plant, controller), design_law(controller)
+            in_c = CPair(library, plant, controller, plan)
+            here, there = run_batch(plant, controller, plan, design), in_c.run()
+            first = len(there.lateral_error_m) - len(here.lateral_error_m)
+            if not (
+                np.array_equal(here.lateral_error_m, there.lateral_error_m[first:])
+                and np.array_equal(here.sent_rad, there.sent_rad)
+            ):
+                raise ValueError(f"C and the batch differ at {name}")
+
+            batch = partial(run_batch, plant, controller, plan, design)
+            batch_us, c_us = _turn_by_turn(batch, in_c.run)
+            planning_us = _each_us(partial(plan_run, plant, controller), 5)
+            lines += [
+                Line(f"C -O3, {name}", "µs/run", c_us, c_us),
+                Line(f"batch, {name}", "µs/run", batch_us, batch_us),
+                Line(
+                    f"batch/C, {name}",
+                    "1",
+                    [ours / theirs for ours, theirs in zip(batch_us, c_us, strict=True)],
+                    batch_us,
+                    Target(at_most=True, value=1.25),
+                ),
+                Line(f"network laid down, {name}", "µs", [planning_us], [planning_us]),
+            ]
+            rate = [1e6 / value for value in batch_us]
+            wanted = Target(at_most=False, value=1700.0)
+            lines.append(Line(f"batch, one thread, {name}", "runs/s", rate, batch_us, wanted))
+    return lines
+
+
+def line_of_threads() -> Line:
+    """Compare two threads with one, turn by turn."""
+    plant, controller = pair_settings(NETWORKS["80 ms"])
+    plan, design = plan_run(plant, controller), design_law(controller)
+
+    def some_runs(count: int) -> None:
+        for _ in range(count):
+            run_batch(plant, controller, plan, design)
+
+    def two_threads() -> None:
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(some_runs, [RUNS, RUNS]))
+
+    ratios, work_us = [], []
+    some_runs(1)
+    for _ in range(REPETITIONS):
+        one_us = _each_us(lambda: some_runs(2 * RUNS), 1)
+        two_us = _each_us(two_threads, 1)
+        ratios.append(one_us / two_us)
+        work_us.append(two_us)
+    return Line("two threads over one", "1", ratios, work_us, Target(at_most=False, value=1.8))
+
+
+def lines_beside_others() -> list[Line]:
+    """Time the nodes in virtual time and python-control's simulation against a batch run."""
+    plant, controller = pair_settings(NETWORKS["80 ms"])
+    plan, design = plan_run(plant, controller), design_law(controller)
+    batch_us = statistics.median(
+        _each_us(lambda: run_batch(plant, controller, plan, design), RUNS)
+        for _ in range(REPETITIONS)
+    )
+    virtual = [
+        _each_us(lambda: run_virtual_pair(plant, controller, None), 1) / batch_us for _ in range(3)
+    ]
+    others = [python_control_us() / batch_us for _ in range(3)]
+    return [
+        Line("the nodes in virtual time / batch", "1", virtual, [batch_us * v for v in virtual]),
+        Line(
+            "python-control / batch",
+            "1",
+            others,
+            [batch_us * v for v in others],
+            Target(at_most=False, value=5000.0),
+        ),
+    ]
+
+
+def python_control_us() -> float:
+    """Time ``input_output_response`` of the continuous PD loop on a circle, without delay [µs].
+
+    It has no delay, no observers, no sampling and no resolution of the wire: less than what the
+    batch runs. Steps of 10 ms are asked for, at its default tolerances.
+    """
+    import control
+
+    vehicle = paper_box().nominal
+    m, j, c_f, c_r, l_f, l_r, l_s, v = vehicle
+    a = np.array(
+        [
+            [-(c_f + c_r) / (m * v), -1.0 + (c_r * l_r - c_f * l_f) / (m * v**2), 0.0, 0.0],
+            [(c_r * l_r - c_f * l_f) / j, -(c_r * l_r**2 + c_f * l_f**2) / (j * v), 0.0, 0.0],
+            [0.0, 1.0, 0.0, 0.0],
+            [v, l_s, v, 0.0],
+        ]
+    )
+    b = np.array([c_f / (m * v), c_f * l_f / j, 0.0, 0.0])
+    k_p, k_d, filter_rad_s = 1.2, 0.144, 13.8
+
+    def loop(_t: float, x: Any, u: Any, _params: Any) -> Any:
+        derivative = filter_rad_s * (x[3] - x[4])
+        motion = a @ x[:4] + b * -(k_p * x[3] + k_d * derivative)
+        motion[2] -= v * u[0]
+        return np.append(motion, derivative)
+
+    system = control.nlsys(loop, None, inputs=1, states=5)
+    times = np.arange(0.0, DURATION_S, 0.01)
+    curvature = np.full(len(times), 1.0 / 60.0)
+    return _each_us(lambda: control.input_output_response(system, times, curvature), 1)
+
+
+def seconds_of_runs(counts: Sequence[int], lengths_s: Sequence[float]) -> dict[str, list[float]]:
+    """Return the time of so many runs of a minute, and of ten runs of such lengths [s]."""
+    plant, controller = pair_settings(NETWORKS["80 ms"])
+    plan, design = plan_run(plant, controller), design_law(controller)
+    by_count = [
+        1e-6 * _each_us(lambda: run_batch(plant, controller, plan, design), count) * count
+        for count in counts
+    ]
+    by_length = []
+    for length_s in lengths_s:
+        longer, _ = pair_settings(NETWORKS["80 ms"], length_s)
+        its = plan_run(longer, controller)
+        each_us = _each_us(partial(run_batch, longer, controller, its, design), 10)
+        by_length.append(1e-5 * each_us)
+    return {"by_count": by_count, "by_length": by_length}
+
+
+def _turn_by_turn(
+    one: Callable[[], object], other: Callable[[], object]
+) -> tuple[list[float], list[float]]:
+    """Time both alternately, so that a busy machine is busy for both [µs]."""
+    ones, others = [], []
+    for _ in range(REPETITIONS):
+        ones.append(_each_us(one, RUNS))
+        others.append(_each_us(other, RUNS))
+    return ones, others
+
+
+def _each_us(work: Callable[[], object], count: int) -> float:
+    begin_ns = time.perf_counter_ns()
+    for _ in range(count):
+        work()
+    return (time.perf_counter_ns() - begin_ns) / 1000 / count
