@@ -2,13 +2,22 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from plant_emulator.actuator import ActuatorParams, WheelPhase
 from plant_emulator.disturbance import DisturbanceInterval, disturbance_intervals
 from plant_emulator.path import Path
 from plant_emulator.path_shapes import build_path
-from plant_emulator.propagation import Row, Table, augmented_matrix, transition_table
+from plant_emulator.propagation import (
+    TABLE_ROWS,
+    Table,
+    augmented_matrix,
+    table_rows,
+    transition_table,
+)
 from plant_emulator.rig_settings import (
     ActuatorSettings,
     DisturbanceSettings,
@@ -41,6 +50,18 @@ def design_motion(
 
     Raises SettingsError for a bad waypoint file, ValueError for a vehicle beyond computing.
     """
+    arrays = design_motion_arrays(vehicle, actuator, build_path(path), disturbance)
+    table, first_rows = table_rows(np.asarray(arrays.table)), np.asarray(arrays.first_rows).tolist()
+    return arrays._replace(table=table, first_rows=first_rows)
+
+
+def design_motion_arrays(
+    vehicle: VehicleSettings,
+    actuator: ActuatorSettings,
+    path: Path,
+    disturbance: DisturbanceSettings,
+) -> MotionParams:
+    """Return the same on a path that is built, with arrays for ``table`` and ``first_rows``."""
     vehicle_params = VehicleParams(
         vehicle.speed_km_h / 3.6,
         vehicle.virtual_mass_kg,
@@ -58,12 +79,14 @@ def design_motion(
         actuator.dead_band_rad,
     )
     intervals = disturbance_intervals(disturbance, vehicle_params)
+    table: Any
+    first_rows: Any
     table, first_rows = _transitions(vehicle_params, actuator_params, intervals)
     return MotionParams(
         vehicle_params.speed_m_s,
         vehicle_params.preview_m,
         actuator_params,
-        build_path(path),
+        path,
         intervals,
         table,
         first_rows,
@@ -72,7 +95,7 @@ def design_motion(
 
 def _transitions(
     vehicle: VehicleParams, actuator: ActuatorParams, intervals: Sequence[DisturbanceInterval]
-) -> tuple[list[Row], list[tuple[int, ...]]]:
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the tables of every friction and wheel phase, end to end, and `first_rows`."""
     settling_1_s = 1.0 / actuator.lag_s if actuator.lag_s > 0.0 else 0.0
     # A wheel at rest rests with any settling, and without a rate limit no wheel ramps: neither
@@ -83,14 +106,14 @@ def _transitions(
         WheelPhase.RAMPING: ramping_1_s,
         WheelPhase.SETTLING: settling_1_s,
     }
-    table: list[Row] = []
+    tables: list[NDArray[np.float64]] = []
     starts: dict[tuple[float, float], int] = {}
     first_rows = []
     for interval in intervals:
         for settling in {settling_1_s, ramping_1_s}:
             if (interval.friction, settling) not in starts:
-                starts[interval.friction, settling] = len(table)
+                starts[interval.friction, settling] = TABLE_ROWS * len(tables)
                 on_road = on_friction(vehicle, interval.friction)
-                table.extend(transition_table(augmented_matrix(on_road, settling)))
+                tables.append(transition_table(augmented_matrix(on_road, settling)))
         first_rows.append(tuple(starts[interval.friction, by_phase[phase]] for phase in WheelPhase))
-    return table, first_rows
+    return np.concatenate(tables), np.array(first_rows, dtype=np.int64)

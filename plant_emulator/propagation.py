@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant_emulator.vehicle import Matrix, VehicleParams, state_matrices
 from runtime.node import NS_PER_S
@@ -85,8 +86,8 @@ def _growth(m: Matrix) -> Matrix:
     return growth
 
 
-def transition_table(m: Matrix) -> list[Row]:
-    """Return the table of M: `TABLE_ROWS` rows of `ENTRIES`.
+def transition_table(m: Matrix) -> NDArray[np.float64]:
+    """Return the table of M, shape (`TABLE_ROWS`, 32): rows of `ENTRIES`.
 
     exp(M·1 ns) comes from its series, its powers by doubling. All are kept as G = exp(M dt) − 1,
     where (1 + G)(1 + H) − 1 = G + H + G H, or the 1 would swallow what a nanosecond changes.
@@ -94,7 +95,7 @@ def transition_table(m: Matrix) -> list[Row]:
     """
     rows, columns = np.array(ENTRIES).T
     diagonal = np.where(rows == columns, 1.0, 0.0)
-    table: list[Row] = []
+    digits = []
     doubled = _growth(m / NS_PER_S)
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in ("fine digit", "coarse digit"):
@@ -105,8 +106,13 @@ def transition_table(m: Matrix) -> list[Row]:
             entries = growth[:, rows, columns] + diagonal
             if not np.isfinite(entries).all():
                 raise ValueError("the vehicle's motion overflows within 17 ms")
-            table.extend(map(tuple, entries.tolist()))
-    return table
+            digits.append(entries)
+    return np.ascontiguousarray(np.concatenate(digits))  # indexing has left it by columns
+
+
+def table_rows(table: NDArray[np.float64]) -> list[Row]:
+    """Return a table as a list of tuples: interpreted, they are read ten times as fast."""
+    return list(map(tuple, table.tolist()))
 
 
 def propagate(table: Table, first_row: int, z: LinearState, dt_ns: int) -> LinearState:

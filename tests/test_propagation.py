@@ -11,6 +11,7 @@ from plant_emulator.propagation import (
     LinearState,
     augmented_matrix,
     propagate,
+    table_rows,
     transition_table,
 )
 from plant_emulator.vehicle import VehicleParams
@@ -18,7 +19,7 @@ from plant_emulator.vehicle import VehicleParams
 PAPER = VehicleParams(5.0 / 3.6, 2000.0, 3728.0, 195_000.0, 500_000.0, 1.3008, 1.5453, 1.912)
 M = augmented_matrix(PAPER, 0.0)
 SETTLING = augmented_matrix(PAPER, 20.0)
-TABLE = [*transition_table(M), *transition_table(SETTLING)]
+TABLE = [*table_rows(transition_table(M)), *table_rows(transition_table(SETTLING))]
 
 states = st.tuples(*[st.floats(-1.0, 1.0)] * 10).map(lambda values: LinearState(*values))
 steps = st.one_of(st.integers(0, 2 * DIGIT_VALUES), st.integers(0, 200_000_000))
@@ -67,7 +68,7 @@ def test_table_is_accurate_for_the_extremes_of_the_settings(
 ) -> None:
     p = PAPER._replace(speed_m_s=speed_m_s, virtual_mass_kg=mass_kg)
     m = augmented_matrix(p, 1.0)
-    table = transition_table(m)
+    table = table_rows(transition_table(m))
     rows, columns = np.array(ENTRIES).T
     for index, dt_ns in ((4095, 4095), (DIGIT_VALUES + 1, 4096), (TABLE_ROWS - 1, 4095 * 4096)):
         expected = expm(m * (dt_ns * 1e-9))[rows, columns]

@@ -9,7 +9,13 @@ from scipy.integrate import solve_ivp
 
 from plant_emulator.path import curvature
 from plant_emulator.path_shapes import ellipse
-from plant_emulator.propagation import LinearState, augmented_matrix, propagate, transition_table
+from plant_emulator.propagation import (
+    LinearState,
+    augmented_matrix,
+    propagate,
+    table_rows,
+    transition_table,
+)
 from plant_emulator.rig_settings import PathSettings, VehicleSettings
 from plant_emulator.vehicle import VehicleParams, on_friction, state_matrices
 
@@ -47,7 +53,7 @@ def test_steady_cornering_has_the_textbook_yaw_rate_and_side_slip(p: VehiclePara
     path_curvature = steer / (wheelbase + gradient * p.speed_m_s**2)
     slip_per_curvature = p.rear_axle_m - rear_load * p.speed_m_s**2 / p.rear_stiffness_n_rad
 
-    table = transition_table(augmented_matrix(p, 0.0))
+    table = table_rows(transition_table(augmented_matrix(p, 0.0)))
     z = propagate(table, 0, AT_REST._replace(wheel_rad=steer), 20_000_000_000)
 
     assert z.yaw_rate_rad_s == pytest.approx(p.speed_m_s * path_curvature, rel=1e-9)
@@ -69,7 +75,7 @@ def test_steady_cornering_on_the_curve_of_the_path_leaves_the_preview_point_para
         -np.array([a[0, 1], a[1, 1], PAPER.preview_m]) * PAPER.speed_m_s * rho,
     )
     assert side_slip + heading_error == pytest.approx(-PAPER.preview_m * rho)
-    table = transition_table(augmented_matrix(PAPER, 0.0))
+    table = table_rows(transition_table(augmented_matrix(PAPER, 0.0)))
     z = AT_REST._replace(
         side_slip_rad=side_slip,
         yaw_rate_rad_s=PAPER.speed_m_s * rho,
@@ -86,7 +92,7 @@ def test_long_simulation_has_the_frequency_response_of_equation_4(
     p: VehicleParams, omega: float
 ) -> None:
     """A sine in ramps of 1 ms, whose own error is (ω h)²/12 < 4e-5; y may also drift."""
-    table = transition_table(augmented_matrix(p, 0.0))
+    table = table_rows(transition_table(augmented_matrix(p, 0.0)))
     step_s = 1e-3
     times = np.arange(0.0, 1.0 + 3.0 * 2.0 * np.pi / omega, step_s)
     steer = 0.01 * np.sin(omega * times)
@@ -126,7 +132,7 @@ def test_propagation_agrees_with_a_numerical_solver_on_the_written_out_equations
         ]
 
     solution = solve_ivp(derivative, (0.0, 1.5), z[:4], method="Radau", rtol=1e-10, atol=1e-13)
-    table = transition_table(augmented_matrix(p, 0.0))
+    table = table_rows(transition_table(augmented_matrix(p, 0.0)))
     moved = propagate(table, 0, z, 1_500_000_000)
     assert moved[:4] == pytest.approx(solution.y[:, -1], abs=1e-8)
 

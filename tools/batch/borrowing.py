@@ -35,11 +35,15 @@ _int_pointer = _pointer_to(types.int64)
 
 @compiled
 def borrowed_floats(array: Any) -> Any:
-    """Return the same float64 memory, C-contiguous, uncounted."""
+    """Return the same float64 memory, uncounted. Raises ValueError unless C-contiguous."""
+    if not array.flags.c_contiguous:
+        raise ValueError("only C-contiguous arrays can be borrowed")
     return carray(_float_pointer(array.ctypes.data), array.shape)
 
 
 @compiled
 def borrowed_ints(array: Any) -> Any:
-    """Return the same int64 memory, C-contiguous, uncounted."""
+    """Return the same int64 memory, uncounted. Raises ValueError unless C-contiguous."""
+    if not array.flags.c_contiguous:
+        raise ValueError("only C-contiguous arrays can be borrowed")
     return carray(_int_pointer(array.ctypes.data), array.shape)

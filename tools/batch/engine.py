@@ -7,6 +7,7 @@ says so; virtual time would go on.
 """
 
 from enum import StrEnum
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +34,9 @@ from tools.batch.motion import compiled_motion
 from tools.batch.network import FloatArray, IntArray
 from tools.batch.plan import Plan, plan_run
 from tools.batch.steps import register_steps
+
+_DESIGNS_KEPT = 256
+"""Laws kept for the next run with the same controller; designing one costs a tenth of a run."""
 
 
 class Outcome(StrEnum):
@@ -106,22 +110,18 @@ class BatchRun(NamedTuple):
 
 
 def run_batch(
-    plant: PlantSettings,
-    controller: ControllerSettings,
-    plan: Plan | None = None,
-    design: LawDesign | None = None,
+    plant: PlantSettings, controller: ControllerSettings, plan: Plan | None = None
 ) -> BatchRun:
     """Run one pair to its end, on a wire that takes no time.
 
-    ``plan``    laid down before from the same settings, to share it between runs that differ in
-                law, vehicle or path only
-    ``design``  of the same controller settings, to share it too
+    ``plan``  laid down before from the same settings, to share it between runs that differ in law,
+              vehicle or path only
 
     Raises NothingArrivesError where no measurement would ever reach the controller.
     """
     register_steps()
     plan = plan_run(plant, controller) if plan is None else plan
-    law = design_law(controller) if design is None else design
+    law = _designed(controller)
     motion = compiled_motion(plant)
     constants = _constants(controller, plan)
     schedule = Schedule(*(getattr(plan, name) for name in Schedule._fields))
@@ -154,6 +154,11 @@ def run_batch(
             )
         samples = x.sample
     return _collected(plan, motion.speed_m_s, records, samples, ticks, _OUTCOMES[code])
+
+
+@lru_cache(maxsize=_DESIGNS_KEPT)
+def _designed(controller: ControllerSettings) -> LawDesign:
+    return design_law(controller)
 
 
 def _constants(controller: ControllerSettings, plan: Plan) -> Constants:

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from plant_emulator.disturbance import DisturbanceInterval
-from plant_emulator.motion_design import MotionParams, design_motion
+from plant_emulator.motion_design import MotionParams, design_motion_arrays
 from plant_emulator.path import Path
+from plant_emulator.path_shapes import build_path
 from plant_emulator.rig_settings import (
     ActuatorSettings,
     DisturbanceSettings,
@@ -40,18 +41,21 @@ def _designed(
     path: PathSettings,
     disturbance: DisturbanceSettings,
 ) -> MotionParams:
-    live = design_motion(vehicle, actuator, path, disturbance)
+    params = design_motion_arrays(vehicle, actuator, _road(path), disturbance)
+    intervals = np.array([tuple(interval) for interval in params.intervals], dtype=_INTERVAL)
+    arrays: dict[str, Any] = {"intervals": intervals}
+    return params._replace(**arrays)
+
+
+@lru_cache(maxsize=_KEPT)
+def _road(settings: PathSettings) -> Path:
+    """Return a path with arrays, without the poses: they are for pictures and do not compile."""
+    path = build_path(settings)
     arrays: dict[str, Any] = {
-        "table": np.array(live.table),
-        "first_rows": np.array(live.first_rows, dtype=np.int64),
-        "intervals": np.array([tuple(interval) for interval in live.intervals], dtype=_INTERVAL),
-    }
-    road: dict[str, Any] = {
-        name: np.array(getattr(live.path, name))
+        name: np.array(getattr(path, name))
         for name in ("start_m", "curvature_1_m", "curvature_slope_1_m2")
     }
-    # Poses are for pictures, and a list of them does not compile.
-    return live._replace(**arrays, path=live.path._replace(**road, pose=()))
+    return path._replace(**arrays, pose=())
 
 
 @compiled

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from controller.analysis.uncertainty import paper_box
-from controller.design import design_law
 from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, read_preset
@@ -56,9 +55,9 @@ def lines_beside_c() -> list[Line]:
         library = compile_pair(Path(folder))
         for name, network in NETWORKS.items():
             plant, controller = pair_settings(network)
-            plan, design = plan_run(plant, controller), design_law(controller)
+            plan = plan_run(plant, controller)
             in_c = CPair(library, plant, controller, plan)
-            here, there = run_batch(plant, controller, plan, design), in_c.run()
+            here, there = run_batch(plant, controller, plan), in_c.run()
             first = len(there.lateral_error_m) - len(here.lateral_error_m)
             if not (
                 np.array_equal(here.lateral_error_m, there.lateral_error_m[first:])
@@ -66,7 +65,7 @@ def lines_beside_c() -> list[Line]:
             ):
                 raise ValueError(f"C and the batch differ at {name}")
 
-            batch = partial(run_batch, plant, controller, plan, design)
+            batch = partial(run_batch, plant, controller, plan)
             batch_us, c_us = _turn_by_turn(batch, in_c.run)
             planning_us = _each_us(partial(plan_run, plant, controller), 5)
             lines += [
@@ -90,11 +89,11 @@ def lines_beside_c() -> list[Line]:
 def line_of_threads() -> Line:
     """Compare two threads with one, turn by turn."""
     plant, controller = pair_settings(NETWORKS["80 ms"])
-    plan, design = plan_run(plant, controller), design_law(controller)
+    plan = plan_run(plant, controller)
 
     def some_runs(count: int) -> None:
         for _ in range(count):
-            run_batch(plant, controller, plan, design)
+            run_batch(plant, controller, plan)
 
     def two_threads() -> None:
         with ThreadPoolExecutor(2) as pool:
@@ -113,10 +112,9 @@ def line_of_threads() -> Line:
 def lines_beside_others() -> list[Line]:
     """Time the nodes in virtual time and python-control's simulation against a batch run."""
     plant, controller = pair_settings(NETWORKS["80 ms"])
-    plan, design = plan_run(plant, controller), design_law(controller)
+    plan = plan_run(plant, controller)
     batch_us = statistics.median(
-        _each_us(lambda: run_batch(plant, controller, plan, design), RUNS)
-        for _ in range(REPETITIONS)
+        _each_us(lambda: run_batch(plant, controller, plan), RUNS) for _ in range(REPETITIONS)
     )
     virtual = [
         _each_us(lambda: run_virtual_pair(plant, controller, None), 1) / batch_us for _ in range(3)
@@ -170,16 +168,16 @@ def python_control_us() -> float:
 def seconds_of_runs(counts: Sequence[int], lengths_s: Sequence[float]) -> dict[str, list[float]]:
     """Return the time of so many runs of a minute, and of ten runs of such lengths [s]."""
     plant, controller = pair_settings(NETWORKS["80 ms"])
-    plan, design = plan_run(plant, controller), design_law(controller)
+    plan = plan_run(plant, controller)
     by_count = [
-        1e-6 * _each_us(lambda: run_batch(plant, controller, plan, design), count) * count
+        1e-6 * _each_us(lambda: run_batch(plant, controller, plan), count) * count
         for count in counts
     ]
     by_length = []
     for length_s in lengths_s:
         longer, _ = pair_settings(NETWORKS["80 ms"], length_s)
         its = plan_run(longer, controller)
-        each_us = _each_us(partial(run_batch, longer, controller, its, design), 10)
+        each_us = _each_us(partial(run_batch, longer, controller, its), 10)
         by_length.append(1e-5 * each_us)
     return {"by_count": by_count, "by_length": by_length}
 
