@@ -5,9 +5,18 @@ from matplotlib.figure import Figure
 
 from tools.demo_figures import COLOURS
 from tools.stress_report.axes import StudyAxes
-from tools.stress_report.break_points import CONFIDENCE, HELD_SHARE, LATENCY_NS_MAX, BreakPoint
+from tools.stress_report.break_points import (
+    CONFIDENCE,
+    HELD_SHARE,
+    LATENCY_NS_MAX,
+    STEP_NS,
+    BreakPoint,
+)
 
 _MARKERS = "os^Dv<>p"
+_TICKS_MS = (10, 20, 50, 100, 150, 200, 300, 400, 500, 700, 1000, 1500, 2000)
+_SHORTEST_MS = 1e-6 * STEP_NS
+"""Where no latency, or not even none, is drawn: the axis is logarithmic."""
 
 
 def draw_break_points(points: list[BreakPoint], axes: StudyAxes, names: tuple[str, ...]) -> Figure:
@@ -24,7 +33,7 @@ def draw_break_points(points: list[BreakPoint], axes: StudyAxes, names: tuple[st
         )
         colour = COLOURS[controller % len(COLOURS)]
         median, low, high, held = (
-            1e3 * np.clip([getattr(point, name) for point in own], 0.0, 1e-3 * end_ms)
+            np.clip([1e3 * getattr(point, name) for point in own], _SHORTEST_MS, end_ms)
             for name in ("median_s", "low_s", "high_s", "held_s")
         )
         panel.errorbar(
@@ -38,14 +47,26 @@ def draw_break_points(points: list[BreakPoint], axes: StudyAxes, names: tuple[st
             label=name,
         )
         panel.plot(at, held, ls="", marker="_", ms=11, mew=2, color=colour)
-    panel.axhline(end_ms, color="0.4", lw=0.8, ls="--")
-    panel.text(-0.3, end_ms, "end of the search: held here and beyond", va="bottom", fontsize=8.5)
+    panel.set_yscale("log")
+    low_ms, high_ms = panel.get_ylim()
+    if high_ms > 0.8 * end_ms:
+        panel.axhline(end_ms, color="0.4", lw=0.8, ls="--")
+        panel.annotate(
+            "end of the search: held here and beyond",
+            (0.02, end_ms),
+            (0.0, 3.0),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            fontsize=8.5,
+        )
+        high_ms = 1.3 * end_ms
+    panel.set_ylim(low_ms, high_ms)
+    ticks_ms = [tick for tick in _TICKS_MS if low_ms <= tick <= high_ms]
+    panel.set_yticks(ticks_ms, [f"{tick:g}" for tick in ticks_ms])
+    panel.set_yticks([], minor=True)
     panel.set_xticks(range(len(chosen)), [axes.jitter.labels[place] for place in chosen])
     panel.set_xlabel(axes.jitter.title)
     panel.set_ylabel("largest mean latency held [ms]")
-    panel.set_ylim(0.0, 1.1 * end_ms if _is_near(points) else None)
-    if not _is_near(points):
-        panel.set_ylim(0.0, 1.2e3 * max(point.by_seed_s[-1] for point in points) + 1.0)
     panel.set_title(
         f"Markers: median over seeds with its {100 * CONFIDENCE:g} % interval.  "
         f"Bars: held by at least {100 * HELD_SHARE:g} % of seeds, {100 * CONFIDENCE:g} % sure",
@@ -54,8 +75,3 @@ def draw_break_points(points: list[BreakPoint], axes: StudyAxes, names: tuple[st
     )
     panel.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
-
-
-def _is_near(points: list[BreakPoint]) -> bool:
-    """Whether the end of the search is worth showing."""
-    return any(point.by_seed_s[-1] > 0.8e-9 * LATENCY_NS_MAX for point in points)

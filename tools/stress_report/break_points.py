@@ -40,7 +40,7 @@ STEP_NS = 10_000_000
 LATENCY_NS_MAX = 2 * NS_PER_S
 """Where galloping ends."""
 GROUPS_MAX = 2
-JITTERS_MAX = 5
+JITTERS_MAX = 6
 _THREADS = 2
 
 

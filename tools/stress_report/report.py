@@ -88,7 +88,7 @@ def _costs(study: StudyRecord, rows: Rows, axes: StudyAxes) -> Section:
 def _save(study: StudyRecord, name: str, draw: Callable[[], Figure]) -> Picture:
     """Draw a picture, write it beside the page, and return it for the page."""
     stream = io.BytesIO()
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
         draw().savefig(stream, format="png", dpi=_DPI, metadata={"Software": None})
     (study.folder / f"{name}.png").write_bytes(stream.getvalue())
     return Picture(stream.getvalue(), name.replace("_", " "))
