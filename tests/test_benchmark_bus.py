@@ -29,6 +29,7 @@ from tools.bus_benchmark.lines import (
     skipped_lines,
     tick_lines,
 )
+from tools.bus_benchmark.measurements import measurements
 from tools.bus_benchmark.processes import PRIORITY_MAX, PRIORITY_MIN, may_have_priority
 from tools.bus_benchmark.records import (
     Answers,
@@ -53,6 +54,7 @@ from tools.bus_benchmark.runs import (
     Bench,
     TickRun,
     answer_run,
+    socketcan_options,
     tick_run,
     write_frames,
 )
@@ -343,16 +345,41 @@ def test_the_program_writes_every_line_with_its_target(
     assert content["machine"]["python"] in capsys.readouterr().out
 
 
+@needs_gcc
+def test_without_can_lateness_and_skipped_ticks_are_measured(tmp_path: Path) -> None:
+    out = tmp_path / "out.json"
+    short = ["--seconds", "0.2", "--long-seconds", "0.2", "--repetitions", "1", "--priority", "0"]
+    assert benchmark_bus.main([*short, "--no-can", "--json", str(out)]) == 0
+    content = json.loads(out.read_text(encoding="utf-8"))
+    assert [line["target"] for line in content["lines"] if line["target"]] == [
+        "≤ 2",
+        "≤ 2",
+        "≤ 0",
+        "≤ 0",
+    ]
+    names = [line["name"] for line in content["lines"]]
+    assert not [name for name in names if "turn-around" in name]
+    assert "lateness, 100 Hz, controller, p99" in names
+
+
+def test_a_fed_controller_commands_without_anybody_on_the_bus() -> None:
+    fed = AtRate(controller(), measurements())
+    sent = [frame.can_id for _ in range(20) for frame in fed.on_tick(fed.deadline_ns)]
+    assert sent.count(CAN_IDS[SteeringCommand]) == 20
+
+
 @pytest.mark.vcan
 def test_everyone_answers_on_a_real_bus(tmp_path: Path) -> None:
     priority = PRIORITY_MIN if may_have_priority() else 0
-    bench = Bench("vcan0", tmp_path, compile_all(tmp_path), priority)
+    bus = socketcan_options("vcan0")
+    bench = Bench("vcan0", bus, tmp_path, compile_all(tmp_path), priority)
     write_frames(bench.frames)
     for who in (C_ECHO, BARE_PYTHON, PYTHON_WITH_TIMEOUT, NODE):
         run = answer_run(bench, who, 100, 0.5)
         assert run.answers.durations.samples + run.answers.unanswered == 50, who
         assert run.answers.durations.samples > 0, who
     beside = tick_run(bench, 100, 0.5)
+    assert beside.answers is not None
     assert beside.answers.durations.samples > 0
     assert beside.report["connection"]["driver"] == "AF_CAN"
     assert beside.ticks

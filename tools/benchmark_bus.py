@@ -1,6 +1,7 @@
 """How fast the controller answers and how punctual it is on a CAN bus, beside C and bare Python.
 
     tools/with_vcan python -m tools.benchmark_bus [--json FILE]
+    python -m tools.benchmark_bus --no-can
 
 Everything that is compared runs in turns on the same machine within minutes, or at once; each
 figure is the median of several repetitions, each ratio is within one repetition. docs/real_time.md
@@ -12,7 +13,8 @@ import os
 import platform
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +22,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from runtime.bus import BusError, socketcan_obstacle
+from runtime.emulated_bus.launch import launched_broker
 from runtime.host import StealClock
 from runtime.option_types import output_file, seconds
 from runtime.program import ExitStatus
@@ -45,6 +48,7 @@ from tools.bus_benchmark.runs import (
     Bench,
     TickRun,
     answer_run,
+    socketcan_options,
     tick_run,
     write_frames,
 )
@@ -62,7 +66,7 @@ BETWEEN_S = 2.0
 
 
 class _Runs(NamedTuple):
-    """All that was run."""
+    """All that was run; ``answers`` is empty without CAN."""
 
     answers: Mapping[str, list[AnswerRun]]
     ticks: list[TickRun]
@@ -92,6 +96,11 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("-c", "--channel", default="vcan0", help="default: %(default)s")
     parser.add_argument(
+        "--no-can",
+        action="store_true",
+        help="only lateness and skipped ticks, on an emulated bus: no CAN in the kernel is needed",
+    )
+    parser.add_argument(
         "--seconds", type=seconds, default=4.0, help="of each short run (default: %(default)g)"
     )
     parser.add_argument("--repetitions", type=_count, default=5, help="default: %(default)s")
@@ -114,15 +123,18 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _benchmark(options: argparse.Namespace) -> None:
-    obstacle = socketcan_obstacle(options.channel)
+    obstacle = "" if options.no_can else socketcan_obstacle(options.channel)
     if obstacle:
-        raise BusError(f"{obstacle}; this brings one: tools/with_vcan python -m tools.{NAME}")
+        raise BusError(
+            f"{obstacle}; this brings one: tools/with_vcan python -m tools.{NAME}; "
+            "--no-can measures what can be measured without"
+        )
     console, steal = Console(markup=False, highlight=False), StealClock()
     granted = bool(options.priority) and may_have_priority()
-    with tempfile.TemporaryDirectory(prefix="bus-benchmark-") as name:
+    with tempfile.TemporaryDirectory(prefix="bus-benchmark-") as name, _bus(options) as bus:
         folder = Path(name)
         priority = options.priority if granted else 0
-        bench = Bench(options.channel, folder, compile_all(folder), priority)
+        bench = Bench(*bus, folder, compile_all(folder), priority)
         write_frames(bench.frames)
         runs = _run_all(bench, options)
     lines = _lines(runs)
@@ -144,17 +156,30 @@ def _benchmark(options: argparse.Namespace) -> None:
         )
 
 
+@contextmanager
+def _bus(options: argparse.Namespace) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield the SocketCAN channel, if any, and the options with which a program joins the bus."""
+    if not options.no_can:
+        yield options.channel, socketcan_options(options.channel)
+        return
+    with (
+        open(os.devnull, "w", encoding="utf-8") as nowhere,
+        launched_broker(log=nowhere) as address,
+    ):
+        yield "", ("-i", "emulated", "-c", NAME, "--bus-kwargs", f"address={address}")
+
+
 def _run_all(bench: Bench, options: argparse.Namespace) -> _Runs:
     """Run everything, in turns, so that what else the machine does meets all alike."""
-    answered: dict[str, list[AnswerRun]] = {who: [] for who in ANSWERING}
+    answered: dict[str, list[AnswerRun]] = {who: [] for who in ANSWERING if bench.channel}
     ticks = []
     short_s, long_s = options.seconds + BETWEEN_S, options.long_seconds + BETWEEN_S
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        total_s = options.repetitions * (len(ANSWERING) + 1) * short_s + long_s
+        total_s = options.repetitions * (len(answered) + 1) * short_s + long_s
         task = progress.add_task("", total=total_s)
         for _ in range(options.repetitions):
-            for who in ANSWERING:
+            for who in answered:
                 progress.update(task, description=who)
                 answered[who].append(answer_run(bench, who, RATE_HZ, options.seconds))
                 progress.advance(task, short_s)
@@ -167,10 +192,10 @@ def _run_all(bench: Bench, options: argparse.Namespace) -> _Runs:
 
 
 def _lines(runs: _Runs) -> list[Line]:
-    reports = [run.report["node"] for run in runs.answers[NODE] if run.report is not None]
-    reports += [run.report["node"] for run in (*runs.ticks, runs.long)]
+    reports = [run.report["node"] for run in (*runs.ticks, runs.long)]
+    reports += [run.report["node"] for run in runs.answers.get(NODE, []) if run.report is not None]
     return [
-        *answer_lines(runs.answers),
+        *(answer_lines(runs.answers) if runs.answers else []),
         *tick_lines(runs.ticks),
         *tick_lines(parts(runs.long, PARTS)),
         *skipped_lines(runs.long),

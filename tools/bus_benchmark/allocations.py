@@ -5,7 +5,6 @@ it is left on, as Python starts, and its collections are counted.
 """
 
 import gc
-import math
 import tracemalloc
 from collections.abc import Mapping
 from statistics import median
@@ -13,10 +12,9 @@ from typing import NamedTuple
 
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings
-from dbc.messages import LateralError, encode
 from runtime.settings import load_settings, read_preset
+from tools.bus_benchmark.measurements import measurements
 
-COUNTERS = 256
 WARM_UP_TICKS = 300
 
 
@@ -83,16 +81,13 @@ class _Loop:
 
     def __init__(self, settings: ControllerSettings) -> None:
         self._node = ControllerNode(settings, 0)
-        self._frames = [
-            encode(LateralError(0.01 * math.sin(0.1 * counter), 0.0), counter)
-            for counter in range(COUNTERS)
-        ]
+        self._frames = measurements()
         self._ticks = 0
         for _ in range(WARM_UP_TICKS):
             self.tick()
 
     def tick(self) -> None:
         now_ns = self._node.deadline_ns
-        self._node.on_frame(self._frames[self._ticks % COUNTERS], now_ns)
+        self._node.on_frame(self._frames[self._ticks % len(self._frames)], now_ns)
         self._node.on_tick(now_ns)
         self._ticks += 1

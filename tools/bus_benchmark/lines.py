@@ -76,8 +76,9 @@ def tick_lines(runs: Sequence[TickRun]) -> list[Line]:
             lines.append(_line(f"lateness, {rate}, {who}, {quantile}", "µs", microseconds))
     p99 = _ratios([s.p99_ns for s in own], [s.p99_ns for s in reference])
     lines.append(_line(f"lateness, {rate}, controller to C loop, p99", "x", p99, LATENESS_RATIO))
-    for quantile in ("p50", "p99"):
-        figures = [_quantile_ns(run.answers.durations, quantile) / NS_PER_US for run in runs]
+    durations = [run.answers.durations for run in runs if run.answers is not None]
+    for quantile in ("p50", "p99") if durations else ():
+        figures = [_quantile_ns(each, quantile) / NS_PER_US for each in durations]
         lines.append(_line(f"turn-around, controller at {rate}, {quantile}", "µs", figures))
     return lines
 

@@ -1,6 +1,7 @@
 """Runs the benchmark's programs: nothing is timed before all of them are ready.
 
-    C loop      SCHED_FIFO above the others, so that a slow tick of ours cannot make it late
+    C loop      SCHED_FIFO above the others, so that a slow tick of ours cannot make it late; on the
+                processor of the one it is compared with, as a host stops them one by one
     answering   SCHED_FIFO as asked for
     requester   below both: it takes down what has happened when nobody else has anything to do
 
@@ -28,11 +29,15 @@ class ProcessError(Exception):
 
 
 class Role(NamedTuple):
-    """A program and its priority of SCHED_FIFO; 0 leaves its priority to itself."""
+    """A program, its priority of SCHED_FIFO, and the only processor it may run on.
+
+    0 and None leave them to itself.
+    """
 
     name: str
     command: Sequence[str]
     priority: int = 0
+    cpu: int | None = None
 
 
 @contextmanager
@@ -49,6 +54,8 @@ def started(role: Role, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     with process:
         try:
             _wait_until_ready(role, process, folder)
+            if role.cpu is not None:
+                os.sched_setaffinity(process.pid, {role.cpu})
             if role.priority:
                 os.sched_setscheduler(process.pid, os.SCHED_FIFO, os.sched_param(role.priority))
             yield process

@@ -1,15 +1,16 @@
 """The two kinds of run of the benchmark: one that answers at once, one that ticks at its rate."""
 
 import json
-import math
+import os
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from dbc.messages import CAN_IDS, LateralError, SteeringCommand, encode
+from dbc.messages import CAN_IDS, LateralError, SteeringCommand
 from runtime.node import NS_PER_S
 from runtime.socketcan import packed
 from tools.bus_benchmark.c_programs import CPrograms
+from tools.bus_benchmark.measurements import measurements
 from tools.bus_benchmark.processes import (
     ABOVE,
     BELOW,
@@ -32,7 +33,6 @@ from tools.bus_benchmark.records import (
 REQUEST_ID, REPLY_ID = CAN_IDS[LateralError], CAN_IDS[SteeringCommand]
 PRESET = "practical_pd_ddob"
 """The law that takes longest."""
-COUNTERS = 256
 C_ECHO, BARE_PYTHON, PYTHON_WITH_TIMEOUT, NODE = (
     "C echo",
     "bare Python echo",
@@ -48,10 +48,13 @@ a measurement waits for its tick then takes every value, instead of one that cha
 class Bench(NamedTuple):
     """What every run needs.
 
+    ``channel``   of SocketCAN, where there is one
+    ``bus``       options with which our own program joins the bus
     ``priority``  of SCHED_FIFO; 0 where the host does not grant it
     """
 
     channel: str
+    bus: tuple[str, ...]
     folder: Path
     programs: CPrograms
     priority: int
@@ -73,24 +76,24 @@ class TickRun(NamedTuple):
     """A run of the controller at its rate, beside a C loop of the same rate.
 
     ``ticks``      of the controller while the C loop ran; ``reference`` are the C loop's
-    ``answers``    of the first command after each measurement
+    ``answers``    of the first command after each measurement; None where it fed itself
     """
 
     period_ns: int
     ticks: list[Tick]
     reference: list[Tick]
-    answers: Answers
+    answers: Answers | None
     report: dict[str, Any]
 
 
+def socketcan_options(channel: str) -> tuple[str, ...]:
+    """Return the options with which a program joins a SocketCAN interface."""
+    return ("-i", "socketcan", "-c", channel)
+
+
 def write_frames(path: Path) -> None:
-    """Write the measurements that are sent in turn, with every counter of the protection."""
-    path.write_bytes(
-        b"".join(
-            packed(encode(LateralError(0.01 * math.sin(0.1 * counter), 0.0), counter))
-            for counter in range(COUNTERS)
-        )
-    )
+    """Write the measurements that the requester sends in turn."""
+    path.write_bytes(b"".join(packed(frame) for frame in measurements()))
 
 
 def answer_run(bench: Bench, who: str, rate_hz: int, seconds: float) -> AnswerRun:
@@ -111,30 +114,35 @@ def answer_run(bench: Bench, who: str, rate_hz: int, seconds: float) -> AnswerRu
 
 
 def tick_run(bench: Bench, rate_hz: int, seconds: float) -> TickRun:
-    """Let the controller tick at its rate beside a C loop."""
-    period_ns = NS_PER_S // rate_hz
+    """Let the controller tick at its rate beside a C loop on the same processor.
+
+    Without a channel for the requester the controller is fed.
+    """
+    cpu, period_ns = max(os.sched_getaffinity(0)), NS_PER_S // rate_hz
     passages, reference, ticks = (
         bench.folder / name for name in ("passages", "reference", "ticks")
     )
-    requester = _requester(bench, round(DRIFT * period_ns), seconds, passages)
     loop_command = [str(bench.programs.timer_loop), str(period_ns), str(round(seconds * NS_PER_S))]
-    loop = Role("timer_loop", [*loop_command, str(reference)], _beside(bench, ABOVE))
-    controller = _controller(bench, "at-rate", "--set", f"rate_hz={rate_hz}", "--ticks", str(ticks))
+    loop = Role("timer_loop", [*loop_command, str(reference)], _beside(bench, ABOVE), cpu)
+    roles = [loop]
+    if bench.channel:
+        roles.append(_requester(bench, round(DRIFT * period_ns), seconds, passages))
+    options = ("--set", f"rate_hz={rate_hz}", "--ticks", str(ticks), "--cpu", str(cpu))
+    controller = _controller(bench, "at-rate" if bench.channel else "fed", *options)
     with ExitStack() as stack:
-        looping = stack.enter_context(started(loop, bench.folder))
-        requests = stack.enter_context(started(requester, bench.folder))
+        processes = [stack.enter_context(started(role, bench.folder)) for role in roles]
         controlling = stack.enter_context(started(controller, bench.folder))
-        go(requests)
-        go(looping)
-        finish(loop, looping, seconds, bench.folder)
-        finish(requester, requests, seconds, bench.folder)
+        for process in processes:
+            go(process)
+        for role, process in zip(roles, processes, strict=True):
+            finish(role, process, seconds, bench.folder)
         interrupt(controller, controlling, bench.folder)
     woke = read_ticks(reference)
     return TickRun(
         period_ns,
         between(read_ticks(ticks), woke[0].deadline_ns, woke[-1].deadline_ns),
         woke,
-        answers(read_passages(passages), REPLY_ID),
+        answers(read_passages(passages), REPLY_ID) if bench.channel else None,
         _read_report(bench),
     )
 
@@ -152,7 +160,7 @@ def _answering(bench: Bench, who: str) -> Role:
 
 def _controller(bench: Bench, answer: str, *options: str) -> Role:
     """Return our own program, which asks for its priority itself."""
-    bus = ("-i", "socketcan", "-c", bench.channel, "--preset", PRESET)
+    bus = (*bench.bus, "--preset", PRESET)
     report = ("--report", str(_report(bench)), "--priority", str(bench.priority))
     module = "tools.bus_benchmark.watched_controller"
     return Role("controller", python(module, *bus, *report, "--answer", answer, *options))

@@ -1,10 +1,14 @@
-"""The controller program with two additions: it keeps when each tick ran, and may answer at once.
+"""The controller program, which keeps when each tick ran and may tick for other reasons.
 
-    python -m tools.bus_benchmark.watched_controller --answer at-rate|at-once --ticks FILE ...
+    python -m tools.bus_benchmark.watched_controller --answer WHEN --ticks FILE ...
 
 Node, port, executor and what is asked of the host are the program's own, and so are all other
-options. ``at-rate`` is the program as it is. ``at-once`` does the whole tick when a measurement
-comes instead of when it is due, so that what is timed is the work, and not the wait for the period.
+options. WHEN is one of
+
+    at-rate   the program as it is
+    fed       the same, with a measurement of its own before each tick: for a bus with nobody else
+    at-once   does the whole tick when a measurement comes instead of when it is due, so that what
+              is timed is the work, and not the wait for the period
 
 FILE holds two int64 a tick, its deadline and when it ran [ns, monotonic clock].
 """
@@ -13,7 +17,7 @@ import argparse
 import gc
 import sys
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +29,7 @@ from runtime.frame import Frame
 from runtime.node import NEVER_NS
 from runtime.option_types import output_file
 from runtime.program import load_program_settings, make_parser, run_main, run_node
+from tools.bus_benchmark.measurements import measurements
 
 NAME = "watched-controller"
 PRESETS = "controller.presets"
@@ -68,10 +73,14 @@ class Watch:
 
 
 class AtRate:
-    """``node`` as it is, watched."""
+    """``node`` as it is, watched.
 
-    def __init__(self, node: ControllerNode) -> None:
+    ``feed``  measurements that it is handed in turn, one before each tick
+    """
+
+    def __init__(self, node: ControllerNode, feed: Sequence[Frame] = ()) -> None:
         self._node = node
+        self._feed = feed
         self._watch = Watch()
         self.ticks = array("q")
 
@@ -94,6 +103,8 @@ class AtRate:
         self._watch.tick()
         self.ticks.append(self._node.deadline_ns)
         self.ticks.append(now_ns)
+        if self._feed:
+            self._node.on_frame(self._feed[len(self.ticks) // 2 % len(self._feed)], now_ns)
         return self._node.on_tick(now_ns)
 
     def report(self) -> Mapping[str, Any]:
@@ -139,7 +150,11 @@ class AtOnce:
         return {**self._node.report(), **self._watch.report()}
 
 
-ANSWERS = {"at-rate": AtRate, "at-once": AtOnce}
+ANSWERS: dict[str, Callable[[ControllerNode], AtRate | AtOnce]] = {
+    "at-rate": AtRate,
+    "fed": lambda node: AtRate(node, measurements()),
+    "at-once": AtOnce,
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

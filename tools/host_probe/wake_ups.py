@@ -5,24 +5,22 @@ controller does in a period, with a measurement that it makes up and a command t
 a probe has no business on somebody's bus.
 """
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings
-from dbc.messages import LateralError, encode
 from runtime.frame import Frame
 from runtime.node import NS_PER_S
 from runtime.real_time import Port, RealTimeExecutor
 from runtime.settings import load_settings, read_preset
 from runtime.statistics import DurationStatistics, DurationSummary
+from tools.bus_benchmark.measurements import measurements
 from tools.host_probe.steal import Sliced, Slices
 
 PRESET = "practical_pd_ddob"
 """The law that takes longest."""
-COUNTERS = 256
 
 
 class Sample(NamedTuple):
@@ -63,10 +61,7 @@ class WorkingNode:
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self._controller = ControllerNode(settings, start_ns)
-        self._frames = [
-            encode(LateralError(0.01 * math.sin(0.1 * counter), 0.0), counter)
-            for counter in range(COUNTERS)
-        ]
+        self._frames = measurements()
         self._end_ns = end_ns
         self._clock_ns = clock_ns
         self._ticks = 0
@@ -89,7 +84,7 @@ class WorkingNode:
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
         """Work, in silence."""
         deadline_ns = self._controller.deadline_ns
-        self._controller.on_frame(self._frames[self._ticks % COUNTERS], now_ns)
+        self._controller.on_frame(self._frames[self._ticks % len(self._frames)], now_ns)
         self._controller.on_tick(now_ns)
         self._ticks += 1
         done_ns = self._clock_ns()
