@@ -269,3 +269,16 @@ def test_a_break_point_lies_between_what_holds_and_what_does_not(study: StudyRec
         np.testing.assert_allclose(steps, np.round(steps))
     without_jitter = [point for point in points if point.jitter == 0]
     assert all(len(set(point.by_seed_s)) == 1 for point in without_jitter)
+
+
+def test_a_break_point_beyond_the_study_is_found_where_the_law_breaks_first(
+    study: StudyRecord, tmp_path: Path
+) -> None:
+    """Where all runs hold, the slow corners have the largest errors, but the fast ones break."""
+    mild = read_study(computed(tmp_path, STUDY.replace("[0.1, 0.9]", "[0.1, 0.15]")))
+    found = []
+    for one in (study, mild):
+        rows = read_rows(one)
+        found.append(break_points(one, rows, study_axes(one, rows), count=1))
+    assert read_rows(mild).holds.all()
+    assert [point.by_seed_s for point in found[0]] == [point.by_seed_s for point in found[1]]

@@ -33,7 +33,7 @@ _FAMILIES = (
     (Verdict.DRIFTS,),
 )
 _COLUMNS = 2
-_TEXT_CELLS_MAX = 90
+_TEXT_CELLS_MAX = 130
 """Cells of one map into which numbers are written."""
 
 

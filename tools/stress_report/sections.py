@@ -9,6 +9,7 @@ import numpy as np
 
 from tools.stress_report.axes import StudyAxes
 from tools.stress_report.break_points import (
+    CANDIDATES_MAX,
     CONFIDENCE,
     GROUPS_MAX,
     HELD_SHARE,
@@ -105,9 +106,9 @@ def break_point_section(
         (
             "The largest mean latency that each law holds, searched by bisection with each of "
             f"{seeds} seeds to {1e-6 * STEP_NS:g} ms, up to {1e-6 * LATENCY_NS_MAX:g} ms, under "
-            f"the {GROUPS_MAX} worst of all other conditions of the study for that law and "
-            "jitter: a latency counts as held only if both are. These runs are beside those of "
-            "the study.",
+            f"the {GROUPS_MAX} of all other conditions of the study in which that law breaks first "
+            f"at that jitter (found with the first seed, of the {CANDIDATES_MAX} worst): a latency "
+            "is held only if it is under both. These runs come on top of those of the study.",
         ),
         pictures,
         (Table(headings, rows),),
