@@ -14,6 +14,8 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from queue import SimpleQueue
+from threading import Thread
 from typing import IO, Any
 
 import pytest
@@ -120,12 +122,17 @@ class _Outside:
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         items.sort(key=_is_marked)
 
+    def pytest_collection_finish(self, session: pytest.Session) -> None:
+        """Start at once: both sides mostly wait, so they take little longer side by side."""
+        if os.environ.get("WITH_VCAN_BACKEND") or session.config.option.collectonly:
+            return
+        if any(map(_is_marked, session.items)):
+            self._reports = _read_ahead(self._run(session, self._choose()))
+
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> bool | None:
         if not _is_marked(item) or os.environ.get("WITH_VCAN_BACKEND"):
             return None
-        if self._reports is None:
-            self._reports = self._run(item.session, self._choose())
         hook = item.ihook
         hook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
         for report in self._of(item):
@@ -187,6 +194,21 @@ class _Outside:
 
 def _is_marked(item: pytest.Item) -> bool:
     return item.get_closest_marker("vcan") is not None
+
+
+def _read_ahead(reports: Iterator[pytest.TestReport]) -> Iterator[pytest.TestReport]:
+    """Yield what a thread has read: a pipe that nobody empties would stop who writes into it."""
+    queue: SimpleQueue[pytest.TestReport | None] = SimpleQueue()
+
+    def read() -> None:
+        try:
+            for report in reports:
+                queue.put(report)
+        finally:
+            queue.put(None)
+
+    Thread(target=read, daemon=True).start()
+    return iter(queue.get, None)
 
 
 def _read(config: pytest.Config, lines: IO[bytes]) -> Iterator[pytest.TestReport]:
