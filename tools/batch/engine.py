@@ -8,7 +8,7 @@ says so; virtual time would go on.
 
 from enum import StrEnum
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +24,6 @@ from tools.batch.loop import (
     Constants,
     Records,
     Schedule,
-    Segment,
     empty_records,
     run_first_segment,
     run_segment,
@@ -126,33 +125,42 @@ def run_batch(
     constants = _constants(controller, plan)
     schedule = Schedule(*(getattr(plan, name) for name in Schedule._fields))
     records = empty_records(len(plan.sample_ns), len(plan.tick_ns))
-    samples, code = run_to_first_tick(motion, constants, schedule, records, int(plan.tick_ns[0]))
-    ticks = 0
-    if code == COMPLETE:
-        first, *others = plan.segments
-        state = _restarted(law, plan, records, first)
-        x, sent_rad, fade_rad, ticks, code = run_first_segment(
-            law.params, motion, constants, schedule, records, first, state, plan.end_ns
+    first, *others = plan.segments
+    first_sample = int(plan.tick_sample[first.first_tick])
+    if plant.start_on_first_command:
+        # It stands on its path till then, and the sensor sees noise alone.
+        resolution_m = constants.lateral_error_resolution_m
+        error_m = round(float(plan.noise_m[first_sample]) / resolution_m) * resolution_m
+    else:
+        first_ns = int(plan.tick_ns[0])
+        samples, code = run_to_first_tick(motion, constants, schedule, records, first_ns)
+        if code != COMPLETE:
+            return _collected(plan, motion.speed_m_s, records, samples, 0, _OUTCOMES[code])
+        error_m = float(records.measured_m[first_sample])
+    state = law.initial_state(error_m)
+    x, sent_rad, fade_rad, ticks, code = run_first_segment(
+        law.params, motion, constants, schedule, records, first, state, plan.end_ns
+    )
+    for segment in others:
+        if code != COMPLETE:
+            break
+        if segment.mode == Mode.ACTIVE:
+            newest = plan.tick_sample[segment.first_tick]
+            state = law.initial_state(float(records.measured_m[newest]))
+        x, sent_rad, fade_rad, ticks, code = run_segment(
+            law.params,
+            motion,
+            constants,
+            schedule,
+            records,
+            segment,
+            x,
+            state,
+            sent_rad,
+            fade_rad,
+            plan.end_ns,
         )
-        for segment in others:
-            if code != COMPLETE:
-                break
-            if segment.mode == Mode.ACTIVE:
-                state = _restarted(law, plan, records, segment)
-            x, sent_rad, fade_rad, ticks, code = run_segment(
-                law.params,
-                motion,
-                constants,
-                schedule,
-                records,
-                segment,
-                x,
-                state,
-                sent_rad,
-                fade_rad,
-                plan.end_ns,
-            )
-        samples = x.sample
+    samples = x.sample
     return _collected(plan, motion.speed_m_s, records, samples, ticks, _OUTCOMES[code])
 
 
@@ -170,12 +178,6 @@ def _constants(controller: ControllerSettings, plan: Plan) -> Constants:
         steer_resolution_rad=resolutions(SteeringCommand)["steer_rad"],
         motion_start_ns=plan.motion_start_ns,
     )
-
-
-def _restarted(law: LawDesign, plan: Plan, records: Records, segment: Segment) -> Any:
-    """Return the law's state at the first tick of a segment: at rest at the newest measurement."""
-    newest = plan.tick_sample[segment.first_tick]
-    return law.initial_state(float(records.measured_m[newest]))
 
 
 def _collected(

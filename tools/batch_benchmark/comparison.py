@@ -1,29 +1,31 @@
 """What the compiled batch is compared with, all in one process and on the same runs."""
 
-import statistics
 import tempfile
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any
 
+import control
 import numpy as np
 
-from controller.analysis.uncertainty import paper_box
 from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, read_preset
 from tools.batch.engine import run_batch
 from tools.batch.plan import plan_run
 from tools.batch_benchmark.c_pair import CPair, compile_pair
+from tools.batch_benchmark.python_control_loop import python_control_loop
 from tools.benchmark_measurement import REPETITIONS, Line, Target
 from tools.virtual_pair import run_virtual_pair
 
 DURATION_S = 60.0
 RUNS = 40
 """Runs timed together: some twenty milliseconds."""
+SHORT_S = 12.0
+"""Of a run that python-control simulates: half a second of ours would be minutes of its."""
+REPETITIONS_OF_OTHERS = 3
 NETWORKS = {
     "80 ms": ("mean_s=0.08",),
     "83.7213 ms, off the grid": ("mean_s=0.0837213",),
@@ -110,59 +112,34 @@ def line_of_threads() -> Line:
 
 
 def lines_beside_others() -> list[Line]:
-    """Time the nodes in virtual time and python-control's simulation against a batch run."""
+    """Time the nodes in virtual time, and python-control's simulation, against batch runs."""
     plant, controller = pair_settings(NETWORKS["80 ms"])
-    plan = plan_run(plant, controller)
-    batch_us = statistics.median(
-        _each_us(lambda: run_batch(plant, controller, plan), RUNS) for _ in range(REPETITIONS)
+    virtual, virtual_us = _ratios(
+        lambda: run_virtual_pair(plant, controller, None), plant, controller
     )
-    virtual = [
-        _each_us(lambda: run_virtual_pair(plant, controller, None), 1) / batch_us for _ in range(3)
-    ]
-    others = [python_control_us() / batch_us for _ in range(3)]
+    short, _ = pair_settings(NETWORKS["80 ms"], SHORT_S)
+    loop, run = python_control_loop(controller, 0.08), run_batch(short, controller)
+    path_m_s2 = -(run.speed_m_s**2) * run.curvature_1_m
+    control_ratios, control_us = _ratios(
+        lambda: control.input_output_response(loop, run.time_s, path_m_s2), short, controller
+    )
+    wanted = Target(at_most=False, value=5000.0)
     return [
-        Line("the nodes in virtual time / batch", "1", virtual, [batch_us * v for v in virtual]),
-        Line(
-            "python-control / batch",
-            "1",
-            others,
-            [batch_us * v for v in others],
-            Target(at_most=False, value=5000.0),
-        ),
+        Line("the nodes in virtual time / batch", "1", virtual, virtual_us),
+        Line(f"python-control / batch, {SHORT_S:g} s", "1", control_ratios, control_us, wanted),
     ]
 
 
-def python_control_us() -> float:
-    """Time ``input_output_response`` of the continuous PD loop on a circle, without delay [µs].
-
-    It has no delay, no observers, no sampling and no resolution of the wire: less than what the
-    batch runs. Steps of 10 ms are asked for, at its default tolerances.
-    """
-    import control
-
-    vehicle = paper_box().nominal
-    m, j, c_f, c_r, l_f, l_r, l_s, v = vehicle
-    a = np.array(
-        [
-            [-(c_f + c_r) / (m * v), -1.0 + (c_r * l_r - c_f * l_f) / (m * v**2), 0.0, 0.0],
-            [(c_r * l_r - c_f * l_f) / j, -(c_r * l_r**2 + c_f * l_f**2) / (j * v), 0.0, 0.0],
-            [0.0, 1.0, 0.0, 0.0],
-            [v, l_s, v, 0.0],
-        ]
-    )
-    b = np.array([c_f / (m * v), c_f * l_f / j, 0.0, 0.0])
-    k_p, k_d, filter_rad_s = 1.2, 0.144, 13.8
-
-    def loop(_t: float, x: Any, u: Any, _params: Any) -> Any:
-        derivative = filter_rad_s * (x[3] - x[4])
-        motion = a @ x[:4] + b * -(k_p * x[3] + k_d * derivative)
-        motion[2] -= v * u[0]
-        return np.append(motion, derivative)
-
-    system = control.nlsys(loop, None, inputs=1, states=5)
-    times = np.arange(0.0, DURATION_S, 0.01)
-    curvature = np.full(len(times), 1.0 / 60.0)
-    return _each_us(lambda: control.input_output_response(system, times, curvature), 1)
+def _ratios(
+    other: Callable[[], object], plant: PlantSettings, controller: ControllerSettings
+) -> tuple[list[float], list[float]]:
+    """Return how many times as long something takes as a batch run, and how long [µs]."""
+    plan = plan_run(plant, controller)
+    ratios, others = [], []
+    for _ in range(REPETITIONS_OF_OTHERS):
+        others.append(_each_us(other, 1))
+        ratios.append(others[-1] / _each_us(partial(run_batch, plant, controller, plan), RUNS))
+    return ratios, others
 
 
 def seconds_of_runs(counts: Sequence[int], lengths_s: Sequence[float]) -> dict[str, list[float]]:
