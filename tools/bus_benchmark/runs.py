@@ -2,6 +2,7 @@
 
 import json
 import os
+import time
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -40,6 +41,9 @@ C_ECHO, BARE_PYTHON, PYTHON_WITH_TIMEOUT, NODE = (
     "controller at once",
 )
 """Who answers."""
+SETTLE_S = 0.5
+"""From "ready" of our own program, which only says that it hears the bus, to a run: meanwhile it
+locks its memory and designs its law."""
 DRIFT = 1.01
 """Period of the measurements in controller periods where the controller ticks at its own rate: what
 a measurement waits for its tick then takes every value, instead of one that chance chooses."""
@@ -104,6 +108,7 @@ def answer_run(bench: Bench, who: str, rate_hz: int, seconds: float) -> AnswerRu
     with ExitStack() as stack:
         requests = stack.enter_context(started(requester, bench.folder))
         answering = stack.enter_context(started(role, bench.folder))
+        time.sleep(SETTLE_S)
         go(requests)
         finish(requester, requests, seconds, bench.folder)
         report = None
@@ -132,6 +137,7 @@ def tick_run(bench: Bench, rate_hz: int, seconds: float) -> TickRun:
     with ExitStack() as stack:
         processes = [stack.enter_context(started(role, bench.folder)) for role in roles]
         controlling = stack.enter_context(started(controller, bench.folder))
+        time.sleep(SETTLE_S)
         for process in processes:
             go(process)
         for role, process in zip(roles, processes, strict=True):
