@@ -1,6 +1,8 @@
 """The treaty of compiled runs: bit for bit what the two nodes do in virtual time."""
 
+import random
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -43,6 +45,16 @@ NETWORKS: dict[str, Sequence[str]] = {
         *("downlink.model=gamma", "downlink.mean_s=0.08", "downlink.spread_s=0.06"),
         *("uplink.model=gamma", "uplink.mean_s=0.05", "uplink.spread_s=0.05"),
         *("downlink.order=as_arrives", "uplink.order=as_arrives"),
+    ),
+    "correlated measurements": (
+        *("uplink.model=gamma", "uplink.mean_s=0.05", "uplink.spread_s=0.03"),
+        "uplink.correlation_time_s=0.1",
+    ),
+    "nothing to correlate": ("downlink.mean_s=0.05", "downlink.correlation_time_s=0.5"),
+    "lognormal schedule": (
+        *("uplink.model=lognormal", "uplink.duplicates=0.3"),
+        "uplink.schedule=[{time_s=0.0, mean_s=0.02, spread_s=0.01},"
+        " {time_s=3.0, mean_s=0.05, loss=0.2}]",
     ),
     "correlated": (
         "downlink.model=normal",
@@ -109,9 +121,9 @@ def assert_same_as_nodes(plant: PlantSettings, controller: ControllerSettings) -
     for name, column in columns.items():
         np.testing.assert_array_equal(getattr(batch, name), nodes[:, column], err_msg=name)
     ticks = controller_node.samples
-    assert len(ticks) > 0
     np.testing.assert_array_equal(batch.sent_rad, [tick.sent_steer_rad for tick in ticks])
-    np.testing.assert_array_equal(batch.law_output, [tick.law_output for tick in ticks])
+    laws = np.array([tick.law_output for tick in ticks]).reshape(-1, 4)
+    np.testing.assert_array_equal(batch.law_output, laws)
     np.testing.assert_array_equal(batch.tick_s, [tick.time_ns * 1e-9 for tick in ticks])
     assert batch.lateral_error_rms_m == plant_node.report()["lateral_error_rms_m"]
     return batch
@@ -121,18 +133,21 @@ def assert_same_as_nodes(plant: PlantSettings, controller: ControllerSettings) -
 @pytest.mark.parametrize("law", LAWS)
 def test_a_compiled_run_equals_the_nodes_on_any_network(law: str, network: str) -> None:
     overrides = [f"latency.{override}" for override in NETWORKS[network]]
-    assert_same_as_nodes(plant_settings(overrides), controller_settings(f"practical_{law}"))
+    run = assert_same_as_nodes(plant_settings(overrides), controller_settings(f"practical_{law}"))
+    assert len(run.tick_s) > 0
 
 
 @pytest.mark.parametrize("rig", RIGS)
 def test_a_compiled_run_equals_the_nodes_with_any_rig(rig: str) -> None:
-    assert_same_as_nodes(plant_settings(RIGS[rig]), controller_settings("practical_pd_ddob"))
+    run = assert_same_as_nodes(plant_settings(RIGS[rig]), controller_settings("practical_pd_ddob"))
+    assert len(run.tick_s) > 0
 
 
 @pytest.mark.parametrize("preset", preset_names("controller.presets"))
 def test_a_compiled_run_equals_the_nodes_with_every_preset(preset: str) -> None:
     overrides = ("sensor_period_ms=1", "latency.downlink.mean_s=0.004")
-    assert_same_as_nodes(plant_settings(overrides, 2.0), controller_settings(preset))
+    run = assert_same_as_nodes(plant_settings(overrides, 2.0), controller_settings(preset))
+    assert len(run.tick_s) > 0
 
 
 @pytest.mark.parametrize("preset", preset_names("plant_emulator.presets"))
@@ -140,7 +155,77 @@ def test_a_compiled_run_equals_the_nodes_with_every_plant_preset(preset: str) ->
     plant = load_settings(
         PlantSettings, read_preset("plant_emulator.presets", preset), None, ["duration_s=5"]
     )
-    assert_same_as_nodes(plant, controller_settings("practical_pd_dob"))
+    run = assert_same_as_nodes(plant, controller_settings("practical_pd_dob"))
+    assert len(run.tick_s) > 0
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_compiled_run_equals_the_nodes_with_any_settings(seed: int) -> None:
+    rng = random.Random(seed)
+    plant = plant_settings(
+        [
+            f"seed={rng.getrandbits(63)}",
+            f"sensor_period_ms={rng.choice([1, 3.3, 7, 10, 10.000001, 33.3333, 100])}",
+            f"start_on_first_command={rng.choice(['true', 'false'])}",
+            f"vehicle.speed_km_h={rng.choice([0.5, 5, 20])}",
+            f"sensor_noise.lateral_error_m={rng.choice([0, 0.01])}",
+            f"actuator.rate_limit_rad_s={rng.choice([0.01, 1])}",
+            f"actuator.lag_s={rng.choice([0, 0.1])}",
+            *random_line(rng, "uplink"),
+            *random_line(rng, "downlink"),
+        ],
+        rng.choice([0.001, 0.5, 1.7350001]),
+    )
+    controller = controller_settings(
+        f"practical_{rng.choice(LAWS)}",
+        [
+            f"rate_hz={rng.choice([20, 77.7, 100, 143, 1000])}",
+            f"supervision.measurement_timeout_ms={rng.choice([10, 30, 300])}",
+            f"supervision.hold_ms={rng.choice([0, 15, 100])}",
+            f"supervision.recovery_frames={rng.choice([1, 5])}",
+            f"supervision.max_counter_jump={rng.choice([1, 100])}",
+        ],
+    )
+    assert_same_as_nodes(plant, controller)
+
+
+def random_line(rng: random.Random, direction: str) -> list[str]:
+    model = rng.choice(["constant", "uniform", "normal", "lognormal", "gamma"])
+    means_s = [0.0, 0.01, 0.0100000004, rng.uniform(0.0, 0.3), 1.0]
+    table: dict[str, object] = {
+        "model": model,
+        "mean_s": rng.choice(means_s),
+        "spread_s": 0.0 if model == "constant" else rng.choice([0.0, rng.uniform(0.0, 0.1)]),
+        "loss": rng.choice([0.0, 0.0, 0.3]),
+        "duplicates": rng.choice([0.0, 0.0, 0.5, 1.0]),
+        "correlation_time_s": rng.choice([0.0, 0.0, 0.02, 100.0]),
+        "order": rng.choice(["newest_wins", "in_order", "as_arrives"]),
+    }
+    if table["loss"]:
+        table["burst_frames"] = rng.choice([1.0, 3.3, 40.0])
+    return [f"latency.{direction}.{key}={value}" for key, value in table.items()]
+
+
+def test_a_run_that_ends_before_the_first_measurement_arrives_drives_on_uncontrolled() -> None:
+    plant = plant_settings(["start_on_first_command=false", "latency.uplink.mean_s=9.0"])
+    batch = assert_same_as_nodes(plant, controller_settings("practical_pd_ddob"))
+    assert len(batch.time_s) == 801
+    assert len(batch.tick_s) == 0
+    assert batch.lateral_error_rms_m > 0.1
+
+
+def test_a_recorded_network_is_met_as_the_nodes_meet_it(tmp_path: Path) -> None:
+    by_frame, by_time = tmp_path / "by_frame.csv", tmp_path / "by_time.csv"
+    by_frame.write_text("latency_s\n0.031\n0.0\n0.1234567\n", encoding="utf-8")
+    by_time.write_text("time_s,latency_s\n0.1,0.02\n0.7,0.3\n0.71,0.01\n", encoding="utf-8")
+    overrides = [
+        f'latency.uplink.trace_file="{by_frame.as_posix()}"',
+        "latency.uplink.loss=0.1",
+        f'latency.downlink.trace_file="{by_time.as_posix()}"',
+        "latency.downlink.duplicates=0.3",
+        "latency.downlink.correlation_time_s=0.5",
+    ]
+    assert_same_as_nodes(plant_settings(overrides, 3.0), controller_settings("practical_pd_cdob"))
 
 
 def test_a_compiled_run_goes_through_every_mode_as_the_node_does() -> None:

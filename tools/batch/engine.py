@@ -126,17 +126,17 @@ def run_batch(
     schedule = Schedule(*(getattr(plan, name) for name in Schedule._fields))
     records = empty_records(len(plan.sample_ns), len(plan.tick_ns))
     first, *others = plan.segments
-    first_sample = int(plan.tick_sample[first.first_tick])
     if plant.start_on_first_command:
         # It stands on its path till then, and the sensor sees noise alone.
+        first_sample = int(plan.tick_sample[first.first_tick])
         resolution_m = constants.lateral_error_resolution_m
         error_m = round(float(plan.noise_m[first_sample]) / resolution_m) * resolution_m
     else:
-        first_ns = int(plan.tick_ns[0])
+        first_ns = int(plan.tick_ns[0]) if len(plan.tick_ns) else plan.end_ns
         samples, code = run_to_first_tick(motion, constants, schedule, records, first_ns)
-        if code != COMPLETE:
+        if code != COMPLETE or not len(plan.tick_ns):
             return _collected(plan, motion.speed_m_s, records, samples, 0, _OUTCOMES[code])
-        error_m = float(records.measured_m[first_sample])
+        error_m = float(records.measured_m[plan.tick_sample[first.first_tick]])
     state = law.initial_state(error_m)
     x, sent_rad, fade_rad, ticks, code = run_first_segment(
         law.params, motion, constants, schedule, records, first, state, plan.end_ns

@@ -8,6 +8,8 @@ same functions from the same streams; only the queue is put differently, as sort
     in order            each frame is due no earlier than those of its message before it
 """
 
+from math import exp, log, sqrt
+from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +19,6 @@ from plant_emulator.latency import (
     QUANTILES,
     RESOLUTION_S,
     Distribution,
-    correlated_score,
     uniform_of_score,
 )
 from plant_emulator.latency_profile import ProfilePoint, profile_at, read_trace
@@ -74,19 +75,17 @@ def passages(
     )
     is_lost = _losses(settings, network.loss, draws[0::2])
     u = draws[1::2]
-    if settings.correlation_time_s > 0.0:
+    if settings.correlation_time_s > 0.0 and _has_jitter(settings):
         u = _correlated(u, frames.came_ns, settings.correlation_time_s)
-    latency_ns = _latencies_ns(settings, network, u, frames.motion_ns)
-    index, latency_ns, sent = np.arange(count), latency_ns, ~is_lost & frames.is_wanted
+    index = np.flatnonzero(~is_lost & frames.is_wanted)
+    latency_ns = _latencies_ns(settings, network, u, frames.motion_ns, index)
     if settings.duplicates > 0.0:
         chance, again = first_uniforms(seed, duplicates, 2 * count).reshape(-1, 2).T
-        copy_ns = _latencies_ns(settings, network, again, frames.motion_ns)
-        copied = sent & (chance < settings.duplicates)
+        is_copied = chance[index] < settings.duplicates
+        copy_ns = _latencies_ns(settings, network, again, frames.motion_ns, index[is_copied])
         # A copy enters right behind its frame.
-        index = np.repeat(index, 2)
-        latency_ns = np.column_stack((latency_ns, copy_ns)).ravel()
-        sent = np.column_stack((sent, copied)).ravel()
-    index, latency_ns = index[sent], latency_ns[sent]
+        index, latency_ns = (np.repeat(column, 1 + is_copied) for column in (index, latency_ns))
+        latency_ns[np.cumsum(1 + is_copied)[is_copied] - 1] = copy_ns
     came_ns = frames.came_ns[index]
     due_ns = came_ns + latency_ns
     if settings.order is Order.IN_ORDER:
@@ -101,11 +100,16 @@ def passages(
 def _is_random(settings: LatencySettings) -> bool:
     """Whether any draw makes a difference."""
     return (
-        settings.model is not Distribution.CONSTANT
+        _has_jitter(settings)
         or settings.loss > 0.0
         or settings.loss_in_good > 0.0
         or any(point.loss > 0.0 for point in settings.schedule)
     )
+
+
+def _has_jitter(settings: LatencySettings) -> bool:
+    """Whether the latencies are drawn."""
+    return settings.trace_file is None and settings.model is not Distribution.CONSTANT
 
 
 def _network(settings: LatencySettings, frames: Frames) -> _Network:
@@ -117,17 +121,19 @@ def _network(settings: LatencySettings, frames: Frames) -> _Network:
         ProfilePoint(point.time_s, point.mean_s, point.spread_s, point.loss)
         for point in settings.schedule
     )
+    instants, of_frame = np.unique(frames.motion_ns, return_inverse=True)
     rows = [
         profile_at(points, settings.schedule_shape, motion_ns / NS_PER_S)[1:]
-        for motion_ns in frames.motion_ns.tolist()
+        for motion_ns in instants.tolist()
     ]
-    return _Network(*np.array(rows, dtype=np.float64).reshape(-1, 3).T)
+    return _Network(*np.array(rows, dtype=np.float64).reshape(-1, 3)[of_frame].T)
 
 
 def _losses(settings: LatencySettings, loss: FloatArray, u: FloatArray) -> BoolArray:
     """Return which frames are lost."""
-    chains = np.array([_chain(settings, share) for share in loss.tolist()])
-    return np.asarray(_run_chain(chains, u, len(chains) > 1), dtype=np.bool_)
+    shares, of_frame = np.unique(loss, return_inverse=True)
+    chains = np.array([_chain(settings, share) for share in shares.tolist()]).reshape(-1, 4)
+    return np.asarray(_run_chain(chains[of_frame], u, len(loss) > 1), dtype=np.bool_)
 
 
 def _chain(settings: LatencySettings, loss: float) -> LossParams:
@@ -152,37 +158,73 @@ def _run_chain(chains: Any, u: Any, has_one_each: Any) -> Any:
 
 
 def _correlated(u: FloatArray, came_ns: IntArray, correlation_time_s: float) -> FloatArray:
-    """Return the uniforms of the AR(1) process."""
-    correlated = np.empty_like(u)
-    score, elapsed_s, before_ns = 0.0, float("inf"), 0
-    for frame, (value, now_ns) in enumerate(zip(u.tolist(), came_ns.tolist(), strict=True)):
-        if frame:
-            elapsed_s = (now_ns - before_ns) / NS_PER_S
-        score, before_ns = correlated_score(score, value, elapsed_s, correlation_time_s), now_ns
-        correlated[frame] = uniform_of_score(score)
-    return correlated
+    """Return the uniforms of the AR(1) process: ``correlated_score``, ``uniform_of_score``."""
+    elapsed_ns, of_frame = np.unique(np.diff(came_ns), return_inverse=True)
+    # Before the first frame lies all the time in the world. What exp gives depends on who is asked.
+    coefficients = [exp(-(value / NS_PER_S) / correlation_time_s) for value in elapsed_ns.tolist()]
+    phi = np.concatenate(([0.0], np.array(coefficients)[of_frame]))[: len(u)]
+    scores = _run_scores(phi, np.sqrt(1.0 - phi * phi) * normal_scores(u))
+    return np.array([uniform_of_score(score) for score in scores.tolist()])
+
+
+@compiled
+def _run_scores(phi: Any, innovations: Any) -> Any:
+    """Step the process through all frames."""
+    scores = np.empty_like(innovations)
+    score = 0.0
+    for frame in range(len(innovations)):
+        score = phi[frame] * score + innovations[frame]
+        scores[frame] = score
+    return scores
 
 
 def _latencies_ns(
-    settings: LatencySettings, network: _Network, u: FloatArray, motion_ns: IntArray
+    settings: LatencySettings,
+    network: _Network,
+    u: FloatArray,
+    motion_ns: IntArray,
+    wanted: IntArray,
 ) -> IntArray:
-    """Return the latency of every frame [ns]."""
+    """Return the latency of the frames ``wanted`` [ns]; ``u``, ``motion_ns`` are of all frames."""
     if settings.trace_file is not None:
         trace = read_trace(settings.trace_file)
         seconds = [
             trace.latency_s(frame, time_ns / NS_PER_S)
-            for frame, time_ns in enumerate(motion_ns.tolist())
+            for frame, time_ns in zip(wanted.tolist(), motion_ns[wanted].tolist(), strict=True)
         ]
-        return _whole_ns(np.array(seconds))
-    if settings.model is Distribution.CONSTANT:
-        return np.broadcast_to(_whole_ns(network.mean_s), u.shape)
-    if settings.model is Distribution.GAMMA:
-        return _whole_ns(_gamma_quantiles(u, network.mean_s, network.spread_s))
-    quantile = QUANTILES[settings.model]
-    means, spreads = (
-        np.broadcast_to(values, u.shape).tolist() for values in (network.mean_s, network.spread_s)
+        return _whole_ns(np.array(seconds, dtype=np.float64))
+    mean_s, spread_s = (
+        np.broadcast_to(values, u.shape)[wanted] for values in (network.mean_s, network.spread_s)
     )
-    return _whole_ns(np.array(list(map(quantile, u.tolist(), means, spreads))))
+    if settings.model is Distribution.CONSTANT:
+        return _whole_ns(mean_s)
+    if settings.model is Distribution.GAMMA:
+        return _whole_ns(_gamma_quantiles(u[wanted], mean_s, spread_s))
+    if settings.model is Distribution.LOGNORMAL and not settings.schedule:
+        return _whole_ns(_lognormal_quantiles(u[wanted], settings.mean_s, settings.spread_s))
+    if settings.model is Distribution.NORMAL:
+        return _whole_ns(np.maximum(0.0, mean_s + spread_s * normal_scores(u[wanted])))
+    quantile = QUANTILES[settings.model]
+    return _whole_ns(
+        np.array(list(map(quantile, u[wanted].tolist(), mean_s.tolist(), spread_s.tolist())))
+    )
+
+
+def normal_scores(u: FloatArray) -> FloatArray:
+    """Return ``normal_score`` of an array."""
+    return np.array(list(map(NormalDist().inv_cdf, u.tolist())), dtype=np.float64)
+
+
+def _lognormal_quantiles(u: FloatArray, mean_s: float, spread_s: float) -> FloatArray:
+    """Return ``lognormal_quantile`` of an array, with all that does not depend on u found once.
+
+    numpy's own exp rounds otherwise than the plant's, and not alike on all processors.
+    """
+    if min(mean_s, spread_s) < RESOLUTION_S:
+        return np.full(len(u), mean_s)
+    variance = log(1.0 + (spread_s / mean_s) ** 2)
+    exponents = sqrt(variance) * normal_scores(u) - 0.5 * variance
+    return mean_s * np.array(list(map(exp, exponents.tolist())), dtype=np.float64)
 
 
 def _gamma_quantiles(u: FloatArray, mean_s: FloatArray, spread_s: FloatArray) -> FloatArray:

@@ -7,8 +7,6 @@ mode it is in, follows from arrivals alone too, and is asked of its own classes.
 Left out is what no control depends on: the two status messages.
 """
 
-from itertools import islice
-from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -20,10 +18,10 @@ from dbc.messages import Mode
 from dbc.protection import COUNTERS, SequenceCheck, SequenceResult
 from plant_emulator.node import VEHICLE_STATE_PERIOD_NS
 from plant_emulator.settings import PlantSettings
-from plant_emulator.streams import Channel, uniforms
+from plant_emulator.streams import Channel, first_uniforms
 from runtime.node import NEVER_NS
 from tools.batch.loop import Segment
-from tools.batch.network import FloatArray, Frames, IntArray, passages
+from tools.batch.network import FloatArray, Frames, IntArray, normal_scores, passages
 from tools.batch.steps import register_steps
 
 SAMPLES_WITHOUT_ARRIVAL_MAX = 100_000
@@ -181,6 +179,5 @@ def _noise(plant: PlantSettings, samples: int) -> FloatArray:
     deviation_m = plant.sensor_noise.lateral_error_m
     if deviation_m == 0.0:
         return np.zeros(samples)
-    normal = NormalDist().inv_cdf
-    first_of_three = islice(uniforms(plant.seed, Channel.SENSOR_NOISE), 0, 3 * samples, 3)
-    return np.array([deviation_m * normal(u) for u in first_of_three])
+    first_of_three = first_uniforms(plant.seed, Channel.SENSOR_NOISE, 3 * samples)[::3]
+    return deviation_m * normal_scores(first_of_three)
