@@ -66,7 +66,7 @@ def test_no_module_grows_beyond_a_screenful_of_screens() -> None:
 def test_live_programs_import_nothing_heavy() -> None:
     """Start-up time is a promise: the live processes do without numba, scipy and matplotlib."""
     code = (
-        "import sys, controller.__main__, plant_emulator.__main__;"
+        "import sys, controller.program, plant_emulator.program;"
         "print([m for m in ('numba', 'scipy', 'matplotlib', 'rich') if m in sys.modules])"
     )
     result = run(sys.executable, "-c", code)

@@ -8,13 +8,13 @@ from typing import Any
 import can
 import pytest
 
-import controller.__main__
-import plant_emulator.__main__
+import controller.program
+import plant_emulator.program
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "interfaces.md"
 PROGRAMS: dict[str, Any] = {
-    "plant-emulator": plant_emulator.__main__,
-    "steering-controller": controller.__main__,
+    "plant-emulator": plant_emulator.program,
+    "steering-controller": controller.program,
 }
 COMMANDS = [
     line

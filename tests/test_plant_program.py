@@ -23,8 +23,8 @@ from dbc.messages import (
     decode,
     encode,
 )
-from plant_emulator.__main__ import main
 from plant_emulator.plant_samples import PlacedSample, PlantSample
+from plant_emulator.program import main
 from runtime.emulated_bus.launch import launched_broker
 from runtime.frame import Frame
 from runtime.program import ExitStatus

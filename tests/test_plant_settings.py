@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from plant_emulator.__main__ import PRESETS
 from plant_emulator.latency import Distribution
 from plant_emulator.latency_settings import LatencySettings, Order
 from plant_emulator.node import PlantNode
+from plant_emulator.program import PRESETS
 from plant_emulator.settings import PlantSettings
 from runtime.settings import (
     Preset,

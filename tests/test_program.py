@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -549,6 +550,21 @@ def test_what_a_user_can_cause_is_one_line_each_and_a_status(
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.splitlines() == [f"{NAME}: error: {line}" for line in lines]
+
+
+@pytest.mark.parametrize("package", ["controller", "plant_emulator"])
+def test_ctrl_c_while_the_modules_of_a_program_are_read_is_no_traceback(
+    package: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Interrupting:
+        def find_spec(self, name: str, *_more: object) -> None:
+            if name == f"{package}.program":
+                raise KeyboardInterrupt
+
+    program = import_module(f"{package}.__main__")
+    monkeypatch.delitem(sys.modules, f"{package}.program", raising=False)
+    monkeypatch.setattr(sys, "meta_path", [Interrupting(), *sys.meta_path])
+    assert program.main([]) == ExitStatus.INTERRUPTED
 
 
 def test_what_only_a_programmer_can_cause_is_not_hidden() -> None:

@@ -1,0 +1,57 @@
+"""Program ``steering-controller``: the controller on a CAN bus, at a fixed rate, in real time.
+
+steering-controller --preset practical_pd_ddob -i socketcan -c vcan0
+steering-controller --preset practical_pd_ddob --rate-hz 200 --check
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from functools import partial
+
+from controller.analysis.check import check_text
+from controller.laws import LawName
+from controller.node import RECEIVED, ControllerNode
+from controller.settings import ControllerSettings
+from dbc.messages import CAN_IDS
+from runtime.program import ExitStatus, load_program_settings, make_parser, run_main, run_node
+
+NAME = "steering-controller"
+PRESETS = "controller.presets"
+DEFAULT_PRESET = "practical_pd_ddob"
+"""What runs when neither a preset nor a file is given: no law is good without its values."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    parser = make_parser(NAME, "Holds a vehicle on its path at a fixed rate.", PRESETS)
+    laws = ", ".join(LawName)
+    parser.add_argument("--law", metavar="NAME", help=f"short for --set law=NAME: {laws}")
+    parser.add_argument("--rate-hz", metavar="HZ", help="short for --set rate_hz=HZ: 10 to 1000")
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="print the settings in effect and what delay and jitter they tolerate, and do not run",
+    )
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
+    if options.preset is None and options.settings is None:
+        options.preset = DEFAULT_PRESET
+        print(f"{NAME}: neither preset nor file is given: preset {DEFAULT_PRESET}", file=sys.stderr)
+    short = {"law": options.law, "rate_hz": options.rate_hz}
+    overrides = [f"{key}={value}" for key, value in short.items() if value is not None]
+    settings = load_program_settings(ControllerSettings, PRESETS, options, overrides)
+    if options.check:
+        # The second moments of varying latencies take seconds.
+        print(f"{NAME}: analysing the sampled loop ...", file=sys.stderr, flush=True)
+        print(check_text(settings), end="")
+        return ExitStatus.OK
+    return run_node(
+        NAME,
+        options,
+        settings,
+        lambda start_ns: ControllerNode(settings, start_ns),
+        can_ids=[CAN_IDS[message_type] for message_type in RECEIVED],
+    )

@@ -1,0 +1,52 @@
+"""Program ``plant-emulator``: the rig on a CAN bus, in real time.
+
+plant-emulator --preset paper_nominal -i socketcan -c vcan0 --set latency.downlink.mean_s=0.08
+"""
+
+import argparse
+from collections.abc import Sequence
+from functools import partial
+
+from dbc.messages import CAN_IDS
+from plant_emulator.node import RECEIVED, PlantNode, motion_params
+from plant_emulator.plant_samples import write_trace
+from plant_emulator.settings import PlantSettings
+from runtime.option_types import output_file
+from runtime.program import load_program_settings, make_parser, run_main, run_node, say
+
+NAME = "plant-emulator"
+PRESETS = "plant_emulator.presets"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    parser = make_parser(NAME, "Emulates vehicle, path, actuator and network latency.", PRESETS)
+    parser.add_argument("--seed", type=int, metavar="N", help="of all randomness of the run")
+    parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every sample, CSV")
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
+    seed = [] if options.seed is None else [f"seed={options.seed}"]
+    settings = load_program_settings(PlantSettings, PRESETS, options, seed)
+    params = motion_params(settings)
+    return run_node(
+        NAME,
+        options,
+        settings,
+        lambda start_ns: PlantNode(settings, start_ns, params),
+        partial(_conclude, options),
+        [CAN_IDS[message_type] for message_type in RECEIVED],
+    )
+
+
+def _conclude(options: argparse.Namespace, node: PlantNode) -> None:
+    """Write the trace, and say how well the path was held."""
+    if options.trace is not None:
+        write_trace(options.trace, node.path, node.samples)
+    report = node.report()
+    say(
+        NAME,
+        f"lateral error RMS {1e3 * report['lateral_error_rms_m']:.2f} mm, "
+        f"peak {1e3 * report['lateral_error_peak_m']:.2f} mm over {report['motion_s']:.2f} s",
+    )
