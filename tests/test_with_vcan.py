@@ -182,6 +182,12 @@ def test_the_time_is_limited(backend: str, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("backend", ["uml"], indirect=True)
+def test_the_time_is_limited_also_where_nobody_reads_the_output(backend: str) -> None:
+    with wrapper("--backend", backend, "--timeout", "5", "yes") as (process, _):
+        assert process.wait(PATIENCE_S) == 124
+
+
 def test_a_signal_reaches_the_command_and_its_answer_comes_back(backend: str) -> None:
     script = "trap 'echo caught; exit 9' TERM; echo ready; while :; do sleep 0.05; done"
     with wrapper("--backend", backend, "sh", "-c", script) as (process, output):

@@ -120,10 +120,10 @@ def _load_vcan(request: Request) -> None:
 
 def _explain(command: list[str], complaint: str) -> str:
     """Say what one of ``link_commands`` has come to grief on."""
-    last = (complaint.strip().splitlines() or ["no reason given"])[-1]
-    if "vcan" in command and ("Unknown device type" in last or "not supported" in last):
+    why = (complaint.strip().splitlines() or ["no reason given"])[0]  # tc's usage may follow
+    if "vcan" in command and ("Unknown device type" in why or "not supported" in why):
         return (
             "this kernel has no vcan (sudo modprobe vcan; on Ubuntu first: sudo apt-get install "
             "linux-modules-extra-$(uname -r))"
         )
-    return f"{' '.join(command)}: {last}"
+    return f"{' '.join(command)}: {why}"

@@ -193,7 +193,8 @@ def _make_links(job: dict[str, Any]) -> None:
             command, capture_output=True, text=True, check=False, env={"PATH": PATH}
         )
         if done.returncode:
-            raise OSError(f"{' '.join(command)}: {done.stderr.strip()}")
+            why = (done.stderr.strip().splitlines() or ["no reason given"])[0]  # then tc's usage
+            raise OSError(f"{' '.join(command)}: {why}")
 
 
 def _start(job: dict[str, Any]) -> tuple[int, _Ends]:

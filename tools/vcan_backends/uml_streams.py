@@ -6,12 +6,15 @@ input, which must not hold up a signal, one standard input.
 
 import fcntl
 import os
+import select
 import selectors
 import signal
 import termios
 import tty
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 
 from tools.vcan_backends.frames import Kind, LineFrame, Unpacker, pack
 from tools.vcan_backends.guard import Guard
@@ -51,6 +54,7 @@ class Streams:
         self._guard = guard
         self._from_guest, self._to_guest, self._to_stdin = from_guest, to_guest, to_stdin
         self._unpacker = Unpacker()
+        self._waiting: deque[LineFrame] = deque()
         self._ready = False
         self._failure = ""
         self._status: int | None = None
@@ -79,6 +83,7 @@ class Streams:
 
         ``last_words``  of the kernel
         """
+        self._work_off(patiently=True)
         while self._from_guest in self.selector.get_map():
             self._read()
         if self._status is not None:
@@ -97,13 +102,36 @@ class Streams:
         if not piece:
             self.selector.unregister(self._from_guest)
             return
-        for frame in self._unpacker.feed(piece):
-            self._take(frame)
+        self._waiting.extend(self._unpacker.feed(piece))
+        self._work_off()
+
+    def _work_off(self, patiently: bool = False) -> None:
+        """Take the frames that have come, until somebody does not read what they bring.
+
+        Then the guest is not read either, so that it stops too; signals and the time still count.
+
+        ``patiently``  wait for the reader instead
+        """
+        while self._waiting:
+            frame = self._waiting.popleft()
+            if frame.kind not in (Kind.STDOUT, Kind.STDERR):
+                self._take(frame)
+            elif rest := self._print(frame.kind, frame.content, patiently):
+                self._waiting.appendleft(frame._replace(content=rest))
+                if self._from_guest in self.selector.get_map():
+                    self.selector.unregister(self._from_guest)
+                self.selector.register(
+                    frame.kind, selectors.EVENT_WRITE, partial(self._print_on, frame.kind)
+                )
+                return
+
+    def _print_on(self, stream: int) -> None:
+        self.selector.unregister(stream)
+        self.selector.register(self._from_guest, selectors.EVENT_READ, self._read)
+        self._work_off()
 
     def _take(self, frame: LineFrame) -> None:
-        if frame.kind in (Kind.STDOUT, Kind.STDERR):
-            self._print(frame.kind, frame.content)
-        elif frame.kind is Kind.READY:
+        if frame.kind is Kind.READY:
             self._ready = True
             self._tell_size()
             self._watch_stdin()
@@ -114,13 +142,17 @@ class Streams:
             self._failure = frame.content.decode(errors="replace")
             self._guard.end()
 
-    def _print(self, stream: int, content: bytes) -> None:
+    def _print(self, stream: int, content: bytes, patiently: bool) -> bytes:
+        """Print what is taken at once, or all of it; returns the rest."""
         try:
-            while content:
-                content = content[os.write(stream, content) :]
+            while content and (patiently or select.select([], [stream], [], 0.0)[1]):
+                # A pipe that has room has it for this much.
+                content = content[os.write(stream, content[: select.PIPE_BUF]) :]
         except OSError:
             # Nobody reads on: let the command know as if it had written there itself.
             self._write(self._to_guest, pack(Kind.CLOSED, b"%d" % stream))
+            return b""
+        return content
 
     def _tell_size(self) -> None:
         if self._ready and has_terminal():
