@@ -10,7 +10,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from enum import IntEnum
 from pathlib import Path
 from types import FrameType
@@ -219,8 +219,10 @@ def run_node(
     )
     stop = StopRequest()
     # What is to be kept is written before the shut-down, which may take seconds or fail.
-    with shutting_down(connection), stop.on_signals():
+    with shutting_down(connection), ExitStack() as stack:
+        # A file may take for ever to open, which Ctrl-C has to end: before the signals are taken.
         recording = _start_recording(options, opened.channel)
+        stack.enter_context(stop.on_signals())
         say(name, f"ready on {opened.description}")
         try:
             node, run = _run_in_real_time(options, connection, stop, make_node, recording)

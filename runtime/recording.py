@@ -99,7 +99,12 @@ class Recording:
         pipe, answer = self._recorder.stdin, self._recorder.stdout
         if pipe is None or answer is None:
             raise RecordingError("the recorder has no pipe")
-        first = answer.readline()
+        try:
+            first = answer.readline()
+        except BaseException:  # Ctrl-C, where opening the file does not come to an end
+            self._recorder.kill()
+            self._recorder.wait()
+            raise
         if first.strip() != b"ready":
             self._recorder.communicate()
             raise RecordingError(f"{path}: {_failure(first) or 'the recorder does not start'}")

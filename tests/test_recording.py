@@ -16,7 +16,7 @@ from typing import Any
 import can
 import pytest
 
-import plant_emulator.__main__ as plant_program
+import plant_emulator.program as plant_program
 import runtime.recording
 from runtime.candump import CandumpReader
 from runtime.emulated_bus.launch import launched_broker
@@ -33,6 +33,7 @@ from runtime.recording import (
     recording_obstacle,
 )
 from tests.running_program import ORDINARY, running, wait_until
+from tools.vcan_backends.guard import descendants
 
 Capture = pytest.CaptureFixture[str]
 NEEDS_ASAMMDF = pytest.mark.skipif(
@@ -324,6 +325,40 @@ def test_a_recording_that_fails_leaves_the_report_and_status_4(
     assert status == ExitStatus.OUTPUT
     assert report["recording"]["failure"] == "No space left on device"
     assert f"error: {path}: No space left on device" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="finds the recorder in /proc")
+def test_ctrl_c_ends_a_program_whose_recording_cannot_be_opened_and_its_recorder(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "run.log"
+    os.mkfifo(path)  # opening it waits for somebody who reads
+    options = ["-i", "virtual", "-c", "0", "--record", str(path)]
+    # A shell has programs in the background ignore Ctrl-C, and they would inherit that.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    with subprocess.Popen(
+        [sys.executable, "-m", "controller", *options], stderr=subprocess.PIPE, text=True
+    ) as program:
+        try:
+            signal.signal(signal.SIGINT, before)
+            wait_until(lambda: any(map(is_recording, descendants(program.pid))), "a recorder")
+            (recorder,) = descendants(program.pid)
+            program.send_signal(signal.SIGINT)
+            _, said = program.communicate(timeout=30.0)
+        finally:
+            program.kill()
+    assert program.returncode == ExitStatus.INTERRUPTED
+    assert said.splitlines()[-1] == "steering-controller: error: interrupted"
+    assert not Path(f"/proc/{recorder}").exists()
+
+
+def is_recording(pid: int) -> bool:
+    """Whether a recorder has come to where it ignores SIGINT, just before it opens the file."""
+    with suppress(OSError):
+        status = Path(f"/proc/{pid}/status").read_text()
+        ignored = int(status.partition("SigIgn:")[2].split()[0], 16)
+        return bool(ignored & 1 << signal.SIGINT - 1)
+    return False
 
 
 # Two programs
