@@ -110,8 +110,8 @@ def _open_fast(
         return SocketCanPort(
             channel, config.get("can_filters") or filters, fd=bool(config.get("fd"))
         )
-    except OSError as error:
-        cause = error.strerror or one_line(error)
+    except (OSError, ValueError) as error:
+        cause = (error.strerror if isinstance(error, OSError) else None) or one_line(error)
         raise BusError(f"cannot open {choice.name} ({choice.reason}): {cause}") from error
 
 

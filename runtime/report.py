@@ -94,15 +94,18 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     text = json.dumps(_finite(content), indent=1, allow_nan=False) + "\n"
     if path.is_symlink() or (path.exists() and not path.is_file()):
         # A link, a pipe or a device such as /dev/stdout is written to, never replaced.
-        path.write_text(text, encoding="utf-8")
+        try:
+            path.write_text(text, encoding="utf-8")
+        except OSError as error:  # of writing, it does not name the file
+            raise OSError(error.errno, error.strerror, str(path)) from error
         return
     partial = path.with_name(f".{path.name}.partial")
     try:
         partial.write_text(text, encoding="utf-8")
         os.replace(partial, path)
-    except OSError:
+    except OSError as error:
         partial.unlink(missing_ok=True)
-        raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def _finite(value: Any) -> Any:

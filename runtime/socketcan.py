@@ -55,7 +55,7 @@ class SocketCanPort:
     ``filters``  what is received, as python-can has it; None for everything
     ``fd``       whether CAN FD frames are received
 
-    Raises OSError when it cannot be opened.
+    Raises OSError when it cannot be opened, and ValueError for what are no filters.
     """
 
     def __init__(
@@ -202,14 +202,20 @@ def unpacked(raw: bytes) -> Frame:
 
 
 def packed_filters(filters: Sequence[CanFilter] | None) -> bytes:
-    """Return ``filters`` as an array of the kernel's ``struct can_filter``."""
+    """Return ``filters`` as an array of the kernel's ``struct can_filter``.
+
+    Raises ValueError for what are no filters.
+    """
     if filters is None:
         return _FILTER.pack(0, 0)
     entries = []
-    for wanted in filters:
-        can_id, mask = wanted["can_id"], wanted["can_mask"]
-        if "extended" in wanted:
-            mask |= _EFF_FLAG
-            can_id |= _EFF_FLAG if wanted["extended"] else 0
-        entries.append(_FILTER.pack(can_id & 0xFFFF_FFFF, mask & 0xFFFF_FFFF))
+    try:
+        for wanted in filters:
+            can_id, mask = wanted["can_id"], wanted["can_mask"]
+            if "extended" in wanted:
+                mask |= _EFF_FLAG
+                can_id |= _EFF_FLAG if wanted["extended"] else 0
+            entries.append(_FILTER.pack(can_id & 0xFFFF_FFFF, mask & 0xFFFF_FFFF))
+    except (KeyError, TypeError, struct.error) as error:  # they come from configuration files
+        raise ValueError(f"{filters!r} is no list of {{can_id, can_mask}} of integers") from error
     return b"".join(entries)

@@ -151,6 +151,12 @@ def test_filters_are_packed_as_python_can_packs_them() -> None:
 # Opening
 
 
+@pytest.mark.parametrize("wrong", ["abc", [{"id": 1}], [{"can_id": "1", "can_mask": 1}], [1]])
+def test_what_are_no_filters_is_told(wrong: Any) -> None:
+    with pytest.raises(ValueError, match="is no list of"):
+        packed_filters(wrong)
+
+
 def test_a_port_asks_for_error_frames_time_stamps_and_what_is_to_be_received(
     sockets: list[FakeSocket],
 ) -> None:
