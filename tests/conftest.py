@@ -113,6 +113,7 @@ class _Outside:
 
     def __init__(self) -> None:
         self._reports: Iterator[pytest.TestReport] | None = None
+        self._process: subprocess.Popen[bytes] | None = None
         self._ran = 0
         self._failure = ""
         self._obstacle = ""
@@ -139,6 +140,11 @@ class _Outside:
             hook.pytest_runtest_logreport(report=report)
         hook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
         return True
+
+    def pytest_unconfigure(self) -> None:
+        """Leave nothing running when the tests end early, as after ``-x`` and Ctrl-C."""
+        if self._process is not None and self._process.poll() is None:
+            self._process.terminate()
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         if self._ran:
@@ -186,6 +192,7 @@ class _Outside:
                 stdout=subprocess.PIPE,
                 stderr=said,
             ) as process:
+                self._process = process
                 assert process.stdout is not None
                 yield from _read(session.config, process.stdout)
             said.seek(0)

@@ -51,7 +51,7 @@ def test_every_command_of_the_workflow_is_well_formed(jobs: dict[str, Any]) -> N
         pytest.skip("bash is not installed")
     for job in jobs.values():
         text = re.sub(r"\$\{\{.*?\}\}", "x", commands(job))
-        checked = subprocess.run([bash, "-n"], input=text, capture_output=True, text=True)
+        checked = subprocess.run([bash, "-n"], input=text.encode(), capture_output=True)
         assert checked.returncode == 0, checked.stderr
 
 

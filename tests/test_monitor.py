@@ -248,7 +248,7 @@ def test_the_screen_says_which_latency_was_asked_for() -> None:
     view = BusWatch(0).view(0)
     assert "none yet; a key sends it at once" in text_of(view)
     choice = LatencyChoice(Direction.UPLINK, LatencyModel.GAMMA, 0.12, 0.03, 0.05)
-    assert "UPLINK GAMMA 120 ms, spread 30 ms, 5 % lost (sent 1 times)" in text_of(view, 80, choice)
+    assert "UPLINK GAMMA 120 ms, spread 30 ms, 5 % lost (sent 1)" in text_of(view, 80, choice)
 
 
 def test_a_line_for_a_pipe_has_the_most_important(entries: list[LogEntry]) -> None:

@@ -229,7 +229,7 @@ def _choice(choice: LatencyChoice, sent: int) -> Text:
         f"spread {_ONE_MS * choice.spread_s:.0f} ms, {100 * choice.loss:.0f} % lost",
         style="bold",
     )
-    return text.append(f" (sent {sent} times)")
+    return text.append(f" (sent {sent})")
 
 
 _KEYS = "+ - mean  [ ] spread  < > loss  m model  d direction  0 no latency  q quit"
