@@ -11,7 +11,7 @@ from controller.design import design_law
 from controller.laws import LawName
 from controller.settings import ControllerSettings
 from runtime.node import NS_PER_MS
-from tools.gain_design.candidate import controller_settings
+from tools.gain_design.candidate import SETTINGS_KEYS, controller_settings
 from tools.gain_design.courses import unsteered_runs_m
 from tools.gain_design.explanation import Reason, failed, reasons
 from tools.gain_design.regions import why_no_gains
@@ -113,7 +113,9 @@ def _why_no_design(
     progress: Callable[[float, float], None],
 ) -> str:
     """Return which demands the best law fails, and which of all, dropped, would let one through."""
-    best = ", ".join(f"{value:g}" for value in found.candidate.values().values())
+    best = ", ".join(
+        f"{SETTINGS_KEYS[key]} = {value:g}" for key, value in found.candidate.values().items()
+    )
     fails = "; ".join(failed(found.judgement)) or "unstable by its eigenvalues"
     culprits = []
     for name in DEMANDS:

@@ -62,12 +62,16 @@ def settled_region(
 def why_no_gains(spec: Specification, vehicle: VehicleFile) -> str | None:
     """Return why no gains of a PD alone are as D-stable as specified; None if there are some.
 
-    Some derivative filters are tried over the range that is searched; then σ, θ and R are dropped
-    one at a time.
+    Some derivative filters are tried over the range that is searched; then σ, θ, R and the delays
+    are dropped one at a time.
     """
     if _any_gains(spec, vehicle, spec.d_stability.demands):
         return None
     culprits = [name for name, demands in _relaxed(spec) if _any_gains(spec, vehicle, demands)]
+    undelayed = spec.d_stability.model_copy(update={"delays_ms": (0.0,)})
+    without_delays = spec.model_copy(update={"d_stability": undelayed})
+    if spec.d_stability != undelayed and _any_gains(without_delays, vehicle, undelayed.demands):
+        culprits.append("d_stability.delays_ms")
     told = " or ".join(culprits) if culprits else "more than one of settling, cone and bandwidth"
     return f"no gains make the PD D-stable at every corner; in the way: {told}"
 

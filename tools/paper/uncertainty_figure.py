@@ -106,8 +106,8 @@ def _condition_comparisons(model: TransferFunction, name: str) -> tuple[Comparis
                 Comparison(
                     f"ω_c that meet (23), Q of {kind}, {name}, T = {1e3 * delay_s:.0f} ms",
                     "",
-                    f"{_ranges(bound.ranges)} (finer grid of the box: {_ranges(inside)};"
-                    f" loop (21) stable: {_ranges(exact)}). {bound.reason()}",
+                    f"{_ranges(bound.ranges)}; finer grid of the box: {_ranges(inside)};"
+                    f" loop (21) stable: {_ranges(exact)}; {bound.reason()}",
                     None,
                 )
             )
