@@ -14,7 +14,7 @@ from controller.settings import ControllerSettings
 from plant_emulator.node import PlantNode
 from plant_emulator.settings import PlantSettings
 from runtime.program import ExitStatus
-from runtime.settings import SettingsError, load_settings, read_preset
+from runtime.settings import SettingsError, dump_toml, load_settings, read_preset
 from tools import stress_latency
 from tools.batch.engine import run_batch
 from tools.batch.plan import plan_run
@@ -202,6 +202,33 @@ def test_a_row_holds_what_makes_the_run_again(whole: Store) -> None:
             == made.pair.plant
         )
         assert any("tools.closed_loop" in command for command in replay.commands(made.files))
+
+
+def test_the_study_beside_its_results_is_enough_though_its_controller_lies_elsewhere(
+    tmp_path: Path,
+) -> None:
+    mine = read_preset("controller.presets", "practical_pd")
+    (tmp_path / "mine.toml").write_text(
+        dump_toml(load_settings(ControllerSettings, mine)), encoding="utf-8"
+    )
+    text = STUDY.replace('"practical_pd", "practical_pd_ddob"', '"mine.toml"')
+    scenarios = make_scenarios(tmp_path, text)
+    store = Store(tmp_path / "out", scenarios)
+    store.open(text)
+    again = Scenarios(load_study(store.folder / "study.toml"))
+    assert again.study.identity == scenarios.study.identity
+    assert again.pair(0) == scenarios.pair(0)
+
+
+def test_results_do_not_go_on_with_other_recorded_latencies(tmp_path: Path) -> None:
+    trace = tmp_path / "trace.csv"
+    trace.write_text("latency_s\n0.01\n", encoding="utf-8")
+    line = f'[base.plant.latency.uplink]\ntrace_file = "{trace.as_posix()}"\n'
+    text = STUDY.replace("[base.plant.latency.uplink]\n", line)
+    Store(tmp_path / "out", make_scenarios(tmp_path, text)).open(text)
+    trace.write_text("latency_s\n0.02\n", encoding="utf-8")
+    with pytest.raises(SettingsError, match="files differ"):
+        Store(tmp_path / "out", make_scenarios(tmp_path, text)).open(text)
 
 
 def test_a_replay_that_differs_says_where(whole: Store) -> None:

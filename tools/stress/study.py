@@ -5,8 +5,10 @@
 so that the runs that share a network, and differ only in the controller, follow each other.
 """
 
+import hashlib
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +25,8 @@ RUNS_MAX = 2**40
 MOTION_TABLES = ("plant.vehicle", "plant.actuator", "plant.path", "plant.disturbance")
 MOTIONS_KEPT = 24
 """Vehicles and paths that a grid may turn through fastest: the batch engine keeps a few more."""
+FILE_KEYS = ("trace_file", "file")
+"""Settings of the plant that name a file; its content is a part of what results follow from."""
 COLUMNS_TAKEN = (
     *("id", "point", "replicate", "seed", "controller", "law", "overrides", "verdict", "ended_by"),
     *COLUMNS,
@@ -58,6 +62,7 @@ class Study(NamedTuple):
     @property
     def identity(self) -> str:
         """All that the results follow from, as JSON; two studies are the same where it is."""
+        files = _digests([self.plant, *_values(self.design)])
         return json.dumps(
             {
                 "name": self.settings.name,
@@ -71,7 +76,8 @@ class Study(NamedTuple):
                     [factor.name, list(factor.keys), [level.label for level in factor.levels or ()]]
                     for factor in self.design.factors
                 ],
-            },
+            }
+            | ({"files": files} if files else {}),
             indent=1,
         )
 
@@ -103,6 +109,25 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
     if study.runs > RUNS_MAX:
         raise SettingsError(f"{file}: {study.runs} runs are too many (allowed: up to {RUNS_MAX})")
     return study
+
+
+def _values(design: Design) -> list[Any]:
+    """Return all that factors set, with the keys."""
+    return [dict(level.values) for factor in design.factors for level in factor.levels or ()]
+
+
+def _digests(values: Any) -> dict[str, str]:
+    """Return the SHA-256 of every recorded latency and list of waypoints that is named."""
+    if isinstance(values, list):
+        return {name: text for value in values for name, text in _digests(value).items()}
+    found: dict[str, str] = {}
+    for key, value in values.items() if isinstance(values, dict) else ():
+        if isinstance(value, str) and key.split(".")[-1] in FILE_KEYS:
+            with suppress(OSError):  # refused with the settings that name it
+                found[value] = hashlib.sha256(Path(value).read_bytes()).hexdigest()
+        else:
+            found |= _digests(value)
+    return found
 
 
 def study_factors(settings: StudySettings, file: str) -> tuple[Factor, ...]:
@@ -148,6 +173,10 @@ def _sets_motion(factor: Factor) -> bool:
 def _plant(base: BaseSettings, file: str, folder: Path) -> Tables:
     preset = read_preset(PLANT_PRESETS, base.plant_preset) if base.plant_preset else None
     below = None if base.plant_file is None else folder / base.plant_file
+    if below is not None and not below.exists():
+        stored = _stored(folder).get("plant")
+        if stored is not None:
+            return dict(stored)
     tables = dict(base.plant)
     if "path" in tables:
         tables["path"] = named_path(tables["path"])
@@ -158,7 +187,22 @@ def _controller(base: BaseSettings, name: str, file: str, folder: Path) -> Table
     is_file = name.endswith(".toml")
     preset = None if is_file else read_preset(CONTROLLER_PRESETS, name)
     below = folder / name if is_file else None
+    if below is not None and not below.exists():
+        stored = _stored(folder).get("controllers", {}).get(name)
+        if stored is not None:
+            return dict(stored)
     return _checked(ControllerSettings, preset, below, base.controller, f"{file}: base.controller")
+
+
+def _stored(folder: Path) -> Mapping[str, Any]:
+    """Return what study.json has, where the study file lies beside its results: the files that it
+    names have stayed where they were.
+    """
+    try:
+        stored = json.loads((folder / "study.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return stored if isinstance(stored, dict) else {}
 
 
 def _checked(
