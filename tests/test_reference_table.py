@@ -2,42 +2,36 @@
 
 The reference has a 100 Hz controller and a plant integrated in steps of 1 ms. It drives 60 s of an
 ellipse with semi-axes 60 m and 30 m, the steer limited to 0.6 rad, and prints the worst RMS [m] of
-the four corners of the uncertainty box. Compared are its stable cells, in two steps, because the
-frames take most of the time of a run:
-
-1. the bare loop, laws on the moving vehicle with the same latencies and without any frames, drives
-   all four corners and so finds the worst
-2. both nodes drive that corner in virtual time
+the four corners of the uncertainty box. Compared are its stable cells, with compiled runs, which
+are bit for bit those of the two nodes in virtual time (``test_batch``). In the worst corner of each
+the bare loop is driven too: the law on the moving vehicle with the same latencies, without nodes,
+frames and resolution of the wire.
 """
 
 import math
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 
 from controller.design import design_law
 from controller.law_settings import CdobSettings, DobSettings, PdSettings, VehicleModelSettings
 from controller.laws import LawName
 from controller.limits import limit_step
-from controller.node import ControllerNode
 from controller.settings import ControllerSettings, LimitSettings, limits_of
 from plant_emulator.latency import Distribution
 from plant_emulator.latency_line import LatencyLine
 from plant_emulator.latency_settings import BothLatencySettings, LatencySettings
 from plant_emulator.motion import Motion
-from plant_emulator.node import PlantNode, motion_params
+from plant_emulator.node import motion_params
 from plant_emulator.rig_settings import EllipseSettings, VehicleSettings
 from plant_emulator.settings import PlantSettings
 from plant_emulator.streams import Channel, uniforms
-from runtime.node import NEVER_NS
-from runtime.virtual_time import VirtualTimeExecutor
+from tools.batch.engine import BatchRun, run_batch
 
 PERIOD_NS = 10_000_000
 DURATION_S = 60
-WORKERS = 2
 STEER_RAD_MAX = 0.6
 
 Corner = tuple[float, float]
@@ -113,7 +107,7 @@ limit. What a limit cycle's RMS is depends on much; here it is 0.086 to 0.106 m,
 
 
 class Result(NamedTuple):
-    """RMS of the bare loop and of virtual time in the worst corner, and the peak steer there."""
+    """RMS of the bare loop and of virtual time in the worst corner, and the peak steer of all."""
 
     bare_m: float
     virtual_m: float
@@ -184,20 +178,19 @@ def apply_due(line: LatencyLine[float], motion: Motion, now_ns: int) -> None:
 
 def run_cell(cell: Cell) -> Result:
     controller = controller_settings(cell.row)
-    bare_m = {
-        corner: bare_rms_m(plant_settings(cell.latency, corner), controller) for corner in CORNERS
+    runs = {
+        corner: run_batch(plant_settings(cell.latency, corner), controller) for corner in CORNERS
     }
-    worst = max(CORNERS, key=bare_m.__getitem__)
-    virtual_m, peak_steer_rad = run_virtual(cell, worst)
-    return Result(bare_m[worst], virtual_m, peak_steer_rad)
+    worst = max(CORNERS, key=lambda corner: runs[corner].lateral_error_rms_m)
+    return Result(
+        bare_rms_m(plants[worst], controller),
+        runs[worst].lateral_error_rms_m,
+        max(peak_steer_rad(run) for run in runs.values()),
+    )
 
 
-def run_virtual(cell: Cell, corner: Corner) -> tuple[float, float]:
-    """RMS [m] and peak steer [rad] of the two nodes in virtual time, on a wire without time."""
-    plant = PlantNode(plant_settings(cell.latency, corner), 0, samples_max=0)
-    controller = ControllerNode(controller_settings(cell.row), 0)
-    VirtualTimeExecutor((plant, controller)).run(NEVER_NS)
-    return plant.report()["lateral_error_rms_m"], controller.report()["peak_steer_rad"]
+def peak_steer_rad(run: BatchRun) -> float:
+    return float(np.max(np.abs(run.sent_rad)))
 
 
 def stable_cells() -> Iterator[Cell]:
@@ -212,9 +205,7 @@ CELLS = tuple(stable_cells())
 
 @pytest.fixture(scope="module")
 def results() -> dict[Cell, Result]:
-    """All cells, in two processes: one after the other they take most of a minute."""
-    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        return dict(zip(CELLS, pool.map(run_cell, CELLS, chunksize=4), strict=True))
+    return {cell: run_cell(cell) for cell in CELLS}
 
 
 def name_of(cell: Cell) -> str:
@@ -244,5 +235,5 @@ def test_no_stable_cell_touches_the_steering_limit(results: dict[Cell, Result]) 
 
 @pytest.mark.parametrize("cell", LIMIT_CYCLES, ids=name_of)
 def test_the_cells_left_out_are_limit_cycles(cell: Cell) -> None:
-    _, peak_steer_rad = run_virtual(cell, (7.0, 1600.0))
-    assert peak_steer_rad == STEER_RAD_MAX
+    run = run_batch(plant_settings(cell.latency, (7.0, 1600.0)), controller_settings(cell.row))
+    assert peak_steer_rad(run) == STEER_RAD_MAX
