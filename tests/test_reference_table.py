@@ -178,9 +178,8 @@ def apply_due(line: LatencyLine[float], motion: Motion, now_ns: int) -> None:
 
 def run_cell(cell: Cell) -> Result:
     controller = controller_settings(cell.row)
-    runs = {
-        corner: run_batch(plant_settings(cell.latency, corner), controller) for corner in CORNERS
-    }
+    plants = {corner: plant_settings(cell.latency, corner) for corner in CORNERS}
+    runs = {corner: run_batch(plant, controller) for corner, plant in plants.items()}
     worst = max(CORNERS, key=lambda corner: runs[corner].lateral_error_rms_m)
     return Result(
         bare_rms_m(plants[worst], controller),

@@ -371,3 +371,27 @@ def test_where_there_is_no_way_the_packages_to_install_are_named(
         "uml: ",
     ):
         assert word in line
+
+
+STOPPED_UNDER_A_TRACER = """
+import ctypes, os, signal, time
+from tools.vcan_backends.guard import _reap
+child = os.fork()
+if child == 0:
+    ctypes.CDLL(None).ptrace(0, 0, None, None)  # PTRACE_TRACEME
+    os.kill(os.getpid(), signal.SIGTRAP)
+    os._exit(0)
+while open(f"/proc/{child}/stat").read().rpartition(")")[2].split()[0] != "t":
+    time.sleep(0.01)
+assert _reap() == {}, "it has stopped, not ended"
+os.kill(child, signal.SIGKILL)
+ended = {}
+while not ended:
+    ended = _reap()
+    time.sleep(0.01)
+assert ended == {child: 128 + signal.SIGKILL}, ended
+"""
+
+
+def test_a_process_that_a_tracer_has_stopped_is_not_taken_for_one_that_ended() -> None:
+    subprocess.run([sys.executable, "-c", STOPPED_UNDER_A_TRACER], cwd=ROOT, check=True)

@@ -133,7 +133,9 @@ def _reap() -> dict[int, int]:
             pid, status = os.waitpid(-1, os.WNOHANG)
             if pid == 0:
                 break
-            ended[pid] = exit_status(status)
+            # User Mode Linux traces its processes; one whose tracer was killed is told as stopped.
+            if not os.WIFSTOPPED(status):
+                ended[pid] = exit_status(status)
     return ended
 
 
