@@ -1,5 +1,6 @@
 """The treaty of compiled runs: bit for bit what the two nodes do in virtual time."""
 
+import inspect
 import random
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,8 +14,10 @@ from dbc.messages import Mode
 from plant_emulator.node import PlantNode
 from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, preset_names, read_preset
+from tools.batch.compilation import sources
 from tools.batch.engine import BatchRun, Outcome, run_batch
 from tools.batch.plan import NothingArrivesError, plan_run
+from tools.batch.steps import step_functions
 from tools.virtual_pair import run_virtual_nodes
 
 LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob")
@@ -252,3 +255,10 @@ def test_a_network_that_lets_nothing_through_is_refused() -> None:
     plant = plant_settings(["latency.uplink.loss=1.0"])
     with pytest.raises(NothingArrivesError, match="no measurement arrived"):
         run_batch(plant, controller_settings("practical_pd"))
+
+
+def test_compiled_code_is_forgotten_when_any_step_function_changes() -> None:
+    """Its folder is named after the files' content; a step from elsewhere would go unnoticed."""
+    files = {Path(inspect.getfile(function)).resolve() for function in step_functions()}
+    assert len(files) >= 8
+    assert files <= set(sources())

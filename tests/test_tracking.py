@@ -241,12 +241,17 @@ def test_the_count_of_slow_poles_is_that_of_the_eigenvalues(
 ) -> None:
     design = ddob(k_p, 0.3 * k_d, n, dob, cdob, washout)
     delays_ns = [0, 85 * MS_NS, 250 * MS_NS]
-    counted = slow_poles(stability_grid(MODELS[2:], delays_ns, PERIOD_NS, decay_1_s, 400), design)
+    grid = stability_grid(MODELS[2:], delays_ns, PERIOD_NS, decay_1_s, 400)
+    counted = slow_poles(grid, design)
+    angle_rad = np.angle(grid.z)
     for row, model in zip(counted, MODELS[2:], strict=True):
         for count, delay_ns in zip(row, delays_ns, strict=True):
             poles = SampledLoop(design, model, PERIOD_NS).closed_loop_poles(delay_ns)
             decay = -np.log(np.maximum(np.abs(poles), 1e-300)) / PERIOD_S
-            if np.abs(decay - decay_1_s).min() > 0.03:
+            # A pole closer to the circle than the points on it are to each other turns 1 + L
+            # between two of them, and the count may miss it.
+            step_rad = np.interp(np.abs(np.angle(poles)), angle_rad[:-1], np.diff(angle_rad))
+            if (np.abs(decay - decay_1_s) > np.maximum(0.03, step_rad / PERIOD_S)).all():
                 assert count == np.count_nonzero(decay < decay_1_s)
 
 

@@ -33,7 +33,7 @@ from tools.benchmark_table import line_record, lines_table
 COUNTS = (10, 30, 100, 300, 1000)
 LENGTHS_S = (10.0, 30.0, 100.0, 300.0, 1000.0)
 _FIRST_RESULT = (
-    "from tools.batch_benchmark.comparison import NETWORKS, pair_settings;"
+    "from tools.batch_benchmark.subject import NETWORKS, pair_settings;"
     "from tools.batch.engine import run_batch;"
     "run_batch(*pair_settings(NETWORKS['80 ms']))"
 )

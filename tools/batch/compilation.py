@@ -7,6 +7,7 @@ folder named after the content of all the files that any of it may come from.
 
 import hashlib
 import os
+import shutil
 import sys
 from functools import cache
 from pathlib import Path
@@ -15,6 +16,8 @@ from typing import Any
 import numba
 
 _SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "tools/batch")
+_VERSIONS_KEPT = 4
+"""Versions of the sources whose code stays on disk: several megabytes each."""
 _ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -39,16 +42,31 @@ def _compiled(function: Any, *, inline: bool) -> Any:
     return numba.njit(nogil=True, cache=folder is not None, forceinline=inline)(function)
 
 
+def sources() -> list[Path]:
+    """Return the files that compiled code may come from, which its folder is named after."""
+    return sorted(path for name in _SOURCES for path in (_ROOT / name).rglob("*.py"))
+
+
 @cache
 def _cache_folder() -> Path | None:
     """Return the folder for code compiled from the sources as they are now."""
     digest = hashlib.sha256(f"{sys.version} {numba.__version__}".encode())
-    for source in sorted(path for name in _SOURCES for path in (_ROOT / name).glob("*.py")):
+    for source in sources():
         digest.update(source.read_bytes())
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     folder = base / "steer-by-wire-emulator" / digest.hexdigest()[:16]
     try:
+        is_new = not folder.exists()
         folder.mkdir(parents=True, exist_ok=True)
+        if is_new:
+            _forget_oldest(folder.parent)
     except OSError:
         return None
     return folder if os.access(folder, os.W_OK) else None
+
+
+def _forget_oldest(base: Path) -> None:
+    """Remove what was compiled from older sources, but for the newest few."""
+    folders = sorted(base.iterdir(), key=lambda folder: folder.stat().st_mtime, reverse=True)
+    for folder in folders[_VERSIONS_KEPT:]:
+        shutil.rmtree(folder, ignore_errors=True)

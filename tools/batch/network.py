@@ -99,9 +99,13 @@ def passages(
 
 def _is_random(settings: LatencySettings) -> bool:
     """Whether any draw makes a difference."""
+    return _has_jitter(settings) or _is_lossy(settings)
+
+
+def _is_lossy(settings: LatencySettings) -> bool:
+    """Whether any frame may be lost."""
     return (
-        _has_jitter(settings)
-        or settings.loss > 0.0
+        settings.loss > 0.0
         or settings.loss_in_good > 0.0
         or any(point.loss > 0.0 for point in settings.schedule)
     )
@@ -131,6 +135,8 @@ def _network(settings: LatencySettings, frames: Frames) -> _Network:
 
 def _losses(settings: LatencySettings, loss: FloatArray, u: FloatArray) -> BoolArray:
     """Return which frames are lost."""
+    if not _is_lossy(settings):
+        return np.zeros(len(u), dtype=np.bool_)
     shares, of_frame = np.unique(loss, return_inverse=True)
     chains = np.array([_chain(settings, share) for share in shares.tolist()]).reshape(-1, 4)
     return np.asarray(_run_chain(chains[of_frame], u, len(loss) > 1), dtype=np.bool_)

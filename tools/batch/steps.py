@@ -44,11 +44,16 @@ _STEP_FUNCTIONS: tuple[Callable[..., Any], ...] = (
 )
 
 
+def step_functions() -> tuple[Callable[..., Any], ...]:
+    """Return what ``register_steps`` registers."""
+    return _STEP_FUNCTIONS
+
+
 @cache
 def register_steps() -> None:
     """Let compiled functions call the step functions."""
     for function in _STEP_FUNCTIONS:
-        register_jitable(forceinline=True)(function)
+        register_jitable(function)
 
 
 def law_step(params: Any, state: Any, lateral_error_m: float, sent_steer_rad: float) -> Any:

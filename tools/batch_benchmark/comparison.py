@@ -12,39 +12,19 @@ import numpy as np
 
 from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
-from runtime.settings import load_settings, read_preset
 from tools.batch.engine import run_batch
 from tools.batch.plan import plan_run
 from tools.batch_benchmark.c_pair import CPair, compile_pair
 from tools.batch_benchmark.python_control_loop import python_control_loop
+from tools.batch_benchmark.subject import NETWORKS, pair_settings
 from tools.benchmark_measurement import REPETITIONS, Line, Target
 from tools.virtual_pair import run_virtual_pair
 
-DURATION_S = 60.0
 RUNS = 40
 """Runs timed together: some twenty milliseconds."""
 SHORT_S = 12.0
 """Of a run that python-control simulates: half a second of ours would be minutes of its."""
 REPETITIONS_OF_OTHERS = 3
-NETWORKS = {
-    "80 ms": ("mean_s=0.08",),
-    "83.7213 ms, off the grid": ("mean_s=0.0837213",),
-    "80 ± 30 ms, 1 % lost": ("model=gamma", "mean_s=0.08", "spread_s=0.03", "loss=0.01"),
-}
-
-
-def pair_settings(
-    network: Sequence[str], duration_s: float = DURATION_S
-) -> tuple[PlantSettings, ControllerSettings]:
-    """Return a run of practical_pd_ddob at 100 Hz on a network."""
-    plant = load_settings(
-        PlantSettings,
-        read_preset("plant_emulator.presets", "paper_corner_d"),
-        None,
-        [f"duration_s={duration_s}", *(f"latency.downlink.{setting}" for setting in network)],
-    )
-    preset = read_preset("controller.presets", "practical_pd_ddob")
-    return plant, load_settings(ControllerSettings, preset, None, [])
 
 
 def lines_beside_c() -> list[Line]:
