@@ -220,8 +220,7 @@ def run_first_segment(
     """
     p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
     start = Progress(start_motion(p), 0, 0)
-    x, _ = _plant_until(p, c, s, r, start, 0, s.tick_ns[0])
-    return _run_ticks(law_params, p, c, s, r, segment, x, law_state, 0.0, 0.0, end_ns)
+    return _run_ticks(law_params, p, c, s, r, segment, start, law_state, 0.0, 0.0, end_ns)
 
 
 @compiled
@@ -238,9 +237,9 @@ def run_segment(
     fade_rad: float,
     end_ns: int,
 ) -> Any:
-    """Run the ticks of a segment, each with the plant up to the next.
+    """Run the ticks of a segment, each with the plant up to it, and the plant up to the next.
 
-    ``x``       the plant, up to and at the first tick of the segment
+    ``x``       the plant, at the first tick of the segment or before it
     ``end_ns``  how far to run the plant after the last tick of all
 
     Returns the plant, the command last sent, the fade that is left [rad], the tick that comes next,
@@ -265,7 +264,12 @@ def _run_ticks(
     end_ns: int,
 ) -> tuple[Progress, float, float, int, int]:
     mode, first_tick, last_tick, is_recovery = segment
-    for tick in range(first_tick, last_tick):
+    # The plant runs in one place only: all of it is compiled into this loop.
+    for tick in range(first_tick, last_tick + 1):
+        to_ns = s.tick_ns[tick] if tick < len(s.tick_ns) else end_ns
+        x, outcome = _plant_until(p, c, s, r, x, tick, to_ns)
+        if outcome != COMPLETE or tick == last_tick:
+            return x, sent_rad, fade_rad, tick, outcome
         wanted_rad = sent_rad
         if mode == _ACTIVE:
             error_m = r.measured_m[s.tick_sample[tick]]
@@ -288,8 +292,4 @@ def _run_ticks(
                 wanted_rad = ramp_step(c.ramp_step_rad, wanted_rad)
         sent_rad = limit_step(c.limits, sent_rad, wanted_rad)
         r.sent_rad[tick] = sent_rad
-        next_ns = s.tick_ns[tick + 1] if tick + 1 < len(s.tick_ns) else end_ns
-        x, outcome = _plant_until(p, c, s, r, x, tick + 1, next_ns)
-        if outcome != COMPLETE:
-            return x, sent_rad, fade_rad, tick + 1, outcome
     return x, sent_rad, fade_rad, last_tick, COMPLETE
