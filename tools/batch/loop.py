@@ -167,30 +167,32 @@ def _plant_until(
     z, sample, command = x
     while True:
         command_ns = sample_ns = to_ns + 1
-        if command < len(s.command_due_ns) and s.command_tick[command] < ticks_done:
-            command_ns = s.command_due_ns[command]
+        # An unsigned index need not be tested for counting from the end, which costs a twentieth.
+        of, at = np.uintp(command), np.uintp(sample)
+        if command < len(s.command_due_ns) and s.command_tick[of] < ticks_done:
+            command_ns = s.command_due_ns[of]
         if sample < len(s.sample_ns):
-            sample_ns = s.sample_ns[sample]
+            sample_ns = s.sample_ns[at]
         if command_ns > to_ns and sample_ns > to_ns:
             return Progress(z, sample, command), COMPLETE
         if command_ns <= sample_ns:
             z = advance_motion(p, z, max(command_ns - c.motion_start_ns, 0))
-            steer_rad = r.sent_rad[s.command_tick[command]]
+            steer_rad = r.sent_rad[np.uintp(s.command_tick[of])]
             z = command_motion(p, z, _on_wire(steer_rad, c.steer_resolution_rad))
             command += 1
         else:
             z = advance_motion(p, z, max(sample_ns - c.motion_start_ns, 0))
-            r.lateral_error_m[sample] = z.linear.lateral_error_m
-            r.heading_error_rad[sample] = z.linear.heading_error_rad
-            r.yaw_rate_rad_s[sample] = z.linear.yaw_rate_rad_s
-            r.wheel_angle_rad[sample] = z.linear.wheel_rad
-            r.curvature_1_m[sample] = z.linear.curvature_1_m
-            r.command[sample] = command - 1
-            reading_m = z.linear.lateral_error_m + s.noise_m[sample]
+            r.lateral_error_m[at] = z.linear.lateral_error_m
+            r.heading_error_rad[at] = z.linear.heading_error_rad
+            r.yaw_rate_rad_s[at] = z.linear.yaw_rate_rad_s
+            r.wheel_angle_rad[at] = z.linear.wheel_rad
+            r.curvature_1_m[at] = z.linear.curvature_1_m
+            r.command[at] = command - 1
+            reading_m = z.linear.lateral_error_m + s.noise_m[at]
             sample += 1
             if not abs(reading_m) <= c.lateral_error_m_max:
                 return Progress(z, sample, command), LEFT_RANGE
-            r.measured_m[sample - 1] = _on_wire(reading_m, c.lateral_error_resolution_m)
+            r.measured_m[at] = _on_wire(reading_m, c.lateral_error_resolution_m)
 
 
 @compiled
@@ -266,13 +268,14 @@ def _run_ticks(
     mode, first_tick, last_tick, is_recovery = segment
     # The plant runs in one place only: all of it is compiled into this loop.
     for tick in range(first_tick, last_tick + 1):
-        to_ns = s.tick_ns[tick] if tick < len(s.tick_ns) else end_ns
+        now = np.uintp(tick)
+        to_ns = s.tick_ns[now] if tick < len(s.tick_ns) else end_ns
         x, outcome = _plant_until(p, c, s, r, x, tick, to_ns)
         if outcome != COMPLETE or tick == last_tick:
             return x, sent_rad, fade_rad, tick, outcome
         wanted_rad = sent_rad
         if mode == _ACTIVE:
-            error_m = r.measured_m[s.tick_sample[tick]]
+            error_m = r.measured_m[np.uintp(s.tick_sample[now])]
             law_state, output = law_step(law_params, law_state, error_m, sent_rad)
             if not math.isfinite(output.steer_rad):
                 return x, sent_rad, fade_rad, tick, LAW_FAILED
@@ -281,15 +284,15 @@ def _run_ticks(
             else:
                 fade_rad = ramp_step(c.ramp_step_rad, fade_rad)
             wanted_rad = output.steer_rad + fade_rad
-            r.law_output[tick, 0] = output.steer_rad
-            r.law_output[tick, 1] = output.disturbance_rad
-            r.law_output[tick, 2] = output.network_disturbance_rad
-            r.law_output[tick, 3] = output.compensated_lateral_error_m
+            r.law_output[now, 0] = output.steer_rad
+            r.law_output[now, 1] = output.disturbance_rad
+            r.law_output[now, 2] = output.network_disturbance_rad
+            r.law_output[now, 3] = output.compensated_lateral_error_m
         else:
             for column in range(4):
-                r.law_output[tick, column] = r.law_output[tick - 1, column]
+                r.law_output[now, column] = r.law_output[tick - 1, column]
             if mode == _SAFE_STOP:
                 wanted_rad = ramp_step(c.ramp_step_rad, wanted_rad)
         sent_rad = limit_step(c.limits, sent_rad, wanted_rad)
-        r.sent_rad[tick] = sent_rad
+        r.sent_rad[now] = sent_rad
     return x, sent_rad, fade_rad, last_tick, COMPLETE
