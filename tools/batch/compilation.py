@@ -27,19 +27,19 @@ def compiled(function: Any) -> Any:
     Without a folder that can be written it is compiled anew in every process. Compiled code keeps
     to the order of its operations: no fast-math, no fused multiply-add.
     """
-    return _compiled(function, inline=False)
+    return _compiled(function, "never")
 
 
 def compiled_inline(function: Any) -> Any:
     """Compile a function as a part of those that call it: for the innermost of a loop."""
-    return _compiled(function, inline=True)
+    return _compiled(function, "always")
 
 
-def _compiled(function: Any, *, inline: bool) -> Any:
+def _compiled(function: Any, inline: str) -> Any:
     folder = _cache_folder()
     if folder is not None:
         numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]  # read when decorating
-    return numba.njit(nogil=True, cache=folder is not None, forceinline=inline)(function)
+    return numba.njit(nogil=True, cache=folder is not None, inline=inline)(function)
 
 
 def sources() -> list[Path]:

@@ -53,7 +53,7 @@ def step_functions() -> tuple[Callable[..., Any], ...]:
 def register_steps() -> None:
     """Let compiled functions call the step functions."""
     for function in _STEP_FUNCTIONS:
-        register_jitable(function)
+        register_jitable(forceinline=True)(function)
 
 
 def law_step(params: Any, state: Any, lateral_error_m: float, sent_steer_rad: float) -> Any:
