@@ -11,7 +11,7 @@ import shutil
 import sys
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numba
 
@@ -35,7 +35,7 @@ def compiled_inline(function: Any) -> Any:
     return _compiled(function, "always")
 
 
-def _compiled(function: Any, inline: str) -> Any:
+def _compiled(function: Any, inline: Literal["always", "never"]) -> Any:
     folder = _cache_folder()
     if folder is not None:
         numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]  # read when decorating
