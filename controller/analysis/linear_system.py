@@ -62,12 +62,12 @@ def law_system(design: LawDesign) -> LinearSystem:
     command of the previous period: without limits it is the one that was sent.
     """
     rest = design.initial_state(0.0)
-    order = sum(1 for _ in _floats(rest))
+    order = sum(1 for _ in floats_of(rest))
     columns = []
     for unit in np.eye(order + 2):
         *values, sent_rad, error_m = (float(value) for value in unit)
         state, output = design.step(design.params, _filled(rest, iter(values)), error_m, sent_rad)
-        columns.append([*_floats(state), output.steer_rad])
+        columns.append([*floats_of(state), output.steer_rad])
     rows = np.array(columns).T
     a, b = rows[:, :-1], rows[:, -1]
     return LinearSystem(a, b, a[-1], float(b[-1]))
@@ -154,13 +154,13 @@ def _exponential(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     return total
 
 
-def _floats(state: Any) -> Iterator[float]:
-    """Return every number of a nested tuple, in order."""
-    if isinstance(state, tuple):
-        for member in state:
-            yield from _floats(member)
+def floats_of(nested: Any) -> Iterator[float]:
+    """Return every number of a law's params or state, a nested tuple, in the order of fields."""
+    if isinstance(nested, tuple):
+        for member in nested:
+            yield from floats_of(member)
     else:
-        yield state
+        yield nested
 
 
 def _filled(form: Any, values: Iterator[float]) -> Any:

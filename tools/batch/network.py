@@ -1,7 +1,8 @@
 """A latency line over a whole run at once: which frames come through, when, in which order.
 
-It gives what ``plant_emulator.latency_line`` gives frame by frame. Every number is drawn by the
-same functions from the same streams; only the queue is put differently, as sorting:
+It gives what ``plant_emulator.latency_line`` gives frame by frame, from the same streams, to the
+last bit (``test_batch``). Written anew, for arrays, are three quantiles and the AR(1) process, and
+the queue, which is put as sorting:
 
     order of leaving    by due time, frames due together as they came
     newest wins         drops what leaves after a later frame of its message has left

@@ -3,12 +3,12 @@
 import ctypes
 import shutil
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from controller.analysis.linear_system import floats_of
 from controller.design import design_law
 from controller.settings import ControllerSettings, limits_of
 from dbc.messages import LateralError, SteeringCommand, limits, resolutions
@@ -130,8 +130,9 @@ class CPair:
         law = design_law(controller)
         first_m = round(float(plan.noise_m[plan.tick_sample[0]]) / resolution_m) * resolution_m
         self._inputs: list[Any] = [
-            np.array(list(_numbers(law.params))),
-            np.array(list(_numbers(law.initial_state(first_m)))),
+            # The C structs have the fields in the same order.
+            np.array(list(floats_of(law.params))),
+            np.array(list(floats_of(law.initial_state(first_m)))),
             self._rig_pointers,
             plan.tick_ns,
             plan.tick_sample,
@@ -153,12 +154,3 @@ class CPair:
             *(ctypes.c_void_p(array.ctypes.data) for array in (*self._inputs, *outputs)),
         )
         return CResult(per_sample[0], per_sample[3], sent_rad)
-
-
-def _numbers(nested: Any) -> Iterator[float]:
-    """Return every coefficient, in the order of the fields, which is that of the C struct."""
-    if isinstance(nested, tuple):
-        for member in nested:
-            yield from _numbers(member)
-    else:
-        yield nested

@@ -14,13 +14,12 @@ Left out are the limits of commands and actuator, and the resolution of signals:
 limit is linear. Whatever else is not linear, or not of this form, is refused.
 """
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.analysis.linear_system import LinearSystem, law_system
+from controller.analysis.linear_system import LinearSystem, floats_of, law_system
 from controller.design import design_law
 from controller.settings import ControllerSettings
 from plant_emulator.disturbance import disturbance_intervals
@@ -91,7 +90,7 @@ def linear_loop(
     design = design_law(controller)
     return LinearLoop(
         law_system(design),
-        np.array([*_floats(design.initial_state(1.0)), 0.0]),
+        np.array([*floats_of(design.initial_state(1.0)), 0.0]),
         transition,
         hold,
         driven,
@@ -174,12 +173,3 @@ def _unfit(plant: PlantSettings, controller: ControllerSettings) -> list[str]:
         for what, is_unfit in conditions.items()
         if is_unfit
     ]
-
-
-def _floats(state: Any) -> Iterator[float]:
-    """Return every number of a nested tuple, in order."""
-    if isinstance(state, tuple):
-        for member in state:
-            yield from _floats(member)
-    else:
-        yield state
