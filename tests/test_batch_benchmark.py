@@ -1,0 +1,34 @@
+"""What compiled runs are timed against is the same run: in C to the last bit."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tools.batch.engine import run_batch
+from tools.batch.plan import plan_run
+from tools.batch_benchmark.c_pair import CPair, MissingCompilerError, compile_pair
+from tools.batch_benchmark.subject import NETWORKS, pair_settings
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+@pytest.mark.parametrize("network", NETWORKS)
+def test_the_c_program_gives_the_same_bits(network: str, tmp_path: Path) -> None:
+    plant, controller = pair_settings(NETWORKS[network], duration_s=5.0)
+    plan = plan_run(plant, controller)
+    here = run_batch(plant, controller, plan)
+    there = CPair(compile_pair(tmp_path), plant, controller, plan).run()
+    first = len(there.lateral_error_m) - len(here.lateral_error_m)
+    assert np.ptp(here.lateral_error_m) > 0.001
+    np.testing.assert_array_equal(here.lateral_error_m, there.lateral_error_m[first:])
+    np.testing.assert_array_equal(here.wheel_angle_rad, there.wheel_angle_rad[first:])
+    np.testing.assert_array_equal(here.sent_rad, there.sent_rad)
+
+
+def test_without_a_compiler_it_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(MissingCompilerError, match="install one"):
+        compile_pair(tmp_path)
