@@ -18,6 +18,7 @@ The same class serves virtual time and, with the real clock's readings, the emul
 """
 
 import heapq
+from collections.abc import Callable
 from math import gcd, lcm
 from typing import NamedTuple
 
@@ -63,6 +64,7 @@ class _Waiting(NamedTuple):
     duration_ticks: int
     sender: int
     frame: Frame
+    submitted_ticks: int
 
 
 def arbitration_field(frame: Frame) -> int:
@@ -85,12 +87,18 @@ class BusModel:
     ``data_bitrate_bit_s``  bit rate of the data phase of FD frames with BITRATE_SWITCH [bit/s];
                             the nominal one unless given
     ``queue_limit``         frames one sender may have waiting
+    ``on_start``            called as ``on_start(frame, delay_ns)`` when a frame wins the bus, with
+                            the time from its submission to its start of frame [ns]
 
     Raises ValueError for a rate or a limit that is not positive.
     """
 
     def __init__(
-        self, bitrate_bit_s: int, data_bitrate_bit_s: int | None = None, queue_limit: int = 1000
+        self,
+        bitrate_bit_s: int,
+        data_bitrate_bit_s: int | None = None,
+        queue_limit: int = 1000,
+        on_start: Callable[[Frame, int], None] | None = None,
     ) -> None:
         data_rate = bitrate_bit_s if data_bitrate_bit_s is None else data_bitrate_bit_s
         if bitrate_bit_s <= 0 or data_rate <= 0 or queue_limit <= 0:
@@ -105,6 +113,7 @@ class BusModel:
         self._bit_ticks = NS_PER_S * self._ticks_per_ns // bitrate_bit_s
         self._data_bit_ticks = NS_PER_S * self._ticks_per_ns // data_rate
         self._queue_limit = queue_limit
+        self._on_start = on_start
         self._queue: list[_Waiting] = []
         self._waiting_of: dict[int, int] = {}
         self._sequence = 0
@@ -154,8 +163,19 @@ class BusModel:
         duration_ticks = bits.nominal * self._bit_ticks + bits.data * self._data_bit_ticks
         heapq.heappush(
             self._queue,
-            _Waiting(arbitration_field(frame), self._sequence, duration_ticks, sender, frame),
+            _Waiting(
+                arbitration_field(frame), self._sequence, duration_ticks, sender, frame, now_ticks
+            ),
         )
+
+    def withdraw(self, sender: int) -> int:
+        """Take back every frame of ``sender`` that is not on the wire yet; returns how many."""
+        kept = [waiting for waiting in self._queue if waiting.sender != sender]
+        withdrawn = len(self._queue) - len(kept)
+        heapq.heapify(kept)
+        self._queue = kept
+        self._waiting_of.pop(sender, None)
+        return withdrawn
 
     def advance(self, now_ns: int) -> list[Delivery]:
         """Return the frames completed up to ``now_ns`` and not returned before, in order."""
@@ -181,9 +201,15 @@ class BusModel:
 
     def _start(self, winner: _Waiting) -> None:
         """Put the winner of the arbitration on the wire."""
-        self._waiting_of[winner.sender] -= 1
+        if self._waiting_of[winner.sender] == 1:
+            del self._waiting_of[winner.sender]  # senders come and go; what is kept must not grow
+        else:
+            self._waiting_of[winner.sender] -= 1
         self._on_wire = winner
         self._end_ticks = self._next_start_ticks + winner.duration_ticks
+        if self._on_start is not None:
+            delay_ticks = self._next_start_ticks - winner.submitted_ticks
+            self._on_start(winner.frame, delay_ticks // self._ticks_per_ns)
         self._next_start_ticks = self._end_ticks + INTERMISSION_BITS * self._bit_ticks
 
     def _complete(self, sent: _Waiting) -> None:

@@ -1,7 +1,9 @@
 """Where a broker listens: a Unix socket that only its user can open, or TCP on the loopback.
 
-A Unix socket is the default, in a directory of the user's own. TCP is for machines without Unix
-sockets; there every local user can join the bus, and nobody from outside.
+A Unix socket is the default, in a directory of the user's own. At any other path it is its user's
+alone too, unless a group is let in; no directory is taken in which others could put a socket of
+theirs in its place. TCP is for machines without Unix sockets; there every local user can join the
+bus, and nobody from outside.
 """
 
 import ipaddress
@@ -93,9 +95,23 @@ def connect(address: Address, timeout_s: float) -> socket.socket:
     return connection
 
 
+def group_number(name: str) -> int:
+    """Return the number of a group of users, given by name or number; raises AddressError."""
+    if not hasattr(socket, "AF_UNIX"):
+        raise AddressError("no Unix sockets here, and so no groups")
+    import grp  # does not exist where there are no Unix sockets
+
+    try:
+        return int(name) if name.isdecimal() else grp.getgrnam(name).gr_gid
+    except KeyError:
+        raise AddressError(f"there is no group {name!r}") from None
+
+
 @contextmanager
-def listening(address: Address) -> Iterator[socket.socket]:
+def listening(address: Address, group: int | None = None) -> Iterator[socket.socket]:
     """Listen at ``address`` until the end of the block.
+
+    ``group``  number of a group whose users may join a Unix socket too; None for its user alone
 
     Raises AddressError when another broker listens there or the address cannot be used. A socket
     left behind by a broker that was killed is taken over.
@@ -104,7 +120,10 @@ def listening(address: Address) -> Iterator[socket.socket]:
         try:
             if isinstance(address, UnixAddress):
                 stack.enter_context(_locked(address.path))
-                listener = stack.enter_context(_unix_listener(address.path))
+                _check_closed(address.path.parent, group)
+                listener = stack.enter_context(_unix_listener(address.path, group))
+            elif group is not None:
+                raise AddressError(f"{address} is open to every user here: no group can be chosen")
             else:
                 listener = stack.enter_context(_tcp_listener(address))
         except OSError as error:
@@ -137,7 +156,7 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _unix_listener(path: Path) -> Iterator[socket.socket]:
+def _unix_listener(path: Path, group: int | None) -> Iterator[socket.socket]:
     with suppress(FileNotFoundError):
         if not stat.S_ISSOCK(path.lstat().st_mode):
             raise AddressError(f"{path} exists and is not a socket")
@@ -150,6 +169,9 @@ def _unix_listener(path: Path) -> Iterator[socket.socket]:
         finally:
             os.umask(umask)
         try:
+            if group is not None:  # nobody can connect before listen
+                os.chown(path, -1, group)
+                path.chmod(0o660)
             listener.listen(_BACKLOG)
             yield listener
         finally:
@@ -171,3 +193,17 @@ def _check_private(directory: Path) -> None:
     status = directory.lstat()
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
         raise AddressError(f"{directory} is not a directory of mode 0700 that belongs to you")
+
+
+def _check_closed(directory: Path, group: int | None) -> None:
+    """Raise AddressError where any user could replace the socket, or ``group`` cannot reach it."""
+    status = directory.stat()
+    if status.st_mode & stat.S_IWOTH and not status.st_mode & stat.S_ISVTX:
+        raise AddressError(
+            f"every user may write to {directory} and so replace the socket: chmod o-w {directory}"
+        )
+    way_in = status.st_mode & (0o011 if status.st_gid == group else 0o001)
+    if group is not None and not way_in:
+        raise AddressError(
+            f"the group cannot enter {directory} (chgrp {group} {directory}; chmod g+x {directory})"
+        )

@@ -1,64 +1,59 @@
 """The broker: one loop that waits for the clients and for the end of the frame on each wire.
 
 Each channel is a bus of its own with its own time. A frame competes for the wire from the moment
-the broker reads it, and is delivered at its end of frame, never earlier. A client that floods is
-not read until its frames have gone out, so that it waits in ``send`` as for a full controller; one
-that does not read is disconnected. Neither holds up the others.
+the broker reads it, and is delivered at its end of frame, never earlier.
+
+No client holds up another, whatever it does; everything that waits for one has a bound:
+
+    who floods                  is not read until its frames have gone out, so that it waits in
+                                ``send`` as for a full controller
+    who keeps changing filters  is read again FILTER_CHANGE_NS later for each change
+    who does not read           is disconnected when OUTGOING_BYTES_MAX wait for it
+    who sends garbage           is disconnected at the first record that is none
+    who says no hello           is disconnected after HELLO_TIMEOUT_NS
+    who leaves and comes back   leaves at most LEFT_FRAMES_MAX frames behind
 
 Waiting is by ``select`` because it counts microseconds; Python's epoll and poll round up to the
 next millisecond, which is four frames.
 """
 
-import logging
 import select
 import socket
 import time
-from struct import Struct
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
-from runtime.bus_model import BusLoad, BusModel, Delivery
+from runtime.emulated_bus.channel import Channel
 from runtime.emulated_bus.connection import Connection, ConnectionLostError
-from runtime.emulated_bus.protocol import (
-    OWN,
-    Answer,
-    Hello,
-    ProtocolError,
-    pack_frame,
-    record_format,
-)
+from runtime.emulated_bus.journal import Cause, Journal
+from runtime.emulated_bus.protocol import Answer, Hello, ProtocolError
 from runtime.emulated_bus.wall_clock import WallClock
-from runtime.node import NEVER_NS
+from runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S, NS_PER_US
 
 CLIENTS_MAX = 200
 """More would come near the 1024 descriptors that ``select`` can wait for."""
 CHANNELS_MAX = 64
-FRAMES_WAITING_MAX = 64
-"""Frames of one client on their way before the broker stops reading from it."""
+HELLO_TIMEOUT_NS = 5 * NS_PER_S
+"""A client says hello within a millisecond of its connection."""
+FILTER_CHANGE_NS = 50 * NS_PER_US
+"""What a change of filters costs its client: many times what it costs the broker."""
+ACCEPT_PAUSE_NS = 100 * NS_PER_MS
+"""How long nobody is accepted after the host had no descriptor for one."""
+_DESCRIPTORS_MAX = 1024
+"""FD_SETSIZE of select(2)."""
 
-_LOG = logging.getLogger(__name__)
 
+class ClientFigures(NamedTuple):
+    """What the broker has had to do with its clients.
 
-class _Channel:
-    """One bus and the clients on it, by their numbers."""
+    ``connected``  now; ``most`` at once; ``served`` since the start
+    ``held_back``  how often one was not read on because FRAMES_WAITING_MAX of its frames waited
+    """
 
-    def __init__(self, model: BusModel) -> None:
-        self.model = model
-        self.members: dict[int, Connection] = {}
-
-    def queue(self, delivery: Delivery, time_ns: int) -> None:
-        """Queue a frame, complete at ``time_ns`` of the wall clock, for every client it is for."""
-        _, sender, frame = delivery
-        packed: dict[Struct, bytes] = {}
-        for member in self.members.values():
-            if not member.wants(frame, sender):
-                continue
-            record = record_format(member.fd)
-            if member.number == sender:
-                own = frame._replace(flags=frame.flags | OWN)
-                member.queue(pack_frame(record, own, time_ns))
-                continue
-            if record not in packed:
-                packed[record] = pack_frame(record, frame, time_ns)
-            member.queue(packed[record])
+    connected: int
+    most: int
+    served: int
+    held_back: int
 
 
 class Broker:
@@ -66,98 +61,142 @@ class Broker:
 
     ``bitrate_bit_s``       of every channel [bit/s]
     ``data_bitrate_bit_s``  of the data phase of CAN FD frames [bit/s]; None for classic CAN only
+    ``journal``             is told who comes and goes
+    ``clock_ns``            monotonic clock [ns]
     """
 
     def __init__(
-        self, listener: socket.socket, bitrate_bit_s: int, data_bitrate_bit_s: int | None = None
+        self,
+        listener: socket.socket,
+        bitrate_bit_s: int,
+        data_bitrate_bit_s: int | None,
+        journal: Journal,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         listener.setblocking(False)
         self._listener = listener
         self._bitrate_bit_s = bitrate_bit_s
         self._data_bitrate_bit_s = data_bitrate_bit_s
+        self._journal = journal
+        self._clock_ns = clock_ns
         self._wall_clock = WallClock()
-        self._channels: dict[str, _Channel] = {}
+        self._channels: dict[str, Channel] = {}
         self._clients: set[Connection] = set()
-        self._next_number = 1
         self._readers: set[Connection] = set()
         self._writers: set[Connection] = set()
+        # By when something has to happen [ns], the earliest first where all wait equally long.
+        self._greeted_by_ns: dict[Connection, int] = {}
+        self._read_again_ns: dict[Connection, int] = {}
+        self._accept_again_ns = 0
+        self._next_number = 1
+        self._most = 0
+        self._held_back = 0
 
     @property
-    def loads(self) -> dict[str, BusLoad]:
-        """What each channel has carried so far."""
-        return {name: channel.model.load for name, channel in self._channels.items()}
+    def channels(self) -> Mapping[str, Channel]:
+        """The channels there have been, by name."""
+        return self._channels
+
+    @property
+    def figures(self) -> ClientFigures:
+        """What clients have done so far."""
+        served = self._next_number - 1
+        return ClientFigures(len(self._clients), self._most, served, self._held_back)
 
     def run(self, end_descriptor: int | None = None) -> None:
         """Serve until ``end_descriptor`` is readable or closed, or until KeyboardInterrupt."""
-        sources = [] if end_descriptor is None else [end_descriptor]
         try:
-            while self._serve_once(sources):
+            while self.serve(self._timeout_s(), end_descriptor):
                 pass
         finally:
             for client in self._clients:
                 client.close()
 
-    def _serve_once(self, end_descriptors: list[int]) -> bool:
-        """Wait until something is to be done, and do it; returns False at the end."""
-        sources: list[int | socket.socket | Connection]
-        sources = [*end_descriptors, self._listener, *self._readers]
-        readable, writable, _ = select.select(sources, self._writers, (), self._timeout_s())
-        now_ns = time.monotonic_ns()
+    def serve(self, timeout_s: float | None, end_descriptor: int | None = None) -> bool:
+        """Wait at most ``timeout_s`` for something to do, and do it; returns False at the end."""
+        now_ns = self._clock_ns()
+        sources: list[int | socket.socket | Connection] = [*self._readers]
+        if end_descriptor is not None:
+            sources.append(end_descriptor)
+        if now_ns >= self._accept_again_ns:
+            sources.append(self._listener)
+        readable, writable, _ = select.select(sources, self._writers, (), timeout_s)
+        now_ns = self._clock_ns()
         # First what has been complete until now: what is read below competes only from now on.
         for channel in self._channels.values():
-            if channel.model.next_event_ns <= now_ns:
+            if channel.next_event_ns <= now_ns:
                 self._deliver(channel, now_ns)
         for source in readable:
             if isinstance(source, int):
                 return False
             if isinstance(source, socket.socket):
-                self._accept()
+                self._accept(now_ns)
             elif source in self._readers:
                 self._read(source, now_ns)
         for client in writable:
             if client in self._writers:
-                self._flush(client)
+                self._flush(client, now_ns)
+        self._keep_times(now_ns)
         return True
 
     def _timeout_s(self) -> float | None:
-        """Time until the next end of frame on any channel [s]; None with nothing on the way."""
+        """Time until the next thing that comes by itself [s]; None with nothing under way."""
         next_ns = min(
-            (channel.model.next_event_ns for channel in self._channels.values()), default=NEVER_NS
+            (channel.next_event_ns for channel in self._channels.values()), default=NEVER_NS
         )
-        if next_ns == NEVER_NS:
-            return None
-        return max(next_ns - time.monotonic_ns(), 0) * 1e-9
+        for waiting_ns in (self._greeted_by_ns, self._read_again_ns):
+            if waiting_ns:
+                next_ns = min(next_ns, *waiting_ns.values())
+        now_ns = self._clock_ns()
+        if self._accept_again_ns > now_ns:
+            next_ns = min(next_ns, self._accept_again_ns)
+        return None if next_ns == NEVER_NS else max(next_ns - now_ns, 0) / NS_PER_S
 
-    def _deliver(self, channel: _Channel, now_ns: int) -> None:
+    def _keep_times(self, now_ns: int) -> None:
+        """Do what is to be done to clients at certain times."""
+        if self._greeted_by_ns:
+            late = [client for client, by_ns in self._greeted_by_ns.items() if by_ns <= now_ns]
+            for client in late:
+                waited = f"no hello for {HELLO_TIMEOUT_NS / NS_PER_S:g} s"
+                self._drop(client, Cause.NO_HELLO, waited, now_ns)
+        if self._read_again_ns:
+            due = [client for client, at_ns in self._read_again_ns.items() if at_ns <= now_ns]
+            for client in due:
+                del self._read_again_ns[client]
+                self._readers.add(client)
+
+    def _deliver(self, channel: Channel, now_ns: int) -> None:
         """Send out the frames that are complete, and let their senders submit more."""
         self._wall_clock.update()
-        for delivery in channel.model.advance(now_ns):
+        for delivery in channel.advance(now_ns):
             channel.queue(delivery, self._wall_clock.at(delivery.end_ns))
-            sender = channel.members.get(delivery.sender)
-            if sender is not None:
-                sender.frames_waiting -= 1
         for member in tuple(channel.members.values()):
             if member.has_outgoing:
-                self._flush(member)
-            if member in self._clients and member not in self._readers:
+                self._flush(member, now_ns)
+            if member.is_held_back and member in self._clients:
                 self._submit(member, now_ns)
 
-    def _accept(self) -> None:
+    def _accept(self, now_ns: int) -> None:
         """Take a new client."""
         try:
             connection, _ = self._listener.accept()
-        except OSError as error:
-            # It has gone again before it was taken.
-            _LOG.info("a client was lost before it was accepted: %s", error)
+        except (BlockingIOError, ConnectionError):
+            return  # it has gone again before it was taken
+        except OSError:
+            # No descriptor is left, or no memory: it goes on waiting, and would wake us at once.
+            self._accept_again_ns = now_ns + ACCEPT_PAUSE_NS
             return
         if connection.family == socket.AF_INET:
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         client = Connection(connection, self._next_number)
         self._next_number += 1
         self._clients.add(client)
+        if len(self._clients) > CLIENTS_MAX or client.fileno() >= _DESCRIPTORS_MAX:
+            self._refuse(client, f"it has {len(self._clients) - 1} clients already", now_ns)
+            return
+        self._most = max(self._most, len(self._clients))
         self._readers.add(client)
-        if len(self._clients) > CLIENTS_MAX:
-            self._refuse(client, f"it has {CLIENTS_MAX} clients already")
+        self._greeted_by_ns[client] = now_ns + HELLO_TIMEOUT_NS
 
     def _read(self, client: Connection, now_ns: int) -> None:
         """Take in what a client has sent."""
@@ -167,25 +206,29 @@ class Broker:
                 hello = client.take_hello()
                 if hello is None:
                     return
-                self._welcome(client, hello)
-        except (ConnectionLostError, ProtocolError) as reason:
-            self._drop(client, str(reason))
+                del self._greeted_by_ns[client]
+                self._welcome(client, hello, now_ns)
+        except ConnectionLostError as reason:
+            self._drop(client, reason.cause, str(reason), now_ns)
             return
-        self._submit(client, now_ns)
+        except ProtocolError as reason:
+            self._drop(client, Cause.GARBAGE, str(reason), now_ns)
+            return
+        if client in self._clients:
+            self._submit(client, now_ns)
 
-    def _welcome(self, client: Connection, hello: Hello) -> None:
+    def _welcome(self, client: Connection, hello: Hello, now_ns: int) -> None:
         """Let a client join the channel it asks for, or refuse it."""
         reason = self._obstacle(hello)
         if reason:
-            self._refuse(client, reason)
+            self._refuse(client, reason, now_ns)
             return
         if hello.channel not in self._channels:
-            model = BusModel(self._bitrate_bit_s, self._data_bitrate_bit_s, FRAMES_WAITING_MAX)
-            self._channels[hello.channel] = _Channel(model)
+            self._channels[hello.channel] = Channel(self._bitrate_bit_s, self._data_bitrate_bit_s)
         self._channels[hello.channel].members[client.number] = client
-        _LOG.info("%s joins", client)
+        self._journal.join(str(client), now_ns)
         client.queue(self._answer("").pack())
-        self._flush(client)
+        self._flush(client, now_ns)
 
     def _obstacle(self, hello: Hello) -> str:
         """Why a client cannot join; empty when it can."""
@@ -204,57 +247,57 @@ class Broker:
     def _answer(self, reason: str) -> Answer:
         return Answer(self._bitrate_bit_s, self._data_bitrate_bit_s or 0, reason)
 
-    def _refuse(self, client: Connection, reason: str) -> None:
+    def _refuse(self, client: Connection, reason: str, now_ns: int) -> None:
         """Tell a client why it cannot join, and close."""
         client.queue(self._answer(reason).pack())
-        self._flush(client)
-        self._drop(client, f"refused: {reason}")
+        self._flush(client, now_ns)
+        self._drop(client, Cause.REFUSED, f"refused: {reason}", now_ns)
 
     def _submit(self, client: Connection, now_ns: int) -> None:
         """Put the frames a client has sent on its bus, as many as may wait there.
 
         The client is read again only when all are taken; that bounds what waits here for it.
         """
-        if client.hello is None or client not in self._clients:
+        if client.hello is None:
             return
-        model = self._channels[client.hello.channel].model
-        self._readers.discard(client)
         try:
-            while client.frames_waiting < FRAMES_WAITING_MAX:
-                frame = client.take_frame()
-                if frame is None:
-                    self._readers.add(client)
-                    return
-                model.submit(frame, client.number, now_ns)
-                client.frames_waiting += 1
+            has_all = self._channels[client.hello.channel].submit(client, now_ns)
         except ProtocolError as reason:
-            self._drop(client, str(reason))
+            self._drop(client, Cause.GARBAGE, str(reason), now_ns)
+            return
+        changes = client.take_filter_changes()
+        if not has_all:
+            self._held_back += not client.is_held_back
+            self._readers.discard(client)
+        elif changes:
+            self._readers.discard(client)
+            self._read_again_ns[client] = now_ns + changes * FILTER_CHANGE_NS
+        elif client not in self._read_again_ns:
+            self._readers.add(client)
+        client.is_held_back = not has_all
 
-    def _flush(self, client: Connection) -> None:
+    def _flush(self, client: Connection, now_ns: int) -> None:
         """Write what waits for a client, and come back when its socket takes more."""
         try:
             client.flush()
         except ConnectionLostError as reason:
-            self._drop(client, str(reason))
+            self._drop(client, reason.cause, str(reason), now_ns)
             return
         if client.has_outgoing:
             self._writers.add(client)
         else:
             self._writers.discard(client)
 
-    def _drop(self, client: Connection, reason: str) -> None:
+    def _drop(self, client: Connection, cause: Cause, detail: str, now_ns: int) -> None:
         """Forget a client; what it has submitted still goes out."""
         if client not in self._clients:
             return
-        _LOG.log(
-            logging.WARNING if reason else logging.INFO,
-            "%s leaves%s",
-            client,
-            f": {reason}" if reason else "",
-        )
+        self._journal.leave(str(client), cause, detail, now_ns)
         self._clients.discard(client)
         self._readers.discard(client)
         self._writers.discard(client)
+        self._greeted_by_ns.pop(client, None)
+        self._read_again_ns.pop(client, None)
         if client.hello is not None and client.hello.channel in self._channels:
-            self._channels[client.hello.channel].members.pop(client.number, None)
+            self._channels[client.hello.channel].leave(client)
         client.close()

@@ -1,7 +1,10 @@
 """One client as the broker sees it: bytes in, bytes out, both bounded, never waiting."""
 
 import socket
+import struct
+import sys
 
+from runtime.emulated_bus.journal import Cause
 from runtime.emulated_bus.protocol import (
     FILTERS_MAX,
     HELLO,
@@ -13,18 +16,27 @@ from runtime.emulated_bus.protocol import (
     unpack_hello,
     unpack_request,
 )
-from runtime.frame import FD, Frame
+from runtime.frame import EXTENDED, FD, Frame
 
 OUTGOING_BYTES_MAX = 1 << 20
 """What may wait for a client that does not read: 43 690 classic frames, 10 s of a full bus at
 500 kbit/s."""
 
-_READ_BYTES = 1 << 12
+MASKS_MAX = 16
+"""Different masks in the filters of one client that are looked up for every frame. With more the
+client gets everything, as if the bus had no filters: 512 of them would take longer than a frame."""
+READ_BYTES = 1 << 12
 """Few at a time: what has been read and is not on its way yet counts as taken for the client."""
+_PEER = struct.Struct("3i")
+"""struct ucred of unix(7): process, user, group."""
 
 
 class ConnectionLostError(Exception):
-    """The client is gone, or has to go; the text says why and is empty for an orderly end."""
+    """The client is gone, or has to go; the text is empty for an orderly end."""
+
+    def __init__(self, cause: Cause, detail: str = "") -> None:
+        super().__init__(detail)
+        self.cause = cause
 
 
 class Connection:
@@ -33,6 +45,7 @@ class Connection:
     ``number``          names the client as a sender on its channel
     ``hello``           what it asked for; None until that has come in whole
     ``frames_waiting``  frames it has submitted that are not complete yet; the broker counts here
+    ``is_held_back``    whether it is not read because as many frames wait as may
     """
 
     def __init__(self, connection: socket.socket, number: int) -> None:
@@ -40,14 +53,19 @@ class Connection:
         self.number = number
         self.hello: Hello | None = None
         self.frames_waiting = 0
+        self.is_held_back = False
+        self._process = _process_of(connection)
         self._socket = connection
         self._record = record_format(fd=False)
         self._incoming = bytearray()
         self._outgoing = bytearray()
-        self._filters: list[Filter] = []
+        self._masks: dict[tuple[int, bool | None], set[int]] = {}
+        self._filters = 0
+        self._filter_changes = 0
 
     def __str__(self) -> str:
-        return f"client {self.number}" + (f" of {self.hello.channel}" if self.hello else "")
+        of = f" of {self.hello.channel!r}" if self.hello else ""
+        return f"client {self.number}{of}{self._process}"
 
     @property
     def fd(self) -> bool:
@@ -70,13 +88,15 @@ class Connection:
     def read(self) -> None:
         """Take in what the client has sent; raises ConnectionLostError at its end."""
         try:
-            received = self._socket.recv(_READ_BYTES)
+            received = self._socket.recv(READ_BYTES)
         except BlockingIOError:
             return
         except OSError as error:
-            raise ConnectionLostError(str(error)) from error
+            raise ConnectionLostError(Cause.LOST, str(error)) from error
+        if not received and self._incoming:
+            raise ConnectionLostError(Cause.LOST, "it ends in the middle of a record")
         if not received:
-            raise ConnectionLostError("in the middle of a record" if self._incoming else "")
+            raise ConnectionLostError(Cause.LEFT)
         self._incoming += received
 
     def take_hello(self) -> Hello | None:
@@ -105,7 +125,18 @@ class Connection:
             return False
         if frame.flags & FD and not self.hello.fd:
             return False
-        return not self._filters or any(chosen.passes(frame) for chosen in self._filters)
+        if not self._masks or len(self._masks) > MASKS_MAX:
+            return True
+        is_extended = bool(frame.flags & EXTENDED)
+        for (mask, extended), can_ids in self._masks.items():
+            if frame.can_id & mask in can_ids and extended in (None, is_extended):
+                return True
+        return False
+
+    def take_filter_changes(self) -> int:
+        """Return how many records that change filters have been taken since the last call."""
+        changes, self._filter_changes = self._filter_changes, 0
+        return changes
 
     def queue(self, raw: bytes) -> None:
         """Add bytes to be written by the next ``flush``."""
@@ -121,10 +152,12 @@ class Connection:
         except BlockingIOError:
             written = 0
         except OSError as error:
-            raise ConnectionLostError(str(error)) from error
+            raise ConnectionLostError(Cause.LOST, str(error)) from error
         del self._outgoing[:written]
         if len(self._outgoing) > OUTGOING_BYTES_MAX:
-            raise ConnectionLostError(f"it does not read: {len(self._outgoing)} bytes wait for it")
+            raise ConnectionLostError(
+                Cause.NOT_READING, f"it does not read: {len(self._outgoing)} bytes wait for it"
+            )
 
     def _take(self, size: int) -> bytes:
         """Remove and return the first ``size`` bytes that came in."""
@@ -134,9 +167,21 @@ class Connection:
 
     def _change_filters(self, request: Filter | ClearFilters) -> None:
         """Add a filter or clear all; raises ProtocolError when there are too many."""
+        self._filter_changes += 1
         if isinstance(request, ClearFilters):
-            self._filters.clear()
-        elif len(self._filters) < FILTERS_MAX:
-            self._filters.append(request)
+            self._masks.clear()
+            self._filters = 0
+        elif self._filters < FILTERS_MAX:
+            can_id, mask, extended = request
+            self._masks.setdefault((mask, extended), set()).add(can_id & mask)
+            self._filters += 1
         else:
             raise ProtocolError(f"more than {FILTERS_MAX} filters")
+
+
+def _process_of(connection: socket.socket) -> str:
+    """Name the process at the other end, which finds the culprit; empty where that is not told."""
+    if sys.platform != "linux" or connection.family != socket.AF_UNIX:
+        return ""
+    peer = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
+    return f" (process {_PEER.unpack(peer)[0]})"

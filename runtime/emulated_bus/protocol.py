@@ -133,12 +133,6 @@ class Filter(NamedTuple):
     mask: int
     extended: bool | None = None
 
-    def passes(self, frame: Frame) -> bool:
-        """Whether ``frame`` passes."""
-        if (self.can_id ^ frame.can_id) & self.mask:
-            return False
-        return self.extended is None or self.extended == bool(frame.flags & EXTENDED)
-
 
 class ClearFilters(NamedTuple):
     """Takes all filters away: without filters everything passes."""

@@ -1,0 +1,88 @@
+"""What the broker says of clients that go: one line each with the reason, and counts by cause.
+
+A client that is thrown out can come back at once, as often as it likes, and every line costs time
+and may fill a pipe that nobody reads. So lines are rationed, a broker never waits to be read, and
+what was not told is counted: LINES_AT_ONCE, and one more every LINE_PERIOD_NS.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from enum import StrEnum
+
+from runtime.node import NS_PER_S
+
+LINES_AT_ONCE = 50
+LINE_PERIOD_NS = NS_PER_S // 10
+
+
+class Cause(StrEnum):
+    """Why a client is gone."""
+
+    LEFT = "left"
+    """In order; told only where that is asked for."""
+    LOST = "lost"
+    """Its connection broke, or ended in the middle of a record."""
+    REFUSED = "refused"
+    """It asked for what this bus is not, or there were too many already."""
+    NO_HELLO = "no_hello"
+    """It connected and did not say what it wants."""
+    GARBAGE = "garbage"
+    """It sent what is not the protocol, or what no CAN controller can send."""
+    NOT_READING = "not_reading"
+    """Too much waited for it."""
+
+
+class Journal:
+    """Counts and tells disconnections.
+
+    ``tell``        takes one line and returns whether it could be told without waiting
+    ``is_verbose``  whether orderly comings and goings are told too
+    """
+
+    def __init__(self, tell: Callable[[str], bool], is_verbose: bool = False) -> None:
+        self._tell = tell
+        self._is_verbose = is_verbose
+        self._causes: Counter[Cause] = Counter()
+        self._lines_left = LINES_AT_ONCE
+        self._counted_from_ns: int | None = None
+        self._untold = 0
+        self._untold_since = 0
+
+    @property
+    def disconnections(self) -> Mapping[str, int]:
+        """How many clients are gone, by cause; every cause is there."""
+        return {cause.value: self._causes[cause] for cause in Cause}
+
+    @property
+    def untold(self) -> int:
+        """Lines that were not told."""
+        return self._untold
+
+    def join(self, who: str, now_ns: int) -> None:
+        """Note that a client has joined a channel."""
+        if self._is_verbose:
+            self._say(f"{who} joins", now_ns)
+
+    def leave(self, who: str, cause: Cause, detail: str, now_ns: int) -> None:
+        """Note that a client is gone, and why."""
+        self._causes[cause] += 1
+        if cause is not Cause.LEFT or self._is_verbose:
+            self._say(f"{who} leaves: {detail or 'it has closed the connection'}", now_ns)
+
+    def _say(self, line: str, now_ns: int) -> None:
+        self._ration(now_ns)
+        missing = f" ({self._untold_since} lines before this one were not told)"
+        if self._lines_left and self._tell(line + missing * bool(self._untold_since)):
+            self._lines_left -= 1
+            self._untold_since = 0
+        else:
+            self._untold += 1
+            self._untold_since += 1
+
+    def _ration(self, now_ns: int) -> None:
+        """Grant the lines that have come due since they were counted last."""
+        if self._counted_from_ns is None:
+            self._counted_from_ns = now_ns
+        granted = (now_ns - self._counted_from_ns) // LINE_PERIOD_NS
+        self._counted_from_ns += granted * LINE_PERIOD_NS
+        self._lines_left = min(self._lines_left + granted, LINES_AT_ONCE)

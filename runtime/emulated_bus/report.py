@@ -1,0 +1,68 @@
+"""What a broker has carried and whom it has thrown out: as one line, and as JSON."""
+
+from typing import Any
+
+from runtime.emulated_bus.broker import Broker
+from runtime.emulated_bus.journal import Journal
+from runtime.node import NS_PER_S
+
+
+def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[str, Any]:
+    """Return the figures of a broker that has run for ``duration_ns``.
+
+    ``load``               share of the time that a wire was busy, intermissions included
+    ``discarded``          frames of clients that had gone which were never sent
+    ``arbitration_delay``  from when the broker read a frame to its start of frame, by identifier
+    ``held_back``          how often a client was not read on because its frames waited
+    ``disconnected``       clients that are gone, by cause
+    ``untold``             lines that were not told, because they came too fast or nobody read
+    """
+    return {
+        "duration_s": duration_ns / NS_PER_S,
+        "channels": {
+            name: {
+                "frames": channel.load.frames,
+                "load": channel.load.busy_ns / duration_ns,
+                "discarded": channel.discarded,
+                "arbitration_delay": {
+                    can_id: {
+                        "frames": delay.samples,
+                        "mean_s": delay.mean_ns / NS_PER_S,
+                        "p50_s": delay.p50_ns / NS_PER_S,
+                        "p99_s": delay.p99_ns / NS_PER_S,
+                        "max_s": delay.max_ns / NS_PER_S,
+                    }
+                    for can_id, delay in channel.arbitration_delays.items()
+                },
+            }
+            for name, channel in sorted(broker.channels.items())
+        },
+        "clients": {
+            **broker.figures._asdict(),
+            "disconnected": dict(journal.disconnections),
+            "untold": journal.untold,
+        },
+    }
+
+
+def summary_line(report: dict[str, Any]) -> str:
+    """Return the same in one line, without what did not happen."""
+    parts = [f"ran {report['duration_s']:.1f} s"]
+    for name, channel in report["channels"].items():
+        parts.append(f"{name} {channel['frames']} frames, load {channel['load']:.1%}")
+        if channel["discarded"]:
+            parts[-1] += f", {channel['discarded']} of clients that had gone discarded"
+    clients = report["clients"]
+    parts.append(f"{clients['served']} clients, {clients['most']} at once")
+    gone = [
+        f"{count} {cause.replace('_', ' ')}"
+        for cause, count in clients["disconnected"].items()
+        if count and cause != "left"
+    ]
+    if gone:
+        parts.append(f"disconnected: {', '.join(gone)}")
+    if clients["held_back"]:
+        parts.append(f"held back {clients['held_back']}x")
+    if clients["untold"]:
+        parts.append(f"{clients['untold']} lines not told")
+    return "; ".join(parts)
