@@ -1,24 +1,36 @@
 """The program of the emulated bus as its users meet it: start, end, overload, addresses, rights."""
 
+import json
+import os
 import re
 import select
 import signal
+import socket
 import stat
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
 import can
 import pytest
 
-from runtime.emulated_bus.address import AddressError, TcpAddress, listening, parse_address
+from runtime.emulated_bus.__main__ import _tell
+from runtime.emulated_bus.address import (
+    AddressError,
+    TcpAddress,
+    UnixAddress,
+    group_number,
+    listening,
+    parse_address,
+)
 from runtime.emulated_bus.broker import CHANNELS_MAX, CLIENTS_MAX
 from runtime.emulated_bus.channel import FRAMES_WAITING_MAX
 from runtime.emulated_bus.launch import launched_broker
+from runtime.emulated_bus.protocol import HELLO
 
 PATIENCE_S = 20.0
 
@@ -250,6 +262,47 @@ def test_who_does_not_read_is_disconnected_and_harms_nobody(
     assert f"can0 {count + 1} frames" in errors
 
 
+def test_a_report_holds_what_was_carried_and_who_was_thrown_out(
+    stack: ExitStack, directory: Path
+) -> None:
+    address, report = str(directory / "socket"), directory / "report.json"
+    broker = start_broker(stack, "--address", address, "--report", str(report))
+    one, other = client(stack, address), client(stack, address)
+    vandal = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
+    vandal.settimeout(PATIENCE_S)
+    vandal.connect(address)
+    vandal.sendall(bytes(HELLO.size))
+    assert vandal.recv(1) == b""
+    one.send(message(1))
+    receive(other)
+    broker.send_signal(signal.SIGTERM)
+    _, errors = broker.communicate(timeout=PATIENCE_S)
+    assert broker.returncode == 0
+    said, last = errors.splitlines()
+    assert re.search(r"client 3 \(process \d+\) leaves: it does not speak this version", said)
+    assert "disconnected: 1 garbage" in last
+    written = json.loads(report.read_text())
+    assert written["clients"]["disconnected"]["garbage"] == 1
+    assert written["channels"]["can0"]["arbitration_delay"]["001"]["frames"] == 1
+
+
+def test_a_broker_does_not_wait_for_somebody_to_read_what_it_tells(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    read_end, write_end = os.pipe()
+    os.set_blocking(write_end, False)
+    with suppress(BlockingIOError):
+        while os.write(write_end, bytes(4096)):
+            pass
+    os.set_blocking(write_end, True)
+    with os.fdopen(read_end, "rb", 0) as reader, os.fdopen(write_end, "w") as stream:
+        monkeypatch.setattr(sys, "stderr", stream)
+        assert not _tell("a line that nobody has room for")  # would wait for ever if it waited
+        reader.read(1 << 20)
+        assert _tell("a line")
+        assert reader.read(100) == b"emulated-can-bus: a line\n"
+
+
 # Addresses
 
 
@@ -274,6 +327,64 @@ def test_a_directory_that_others_can_enter_is_not_used(
     assert start_broker(stack).wait(PATIENCE_S) == 3
     with pytest.raises(can.CanInitializationError, match="mode 0700"):
         can.Bus(interface="emulated", ignore_config=True)
+
+
+def test_a_socket_at_a_path_of_one_s_own_is_its_user_s_alone(
+    stack: ExitStack, directory: Path
+) -> None:
+    address = directory / "socket"
+    directory.chmod(0o755)
+    start_broker(stack, "--address", str(address))
+    assert stat.S_IMODE(address.stat().st_mode) == 0o600
+    assert stat.S_IMODE(Path(f"{address}.lock").stat().st_mode) == 0o600
+
+
+@pytest.mark.parametrize("umask", [0o000, 0o077])
+def test_a_group_is_let_in_where_that_is_asked_for(directory: Path, umask: int) -> None:
+    address = directory / "socket"
+    directory.chmod(0o710)
+    before = os.umask(umask)
+    try:
+        with listening(UnixAddress(address), os.getgid()):
+            assert stat.S_IMODE(address.stat().st_mode) == 0o660
+            assert address.stat().st_gid == os.getgid()
+    finally:
+        os.umask(before)
+
+
+def test_a_group_that_cannot_come_in_is_told(directory: Path) -> None:
+    directory.chmod(0o700)
+    with (
+        pytest.raises(AddressError, match=r"the group cannot enter .*chmod g\+x"),
+        listening(UnixAddress(directory / "socket"), os.getgid()),
+    ):
+        pass
+    with pytest.raises(AddressError, match="no group 'nobody has this'"):
+        group_number("nobody has this")
+    with (
+        pytest.raises(AddressError, match="open to every user"),
+        listening(TcpAddress("127.0.0.1", 0), os.getgid()),
+    ):
+        pass
+
+
+def test_a_group_needs_an_address_of_its_own(stack: ExitStack) -> None:
+    broker = start_broker(stack, "--group", str(os.getgid()))
+    _, errors = broker.communicate(timeout=PATIENCE_S)
+    assert broker.returncode == 2
+    assert "--group needs --address" in errors
+
+
+def test_a_directory_where_anybody_could_replace_the_socket_is_refused(directory: Path) -> None:
+    directory.chmod(0o777)
+    with (
+        pytest.raises(AddressError, match="every user may write"),
+        listening(UnixAddress(directory / "socket")),
+    ):
+        pass
+    directory.chmod(0o1777)  # as /tmp: only the owner of a file removes it
+    with listening(UnixAddress(directory / "socket")):
+        pass
 
 
 def test_tcp_works_on_the_loopback(stack: ExitStack) -> None:

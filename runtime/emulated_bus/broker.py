@@ -191,12 +191,25 @@ class Broker:
         client = Connection(connection, self._next_number)
         self._next_number += 1
         self._clients.add(client)
+        if len(self._clients) > CLIENTS_MAX:
+            self._drop_dead(now_ns)
         if len(self._clients) > CLIENTS_MAX or client.fileno() >= _DESCRIPTORS_MAX:
             self._refuse(client, f"it has {len(self._clients) - 1} clients already", now_ns)
             return
         self._most = max(self._most, len(self._clients))
         self._readers.add(client)
         self._greeted_by_ns[client] = now_ns + HELLO_TIMEOUT_NS
+
+    def _drop_dead(self, now_ns: int) -> None:
+        """Make room: who is held back is not read, and so not seen to have hung up."""
+        if not hasattr(select, "poll"):
+            return
+        poll = select.poll()
+        held = {client.fileno(): client for client in self._clients if client.is_held_back}
+        for descriptor in held:
+            poll.register(descriptor, 0)  # hanging up is told whatever is asked for
+        for descriptor, _ in poll.poll(0):
+            self._drop(held[descriptor], Cause.LOST, "it has gone while its frames waited", now_ns)
 
     def _read(self, client: Connection, now_ns: int) -> None:
         """Take in what a client has sent."""
