@@ -22,7 +22,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from runtime.settings_mistakes import KeyPath, explain, hint
+from runtime.settings_mistakes import KeyPath, explain, hint, printable
 
 _KIND = "kind"
 """Key that tells the members of a union of tables apart."""
@@ -42,8 +42,8 @@ class SettingsError(ValueError):
     """Settings that cannot be used; the text has one line for each of ``mistakes``."""
 
     def __init__(self, *mistakes: str) -> None:
-        super().__init__("\n".join(mistakes))
-        self.mistakes = mistakes
+        self.mistakes = tuple(map(printable, mistakes))
+        super().__init__("\n".join(self.mistakes))
 
 
 class Preset(NamedTuple):

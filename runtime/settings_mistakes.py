@@ -67,6 +67,16 @@ def hint(name: str, known: Iterable[str], prefix: str = "") -> str:
     return f"known: {', '.join(names) or 'none'}"
 
 
+def printable(text: str) -> str:
+    """Return ``text`` on one line: what a terminal would not show as a character is escaped.
+
+    File names, keys and values come from the user, with line breaks and control codes if need be.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
 def _explain_one(
     mistake: ErrorDetails,
     schema: Schema,
@@ -173,7 +183,8 @@ def _alternatives(root: Schema, schema: Schema, data: Any) -> Iterator[Schema]:
         schema = root["$defs"][schema["$ref"].rpartition("/")[2]]
     if "discriminator" in schema and isinstance(data, dict):
         discriminator = schema["discriminator"]
-        named = discriminator["mapping"].get(data.get(discriminator["propertyName"]))
+        tag = data.get(discriminator["propertyName"])
+        named = discriminator["mapping"].get(tag) if isinstance(tag, str) else None
         if named is not None:
             schema = {"oneOf": [{"$ref": named}]}
     members = schema.get("anyOf") or schema.get("oneOf")
