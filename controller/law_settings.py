@@ -7,20 +7,23 @@ configured rate. Anything a filter could not be built from is refused here, nami
 from math import pi
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, PositiveFloat, model_validator
+from pydantic import Field, model_validator
 
 from controller.laws import LawName
 from controller.nominal_model import NominalVehicle, paper_eq19, vehicle_model
 from controller.transfer_function import TransferFunction
 from runtime.settings import Settings
 
+CutoffRadS = Annotated[float, Field(ge=1e-6, le=1e4)]
+"""Beyond these ranges, and those of the vehicle below, products of values would overflow."""
+
 
 class PdSettings(Settings):
     """C(s) = K_p + K_d s/(s/N + 1)."""
 
-    proportional_gain_rad_m: PositiveFloat  # K_p
-    derivative_gain_rad_s_m: Annotated[float, Field(ge=0.0)]  # K_d
-    derivative_filter_rad_s: PositiveFloat | None = None  # N; omitted: the ideal derivative
+    proportional_gain_rad_m: Annotated[float, Field(gt=0.0, le=1e6)]  # K_p
+    derivative_gain_rad_s_m: Annotated[float, Field(ge=0.0, le=1e6)]  # K_d
+    derivative_filter_rad_s: CutoffRadS | None = None  # N; omitted: the ideal derivative
 
 
 class DobSettings(Settings):
@@ -31,15 +34,15 @@ class DobSettings(Settings):
     worth that sampling leaves.
     """
 
-    q_cutoff_rad_s: PositiveFloat  # ω
+    q_cutoff_rad_s: CutoffRadS  # ω
     q_kind: Literal["order_2", "type_2"] = "order_2"
 
 
 class CdobSettings(Settings):
     """Q of the communication disturbance observer, (20), and the washout (s/(s + ω_h))²."""
 
-    q_cutoff_rad_s: PositiveFloat
-    washout_rad_s: PositiveFloat | None = None  # ω_h; omitted: no washout, as published
+    q_cutoff_rad_s: CutoffRadS
+    washout_rad_s: CutoffRadS | None = None  # ω_h; omitted: no washout, as published
 
 
 class PaperEq19Settings(Settings):
@@ -53,18 +56,26 @@ class PaperEq19Settings(Settings):
         return paper_eq19()
 
 
+MassKg = Annotated[float, Field(ge=1.0, le=1e7)]
+YawInertiaKgM2 = Annotated[float, Field(ge=1e-2, le=1e9)]
+StiffnessNRad = Annotated[float, Field(ge=1.0, le=1e9)]
+AxleDistanceM = Annotated[float, Field(ge=1e-3, le=100.0)]
+PreviewDistanceM = Annotated[float, Field(ge=0.0, le=1000.0)]
+SpeedMS = Annotated[float, Field(ge=1e-2, le=200.0)]
+
+
 class VehicleModelSettings(Settings):
     """Nominal model from vehicle parameters; see ``NominalVehicle`` for the paper's symbols."""
 
     kind: Literal["vehicle"]
-    virtual_mass_kg: PositiveFloat
-    yaw_inertia_kg_m2: PositiveFloat
-    front_cornering_stiffness_n_rad: PositiveFloat
-    rear_cornering_stiffness_n_rad: PositiveFloat
-    front_axle_distance_m: PositiveFloat
-    rear_axle_distance_m: PositiveFloat
-    preview_distance_m: Annotated[float, Field(ge=0.0)]
-    speed_m_s: PositiveFloat
+    virtual_mass_kg: MassKg
+    yaw_inertia_kg_m2: YawInertiaKgM2
+    front_cornering_stiffness_n_rad: StiffnessNRad
+    rear_cornering_stiffness_n_rad: StiffnessNRad
+    front_axle_distance_m: AxleDistanceM
+    rear_axle_distance_m: AxleDistanceM
+    preview_distance_m: PreviewDistanceM
+    speed_m_s: SpeedMS
 
     @property
     def model(self) -> TransferFunction:

@@ -7,32 +7,38 @@ virtual_mass_kg = 2000
 virtual_mass_kg = [1600, 5000]
 """
 
-from typing import Annotated, Self
+from typing import Self
 
-from pydantic import Field, PositiveFloat, model_validator
+from pydantic import model_validator
 
 from controller.analysis.uncertainty import ParameterRange, UncertaintyBox
-from controller.law_settings import VehicleModelSettings
+from controller.law_settings import (
+    AxleDistanceM,
+    MassKg,
+    PreviewDistanceM,
+    SpeedMS,
+    StiffnessNRad,
+    VehicleModelSettings,
+    YawInertiaKgM2,
+)
 from controller.nominal_model import NominalVehicle, vehicle_model
 from runtime.settings import Settings
 
 _RANGES_MAX = 6
 """2^6 corners; more would take longer than anybody waits."""
 
-Range = tuple[PositiveFloat, PositiveFloat]
-
 
 class VehicleTable(Settings):
     """`[vehicle]`: parameters of the single-track model; see ``NominalVehicle``."""
 
-    virtual_mass_kg: PositiveFloat
-    yaw_inertia_kg_m2: PositiveFloat
-    front_cornering_stiffness_n_rad: PositiveFloat
-    rear_cornering_stiffness_n_rad: PositiveFloat
-    front_axle_distance_m: PositiveFloat
-    rear_axle_distance_m: PositiveFloat
-    preview_distance_m: Annotated[float, Field(ge=0.0)]
-    speed_m_s: PositiveFloat
+    virtual_mass_kg: MassKg
+    yaw_inertia_kg_m2: YawInertiaKgM2
+    front_cornering_stiffness_n_rad: StiffnessNRad
+    rear_cornering_stiffness_n_rad: StiffnessNRad
+    front_axle_distance_m: AxleDistanceM
+    rear_axle_distance_m: AxleDistanceM
+    preview_distance_m: PreviewDistanceM
+    speed_m_s: SpeedMS
 
     @property
     def vehicle(self) -> NominalVehicle:
@@ -53,14 +59,14 @@ class VehicleTable(Settings):
 class UncertaintyTable(Settings):
     """`[uncertainty]`: [minimum, maximum] of any of the vehicle's parameters."""
 
-    virtual_mass_kg: Range | None = None
-    yaw_inertia_kg_m2: Range | None = None
-    front_cornering_stiffness_n_rad: Range | None = None
-    rear_cornering_stiffness_n_rad: Range | None = None
-    front_axle_distance_m: Range | None = None
-    rear_axle_distance_m: Range | None = None
-    preview_distance_m: Range | None = None
-    speed_m_s: Range | None = None
+    virtual_mass_kg: tuple[MassKg, MassKg] | None = None
+    yaw_inertia_kg_m2: tuple[YawInertiaKgM2, YawInertiaKgM2] | None = None
+    front_cornering_stiffness_n_rad: tuple[StiffnessNRad, StiffnessNRad] | None = None
+    rear_cornering_stiffness_n_rad: tuple[StiffnessNRad, StiffnessNRad] | None = None
+    front_axle_distance_m: tuple[AxleDistanceM, AxleDistanceM] | None = None
+    rear_axle_distance_m: tuple[AxleDistanceM, AxleDistanceM] | None = None
+    preview_distance_m: tuple[PreviewDistanceM, PreviewDistanceM] | None = None
+    speed_m_s: tuple[SpeedMS, SpeedMS] | None = None
 
     def ranges(self) -> tuple[ParameterRange, ...]:
         """Return those that are given; speed first, so that corners are in the paper's order."""
