@@ -1,0 +1,79 @@
+"""A node behind authentication: it sees only what is authentic, and all it sends is secured.
+
+    bus ── secured ──► verify ── classic ──► node ── classic ──► secure ── secured ──► bus
+
+The node inside is the one that runs on classic CAN and knows nothing of this; the same frames in
+give the same frames out. What is refused does not reach it and is counted here, by cause.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any, Generic, TypeVar
+
+from dbc.authentication import Authentication
+from dbc.messages import CAN_IDS
+from dbc.secured_frame import Refused
+from runtime.frame import Frame
+from runtime.program import ReportingNode
+
+N = TypeVar("N", bound=ReportingNode)
+_OUR_IDS = frozenset(CAN_IDS.values())
+
+
+class AuthenticatedNode(Generic[N]):
+    """Runs ``node`` as one end of an authenticated connection."""
+
+    def __init__(self, node: N, authentication: Authentication) -> None:
+        self.node = node
+        self._authentication = authentication
+        self._verified = 0
+        self._refused = Counter[str]()
+
+    @property
+    def deadline_ns(self) -> int:
+        """When the node wants its next tick [ns]."""
+        return self.node.deadline_ns
+
+    @property
+    def finished(self) -> bool:
+        """Whether the node has done all it was asked to do."""
+        return self.node.finished
+
+    @property
+    def refused(self) -> Mapping[str, int]:
+        """Frames under our identifiers that did not reach the node, by cause."""
+        return dict(sorted(self._refused.items()))
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        """Let the node have a frame that is authentic and new."""
+        if frame.can_id not in _OUR_IDS:  # nobody's business, as without authentication
+            return ()
+        verified = self._authentication.verify(frame)
+        if isinstance(verified, Refused):
+            self._refused[verified.value] += 1
+            return ()
+        self._verified += 1
+        return self._secured(self.node.on_frame(verified, now_ns))
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        """Let the node do what is due, and secure what it sends."""
+        return self._secured(self.node.on_tick(now_ns))
+
+    def report(self) -> Mapping[str, Any]:
+        """Return the node's report, and under ``authentication`` what was made of its frames.
+
+        ``synchronised``  whether the peer binds its frames to this end's challenge
+        ``verified``      frames that were authentic and new
+        ``refused``       the others, by cause; the node's ``rejected`` does not have them
+        """
+        return {
+            **self.node.report(),
+            "authentication": {
+                "synchronised": self._authentication.is_synchronised,
+                "verified": self._verified,
+                "refused": self.refused,
+            },
+        }
+
+    def _secured(self, frames: Sequence[Frame]) -> Sequence[Frame]:
+        return [self._authentication.secure(frame) for frame in frames]

@@ -1,0 +1,114 @@
+"""The key of authenticated frames: from a file that only its owner can read, and never shown.
+
+The file holds 32 hexadecimal digits (AES-128) on one line. It is refused, in one line that never
+holds any of its content, unless it is a regular file, not a symbolic link, of this user or root,
+that nobody else may read or write; so it cannot have been put there by somebody else either.
+
+The key is kept inside a started CMAC of ``cryptography``, which does not give it out again; no
+object of ours holds it, so that no report, dump of settings or traceback can show it.
+"""
+
+import errno
+import os
+import stat
+import time
+from pathlib import Path
+
+from dbc.authentication import Authentication, ComputeMac
+from dbc.secured_frame import CHALLENGE_LENGTH, End
+from runtime.node import NS_PER_US
+from runtime.settings import SettingsError
+
+KEY_LENGTH = 16
+"""AES-128 [bytes]."""
+_DIGITS = 2 * KEY_LENGTH
+_READ_MAX = 4 * _DIGITS
+"""Enough to tell that a file is too long [bytes]."""
+_OTHERS = stat.S_IRWXG | stat.S_IRWXO
+_EXTRA = "pip install 'steer-by-wire-emulator[secoc]'"
+
+
+def open_authentication(path: Path, end: End) -> Authentication:
+    """Start one end with the key in ``path``; raises SettingsError.
+
+    Its challenge is the operating system's randomness: the one number here that must not come from
+    a seed. Its counter starts at the wall clock in microseconds, see ``dbc.authentication``.
+    """
+    compute_mac = read_key(path)
+    challenge = os.urandom(CHALLENGE_LENGTH)
+    return Authentication(end, compute_mac, challenge, time.time_ns() // NS_PER_US)
+
+
+def read_key(path: Path) -> ComputeMac:
+    """Return the CMAC under the key in ``path``; raises SettingsError."""
+    if not hasattr(os, "geteuid"):
+        raise SettingsError(f"{path}: this platform does not tell who may read a key file")
+    key = _parsed(_read_private(path))
+    if key is None:  # raised here, where the text is in no local variable any more
+        raise SettingsError(f"{path}: a key is {_DIGITS} hexadecimal digits on one line")
+    return cmac_under(key)
+
+
+def cmac_under(key: bytes) -> ComputeMac:
+    """Return AES-CMAC (RFC 4493) under ``key``, KEY_LENGTH bytes; raises SettingsError without
+    ``cryptography``, and ValueError for another length.
+    """
+    try:
+        from cryptography.hazmat.primitives.ciphers.algorithms import AES128
+        from cryptography.hazmat.primitives.cmac import CMAC
+    except ImportError as error:
+        raise SettingsError(f"authentication needs cryptography: {_EXTRA}") from error
+    if len(key) != KEY_LENGTH:
+        raise ValueError(f"a key has {KEY_LENGTH} bytes")
+    keyed = CMAC(AES128(key))  # a copy of it takes a third of the time of a new one
+
+    def compute_mac(text: bytes) -> bytes:
+        context = keyed.copy()
+        context.update(text)
+        return context.finalize()
+
+    return compute_mac
+
+
+def _read_private(path: Path) -> bytes:
+    """Return what is in ``path``, as far as _READ_MAX; raises SettingsError if it is not private.
+
+    What is checked is the file that is open, so that it cannot be exchanged in between.
+    """
+    try:
+        # Not waiting: a named pipe without a writer would never open.
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK)
+    except OSError as error:
+        cause = "is a symbolic link" if error.errno == errno.ELOOP else error.strerror
+        raise SettingsError(f"{path}: cannot be used as a key file: {cause}") from None
+    try:
+        found = os.fstat(descriptor)
+        obstacle = _obstacle(found, os.geteuid())
+        if obstacle:
+            raise SettingsError(f"{path}: cannot be used as a key file: {obstacle}")
+        return os.read(descriptor, _READ_MAX)
+    finally:
+        os.close(descriptor)
+
+
+def _obstacle(found: os.stat_result, user: int) -> str:
+    """Why a file is no place for a key of ``user``; empty when it is."""
+    if not stat.S_ISREG(found.st_mode):
+        return "is not a regular file"
+    if found.st_uid not in (0, user):
+        return f"belongs to user {found.st_uid}, not to you ({user}) or root"
+    if found.st_mode & _OTHERS:
+        return f"others may use it (mode {stat.S_IMODE(found.st_mode):04o}): chmod 600 it"
+    return ""
+
+
+def _parsed(text: bytes) -> bytes | None:
+    """Return the key in ``text``; None for what is no key."""
+    digits = text.removesuffix(b"\n").removesuffix(b"\r")
+    if len(digits) != _DIGITS:
+        return None
+    try:
+        key = bytes.fromhex(digits.decode("ascii"))
+    except ValueError:
+        return None
+    return key if len(key) == KEY_LENGTH else None

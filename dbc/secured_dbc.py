@@ -1,0 +1,72 @@
+"""Prints the DBC of the authenticated frames, for tools that want all bytes of a frame described.
+
+python -m dbc.secured_dbc > secured.dbc
+candump vcan0 | cantools decode --single-line secured.dbc
+
+It is ``steer_by_wire.dbc`` with longer messages: what is behind the eighth byte, as
+``dbc.secured_frame`` has it, in signals of its own. LATENCY_CONFIG is as it was.
+"""
+
+import importlib.resources
+import re
+import sys
+
+from dbc.secured_frame import DATA, LAYOUTS, PAYLOAD_LENGTH, SYNC, Layout
+
+_TRAILERS = {
+    DATA: (("FRESHNESS", 32), ("AUTHENTICATOR", 64)),
+    SYNC: (
+        ("CHALLENGE", 64),
+        ("ECHO", 64),
+        ("FRESHNESS", 64),
+        ("AUTHENTICATOR_HIGH", 64),
+        ("AUTHENTICATOR_LOW", 64),
+    ),
+}
+"""The signals behind the payload, and their bits: a DBC has none of more than 64."""
+_FORMATS = ",".join(f'"{name}"' for name in ("StandardCAN", "ExtendedCAN", *["reserved"] * 12))
+_FD_FORMAT = 14
+"""StandardCAN_FD in the list of formats that every tool knows by number."""
+_MESSAGE = re.compile(r"^(BO_ (\d+) \w+: )8 (\w+)$((?:\n SG_ .*)+)", re.MULTILINE)
+
+
+def secured_dbc() -> str:
+    """Return the text of the DBC."""
+    text = importlib.resources.files("dbc").joinpath("steer_by_wire.dbc").read_text("ascii")
+    text = _MESSAGE.sub(lambda found: _longer(found), text)
+    text = text.replace('BA_ "BusType" "CAN";', 'BA_ "BusType" "CAN FD";')
+    first_default = text.index("BA_DEF_DEF_ ", text.index("BA_DEF_ "))
+    definition = f'BA_DEF_ BO_ "VFrameFormat" ENUM {_FORMATS},"StandardCAN_FD","ExtendedCAN_FD";\n'
+    default = 'BA_DEF_DEF_ "VFrameFormat" "StandardCAN";\n'
+    values = "".join(f'BA_ "VFrameFormat" BO_ {can_id} {_FD_FORMAT};\n' for can_id in LAYOUTS)
+    first_value = text.index("\nVAL_ ")
+    return (
+        text[:first_default]
+        + definition
+        + default
+        + text[first_default:first_value]
+        + values
+        + text[first_value:]
+    )
+
+
+def _longer(found: re.Match[str]) -> str:
+    """Return the definition of a message with what is behind its payload."""
+    head, can_id, sender, signals = found.groups()
+    layout = LAYOUTS[int(can_id)]
+    receivers = signals.rpartition('" ')[2]
+    return f"{head}{layout.length} {sender}{signals}{_trailer(layout, receivers)}"
+
+
+def _trailer(layout: Layout, receivers: str) -> str:
+    """Return the lines of the signals behind the payload, high byte first."""
+    lines, start = "", 8 * PAYLOAD_LENGTH
+    for name, bits in _TRAILERS[layout]:
+        # In this byte order a DBC counts from the highest bit of the first byte.
+        lines += f'\n SG_ {name} : {start + 7}|{bits}@0+ (1,0) [0|{2**bits - 1}] "" {receivers}'
+        start += bits
+    return lines
+
+
+if __name__ == "__main__":
+    sys.stdout.write(secured_dbc())

@@ -1,0 +1,115 @@
+"""The authenticated form of our messages: CAN FD frames with the classic payload in front.
+
+    every message but LATENCY_CONFIG and the two below, 20 bytes
+
+        bytes 0 to 7    payload, as in the classic frame: E2E header and signals
+        bytes 8 to 11   freshness counter, its lowest 32 bits
+        bytes 12 to 19  CMAC, its highest 64 bits
+
+    CONTROLLER_STATUS and PLANT_STATUS, which synchronise the freshness, 48 bytes
+
+        bytes 0 to 7    payload, as in the classic frame
+        bytes 8 to 15   challenge: the number that frames sent to this sender are to be bound to
+        bytes 16 to 23  echo: the challenge that this sender binds its own frames to
+        bytes 24 to 31  freshness counter, all 64 bits
+        bytes 32 to 47  CMAC, all 128 bits
+
+The order payload, freshness, authenticator and the high byte first are those of AUTOSAR SecOC, as
+``cantools.autosar.secoc`` packs them. ``dbc.authentication`` makes and checks these frames; here is
+what those need who have no key, and nothing of it needs cryptography.
+"""
+
+from collections.abc import Mapping
+from enum import StrEnum
+from types import MappingProxyType
+from typing import NamedTuple
+
+from dbc.messages import CAN_IDS, ControllerStatus, LatencyConfig, Message, PlantStatus
+from runtime.frame import BITRATE_SWITCH, FD, Frame
+
+PAYLOAD_LENGTH = 8
+CHALLENGE_LENGTH = 8
+"""Of a challenge and of its echo."""
+COUNTER_BITS = 64
+
+
+class Layout(NamedTuple):
+    """Where the parts of a secured frame are.
+
+    ``secured_length``  bytes the CMAC is over, from the first on, before the freshness [bytes]
+    ``counter_length``  of the freshness counter on the wire [bytes]
+    ``mac_length``      of the CMAC on the wire [bytes]
+    """
+
+    secured_length: int
+    counter_length: int
+    mac_length: int
+
+    @property
+    def mac_start(self) -> int:
+        """First byte of the CMAC."""
+        return self.secured_length + self.counter_length
+
+    @property
+    def length(self) -> int:
+        """Of the whole payload [bytes]."""
+        return self.mac_start + self.mac_length
+
+
+DATA = Layout(PAYLOAD_LENGTH, 4, 8)
+SYNC = Layout(PAYLOAD_LENGTH + 2 * CHALLENGE_LENGTH, 8, 16)
+
+SYNC_TYPES: tuple[type[Message], ...] = (ControllerStatus, PlantStatus)
+"""Sent ten times a second by both programs, whatever they are doing."""
+LAYOUTS: Mapping[int, Layout] = MappingProxyType(
+    {
+        can_id: SYNC if message_type in SYNC_TYPES else DATA
+        for message_type, can_id in CAN_IDS.items()
+        if message_type is not LatencyConfig
+    }
+)
+"""By identifier. LATENCY_CONFIG is written by hand and has no secured form."""
+
+
+class Refused(StrEnum):
+    """Why a frame is not believed to come from who has the key, and to be new."""
+
+    UNAUTHENTICATED = "unauthenticated"
+    """Not of the secured form: classic, or of another length."""
+    FORGED = "forged"
+    """The CMAC is not that of this content, identifier, key and freshness."""
+    REPLAYED = "replayed"
+    """Authentic, but not newer than the newest accepted frame of its identifier."""
+    UNSYNCHRONISED = "unsynchronised"
+    """Not bound to the challenge of this end: the sender has not learnt it yet, or it is a frame
+    from before this end started."""
+    NO_KEY = "no_key"
+    """A secured frame, and this end has no key to check it with."""
+
+
+class End(NamedTuple):
+    """One of the two ends: the status message it sends, and that of its peer."""
+
+    own_status: type[Message]
+    peer_status: type[Message]
+
+
+CONTROLLER = End(ControllerStatus, PlantStatus)
+PLANT = End(PlantStatus, ControllerStatus)
+
+
+def is_secured(frame: Frame) -> bool:
+    """Whether ``frame`` has the secured form of one of our messages; its CMAC is not looked at."""
+    can_id, data, flags = frame
+    if flags & ~BITRATE_SWITCH != FD:
+        return False
+    layout = LAYOUTS.get(can_id)
+    return layout is not None and len(data) == layout.length
+
+
+def plain(frame: Frame) -> Frame:
+    """The classic frame in a secured one, which is NOT verified; any other frame as it is.
+
+    For who only watches: recordings, the monitor.
+    """
+    return Frame(frame.can_id, frame.data[:PAYLOAD_LENGTH]) if is_secured(frame) else frame

@@ -1,0 +1,73 @@
+"""What both programs do with ``--key-file``: without it nothing here needs cryptography.
+
+The key itself is never an option: command lines are seen by every user of a machine.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import TypeVar
+
+from dbc.messages import CAN_IDS, Message
+from dbc.secured_frame import End
+from runtime.program import ExitStatus, ReportingNode, run_node, say
+from runtime.settings import Settings
+
+N = TypeVar("N", bound=ReportingNode)
+
+NOBODY = "classic CAN authenticates nobody: whoever is on the bus can steer (see --key-file)"
+"""What a program says on start when it has no key."""
+AUTHENTICATED = "authenticated CAN FD: only frames made with the key are believed"
+
+
+def add_key_file_argument(parser: argparse.ArgumentParser) -> None:
+    """Add ``--key-file``."""
+    parser.add_argument(
+        "--key-file",
+        type=Path,
+        metavar="FILE",
+        help="authenticate every frame, CAN FD, with the key in FILE (docs/authentication.md)",
+    )
+
+
+def run_secured_node(
+    name: str,
+    options: argparse.Namespace,
+    settings: Settings,
+    end: End,
+    make_node: Callable[[int], N],
+    received: Collection[type[Message]],
+    conclude: Callable[[N], None] = lambda _node: None,
+) -> ExitStatus:
+    """Run a node as ``runtime.program.run_node`` does, behind authentication where a key is given.
+
+    ``end``       which of the two ends the node is
+    ``received``  the messages it receives
+
+    Says on standard error who is believed, and at the end what was refused. Raises SettingsError
+    for a key file that cannot be used, and what ``run_node`` raises.
+    """
+    can_ids = {CAN_IDS[message_type] for message_type in received}
+    if options.key_file is None:
+        say(name, NOBODY, sys.stderr)
+        return run_node(name, options, settings, make_node, conclude, can_ids)
+    # Not above: they read the DBC once more, for which classic CAN has no use.
+    from dbc.authenticated_node import AuthenticatedNode
+    from dbc.key_file import open_authentication
+
+    authentication = open_authentication(options.key_file, end)
+    options.fd = True
+
+    def make_authenticated(start_ns: int) -> AuthenticatedNode[N]:
+        return AuthenticatedNode(make_node(start_ns), authentication)
+
+    def conclude_authenticated(node: AuthenticatedNode[N]) -> None:
+        if node.refused:
+            causes = ", ".join(f"{cause} {count}" for cause, count in node.refused.items())
+            say(name, f"frames refused by authentication: {causes}", sys.stderr)
+        conclude(node.node)
+
+    say(name, AUTHENTICATED, sys.stderr)
+    can_ids.add(CAN_IDS[end.peer_status])
+    return run_node(name, options, settings, make_authenticated, conclude_authenticated, can_ids)
