@@ -1,0 +1,1 @@
+"""Fuzz targets: each takes any bytes and raises where the project breaks a promise."""

@@ -1,0 +1,123 @@
+"""Fuzz one target: coverage decides which inputs are worth changing further.
+
+    python -m tools.fuzz controller --seconds 300
+    python -m tools.fuzz settings --runs 100000 --seed 7 --corpus out/fuzz/settings
+    python -m tools.fuzz plant --replay crash-0123abcd
+
+Needs atheris (pip install 'steer-by-wire-emulator[fuzz]') but for --replay. Exit status: 0 when
+nothing was found, 1 when something was, whose input is left in the folder --out; 2 without atheris.
+"""
+
+import argparse
+import importlib
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+NAMES = ("controller", "plant", "settings", "trace", "waypoints")
+PACKAGES = ("controller", "dbc", "plant_emulator", "runtime", "tools")
+TIMEOUT_S = 60
+"""An input that takes longer is a finding; the slowest of ours takes two seconds."""
+INPUT_BYTES_MAX = 4096
+MEMORY_MB_MAX = 2048
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status. Without ``--replay`` libFuzzer ends the process."""
+    options = _parser().parse_args(arguments)
+    if options.replay is not None:
+        return _replay(options.target, options.replay)
+    if find_spec("atheris") is None:
+        print(
+            "tools.fuzz: error: needs atheris: pip install 'steer-by-wire-emulator[fuzz]';"
+            " the suite runs the same targets with hypothesis",
+            file=sys.stderr,
+        )
+        return 2
+    _fuzz(options)
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.fuzz",
+        description=(__doc__ or "").splitlines()[0],
+        allow_abbrev=False,
+    )
+    parser.add_argument("target", choices=NAMES)
+    parser.add_argument("--runs", type=_count, metavar="N", help="end after so many inputs")
+    parser.add_argument("--seconds", type=_count, metavar="S", help="end after this time")
+    parser.add_argument(
+        "--seed", type=_count, default=1, metavar="N", help="of libFuzzer (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--corpus", type=Path, metavar="DIR", help="inputs to start from; new ones are added"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/fuzz"),
+        metavar="DIR",
+        help="where an input that breaks a promise is left (default: %(default)s)",
+    )
+    parser.add_argument("--replay", type=Path, metavar="FILE", help="run one input again")
+    return parser
+
+
+def _count(text: str) -> int:
+    """Read a whole number; argparse turns the error into one line."""
+    if not (text.isascii() and text.isdecimal() and len(text) < 10):
+        raise argparse.ArgumentTypeError(f"allowed is 0 to 999999999, not {text!r}")
+    return int(text)
+
+
+def _replay(target: str, file: Path) -> int:
+    """Run one input; returns 1 where it breaks a promise."""
+    from tools.fuzz.targets import TARGETS
+
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        print(f"tools.fuzz: error: {file}: {error.strerror}", file=sys.stderr)
+        return 2
+    try:
+        TARGETS[target](data)
+    except Exception:  # whatever it finds
+        traceback.print_exc()
+        return 1
+    print(f"{target}: {len(data)} bytes, no promise broken")
+    return 0
+
+
+def _fuzz(options: argparse.Namespace) -> None:
+    """Hand over to libFuzzer, which ends the process."""
+    atheris: Any = importlib.import_module("atheris")  # it has no types
+    with atheris.instrument_imports(include=PACKAGES):
+        targets = importlib.import_module("tools.fuzz.targets").TARGETS
+    options.out.mkdir(parents=True, exist_ok=True)
+    command = [
+        sys.argv[0],
+        f"-seed={options.seed}",
+        f"-timeout={TIMEOUT_S}",
+        f"-max_len={INPUT_BYTES_MAX}",
+        "-len_control=0",  # a long input is a long run, from the start
+        f"-rss_limit_mb={MEMORY_MB_MAX}",
+        f"-artifact_prefix={options.out}/{options.target}-",
+        "-print_final_stats=1",
+    ]
+    if options.runs is not None:
+        command.append(f"-runs={options.runs}")
+    if options.seconds is not None:
+        command.append(f"-max_total_time={options.seconds}")
+    if options.corpus is not None:
+        options.corpus.mkdir(parents=True, exist_ok=True)
+        command.append(str(options.corpus))
+    atheris.Setup(command, targets[options.target])
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

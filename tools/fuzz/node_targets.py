@@ -1,0 +1,219 @@
+"""Any traffic at any times into the two nodes.
+
+A node does not raise, and moves its deadline beyond now within a few ticks.
+What leaves is a message of the contract, finite and within its limits; the counters of what
+passes no latency line have no gap.
+Every frame under an identifier that is received is counted once, as accepted or by cause.
+Frames under other identifiers change nothing at all.
+The report can be written as JSON, and no figure in it is infinite.
+"""
+
+import json
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import lru_cache
+from typing import Any, Protocol
+
+from controller.node import RECEIVED as CONTROLLER_RECEIVES
+from controller.node import ControllerNode
+from controller.settings import ControllerSettings
+from dbc.messages import (
+    CAN_IDS,
+    ControllerStatus,
+    Decoded,
+    LateralError,
+    Message,
+    PlantStatus,
+    Rejection,
+    SteeringCommand,
+    SteeringStatus,
+    VehicleState,
+    decode,
+    resolutions,
+)
+from dbc.protection import COUNTERS
+from plant_emulator.motion_design import MotionParams
+from plant_emulator.node import RECEIVED as PLANT_RECEIVES
+from plant_emulator.node import PlantNode, motion_params
+from plant_emulator.settings import PlantSettings
+from runtime.frame import Frame
+from runtime.node import NS_PER_S, Node
+from runtime.settings import load_settings, read_preset
+from tools.fuzz.choices import Choices
+from tools.fuzz.promises import promise
+from tools.fuzz.traffic import wake_ups
+
+TICKS_MAX = 10
+"""Ticks at one time after which a node has to be done."""
+CONTROLLERS = (
+    ("practical_pd_ddob", ()),
+    ("practical_pd", ("rate_hz=1000",)),
+    ("practical_pd_cdob", ("rate_hz=10", "supervision.hold_ms=0")),
+    ("practical_pd_dob", ("supervision.recovery_frames=1", "limits.steer_rad_max=1.31071")),
+    ("paper_pd_ddob", ("supervision.measurement_timeout_ms=10000",)),
+    ("paper_pd_cdob", ("limits.steer_rate_rad_s_max=1000", "limits.steer_rad_max=1.3")),
+)
+"""Preset and what is set on top."""
+PLANTS = (
+    (),
+    ("path.kind=straight", "sensor_period_ms=1", "start_on_first_command=false"),
+    ("vehicle.speed_km_h=250", "vehicle.rear_cornering_stiffness_n_rad=1000", "duration_s=1e6"),
+    ("latency.downlink.order=in_order", "latency.uplink.duplicates=1", "actuator.lag_s=0.1"),
+    (
+        "latency.downlink.model=gamma", "latency.downlink.mean_s=10",
+        "latency.downlink.spread_s=10", "latency.downlink.correlation_time_s=1",
+        "latency.uplink.order=as_arrives", "latency.uplink.model=lognormal",
+        "latency.uplink.mean_s=1e-9", "latency.uplink.spread_s=10",
+    ),
+    (
+        "path.kind=circle", "path.radius_m=3", "sensor_noise.lateral_error_m=10",
+        "sensor_noise.yaw_rate_rad_s=1", "actuator.rate_limit_rad_s=0.001",
+        "actuator.angle_limit_rad=0.1", "actuator.dead_band_rad=0.5",
+    ),
+)  # fmt: skip
+"""What is set on top of the defaults."""
+
+
+class ReportingNode(Node, Protocol):
+    """A node with a report."""
+
+    def report(self) -> Mapping[str, Any]:
+        """Return the figures so far."""
+        ...
+
+
+def fuzz_controller(data: bytes) -> None:
+    """Let any traffic come to a controller."""
+    choices = Choices(data)
+    settings = controller_settings(choices.integer(0, len(CONTROLLERS) - 1))
+    drive(
+        choices,
+        lambda: ControllerNode(settings, 0),
+        CONTROLLER_RECEIVES,
+        Outgoing((SteeringCommand, ControllerStatus), judge=CommandLimits(settings)),
+    )
+
+
+def fuzz_plant(data: bytes) -> None:
+    """Let any traffic come to a plant."""
+    choices = Choices(data)
+    settings, params = plant_settings(choices.integer(0, len(PLANTS) - 1))
+    drive(
+        choices,
+        lambda: PlantNode(settings, 0, params),
+        PLANT_RECEIVES,
+        Outgoing((PlantStatus,), delayed=(LateralError, SteeringStatus, VehicleState)),
+    )
+
+
+@lru_cache
+def controller_settings(number: int) -> ControllerSettings:
+    """Return the settings of one of CONTROLLERS."""
+    preset, overrides = CONTROLLERS[number]
+    return load_settings(
+        ControllerSettings, read_preset("controller.presets", preset), overrides=overrides
+    )
+
+
+@lru_cache
+def plant_settings(number: int) -> tuple[PlantSettings, MotionParams]:
+    """Return the settings of one of PLANTS, and the motion, whose design takes long."""
+    settings = load_settings(PlantSettings, overrides=PLANTS[number])
+    return settings, motion_params(settings)
+
+
+class CommandLimits:
+    """Holds the commands that leave against the limits in the settings."""
+
+    def __init__(self, settings: ControllerSettings) -> None:
+        rounding_rad = 0.51 * resolutions(SteeringCommand)["steer_rad"]
+        rate_rad_s = settings.limits.steer_rate_rad_s_max
+        self._steer_rad_max = settings.limits.steer_rad_max + rounding_rad
+        self._step_rad_max = rate_rad_s * settings.period_ns / NS_PER_S + 2.0 * rounding_rad
+        self._last_rad = 0.0
+
+    def __call__(self, message: Message) -> None:
+        """Look at the next message that leaves."""
+        if not isinstance(message, SteeringCommand):
+            return
+        step_rad = abs(message.steer_rad - self._last_rad)
+        promise(abs(message.steer_rad) <= self._steer_rad_max, f"beyond the limit: {message}")
+        promise(step_rad <= self._step_rad_max, f"a step of {step_rad} rad: {message}")
+        self._last_rad = message.steer_rad
+
+
+class Outgoing:
+    """Looks at every frame that leaves a node.
+
+    ``directly``  what it sends at once, so that no counter may be missing
+    ``delayed``   what leaves through a latency line
+    ``judge``     looks at each message too
+    """
+
+    def __init__(
+        self,
+        directly: Collection[type[Message]],
+        delayed: Collection[type[Message]] = (),
+        judge: Callable[[Message], None] = lambda _message: None,
+    ) -> None:
+        self._next = {CAN_IDS[message_type]: 0 for message_type in directly}
+        self._sends = {CAN_IDS[message_type] for message_type in (*directly, *delayed)}
+        self._judge = judge
+
+    def look(self, frames: Sequence[Frame]) -> None:
+        """Raise BrokenPromiseError for a frame that must not leave."""
+        for frame in frames:
+            promise(frame.can_id in self._sends, f"not for this node to send: {frame}")
+            # Only the values may be missing, in a frame that is right otherwise.
+            decoded = decode(frame)
+            if decoded is not Rejection.NOT_AVAILABLE:
+                promise(isinstance(decoded, Decoded), f"{frame} is {decoded}")
+            if isinstance(decoded, Decoded):
+                for value in decoded.message:
+                    promise(math.isfinite(value), f"not finite: {decoded}")
+                self._judge(decoded.message)
+            if frame.can_id in self._next:
+                wanted, counter = self._next[frame.can_id], frame.data[2]
+                promise(counter == wanted, f"counter {counter} where {wanted} is due: {frame}")
+                self._next[frame.can_id] = (counter + 1) % COUNTERS
+
+
+def drive(
+    choices: Choices,
+    make_node: Callable[[], ReportingNode],
+    received: Collection[type[Message]],
+    outgoing: Outgoing,
+) -> ReportingNode:
+    """Run a node through what ``choices`` decide; returns it.
+
+    A second node, which does not hear what is not for it, has to do the same.
+    """
+    node, twin = make_node(), make_node()
+    ids = {CAN_IDS[message_type] for message_type in received}
+    taken = 0
+    for now_ns, frames in wake_ups(choices, 0):
+        for frame in frames:
+            sent = list(node.on_frame(frame, now_ns))
+            outgoing.look(sent)
+            if frame.can_id in ids:
+                taken += 1
+                promise(list(twin.on_frame(frame, now_ns)) == sent, "it depends on other traffic")
+        sent = _tick(node, now_ns)
+        outgoing.look(sent)
+        promise(_tick(twin, now_ns) == sent, "it depends on traffic that is not for it")
+    report = node.report()
+    counted = report["accepted"] + sum(report["rejected"].values())
+    promise(counted == taken, f"{taken} frames came, {counted} were counted: {report}")
+    promise("Infinity" not in json.dumps(report), f"it grew without bound: {report}")
+    return node
+
+
+def _tick(node: Node, now_ns: int) -> list[Frame]:
+    """Tick as an executor does; returns what leaves."""
+    sent: list[Frame] = []
+    for _ in range(TICKS_MAX):
+        if node.deadline_ns > now_ns:
+            return sent
+        sent += node.on_tick(now_ns)
+    promise(False, f"the deadline stays at {node.deadline_ns}, now is {now_ns}")
+    return sent

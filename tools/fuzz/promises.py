@@ -1,0 +1,11 @@
+"""What a target raises when the project has broken its word."""
+
+
+class BrokenPromiseError(AssertionError):
+    """Something happened that must not, whatever the input."""
+
+
+def promise(holds: bool, otherwise: str) -> None:
+    """Raise BrokenPromiseError unless ``holds``."""
+    if not holds:
+        raise BrokenPromiseError(otherwise)

@@ -1,0 +1,227 @@
+"""Any settings: TOML files, ``--set``, and the CSV files that settings name.
+
+What is wrong is told by a SettingsError: one line a mistake, which begins with where it is.
+What is accepted can be run: the node is made, and steps, and sends what it may send.
+"""
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+from controller.node import ControllerNode
+from controller.settings import ControllerSettings
+from dbc.messages import (
+    ControllerStatus,
+    LateralError,
+    Mode,
+    PlantStatus,
+    SteeringCommand,
+    SteeringStatus,
+    VehicleState,
+    encode,
+)
+from plant_emulator.latency_profile import read_trace
+from plant_emulator.node import PlantNode
+from plant_emulator.settings import PlantSettings
+from plant_emulator.waypoints import waypoint_path
+from runtime.node import NS_PER_MS, Node
+from runtime.settings import Settings, SettingsError, load_settings, preset_names, read_preset
+from tools.fuzz.choices import Choices
+from tools.fuzz.node_targets import CommandLimits, Outgoing
+from tools.fuzz.promises import promise
+from tools.gain_design.specification import Specification
+from tools.gain_design.vehicle_file import VehicleFile
+from tools.stress.study_file import StudySettings
+
+ENTRIES_MAX = 6
+"""Settings that one input changes."""
+MOTION_NS = 300 * NS_PER_MS
+STEP_NS = 10 * NS_PER_MS
+_EXPONENT_MAX = 40
+
+
+class Subject(NamedTuple):
+    """A kind of settings file, the presets below it, and what runs with it."""
+
+    model: type[Settings]
+    preset_package: str | None
+    run: Callable[[Any], None]
+
+
+def fuzz_settings(data: bytes) -> None:
+    """Read settings of any kind from a file and from ``--set``, and run what is accepted."""
+    choices = Choices(data)
+    subject = choices.pick(subjects())
+    leaves = leaves_of(subject.model)
+    preset = None
+    if subject.preset_package is not None and not choices.chance(32):
+        names = preset_names(subject.preset_package)
+        preset = read_preset(subject.preset_package, choices.pick(names))
+    overrides = []
+    for _ in range(choices.integer(0, ENTRIES_MAX)):
+        overrides.append(f"{_key(choices, leaves)}={_value(choices)}")
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "fuzzed.toml"
+        if choices.chance(96):
+            file.write_bytes(choices.rest())
+        else:
+            lines = [
+                f"{_key(choices, leaves)} = {_value(choices)}"
+                for _ in range(choices.integer(0, ENTRIES_MAX))
+            ]
+            file.write_text("\n".join(lines), encoding="utf-8", errors="replace")
+        settings = settled(
+            lambda: load_settings(subject.model, preset, file, overrides),
+            (str(file), "--set", "preset ", "settings"),
+        )
+    if settings is not None:
+        settled(lambda: subject.run(settings), ("",))
+
+
+def fuzz_waypoints(data: bytes) -> None:
+    """Read waypoints, and follow what path there is."""
+    choices = Choices(data)
+    closed = choices.chance(128)
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "waypoints.csv"
+        file.write_bytes(_table(choices, "x_m,y_m"))
+        path = settled(lambda: waypoint_path(file, closed=closed), (str(file),))
+    if path is None:
+        return
+    values = [*path.start_m, *path.curvature_1_m, *path.curvature_slope_1_m2, path.length_m]
+    promise(all(map(math.isfinite, values)), "a path that is not finite")
+
+
+def fuzz_trace(data: bytes) -> None:
+    """Read recorded latencies, and ask for some of them."""
+    choices = Choices(data)
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "trace.csv"
+        file.write_bytes(_table(choices, choices.pick(("latency_s", "time_s,latency_s"))))
+        overrides = [f"latency.downlink.trace_file={json.dumps(str(file))}"]
+        settings = settled(
+            lambda: load_settings(PlantSettings, overrides=overrides), ("--set", "settings")
+        )
+        if settings is None:
+            return
+        trace = read_trace(file)
+    for frame, time_s in ((0, 0.0), (1, 0.01), (10**9, 1e9)):
+        latency_s = trace.latency_s(frame, time_s)
+        promise(0.0 <= latency_s <= 10.0, f"a latency of {latency_s} s")
+
+
+def settled(read: Callable[[], Any], begins: Sequence[str]) -> Any:
+    """Return what ``read`` returns, None for a SettingsError that says what it has to."""
+    try:
+        return read()
+    except SettingsError as error:
+        promise(bool(error.mistakes), "an error without a text")
+        for mistake in error.mistakes:
+            promise(len(mistake.splitlines()) == 1, f"not one line: {mistake!r}")
+            is_placed = mistake.startswith((*begins, "and "))
+            promise(is_placed, f"does not begin with {begins}: {mistake}")
+        return None
+
+
+@lru_cache
+def subjects() -> Sequence[Subject]:
+    """Return all kinds of settings there are."""
+    return (
+        Subject(ControllerSettings, "controller.presets", _run_controller),
+        Subject(PlantSettings, "plant_emulator.presets", _run_plant),
+        Subject(StudySettings, None, lambda _settings: None),
+        Subject(VehicleFile, None, lambda settings: settings.box),
+        Subject(Specification, None, lambda _settings: None),
+    )
+
+
+@lru_cache
+def leaves_of(model: type[Settings]) -> Sequence[str]:
+    """Return the dotted keys of a model, those of every member of a union included."""
+    schema = model.model_json_schema()
+    return sorted(set(_leaves(schema, schema, "")))
+
+
+def _leaves(root: Mapping[str, Any], schema: Mapping[str, Any], prefix: str) -> Iterator[str]:
+    if "$ref" in schema:
+        schema = root["$defs"][schema["$ref"].rpartition("/")[2]]
+    for member in (*schema.get("anyOf", ()), *schema.get("oneOf", ())):
+        yield from _leaves(root, member, prefix)
+    for key, child in schema.get("properties", {}).items():
+        dotted = f"{prefix}.{key}".removeprefix(".")
+        yield dotted
+        yield from _leaves(root, child, dotted)
+
+
+def _key(choices: Choices, leaves: Sequence[str]) -> str:
+    return choices.text(12) if choices.chance(16) else choices.pick(leaves)
+
+
+def _value(choices: Choices) -> str:
+    """Return a value as TOML has it, or something like it."""
+    kind = choices.integer(0, 11)
+    if kind < 4:
+        return repr(choices.number())
+    if kind < 6:
+        return f"1e{choices.integer(-_EXPONENT_MAX, _EXPONENT_MAX)}"
+    if kind == 6:
+        return str(choices.integer(-(2**70), 2**70))
+    if kind == 7:
+        return json.dumps(choices.pick(_WORDS))
+    if kind == 8:
+        return choices.pick(("true", "false", "1979-05-27", "07:32:00", "{}", "[]", "[[]]", '""'))
+    if kind == 9:
+        return f"[{', '.join(_value(choices) for _ in range(choices.integer(0, 3)))}]"
+    if kind == 10:
+        return f"{{ {choices.text(5)} = {choices.integer(0, 9)} }}"
+    return choices.text()
+
+
+_WORDS = (
+    "pd", "pd_dob", "pd_cdob", "pd_ddob", "vehicle", "paper_eq19", "order_2", "type_2", "straight",
+    "circle", "ellipse", "single_lane_change", "double_lane_change", "waypoints", "uniform",
+    "normal", "lognormal", "gamma", "in_order", "as_arrives", "ramp", "step", "grid", "sobol",
+    "latin_hypercube", "log_uniform", "paper_box", "/dev/null", "..", "\x1b[2J", "a\nb", "\x00",
+)  # fmt: skip
+
+
+def _table(choices: Choices, header: str) -> bytes:
+    """Return a CSV file: numbers below the right header, mostly."""
+    if choices.chance(48):
+        return choices.rest()
+    columns = header.count(",") + 1
+    lines = [header]
+    while not choices.exhausted:
+        cells = [f"{choices.number():.17g}" for _ in range(columns)]
+        lines.append(",".join(cells) if not choices.chance(8) else choices.text())
+    return "\n".join(lines).encode("utf-8", errors="surrogateescape")
+
+
+def _run_controller(settings: ControllerSettings) -> None:
+    """Let a controller steer for a moment, then lose its measurements."""
+    node = ControllerNode(settings, 0)
+    outgoing = Outgoing((SteeringCommand, ControllerStatus), judge=CommandLimits(settings))
+    for number, error_m in enumerate((0.0, 1e-3, 80.0, -80.0, 0.5)):
+        node.on_frame(encode(LateralError(error_m, 0.0), number), number * STEP_NS)
+        outgoing.look(_ticks(node, number * STEP_NS))
+    outgoing.look(_ticks(node, MOTION_NS))
+
+
+def _run_plant(settings: PlantSettings) -> None:
+    """Let a plant drive for a moment."""
+    node = PlantNode(settings, 0)
+    outgoing = Outgoing((PlantStatus,), delayed=(LateralError, SteeringStatus, VehicleState))
+    for number, steer_rad in enumerate((0.0, 0.01, 1.3, -1.3, 0.0)):
+        command = SteeringCommand(steer_rad, number, Mode.ACTIVE)
+        node.on_frame(encode(command, number), number * STEP_NS)
+        outgoing.look(_ticks(node, number * STEP_NS))
+    outgoing.look(_ticks(node, MOTION_NS))
+    json.dumps(node.report())
+
+
+def _ticks(node: Node, now_ns: int) -> list[Any]:
+    return [*node.on_tick(now_ns)] if node.deadline_ns <= now_ns else []

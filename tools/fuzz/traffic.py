@@ -1,0 +1,96 @@
+"""What may come to a node: frames of every kind, from noise to faultless ones, and any times.
+
+Frames under the identifiers of the contract are mostly given the counter and the CRC that they
+need, because noise does not get past a CRC.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+from dbc.messages import CAN_IDS, LatencyConfig, Message
+from dbc.protection import COUNTERS, protect
+from runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from runtime.node import NS_PER_MS, NS_PER_S
+from tools.fuzz.choices import Choices
+
+STALL_NS_MAX = 600 * NS_PER_S
+"""Longest time that a node is not called for."""
+EVENTS_MAX = 400
+"""Wake-ups from one input, which bounds the time it takes."""
+DATA_IDS: Mapping[type[Message], int] = {
+    message_type: 0x5000 | can_id
+    for message_type, can_id in CAN_IDS.items()
+    if message_type is not LatencyConfig
+}
+"""As the wire contract lists them; stated here anew, as another sender would."""
+_OUR_IDS = tuple(CAN_IDS.values())
+_ALL_FLAGS = EXTENDED | REMOTE | ERROR | FD | BITRATE_SWITCH
+_LENGTHS = (8, 7, 0, 1, 2, 3, 6, 9, 12, 16, 48, 63, 64)
+
+
+class WakeUp(NamedTuple):
+    """What an executor hands to a node at one wake-up [ns]."""
+
+    now_ns: int
+    frames: tuple[Frame, ...]
+
+
+class Sender:
+    """Another participant, which knows the contract and keeps to it as it likes."""
+
+    def __init__(self) -> None:
+        self._counters = dict.fromkeys(DATA_IDS, 0)
+
+    def frame(self, choices: Choices) -> Frame:
+        """Return any frame; four in eight are faultless up to their signals."""
+        kind = choices.integer(0, 7)
+        if kind < 4:
+            return self._protected(choices)
+        if kind == 4:
+            return Frame(CAN_IDS[LatencyConfig], choices.raw(7))
+        if kind == 5:  # faultless but for what a gateway or an adapter may make of it
+            frame = self._protected(choices)
+            return frame._replace(flags=choices.integer(0, _ALL_FLAGS))
+        if kind == 6:  # an error of a few bits
+            frame = self._protected(choices)
+            flip = 1 << choices.integer(0, 63) | 1 << choices.integer(0, 63)
+            return frame._replace(data=(int.from_bytes(frame.data) ^ flip).to_bytes(8))
+        can_id = choices.pick(_OUR_IDS) if choices.chance(192) else choices.integer(0, 2**29 - 1)
+        return Frame(can_id, choices.raw(choices.pick(_LENGTHS)), choices.integer(0, _ALL_FLAGS))
+
+    def _protected(self, choices: Choices) -> Frame:
+        """Return a frame whose CRC holds; its counter steps by one, mostly."""
+        message_type = choices.pick(tuple(DATA_IDS))
+        step = 1 if choices.chance(224) else choices.integer(0, COUNTERS - 1)
+        counter = (self._counters[message_type] + step) % COUNTERS
+        self._counters[message_type] = counter
+        payload = bytearray(b"\0\0" + bytes([counter]) + choices.raw(5))
+        protect(payload, DATA_IDS[message_type])
+        return Frame(CAN_IDS[message_type], bytes(payload))
+
+
+def wake_ups(choices: Choices, start_ns: int) -> Iterator[WakeUp]:
+    """Yield what happens to a node, in an order of time that never runs backwards."""
+    sender = Sender()
+    now_ns = start_ns
+    for _ in range(EVENTS_MAX):
+        if choices.exhausted:
+            return
+        now_ns += _step_ns(choices)
+        frames = tuple(sender.frame(choices) for _ in range(choices.integer(0, 3)))
+        yield WakeUp(now_ns, frames)
+
+
+def _step_ns(choices: Choices) -> int:
+    """Return the time to the next wake-up: mostly about a period, sometimes none, or a stall."""
+    kind = choices.integer(0, 15)
+    if kind < 8:
+        return 10 * NS_PER_MS
+    if kind < 12:
+        return choices.integer(0, 20 * NS_PER_MS)
+    if kind < 14:
+        return choices.integer(0, 3)
+    if kind == 14:
+        return choices.integer(0, 2 * NS_PER_S)
+    # One input cannot have many of the longest, or it would take minutes to compute the motion.
+    return choices.integer(0, STALL_NS_MAX) if choices.chance(4) else 200 * NS_PER_MS
