@@ -110,7 +110,9 @@ class CandumpLog:
 class CandumpReader:
     """Iterates over the frames in ``lines`` (an open file, the output of candump).
 
-    ``unreadable`` counts the lines so far that are neither a frame nor blank.
+    ``unreadable`` counts the lines so far that are neither a frame nor blank. A last line of a file
+    without its end counts too: a writer that is killed leaves one, and half a payload would read
+    as a whole frame.
     """
 
     def __init__(self, lines: Iterable[str]) -> None:
@@ -118,8 +120,11 @@ class CandumpReader:
         self.unreadable = 0
 
     def __iter__(self) -> Iterator[LogEntry]:
+        has_ends = False
         for line in self._lines:
-            entry = parse_entry(line)
+            is_torn = has_ends and not line.endswith("\n")
+            has_ends = has_ends or line.endswith("\n")
+            entry = None if is_torn else parse_entry(line)
             if entry is not None:
                 yield entry
             elif line.strip():

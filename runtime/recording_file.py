@@ -2,20 +2,23 @@
 
 A frame that waited to be taken arrived before others that were recorded already. The writers give
 such a frame the time of the one before it, so records are put in order first: each is held until
-one comes that is HELD_NS newer.
+one comes that is HELD_NS newer, or none has come for IDLE_S.
 
-Text formats are handed to the operating system after every read, so that even the end of the
-recorder itself loses little more than what is held.
+Text formats lose no more than the last second, whatever is killed: they are handed to the operating
+system after every read, and at least every SYNC_NS to the disk. A file may then end in the middle
+of a line; who reads it must not take that for a frame.
 """
 
 import argparse
 import heapq
 import json
 import os
+import select
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -24,10 +27,16 @@ from can.io.generic import TextIOMessageWriter
 
 from runtime.frame import Frame
 from runtime.message import message_of
+from runtime.node import NS_PER_S
 from runtime.recording import LEFT_OUT, RECORD
 
 HELD_NS = 100_000_000
 """Longer than frames wait in a program that runs on time."""
+IDLE_S = 0.2
+"""What is held is written when nothing has come for this long. Only where pipes can be waited for:
+Windows holds it until the next frame comes."""
+SYNC_NS = NS_PER_S // 2
+"""Held, idle and this, and the time a disk takes, stay within a second."""
 _READ_BYTES = 1 << 16
 _POLL_S, _SETTLE_S = 0.02, 5.0
 
@@ -92,6 +101,7 @@ def _write_all(
 ) -> None:
     """Write all records in order of time; counts them as it goes."""
     left_out = LEFT_OUT.get(suffix, 0)
+    sync = Sync(writer.file.fileno()) if isinstance(writer, TextIOMessageWriter) else None
     for records in _ordered(reads):
         for time_ns, _, frame, is_received in records:
             if frame.flags & left_out:
@@ -103,15 +113,52 @@ def _write_all(
             message.is_rx = is_received
             writer.on_message_received(message)
             counts["frames"] += 1
-        if isinstance(writer, TextIOMessageWriter):
+        if isinstance(writer, TextIOMessageWriter) and sync is not None:
             writer.file.flush()
+            sync.after_write(len(records))
+
+
+class Sync:
+    """Has what was written to a file reach the disk, at most once in SYNC_NS.
+
+    Flushing is enough where a process is killed; this is for a machine that fails.
+    """
+
+    def __init__(
+        self,
+        descriptor: int,
+        sync: Callable[[int], None] = os.fsync,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._descriptor = descriptor
+        self._sync = sync
+        self._clock_ns = clock_ns
+        self._due_ns = clock_ns() + SYNC_NS
+        self._is_behind = False
+
+    def after_write(self, written: int) -> None:
+        """Note that ``written`` records were handed to the operating system, and sync when due."""
+        self._is_behind = self._is_behind or written > 0
+        if self._is_behind and self._clock_ns() >= self._due_ns:
+            with suppress(OSError):  # a pipe or a device has no disk behind it
+                self._sync(self._descriptor)
+            self._is_behind = False
+            # From the end: a disk that takes long must not be all that the recorder does.
+            self._due_ns = self._clock_ns() + SYNC_NS
 
 
 def _ordered(reads: Iterator[list[_Record]]) -> Iterator[list[_Record]]:
-    """Yield the records in order of time, as far as HELD_NS goes."""
+    """Yield the records in order of time, as far as HELD_NS goes.
+
+    A read without records is a pause: nothing is held any longer.
+    """
     held: list[_Record] = []
     newest_ns = 0
     for records in reads:
+        if not records:
+            yield sorted(held)
+            held.clear()
+            continue
         for item in records:
             heapq.heappush(held, item)
             newest_ns = max(newest_ns, item.time_ns)
@@ -123,10 +170,16 @@ def _ordered(reads: Iterator[list[_Record]]) -> Iterator[list[_Record]]:
 
 
 def _records(source: BinaryIO) -> Iterator[list[_Record]]:
-    """Yield the whole records of every read until the pipe ends."""
+    """Yield the whole records of every read until the pipe ends, and none for every pause."""
     rest = b""
     number = 0
-    while chunk := os.read(source.fileno(), _READ_BYTES):
+    while True:
+        if not _comes(source):
+            yield []
+            continue
+        chunk = os.read(source.fileno(), _READ_BYTES)
+        if not chunk:
+            return
         rest += chunk
         records = []
         place = 0
@@ -140,7 +193,15 @@ def _records(source: BinaryIO) -> Iterator[list[_Record]]:
             number += 1
             place = end
         rest = rest[place:]
-        yield records
+        if records:
+            yield records
+
+
+def _comes(source: BinaryIO) -> bool:
+    """Wait for something to read, or the end; returns whether it came within IDLE_S."""
+    if sys.platform == "win32":
+        return True  # select knows no pipes there: the read waits
+    return bool(select.select([source], (), (), IDLE_S)[0])
 
 
 def _settle(writer: can.io.generic.MessageWriter, frames: int) -> None:

@@ -6,15 +6,19 @@ import signal
 import subprocess
 import sys
 import time
+from base64 import b64encode
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import can
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import plant_emulator.program as plant_program
 import runtime.recording
@@ -32,7 +36,9 @@ from runtime.recording import (
     RecordingPort,
     recording_obstacle,
 )
+from runtime.recording_file import HELD_NS, SYNC_NS, Sync, _ordered, _Record
 from tests.running_program import ORDINARY, running, wait_until
+from tools.log_analysis.log_file import LogError, open_log
 from tools.vcan_backends.guard import descendants
 
 Capture = pytest.CaptureFixture[str]
@@ -51,6 +57,8 @@ FRAMES = (
     Frame(0x040, bytes(8), ERROR),
 )
 PERIOD_NS = 10_000_000
+TEXT = (".log", ".asc", ".csv", ".trc")
+KILLED_FRAMES = 1000
 
 
 def record(path: Path, frames: list[Frame] | tuple[Frame, ...]) -> RecordingFigures:
@@ -253,6 +261,171 @@ def test_a_program_that_is_killed_leaves_a_complete_file(tmp_path: Path, suffix:
         return False
 
     wait_until(is_complete, f"1000 frames in {path}")
+
+
+@pytest.mark.parametrize("suffix", TEXT)
+def test_after_a_pause_the_file_holds_everything_and_the_recorder_may_be_killed(
+    tmp_path: Path, suffix: str
+) -> None:
+    path = tmp_path / f"run{suffix}"
+    recording = Recording(path, "vcan0")
+    start_ns = time.monotonic_ns()
+    for index in range(KILLED_FRAMES):
+        recording.take(Frame(0x100, index.to_bytes(8, "big")), start_ns + index * PERIOD_NS, 0)
+    last = (KILLED_FRAMES - 1).to_bytes(8, "big")
+    wait_until(lambda: last in written(path), f"the last of {KILLED_FRAMES} frames in {path}")
+    os.kill(recording._recorder.pid, signal.SIGKILL)
+    figures = recording.close()
+    assert figures.failure == "the recorder was ended before it could finish the file"
+    assert written(path) == [index.to_bytes(8, "big") for index in range(KILLED_FRAMES)]
+
+
+def test_killed_while_frames_come_the_recorder_leaves_all_that_was_there_in_order(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "run.log"
+    recording = Recording(path, "vcan0")
+    start_ns = time.monotonic_ns()
+    taken = 0
+    seen = 0
+    while seen < KILLED_FRAMES:
+        for _ in range(100):
+            recording.take(Frame(0x100, taken.to_bytes(8, "big")), start_ns + taken * 10_000, 0)
+            taken += 1
+        seen = path.read_text().count("\n")
+    os.kill(recording._recorder.pid, signal.SIGKILL)
+    recording.close()
+    payloads = written(path)
+    assert len(payloads) >= seen
+    assert payloads == [index.to_bytes(8, "big") for index in range(len(payloads))]
+
+
+BOTH_KILLED = """
+import os, signal, sys, time
+from pathlib import Path
+from runtime.frame import Frame
+from runtime.recording import Recording
+
+path = Path(sys.argv[1])
+recording = Recording(path, "vcan0")
+start_ns = time.monotonic_ns()
+for index in range(1000):
+    recording.take(Frame(0x100, index.to_bytes(8, "big")), start_ns + index * 10_000_000, 0)
+while path.read_text().count("\\n") < 990:  # all but what is held
+    time.sleep(0.01)
+os.kill(recording._recorder.pid, signal.SIGKILL)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_program_and_recorder_killed_together_leave_all_but_the_last_tenth_of_a_second(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "run.log"
+    killed = subprocess.run([sys.executable, "-c", BOTH_KILLED, str(path)], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    payloads = written(path)
+    assert len(payloads) >= 990
+    assert payloads == [index.to_bytes(8, "big") for index in range(len(payloads))]
+
+
+@given(
+    st.lists(
+        st.lists(st.integers(0, 5 * HELD_NS), max_size=5),
+        max_size=10,
+    )
+)
+def test_nothing_is_held_but_the_newest_tenth_of_a_second_and_nothing_after_a_pause(
+    reads: list[list[int]],
+) -> None:
+    records = [
+        [_Record(time_ns, 100 * read + n, FRAMES[0], True) for n, time_ns in enumerate(times)]
+        for read, times in enumerate(reads)
+    ]
+    fed: list[_Record] = []
+
+    def feed() -> Iterator[list[_Record]]:
+        for read in records:
+            fed.extend(read)
+            yield read
+
+    given_out: list[_Record] = []
+    for read, ripe in zip(records, ordered := _ordered(feed()), strict=False):
+        given_out += ripe
+        held = set(fed) - set(given_out)
+        newest_ns = max((item.time_ns for item in fed), default=0)
+        assert all(item.time_ns > newest_ns - HELD_NS for item in held)
+        assert read or not held
+    for ripe in ordered:
+        given_out += ripe
+    assert sorted(given_out) == sorted(fed)
+
+
+def test_what_was_written_reaches_the_disk_at_most_twice_a_second_and_not_for_nothing() -> None:
+    now_ns, synced = 0, []
+
+    def disk(descriptor: int) -> None:
+        nonlocal now_ns
+        synced.append((descriptor, now_ns))
+        now_ns += SYNC_NS // 5  # it takes its time
+        raise OSError("a pipe has no disk")
+
+    sync = Sync(7, disk, lambda: now_ns)
+    while now_ns < 10 * SYNC_NS:
+        sync.after_write(1)
+        now_ns += SYNC_NS // 50
+    assert all(descriptor == 7 for descriptor, _ in synced)
+    times = [at_ns for _, at_ns in synced]
+    distances = [after - before for before, after in pairwise(times)]
+    assert min(distances) >= SYNC_NS + SYNC_NS // 5
+    assert max(distances) <= SYNC_NS + SYNC_NS // 5 + SYNC_NS // 50
+    count = len(synced)
+    sync.after_write(1)
+    for _ in range(100):
+        now_ns += SYNC_NS
+        sync.after_write(0)
+    assert len(synced) == count + 1
+
+
+@pytest.mark.parametrize("suffix", TEXT)
+def test_a_torn_last_line_is_no_frame(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"run{suffix}"
+    frames = [Frame(0x100, bytes([n] * 8)) for n in range(5)]
+    record(path, frames)
+    # From the last frame's line on: a killed writer has written no footer either.
+    whole = path.read_bytes()
+    lines = whole.splitlines(keepends=True)
+    last = max(n for n, line in enumerate(lines) if is_line_of(frames[-1], line))
+    begin = sum(map(len, lines[:last]))
+    for length in range(len(lines[last])):
+        path.write_bytes(whole[: begin + length])
+        log = open_log(path)
+        assert [logged.frame for logged in log] == frames[:-1]
+        assert log.unreadable == bool(length)
+        assert not length or "the last line has no end" in log.first_unreadable
+
+
+def test_the_reader_of_candump_s_logs_knows_a_torn_last_line_too() -> None:
+    line = "(1.000000) vcan0 100#0011223344556677 R\n"
+    for length in range(1, len(line)):
+        reader = CandumpReader([line, line[:length]])
+        assert len(list(reader)) == 1
+        assert reader.unreadable == 1
+    assert len(list(CandumpReader([line.strip(), line.strip()]))) == 2  # no file: there are no ends
+
+
+def written(path: Path) -> list[bytes]:
+    """Payloads of all frames that can be read in a text log, which may have no end."""
+    payloads = []
+    with suppress(LogError):  # there is no frame yet
+        payloads.extend(logged.frame.data for logged in open_log(path))
+    return payloads
+
+
+def is_line_of(frame: Frame, line: bytes) -> bool:
+    """Whether a line of some format holds the frame's payload."""
+    spelled = {frame.data.hex(), frame.data.hex(" "), b64encode(frame.data).decode()}
+    return any(text.encode() in line.lower() or text.encode() in line for text in spelled)
 
 
 # What a user may get wrong

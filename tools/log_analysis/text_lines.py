@@ -1,4 +1,8 @@
-"""The lines of a text file as python-can's readers want them, with numbers and a way back."""
+"""The lines of a text file as python-can's readers want them, with numbers and a way back.
+
+A last line without its end is what a killed writer leaves. It is no line: half a payload reads as a
+whole frame, with a wrong length.
+"""
 
 import gzip
 from collections import deque
@@ -37,6 +41,9 @@ class TextLines:
         if not raw:
             raise StopIteration
         self.number += 1
+        if not raw.endswith(b"\n"):
+            self.count_unreadable("the last line has no end: its writer was killed in the middle")
+            raise StopIteration
         line = raw.decode("utf-8", errors="replace").rstrip("\r\n")
         if len(self.seen) < SEEN_MAX:
             self.seen.append(line)
