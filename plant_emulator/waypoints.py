@@ -52,6 +52,8 @@ def _read(file: FilePath) -> list[tuple[float, float]]:
         raise SettingsError(f"{file}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise SettingsError(f"{file}: is not UTF-8 text (byte {error.start})") from error
+    except ValueError as error:  # a NUL in its name
+        raise SettingsError(f"{file}: cannot be read: {error}") from error
     rows = [
         (number, [cell.strip() for cell in line.split(",")])
         for number, line in enumerate(lines, start=1)

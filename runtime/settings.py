@@ -22,11 +22,17 @@ from typing import Any, NamedTuple, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from runtime.settings_mistakes import KeyPath, explain, hint, printable
+from runtime.settings_mistakes import KeyPath, dotted, explain, hint, printable
 
 _KIND = "kind"
 """Key that tells the members of a union of tables apart."""
 _MISTAKES_MAX = 20
+_FILE_BYTES_MAX = 1 << 25
+"""More than any settings file has, and few enough to read: a device may have no end."""
+_DEPTH_MAX = 30
+"""Of tables and lists in each other."""
+_INTEGER_BITS_MAX = 1024
+"""TOML promises 64; Python neither reads nor writes thousands of digits."""
 
 
 class Settings(BaseModel):
@@ -112,30 +118,59 @@ def dump_toml(settings: Settings) -> str:
 def _read(file: Path) -> str:
     """Return the text of ``file``; raises SettingsError."""
     try:
-        return file.read_text(encoding="utf-8")
+        with file.open("rb") as opened:
+            raw = opened.read(_FILE_BYTES_MAX + 1)
+        if len(raw) > _FILE_BYTES_MAX:
+            raise SettingsError(f"{file}: is longer than {_FILE_BYTES_MAX} bytes")
+        return raw.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
     except OSError as error:
         raise SettingsError(f"{file}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise SettingsError(f"{file}: is not UTF-8 text (byte {error.start})") from error
+    except ValueError as error:  # a NUL in its name
+        raise SettingsError(f"{file}: cannot be read: {error}") from error
 
 
 def _parse(text: str, source: str) -> dict[str, Any]:
     """Return the tables of a TOML ``text``; raises SettingsError naming the line."""
     try:
-        return tomllib.loads(text)
+        tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         # Only Python 3.14 has the line as a number; its place in the text is the same in all.
         found = re.fullmatch(r"(.*) \(at line (\d+), column \d+\)", str(error), re.DOTALL)
         what, place = (found[1], f":{found[2]}") if found else (str(error), "")
         raise SettingsError(f"{source}{place}: is not TOML: {what}") from error
+    except RecursionError as error:
+        raise SettingsError(f"{source}: is nested more than {_DEPTH_MAX} deep") from error
+    except ValueError as error:
+        raise SettingsError(f"{source}: is not TOML: {error}") from error
+    _refuse_monsters(tables, source)
+    return tables
+
+
+def _refuse_monsters(tables: dict[str, Any], source: str) -> None:
+    """Refuse what is TOML, but what breaks whatever it is handed to; raises SettingsError."""
+    waiting: list[tuple[KeyPath, Any]] = [((), tables)]
+    while waiting:
+        path, value = waiting.pop()
+        if len(path) > _DEPTH_MAX:
+            raise SettingsError(f"{source}: {path[0]} is nested more than {_DEPTH_MAX} deep")
+        if isinstance(value, int) and value.bit_length() > _INTEGER_BITS_MAX:
+            raise SettingsError(f"{source}: {dotted(path)} has more than {_INTEGER_BITS_MAX} bits")
+        if isinstance(value, dict):
+            waiting += [((*path, key), item) for key, item in value.items()]
+        elif isinstance(value, list):
+            waiting += [((*path, index), item) for index, item in enumerate(value)]
 
 
 def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
     """Return ``table.key=value`` texts as tables, later ones on top; raises SettingsError."""
     tables: dict[str, Any] = {}
     for override in overrides:
-        dotted, equals, text = override.partition("=")
-        *parents, key = (part.strip() for part in dotted.split("."))
+        if not _is_unicode(override):
+            raise SettingsError(f"--set {override}: is not UTF-8 text")
+        place, equals, text = override.partition("=")
+        *parents, key = (part.strip() for part in place.split("."))
         if not equals or not text.strip() or not all((*parents, key)):
             raise SettingsError(f"--set {override}: is not of the form table.key=value")
         table = tables
@@ -144,14 +179,24 @@ def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
             if not isinstance(table, dict):
                 raise SettingsError(f"--set {override}: {parent} is set to a value before")
         table[key] = _parse_value(text)
+    _refuse_monsters(tables, "--set")
     return tables
+
+
+def _is_unicode(text: str) -> bool:
+    """Whether ``text`` from the command line was UTF-8: other bytes come as half a surrogate."""
+    try:
+        text.encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _parse_value(text: str) -> Any:
     """Return the TOML value that ``text`` is, or else ``text`` as a string."""
     try:
         document = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):  # TOMLDecodeError, and what int() refuses
         return text.strip()
     # A line break in the text could bring further keys along.
     return document["value"] if len(document) == 1 else text

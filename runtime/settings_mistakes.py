@@ -89,7 +89,7 @@ def _explain_one(
     if "discriminator" in context:
         # Said of the table, but the mistake is in the key that tells the kinds of tables apart.
         path, value = (*path, context["discriminator"].strip("'")), context.get("tag")
-    key, allowed = _dotted(path), _allowed(_schemas_at(schema, path, data))
+    key, allowed = dotted(path), _allowed(_schemas_at(schema, path, data))
     where = f"{_source(sources, path)}: {key}"
     match mistake["type"]:
         case "extra_forbidden":
@@ -141,7 +141,7 @@ def _source(sources: Mapping[KeyPath, str], path: KeyPath) -> str:
     return sources[path]
 
 
-def _dotted(path: KeyPath) -> str:
+def dotted(path: KeyPath) -> str:
     """Return ``path`` as the user writes it: ``table.key[index]``."""
     text = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path)
     return text.removeprefix(".")
