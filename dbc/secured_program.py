@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from dbc.messages import CAN_IDS, Message
-from dbc.secured_frame import End
+from dbc.secured_frame import End, Refused
 from runtime.program import ExitStatus, ReportingNode, run_node, say
 from runtime.settings import Settings
 
@@ -51,7 +51,17 @@ def run_secured_node(
     can_ids = {CAN_IDS[message_type] for message_type in received}
     if options.key_file is None:
         say(name, NOBODY, sys.stderr)
-        return run_node(name, options, settings, make_node, conclude, can_ids)
+
+        def conclude_classic(node: N) -> None:
+            if secured := node.report().get("rejected", {}).get(Refused.NO_KEY.value):
+                say(
+                    name,
+                    f"{secured} frames refused: their sender has a key, {name} has none",
+                    sys.stderr,
+                )
+            conclude(node)
+
+        return run_node(name, options, settings, make_node, conclude_classic, can_ids)
     # Not above: they read the DBC once more, for which classic CAN has no use.
     from dbc.authenticated_node import AuthenticatedNode
     from dbc.key_file import open_authentication
