@@ -22,35 +22,111 @@ from typing import Any, NamedTuple, TypeVar
 
 from controller.cdob import CdobParams
 from controller.dob import DobParams
-from controller.law_settings import CdobSettings, DobSettings, LawSettings, PdSettings
-from controller.laws import LAWS, LawName, LawOutput, PdCdobParams, PdDdobParams, PdDobParams
+from controller.law_interface import LawInput, LawOutput
+from controller.law_settings import (
+    CdobSettings,
+    DobSettings,
+    LawSettings,
+    PdSettings,
+    VehicleModelSettings,
+)
+from controller.laws import LAWS, LawName
+from controller.link import LinkParams
+from controller.paper_laws import PdCdobParams, PdDdobParams, PdDobParams
 from controller.pd import PdParams
+from controller.predictor import PredictorParams
+from controller.predictor_design import design_schedule
 from controller.sections import IDENTITY, Cascade2, Cascade3, Section
 from controller.transfer_function import Factor, TransferFunction
+from runtime.node import NS_PER_MS, NS_PER_S
+
+FADE_RAD_S = 0.2
+"""How fast the difference between two laws fades when one takes over from the other."""
 
 _Table = TypeVar("_Table")
 
 
 class LawDesign(NamedTuple):
-    """A law ready to run; ``Any`` stands for the law's own params and state records."""
+    """A law ready to run; ``Any`` stands for the law's own params and state records.
+
+    ``params``         of a law that is the same at every speed; of others, at the lowest speed
+    ``initial_state``  after a constant lateral error [m], without steering
+    ``params_at``      of a law that is scheduled: its params at a speed [m/s]
+    ``looks_back``     whether the law reads more than the first two fields of its ``LawInput``
+    """
 
     params: Any
-    initial_state: Callable[[float], Any]  # after a constant lateral error [m], without steering
-    step: Callable[[Any, Any, float, float], tuple[Any, LawOutput]]
+    initial_state: Callable[[float], Any]
+    step: Callable[[Any, Any, LawInput], tuple[Any, LawOutput]]
+    params_at: Callable[[float], Any] | None = None
+    looks_back: bool = False
 
 
 def design_law(settings: LawSettings) -> LawDesign:
     """Return the law of the settings, discretised at their rate.
 
-    ``step(params, state, lateral_error_m, sent_steer_rad) -> (state, LawOutput)``.
+    ``step(params, state, LawInput) -> (state, LawOutput)``.
     """
     law = LAWS[settings.law]
+    if settings.law is LawName.PREDICTOR:
+        schedule = design_predictor(settings)
+        slowest = schedule(0.0)
+        at_rest = partial(law.at_rest, slowest)
+        return LawDesign(slowest, at_rest, law.step, schedule, looks_back=True)
     params = design_params(settings)
     return LawDesign(params, partial(law.at_rest, params), law.step)
 
 
+def design_predictor(settings: LawSettings) -> Callable[[float], PredictorParams]:
+    """Return the predictor's parameters as a function of the speed [m/s].
+
+    Raises ValueError where there is no gain at one of the speeds.
+    """
+    table = _given(settings.predictor)
+    period_s, sensor_period_s = 1.0 / settings.rate_hz, settings.link.sensor_period_s
+    gains = design_schedule(table, _vehicle(settings), period_s, sensor_period_s)
+    link = link_of(settings)
+    fallback = design_ddob(settings)
+    fade_step_rad = FADE_RAD_S * period_s
+    horizon_samples_max = table.horizon_s_max / sensor_period_s
+
+    def at(speed_m_s: float) -> PredictorParams:
+        return PredictorParams(
+            gains.at(speed_m_s), link, fallback, fade_step_rad, horizon_samples_max
+        )
+
+    return at
+
+
+def design_ddob(settings: LawSettings) -> PdDdobParams:
+    """Return the discrete filters of pd_ddob."""
+    period_s, model = 1.0 / settings.rate_hz, _given(settings.model)
+    return PdDdobParams(
+        design_pd(settings.pd, period_s),
+        design_dob(_given(settings.dob), model, period_s),
+        design_cdob(_given(settings.cdob), model, period_s),
+    )
+
+
+def link_of(settings: LawSettings) -> LinkParams:
+    """Return how the delay is measured."""
+    table = settings.link
+    return LinkParams(
+        round(NS_PER_S / settings.rate_hz),
+        round(table.sensor_period_ms * NS_PER_MS),
+        max(1.0, table.delay_averaging_s / table.sensor_period_s),
+        round(table.echo_timeout_ms * NS_PER_MS),
+    )
+
+
+def _vehicle(settings: LawSettings) -> VehicleModelSettings:
+    if not isinstance(settings.nominal_model, VehicleModelSettings):
+        raise ValueError("the law needs a [nominal_model] of kind 'vehicle'")
+    return settings.nominal_model
+
+
 def design_params(settings: LawSettings) -> PdParams | PdDobParams | PdCdobParams | PdDdobParams:
-    """Return the discrete filters of the law of the settings."""
+    """Return the discrete filters of a law that is the same at every speed."""
     period_s = 1.0 / settings.rate_hz
     pd = design_pd(settings.pd, period_s)
     if settings.law is LawName.PD:
@@ -58,10 +134,9 @@ def design_params(settings: LawSettings) -> PdParams | PdDobParams | PdCdobParam
     model = _given(settings.model)
     if settings.law is LawName.PD_DOB:
         return PdDobParams(pd, design_dob(_given(settings.dob), model, period_s))
-    cdob = design_cdob(_given(settings.cdob), model, period_s)
     if settings.law is LawName.PD_CDOB:
-        return PdCdobParams(pd, cdob)
-    return PdDdobParams(pd, design_dob(_given(settings.dob), model, period_s), cdob)
+        return PdCdobParams(pd, design_cdob(_given(settings.cdob), model, period_s))
+    return design_ddob(settings)
 
 
 def design_pd(settings: PdSettings, period_s: float) -> PdParams:

@@ -88,6 +88,53 @@ class VehicleModelSettings(Settings):
         return self
 
 
+class LinkSettings(Settings):
+    """[link]: what is known of the plant's sensors, and how the delay is measured."""
+
+    sensor_period_ms: Annotated[float, Field(ge=1.0, le=100.0)] = 10.0
+    """Between two LATERAL_ERROR of the plant; the default is the DBC's cycle time."""
+    delay_averaging_s: Annotated[float, Field(gt=0.0, le=60.0)] = 0.5
+    """Time constant of the mean of the delays that echoes show."""
+    echo_timeout_ms: Annotated[float, Field(ge=1.0, le=10_000.0)] = 300.0
+    """Without an echo for so long, the delay is not known any more."""
+
+    @property
+    def sensor_period_s(self) -> float:
+        """The sensors' period [s]."""
+        return self.sensor_period_ms * 1e-3
+
+
+class PredictorSettings(Settings):
+    """[predictor]: what the filter takes for noise, what the feedback takes for a large error.
+
+    Noise densities are standard deviations after one second; of the measurements, per sample.
+    """
+
+    steer_per_error_rad_m: Annotated[float, Field(gt=0.0, le=100.0)] = 1.0
+    """Weight of the lateral error in the feedback's cost: this much steer is as bad as a metre."""
+    lateral_error_noise_m: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.002
+    heading_error_noise_rad: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.002
+    side_slip_noise_rad_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.001
+    yaw_rate_noise_rad_s_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.01
+    curvature_walk_1_m_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.02
+    steering_offset_walk_rad_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.005
+    actuator_lag_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
+    """Of the wheel behind the command, if known."""
+    horizon_s_max: Annotated[float, Field(gt=0.0, le=2.0)] = 1.0
+    """Of prediction; beyond it the law is pd_ddob."""
+    speed_m_s_min: Annotated[float, Field(ge=0.1, le=80.0)] = 0.5
+    speed_m_s_max: Annotated[float, Field(ge=0.1, le=80.0)] = 25.0
+
+    @model_validator(mode="after")
+    def _refuse_an_empty_range_of_speeds(self) -> Self:
+        if self.speed_m_s_max <= self.speed_m_s_min:
+            raise ValueError(
+                f"speed_m_s_max = {self.speed_m_s_max:g} must be above"
+                f" speed_m_s_min = {self.speed_m_s_min:g}"
+            )
+        return self
+
+
 NominalModelSettings = Annotated[
     PaperEq19Settings | VehicleModelSettings, Field(discriminator="kind")
 ]
@@ -101,6 +148,8 @@ class LawSettings(Settings):
     pd: PdSettings
     dob: DobSettings | None = None
     cdob: CdobSettings | None = None
+    predictor: PredictorSettings | None = None
+    link: LinkSettings = LinkSettings()
     nominal_model: NominalModelSettings | None = None
 
     @property
@@ -115,10 +164,14 @@ class LawSettings(Settings):
             LawName.PD_DOB: ("dob", "nominal_model"),
             LawName.PD_CDOB: ("cdob", "nominal_model"),
             LawName.PD_DDOB: ("dob", "cdob", "nominal_model"),
+            LawName.PREDICTOR: ("predictor", "dob", "cdob", "nominal_model"),
         }
         for table in needed[self.law]:
             if getattr(self, table) is None:
                 raise ValueError(f"law = {self.law.value!r} needs the table [{table}]")
+        is_vehicle = isinstance(self.nominal_model, VehicleModelSettings)
+        if self.law is LawName.PREDICTOR and not is_vehicle:
+            raise ValueError("law = 'predictor' needs nominal_model.kind = 'vehicle'")
         return self
 
     @model_validator(mode="after")

@@ -12,9 +12,15 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from controller.design import design_law
-from controller.laws import LawOutput
+from controller.design import design_law, link_of
+from controller.law_interface import (
+    NO_VEHICLE,
+    LawInput,
+    LawOutput,
+    VehicleReading,
+)
 from controller.limits import limit_step, ramp_step
+from controller.link_memory import LinkMemory
 from controller.modes import Supervisor
 from controller.round_trip import RoundTrip
 from controller.settings import ControllerSettings, limits_of, supervision_of
@@ -30,6 +36,7 @@ from dbc.messages import (
     SteeringCommand,
     SteeringStatus,
     SteeringStatusCode,
+    VehicleState,
     encode,
     limits,
 )
@@ -42,7 +49,7 @@ from runtime.statistics import DurationStatistics
 
 STATUS_PERIOD_NS = 100_000_000
 """Cycle of CONTROLLER_STATUS."""
-RECEIVED: tuple[type[Message], ...] = (LateralError, SteeringStatus)
+RECEIVED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState)
 """What the controller receives."""
 _COMMAND_COUNTERS = 1 << 16
 _E2E_COUNTERS = 1 << 8
@@ -84,6 +91,8 @@ class ControllerNode:
 
     def __init__(self, settings: ControllerSettings, start_ns: int, samples_max: int = 0) -> None:
         self._design = design_law(settings)
+        self._params = self._design.params
+        self._memory = LinkMemory(link_of(settings))
         self._law = Law[settings.law.name]
         self._limits = limits_of(settings)
         self._period_ns = settings.period_ns
@@ -99,6 +108,7 @@ class ControllerNode:
             settings.supervision.recovery_frames,
         )
         self._measurement: Measurement | None = None
+        self._vehicle = NO_VEHICLE
         self._supervisor = Supervisor(supervision_of(settings), start_ns)
         self._law_state: Any = None
         self._law_output = LawOutput(0.0, 0.0, 0.0, 0.0)
@@ -134,10 +144,11 @@ class ControllerNode:
         """Take a frame; the answer to a measurement waits for the next tick."""
         received = self._reception.take(frame)
         if isinstance(received, LateralError):
-            self._on_measurement(received.lateral_error_m, now_ns)
+            self._on_measurement(received, now_ns)
         elif isinstance(received, SteeringStatus):
-            if received.status is not SteeringStatusCode.NO_COMMAND:
-                self._round_trip.on_echo(received.applied_counter, now_ns)
+            self._on_echo(received, now_ns)
+        elif isinstance(received, VehicleState):
+            self._on_vehicle(received)
         elif isinstance(received, Rejection) and frame.can_id == CAN_IDS[LateralError]:
             self._supervisor.on_rejection()
         return ()
@@ -146,11 +157,11 @@ class ControllerNode:
         """Decide on a command, and report the status, if due."""
         frames = []
         if self._control_timer.deadline_ns <= now_ns:
-            self._control_timer.advance(now_ns)
+            period = self._control_timer.advance(now_ns)
             self._account(now_ns)
-            self._decide(now_ns)
+            self._decide(now_ns, period)
             if self._supervisor.mode is not Mode.WAITING:
-                frames.append(self._command_frame(now_ns))
+                frames.append(self._command_frame(now_ns, period))
         if self._status_timer.deadline_ns <= now_ns:
             self._status_timer.advance(now_ns)
             frames.append(self._status_frame())
@@ -181,23 +192,38 @@ class ControllerNode:
             "rejected": self._reception.rejected,
         }
 
-    def _on_measurement(self, lateral_error_m: float, now_ns: int) -> None:
+    def _on_measurement(self, error: LateralError, now_ns: int) -> None:
         """Keep the newest measurement."""
         self._supervisor.on_measurement(now_ns)
-        self._measurement = Measurement(lateral_error_m, now_ns)
+        self._measurement = Measurement(error.lateral_error_m, now_ns)
+        self._memory.on_error(error, self._reception.counter(LateralError), now_ns)
+
+    def _on_echo(self, status: SteeringStatus, now_ns: int) -> None:
+        """Take the counter of the command that is applied now."""
+        if status.status is not SteeringStatusCode.NO_COMMAND:
+            self._round_trip.on_echo(status.applied_counter, now_ns)
+        self._memory.on_echo(status, self._reception.counter(SteeringStatus), now_ns)
+
+    def _on_vehicle(self, state: VehicleState) -> None:
+        """Keep the vehicle's motion, and schedule the law on its speed."""
+        is_new = state.speed_m_s != self._vehicle.speed_m_s
+        self._vehicle = VehicleReading(*state)
+        if self._design.params_at is not None and is_new:
+            self._params = self._design.params_at(state.speed_m_s)
+        self._memory.on_vehicle()
 
     def _account(self, now_ns: int) -> None:
         """Book the time since the last tick on the mode it was spent in."""
         self._mode_ns[self._supervisor.mode] += now_ns - self._last_tick_ns
         self._last_tick_ns = now_ns
 
-    def _decide(self, now_ns: int) -> None:
+    def _decide(self, now_ns: int, period: int) -> None:
         """Run the mode table and, if ACTIVE, the law; then the limits set the command."""
         self._move_on(now_ns, law_failed=False)
         wanted_rad = self._sent_steer_rad
         if self._supervisor.mode is Mode.ACTIVE and self._measurement is not None:
             self._sample_age.record(now_ns - self._measurement.arrival_ns)
-            law_rad = self._run_law(self._measurement.lateral_error_m)
+            law_rad = self._run_law(self._measurement.lateral_error_m, now_ns, period)
             if math.isfinite(law_rad):
                 wanted_rad = law_rad
             else:
@@ -216,11 +242,13 @@ class ControllerNode:
             # Before the first command nothing is held that the law would have to continue from.
             self._fade_rad = 0.0 if before is Mode.WAITING else None
 
-    def _run_law(self, lateral_error_m: float) -> float:
+    def _run_law(self, lateral_error_m: float, now_ns: int, period: int) -> float:
         """Advance the law by one period; returns its command, faded in after a recovery [rad]."""
-        state, output = self._design.step(
-            self._design.params, self._law_state, lateral_error_m, self._sent_steer_rad
+        link = self._memory.link(period, now_ns)
+        seen = LawInput(
+            lateral_error_m, self._sent_steer_rad, self._vehicle, link, self._memory.history
         )
+        state, output = self._design.step(self._params, self._law_state, seen)
         if not math.isfinite(output.steer_rad):
             return output.steer_rad
         self._law_state, self._law_output = state, output
@@ -230,13 +258,14 @@ class ControllerNode:
             self._fade_rad = ramp_step(self._ramp_step_rad, self._fade_rad)
         return output.steer_rad + self._fade_rad
 
-    def _command_frame(self, now_ns: int) -> Frame:
+    def _command_frame(self, now_ns: int, period: int) -> Frame:
         """Return the command of this period, and note that it was sent."""
         counter = self._commands_sent % _COMMAND_COUNTERS
         command = SteeringCommand(self._sent_steer_rad, counter, self._supervisor.mode)
         frame = encode(command, counter % _E2E_COUNTERS)
         self._commands_sent += 1
         self._round_trip.on_sent(counter, now_ns)
+        self._memory.on_command(period, self._sent_steer_rad)
         self._peak_steer_rad = max(self._peak_steer_rad, abs(self._sent_steer_rad))
         if len(self._samples) < self._samples_max and self._measurement is not None:
             error_m, arrival_ns = self._measurement

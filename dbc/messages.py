@@ -66,6 +66,7 @@ class Law(IntEnum):
     PD_DOB = 1
     PD_CDOB = 2
     PD_DDOB = 3
+    PREDICTOR = 4
 
 
 class SteeringStatusCode(IntEnum):

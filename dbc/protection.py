@@ -68,6 +68,11 @@ class SequenceCheck:
         self._lost = 0
 
     @property
+    def newest(self) -> int | None:
+        """Counter of the newest accepted frame, None before the first."""
+        return self._newest
+
+    @property
     def lost(self) -> int:
         """Counters skipped by accepted frames so far.
 

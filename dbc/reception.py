@@ -10,7 +10,8 @@ from collections.abc import Collection, Mapping
 
 from dbc.messages import CAN_IDS, LatencyConfig, Message, Rejection, decode
 from dbc.protection import SequenceCheck, SequenceResult
-from runtime.frame import Frame
+from dbc.secured_frame import Refused, is_secured
+from runtime.frame import FD, Frame
 
 
 class Reception:
@@ -48,10 +49,20 @@ class Reception:
         """Frames that never came, or came too late, by the counters of those accepted."""
         return sum(check.lost for check in self._checks.values() if check is not None)
 
-    def take(self, frame: Frame) -> Message | Rejection | SequenceResult | None:
+    def counter(self, message_type: type[Message]) -> int:
+        """Return the counter of the newest frame accepted of a message that has one."""
+        check = self._checks[CAN_IDS[message_type]]
+        if check is None or check.newest is None:
+            raise ValueError(f"no counter of {message_type.__name__} was accepted")
+        return check.newest
+
+    def take(self, frame: Frame) -> Message | Rejection | SequenceResult | Refused | None:
         """Judge one frame: its message, the cause of its refusal, or None if not received here."""
         if frame.can_id not in self._checks:
             return None
+        if frame.flags & FD and is_secured(frame):  # who has the key shows us the classic frame
+            self._rejected[Refused.NO_KEY.value] += 1
+            return Refused.NO_KEY
         decoded = decode(frame)
         if isinstance(decoded, Rejection):
             self._rejected[decoded.value] += 1

@@ -17,6 +17,7 @@ from controller.analysis.linear_system import held_plant, law_system
 from controller.analysis.sampled_loop import SampledLoop
 from controller.analysis.stable_delays import RESOLUTION_NS, delay_margin_ns, stable_delays
 from controller.design import LawDesign, design_law, design_pd
+from controller.law_interface import LawInput
 from controller.law_settings import LawSettings, PdSettings
 from controller.laws import LAWS, LawName
 from controller.nominal_model import NominalVehicle, paper_eq19, vehicle_model
@@ -148,7 +149,7 @@ def test_the_matrices_of_a_law_do_what_its_steps_do(law: LawName) -> None:
     state, sent_rad = design.initial_state(0.0), 0.0
     x = np.zeros(len(system.b))
     for error_m in errors_m:
-        state, output = design.step(design.params, state, float(error_m), sent_rad)
+        state, output = design.step(design.params, state, LawInput(float(error_m), sent_rad))
         sent_rad = output.steer_rad
         expected_rad = float(system.c @ x + system.d * error_m)
         x = system.a @ x + system.b * error_m
@@ -191,7 +192,7 @@ def simulated(design: LawDesign, model: TransferFunction, delay_ns: int, ticks: 
     errors_m = []
     for _ in range(ticks):
         errors_m.append(float(plant.C[0] @ state))
-        law_state, output = design.step(design.params, law_state, errors_m[-1], sent[-1])
+        law_state, output = design.step(design.params, law_state, LawInput(errors_m[-1], sent[-1]))
         sent.append(output.steer_rad)
         state = propagated(first, state, sent[-whole - 2])
         state = propagated(second, state, sent[-whole - 1])

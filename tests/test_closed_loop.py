@@ -10,6 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from controller.design import design_law
+from controller.law_interface import LawInput
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings
 from dbc.messages import (
@@ -136,7 +137,7 @@ def textbook_loop(
         measured_m = (
             round(motion.lateral_error_m / LATERAL_ERROR_RESOLUTION_M) * LATERAL_ERROR_RESOLUTION_M
         )
-        state, output = design.step(design.params, state, measured_m, steer_rad)
+        state, output = design.step(design.params, state, LawInput(measured_m, steer_rad))
         low_rad = max(-angle_rad, steer_rad - step_rad)
         high_rad = min(angle_rad, steer_rad + step_rad)
         steer_rad = min(max(output.steer_rad, low_rad), high_rad)

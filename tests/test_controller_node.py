@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.design import LawDesign
-from controller.laws import LawOutput
+from controller.law_interface import LawInput, LawOutput
 from controller.node import STATUS_PERIOD_NS, ControllerNode
 from controller.round_trip import IN_FLIGHT_MAX, RoundTrip
 from controller.settings import ControllerSettings
@@ -238,8 +238,8 @@ def test_a_law_that_fails_is_counted_held_and_started_anew(
 ) -> None:
     outputs = iter([0.1, 0.1, bad])
 
-    def step(_p: None, x: float, error_m: float, _sent_rad: float) -> tuple[float, LawOutput]:
-        return x, LawOutput(next(outputs, x), 0.0, 0.0, error_m)
+    def step(_p: None, x: float, seen: LawInput) -> tuple[float, LawOutput]:
+        return x, LawOutput(next(outputs, x), 0.0, 0.0, seen.lateral_error_m)
 
     design = LawDesign(None, lambda error_m: error_m, step)
     monkeypatch.setattr("controller.node.design_law", lambda _settings: design)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from controller.design import design_law
+from controller.law_interface import LawInput
 from controller.law_settings import LawSettings
 from controller.settings import ControllerSettings
 from runtime.settings import read_preset
@@ -82,7 +83,7 @@ def close_loop(
     log = []
     for k in range(ticks):
         lateral_error = float(x[3])
-        state, out = step(design.params, state, lateral_error, steer)
+        state, out = step(design.params, state, LawInput(lateral_error, steer))
         steer = min(max(out.steer_rad, -STEER_RAD_MAX), STEER_RAD_MAX)
         sent.append(steer)
         x[4], x[5] = sent[k] + offset_rad, curvature[k]
@@ -105,7 +106,7 @@ def test_a_law_starts_bumpless_from_a_constant_error(name: str) -> None:
     settings = preset(name)
     design, state = design_law(settings), design_law(settings).initial_state(0.3)
     for _ in range(5):
-        state, out = design.step(design.params, state, 0.3, 0.0)
+        state, out = design.step(design.params, state, LawInput(0.3, 0.0))
         assert out.steer_rad == pytest.approx(-0.3 * settings.pd.proportional_gain_rad_m, rel=1e-9)
         assert (out.disturbance_rad, out.network_disturbance_rad) == pytest.approx((0, 0), abs=1e-9)
         assert out.compensated_lateral_error_m == pytest.approx(0.3, rel=1e-9)
@@ -119,7 +120,7 @@ def test_parameters_and_states_are_nested_tuples_of_floats_only(name: str) -> No
         return [record]
 
     design = design_law(preset(name))
-    state, out = design.step(design.params, design.initial_state(0.1), 0.1, 0.0)
+    state, out = design.step(design.params, design.initial_state(0.1), LawInput(0.1, 0.0))
     found = leaves((design.params, design.initial_state(0.1), state, out))
     assert {type(leaf) for leaf in found} == {float}
 
@@ -127,8 +128,8 @@ def test_parameters_and_states_are_nested_tuples_of_floats_only(name: str) -> No
 def test_ideal_pd_is_the_textbook_difference_equation() -> None:
     design = design_law(preset("paper_pd"))
     state = design.initial_state(0.0)
-    state, first = design.step(design.params, state, 0.001, 0.0)
-    _, second = design.step(design.params, state, 0.0015, 0.0)
+    state, first = design.step(design.params, state, LawInput(0.001, 0.0))
+    _, second = design.step(design.params, state, LawInput(0.0015, 0.0))
     assert first.steer_rad == pytest.approx(-(1.0596 * 0.001 + 0.939 * 0.001 / 0.001))
     assert second.steer_rad == pytest.approx(-(1.0596 * 0.0015 + 0.939 * 0.0005 / 0.001))
 
@@ -162,7 +163,9 @@ def test_the_cdob_shows_the_error_as_it_were_without_the_delay() -> None:
     delayed, undelayed, state = np.zeros(6), np.zeros(6), design.initial_state(0.0)
     seen, undisturbed, measured = [], [], []
     for k, steer in enumerate(pulse):
-        state, out = design.step(design.params, state, delayed[3], pulse[k - 1] if k else 0.0)
+        state, out = design.step(
+            design.params, state, LawInput(delayed[3], pulse[k - 1] if k else 0.0)
+        )
         seen.append(out.compensated_lateral_error_m)
         undisturbed.append(undelayed[3])
         measured.append(delayed[3])

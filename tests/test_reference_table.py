@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from controller.design import design_law
+from controller.law_interface import LawInput
 from controller.law_settings import CdobSettings, DobSettings, PdSettings, VehicleModelSettings
 from controller.laws import LawName
 from controller.limits import limit_step
@@ -162,7 +163,8 @@ def bare_rms_m(plant: PlantSettings, controller: ControllerSettings) -> float:
         apply_due(line, motion, now_ns)
         motion.advance(now_ns)
         squares_m2 += motion.lateral_error_m**2
-        state, output = design.step(design.params, state, motion.lateral_error_m, steer_rad)
+        seen = LawInput(motion.lateral_error_m, steer_rad)
+        state, output = design.step(design.params, state, seen)
         steer_rad = limit_step(limits, steer_rad, output.steer_rad)
         line.push(0, steer_rad, now_ns, now_ns)
         apply_due(line, motion, now_ns)

@@ -27,6 +27,7 @@ from controller.analysis.tracking import (
 )
 from controller.analysis.uncertainty import paper_box
 from controller.design import LawDesign, design_law
+from controller.law_interface import LawInput
 from controller.law_settings import LawSettings
 from controller.laws import LawName
 from controller.nominal_model import NominalVehicle, steer_to_lateral_error
@@ -180,7 +181,7 @@ def test_the_steer_rate_is_the_largest_step_of_the_command() -> None:
     grid = tracking_grid([MODELS[2]], unsteered[None, None], [0], PERIOD_NS)
     steer_rad, state, commands_rad = 0.0, design.initial_state(0.0), []
     for error_m in lateral_error_m(grid, design)[0, 0, 0]:
-        state, output = design.step(design.params, state, float(error_m), steer_rad)
+        state, output = design.step(design.params, state, LawInput(float(error_m), steer_rad))
         steer_rad = output.steer_rad
         commands_rad.append(steer_rad)
     figures = track(grid, design)
@@ -274,7 +275,7 @@ def noise_energy(design: LawDesign, model: TransferFunction, delay_ns: int) -> f
     energy = 0.0
     for tick in range(4000):
         measured_m = float(plant.c @ x) + (tick == 0)
-        state, output = design.step(design.params, state, measured_m, sent[-1])
+        state, output = design.step(design.params, state, LawInput(measured_m, sent[-1]))
         sent.append(output.steer_rad)
         energy += output.steer_rad**2
         newer, older = sent[-1 - plant.whole_periods], sent[-2 - plant.whole_periods]

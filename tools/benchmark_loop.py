@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from controller.design import LawDesign, design_law
+from controller.law_interface import LawInput
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings
 from dbc.messages import (
@@ -118,7 +119,7 @@ def _control_often(design: LawDesign, errors_m: Sequence[float]) -> None:
     params, step, state = design.params, design.step, design.initial_state(0.0)
     steer_rad = 0.0
     for error_m in errors_m:
-        state, output = step(params, state, error_m, steer_rad)
+        state, output = step(params, state, LawInput(error_m, steer_rad))
         steer_rad = output.steer_rad
 
 

@@ -28,8 +28,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.analysis.linear_system import companion_form, held_over, without_idle_states
+from controller.analysis.linear_system import companion_form, without_idle_states
 from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
+from controller.held_input import held_over
 from runtime.node import NS_PER_S
 
 _PHASE_STEP_RAD = 1.0

@@ -35,8 +35,9 @@ from controller.analysis.arrivals import (
     gamma_cdf,
     hazards_by_age,
 )
-from controller.analysis.linear_system import companion_form, held_over, without_idle_states
+from controller.analysis.linear_system import companion_form, without_idle_states
 from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
+from controller.held_input import held_over
 from runtime.node import NS_PER_S
 
 MOMENTS_MAX = 250_000

@@ -9,7 +9,6 @@ are exact for a command held over the period and delayed by any time.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -17,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.design import LawDesign
+from controller.held_input import held_over
+from controller.law_interface import LawInput
 from controller.transfer_function import TransferFunction
 from runtime.node import NS_PER_S
-
-_TAYLOR_TERMS = 18
-"""With a norm of at most 1/2 the first term left out is below 1e-22."""
 
 
 class LinearSystem(NamedTuple):
@@ -66,7 +64,9 @@ def law_system(design: LawDesign) -> LinearSystem:
     columns = []
     for unit in np.eye(order + 2):
         *values, sent_rad, error_m = (float(value) for value in unit)
-        state, output = design.step(design.params, _filled(rest, iter(values)), error_m, sent_rad)
+        state, output = design.step(
+            design.params, _filled(rest, iter(values)), LawInput(error_m, sent_rad)
+        )
         columns.append([*floats_of(state), output.steer_rad])
     rows = np.array(columns).T
     a, b = rows[:, :-1], rows[:, -1]
@@ -126,32 +126,6 @@ def _product(factors: tuple[Any, ...], power_of_s: int) -> NDArray[np.float64]:
     for factor in factors:
         product = np.polymul(product, np.trim_zeros(np.array(factor), "f"))
     return product
-
-
-def held_over(
-    a: NDArray[np.float64], b: NDArray[np.float64], time_s: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return e^(At), and what a unit input during t adds to the state."""
-    order = len(b)
-    both = np.zeros((order + 1, order + 1))
-    both[:order, :order] = a
-    both[:order, order] = b
-    exponential = _exponential(both * time_s)
-    return exponential[:order, :order], exponential[:order, order]
-
-
-def _exponential(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return e^M by Taylor series with scaling and squaring; scipy's is not for live programs."""
-    norm = float(np.abs(matrix).sum(axis=1).max())
-    squarings = max(0, math.ceil(math.log2(norm)) + 1) if norm else 0
-    scaled = matrix / 2.0**squarings
-    term = total = np.eye(len(matrix))
-    for index in range(1, _TAYLOR_TERMS):
-        term = term @ scaled / index
-        total = total + term
-    for _ in range(squarings):
-        total = total @ total
-    return total
 
 
 def floats_of(nested: Any) -> Iterator[float]:

@@ -33,6 +33,8 @@ from tools.batch.motion import compiled_motion
 from tools.batch.network import FloatArray, IntArray
 from tools.batch.plan import Plan, plan_run
 from tools.batch.steps import register_steps
+from tools.batch.wire import NO_WIRE, NoWire, Wire
+from tools.batch.wire_plan import plan_wire, speed_on_wire
 
 _DESIGNS_KEPT = 256
 """Laws kept for the next run with the same controller; designing one costs a tenth of a run."""
@@ -116,12 +118,19 @@ def run_batch(
     ``plan``  laid down before from the same settings, to share it between runs that differ in law,
               vehicle or path only
 
-    Raises NothingArrivesError where no measurement would ever reach the controller.
+    Raises NothingArrivesError where no measurement would ever reach the controller, and
+    UnclearSampleError for a law that looks back through gaps of seconds.
     """
     register_steps()
     plan = plan_run(plant, controller) if plan is None else plan
     law = _designed(controller)
     motion = compiled_motion(plant)
+    wire: NoWire | Wire = NO_WIRE
+    if law.looks_back:
+        wire = plan_wire(plant, controller, plan, motion.speed_m_s)
+    params = law.params
+    if law.params_at is not None:
+        params = law.params_at(speed_on_wire(motion.speed_m_s))
     constants = _constants(controller, plan)
     schedule = Schedule(*(getattr(plan, name) for name in Schedule._fields))
     records = empty_records(len(plan.sample_ns), len(plan.tick_ns))
@@ -133,13 +142,13 @@ def run_batch(
         error_m = round(float(plan.noise_m[first_sample]) / resolution_m) * resolution_m
     else:
         first_ns = int(plan.tick_ns[0]) if len(plan.tick_ns) else plan.end_ns
-        samples, code = run_to_first_tick(motion, constants, schedule, records, first_ns)
+        samples, code = run_to_first_tick(motion, constants, schedule, records, wire, first_ns)
         if code != COMPLETE or not len(plan.tick_ns):
             return _collected(plan, motion.speed_m_s, records, samples, 0, _OUTCOMES[code])
         error_m = float(records.measured_m[plan.tick_sample[first.first_tick]])
     state = law.initial_state(error_m)
     x, sent_rad, fade_rad, ticks, code = run_first_segment(
-        law.params, motion, constants, schedule, records, first, state, plan.end_ns
+        params, motion, constants, schedule, records, wire, first, state, plan.end_ns
     )
     for segment in others:
         if code != COMPLETE:
@@ -148,11 +157,12 @@ def run_batch(
             newest = plan.tick_sample[segment.first_tick]
             state = law.initial_state(float(records.measured_m[newest]))
         x, sent_rad, fade_rad, ticks, code = run_segment(
-            law.params,
+            params,
             motion,
             constants,
             schedule,
             records,
+            wire,
             segment,
             x,
             state,

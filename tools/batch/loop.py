@@ -26,6 +26,7 @@ from tools.batch.borrowing import borrowed_floats, borrowed_ints
 from tools.batch.compilation import compiled, compiled_inline
 from tools.batch.motion import borrowed_motion
 from tools.batch.steps import law_step
+from tools.batch.wire import borrowed_wire, law_input, on_wire, record_wire
 
 COMPLETE, LEFT_RANGE, LAW_FAILED = range(3)
 """How a segment ended: at its end; with an error LATERAL_ERROR cannot carry; with a command that is
@@ -150,18 +151,15 @@ def _borrowed_records(r: Records) -> Records:
 
 
 @compiled_inline
-def _on_wire(value: float, resolution: float) -> float:
-    """Return what a signal makes of a value: ``round(value / resolution) * resolution``.
-
-    Rounded as a float, because the way through an integer costs more than the law; 0.0 is added
-    because rounding gives a negative zero where an integer has none.
-    """
-    return float((np.rint(value / resolution) + 0.0) * resolution)
-
-
-@compiled_inline
 def _plant_until(
-    p: Any, c: Constants, s: Schedule, r: Records, x: Progress, ticks_done: int, to_ns: int
+    p: Any,
+    c: Constants,
+    s: Schedule,
+    r: Records,
+    wire: Any,
+    x: Progress,
+    ticks_done: int,
+    to_ns: int,
 ) -> tuple[Progress, int]:
     """Apply the commands of the ticks done, and take samples, up to and at ``to_ns``."""
     z, sample, command = x
@@ -178,7 +176,7 @@ def _plant_until(
         if command_ns <= sample_ns:
             z = advance_motion(p, z, max(command_ns - c.motion_start_ns, 0))
             steer_rad = r.sent_rad[np.uintp(s.command_tick[of])]
-            z = command_motion(p, z, _on_wire(steer_rad, c.steer_resolution_rad))
+            z = command_motion(p, z, on_wire(steer_rad, c.steer_resolution_rad))
             command += 1
         else:
             z = advance_motion(p, z, max(sample_ns - c.motion_start_ns, 0))
@@ -189,18 +187,22 @@ def _plant_until(
             r.curvature_1_m[at] = z.linear.curvature_1_m
             r.command[at] = command - 1
             reading_m = z.linear.lateral_error_m + s.noise_m[at]
+            record_wire(wire, sample, z.linear)
             sample += 1
             if not abs(reading_m) <= c.lateral_error_m_max:
                 return Progress(z, sample, command), LEFT_RANGE
-            r.measured_m[at] = _on_wire(reading_m, c.lateral_error_resolution_m)
+            r.measured_m[at] = on_wire(reading_m, c.lateral_error_resolution_m)
 
 
 @compiled
-def run_to_first_tick(p: Any, c: Constants, s: Schedule, r: Records, first_tick_ns: int) -> Any:
+def run_to_first_tick(
+    p: Any, c: Constants, s: Schedule, r: Records, wire: Any, first_tick_ns: int
+) -> Any:
     """Run the plant from its start up to and at the first tick; returns samples taken, and how."""
     p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
+    wire = borrowed_wire(wire)
     start = Progress(start_motion(p), 0, 0)
-    x, outcome = _plant_until(p, c, s, r, start, 0, first_tick_ns)
+    x, outcome = _plant_until(p, c, s, r, wire, start, 0, first_tick_ns)
     return x.sample, outcome
 
 
@@ -211,6 +213,7 @@ def run_first_segment(
     c: Constants,
     s: Schedule,
     r: Records,
+    wire: Any,
     segment: Segment,
     law_state: Any,
     end_ns: int,
@@ -221,8 +224,9 @@ def run_first_segment(
     segment only; so it starts once more.
     """
     p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
+    wire = borrowed_wire(wire)
     start = Progress(start_motion(p), 0, 0)
-    return _run_ticks(law_params, p, c, s, r, segment, start, law_state, 0.0, 0.0, end_ns)
+    return _run_ticks(law_params, p, c, s, r, wire, segment, start, law_state, 0.0, 0.0, end_ns)
 
 
 @compiled
@@ -232,6 +236,7 @@ def run_segment(
     c: Constants,
     s: Schedule,
     r: Records,
+    wire: Any,
     segment: Segment,
     x: Progress,
     law_state: Any,
@@ -248,7 +253,10 @@ def run_segment(
     and how it ended.
     """
     p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
-    return _run_ticks(law_params, p, c, s, r, segment, x, law_state, sent_rad, fade_rad, end_ns)
+    wire = borrowed_wire(wire)
+    return _run_ticks(
+        law_params, p, c, s, r, wire, segment, x, law_state, sent_rad, fade_rad, end_ns
+    )
 
 
 @compiled_inline
@@ -258,6 +266,7 @@ def _run_ticks(
     c: Constants,
     s: Schedule,
     r: Records,
+    wire: Any,
     segment: Segment,
     x: Progress,
     law_state: Any,
@@ -270,13 +279,14 @@ def _run_ticks(
     for tick in range(first_tick, last_tick + 1):
         now = np.uintp(tick)
         to_ns = s.tick_ns[now] if tick < len(s.tick_ns) else end_ns
-        x, outcome = _plant_until(p, c, s, r, x, tick, to_ns)
+        x, outcome = _plant_until(p, c, s, r, wire, x, tick, to_ns)
         if outcome != COMPLETE or tick == last_tick:
             return x, sent_rad, fade_rad, tick, outcome
         wanted_rad = sent_rad
         if mode == _ACTIVE:
             error_m = r.measured_m[np.uintp(s.tick_sample[now])]
-            law_state, output = law_step(law_params, law_state, error_m, sent_rad)
+            seen = law_input(wire, r.sent_rad, r.measured_m, tick, error_m, sent_rad)
+            law_state, output = law_step(law_params, law_state, seen)
             if not math.isfinite(output.steer_rad):
                 return x, sent_rad, fade_rad, tick, LAW_FAILED
             if is_recovery and tick == first_tick:

@@ -7,6 +7,7 @@ mode it is in, follows from arrivals alone too, and is asked of its own classes.
 Left out is what no control depends on: the two status messages.
 """
 
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -53,8 +54,16 @@ class Plan(NamedTuple):
     end_ns: int
 
 
+class Uplink(IntEnum):
+    """Messages of a sample, in the order in which they enter the uplink."""
+
+    LATERAL_ERROR = 0
+    STEERING_STATUS = 1
+    VEHICLE_STATE = 2
+
+
 class Arrivals(NamedTuple):
-    """Measurements that the controller believes: when each arrives, and of which sample."""
+    """Frames of one message that the controller believes: when each arrives, of which sample."""
 
     arrival_ns: IntArray
     sample: IntArray
@@ -72,7 +81,9 @@ def plan_run(plant: PlantSettings, controller: ControllerSettings) -> Plan:
     sensor_ns, period_ns = plant.sensor_period_ns, controller.period_ns
     samples = -(-(motion_start_ns + plant.duration_ns) // sensor_ns) + 1
     end_ns = (samples - 1) * sensor_ns
-    arrivals = _arrivals(plant, controller.supervision, samples, motion_start_ns)
+    arrivals = arrivals_of(
+        Uplink.LATERAL_ERROR, plant, controller.supervision, samples, motion_start_ns
+    )
     tick_ns = np.arange(first_tick_ns, end_ns + 1, period_ns)
     in_use = np.searchsorted(arrivals.arrival_ns, tick_ns, side="right") - 1
     commands = Frames(
@@ -110,7 +121,9 @@ def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:
     while samples <= SAMPLES_WITHOUT_ARRIVAL_MAX:
         # Frames that come after the start have another time of motion, but none of them is first.
         start_ns = NEVER_NS if plant.start_on_first_command else 0
-        arrival_ns = _arrivals(plant, controller.supervision, samples, start_ns).arrival_ns
+        arrival_ns = arrivals_of(
+            Uplink.LATERAL_ERROR, plant, controller.supervision, samples, start_ns
+        ).arrival_ns
         tick_ns = -(-arrival_ns // period_ns) * period_ns
         known_ns = (samples - 1) * plant.sensor_period_ns  # later ones may overtake beyond that
         fresh = (tick_ns - arrival_ns <= timeout_ns) & (tick_ns <= known_ns)
@@ -122,32 +135,38 @@ def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:
     )
 
 
-def _arrivals(
-    plant: PlantSettings, supervision: SupervisionSettings, samples: int, motion_start_ns: int
+def arrivals_of(
+    message: Uplink,
+    plant: PlantSettings,
+    supervision: SupervisionSettings,
+    samples: int,
+    motion_start_ns: int,
 ) -> Arrivals:
-    """Return what arrives of the first samples."""
+    """Return what arrives of one message of the first samples."""
     every = max(1, VEHICLE_STATE_PERIOD_NS // plant.sensor_period_ns)
     # LATERAL_ERROR and STEERING_STATUS of every sample, VEHICLE_STATE of some: all draw.
     messages = np.full(samples, 2)
     messages[::every] = 3
     sample = np.repeat(np.arange(samples), messages)
     came_ns = sample * plant.sensor_period_ns
-    is_error = np.diff(sample, prepend=-1) > 0
-    frames = Frames(came_ns, np.maximum(came_ns - motion_start_ns, 0), is_error)
+    is_wanted = np.arange(len(sample)) - np.searchsorted(sample, sample) == message
+    frames = Frames(came_ns, np.maximum(came_ns - motion_start_ns, 0), is_wanted)
     up = passages(
         plant.latency.uplink, plant.seed, Channel.UPLINK, Channel.UPLINK_DUPLICATES, frames
     )
-    believed = _believed(supervision, sample[up.frame])
+    believed = _believed(
+        supervision, sample[up.frame] // (every if message is Uplink.VEHICLE_STATE else 1)
+    )
     return Arrivals(up.due_ns[believed], sample[up.frame][believed])
 
 
-def _believed(supervision: SupervisionSettings, sample: IntArray) -> NDArray[np.bool_]:
-    """Return which measurements the check of their counters accepts, as they arrive."""
-    steps = np.diff(sample)
+def _believed(supervision: SupervisionSettings, number: IntArray) -> NDArray[np.bool_]:
+    """Return which frames of a message the check of their counters accepts, as they arrive."""
+    steps = np.diff(number)
     if ((steps >= 1) & (steps <= supervision.max_counter_jump)).all():
-        return np.ones(len(sample), dtype=np.bool_)
+        return np.ones(len(number), dtype=np.bool_)
     check = SequenceCheck(supervision.max_counter_jump, supervision.recovery_frames)
-    results = [check.check(counter) for counter in (sample % COUNTERS).tolist()]
+    results = [check.check(counter) for counter in (number % COUNTERS).tolist()]
     return np.array([result is SequenceResult.ACCEPTED for result in results])
 
 

@@ -10,7 +10,18 @@ from typing import Any
 
 from numba.extending import overload, register_jitable
 
-from controller import cdob, dob, laws, limits, pd, sections
+from controller import (
+    cdob,
+    dob,
+    estimator,
+    limits,
+    link,
+    paper_laws,
+    pd,
+    predictor,
+    sections,
+)
+from controller.law_interface import LawInput
 from plant_emulator import actuator, loss, motion, path, propagation
 
 _STEP_FUNCTIONS: tuple[Callable[..., Any], ...] = (
@@ -20,10 +31,24 @@ _STEP_FUNCTIONS: tuple[Callable[..., Any], ...] = (
     pd.pd_step,
     dob.dob_step,
     cdob.cdob_step,
-    laws.pd_law_step,
-    laws.pd_dob_step,
-    laws.pd_cdob_step,
-    laws.pd_ddob_step,
+    paper_laws.pd_law_step,
+    paper_laws.pd_dob_step,
+    paper_laws.pd_cdob_step,
+    paper_laws.pd_ddob_step,
+    link.delay_step,
+    link.delay_of,
+    estimator.estimator_at_rest,
+    estimator.model_step,
+    estimator.correction_step,
+    estimator.sent_at,
+    estimator._mean_command,
+    estimator.command_from,
+    estimator.estimate_to,
+    estimator.start_estimate,
+    predictor._horizon,
+    predictor.predict,
+    predictor.steer_for,
+    predictor.predictor_step,
     limits.limit_step,
     limits.ramp_step,
     loss.loss_step,
@@ -56,26 +81,26 @@ def register_steps() -> None:
         register_jitable(forceinline=True)(function)
 
 
-def law_step(params: Any, state: Any, lateral_error_m: float, sent_steer_rad: float) -> Any:
+def law_step(params: Any, state: Any, seen: LawInput) -> Any:
     """Advance the law that ``params`` belong to; compiled code then calls that law directly."""
-    step = _STEP_OF[type(params)]
-    return step(params, state, lateral_error_m, sent_steer_rad)
+    return _STEP_OF[type(params)](params, state, seen)
 
 
 _STEP_OF: dict[type, Callable[..., Any]] = {
-    pd.PdParams: laws.pd_law_step,
-    laws.PdDobParams: laws.pd_dob_step,
-    laws.PdCdobParams: laws.pd_cdob_step,
-    laws.PdDdobParams: laws.pd_ddob_step,
+    pd.PdParams: paper_laws.pd_law_step,
+    paper_laws.PdDobParams: paper_laws.pd_dob_step,
+    paper_laws.PdCdobParams: paper_laws.pd_cdob_step,
+    paper_laws.PdDdobParams: paper_laws.pd_ddob_step,
+    predictor.PredictorParams: predictor.predictor_step,
 }
 
 
 @overload(law_step)
-def _law_step_of_type(params: Any, state: Any, lateral_error_m: Any, sent_steer_rad: Any) -> Any:  # noqa: ARG001
+def _law_step_of_type(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG001
     """Choose by type, when compiling."""
     step = _STEP_OF[params.instance_class]
 
-    def of_type(params: Any, state: Any, lateral_error_m: Any, sent_steer_rad: Any) -> Any:
-        return step(params, state, lateral_error_m, sent_steer_rad)
+    def of_type(params: Any, state: Any, seen: Any) -> Any:
+        return step(params, state, seen)
 
     return of_type

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from controller.design import design_law
+from controller.law_interface import LawInput
 from controller.limits import limit_step
 from controller.settings import ControllerSettings, limits_of
 from plant_emulator.motion import Motion
@@ -50,7 +51,7 @@ def reference_step(
     for index in range(round(duration_s * NS_PER_S / period_ns)):
         motion.advance(index * period_ns)
         error_m = motion.lateral_error_m - reference_m
-        state, output = design.step(design.params, state, error_m, steer_rad)
+        state, output = design.step(design.params, state, LawInput(error_m, steer_rad))
         steer_rad = limit_step(limits, steer_rad, output.steer_rad)
         on_their_way.append(steer_rad)
         motion.command(on_their_way.popleft())

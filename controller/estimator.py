@@ -1,0 +1,212 @@
+"""Kalman filter for the vehicle and what disturbs it, by the number of the plant's sample.
+
+State: side slip β, yaw rate r, heading error Δψ and lateral error y of SAE 2018-01-1086 (1), and
+
+    ρ   curvature of the path      random walk
+    d   steering offset            random walk; a side force, a bank or a wrong mass look like it
+    δ   angle of the wheel         lag from the command to the wheel, if there is one
+
+    x[k+1] = F x[k] + G u[k],   (y, Δψ)[k] = H x[k]      sampled at the sensors' period
+    x ← x + K ((y, Δψ) - H x)                            where the sample's LATERAL_ERROR came
+
+with the gain K at which the filter settles, from ``controller.predictor_design`` for each speed;
+u[k] is what the plant has said it applied from sample k to k + 1. A measurement is used at the
+sample it was taken at: the filter stays at the newest sample of which both measurement and echo are
+known or lost for good, and runs on from there, at every tick anew, through what has come early.
+"""
+
+from typing import NamedTuple
+
+from controller.law_interface import History, Link
+from controller.link import LinkParams
+
+STARTS_ANEW_AFTER = 256
+"""Samples without an echo and a measurement, after which what was known of the vehicle is old."""
+
+
+class VehicleGains(NamedTuple):
+    """F, G and K at one speed, by row and column; and the feedback of the predictor.
+
+    Entries of F that are 0 or 1 for every vehicle are not here.
+    """
+
+    beta_beta: float
+    beta_r: float
+    beta_d: float
+    beta_delta: float
+    beta_u: float
+    r_beta: float
+    r_r: float
+    r_d: float
+    r_delta: float
+    r_u: float
+    psi_beta: float
+    psi_r: float
+    psi_rho: float
+    psi_d: float
+    psi_delta: float
+    psi_u: float
+    y_beta: float
+    y_r: float
+    y_psi: float
+    y_rho: float
+    y_d: float
+    y_delta: float
+    y_u: float
+    delta_delta: float
+    delta_u: float
+    beta_from_y: float
+    beta_from_psi: float
+    r_from_y: float
+    r_from_psi: float
+    psi_from_y: float
+    psi_from_psi: float
+    y_from_y: float
+    y_from_psi: float
+    rho_from_y: float
+    rho_from_psi: float
+    d_from_y: float
+    d_from_psi: float
+    steer_beta: float
+    steer_r: float
+    steer_psi: float
+    steer_y: float
+    steer_delta: float
+    steer_rho: float
+    steer_d: float
+
+
+class EstimatorState(NamedTuple):
+    """The estimate at one sample; ``sample`` is -1 before the first."""
+
+    sample: int
+    side_slip_rad: float
+    yaw_rate_rad_s: float
+    heading_error_rad: float
+    lateral_error_m: float
+    curvature_1_m: float
+    offset_rad: float
+    wheel_rad: float
+
+
+def estimator_at_rest(lateral_error_m: float) -> EstimatorState:
+    """Return the estimate of a vehicle that stands beside its path, at no sample yet."""
+    return EstimatorState(-1, 0.0, 0.0, 0.0, lateral_error_m, 0.0, 0.0, 0.0)
+
+
+def model_step(g: VehicleGains, x: EstimatorState, command_rad: float) -> EstimatorState:
+    """Return the state one sample later, after a mean command of ``command_rad`` till then."""
+    sample, beta, r, psi, y, rho, d, delta = x
+    return EstimatorState(
+        sample + 1,
+        g.beta_beta * beta
+        + g.beta_r * r
+        + g.beta_d * d
+        + g.beta_delta * delta
+        + g.beta_u * command_rad,
+        g.r_beta * beta + g.r_r * r + g.r_d * d + g.r_delta * delta + g.r_u * command_rad,
+        psi
+        + g.psi_beta * beta
+        + g.psi_r * r
+        + g.psi_rho * rho
+        + g.psi_d * d
+        + g.psi_delta * delta
+        + g.psi_u * command_rad,
+        y
+        + g.y_beta * beta
+        + g.y_r * r
+        + g.y_psi * psi
+        + g.y_rho * rho
+        + g.y_d * d
+        + g.y_delta * delta
+        + g.y_u * command_rad,
+        rho,
+        d,
+        g.delta_delta * delta + g.delta_u * command_rad,
+    )
+
+
+def correction_step(
+    g: VehicleGains, x: EstimatorState, lateral_error_m: float, heading_error_rad: float
+) -> EstimatorState:
+    """Return the state after a measurement of its sample."""
+    sample, beta, r, psi, y, rho, d, delta = x
+    e_y, e_psi = lateral_error_m - y, heading_error_rad - psi
+    return EstimatorState(
+        sample,
+        beta + (g.beta_from_y * e_y + g.beta_from_psi * e_psi),
+        r + (g.r_from_y * e_y + g.r_from_psi * e_psi),
+        psi + (g.psi_from_y * e_y + g.psi_from_psi * e_psi),
+        y + (g.y_from_y * e_y + g.y_from_psi * e_psi),
+        rho + (g.rho_from_y * e_y + g.rho_from_psi * e_psi),
+        d + (g.d_from_y * e_y + g.d_from_psi * e_psi),
+        delta,
+    )
+
+
+def sent_at(history: History, tick: int) -> float:
+    """Return the command of a tick [rad]; 0 before the first."""
+    return history.sent_rad[tick & history.tick_mask] if tick >= 0 else 0.0
+
+
+def command_from(p: LinkParams, link: Link, history: History, sample: int) -> float:
+    """Return the mean command from ``sample`` to the next, as echoed or as expected [rad]."""
+    mask = history.sample_mask
+    if sample < link.echo_sample:
+        before, after = history.applied_tick[sample & mask], history.applied_tick[sample + 1 & mask]
+        if before == after:
+            return sent_at(history, before)
+        # When between the two samples it changed is not known.
+        return 0.5 * (sent_at(history, before) + sent_at(history, after))
+    earliest = history.applied_tick[link.echo_sample & mask] if link.echo_sample >= 0 else -1
+    begin = (sample * p.sensor_period_ns - link.delay_ns) / p.period_ns
+    return _mean_command(history, begin, p.sensor_period_ns / p.period_ns, earliest, link.tick - 1)
+
+
+def _mean_command(
+    history: History, begin: float, length: float, earliest: int, latest: int
+) -> float:
+    """Return the mean over ``begin`` to ``begin + length``, in periods of the controller.
+
+    A command older than ``earliest`` is in effect no more, one newer than ``latest`` is not sent.
+    """
+    tick, position, total = int(begin // 1.0), begin, 0.0
+    while position < begin + length:
+        end = min(tick + 1.0, begin + length)
+        total += (end - position) * sent_at(history, min(max(tick, earliest), latest))
+        tick, position = tick + 1, end
+    return total / length
+
+
+def estimate_to(
+    p: LinkParams, g: VehicleGains, x: EstimatorState, link: Link, history: History, sample: int
+) -> EstimatorState:
+    """Return the estimate at ``sample``, with what has been measured on the way to it."""
+    while x.sample < sample:
+        x = model_step(g, x, command_from(p, link, history, x.sample))
+        index = x.sample & history.sample_mask
+        if history.has_error[index]:
+            x = correction_step(
+                g, x, history.lateral_error_m[index], history.heading_error_rad[index]
+            )
+    return x
+
+
+def start_estimate(x: EstimatorState, link: Link, history: History) -> EstimatorState:
+    """Return the state to go on from: a new one where there is none yet, or an old one only."""
+    known = min(link.error_sample, link.echo_sample)
+    if x.sample >= 0 and known - x.sample <= STARTS_ANEW_AFTER:
+        return x
+    index = known & history.sample_mask
+    if known < 0 or not history.has_error[index]:
+        return estimator_at_rest(x.lateral_error_m)
+    return EstimatorState(
+        known,
+        0.0,
+        0.0,
+        history.heading_error_rad[index],
+        history.lateral_error_m[index],
+        0.0,
+        0.0,
+        0.0,
+    )

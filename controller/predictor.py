@@ -1,0 +1,139 @@
+"""Law ``predictor``: predicts the vehicle to where its command will act, and steers for that.
+
+The echo of the command counter measures the delay (``controller.link``); the Kalman filter
+(``controller.estimator``) gives the state at the newest sample; the model runs on through the
+commands that are on their way, up to the time this period's command is expected to act; and
+
+    u = u_ss(ρ, d) - K_lqr (x - x_ss(ρ, d))
+
+with the steer u_ss and the state x_ss that hold the vehicle on a path of curvature ρ with a
+steering offset d, and K_lqr optimal for the vehicle at its speed. Not in SAE 2018-01-1086.
+
+While the delay is not known, as before the first echo or when echoes stop, the law is pd_ddob,
+which needs none; its observers run all the time. When one law follows the other, the difference of
+their commands is added and fades out.
+"""
+
+from typing import NamedTuple
+
+from controller.estimator import (
+    EstimatorState,
+    VehicleGains,
+    command_from,
+    estimate_to,
+    estimator_at_rest,
+    model_step,
+    start_estimate,
+)
+from controller.law_interface import History, LawInput, LawOutput, Link
+from controller.limits import ramp_step
+from controller.link import LinkParams
+from controller.paper_laws import PdDdobParams, PdDdobState, pd_ddob_at_rest, pd_ddob_step
+
+
+class PredictorParams(NamedTuple):
+    """Parameters of the predictor at one speed.
+
+    ``fade_step_rad``      how much of a difference between the two laws fades in one period
+    ``horizon_samples_max``  a delay beyond this is not predicted over: the law is then pd_ddob
+    """
+
+    gains: VehicleGains
+    link: LinkParams
+    fallback: PdDdobParams
+    fade_step_rad: float
+    horizon_samples_max: float
+
+
+class PredictorState(NamedTuple):
+    """State of the predictor; ``steer_rad`` is what it wanted last."""
+
+    estimate: EstimatorState
+    fallback: PdDdobState
+    is_predicting: bool
+    steer_rad: float
+    fade_rad: float
+
+
+def predictor_step(
+    p: PredictorParams, x: PredictorState, seen: LawInput
+) -> tuple[PredictorState, LawOutput]:
+    """Advance one control period."""
+    x_fallback, output = pd_ddob_step(p.fallback, x.fallback, seen)
+    link, history = seen.link, seen.history
+    estimate = start_estimate(x.estimate, link, history)
+    is_predicting = False
+    if estimate.sample >= 0:
+        known = min(link.error_sample, link.echo_sample)
+        estimate = estimate_to(p.link, p.gains, estimate, link, history, known)
+        newest = estimate_to(p.link, p.gains, estimate, link, history, link.error_sample)
+        horizon = _horizon(p.link, link, newest.sample)
+        is_predicting = link.is_measured and horizon <= p.horizon_samples_max
+        if is_predicting:
+            ahead = predict(p, newest, link, history, horizon)
+            output = LawOutput(
+                steer_for(p.gains, ahead), ahead.offset_rad, 0.0, ahead.lateral_error_m
+            )
+    fade_rad = ramp_step(p.fade_step_rad, x.fade_rad)
+    if is_predicting != x.is_predicting:
+        fade_rad = x.steer_rad - output.steer_rad
+    steer_rad = output.steer_rad + fade_rad
+    return (
+        PredictorState(estimate, x_fallback, is_predicting, steer_rad, fade_rad),
+        LawOutput(
+            steer_rad,
+            output.disturbance_rad,
+            output.network_disturbance_rad,
+            output.compensated_lateral_error_m,
+        ),
+    )
+
+
+def predict(
+    p: PredictorParams, x: EstimatorState, link: Link, history: History, horizon: float
+) -> EstimatorState:
+    """Return the state ``horizon`` samples ahead, linear between two samples."""
+    after = x
+    last = x.sample + int(max(horizon, 0.0))
+    while after.sample <= last:
+        x = after
+        after = model_step(p.gains, x, command_from(p.link, link, history, x.sample))
+    part = max(horizon, 0.0) % 1.0
+    return EstimatorState(
+        x.sample,
+        x.side_slip_rad + part * (after.side_slip_rad - x.side_slip_rad),
+        x.yaw_rate_rad_s + part * (after.yaw_rate_rad_s - x.yaw_rate_rad_s),
+        x.heading_error_rad + part * (after.heading_error_rad - x.heading_error_rad),
+        x.lateral_error_m + part * (after.lateral_error_m - x.lateral_error_m),
+        x.curvature_1_m,
+        x.offset_rad,
+        x.wheel_rad + part * (after.wheel_rad - x.wheel_rad),
+    )
+
+
+def steer_for(g: VehicleGains, x: EstimatorState) -> float:
+    """Return the command for a state [rad]."""
+    return (
+        g.steer_rho * x.curvature_1_m
+        + g.steer_d * x.offset_rad
+        - (g.steer_beta * x.side_slip_rad + g.steer_r * x.yaw_rate_rad_s)
+        - (g.steer_psi * x.heading_error_rad + g.steer_y * x.lateral_error_m)
+        - g.steer_delta * x.wheel_rad
+    )
+
+
+def predictor_at_rest(p: PredictorParams, lateral_error_m: float) -> PredictorState:
+    """Return the state after a constant lateral error [m] and no steering."""
+    return PredictorState(
+        estimator_at_rest(lateral_error_m),
+        pd_ddob_at_rest(p.fallback, lateral_error_m),
+        False,
+        0.0,
+        0.0,
+    )
+
+
+def _horizon(p: LinkParams, link: Link, sample: int) -> float:
+    """Return how many samples lie between one and where the command of this tick will act."""
+    acts_ns = link.tick * p.period_ns + link.delay_ns
+    return acts_ns / p.sensor_period_ns - sample

@@ -1,0 +1,220 @@
+"""What a law that looks back is told at each tick, laid down before the run.
+
+As ``controller.link_memory`` finds it frame by frame: which sample of each message is the newest,
+which command each echo names, and the delay that follows. All of it depends on the network alone.
+"""
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from controller.design import link_of
+from controller.link import NO_DELAY, DelayState, LinkParams, delay_of, delay_step
+from controller.link_memory import E2E_COUNTERS, RING_SIZE
+from controller.settings import ControllerSettings, SupervisionSettings
+from dbc.messages import LateralError, VehicleState, limits, resolutions
+from plant_emulator.settings import PlantSettings
+from plant_emulator.streams import Channel, first_uniforms
+from tools.batch.compilation import compiled
+from tools.batch.network import FloatArray, IntArray, normal_scores
+from tools.batch.plan import Arrivals, Plan, Uplink, arrivals_of
+from tools.batch.wire import Wire, on_wire
+
+_KEPT = 8
+"""Wires kept for the next run on the same network: a megabyte each."""
+
+
+class UnclearSampleError(ValueError):
+    """Samples come so late, or so far apart, that their counters do not tell their numbers."""
+
+
+class _Link(NamedTuple):
+    """The first seven fields of ``Wire``, and the noise; the arrays that runs share."""
+
+    error_sample: IntArray
+    echo_sample: IntArray
+    vehicle_sample: IntArray
+    delay_ns: FloatArray
+    is_measured: IntArray
+    has_error: IntArray
+    applied_tick: IntArray
+    heading_noise_rad: FloatArray
+    yaw_rate_noise_rad_s: FloatArray
+
+
+class _Ticks(NamedTuple):
+    """Ticks of a plan and the commands that come through, hashed by identity of the plan."""
+
+    plan: Plan
+
+    def __hash__(self) -> int:
+        return id(self.plan)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Ticks) and other.plan is self.plan
+
+
+def plan_wire(
+    plant: PlantSettings, controller: ControllerSettings, plan: Plan, speed_m_s: float
+) -> Wire:
+    """Lay down the wire of one run. Raises UnclearSampleError."""
+    link = _link(plant_network(plant), controller.supervision, link_of(controller), _Ticks(plan))
+    error, state = resolutions(LateralError), resolutions(VehicleState)
+    ranges = limits(VehicleState)
+    samples = len(plan.sample_ns)
+    return Wire(
+        *link,
+        measured_heading_rad=np.empty(samples),
+        measured_yaw_rate_rad_s=np.empty(samples),
+        measured_curvature_1_m=np.empty(samples),
+        speed_m_s=speed_on_wire(speed_m_s),
+        heading_resolution_rad=error["heading_error_rad"],
+        yaw_rate_resolution_rad_s=state["yaw_rate_rad_s"],
+        yaw_rate_rad_s_max=ranges["yaw_rate_rad_s"].maximum,
+        curvature_resolution_1_m=state["preview_curvature_1_m"],
+        curvature_1_m_max=ranges["preview_curvature_1_m"].maximum,
+    )
+
+
+def speed_on_wire(speed_m_s: float) -> float:
+    """Return the speed as VEHICLE_STATE carries it [m/s]."""
+    highest_m_s = limits(VehicleState)["speed_m_s"].maximum
+    return float(on_wire(min(speed_m_s, highest_m_s), resolutions(VehicleState)["speed_m_s"]))
+
+
+def plant_network(plant: PlantSettings) -> PlantSettings:
+    """Return the settings with everything but the network left as it is by default."""
+    return PlantSettings(
+        seed=plant.seed,
+        duration_s=plant.duration_s,
+        sensor_period_ms=plant.sensor_period_ms,
+        start_on_first_command=plant.start_on_first_command,
+        sensor_noise=plant.sensor_noise,
+        latency=plant.latency,
+    )
+
+
+@lru_cache(maxsize=_KEPT)
+def _link(
+    plant: PlantSettings, supervision: SupervisionSettings, params: LinkParams, ticks: _Ticks
+) -> _Link:
+    plan = ticks.plan
+    samples = len(plan.sample_ns)
+    errors, echoes, states = (
+        arrivals_of(message, plant, supervision, samples, plan.motion_start_ns)
+        for message in Uplink
+    )
+    _refuse_unclear(errors, echoes, params)
+    errors, echoes = _rising(errors), _rising(echoes)
+    echoed = _echoed_ticks(plan, echoes)
+    delay_ns = _delays(params, echoes.sample, echoed)
+    newest_echo = _newest(echoes, plan.tick_ns)
+    newest_state = _newest(states, plan.tick_ns)
+    knows_speed = newest_state >= 0
+    knows_echo = knows_speed & (newest_echo >= 0)
+    has_error = np.zeros(samples, dtype=np.int64)
+    has_error[errors.sample] = 1
+    echo_ns = _at(echoes.arrival_ns, newest_echo)
+    is_measured = (
+        knows_echo
+        & (plan.tick_ns - echo_ns <= params.echo_timeout_ns)
+        & (np.maximum.accumulate(_at(echoed, newest_echo, -1)) >= 0)
+    )
+    heading_noise_rad, yaw_rate_noise_rad_s = _noise(plant, samples)
+    return _Link(
+        error_sample=np.where(knows_speed, _at(errors.sample, _newest(errors, plan.tick_ns)), -1),
+        echo_sample=np.where(knows_echo, _at(echoes.sample, newest_echo), -1),
+        vehicle_sample=_at(states.sample, newest_state),
+        delay_ns=np.where(knows_echo, _at(delay_ns, newest_echo, 0.0), 0.0),
+        is_measured=is_measured.astype(np.int64),
+        has_error=has_error,
+        applied_tick=_held(echoes.sample, echoed, samples),
+        heading_noise_rad=heading_noise_rad,
+        yaw_rate_noise_rad_s=yaw_rate_noise_rad_s,
+    )
+
+
+def _refuse_unclear(errors: Arrivals, echoes: Arrivals, params: LinkParams) -> None:
+    """Raise UnclearSampleError where a counter would be taken for that of another sample."""
+    first = min(
+        (arrivals.arrival_ns[0], arrivals.sample[0])
+        for arrivals in (errors, echoes)
+        if len(arrivals.sample)
+    )
+    numbers = [int(first[1])]
+    for arrivals in (errors, echoes):
+        if len(arrivals.sample):
+            waited = (arrivals.arrival_ns[0] - first[0]) // params.sensor_period_ns
+            numbers.append(abs(int(arrivals.sample[0] - first[1] - waited)) + E2E_COUNTERS // 2)
+            expected = np.diff(arrivals.arrival_ns) // params.sensor_period_ns
+            off = np.abs(np.diff(arrivals.sample) - expected)
+            numbers.append(int(off.max(initial=0)) + E2E_COUNTERS // 2)
+    if max(numbers) >= E2E_COUNTERS:
+        raise UnclearSampleError(
+            "latencies differ, or measurements stay away, by more than 127 sensor periods:"
+            " compiled runs do not follow a law that looks back through that"
+        )
+
+
+def _rising(arrivals: Arrivals) -> Arrivals:
+    """Return those that are of a later sample than all before."""
+    newest = np.maximum.accumulate(arrivals.sample)
+    is_new = np.diff(newest, prepend=-1) > 0
+    return Arrivals(arrivals.arrival_ns[is_new], arrivals.sample[is_new])
+
+
+def _newest(arrivals: Arrivals, tick_ns: IntArray) -> IntArray:
+    """Return which has arrived last at each tick, -1 for none."""
+    return np.searchsorted(arrivals.arrival_ns, tick_ns, side="right") - 1
+
+
+def _at(values: Any, index: IntArray, none: float = -1) -> Any:
+    """Return the values at indices, ``none`` at -1."""
+    return np.append(values, np.array(none, dtype=values.dtype))[index]
+
+
+def _echoed_ticks(plan: Plan, echoes: Arrivals) -> IntArray:
+    """Return the tick whose command each echo names, -1 for none or one that is forgotten."""
+    sample_ns = plan.sample_ns[echoes.sample]
+    through = np.searchsorted(plan.command_due_ns, sample_ns, side="right")
+    sent_ns = _at(plan.tick_ns[plan.command_tick], np.arange(-1, len(plan.command_tick)))
+    # What is sent at the instant of a sample acts after it, even without any latency.
+    while (is_later := sent_ns[through] == sample_ns).any():
+        through = through - is_later
+    tick = _at(plan.command_tick, through - 1)
+    newest = np.searchsorted(plan.tick_ns, echoes.arrival_ns, side="left") - 1
+    return np.where(newest - tick < RING_SIZE, tick, -1)
+
+
+def _held(sample: IntArray, tick: IntArray, samples: int) -> IntArray:
+    """Return what is taken to be in effect at every sample: that of the newest echo before it."""
+    return np.asarray(_at(tick, np.searchsorted(sample, np.arange(samples), side="right") - 1))
+
+
+def _delays(params: LinkParams, sample: IntArray, tick: IntArray) -> FloatArray:
+    return np.asarray(_run_delays(params, NO_DELAY, sample, tick), dtype=np.float64)
+
+
+@compiled
+def _run_delays(params: LinkParams, x: DelayState, sample: Any, tick: Any) -> Any:
+    """Return the delay after each echo."""
+    delay_ns = np.empty(len(sample))
+    for index in range(len(sample)):
+        x = delay_step(params, x, sample[index], tick[index])
+        delay_ns[index] = delay_of(params, x)
+    return delay_ns
+
+
+def _noise(plant: PlantSettings, samples: int) -> tuple[FloatArray, FloatArray]:
+    """Return what the sensors add to heading error [rad] and yaw rate [rad/s]."""
+    noise = plant.sensor_noise
+    deviations = (noise.heading_error_rad, noise.yaw_rate_rad_s)
+    if not any(deviations):
+        return np.zeros(samples), np.zeros(samples)
+    uniforms = first_uniforms(plant.seed, Channel.SENSOR_NOISE, 3 * samples)
+    heading, yaw_rate = (
+        deviation * normal_scores(uniforms[column::3])
+        for column, deviation in enumerate(deviations, 1)
+    )
+    return heading, yaw_rate
