@@ -12,6 +12,7 @@ import errno
 import os
 import stat
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from dbc.authentication import Authentication, ComputeMac
@@ -43,31 +44,43 @@ def read_key(path: Path) -> ComputeMac:
     """Return the CMAC under the key in ``path``; raises SettingsError."""
     if not hasattr(os, "geteuid"):
         raise SettingsError(f"{path}: this platform does not tell who may read a key file")
+    start_cmac = _start_cmac()  # can fail, so before there is a key in a local variable
     key = _parsed(_read_private(path))
-    if key is None:  # raised here, where the text is in no local variable any more
+    if key is None:  # raised here, where nothing holds the text any more
         raise SettingsError(f"{path}: a key is {_DIGITS} hexadecimal digits on one line")
-    return cmac_under(key)
+    return start_cmac(key)
 
 
 def cmac_under(key: bytes) -> ComputeMac:
-    """Return AES-CMAC (RFC 4493) under ``key``, KEY_LENGTH bytes; raises SettingsError without
-    ``cryptography``, and ValueError for another length.
+    """Return AES-CMAC (RFC 4493) under ``key``.
+
+    Raises ValueError for another length than KEY_LENGTH, and SettingsError without
+    ``cryptography``.
     """
+    if len(key) != KEY_LENGTH:
+        raise ValueError(f"a key has {KEY_LENGTH} bytes")
+    return _start_cmac()(key)
+
+
+def _start_cmac() -> Callable[[bytes], ComputeMac]:
+    """Return what makes a CMAC of a key; raises SettingsError without ``cryptography``."""
     try:
         from cryptography.hazmat.primitives.ciphers.algorithms import AES128
         from cryptography.hazmat.primitives.cmac import CMAC
     except ImportError as error:
         raise SettingsError(f"authentication needs cryptography: {_EXTRA}") from error
-    if len(key) != KEY_LENGTH:
-        raise ValueError(f"a key has {KEY_LENGTH} bytes")
-    keyed = CMAC(AES128(key))  # a copy of it takes a third of the time of a new one
 
-    def compute_mac(text: bytes) -> bytes:
-        context = keyed.copy()
-        context.update(text)
-        return context.finalize()
+    def start_cmac(key: bytes) -> ComputeMac:
+        keyed = CMAC(AES128(key))  # a copy of it takes a third of the time of a new one
 
-    return compute_mac
+        def compute_mac(text: bytes) -> bytes:
+            context = keyed.copy()
+            context.update(text)
+            return context.finalize()
+
+        return compute_mac
+
+    return start_cmac
 
 
 def _read_private(path: Path) -> bytes:
