@@ -32,6 +32,10 @@ class LawName(StrEnum):
     PREDICTOR = "predictor"
 
 
+PAPER_LAWS = (LawName.PD, LawName.PD_DOB, LawName.PD_CDOB, LawName.PD_DDOB)
+"""Those of SAE 2018-01-1086: linear, and from lateral error and command alone."""
+
+
 class Law(NamedTuple):
     """The two functions of a law; ``Any`` stands for its own params and state records."""
 

@@ -13,7 +13,7 @@ from controller.analysis.sampled_loop import SampledLoop
 from controller.analysis.tracking import rms_m, tracking_grid
 from controller.analysis.uncertainty import paper_box
 from controller.design import design_law
-from controller.laws import LawName
+from controller.laws import PAPER_LAWS, LawName
 from controller.nominal_model import steer_to_lateral_error
 from controller.settings import ControllerSettings
 from runtime.settings import load_settings, read_preset
@@ -142,7 +142,7 @@ def test_the_evolution_follows_a_ridge_and_a_demand_to_the_minimum(
 
 @pytest.mark.parametrize(
     ("family", "law"),
-    [*(("practical", law) for law in LawName), ("practical_long_delay", LawName.PD_DDOB)],
+    [*(("practical", law) for law in PAPER_LAWS), ("practical_long_delay", LawName.PD_DDOB)],
 )
 def test_a_designed_preset_says_what_is_measured_anew(family: str, law: LawName) -> None:
     """All of the file but the jitter, which takes long in virtual time."""
