@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from dbc.messages import CAN_IDS
-from plant_emulator.node import RECEIVED, PlantNode, motion_params
+from plant_emulator.node import RECEIVED, SAMPLES_MAX, PlantNode, motion_params
 from plant_emulator.plant_samples import write_trace
 from plant_emulator.settings import PlantSettings
 from runtime.option_types import output_file
@@ -30,11 +30,13 @@ def _run(options: argparse.Namespace) -> int:
     seed = [] if options.seed is None else [f"seed={options.seed}"]
     settings = load_program_settings(PlantSettings, PRESETS, options, seed)
     params = motion_params(settings)
+    # Without a trace nobody asks for them, and memory is to stay as it is however long the run.
+    samples_max = 0 if options.trace is None else SAMPLES_MAX
     return run_node(
         NAME,
         options,
         settings,
-        lambda start_ns: PlantNode(settings, start_ns, params),
+        lambda start_ns: PlantNode(settings, start_ns, params, samples_max),
         partial(_conclude, options),
         [CAN_IDS[message_type] for message_type in RECEIVED],
     )
