@@ -1,0 +1,117 @@
+"""The pair on an emulated bus that a babbling node keeps full, as real processes.
+
+    python -m tools.soak [--duration-s 600] [--starve-s 10] [--out FOLDER]
+
+First the babbling node has the lowest priority: the pair must lose, reorder and miss nothing, the
+recorder must have every frame, memory must stay as it is. Then it has the highest: nothing of the
+pair gets through, which both have to notice. Exit status: 0 when all of that was so, 1 when not, 3
+when a process failed, 4 when a file cannot be written.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+from rich.console import Console
+
+from runtime.host import StealClock
+from runtime.option_types import priority, seconds
+from runtime.program import ExitStatus, run_main
+from runtime.report import write_json
+from tools.soak.babbling import HIGHEST_PRIORITY_ID, LOWEST_PRIORITY_ID
+from tools.soak.crew import SoakError
+from tools.soak.live import LiveSoak, Plan, run_live_soak
+from tools.soak.presentation import findings_table, memory_table, messages_table, record_of
+from tools.soak.verdict import Finding, load_findings, starve_findings
+
+NAME = "soak"
+NOT_SHOWN = 1
+WIDTH = 132
+"""Of the tables, whose figures are no use cut short."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the soak; returns the exit status."""
+    return run_main(NAME, partial(_run, _parser().parse_args(arguments)))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog=NAME, description=(__doc__ or "").splitlines()[0], allow_abbrev=False
+    )
+    parser.add_argument(
+        "--duration-s",
+        type=seconds,
+        default=600.0,
+        metavar="S",
+        help="of the babbling with the lowest priority (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--starve-s",
+        type=seconds,
+        default=10.0,
+        metavar="S",
+        help="of that with the highest (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--priority",
+        type=priority,
+        default=50,
+        metavar="0..99",
+        help="SCHED_FIFO priority, as far as the host grants it (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/soak"),
+        metavar="FOLDER",
+        help="for logs and figures; 12 MB a minute (default: %(default)s)",
+    )
+    return parser
+
+
+def _run(options: argparse.Namespace) -> int:
+    console = Console(markup=False, highlight=False, width=WIDTH)
+    parts: dict[str, tuple[Plan, Callable[[LiveSoak], Iterator[Finding]]]] = {
+        "load": (
+            Plan(LOWEST_PRIORITY_ID, options.duration_s, priority=options.priority),
+            load_findings,
+        ),
+        "starve": (
+            Plan(HIGHEST_PRIORITY_ID, options.starve_s, priority=options.priority),
+            starve_findings,
+        ),
+    }
+    records, holds, steal = {}, True, StealClock()
+    begin_s = time.monotonic()
+    for name, (plan, judge) in parts.items():
+        try:
+            run = run_live_soak(plan, options.out / name, _tell)
+        except SoakError as error:
+            print(f"{NAME}: error: {error}", file=sys.stderr)
+            return ExitStatus.BUS
+        findings = list(judge(run))
+        holds = holds and all(finding.holds for finding in findings)
+        records[name] = record_of(run, findings)
+        title = f"babbling with identifier 0x{plan.babble_id:03X} for {plan.babble_s:g} s"
+        console.print(findings_table(title, findings), "", messages_table(run), "")
+        console.print(memory_table(run), "")
+    stolen = steal.fraction()
+    write_json(
+        options.out / "figures.json",
+        {"duration_s": time.monotonic() - begin_s, "steal_fraction": stolen, **records},
+    )
+    if stolen:
+        console.print(f"{100 * stolen:.1f} % of the processor time went to other guests")
+    return ExitStatus.OK if holds else NOT_SHOWN
+
+
+def _tell(line: str) -> None:
+    print(f"{NAME}: {line}", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,40 @@
+"""How long a frame may wait for the bus at most, whatever else is sent.
+
+    delay(m) ≤ B + Σ C(k) over the messages k of higher priority
+
+    B     the longest frame of lower priority, just begun when m is ready; it is not interrupted
+    C(k)  one frame of k, of the greatest length that its stuff bits can give it
+
+with the interval to the next frame in each. It is the first step of the response-time analysis of
+Davis, Burns, Bril and Lukkien, Controller Area Network (CAN) schedulability analysis: refuted,
+revisited and revised, Real-Time Systems 35, 2007, and the last one too as long as the sum is below
+every period. It supposes that no message comes twice within it: a sender that was held up for a
+period and then sends two at once breaks that, and the bound with it.
+"""
+
+from collections.abc import Collection, Mapping
+
+from runtime.frame_length import INTERMISSION_BITS
+from runtime.node import NS_PER_S
+
+_PAYLOAD_BYTES = 8
+_UNSTUFFED_BITS = 10
+"""CRC delimiter, acknowledge and end of frame, which get no stuff bits."""
+_STUFFED_BITS = 34
+"""From start of frame to the CRC, without the payload, in a frame with 11-bit identifier."""
+
+
+def longest_frame_ns(bitrate_bit_s: int) -> int:
+    """Time of the longest classic frame with 11-bit identifier and its intermission [ns]."""
+    stuffed = _STUFFED_BITS + 8 * _PAYLOAD_BYTES
+    bits = stuffed + (stuffed - 1) // 4 + _UNSTUFFED_BITS + INTERMISSION_BITS
+    return bits * NS_PER_S // bitrate_bit_s
+
+
+def delay_bounds_ns(can_ids: Collection[int], bitrate_bit_s: int) -> Mapping[int, int]:
+    """Return the bound of each of ``can_ids``, which are all that compete above the babbler [ns].
+
+    The 11-bit identifiers are of classic frames; the lowest one has the highest priority.
+    """
+    frame_ns = longest_frame_ns(bitrate_bit_s)
+    return {can_id: (1 + higher) * frame_ns for higher, can_id in enumerate(sorted(can_ids))}

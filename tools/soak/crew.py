@@ -1,0 +1,112 @@
+"""The processes of a soak: broker, recorder, plant, controller, babbling node."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Self
+
+from tools.soak.memory import children_of
+
+START_TIMEOUT_S = 60.0
+STOP_TIMEOUT_S = 60.0
+"""How long a process may take to begin, and to write what it has to; a busy machine needs it."""
+_POLL_S = 0.02
+_LISTENING, _READY = "listening at", "ready"
+
+
+class SoakError(Exception):
+    """A process of the soak has failed; the text is one line for the user."""
+
+
+class Crew:
+    """Processes by their names; use it as a context manager, which leaves none behind.
+
+    ``folder``   where each writes what it prints (NAME.txt) and its report (NAME.json)
+    ``address``  of the broker
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self.address = ""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for process in reversed(self._processes.values()):
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+
+    def path(self, name: str, suffix: str) -> Path:
+        """Return the file of a process."""
+        return self._folder / f"{name}{suffix}"
+
+    def start_broker(self, socket: Path, options: Sequence[str]) -> None:
+        """Start the broker, which listens at ``socket``."""
+        self.address = str(socket)
+        report = str(self.path("broker", ".json"))
+        arguments = ["--address", self.address, "--report", report, *options]
+        self._start("broker", "runtime.emulated_bus", arguments, _LISTENING)
+
+    def start(self, name: str, module: str, arguments: Sequence[str]) -> None:
+        """Start ``python -m module`` and wait until it says that it is ready."""
+        self._start(name, module, arguments, _READY)
+
+    def _start(self, name: str, module: str, arguments: Sequence[str], sign: str) -> None:
+        printed = self.path(name, ".txt")
+        with printed.open("wb") as output:
+            process = subprocess.Popen(
+                [sys.executable, "-m", module, *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,  # Ctrl-C reaches us alone, and we end them in order
+            )
+        self._processes[name] = process
+        until_s = time.monotonic() + START_TIMEOUT_S
+        while sign not in printed.read_text(encoding="utf-8", errors="replace"):
+            if process.poll() is not None or time.monotonic() > until_s:
+                raise SoakError(f"{name} does not start: {self._last_line(name)}")
+            time.sleep(_POLL_S)
+
+    def check(self) -> None:
+        """Raise SoakError when one has ended."""
+        for name, process in self._processes.items():
+            if process.poll() is not None:
+                raise SoakError(
+                    f"{name} has ended with status {process.returncode}: {self._last_line(name)}"
+                )
+
+    def pids(self) -> dict[str, int]:
+        """Return every process that runs, with those that they have started themselves."""
+        found = {}
+        for name, process in self._processes.items():
+            found[name] = process.pid
+            for number, child in enumerate(children_of(process.pid), start=1):
+                found[f"{name}: file writer" + f" {number}" * (number > 1)] = child
+        return found
+
+    def stop(self, name: str) -> dict[str, Any]:
+        """End one in order; returns its report. Raises SoakError when it fails to."""
+        process = self._processes.pop(name)
+        process.send_signal(signal.SIGINT)
+        try:
+            status = process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+            raise SoakError(f"{name} does not end") from None
+        if status:
+            raise SoakError(f"{name} has ended with status {status}: {self._last_line(name)}")
+        report: dict[str, Any] = json.loads(self.path(name, ".json").read_text(encoding="utf-8"))
+        return report
+
+    def _last_line(self, name: str) -> str:
+        printed = self.path(name, ".txt").read_text(encoding="utf-8", errors="replace")
+        return (printed.strip().splitlines() or ["it printed nothing"])[-1]

@@ -1,0 +1,130 @@
+"""One soak of real processes: the pair settles, the node babbles, the pair goes on without it."""
+
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tools.soak.census import (
+    BusLog,
+    MessageCount,
+    count_messages,
+    mode_changes,
+    read_bus_log,
+    read_own_log,
+)
+from tools.soak.crew import Crew
+from tools.soak.memory import MemoryFigures, MemoryWatch
+
+CHANNEL = "can0"
+SAMPLES = 600
+"""Of memory over a run, one a second at most."""
+CONTROLLER, PLANT = "steering-controller", "plant-emulator"
+
+
+class Plan(NamedTuple):
+    """What to run.
+
+    ``babble_id``  identifier of the babbling node
+    ``babble_s``   how long it babbles; the pair runs ``settle_s`` before and ``recover_s`` after it
+    ``priority``   SCHED_FIFO of broker and pair, 0 for none; recorder and babbler get half
+    """
+
+    babble_id: int
+    babble_s: float
+    settle_s: float = 2.0
+    recover_s: float = 2.0
+    bitrate_bit_s: int = 500_000
+    priority: int = 50
+
+
+class LiveSoak(NamedTuple):
+    """What a run came to.
+
+    ``modes``    when the controller's commands told another mode, after the onset [s]; which; steer
+    ``reports``  of all processes, by their names
+    """
+
+    plan: Plan
+    bus: BusLog
+    messages: list[MessageCount]
+    modes: list[tuple[float, str, float]]
+    memory: Mapping[str, MemoryFigures]
+    reports: Mapping[str, Any]
+
+
+def run_live_soak(
+    plan: Plan, folder: Path, tell: Callable[[str], None] = lambda _line: None
+) -> LiveSoak:
+    """Run it and read what it left in ``folder``; raises SoakError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="soak-") as private, Crew(folder) as crew:
+        tell("starting broker, recorder, plant and controller")
+        _start(crew, plan, Path(private) / "socket")
+        time.sleep(plan.settle_s)
+        tell(f"babbling with identifier 0x{plan.babble_id:03X} for {plan.babble_s:g} s")
+        _start_babbler(crew, plan)
+        watch = MemoryWatch(crew.pids())
+        _wait(crew, watch, plan.babble_s)
+        reports = {"babbler": crew.stop("babbler")}
+        time.sleep(plan.recover_s)
+        # The controller first: without a plant it would hold, and that is not what is looked for.
+        for name in (CONTROLLER, PLANT, "recorder", "broker"):
+            reports[name] = crew.stop(name)
+        tell("reading the logs")
+        bus = read_bus_log(crew.path("bus", ".log"), plan.babble_id, plan.bitrate_bit_s)
+        own_logs = [crew.path(name, ".log") for name in (CONTROLLER, PLANT)]
+        messages = count_messages(bus, own_logs, plan.bitrate_bit_s)
+        sent, _ = read_own_log(own_logs[0])
+        modes = [
+            ((time_ns - bus.babble_ns[0]) * 1e-9, mode.name, steer_rad)
+            for time_ns, mode, steer_rad in mode_changes(sent)
+        ]
+    return LiveSoak(plan, bus, messages, modes, watch.figures(), reports)
+
+
+def _start(crew: Crew, plan: Plan, socket: Path) -> None:
+    """Start all but the babbling node; the recorder before anybody sends."""
+    priority = str(plan.priority)
+    rate = ["--bitrate", str(plan.bitrate_bit_s), "--priority", priority]
+    crew.start_broker(socket, rate)
+    address = crew.address
+    bus_log = str(crew.path("bus", ".log"))
+    report = str(crew.path("recorder", ".json"))
+    arguments = [address, CHANNEL, bus_log, report, str(plan.priority // 2)]
+    crew.start("recorder", "tools.soak.recorder", arguments)
+    seconds = plan.settle_s + plan.babble_s + plan.recover_s
+    own = {
+        PLANT: ("plant_emulator", ["--set", f"duration_s={seconds + 3600.0:g}"]),
+        CONTROLLER: ("controller", ["--preset", "practical_pd_ddob"]),
+    }
+    for name, (module, options) in own.items():
+        bus = ["-i", "emulated", "-c", CHANNEL, "--bus-kwargs", f"address={address}"]
+        files = [
+            "--report",
+            str(crew.path(name, ".json")),
+            "--record",
+            str(crew.path(name, ".log")),
+        ]
+        crew.start(name, module, [*bus, *files, "--priority", priority, *options])
+
+
+def _start_babbler(crew: Crew, plan: Plan) -> None:
+    report = str(crew.path("babbler", ".json"))
+    arguments = [crew.address, CHANNEL, str(plan.babble_id), report, str(plan.priority // 2)]
+    crew.start("babbler", "tools.soak.babbler", arguments)
+
+
+def _wait(crew: Crew, watch: MemoryWatch, duration_s: float) -> None:
+    """Let it run, and look at the memory now and then."""
+    start_s = time.monotonic()
+    period_s = max(duration_s / SAMPLES, min(1.0, duration_s / 10.0))
+    index = 0
+    while (elapsed_s := time.monotonic() - start_s) < duration_s:
+        crew.check()
+        watch.sample(elapsed_s)
+        index += 1
+        time.sleep(max(0.0, min(index * period_s, duration_s) - (time.monotonic() - start_s)))
+    crew.check()
+    watch.sample(duration_s)

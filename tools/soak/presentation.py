@@ -1,0 +1,93 @@
+"""A soak as text and as JSON."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from rich.table import Table
+
+from tools.soak.live import CHANNEL, LiveSoak
+from tools.soak.verdict import Finding, bounds_ns
+
+
+def findings_table(title: str, findings: Sequence[Finding]) -> Table:
+    """Return what was to be shown, and if it was."""
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for name in ("", "", "measured"):
+        table.add_column(name)
+    for finding in findings:
+        table.add_row("ok" if finding.holds else "NO", finding.what, finding.figure)
+    return table
+
+
+def messages_table(run: LiveSoak) -> Table:
+    """Return what became of each message; times in microseconds."""
+    table = Table(
+        title="frames, and their delay before the start of frame [us]",
+        title_justify="left",
+        box=None,
+        pad_edge=False,
+    )
+    table.add_column("")
+    for name in ("id", "sent", "on bus", "lost", "reord.", "taken", "missed"):
+        table.add_column(name, justify="right")
+    for name in ("p50", "p99", "max", "bound", "handed p99", "max"):
+        table.add_column(name, justify="right")
+    for row in _rows(run):
+        arbitration, handed = row["arbitration"], row["handed_over"]
+        table.add_row(
+            row["name"],
+            f"0x{row['can_id']:03X}",
+            *(str(row[key]) for key in ("sent", "on_bus", "lost", "reordered", "taken", "missed")),
+            *(f"{1e6 * arbitration[key]:.0f}" for key in ("p50_s", "p99_s", "max_s", "bound_s")),
+            *(f"{1e6 * handed[key]:.0f}" for key in ("p99_s", "max_s")),
+        )
+    return table
+
+
+def memory_table(run: LiveSoak) -> Table:
+    """Return the resident memory of each process [KiB]."""
+    table = Table(title="memory [KiB]", title_justify="left", box=None, pad_edge=False)
+    table.add_column("")
+    for name in ("start", "middle", "end", "growth", "slope per minute"):
+        table.add_column(name, justify="right")
+    for name, figures in run.memory.items():
+        table.add_row(
+            name,
+            *(str(kib) for kib in figures[:3]),
+            f"{figures.growth_kib:+.0f}",
+            f"{figures.slope_kib_min:+.1f}",
+        )
+    return table
+
+
+def record_of(run: LiveSoak, findings: Sequence[Finding]) -> dict[str, Any]:
+    """Return all figures of one run for JSON."""
+    bus = run.bus._asdict()
+    bus["control"] = {f"{can_id:03X}": len(frames) for can_id, frames in run.bus.control.items()}
+    return {
+        "plan": run.plan._asdict(),
+        "findings": [finding._asdict() for finding in findings],
+        "bus": bus,
+        "messages": list(_rows(run)),
+        "modes": run.modes,
+        "memory": {name: figures._asdict() for name, figures in run.memory.items()},
+        "reports": dict(run.reports),
+    }
+
+
+def _rows(run: LiveSoak) -> Iterator[dict[str, Any]]:
+    delays = run.reports["broker"]["channels"][CHANNEL]["arbitration_delay"]
+    bounds = bounds_ns(run)
+    for message in run.messages:
+        arbitration = dict(delays[f"{message.can_id:03X}"])
+        arbitration["bound_s"] = bounds[message.can_id] * 1e-9
+        waited = message.waited
+        yield {
+            **{key: value for key, value in message._asdict().items() if key != "waited"},
+            "arbitration": arbitration,
+            "handed_over": {
+                "p50_s": waited.p50_ns * 1e-9,
+                "p99_s": waited.p99_ns * 1e-9,
+                "max_s": waited.max_ns * 1e-9,
+            },
+        }

@@ -1,0 +1,57 @@
+"""A recorder of everything on the bus, by the programs' own recording, with times of the bus.
+
+python -m tools.soak.recorder ADDRESS CHANNEL FILE REPORT PRIORITY
+"""
+
+import sys
+import time
+from pathlib import Path
+
+import can
+
+from runtime.host import RealTimeRequest, real_time
+from runtime.message import frame_of
+from runtime.node import NS_PER_S
+from runtime.program import StopRequest
+from runtime.recording import Recording
+from runtime.report import write_json
+
+WAIT_S = 0.1
+_RECEIVED = 1
+
+
+def main() -> int:
+    """Record until SIGINT or SIGTERM, and then what still waits; returns the exit status."""
+    address, channel, file, report, priority = sys.argv[1:]
+    stop = StopRequest()
+    with (
+        stop.on_signals(),
+        can.Bus(interface="emulated", channel=channel, address=address) as bus,
+    ):
+        # Before the priority, which it would inherit.
+        recording = Recording(Path(file), channel)
+        with real_time(RealTimeRequest(int(priority))):
+            print("ready", flush=True)
+            frames = _record(bus, recording, stop)
+    figures = recording.close()
+    write_json(Path(report), {**figures._asdict(), "received": frames})
+    return 0
+
+
+def _record(bus: can.BusABC, recording: Recording, stop: StopRequest) -> int:
+    """Record until asked to stop and nothing more comes; returns the number of frames."""
+    # The bus stamps the end of frame in wall-clock time; a recording wants the monotonic clock's.
+    offset_ns = time.time_ns() - time.monotonic_ns()
+    frames = 0
+    while True:
+        message = bus.recv(WAIT_S)
+        if message is not None:
+            time_ns = round(message.timestamp * NS_PER_S) - offset_ns
+            recording.take(frame_of(message), time_ns, _RECEIVED)
+            frames += 1
+        elif stop():
+            return frames
+
+
+if __name__ == "__main__":
+    sys.exit(main())

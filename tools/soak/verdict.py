@@ -1,0 +1,145 @@
+"""Whether a soak shows what it is to show: a table of findings, each with its figure."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from dbc.messages import Mode
+from tools.soak.bounds import delay_bounds_ns
+from tools.soak.census import MessageCount
+from tools.soak.live import CHANNEL, CONTROLLER, PLANT, LiveSoak
+
+LOAD_MIN = 0.999
+"""Of a bus that is called full: a broker that is held up for long leaves gaps."""
+STARVED_S_MIN = 0.001
+"""After the onset: the frame that was on the wire then is complete."""
+
+
+class Finding(NamedTuple):
+    """One thing that was to be shown, whether it was, and the figure."""
+
+    what: str
+    holds: bool
+    figure: str
+
+
+def load_findings(run: LiveSoak) -> Iterator[Finding]:
+    """Yield what is to hold when the babbling node has the lowest priority."""
+    load = run.bus.load
+    yield Finding("bus full", load >= LOAD_MIN, f"load {100 * load:.3f} %")
+    yield _nothing_lost(run.messages)
+    yield _nothing_missed(run.messages)
+    yield _priority_kept(run)
+    modes = [mode for _, mode, _ in run.modes]
+    yield Finding("controller in control throughout", modes == ["ACTIVE"], ", ".join(modes))
+    yield _recorder_complete(run)
+    yield _memory_flat(run)
+    yield _nobody_disconnected(run)
+
+
+def starve_findings(run: LiveSoak) -> Iterator[Finding]:
+    """Yield what is to hold when the babbling node has the highest priority."""
+    first_ns, last_ns = run.bus.babble_ns
+    through = [
+        time_ns
+        for frames in run.bus.control.values()
+        for time_ns, _ in frames
+        if first_ns + STARVED_S_MIN * 1e9 < time_ns < last_ns
+    ]
+    starved = (
+        f"{len(through)} frames of the pair got through in {(last_ns - first_ns) * 1e-9:.2f} s"
+    )
+    yield Finding("the pair is starved", not through, starved)
+    after_s = {mode: time_s for time_s, mode, _ in reversed(run.modes) if time_s > 0.0}
+    ends_s = (last_ns - first_ns) * 1e-9
+    for mode in (Mode.HOLDING, Mode.SAFE_STOP):
+        at_s = after_s.get(mode.name)
+        figure = "never" if at_s is None else f"{1e3 * at_s:.0f} ms after the onset"
+        is_in_time = at_s is not None and at_s < ends_s
+        yield Finding(f"controller in {mode.name}", is_in_time, figure)
+    back_s = next((s for s, mode, _ in run.modes if mode == Mode.ACTIVE.name and s > ends_s), None)
+    figure = "never" if back_s is None else f"{1e3 * (back_s - ends_s):.0f} ms after the end"
+    yield Finding("controller in control again", back_s is not None, figure)
+    yield _handed_over_is_on_bus(run)
+    yield _recorder_complete(run)
+    yield _nobody_disconnected(run)
+
+
+def bounds_ns(run: LiveSoak) -> dict[int, int]:
+    """Return the bound on the arbitration delay of each message of the pair, by identifier [ns]."""
+    return dict(delay_bounds_ns(sorted(run.bus.control), run.plan.bitrate_bit_s))
+
+
+def _nothing_lost(messages: list[MessageCount]) -> Finding:
+    lost = sum(message.lost for message in messages)
+    reordered = sum(message.reordered for message in messages)
+    differ = [message.name for message in messages if not message.is_same]
+    sent = sum(message.sent for message in messages)
+    figure = f"{sent} sent, {lost} counters missing on the bus, {reordered} out of order"
+    if differ:
+        figure += f"; what was sent is not what was on the bus: {', '.join(differ)}"
+    return Finding(
+        "no frame of the pair lost or reordered", not (lost or reordered or differ), figure
+    )
+
+
+def _handed_over_is_on_bus(run: LiveSoak) -> Finding:
+    """What a full queue refused is lost, and its counter with it; nothing else may be."""
+    differ = [message.name for message in run.messages if not message.is_same]
+    refused = sum(run.reports[name]["loop"]["frames_refused"] for name in (CONTROLLER, PLANT))
+    oldest_s = max(message.waited.max_ns for message in run.messages) * 1e-9
+    figure = f"{refused} frames found no room; the oldest that was sent had waited {oldest_s:.2f} s"
+    if differ:
+        figure += f"; not as handed over: {', '.join(differ)}"
+    return Finding("what the bus took is sent, in order", not differ, figure)
+
+
+def _nothing_missed(messages: list[MessageCount]) -> Finding:
+    missed = sum(message.missed for message in messages)
+    disordered = sum(message.disordered for message in messages)
+    taken = sum(message.taken for message in messages)
+    figure = f"{taken} taken, {missed} counters missing, {disordered} out of order"
+    return Finding("none missed by its receiver", not (missed or disordered), figure)
+
+
+def _priority_kept(run: LiveSoak) -> Finding:
+    delays = run.reports["broker"]["channels"][CHANNEL]["arbitration_delay"]
+    bounds = bounds_ns(run)
+    beyond = [
+        f"0x{can_id:03X} {1e6 * delays[f'{can_id:03X}']['max_s']:.0f} of {bound_ns / 1e3:.0f} us"
+        for can_id, bound_ns in bounds.items()
+        if delays[f"{can_id:03X}"]["max_s"] * 1e9 > bound_ns
+    ]
+    figure = ", ".join(beyond) or "every arbitration within the bound of the bus model"
+    if beyond:
+        late_s = max(run.reports[n]["loop"]["lateness"]["max_s"] for n in (CONTROLLER, PLANT))
+        figure += f"; a program was held up for {1e3 * late_s:.1f} ms, which no bound covers"
+    return Finding("priority kept", not beyond, figure)
+
+
+def _recorder_complete(run: LiveSoak) -> Finding:
+    bus, recorder = run.bus, run.reports["recorder"]
+    carried = run.reports["broker"]["channels"][CHANNEL]["frames"]
+    holds = (
+        bus.frames == recorder["received"] == carried
+        and bus.babbled == run.reports["babbler"]["frames"]
+        and not (recorder["dropped"] or bus.unreadable or bus.disordered or bus.babble_missing)
+    )
+    missing = carried - bus.frames + bus.babble_missing
+    figure = (
+        f"{bus.frames} of {carried} frames, {recorder['dropped']} dropped, {missing} missing, "
+        f"{bus.disordered} out of order"
+    )
+    return Finding("recorder complete", holds, figure)
+
+
+def _memory_flat(run: LiveSoak) -> Finding:
+    name, worst = max(run.memory.items(), key=lambda item: item[1].growth_kib)
+    flat = all(figures.is_flat for figures in run.memory.values())
+    return Finding("memory flat", flat, f"at most {worst.growth_kib:+.0f} KiB, {name}")
+
+
+def _nobody_disconnected(run: LiveSoak) -> Finding:
+    gone = run.reports["broker"]["clients"]["disconnected"]
+    thrown = {cause: count for cause, count in gone.items() if count and cause != "left"}
+    figure = ", ".join(f"{count} {cause}" for cause, count in thrown.items()) or "all left in order"
+    return Finding("nobody disconnected", not thrown, figure)
