@@ -22,6 +22,8 @@ from tools.log_analysis.text_lines import TextLines
 _HEAD_LINES = 200
 """Lines that tell whether the times of candump are distances."""
 _CAN_ERR_FLAG = 0x20000000
+TIME_NS_LIMIT = 1 << 62
+"""The year 2116: a time beyond is a misprint, and differences of times are to fit into 64 bits."""
 _CLOCK_STARTED_NS = 631_152_000 * NS_PER_S
 """1990: greater times are dates."""
 _PLAIN = re.compile(
@@ -53,14 +55,11 @@ def candump_frames(lines: TextLines) -> Iterator[Logged]:
     read_time = _distances() if _are_distances(stamps) else _time_ns
     for line in lines:
         entry = parse_entry(line)
-        if entry is not None:
-            yield Logged(*entry)
+        logged = _plain(line, read_time) if entry is None else Logged(*entry)
+        if logged is not None and (logged.time_ns or 0) < TIME_NS_LIMIT:
+            yield logged
         elif line.strip():
-            logged = _plain(line, read_time)
-            if logged is None:
-                lines.count_unreadable(f"no frame: {line.strip()[:60]!r}")
-            else:
-                yield logged
+            lines.count_unreadable(f"no frame: {line.strip()[:60]!r}")
 
 
 def _plain(line: str, read_time: Callable[[str], int | None]) -> Logged | None:

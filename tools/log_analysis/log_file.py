@@ -13,7 +13,7 @@ import can
 
 from runtime.message import frame_of
 from runtime.node import NS_PER_S
-from tools.log_analysis.candump_text import Logged, candump_frames
+from tools.log_analysis.candump_text import TIME_NS_LIMIT, Logged, candump_frames
 from tools.log_analysis.text_lines import TextLines
 
 _TEXT_READERS = {".asc": can.ASCReader, ".csv": can.CSVReader, ".trc": can.TRCReader}
@@ -58,6 +58,7 @@ def open_log(path: Path) -> LogFile:
     except OSError as error:
         raise LogError(f"{path}: {error.strerror or error}") from error
     if inner in _BINARY_SUFFIXES:
+        lines.close()
         raise LogError(f"{path}: unpack it first (gunzip)")
     reader = _TEXT_READERS.get(inner)
     return _TextLog(lines, candump_frames(lines) if reader is None else _python_can(lines, reader))
@@ -113,6 +114,7 @@ def _python_can(
     while True:
         try:
             message = next(messages, None)
+            logged = None if message is None else _logged(message)
         except Exception as error:  # whatever a reader stumbles over
             header = lines.seen[:-1] if header is None else header
             lines.count_unreadable(f"no frame: {_one_line(error)[:60]}")
@@ -122,14 +124,17 @@ def _python_can(
             lines.put_back(header)
             messages = iter(reader(lines))
             continue
-        if message is None:
+        if logged is None:
             return
         header = lines.seen[:-1] if header is None else header
-        yield _logged(message)
+        yield logged
 
 
 def _logged(message: can.Message) -> Logged:
+    """Return the frame in a message; raises ValueError for one that has no time."""
     channel = "" if message.channel is None else str(message.channel)
+    if not abs(message.timestamp) * NS_PER_S < TIME_NS_LIMIT:  # no number neither
+        raise ValueError(f"a time of {message.timestamp:g} s")
     return Logged(round(message.timestamp * NS_PER_S), channel, frame_of(message))
 
 
@@ -170,8 +175,10 @@ class _BinaryLog:
     def __iter__(self) -> Iterator[Logged]:
         count = 0
         try:
-            for count, message in enumerate(self._reader, start=1):  # noqa: B007 read below
-                yield _logged(message)
+            for message in self._reader:
+                logged = _logged(message)
+                count += 1
+                yield logged
         except GeneratorExit:
             raise
         except Exception as error:  # whatever a reader stumbles over
