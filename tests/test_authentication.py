@@ -1,6 +1,9 @@
 """Authenticated frames: what is accepted, what is refused and why, and how two ends meet."""
 
+import math
+import re
 from collections.abc import Sequence
+from pathlib import Path
 
 import cantools.database
 import pytest
@@ -43,7 +46,7 @@ from dbc.secured_frame import (
     plain,
 )
 from runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
-from runtime.frame_length import frame_bits
+from runtime.frame_length import INTERMISSION_BITS, frame_bits
 
 KEY = bytes(range(16))
 OTHER_KEY = bytes(range(1, 17))
@@ -488,3 +491,29 @@ def test_the_printed_dbc_describes_every_byte_and_leaves_the_payload_as_it_was()
         challenges = dict(signals)
     assert challenges["CHALLENGE"] == int.from_bytes(CONTROLLER_CHALLENGE, "big")
     assert challenges["ECHO"] == int.from_bytes(PLANT_CHALLENGE, "big")
+
+
+# The document's figures
+
+DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "authentication.md"
+SECONDS = {"ms": 1e-3, "min": 60.0, "h": 3600.0, "years": 3600 * 24 * 365.25, "million": 1e6}
+
+
+def seconds_of(text: str) -> float:
+    number, *units = text.split()
+    return float(number) * math.prod(SECONDS[unit] for unit in units)
+
+
+def test_the_document_says_how_long_guessing_takes() -> None:
+    text = DOCUMENT.read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d+)[^|]* \| (\d+) \| (\d+) \| ([^|]+) \| ([^|]+) \|$", text, re.M)
+    assert [int(row[0]) for row in rows] == [24, 28, 48, 64]
+    for bits, length, rate, expected, one_in_a_million in rows:
+        # Alternating bits: without stuff bits, and so as many as there can be.
+        frame = Frame(0x100, b"\x55" * int(length), FD | BITRATE_SWITCH)
+        nominal, data = frame_bits(frame)
+        guesses_s = 1.0 / ((nominal + INTERMISSION_BITS) / 500e3 + data / 2e6)
+        assert int(rate) == round(guesses_s)
+        tries = 2.0 ** int(bits)
+        assert seconds_of(expected) == pytest.approx(tries / guesses_s, rel=0.02)
+        assert seconds_of(one_in_a_million) == pytest.approx(1e-6 * tries / guesses_s, rel=0.02)
