@@ -33,6 +33,7 @@ from runtime.frame import FD, Frame
 from runtime.node import NEVER_NS, Node
 from runtime.settings import load_settings, read_preset
 from runtime.virtual_time import VirtualTimeExecutor
+from tools.log_analysis.bus_listener import BusListener
 
 KEY, OTHER_KEY = bytes(range(16)), bytes(range(1, 17))
 MS_NS = 1_000_000
@@ -171,6 +172,19 @@ def test_on_a_bus_with_a_bit_rate_the_other_lengths_change_the_run_by_their_time
     rms_m = [pair.plant.report()["lateral_error_rms_m"] for pair in (secured, unsecured)]
     assert rms_m[0] != rms_m[1]
     assert rms_m[0] == pytest.approx(rms_m[1], rel=0.02)
+
+
+def test_who_only_listens_reads_the_same_from_authenticated_frames(
+    classic: Pair, authenticated: Pair
+) -> None:
+    readings = []
+    for pair in (classic, authenticated):
+        listener = BusListener()
+        readings.append([listener.take(heard.frame) for heard in pair.heard])
+        assert set(listener.refused) <= {"repeated"}
+        assert listener.foreign_frames == 0
+    assert readings[0] == readings[1]
+    assert len(readings[0]) > 1500
 
 
 # Nobody else

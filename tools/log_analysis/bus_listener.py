@@ -1,7 +1,8 @@
 """What a listener on the bus makes of its frames: messages, and everything else by cause.
 
 It judges as the nodes do (``dbc.messages.decode``, then the end-to-end counter), with the widest
-window: a listener commands nobody, so it may believe a counter that jumped by up to MAX_JUMP.
+window: a listener commands nobody, so it may believe a counter that jumped by up to MAX_JUMP. Of
+authenticated frames it reads the payload and does not check the rest, having no key.
 """
 
 from collections import Counter
@@ -18,6 +19,7 @@ from dbc.messages import (
     decode,
 )
 from dbc.protection import SequenceCheck, SequenceResult
+from dbc.secured_frame import plain
 from runtime.frame import ERROR, Frame
 
 MAX_JUMP = 127
@@ -112,7 +114,7 @@ class BusListener:
 
     def take(self, frame: Frame) -> Heard | None:
         """Judge one frame; None for what is no message, and for one that came twice."""
-        decoded = decode(frame)
+        decoded = decode(plain(frame))
         if isinstance(decoded, Decoded):
             message, counter = decoded
             name = NAMES[type(message)]
