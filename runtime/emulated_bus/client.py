@@ -47,6 +47,11 @@ _DRAIN_TIMEOUT_S = 5.0
 into the socket's buffer take on the wire."""
 
 
+_SEND_BUFFER_BYTES = 4608
+"""Of the socket: a dozen frames, as the transmit queue of a network interface. A frame that waits
+here is old when it is sent, and an ordinary buffer would hold hundreds."""
+
+
 class EmulatedBus(can.BusABC):
     """A client on one channel of an emulated bus.
 
@@ -243,6 +248,8 @@ def _join(hello: Hello, address_text: str | None) -> tuple[socket.socket, Answer
             f"the emulated bus at {address} cannot be joined: {error}"
         ) from error
     connection.setblocking(False)
+    if connection.family != socket.AF_INET:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
     return connection, answer
 
 

@@ -49,13 +49,13 @@ def starve_findings(run: LiveSoak) -> Iterator[Finding]:
         f"{len(through)} frames of the pair got through in {(last_ns - first_ns) * 1e-9:.2f} s"
     )
     yield Finding("the pair is starved", not through, starved)
-    after_s = {mode: time_s for time_s, mode, _ in reversed(run.modes) if time_s > 0.0}
     ends_s = (last_ns - first_ns) * 1e-9
-    for mode in (Mode.HOLDING, Mode.SAFE_STOP):
-        at_s = after_s.get(mode.name)
-        figure = "never" if at_s is None else f"{1e3 * at_s:.0f} ms after the onset"
-        is_in_time = at_s is not None and at_s < ends_s
-        yield Finding(f"controller in {mode.name}", is_in_time, figure)
+    hold_s = next((s for s, mode, _ in run.modes if mode == Mode.HOLDING.name and s > 0.0), None)
+    figure = "never" if hold_s is None else f"{1e3 * hold_s:.0f} ms after the onset"
+    yield Finding("controller in HOLDING", hold_s is not None and hold_s < ends_s, figure)
+    # Its commands cannot tell: by now its queue is full. The report can.
+    stopped_s = run.reports[CONTROLLER]["node"]["mode_s"][Mode.SAFE_STOP.name.lower()]
+    yield Finding("then in SAFE_STOP", stopped_s > 0.0, f"for {stopped_s:.2f} s")
     back_s = next((s for s, mode, _ in run.modes if mode == Mode.ACTIVE.name and s > ends_s), None)
     figure = "never" if back_s is None else f"{1e3 * (back_s - ends_s):.0f} ms after the end"
     yield Finding("controller in control again", back_s is not None, figure)
