@@ -13,8 +13,9 @@ from controller.analysis.check import check_text
 from controller.laws import LawName
 from controller.node import RECEIVED, ControllerNode
 from controller.settings import ControllerSettings
-from dbc.messages import CAN_IDS
-from runtime.program import ExitStatus, load_program_settings, make_parser, run_main, run_node
+from dbc.secured_frame import CONTROLLER
+from dbc.secured_program import add_key_file_argument, run_secured_node
+from runtime.program import ExitStatus, load_program_settings, make_parser, run_main
 
 NAME = "steering-controller"
 PRESETS = "controller.presets"
@@ -33,6 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="store_true",
         help="print the settings in effect and what delay and jitter they tolerate, and do not run",
     )
+    add_key_file_argument(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
@@ -48,10 +50,11 @@ def _run(options: argparse.Namespace) -> int:
         print(f"{NAME}: analysing the sampled loop ...", file=sys.stderr, flush=True)
         print(check_text(settings), end="")
         return ExitStatus.OK
-    return run_node(
+    return run_secured_node(
         NAME,
         options,
         settings,
+        CONTROLLER,
         lambda start_ns: ControllerNode(settings, start_ns),
-        can_ids=[CAN_IDS[message_type] for message_type in RECEIVED],
+        RECEIVED,
     )

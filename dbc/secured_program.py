@@ -50,18 +50,14 @@ def run_secured_node(
     """
     can_ids = {CAN_IDS[message_type] for message_type in received}
     if options.key_file is None:
-        say(name, NOBODY, sys.stderr)
 
         def conclude_classic(node: N) -> None:
-            if secured := node.report().get("rejected", {}).get(Refused.NO_KEY.value):
-                say(
-                    name,
-                    f"{secured} frames refused: their sender has a key, {name} has none",
-                    sys.stderr,
-                )
+            if secured := node.report()["rejected"].get(Refused.NO_KEY.value):
+                why = "their sender has a key, this end has none"
+                say(name, f"frames refused: {secured}, as {why} (--key-file)", sys.stderr)
             conclude(node)
 
-        return run_node(name, options, settings, make_node, conclude_classic, can_ids)
+        return run_node(name, options, settings, make_node, conclude_classic, can_ids, NOBODY)
     # Not above: they read the DBC once more, for which classic CAN has no use.
     from dbc.authenticated_node import AuthenticatedNode
     from dbc.key_file import open_authentication
@@ -78,6 +74,13 @@ def run_secured_node(
             say(name, f"frames refused by authentication: {causes}", sys.stderr)
         conclude(node.node)
 
-    say(name, AUTHENTICATED, sys.stderr)
     can_ids.add(CAN_IDS[end.peer_status])
-    return run_node(name, options, settings, make_authenticated, conclude_authenticated, can_ids)
+    return run_node(
+        name,
+        options,
+        settings,
+        make_authenticated,
+        conclude_authenticated,
+        can_ids,
+        AUTHENTICATED,
+    )

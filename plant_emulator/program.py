@@ -7,12 +7,13 @@ import argparse
 from collections.abc import Sequence
 from functools import partial
 
-from dbc.messages import CAN_IDS
+from dbc.secured_frame import PLANT
+from dbc.secured_program import add_key_file_argument, run_secured_node
 from plant_emulator.node import RECEIVED, SAMPLES_MAX, PlantNode, motion_params
 from plant_emulator.plant_samples import write_trace
 from plant_emulator.settings import PlantSettings
 from runtime.option_types import output_file
-from runtime.program import load_program_settings, make_parser, run_main, run_node, say
+from runtime.program import load_program_settings, make_parser, run_main, say
 
 NAME = "plant-emulator"
 PRESETS = "plant_emulator.presets"
@@ -23,6 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = make_parser(NAME, "Emulates vehicle, path, actuator and network latency.", PRESETS)
     parser.add_argument("--seed", type=int, metavar="N", help="of all randomness of the run")
     parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every sample, CSV")
+    add_key_file_argument(parser)
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
@@ -32,13 +34,14 @@ def _run(options: argparse.Namespace) -> int:
     params = motion_params(settings)
     # Without a trace nobody asks for them, and memory is to stay as it is however long the run.
     samples_max = 0 if options.trace is None else SAMPLES_MAX
-    return run_node(
+    return run_secured_node(
         NAME,
         options,
         settings,
+        PLANT,
         lambda start_ns: PlantNode(settings, start_ns, params, samples_max),
+        RECEIVED,
         partial(_conclude, options),
-        [CAN_IDS[message_type] for message_type in RECEIVED],
     )
 
 

@@ -200,6 +200,7 @@ def run_node(
     make_node: Callable[[int], N],
     conclude: Callable[[N], None] = lambda _node: None,
     can_ids: Collection[int] | None = None,
+    notice: str = "",
 ) -> ExitStatus:
     """Open the bus, run the node to its end in real time, print and write the report.
 
@@ -207,6 +208,7 @@ def run_node(
                    due then, so it must not take long
     ``conclude``   writes and says what the program has to add, after the report
     ``can_ids``    identifiers the node receives; None for all
+    ``notice``     is said on standard error when the bus is open
 
     Returns the exit status: a bus or a recording that fails leaves a report too. Raises BusError
     when the bus cannot be opened, and OSError when a file cannot be written.
@@ -223,6 +225,8 @@ def run_node(
         # A file may take for ever to open, which Ctrl-C has to end: before the signals are taken.
         recording = _start_recording(options, opened.channel)
         stack.enter_context(stop.on_signals())
+        if notice:
+            say(name, notice, sys.stderr)
         say(name, f"ready on {opened.description}")
         try:
             node, run = _run_in_real_time(options, connection, stop, make_node, recording)

@@ -23,6 +23,7 @@ from dbc.messages import (
     decode,
     encode,
 )
+from dbc.secured_program import NOBODY
 from plant_emulator.plant_samples import PlacedSample, PlantSample
 from plant_emulator.program import main
 from runtime.emulated_bus.launch import launched_broker
@@ -33,6 +34,8 @@ Capture = pytest.CaptureFixture[str]
 PATIENCE_S = 20.0
 ORDINARY = ("--priority", "0", "--no-memory-lock")
 """Asks the host for nothing, so that the test does not depend on what it grants."""
+NOTICE = f"plant-emulator: {NOBODY}\n"
+"""What every run on classic CAN says on standard error, once."""
 
 
 def on_bus(address: str) -> list[str]:
@@ -142,7 +145,7 @@ def test_a_run_ends_by_itself_with_report_and_trace(tmp_path: Path) -> None:
     ):
         received = drive_until(client, 15)
         out, err = program.communicate(timeout=PATIENCE_S)
-        assert (program.returncode, err) == (ExitStatus.OK, "")
+        assert (program.returncode, err) == (ExitStatus.OK, NOTICE)
     assert "ended by finished" in out
     assert "lateral error RMS" in out
 
@@ -180,7 +183,7 @@ def test_a_signal_ends_a_run_with_its_report(tmp_path: Path, number: signal.Sign
         drive_until(client, 3)
         program.send_signal(number)
         _, err = program.communicate(timeout=PATIENCE_S)
-        assert (program.returncode, err) == (ExitStatus.OK, "")
+        assert (program.returncode, err) == (ExitStatus.OK, NOTICE)
     assert checked_report(report_file)["ended_by"] == number.name
 
 
@@ -190,7 +193,7 @@ def test_a_duration_ends_a_run_that_nobody_drives(tmp_path: Path) -> None:
         options = ("--duration", "0.2", "--report", str(report_file))
         with started(*on_bus(address), *options) as program:
             _, err = program.communicate(timeout=PATIENCE_S)
-            assert (program.returncode, err) == (ExitStatus.OK, "")
+            assert (program.returncode, err) == (ExitStatus.OK, NOTICE)
     report = checked_report(report_file)
     assert report["ended_by"] == "duration"
     assert report["node"]["samples"] == 0
@@ -204,6 +207,7 @@ def test_a_bus_that_fails_ends_a_run_with_its_report_and_status_3(tmp_path: Path
             broker.close()
             _, err = program.communicate(timeout=PATIENCE_S)
             assert program.returncode == ExitStatus.BUS
-    (line,) = err.splitlines()
+    notice, line = err.splitlines(keepends=True)
+    assert notice == NOTICE
     assert line.startswith("plant-emulator: error: ")
     assert checked_report(report_file)["ended_by"] in line
