@@ -84,7 +84,13 @@ def design_predictor(settings: LawSettings) -> Callable[[float], PredictorParams
     """
     table = _given(settings.predictor)
     period_s, sensor_period_s = 1.0 / settings.rate_hz, settings.link.sensor_period_s
-    gains = design_schedule(table, _vehicle(settings), period_s, sensor_period_s)
+    gains = design_schedule(
+        settings.estimator,
+        _vehicle(settings),
+        period_s,
+        sensor_period_s,
+        table.steer_per_error_rad_m,
+    )
     link = link_of(settings)
     fallback = design_ddob(settings)
     fade_step_rad = FADE_RAD_S * period_s

@@ -25,7 +25,7 @@ STARTS_ANEW_AFTER = 256
 
 
 class VehicleGains(NamedTuple):
-    """F, G and K at one speed, by row and column; and the feedback of the predictor.
+    """F, G and K at one speed, by row and column; and the feedback, zeros where there is none.
 
     Entries of F that are 0 or 1 for every vehicle are not here.
     """

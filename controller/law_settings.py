@@ -1,4 +1,4 @@
-"""Settings of the control laws: the tables [pd], [dob], [cdob] and [nominal_model].
+"""Settings of the control laws: the tables of each law, [estimator], [link] and [nominal_model].
 
 They hold continuous-time values; ``controller.design`` turns them into discrete filters at the
 configured rate. Anything a filter could not be built from is refused here, naming the key.
@@ -104,14 +104,12 @@ class LinkSettings(Settings):
         return self.sensor_period_ms * 1e-3
 
 
-class PredictorSettings(Settings):
-    """[predictor]: what the filter takes for noise, what the feedback takes for a large error.
+class EstimatorSettings(Settings):
+    """[estimator]: what the Kalman filter takes for noise, and at which speeds it is designed.
 
     Noise densities are standard deviations after one second; of the measurements, per sample.
     """
 
-    steer_per_error_rad_m: Annotated[float, Field(gt=0.0, le=100.0)] = 1.0
-    """Weight of the lateral error in the feedback's cost: this much steer is as bad as a metre."""
     lateral_error_noise_m: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.002
     heading_error_noise_rad: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.002
     side_slip_noise_rad_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.001
@@ -120,8 +118,6 @@ class PredictorSettings(Settings):
     steering_offset_walk_rad_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.005
     actuator_lag_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
     """Of the wheel behind the command, if known."""
-    horizon_s_max: Annotated[float, Field(gt=0.0, le=2.0)] = 1.0
-    """Of prediction; beyond it the law is pd_ddob."""
     speed_m_s_min: Annotated[float, Field(ge=0.1, le=80.0)] = 0.5
     speed_m_s_max: Annotated[float, Field(ge=0.1, le=80.0)] = 25.0
 
@@ -133,6 +129,15 @@ class PredictorSettings(Settings):
                 f" speed_m_s_min = {self.speed_m_s_min:g}"
             )
         return self
+
+
+class PredictorSettings(Settings):
+    """[predictor]: what its feedback takes for a large error, and how far ahead it looks."""
+
+    steer_per_error_rad_m: Annotated[float, Field(gt=0.0, le=100.0)] = 1.0
+    """Weight of the lateral error in the feedback's cost: this much steer is as bad as a metre."""
+    horizon_s_max: Annotated[float, Field(gt=0.0, le=2.0)] = 1.0
+    """Of prediction; beyond it the law is pd_ddob."""
 
 
 NominalModelSettings = Annotated[
@@ -149,6 +154,7 @@ class LawSettings(Settings):
     dob: DobSettings | None = None
     cdob: CdobSettings | None = None
     predictor: PredictorSettings | None = None
+    estimator: EstimatorSettings = EstimatorSettings()
     link: LinkSettings = LinkSettings()
     nominal_model: NominalModelSettings | None = None
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from controller.estimator import VehicleGains
 from controller.held_input import held_over
-from controller.law_settings import PredictorSettings, VehicleModelSettings
+from controller.law_settings import EstimatorSettings, VehicleModelSettings
 from controller.riccati import feedback_gain, filter_gain
 
 Matrix = NDArray[np.float64]
@@ -62,12 +62,15 @@ class GainSchedule(NamedTuple):
 
 
 def design_schedule(
-    settings: PredictorSettings,
+    settings: EstimatorSettings,
     vehicle: VehicleModelSettings,
     period_s: float,
     sensor_period_s: float,
+    steer_per_error_rad_m: float | None,
 ) -> GainSchedule:
     """Return the gains over the settings' range of speeds; ``period_s`` is the controller's.
+
+    ``steer_per_error_rad_m``  the feedback's weight k; None for a filter without feedback
 
     Raises ValueError where there are none, naming the speed.
     """
@@ -76,15 +79,16 @@ def design_schedule(
     speeds = [low * (high / low) ** (step / steps) for step in range(steps + 1)]
     try:
         gains = [
-            _gains(settings, vehicle, speed_m_s, period_s, sensor_period_s) for speed_m_s in speeds
+            _gains(settings, vehicle, speed_m_s, period_s, sensor_period_s, steer_per_error_rad_m)
+            for speed_m_s in speeds
         ]
     except (ValueError, np.linalg.LinAlgError) as error:
-        raise ValueError(f"no gains for the predictor: {error}") from error
+        raise ValueError(f"no gains of the Kalman filter: {error}") from error
     return GainSchedule(speeds, gains)
 
 
 def sampled_vehicle(
-    settings: PredictorSettings, vehicle: VehicleModelSettings, speed_m_s: float, period_s: float
+    settings: EstimatorSettings, vehicle: VehicleModelSettings, speed_m_s: float, period_s: float
 ) -> SampledVehicle:
     """Return the vehicle over a period of a held command."""
     a, b = _continuous(vehicle, speed_m_s, settings.actuator_lag_s)
@@ -94,7 +98,7 @@ def sampled_vehicle(
     return SampledVehicle(f, g)
 
 
-def noise_covariances(settings: PredictorSettings, sensor_period_s: float) -> tuple[Matrix, Matrix]:
+def noise_covariances(settings: EstimatorSettings, sensor_period_s: float) -> tuple[Matrix, Matrix]:
     """Return Q over a sensor period, order β r Δψ y ρ d, and R of (y, Δψ)."""
     densities = [
         settings.side_slip_noise_rad_sqrt_s,
@@ -110,17 +114,20 @@ def noise_covariances(settings: PredictorSettings, sensor_period_s: float) -> tu
 
 
 def _gains(
-    settings: PredictorSettings,
+    settings: EstimatorSettings,
     vehicle: VehicleModelSettings,
     speed_m_s: float,
     period_s: float,
     sensor_period_s: float,
+    steer_per_error_rad_m: float | None,
 ) -> VehicleGains:
     f, g = sampled_vehicle(settings, vehicle, speed_m_s, sensor_period_s)
     q, r = noise_covariances(settings, sensor_period_s)
     measured = np.eye(len(_FILTERED))[list(_MEASURED)]
     k = filter_gain(f[np.ix_(_FILTERED, _FILTERED)], measured, q, r)
-    feedback = _feedback(settings, vehicle, speed_m_s, period_s)
+    feedback: Sequence[float] = (0.0,) * 7
+    if steer_per_error_rad_m is not None:
+        feedback = _feedback(settings, vehicle, speed_m_s, period_s, steer_per_error_rad_m)
     columns = (BETA, R, D, DELTA)
     path = (BETA, R, RHO, D, DELTA)
     return VehicleGains(
@@ -140,14 +147,18 @@ def _gains(
 
 
 def _feedback(
-    settings: PredictorSettings, vehicle: VehicleModelSettings, speed_m_s: float, period_s: float
+    settings: EstimatorSettings,
+    vehicle: VehicleModelSettings,
+    speed_m_s: float,
+    period_s: float,
+    steer_per_error_rad_m: float,
 ) -> Sequence[float]:
     """Return the feedback of β, r, Δψ, y and δ, and the feed-forward of ρ and d."""
     f, g = sampled_vehicle(settings, vehicle, speed_m_s, period_s)
     has_lag = settings.actuator_lag_s > 0.0
     states = [*_FREE, DELTA] if has_lag else list(_FREE)
     weight = np.zeros((len(states), len(states)))
-    weight[Y, Y] = settings.steer_per_error_rad_m**2
+    weight[Y, Y] = steer_per_error_rad_m**2
     k = feedback_gain(f[np.ix_(states, states)], g[states, None], weight, np.eye(1))[0]
     curvature = _steady_state(vehicle, speed_m_s)
     of_wheel = float(k[-1]) if has_lag else 0.0
