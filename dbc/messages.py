@@ -67,6 +67,8 @@ class Law(IntEnum):
     PD_CDOB = 2
     PD_DDOB = 3
     PREDICTOR = 4
+    SMITH = 5
+    DELAYED_SET_POINT = 6
 
 
 class SteeringStatusCode(IntEnum):
