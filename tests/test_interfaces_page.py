@@ -34,7 +34,7 @@ def test_a_command_is_accepted(command: str, monkeypatch: pytest.MonkeyPatch) ->
         asked.append(options)
         return 0
 
-    monkeypatch.setattr(module, "run_node", run_node)
+    monkeypatch.setattr(module, "run_secured_node", run_node)
     assert module.main(arguments) == 0
     (options,) = asked
     assert options.interface in can.VALID_INTERFACES
