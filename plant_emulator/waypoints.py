@@ -18,6 +18,8 @@ HEADER = ["x_m", "y_m"]
 POINTS_MIN = 4
 POINTS_MAX = 10_000
 COORDINATE_MAX_M = 1e6
+DISTANCE_MIN_M = 1e-3
+"""Of neighbouring points: nearer ones fall into one where the path has become long."""
 
 
 def waypoint_path(file: FilePath, *, closed: bool) -> Path:
@@ -30,8 +32,12 @@ def waypoint_path(file: FilePath, *, closed: bool) -> Path:
         points = [*points, points[0]]
     xy = np.array(points)
     chords = np.hypot(*np.diff(xy, axis=0).T)
-    if not (chords > 0.0).all():
-        raise SettingsError(f"{file}: point {int(np.argmin(chords)) + 2} repeats the one before it")
+    if chords.min() < DISTANCE_MIN_M:
+        number = int(np.argmin(chords)) + 2
+        raise SettingsError(
+            f"{file}: point {number} repeats the one before it, or is nearer than"
+            f" {DISTANCE_MIN_M:g} m to it"
+        )
     knots = np.concatenate(([0.0], np.cumsum(chords)))
     spline = CubicSpline(knots, xy, bc_type="periodic" if closed else "natural")
     first, second = spline.derivative(1), spline.derivative(2)
