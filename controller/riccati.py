@@ -23,18 +23,23 @@ def solve_riccati(a: Matrix, b: Matrix, q: Matrix, r: Matrix) -> Matrix:
     Raises ValueError where the doubling does not settle: what cannot be steered grows by itself.
     """
     identity = np.eye(len(a))
-    g, h = b @ np.linalg.solve(r, b.T), q
-    for _ in range(_DOUBLINGS):
-        inverse = np.linalg.inv(identity + g @ h)
-        after = h + a.T @ h @ inverse @ a
-        g = g + a @ inverse @ g @ a.T
-        a = a @ inverse @ a
-        change = float(np.abs(after - h).max())
-        h = 0.5 * (after + after.T)
-        if not np.isfinite(h).all():
-            break
-        if change <= _SETTLED * float(np.abs(h).max()):
-            return h
+    transition, acting = a, b @ np.linalg.solve(r, b.T)
+    g, h = acting, q
+    with np.errstate(over="ignore", invalid="ignore"):  # of what does not settle
+        for _ in range(_DOUBLINGS):
+            inverse = np.linalg.inv(identity + g @ h)
+            after = h + a.T @ h @ inverse @ a
+            g = g + a @ inverse @ g @ a.T
+            a = a @ inverse @ a
+            change = float(np.abs(after - h).max())
+            h = 0.5 * (after + after.T)
+            if not np.isfinite(h).all() or not np.isfinite(g).all():
+                break
+            if change <= _SETTLED * float(np.abs(h).max()):
+                closed = np.linalg.solve(identity + acting @ h, transition)
+                if np.abs(np.linalg.eigvals(closed)).max() < 1.0:
+                    return h
+                break  # what grows costs nothing, and is left to grow
     raise ValueError("the Riccati equation has no stabilising solution for these settings")
 
 
