@@ -1,7 +1,8 @@
 """What the two programs share: command line, start, signals, report, exit status.
 
 From the line "ready" on a run ends with its report, whether the node has finished, time is up, a
-signal came or the bus failed. What could lose a report is refused before there is a run.
+signal came, the bus failed or the node has found a fault in itself. What could lose a report is
+refused before there is a run.
 """
 
 import argparse
@@ -45,6 +46,10 @@ PATIENCE_S = 60.0
 """How long ``--reconnect`` waits for the bus unless told."""
 
 
+FINISHED = "finished"
+"""What ended a run that the node itself has ended."""
+
+
 class ExitStatus(IntEnum):
     """Why a program has ended, for the shell."""
 
@@ -53,6 +58,8 @@ class ExitStatus(IntEnum):
     BUS = 3
     OUTPUT = 4
     """A file could not be written."""
+    SAFE_STATE = 5
+    """The node has found a fault in itself, and has gone to its safe state for good."""
     INTERRUPTED = 130
     """By Ctrl-C outside of a run; a run that is interrupted ends with OK and its report."""
 
@@ -61,7 +68,12 @@ class ReportingNode(Node, Protocol):
     """A node that can say what it has seen."""
 
     def report(self) -> Mapping[str, Any]:
-        """Figures of the run so far; numbers, texts, and mappings of them."""
+        """Figures of the run so far; numbers, texts, and mappings of them.
+
+        ``failure``  may be there, and is why the node can be trusted no longer: it does not keep
+                     its rate, or what it computed was no number. Such a node goes to its safe
+                     state, says so on the bus, stays there, and has then ``finished``
+        """
         ...
 
 
@@ -210,8 +222,8 @@ def run_node(
     ``can_ids``    identifiers the node receives; None for all
     ``notice``     is said on standard error when the bus is open
 
-    Returns the exit status: a bus or a recording that fails leaves a report too. Raises BusError
-    when the bus cannot be opened, and OSError when a file cannot be written.
+    Returns the exit status: a bus, a node or a recording that fails leaves a report too. Raises
+    BusError when the bus cannot be opened, and OSError when a file cannot be written.
     """
     opened = open_port(options, can_ids, fast=options.fast_socketcan)
     connection = Connection(
@@ -234,9 +246,12 @@ def run_node(
             recorded = None if recording is None else recording.close()
         if run.failure:
             say(name, f"error: {run.failure}", sys.stderr)
-        report = run_report(
-            name, run.ended_by, opened.description, settings, run.loop, node.report()
-        )
+        figures = node.report()
+        fault = str(figures.get("failure", ""))
+        if fault:
+            say(name, f"error: safe state: {fault}", sys.stderr)
+        ended_by = f"safe state: {fault}" if fault and run.ended_by == FINISHED else run.ended_by
+        report = run_report(name, ended_by, opened.description, settings, run.loop, figures)
         report["connection"] = connection_report(run.connection)
         report["host"] = run.host
         report["recording"] = None if recorded is None else recorded._asdict()
@@ -249,6 +264,8 @@ def run_node(
         conclude(node)
     if run.failure:
         return ExitStatus.BUS
+    if fault:
+        return ExitStatus.SAFE_STATE
     return ExitStatus.OUTPUT if recorded is not None and recorded.failure else ExitStatus.OK
 
 
@@ -281,7 +298,7 @@ def _run_in_real_time(
             executor.run(stop)
         except BusError as error:
             failure = str(error)
-    ended_by = failure or stop.reason or "finished"
+    ended_by = failure or stop.reason or FINISHED
     host = host_report(answers, steal.fraction())
     return node, _Run(ended_by, failure, executor.figures, connection.figures, host)
 

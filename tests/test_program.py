@@ -331,6 +331,41 @@ def test_a_bus_that_fails_again_when_it_is_shut_down_is_told_once(
     assert capsys.readouterr().err == ""
 
 
+class Faulty(Probe):
+    """A node that finds a fault in itself."""
+
+    def report(self) -> Mapping[str, Any]:
+        return {"failure": "51 of the last 100 ticks overran, allowed are 50 of 100"}
+
+
+def test_a_node_that_has_found_a_fault_in_itself_ends_with_its_report_and_a_status_of_its_own(
+    options: Options, tmp_path: Path, capsys: Capture
+) -> None:
+    report = tmp_path / "report.json"
+    assert run(options("--report", str(report)), Faulty()) == ExitStatus.SAFE_STATE
+    told = capsys.readouterr()
+    fault = "safe state: 51 of the last 100 ticks overran, allowed are 50 of 100"
+    assert told.err == f"{NAME}: error: {fault}\n"
+    assert f"ended by {fault}" in told.out
+    written = json.loads(report.read_text())
+    assert written["ended_by"] == fault
+    assert written["node"]["failure"] in fault
+
+
+def test_a_fault_is_told_also_where_a_signal_comes_before_the_safe_state_is_reached(
+    options: Options, tmp_path: Path
+) -> None:
+    report = tmp_path / "report.json"
+    node = Faulty(ticks=1000, on_tick_do=interrupt)
+    assert run(options("--report", str(report)), node) == ExitStatus.SAFE_STATE
+    assert json.loads(report.read_text())["ended_by"] == "SIGINT"
+
+
+def test_every_way_to_end_has_a_status_of_its_own() -> None:
+    assert ExitStatus.SAFE_STATE.value == 5
+    assert len({*ExitStatus}) == len(ExitStatus.__members__)
+
+
 @pytest.mark.parametrize(
     "error",
     [
