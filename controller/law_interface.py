@@ -28,7 +28,7 @@ class Link(NamedTuple):
     ``error_sample``   number of the newest lateral error, -1 before the first
     ``echo_sample``    number of the newest sample with an echo, -1 before the first
     ``delay_ns``       from a tick to the sample, each by its clock, at which its command acts [ns]
-    ``is_measured``    whether ``delay_ns`` and the vehicle's speed are known and recent
+    ``is_measured``    whether echoes come, and the vehicle's speed is known
     """
 
     tick: int

@@ -58,8 +58,14 @@ def delay_step(p: LinkParams, x: DelayState, sample: int, tick: int) -> DelaySta
     return DelayState(x.echoes + 1, x.offset_ns + weight * deviation_ns)
 
 
-def delay_of(p: LinkParams, x: DelayState) -> float:
-    """Return the delay that the echoes have shown [ns]."""
+def delay_of(p: LinkParams, x: DelayState, echo_sample: int) -> float:
+    """Return the delay that the echoes have shown [ns]; ``echo_sample`` is the newest.
+
+    While there are echoes but no command in them, the command of tick 0 acts after that sample at
+    the earliest.
+    """
+    if x.echoes == 0:
+        return float((echo_sample + 1) * p.sensor_period_ns)
     return x.offset_ns - 0.5 * p.period_ns
 
 

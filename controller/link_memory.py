@@ -59,7 +59,9 @@ class LinkMemory:
     @property
     def delay_ns(self) -> float | None:
         """The delay that echoes have shown [ns], None before the first."""
-        return delay_of(self._params, self._delay) if self._delay.echoes else None
+        if self._echo is None or self._delay.echoes == 0:
+            return None
+        return delay_of(self._params, self._delay, self._echo.sample)
 
     def on_vehicle(self) -> None:
         """Note that the vehicle's speed is known."""
@@ -112,9 +114,8 @@ class LinkMemory:
         if self._echo is None:
             return Link(tick, error, -1, 0.0, False)
         is_recent = now_ns - self._echo.arrival_ns <= self._params.echo_timeout_ns
-        is_measured = is_recent and self._delay.echoes > 0
-        delay_ns = delay_of(self._params, self._delay)
-        return Link(tick, error, self._echo.sample, delay_ns, is_measured)
+        delay_ns = delay_of(self._params, self._delay, self._echo.sample)
+        return Link(tick, error, self._echo.sample, delay_ns, is_recent)
 
     def _tick(self, period: int) -> int:
         """Return the number of a control period, the first with a command being 0."""

@@ -116,11 +116,7 @@ def _link(
     has_error = np.zeros(samples, dtype=np.int64)
     has_error[errors.sample] = 1
     echo_ns = _at(echoes.arrival_ns, newest_echo)
-    is_measured = (
-        knows_echo
-        & (plan.tick_ns - echo_ns <= params.echo_timeout_ns)
-        & (np.maximum.accumulate(_at(echoed, newest_echo, -1)) >= 0)
-    )
+    is_measured = knows_echo & (plan.tick_ns - echo_ns <= params.echo_timeout_ns)
     heading_noise_rad, yaw_rate_noise_rad_s = _noise(plant, samples)
     return _Link(
         error_sample=np.where(knows_speed, _at(errors.sample, _newest(errors, plan.tick_ns)), -1),
@@ -202,7 +198,7 @@ def _run_delays(params: LinkParams, x: DelayState, sample: Any, tick: Any) -> An
     delay_ns = np.empty(len(sample))
     for index in range(len(sample)):
         x = delay_step(params, x, sample[index], tick[index])
-        delay_ns[index] = delay_of(params, x)
+        delay_ns[index] = delay_of(params, x, sample[index])
     return delay_ns
 
 
