@@ -5,6 +5,7 @@ with cantools itself takes longer than a step of the control law.
 """
 
 import importlib.resources
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from typing import Any, Generic, TypeVar, get_type_hints
 
@@ -20,8 +21,19 @@ from dbc.signals import (
 )
 
 
+FILE = "steer_by_wire.dbc"
+"""The contract, beside this file."""
+
+
 class EncodeError(ValueError):
     """A value that its signal cannot carry; the text names message, signal, range and value."""
+
+
+class ContractError(ImportError):
+    """The DBC is not what the messages need; the text is one line.
+
+    An ImportError, because without the contract there are no messages to import.
+    """
 
 
 class Rejection(StrEnum):
@@ -40,12 +52,28 @@ class Rejection(StrEnum):
 
 
 def load_database() -> Database:
-    """Read the DBC beside this file; cantools refuses overlapping signals (strict)."""
-    text = importlib.resources.files("dbc").joinpath("steer_by_wire.dbc").read_text("ascii")
-    database = cantools.database.load_string(text, database_format="dbc", strict=True)
+    """Read the DBC beside this file; raises ContractError."""
+    try:
+        text = importlib.resources.files("dbc").joinpath(FILE).read_text("ascii")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ContractError(f"{FILE}: {one_line(error)}") from error
+    return parse_database(text)
+
+
+def parse_database(text: str) -> Database:
+    """Read a DBC; cantools refuses overlapping signals (strict). Raises ContractError."""
+    try:
+        database = cantools.database.load_string(text, database_format="dbc", strict=True)
+    except Exception as error:  # cantools stumbles over a damaged file in more ways than its own
+        raise ContractError(f"{FILE}: {one_line(error)}") from error
     if not isinstance(database, Database):
-        raise TypeError(f"steer_by_wire.dbc: read as {type(database).__name__}")
+        raise ContractError(f"{FILE}: read as {type(database).__name__}")
     return database
+
+
+def one_line(error: Exception) -> str:
+    """Return the text of an error on one line, its type where it has no text."""
+    return " ".join(str(error).split()) or type(error).__name__
 
 
 MessageT = TypeVar("MessageT", bound=tuple[Any, ...])
@@ -64,7 +92,7 @@ class MessageCodec(Generic[MessageT]):
         self.can_id = message.frame_id
         self.length = message.length
         self.cycle_time_ms = message.cycle_time or 0
-        self._data_id = _data_id(message)
+        self.data_id = _data_id(message)
         self._message_type = message_type
         signals = {field_name(signal): signal for signal in message.signals}
         kinds = get_type_hints(message_type)
@@ -94,8 +122,8 @@ class MessageCodec(Generic[MessageT]):
         Where several signals are bad, the first one in the order of the fields decides.
         """
         counter = 0
-        if self._data_id is not None:
-            if not is_intact(payload, self._data_id):
+        if self.data_id is not None:
+            if not is_intact(payload, self.data_id):
                 return Rejection.BAD_CRC
             counter = payload[2]
         word = int.from_bytes(payload, "little")
@@ -127,14 +155,27 @@ class MessageCodec(Generic[MessageT]):
 
     def _seal(self, word: int, counter: int) -> bytes:
         """The payload for ``word``, with counter and CRC if the message is protected."""
-        if self._data_id is None:
+        if self.data_id is None:
             return word.to_bytes(self.length, "little")
         if not 0 <= counter < COUNTERS:
             raise EncodeError(f"{self.name}.COUNTER: allowed is 0 to 255, not {counter!r}")
         payload = bytearray(word.to_bytes(self.length, "little"))
         payload[2] = counter
-        protect(payload, self._data_id)
+        protect(payload, self.data_id)
         return bytes(payload)
+
+
+def codecs_of(
+    database: Database, message_types: Iterable[tuple[str, type[MessageT]]]
+) -> Mapping[type[MessageT], MessageCodec[MessageT]]:
+    """Return the codec of each type, by the name of its message; raises ContractError."""
+    codecs = {}
+    for name, message_type in message_types:
+        try:
+            codecs[message_type] = MessageCodec(database.get_message_by_name(name), message_type)
+        except (KeyError, ValueError, TypeError, ArithmeticError) as error:
+            raise ContractError(f"{FILE}: {name}: {one_line(error)}") from error
+    return codecs
 
 
 def _data_id(message: Message) -> int | None:

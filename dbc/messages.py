@@ -14,7 +14,7 @@ from enum import IntEnum
 from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
-from dbc.codec import EncodeError, MessageCodec, Rejection, load_database
+from dbc.codec import EncodeError, Rejection, codecs_of, load_database
 from dbc.signals import SignalRange
 from runtime.frame import ERROR, EXTENDED, REMOTE, Frame
 
@@ -191,17 +191,7 @@ class Decoded(NamedTuple):
     counter: int
 
 
-def _codecs() -> Mapping[type[Message], MessageCodec[Message]]:
-    database = load_database()
-    return MappingProxyType(
-        {
-            message_type: MessageCodec(database.get_message_by_name(name), message_type)
-            for name, message_type in MESSAGE_TYPES.items()
-        }
-    )
-
-
-_CODECS = _codecs()
+_CODECS = codecs_of(load_database(), MESSAGE_TYPES.items())
 _CODECS_BY_ID = {codec.can_id: codec for codec in _CODECS.values()}
 
 CAN_IDS: Mapping[type[Message], int] = MappingProxyType(

@@ -92,6 +92,8 @@ def packed_signal(signal: Signal, kind: type) -> PackedSignal:
     if kind is float:
         to_raw, from_raw = _quantity(signal.scale)
     elif issubclass(kind, IntEnum):
+        if not min(kind) <= minimum <= maximum <= max(kind):
+            raise ValueError(f"{signal.name}: {allowed} are more than {kind.__name__} has")
         to_raw, from_raw = _member(kind)
         allowed = "one of " + ", ".join(f"{kind.__name__}.{member.name}" for member in kind)
     else:
