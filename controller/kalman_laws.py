@@ -1,0 +1,239 @@
+"""The laws of SAE 2018-01-1086 with dy/dt from the Kalman filter. Not in the paper.
+
+    u = u_law - C (0 - y) - (K_p y + K_d ẏ),     ẏ = V β + l_s r + V Δψ
+
+The law runs as it is; of what its C(s) makes of the measured error, the derivative is replaced by
+that of the filter (``controller.estimator``) at its newest sample, without any prediction. The
+CDOB's compensation, which has no noise to speak of, stays with the filtered difference. The
+observers see the command that was sent, as always.
+
+While the filter is not told which commands act, as before the first echo or when echoes stop, the
+filtered difference is back. The difference between the two fades out.
+"""
+
+from typing import NamedTuple
+
+from controller.estimator import (
+    EstimatorState,
+    VehicleGains,
+    estimate_to,
+    estimator_at_rest,
+    start_estimate,
+)
+from controller.law_interface import LawInput, LawOutput
+from controller.limits import ramp_step
+from controller.link import LinkParams
+from controller.paper_laws import (
+    PdCdobParams,
+    PdCdobState,
+    PdDdobParams,
+    PdDdobState,
+    PdDobParams,
+    PdDobState,
+    pd_cdob_at_rest,
+    pd_cdob_step,
+    pd_ddob_at_rest,
+    pd_ddob_step,
+    pd_dob_at_rest,
+    pd_dob_step,
+    pd_law_step,
+)
+from controller.pd import PdParams, pd_at_rest, pd_step
+from controller.sections import SectionState
+
+
+class DerivativeParams(NamedTuple):
+    """Parameters of the derivative at one speed.
+
+    ``pd``             C(z) of the law
+    ``fade_step_rad``  how much of a difference between the two derivatives fades in one period
+    """
+
+    gains: VehicleGains
+    link: LinkParams
+    pd: PdParams
+    proportional_gain_rad_m: float
+    derivative_gain_rad_s_m: float
+    speed_m_s: float
+    preview_distance_m: float
+    fade_step_rad: float
+
+
+class DerivativeState(NamedTuple):
+    """State of the derivative; ``correction_rad`` is what it has added last."""
+
+    estimate: EstimatorState
+    pd: SectionState
+    is_estimated: bool
+    correction_rad: float
+    fade_rad: float
+
+
+class KalmanPdParams(NamedTuple):
+    """Parameters of pd."""
+
+    law: PdParams
+    derivative: DerivativeParams
+
+
+class KalmanPdState(NamedTuple):
+    """State of pd."""
+
+    law: SectionState
+    derivative: DerivativeState
+
+
+class KalmanPdDobParams(NamedTuple):
+    """Parameters of pd_dob."""
+
+    law: PdDobParams
+    derivative: DerivativeParams
+
+
+class KalmanPdDobState(NamedTuple):
+    """State of pd_dob."""
+
+    law: PdDobState
+    derivative: DerivativeState
+
+
+class KalmanPdCdobParams(NamedTuple):
+    """Parameters of pd_cdob."""
+
+    law: PdCdobParams
+    derivative: DerivativeParams
+
+
+class KalmanPdCdobState(NamedTuple):
+    """State of pd_cdob."""
+
+    law: PdCdobState
+    derivative: DerivativeState
+
+
+class KalmanPdDdobParams(NamedTuple):
+    """Parameters of pd_ddob."""
+
+    law: PdDdobParams
+    derivative: DerivativeParams
+
+
+class KalmanPdDdobState(NamedTuple):
+    """State of pd_ddob."""
+
+    law: PdDdobState
+    derivative: DerivativeState
+
+
+def derivative_step(
+    p: DerivativeParams, x: DerivativeState, seen: LawInput
+) -> tuple[DerivativeState, float]:
+    """Advance one period; returns what to add to the law's command [rad]."""
+    link, history = seen.link, seen.history
+    x_pd, filtered_rad = pd_step(p.pd, x.pd, seen.lateral_error_m)
+    estimate = start_estimate(x.estimate, link, history)
+    is_estimated = link.is_measured and estimate.sample >= 0
+    wanted_rad = 0.0
+    if estimate.sample >= 0:
+        known = min(link.error_sample, link.echo_sample)
+        estimate = estimate_to(p.link, p.gains, estimate, link, history, known)
+    if is_estimated:
+        newest = estimate_to(p.link, p.gains, estimate, link, history, link.error_sample)
+        wanted_rad = (
+            -p.proportional_gain_rad_m * seen.lateral_error_m
+            - p.derivative_gain_rad_s_m * error_rate_m_s(p, newest)
+            - filtered_rad
+        )
+    fade_rad = ramp_step(p.fade_step_rad, x.fade_rad)
+    if is_estimated != x.is_estimated:
+        fade_rad = x.correction_rad - wanted_rad
+    correction_rad = wanted_rad + fade_rad
+    return DerivativeState(estimate, x_pd, is_estimated, correction_rad, fade_rad), correction_rad
+
+
+def error_rate_m_s(p: DerivativeParams, x: EstimatorState) -> float:
+    """Return dy/dt of an estimate [m/s], (1)."""
+    return (
+        p.speed_m_s * (x.side_slip_rad + x.heading_error_rad)
+        + p.preview_distance_m * x.yaw_rate_rad_s
+    )
+
+
+def kalman_pd_step(
+    p: KalmanPdParams, x: KalmanPdState, seen: LawInput
+) -> tuple[KalmanPdState, LawOutput]:
+    """Advance pd by one period."""
+    x_law, output = pd_law_step(p.law, x.law, seen)
+    x_derivative, correction_rad = derivative_step(p.derivative, x.derivative, seen)
+    return KalmanPdState(x_law, x_derivative), _corrected(output, correction_rad)
+
+
+def kalman_pd_dob_step(
+    p: KalmanPdDobParams, x: KalmanPdDobState, seen: LawInput
+) -> tuple[KalmanPdDobState, LawOutput]:
+    """Advance pd_dob by one period."""
+    x_law, output = pd_dob_step(p.law, x.law, seen)
+    x_derivative, correction_rad = derivative_step(p.derivative, x.derivative, seen)
+    return KalmanPdDobState(x_law, x_derivative), _corrected(output, correction_rad)
+
+
+def kalman_pd_cdob_step(
+    p: KalmanPdCdobParams, x: KalmanPdCdobState, seen: LawInput
+) -> tuple[KalmanPdCdobState, LawOutput]:
+    """Advance pd_cdob by one period."""
+    x_law, output = pd_cdob_step(p.law, x.law, seen)
+    x_derivative, correction_rad = derivative_step(p.derivative, x.derivative, seen)
+    return KalmanPdCdobState(x_law, x_derivative), _corrected(output, correction_rad)
+
+
+def kalman_pd_ddob_step(
+    p: KalmanPdDdobParams, x: KalmanPdDdobState, seen: LawInput
+) -> tuple[KalmanPdDdobState, LawOutput]:
+    """Advance pd_ddob by one period."""
+    x_law, output = pd_ddob_step(p.law, x.law, seen)
+    x_derivative, correction_rad = derivative_step(p.derivative, x.derivative, seen)
+    return KalmanPdDdobState(x_law, x_derivative), _corrected(output, correction_rad)
+
+
+def kalman_pd_at_rest(p: KalmanPdParams, lateral_error_m: float) -> KalmanPdState:
+    """Return the state of pd after a constant lateral error [m] and no steering."""
+    return KalmanPdState(
+        pd_at_rest(p.law, lateral_error_m), derivative_at_rest(p.derivative, lateral_error_m)
+    )
+
+
+def kalman_pd_dob_at_rest(p: KalmanPdDobParams, lateral_error_m: float) -> KalmanPdDobState:
+    """Return the state of pd_dob after a constant lateral error [m] and no steering."""
+    return KalmanPdDobState(
+        pd_dob_at_rest(p.law, lateral_error_m), derivative_at_rest(p.derivative, lateral_error_m)
+    )
+
+
+def kalman_pd_cdob_at_rest(p: KalmanPdCdobParams, lateral_error_m: float) -> KalmanPdCdobState:
+    """Return the state of pd_cdob after a constant lateral error [m] and no steering."""
+    return KalmanPdCdobState(
+        pd_cdob_at_rest(p.law, lateral_error_m), derivative_at_rest(p.derivative, lateral_error_m)
+    )
+
+
+def kalman_pd_ddob_at_rest(p: KalmanPdDdobParams, lateral_error_m: float) -> KalmanPdDdobState:
+    """Return the state of pd_ddob after a constant lateral error [m] and no steering."""
+    return KalmanPdDdobState(
+        pd_ddob_at_rest(p.law, lateral_error_m), derivative_at_rest(p.derivative, lateral_error_m)
+    )
+
+
+def derivative_at_rest(p: DerivativeParams, lateral_error_m: float) -> DerivativeState:
+    """Return the state of the derivative after a constant lateral error [m]."""
+    return DerivativeState(
+        estimator_at_rest(lateral_error_m), pd_at_rest(p.pd, lateral_error_m), False, 0.0, 0.0
+    )
+
+
+def _corrected(output: LawOutput, correction_rad: float) -> LawOutput:
+    return LawOutput(
+        output.steer_rad + correction_rad,
+        output.disturbance_rad,
+        output.network_disturbance_rad,
+        output.compensated_lateral_error_m,
+    )
