@@ -4,6 +4,7 @@ import sys
 from collections.abc import Sequence
 
 INTERRUPTED_STATUS = 130
+INSTALLATION_STATUS = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -15,6 +16,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return run_program(arguments)
     except KeyboardInterrupt:
         return INTERRUPTED_STATUS
+    except ImportError as error:  # a library is missing, or the DBC is damaged
+        print(f"steering-controller: error: {error}", file=sys.stderr)
+        return INSTALLATION_STATUS
 
 
 if __name__ == "__main__":

@@ -18,7 +18,6 @@ from typing import Any
 import can
 import pytest
 
-from runtime.emulated_bus.__main__ import _tell
 from runtime.emulated_bus.address import (
     AddressError,
     TcpAddress,
@@ -30,6 +29,7 @@ from runtime.emulated_bus.address import (
 from runtime.emulated_bus.broker import CHANNELS_MAX, CLIENTS_MAX
 from runtime.emulated_bus.channel import FRAMES_WAITING_MAX
 from runtime.emulated_bus.launch import launched_broker
+from runtime.emulated_bus.program import _tell
 from runtime.emulated_bus.protocol import HELLO
 
 PATIENCE_S = 20.0

@@ -1,1 +1,25 @@
-"""Programs around the two nodes: demo, closed-loop runs, benchmarks."""
+"""Programs around the two nodes.
+
+``python -m tools.NAME`` reads this package before the program, whose own imports take up to two
+seconds. Ctrl-C meanwhile, and a library that is not installed, are no reason for a traceback: the
+only thing that a package of ours does when it is imported, and only where it is being started.
+"""
+
+import sys
+from types import TracebackType
+
+
+def _in_one_line(
+    kind: type[BaseException], error: BaseException, trace: TracebackType | None
+) -> None:
+    """Print what ends a tool, as far as it has not told that itself."""
+    if issubclass(kind, KeyboardInterrupt):
+        return  # Python then ends as SIGINT ends a program, which a shell calls status 130
+    if issubclass(kind, ImportError):
+        print(f"error: {error} (installed with pip install '.[tools]'?)", file=sys.stderr)
+        return
+    sys.__excepthook__(kind, error, trace)
+
+
+if sys.argv[0] == "-m":  # while Python looks for the module to run, as its documentation says
+    sys.excepthook = _in_one_line

@@ -1,174 +1,18 @@
-"""The program ``emulated-can-bus``: runs a broker until SIGINT or SIGTERM.
+"""Starts program ``emulated-can-bus``: ``runtime.emulated_bus.program``."""
 
-Prints one line to standard output when clients can connect; to standard error one for every client
-that it disconnects, and one with the statistics at the end. Exit status: 0 after an orderly end, 2
-for wrong arguments, 3 when it cannot listen, 4 when the report cannot be written.
-"""
-
-import argparse
-import select
-import signal
-import socket
 import sys
-import time
 from collections.abc import Sequence
-from contextlib import suppress
-
-from runtime.emulated_bus.address import (
-    Address,
-    AddressError,
-    TcpAddress,
-    default_address,
-    group_number,
-    listening,
-    parse_address,
-)
-from runtime.emulated_bus.broker import Broker
-from runtime.emulated_bus.journal import Journal
-from runtime.emulated_bus.report import broker_report, summary_line
-from runtime.host import RealTimeRequest, real_time
-from runtime.option_types import output_file, priority
-
-_NAME = "emulated-can-bus"
-_CANNOT_LISTEN = 3
-_CANNOT_WRITE = 4
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    options = _parse(arguments)
-    # Both end the program through its finally clauses. SIGINT is set too because a shell starts
-    # background programs with it ignored.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        address = parse_address(options.address) if options.address else default_address()
-        group = None if options.group is None else group_number(options.group)
-        with listening(address, group) as listener:
-            _serve(listener, address, options)
-    except AddressError as error:
-        print(f"{_NAME}: {error}", file=sys.stderr)
-        return _CANNOT_LISTEN
-    except OSError as error:
-        print(f"{_NAME}: {options.report}: {error.strerror}", file=sys.stderr)
-        return _CANNOT_WRITE
+        # Not above: Ctrl-C while the modules are read is no reason for a traceback.
+        from runtime.emulated_bus.program import main as run_program
+
+        return run_program(arguments)
     except KeyboardInterrupt:
-        pass
-    return 0
-
-
-def _serve(listener: socket.socket, address: Address, options: argparse.Namespace) -> None:
-    """Serve until SIGINT, SIGTERM or the end of standard input; raises OSError for the report."""
-    if isinstance(address, TcpAddress):
-        address = TcpAddress(*listener.getsockname())
-    rates = f"{options.bitrate} bit/s"
-    if options.data_bitrate is not None:
-        rates += f", CAN FD data at {options.data_bitrate} bit/s"
-    journal = Journal(_tell, options.verbose)
-    broker = Broker(listener, options.bitrate, options.data_bitrate, journal)
-    start_ns = time.monotonic_ns()
-    print(f"{_NAME}: listening at {address}, {rates}", flush=True)
-    with suppress(KeyboardInterrupt), real_time(RealTimeRequest(options.priority)):
-        broker.run(sys.stdin.fileno() if options.end_with_stdin else None)
-    report = broker_report(broker, journal, time.monotonic_ns() - start_ns)
-    _tell(summary_line(report))
-    if options.report is not None:
-        # Not above: it brings python-can and pydantic, which the broker does without.
-        from runtime.report import write_json
-
-        write_json(options.report, report)
-
-
-def _tell(line: str) -> bool:
-    """Print a line to standard error, if that takes it at once; returns whether it did.
-
-    A pipe that nobody reads is full at some point, and must not hold up the bus. One that can be
-    written to has room for PIPE_BUF bytes, more than a line has.
-    """
-    try:
-        if not select.select((), [sys.stderr], (), 0.0)[1]:
-            return False
-        print(f"{_NAME}: {line}", file=sys.stderr, flush=True)
-    except (OSError, ValueError):
-        return False
-    return True
-
-
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    """Read the command line; ends the program where it is wrong."""
-    parser = _parser()
-    options = parser.parse_args(arguments)
-    if options.group is not None and options.address is None:
-        parser.error("--group needs --address: the default one is in a directory of its user alone")
-    return options
-
-
-def _parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line."""
-    parser = argparse.ArgumentParser(
-        prog=_NAME,
-        description="CAN bus between processes for python-can's interface 'emulated': frames take "
-        "their exact time on the wire and compete by identifier.",
-    )
-    parser.add_argument(
-        "--address",
-        metavar="PATH|127.0.0.1:PORT",
-        help="Unix socket or loopback port to listen at (default: a socket of this user's own)",
-    )
-    parser.add_argument(
-        "--group",
-        metavar="NAME",
-        help="let the users of this group join too (default: this user only)",
-    )
-    parser.add_argument(
-        "--bitrate",
-        type=_nominal_bit_rate,
-        default=500_000,
-        metavar="BIT_S",
-        help="bit rate of every channel (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--data-bitrate",
-        type=_data_bit_rate,
-        metavar="BIT_S",
-        help="bit rate of the data phase; lets clients use CAN FD (default: classic CAN only)",
-    )
-    parser.add_argument(
-        "--end-with-stdin",
-        action="store_true",
-        help="end when standard input is closed: a program that starts a bus of its own holds the "
-        "other end, so that none is left behind when it dies",
-    )
-    parser.add_argument(
-        "--priority",
-        type=priority,
-        default=50,
-        metavar="0..99",
-        help="SCHED_FIFO priority, as far as the host grants it; 0 does not ask for it "
-        "(default: %(default)s)",
-    )
-    parser.add_argument(
-        "--report", type=output_file, metavar="FILE", help="write a report at the end, JSON"
-    )
-    parser.add_argument(
-        "--verbose", action="store_true", help="also tell of clients that come and go in order"
-    )
-    return parser
-
-
-def _nominal_bit_rate(text: str) -> int:
-    return _bit_rate(text, 1_000_000)
-
-
-def _data_bit_rate(text: str) -> int:
-    return _bit_rate(text, 8_000_000)
-
-
-def _bit_rate(text: str, highest_bit_s: int) -> int:
-    """Read a bit rate as ISO 11898 allows it, from 10 kbit/s; raises ArgumentTypeError."""
-    if not text.isdecimal() or not 10_000 <= int(text) <= highest_bit_s:
-        raise argparse.ArgumentTypeError(f"{text!r} is not between 10000 and {highest_bit_s} bit/s")
-    return int(text)
+        return 0  # as at any later time
 
 
 if __name__ == "__main__":
