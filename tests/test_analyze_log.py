@@ -751,3 +751,25 @@ def test_a_thinned_history_keeps_its_peaks_and_its_order(values: list[float]) ->
     report = history.report()
     assert report["rms"] == pytest.approx(float(np.sqrt(np.mean(np.square(values)))))
     assert abs(report["peak"]) == max(abs(value) for value in values)
+
+
+def test_a_file_that_is_no_log_leaves_nothing_and_keeps_no_other_from_its_report(
+    constant: Run, tmp_path: Path, capsys: Capture
+) -> None:
+    bad, gone, out = tmp_path / "bad.blf", tmp_path / "gone.log", tmp_path / "deep" / "out"
+    bad.write_bytes(b"no log at all")
+    assert main([str(bad), str(gone), "--out", str(out)]) == ExitStatus.SETTINGS
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    for line, path in zip(lines, (bad, gone), strict=True):
+        assert line.startswith(f"analyze_log: error: {path}: ")
+    assert not out.parent.exists()
+    assert main([str(bad), str(constant.log), "--out", str(out)]) == ExitStatus.SETTINGS
+    told = capsys.readouterr()
+    assert str(bad) in told.err
+    assert "report: " in told.out
+    assert [path.name for path in out.iterdir()] == [constant.log.stem]
+    assert (out / constant.log.stem / "report.html").exists()
+    before = (out / constant.log.stem / "signals.csv").read_bytes()
+    assert main([str(constant.log), "--channel", "none", "--out", str(out)]) == ExitStatus.SETTINGS
+    assert (out / constant.log.stem / "signals.csv").read_bytes() == before

@@ -5,15 +5,17 @@
 
 Reads .log .asc .blf .csv .db .trc .mf4 of python-can and what candump prints or logs. Of each FILE
 it leaves in a folder under --out: report.html, figures.json and signals.csv; signals.parquet where
-pyarrow is installed; signals.mcap (Foxglove, PlotJuggler) with --mcap.
+pyarrow is installed; signals.mcap (Foxglove, PlotJuggler) with --mcap. A FILE that is no log leaves
+nothing and does not keep the others from being analysed; the exit status is 2 then.
 """
 
 import argparse
 import logging
+import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -79,14 +81,20 @@ def _run(options: argparse.Namespace) -> int:
     # python-can's readers tell a terminal of every line they pass over.
     logging.getLogger("can").addHandler(logging.NullHandler())
     logs = [options.files] if options.join else [[path] for path in options.files]
-    results = []
+    results, mistakes = [], []
     try:
         with _progress() as advance:
             for paths, folder in zip(logs, _folders(logs, options.out), strict=True):
-                results.append(_analyse(paths, folder, options, advance))
-    except (LogError, MissingLibraryError) as error:
+                try:
+                    results.append(_analyse(paths, folder, options, advance))
+                except LogError as error:
+                    mistakes.append(str(error))
+    except MissingLibraryError as error:
         raise SettingsError(str(error)) from error
-    _tell(results)
+    if results:
+        _tell(results)
+    if mistakes:
+        raise SettingsError(*mistakes)
     return ExitStatus.OK
 
 
@@ -111,21 +119,39 @@ def _analyse(
     options: argparse.Namespace,
     advance: Callable[[str, float | None], None],
 ) -> Result:
-    """Analyse one log and write its files."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with ExitStack() as stack:
-        exports = _exports(folder, options)
-        for export in exports:
-            stack.callback(export.close)
-        figures, analysis = analyse_files(paths, options.channel, exports, advance)
-    # Only a report needs matplotlib, and a mistake in the file should not have to wait for it.
-    from tools.log_analysis.pictures import draw_pictures
+    """Analyse one log and write its files; without a log nothing is left or changed."""
+    with _all_or_nothing(folder) as partial:
+        with ExitStack() as stack:
+            exports = _exports(partial, options)
+            for export in exports:
+                stack.callback(export.close)
+            figures, analysis = analyse_files(paths, options.channel, exports, advance)
+        # Only a report needs matplotlib, and a mistake in the file should not have to wait for it.
+        from tools.log_analysis.pictures import draw_pictures
 
-    write_json(folder / "figures.json", figures)
-    title = f"Log of the bus: {', '.join(path.name for path in paths)}"
-    page = report_html(title, figures, draw_pictures(analysis, figures))
-    (folder / "report.html").write_text(page, encoding="utf-8")
+        write_json(partial / "figures.json", figures)
+        title = f"Log of the bus: {', '.join(path.name for path in paths)}"
+        page = report_html(title, figures, draw_pictures(analysis, figures))
+        (partial / "report.html").write_text(page, encoding="utf-8")
     return Result(figures, folder)
+
+
+@contextmanager
+def _all_or_nothing(folder: Path) -> Iterator[Path]:
+    """Give a folder to write to; its files come into ``folder`` if the block ends well."""
+    missing = [place for place in folder.parents if not place.exists()]  # the deepest first
+    partial = folder.with_name(f".{folder.name}.partial")
+    partial.mkdir(parents=True, exist_ok=True)
+    try:
+        yield partial
+        folder.mkdir(exist_ok=True)
+        for file in partial.iterdir():
+            file.replace(folder / file.name)
+    finally:
+        shutil.rmtree(partial)
+        for place in missing:
+            with suppress(OSError):  # it holds something
+                place.rmdir()
 
 
 def _exports(folder: Path, options: argparse.Namespace) -> list[Export]:
