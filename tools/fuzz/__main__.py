@@ -17,7 +17,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-NAMES = ("controller", "plant", "settings", "trace", "waypoints")
+NAMES = (
+    "broker", "bus_client", "candump", "controller", "log", "plant", "protocol", "settings",
+    "trace", "waypoints",
+)  # fmt: skip
+"""Of ``tools.fuzz.targets``, which is not to be imported before atheris can instrument it."""
 PACKAGES = ("controller", "dbc", "plant_emulator", "runtime", "tools")
 TIMEOUT_S = 60
 """An input that takes longer is a finding; the slowest of ours takes two seconds."""

@@ -61,9 +61,9 @@ def fuzz_settings(data: bytes) -> None:
     if subject.preset_package is not None and not choices.chance(32):
         names = preset_names(subject.preset_package)
         preset = read_preset(subject.preset_package, choices.pick(names))
-    overrides = []
-    for _ in range(choices.integer(0, ENTRIES_MAX)):
-        overrides.append(f"{_key(choices, leaves)}={_value(choices)}")
+    overrides = [
+        f"{_key(choices, leaves)}={_value(choices)}" for _ in range(choices.integer(0, ENTRIES_MAX))
+    ]
     with TemporaryDirectory() as folder:
         file = Path(folder) / "fuzzed.toml"
         if choices.chance(96):

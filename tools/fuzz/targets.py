@@ -7,13 +7,20 @@ for what it has noticed itself, any other exception for what has escaped.
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
+from tools.fuzz.bus_targets import fuzz_broker, fuzz_bus_client, fuzz_protocol
+from tools.fuzz.log_targets import fuzz_candump, fuzz_log
 from tools.fuzz.node_targets import fuzz_controller, fuzz_plant
 from tools.fuzz.settings_targets import fuzz_settings, fuzz_trace, fuzz_waypoints
 
 TARGETS: Mapping[str, Callable[[bytes], None]] = MappingProxyType(
     {
+        "broker": fuzz_broker,
+        "bus_client": fuzz_bus_client,
+        "candump": fuzz_candump,
         "controller": fuzz_controller,
+        "log": fuzz_log,
         "plant": fuzz_plant,
+        "protocol": fuzz_protocol,
         "settings": fuzz_settings,
         "trace": fuzz_trace,
         "waypoints": fuzz_waypoints,

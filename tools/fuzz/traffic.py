@@ -13,7 +13,7 @@ from runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from runtime.node import NS_PER_MS, NS_PER_S
 from tools.fuzz.choices import Choices
 
-STALL_NS_MAX = 600 * NS_PER_S
+STALL_NS_MAX = 60 * NS_PER_S
 """Longest time that a node is not called for."""
 EVENTS_MAX = 400
 """Wake-ups from one input, which bounds the time it takes."""

@@ -1,0 +1,168 @@
+"""Any bytes as a log: candump's text, and every format that python-can reads.
+
+A log that cannot be read at all is told by a LogError of one line; anything else has figures.
+Every frame is counted once: accepted, late, refused, foreign, or an error frame.
+What candump writes and what we write of it is the same frame at the same microsecond.
+"""
+
+import gzip
+import json
+import logging
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import can
+
+from dbc.messages import (
+    LateralError,
+    Mode,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    encode,
+)
+from runtime.candump import format_entry, parse_entry
+from runtime.message import message_of
+from tools.fuzz.choices import Choices
+from tools.fuzz.promises import promise
+from tools.fuzz.traffic import Sender
+from tools.log_analysis.file_analysis import analyse_files
+from tools.log_analysis.html_report import report_html
+from tools.log_analysis.log_file import LogError
+
+SUFFIXES = (".log", ".txt", ".asc", ".csv", ".trc", ".blf", ".db", ".log.gz", ".asc.gz", ".blf.gz")
+_STAMPS = (
+    "0000000000.010000",
+    "1436509052.249713",
+    "999999999999.999999999",
+    "2015-07-10 08:10:52.1",
+)
+_LOGGED = 60
+"""Frames of the faultless log that inputs are made from by damaging it."""
+
+
+def fuzz_candump(data: bytes) -> None:
+    """Read one line, write it, and read that."""
+    line = _candump_line(Choices(data))
+    entry = parse_entry(line)
+    if entry is None:
+        return
+    again = parse_entry(format_entry(entry))
+    wanted = entry._replace(time_ns=entry.time_ns // 1000 * 1000)
+    promise(again == wanted, f"{line!r} is {entry}, and then {again}")
+
+
+def fuzz_log(data: bytes) -> None:
+    """Analyse a file that claims to be a log."""
+    choices = Choices(data)
+    suffix = choices.pick(SUFFIXES)
+    content = _content(choices, suffix)
+    logging.getLogger("can").addHandler(logging.NullHandler())
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / f"fuzzed{suffix}"
+        file.write_bytes(content)
+        try:
+            figures, _ = analyse_files([file])
+        except LogError as error:
+            text = str(error)
+            promise(len(text.splitlines()) == 1, f"not one line: {text!r}")
+            promise(text.startswith(str(file)), f"does not begin with the file: {text}")
+            return
+    _look(figures)
+    report_html("fuzzed", figures, {})
+
+
+def _look(figures: Mapping[str, Any]) -> None:
+    json.dumps(figures)
+    messages = figures["messages"].values()
+    counted = figures["foreign_frames"] + figures["error_frames"]
+    counted += sum(m["accepted"] + m["late"] + sum(m["refused"].values()) for m in messages)
+    promise(counted == figures["frames"] > 0, f"{figures['frames']} frames, {counted} counted")
+
+
+def _content(choices: Choices, suffix: str) -> bytes:
+    """Return the bytes of a file: noise, lines, or a faultless log that is damaged."""
+    kind = choices.integer(0, 3)
+    inner = suffix.removesuffix(".gz")
+    if kind == 0:
+        content = choices.rest()
+    elif kind == 1 and inner in {".log", ".txt"}:
+        lines = []
+        while not choices.exhausted:
+            lines.append(_candump_line(choices))
+        content = "\n".join(lines).encode("utf-8", errors="surrogateescape")
+    else:
+        content = _damaged(choices, faultless_log(".log" if inner == ".txt" else inner))
+    if suffix.endswith(".gz") and not choices.chance(32):
+        content = gzip.compress(content, 1)
+    return content
+
+
+def _damaged(choices: Choices, content: bytes) -> bytes:
+    """Return ``content`` with a few pieces replaced, taken out, or put in twice."""
+    damaged = bytearray(content)
+    for _ in range(choices.integer(1, 8)):
+        place, size = choices.integer(0, len(damaged)), choices.integer(0, 40)
+        kind = choices.integer(0, 3)
+        if kind == 0:
+            damaged[place : place + size] = choices.raw(size)
+        elif kind == 1:
+            del damaged[place : place + size]
+        elif kind == 2:
+            damaged[place:place] = damaged[place : place + size]
+        else:
+            # Digits and separators, which is what times and lengths of text formats are made of.
+            damaged[place : place + 1] = choices.pick((b"9" * 12, b"-", b".", b"e9", b"nan", b"\n"))
+    return bytes(damaged)
+
+
+def _candump_line(choices: Choices) -> str:
+    """Return a line as candump prints it, more or less."""
+    if choices.chance(48):
+        return choices.text(60)
+    stamp = choices.pick(_STAMPS)
+    frame = Sender().frame(choices)
+    head = f"({stamp}) vcan0 {frame.can_id:0{choices.pick((3, 8))}X}"
+    payload = frame.data.hex().upper()
+    kind = choices.integer(0, 4)
+    if kind == 0:
+        return f"{head}#{payload}"
+    if kind == 1:
+        return f"{head}##{choices.integer(0, 15):X}{payload}"
+    if kind == 2:
+        return f"{head}#R{choices.pick(('', '8', '9', '8_F'))}"
+    length = len(frame.data) if choices.chance(200) else choices.integer(0, 99)
+    spaced = " ".join(payload[index : index + 2] for index in range(0, len(payload), 2))
+    return f" {head}   [{length}]  {spaced}"
+
+
+@lru_cache
+def faultless_log(suffix: str) -> bytes:
+    """Return a short log of both nodes in one of python-can's formats."""
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / f"faultless{suffix}"
+        with can.Logger(file) as writer:
+            for message in _messages():
+                writer.on_message_received(message)
+        return file.read_bytes()
+
+
+def _messages() -> list[can.Message]:
+    frames = []
+    for number in range(_LOGGED // 3):
+        counter = number % 256
+        frames += [
+            encode(LateralError(0.01 * number, 0.0), counter),
+            encode(SteeringCommand(-0.01 * number, number, Mode.ACTIVE), counter),
+            encode(SteeringStatus(0.0, max(number - 2, 0), SteeringStatusCode.APPLYING), counter),
+        ]
+    messages = []
+    for number, frame in enumerate(frames):
+        message = message_of(frame)
+        message.timestamp = 1.6e9 + 0.01 * (number // 3)
+        message.channel = "vcan0"
+        messages.append(message)
+    return messages
