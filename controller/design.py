@@ -17,11 +17,23 @@ they were designed with.
 
 from collections.abc import Callable
 from functools import partial
-from math import exp, expm1
+from math import ceil, exp, expm1
 from typing import Any, NamedTuple, TypeVar
 
 from controller.cdob import CdobParams
+from controller.delayed_set_point import (
+    REQUESTS,
+    REQUESTS_S_MIN,
+    DelayedSetPointParams,
+)
 from controller.dob import DobParams
+from controller.feed_forward import (
+    FeedForwardParams,
+    SteadySteer,
+    feed_forward_at_rest,
+    feed_forward_step,
+)
+from controller.kalman_laws import DerivativeParams
 from controller.law_interface import LawInput, LawOutput
 from controller.law_settings import (
     CdobSettings,
@@ -30,13 +42,14 @@ from controller.law_settings import (
     PdSettings,
     VehicleModelSettings,
 )
-from controller.laws import LAWS, LawName
+from controller.laws import KALMAN_LAWS, LAWS, LawName
 from controller.link import LinkParams
 from controller.paper_laws import PdCdobParams, PdDdobParams, PdDobParams
 from controller.pd import PdParams
 from controller.predictor import PredictorParams
 from controller.predictor_design import design_schedule
 from controller.sections import IDENTITY, Cascade2, Cascade3, Section
+from controller.smith import SmithParams
 from controller.transfer_function import Factor, TransferFunction
 from runtime.node import NS_PER_MS, NS_PER_S
 
@@ -53,6 +66,8 @@ class LawDesign(NamedTuple):
     ``initial_state``  after a constant lateral error [m], without steering
     ``params_at``      of a law that is scheduled: its params at a speed [m/s]
     ``looks_back``     whether the law reads more than the first two fields of its ``LawInput``
+    ``commands_read``  how many of its last commands a law reads that is linear, from the lateral
+                       error and them alone; None for a law that is not, or reads more
     """
 
     params: Any
@@ -60,6 +75,7 @@ class LawDesign(NamedTuple):
     step: Callable[[Any, Any, LawInput], tuple[Any, LawOutput]]
     params_at: Callable[[float], Any] | None = None
     looks_back: bool = False
+    commands_read: int | None = 1
 
 
 def design_law(settings: LawSettings) -> LawDesign:
@@ -67,14 +83,83 @@ def design_law(settings: LawSettings) -> LawDesign:
 
     ``step(params, state, LawInput) -> (state, LawOutput)``.
     """
+    if settings.feed_forward is not None:
+        return _with_feed_forward(settings, settings.feed_forward.gain)
     law = LAWS[settings.law]
+    params: Any
     if settings.law is LawName.PREDICTOR:
         schedule = design_predictor(settings)
-        slowest = schedule(0.0)
-        at_rest = partial(law.at_rest, slowest)
-        return LawDesign(slowest, at_rest, law.step, schedule, looks_back=True)
+        params = schedule(0.0)
+        at_rest = partial(law.at_rest, params)
+        return LawDesign(params, at_rest, law.step, schedule, looks_back=True, commands_read=None)
+    if settings.law is LawName.SMITH:
+        params = design_smith(settings)
+        at_rest = partial(law.at_rest, params)
+        commands_read = int(params.delay_ticks) + 2
+        return LawDesign(params, at_rest, law.step, looks_back=True, commands_read=commands_read)
+    if settings.law is LawName.DELAYED_SET_POINT:
+        params = design_delayed_set_point(settings)
+        at_rest = partial(law.at_rest, params)
+        return LawDesign(params, at_rest, law.step, looks_back=True, commands_read=None)
+    if settings.pd.derivative == "kalman":
+        return design_kalman_law(settings)
     params = design_params(settings)
     return LawDesign(params, partial(law.at_rest, params), law.step)
+
+
+def _with_feed_forward(settings: LawSettings, gain: float) -> LawDesign:
+    """Return the law of the settings, the steer for the curve added to its own."""
+    law = design_law(settings.model_copy(update={"feed_forward": None}))
+    steady, params_at = steady_steer(_vehicle(settings), gain), law.params_at
+
+    def at(speed_m_s: float) -> FeedForwardParams:
+        inside = law.params if params_at is None else params_at(speed_m_s)
+        return FeedForwardParams(inside, steady)
+
+    return law._replace(
+        params=FeedForwardParams(law.params, steady),
+        params_at=None if params_at is None else at,
+        initial_state=partial(feed_forward_at_rest, law.initial_state),
+        step=partial(feed_forward_step, law.step),
+        looks_back=True,
+    )
+
+
+def steady_steer(vehicle: VehicleModelSettings, gain: float = 1.0) -> SteadySteer:
+    """Return the steer per curvature of a vehicle, times a gain."""
+    c_f, c_r = vehicle.front_cornering_stiffness_n_rad, vehicle.rear_cornering_stiffness_n_rad
+    l_f, l_r = vehicle.front_axle_distance_m, vehicle.rear_axle_distance_m
+    wheelbase_m = l_f + l_r
+    understeer_s2_m = vehicle.virtual_mass_kg * (c_r * l_r - c_f * l_f) / (c_f * c_r * wheelbase_m)
+    return SteadySteer(gain * wheelbase_m, gain * understeer_s2_m)
+
+
+def design_smith(settings: LawSettings) -> SmithParams:
+    """Return the discrete filters and the delay of the Smith predictor.
+
+    Tustin's rule takes a command to rise linearly over the period that it is in fact held for: its
+    answer is half a period late. That half is already in the model's delay.
+    """
+    table, period_s = _given(settings.smith), 1.0 / settings.rate_hz
+    return SmithParams(
+        design_pd(settings.pd, period_s),
+        _compensation(_given(settings.model), table.washout_rad_s, period_s),
+        max(0.0, table.delay_s / period_s - 0.5),
+    )
+
+
+def design_delayed_set_point(settings: LawSettings) -> DelayedSetPointParams:
+    """Return the parameters of the law with the delayed set point."""
+    table, period_s = _given(settings.delayed_set_point), 1.0 / settings.rate_hz
+    return DelayedSetPointParams(
+        design_pd(settings.pd, period_s),
+        steady_steer(_vehicle(settings)),
+        link_of(settings),
+        table.proportional_gain,
+        table.integral_gain_1_s * period_s,
+        -1.0 if table.delay_s is None else table.delay_s / period_s,
+        float(max(1, ceil(REQUESTS_S_MIN * settings.rate_hz / REQUESTS))),
+    )
 
 
 def design_predictor(settings: LawSettings) -> Callable[[float], PredictorParams]:
@@ -102,6 +187,41 @@ def design_predictor(settings: LawSettings) -> Callable[[float], PredictorParams
         )
 
     return at
+
+
+def design_kalman_law(settings: LawSettings) -> LawDesign:
+    """Return a law whose dy/dt is the Kalman filter's.
+
+    Raises ValueError where there are no gains.
+    """
+    vehicle, period_s = _vehicle(settings), 1.0 / settings.rate_hz
+    gains = design_schedule(
+        settings.estimator, vehicle, period_s, settings.link.sensor_period_s, None
+    )
+    lowest_m_s, highest_m_s = gains.speeds_m_s[0], gains.speeds_m_s[-1]
+    params_of, law = KALMAN_LAWS[settings.law]
+    filtered, pd, link = (
+        design_params(settings),
+        design_pd(settings.pd, period_s),
+        link_of(settings),
+    )
+
+    def at(speed_m_s: float) -> Any:
+        derivative = DerivativeParams(
+            gains.at(speed_m_s),
+            link,
+            pd,
+            settings.pd.proportional_gain_rad_m,
+            settings.pd.derivative_gain_rad_s_m,
+            min(max(speed_m_s, lowest_m_s), highest_m_s),
+            vehicle.preview_distance_m,
+            FADE_RAD_S * period_s,
+        )
+        return params_of(filtered, derivative)
+
+    slowest = at(0.0)
+    at_rest = partial(law.at_rest, slowest)
+    return LawDesign(slowest, at_rest, law.step, at, looks_back=True, commands_read=None)
 
 
 def design_ddob(settings: LawSettings) -> PdDdobParams:
@@ -171,14 +291,19 @@ def design_dob(settings: DobSettings, model: TransferFunction, period_s: float) 
 def design_cdob(settings: CdobSettings, model: TransferFunction, period_s: float) -> CdobParams:
     """Return the filters Q, Q/G_n and H G_n of the communication disturbance observer."""
     q = q_order_2(settings.q_cutoff_rad_s)
-    compensation = model
-    if settings.washout_rad_s is not None:
-        compensation = washout(settings.washout_rad_s).times(model)
     return CdobParams(
         hold_equivalent_order_2(settings.q_cutoff_rad_s, period_s),
         _two(tustin_sections(q.times(model.inverse()), period_s)),
-        _two(tustin_sections(compensation, period_s)),
+        _compensation(model, settings.washout_rad_s, period_s),
     )
+
+
+def _compensation(
+    model: TransferFunction, washout_rad_s: float | None, period_s: float
+) -> Cascade2:
+    """Return H G_n, or G_n without a washout."""
+    compensation = model if washout_rad_s is None else washout(washout_rad_s).times(model)
+    return _two(tustin_sections(compensation, period_s))
 
 
 def q_order_2(omega_rad_s: float) -> TransferFunction:

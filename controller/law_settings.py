@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from controller.laws import LawName
+from controller.laws import KALMAN_LAWS, LawName
 from controller.nominal_model import NominalVehicle, paper_eq19, vehicle_model
 from controller.transfer_function import TransferFunction
 from runtime.settings import Settings
@@ -24,6 +24,8 @@ class PdSettings(Settings):
     proportional_gain_rad_m: Annotated[float, Field(gt=0.0, le=1e6)]  # K_p
     derivative_gain_rad_s_m: Annotated[float, Field(ge=0.0, le=1e6)]  # K_d
     derivative_filter_rad_s: CutoffRadS | None = None  # N; omitted: the ideal derivative
+    derivative: Literal["filtered", "kalman"] = "filtered"
+    """kalman: that of the measured error from the filter of [estimator], while echoes come."""
 
 
 class DobSettings(Settings):
@@ -140,6 +142,31 @@ class PredictorSettings(Settings):
     """Of prediction; beyond it the law is pd_ddob."""
 
 
+class SmithSettings(Settings):
+    """[smith]: the delay that the model has, and the washout (s/(s + ω_h))²."""
+
+    delay_s: Annotated[float, Field(ge=0.0, le=2.0)]
+    """From sending a command until its effect is measured, there and back; never adapted."""
+    washout_rad_s: CutoffRadS | None = None  # ω_h; omitted: no washout, the vehicle drifts
+
+
+class DelayedSetPointSettings(Settings):
+    """[delayed_set_point]: the loop of the yaw rate; the outer one is [pd]."""
+
+    delay_s: Annotated[float, Field(ge=0.0, le=2.0)] | None = None
+    """From asking for a yaw rate until it is measured; omitted: measured by the echo."""
+    proportional_gain: Annotated[float, Field(ge=0.0, le=10.0)]
+    """1: a yaw rate error is met by the steer that makes it good in the steady state."""
+    integral_gain_1_s: Annotated[float, Field(ge=0.0, le=100.0)]
+
+
+class FeedForwardSettings(Settings):
+    """[feed_forward]: adds the steer that holds the curve the map tells of, to any law."""
+
+    gain: Annotated[float, Field(ge=0.0, le=2.0)] = 1.0
+    """Share of the nominal vehicle's steady-state steer."""
+
+
 NominalModelSettings = Annotated[
     PaperEq19Settings | VehicleModelSettings, Field(discriminator="kind")
 ]
@@ -154,6 +181,9 @@ class LawSettings(Settings):
     dob: DobSettings | None = None
     cdob: CdobSettings | None = None
     predictor: PredictorSettings | None = None
+    smith: SmithSettings | None = None
+    delayed_set_point: DelayedSetPointSettings | None = None
+    feed_forward: FeedForwardSettings | None = None
     estimator: EstimatorSettings = EstimatorSettings()
     link: LinkSettings = LinkSettings()
     nominal_model: NominalModelSettings | None = None
@@ -171,13 +201,42 @@ class LawSettings(Settings):
             LawName.PD_CDOB: ("cdob", "nominal_model"),
             LawName.PD_DDOB: ("dob", "cdob", "nominal_model"),
             LawName.PREDICTOR: ("predictor", "dob", "cdob", "nominal_model"),
+            LawName.SMITH: ("smith", "nominal_model"),
+            LawName.DELAYED_SET_POINT: ("delayed_set_point", "nominal_model"),
         }
         for table in needed[self.law]:
             if getattr(self, table) is None:
                 raise ValueError(f"law = {self.law.value!r} needs the table [{table}]")
         is_vehicle = isinstance(self.nominal_model, VehicleModelSettings)
-        if self.law is LawName.PREDICTOR and not is_vehicle:
-            raise ValueError("law = 'predictor' needs nominal_model.kind = 'vehicle'")
+        if self.law in (LawName.PREDICTOR, LawName.DELAYED_SET_POINT) and not is_vehicle:
+            raise ValueError(f"law = {self.law.value!r} needs nominal_model.kind = 'vehicle'")
+        return self
+
+    @model_validator(mode="after")
+    def _refuse_an_estimate_without_a_vehicle(self) -> Self:
+        if self.pd.derivative == "kalman":
+            if self.law not in KALMAN_LAWS:
+                raise ValueError(f"pd.derivative = 'kalman' is not for law = {self.law.value!r}")
+            if not isinstance(self.nominal_model, VehicleModelSettings):
+                raise ValueError("pd.derivative = 'kalman' needs nominal_model.kind = 'vehicle'")
+        return self
+
+    @model_validator(mode="after")
+    def _refuse_a_second_feed_forward(self) -> Self:
+        if self.feed_forward is None:
+            return self
+        if self.law is LawName.PREDICTOR:
+            raise ValueError(
+                "law = 'predictor' steers for the curvature that it estimates: leave out"
+                " [feed_forward], or take another law"
+            )
+        if self.law is LawName.DELAYED_SET_POINT:
+            raise ValueError(
+                "law = 'delayed_set_point' takes the map's curvature by itself: leave out"
+                " [feed_forward]"
+            )
+        if not isinstance(self.nominal_model, VehicleModelSettings):
+            raise ValueError("[feed_forward] needs nominal_model.kind = 'vehicle'")
         return self
 
     @model_validator(mode="after")
@@ -199,4 +258,6 @@ class LawSettings(Settings):
         if self.cdob is not None:
             cutoffs["cdob.q_cutoff_rad_s"] = self.cdob.q_cutoff_rad_s
             cutoffs["cdob.washout_rad_s"] = self.cdob.washout_rad_s
+        if self.smith is not None:
+            cutoffs["smith.washout_rad_s"] = self.smith.washout_rad_s
         return cutoffs

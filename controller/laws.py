@@ -8,6 +8,21 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from controller.delayed_set_point import delayed_set_point_at_rest, delayed_set_point_step
+from controller.kalman_laws import (
+    KalmanPdCdobParams,
+    KalmanPdDdobParams,
+    KalmanPdDobParams,
+    KalmanPdParams,
+    kalman_pd_at_rest,
+    kalman_pd_cdob_at_rest,
+    kalman_pd_cdob_step,
+    kalman_pd_ddob_at_rest,
+    kalman_pd_ddob_step,
+    kalman_pd_dob_at_rest,
+    kalman_pd_dob_step,
+    kalman_pd_step,
+)
 from controller.law_interface import LawInput, LawOutput
 from controller.paper_laws import (
     pd_cdob_at_rest,
@@ -20,6 +35,7 @@ from controller.paper_laws import (
 )
 from controller.pd import pd_at_rest
 from controller.predictor import predictor_at_rest, predictor_step
+from controller.smith import smith_at_rest, smith_step
 
 
 class LawName(StrEnum):
@@ -30,6 +46,8 @@ class LawName(StrEnum):
     PD_CDOB = "pd_cdob"
     PD_DDOB = "pd_ddob"
     PREDICTOR = "predictor"
+    SMITH = "smith"
+    DELAYED_SET_POINT = "delayed_set_point"
 
 
 PAPER_LAWS = (LawName.PD, LawName.PD_DOB, LawName.PD_CDOB, LawName.PD_DDOB)
@@ -50,5 +68,30 @@ LAWS: Mapping[LawName, Law] = MappingProxyType(
         LawName.PD_CDOB: Law(pd_cdob_step, pd_cdob_at_rest),
         LawName.PD_DDOB: Law(pd_ddob_step, pd_ddob_at_rest),
         LawName.PREDICTOR: Law(predictor_step, predictor_at_rest),
+        LawName.SMITH: Law(smith_step, smith_at_rest),
+        LawName.DELAYED_SET_POINT: Law(delayed_set_point_step, delayed_set_point_at_rest),
+    }
+)
+
+
+class KalmanLaw(NamedTuple):
+    """A law with dy/dt from the Kalman filter: its params, of law and derivative, and functions."""
+
+    params_of: Callable[[Any, Any], Any]
+    law: Law
+
+
+KALMAN_LAWS: Mapping[LawName, KalmanLaw] = MappingProxyType(
+    {
+        LawName.PD: KalmanLaw(KalmanPdParams, Law(kalman_pd_step, kalman_pd_at_rest)),
+        LawName.PD_DOB: KalmanLaw(
+            KalmanPdDobParams, Law(kalman_pd_dob_step, kalman_pd_dob_at_rest)
+        ),
+        LawName.PD_CDOB: KalmanLaw(
+            KalmanPdCdobParams, Law(kalman_pd_cdob_step, kalman_pd_cdob_at_rest)
+        ),
+        LawName.PD_DDOB: KalmanLaw(
+            KalmanPdDdobParams, Law(kalman_pd_ddob_step, kalman_pd_ddob_at_rest)
+        ),
     }
 )

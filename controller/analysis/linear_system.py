@@ -9,7 +9,7 @@ are exact for a command held over the period and delayed by any time.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from controller.design import LawDesign
 from controller.held_input import held_over
-from controller.law_interface import LawInput
+from controller.law_interface import NO_HISTORY, NO_LINK, NO_VEHICLE, History, LawInput, Link
 from controller.transfer_function import TransferFunction
 from runtime.node import NS_PER_S
 
@@ -53,24 +53,43 @@ class HeldPlant(NamedTuple):
     whole_periods: int
 
 
+class NotLinearError(ValueError):
+    """The law is not a linear system from lateral error to steer."""
+
+
 def law_system(design: LawDesign) -> LinearSystem:
     """Return the law from lateral error [m] to steer [rad], its own command fed back as sent.
 
-    Each column is what one step makes of a single unit of state or input. The last state is the
-    command of the previous period: without limits it is the one that was sent.
+    Each column is what one step makes of a single unit of state or input. The last states are the
+    commands of the previous periods, as many as the law reads, the newest first: without limits
+    they are those that were sent.
+
+    Raises NotLinearError for a law that reads more than the lateral error and its own commands.
     """
+    commands = design.commands_read
+    if commands is None:
+        raise NotLinearError("the law reads more than the lateral error and its own commands")
     rest = design.initial_state(0.0)
     order = sum(1 for _ in floats_of(rest))
     columns = []
-    for unit in np.eye(order + 2):
-        *values, sent_rad, error_m = (float(value) for value in unit)
+    for unit in np.eye(order + commands + 1):
+        values = [float(value) for value in unit]
+        sent_rad, error_m = values[order:-1], values[-1]
         state, output = design.step(
-            design.params, _filled(rest, iter(values)), LawInput(error_m, sent_rad)
+            design.params,
+            _filled(rest, iter(values[:order])),
+            LawInput(error_m, sent_rad[0], NO_VEHICLE, *_link_and_history(sent_rad)),
         )
-        columns.append([*floats_of(state), output.steer_rad])
+        columns.append([*floats_of(state), output.steer_rad, *sent_rad[:-1]])
     rows = np.array(columns).T
     a, b = rows[:, :-1], rows[:, -1]
-    return LinearSystem(a, b, a[-1], float(b[-1]))
+    return LinearSystem(a, b, a[order], float(b[order]))
+
+
+def _link_and_history(sent_rad: Sequence[float]) -> tuple[Link, History]:
+    """Return what a law is told that has sent these commands, the newest first, and no others."""
+    history = NO_HISTORY._replace(tick_mask=-1, sent_rad=tuple(reversed(sent_rad)))
+    return NO_LINK._replace(tick=len(sent_rad)), history
 
 
 def without_idle_states(system: LinearSystem) -> LinearSystem:

@@ -12,14 +12,18 @@ from numba.extending import overload, register_jitable
 
 from controller import (
     cdob,
+    delayed_set_point,
     dob,
     estimator,
+    feed_forward,
+    kalman_laws,
     limits,
     link,
     paper_laws,
     pd,
     predictor,
     sections,
+    smith,
 )
 from controller.law_interface import LawInput
 from plant_emulator import actuator, loss, motion, path, propagation
@@ -49,6 +53,21 @@ _STEP_FUNCTIONS: tuple[Callable[..., Any], ...] = (
     predictor.predict,
     predictor.steer_for,
     predictor.predictor_step,
+    kalman_laws.error_rate_m_s,
+    kalman_laws._corrected,
+    kalman_laws.derivative_step,
+    kalman_laws.kalman_pd_step,
+    kalman_laws.kalman_pd_dob_step,
+    kalman_laws.kalman_pd_cdob_step,
+    kalman_laws.kalman_pd_ddob_step,
+    smith.command_at,
+    smith.smith_step,
+    feed_forward.steer_per_curvature,
+    feed_forward.curve_steer,
+    feed_forward.feed_forward_step,
+    delayed_set_point.delay_of_requests,
+    delayed_set_point.request_before,
+    delayed_set_point.delayed_set_point_step,
     limits.limit_step,
     limits.ramp_step,
     loss.loss_step,
@@ -83,6 +102,9 @@ def register_steps() -> None:
 
 def law_step(params: Any, state: Any, seen: LawInput) -> Any:
     """Advance the law that ``params`` belong to; compiled code then calls that law directly."""
+    if isinstance(params, feed_forward.FeedForwardParams):
+        inside = _STEP_OF[type(params.law)]
+        return feed_forward.feed_forward_step(inside, params, state, seen)
     return _STEP_OF[type(params)](params, state, seen)
 
 
@@ -92,12 +114,25 @@ _STEP_OF: dict[type, Callable[..., Any]] = {
     paper_laws.PdCdobParams: paper_laws.pd_cdob_step,
     paper_laws.PdDdobParams: paper_laws.pd_ddob_step,
     predictor.PredictorParams: predictor.predictor_step,
+    kalman_laws.KalmanPdParams: kalman_laws.kalman_pd_step,
+    kalman_laws.KalmanPdDobParams: kalman_laws.kalman_pd_dob_step,
+    kalman_laws.KalmanPdCdobParams: kalman_laws.kalman_pd_cdob_step,
+    kalman_laws.KalmanPdDdobParams: kalman_laws.kalman_pd_ddob_step,
+    smith.SmithParams: smith.smith_step,
+    delayed_set_point.DelayedSetPointParams: delayed_set_point.delayed_set_point_step,
 }
 
 
 @overload(law_step)
 def _law_step_of_type(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG001
     """Choose by type, when compiling."""
+    if params.instance_class is feed_forward.FeedForwardParams:
+        inside = _STEP_OF[params.types[0].instance_class]
+
+        def with_feed_forward(params: Any, state: Any, seen: Any) -> Any:
+            return feed_forward.feed_forward_step(inside, params, state, seen)
+
+        return with_feed_forward
     step = _STEP_OF[params.instance_class]
 
     def of_type(params: Any, state: Any, seen: Any) -> Any:

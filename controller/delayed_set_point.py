@@ -1,0 +1,139 @@
+"""Law ``delayed_set_point``: compares the yaw rate with what was asked for one delay ago.
+
+An outer loop asks for a yaw rate, from the path's curvature and the lateral error; an inner one
+sees to it that the vehicle turns as asked:
+
+    r_req = V (ρ + C(0 - y)/S)                       requested now
+    e     = r_req(t - T) - r                         asked for one delay ago, and measured now
+    u     = S ρ + C(0 - y) + S/V (k_p e + k_i ∫e)    S = L + K_us V², ``controller.feed_forward``
+
+    y  lateral_error_m         [m]       r  yaw_rate_rad_s  of VEHICLE_STATE   [rad/s]
+    ρ  preview_curvature_1_m   [1/m]     V  speed_m_s       of VEHICLE_STATE   [m/s]
+
+A yaw rate cannot follow before the delay is over: an error taken against the request of now would
+ask for the same correction again and again until then. So without model errors e is about 0 at any
+delay, and the inner loop has left to do what the feed-forward gets wrong; its integral takes out a
+steering offset. The outer loop sees the true lateral error and has the whole delay in it.
+
+The structure is that of openpilot's lateral torque controller (github.com/commaai/openpilot,
+selfdrive/controls/lib/latcontrol_torque.py): a buffer of requests, the set point taken from it at
+the lag of the car, feed-forward of the request of now, integral frozen while the command is
+limited, errors weighed in the vehicle's motion and turned into a command at the end. What differs:
+
+- lateral acceleration there, yaw rate here; torque there, wheel angle here. At constant speed the
+  two differ by a factor, V
+- a model plans the path there; here the outer loop is the C(s) of the other laws, in steer
+- the lag there is learned by correlation; here T is a setting, or measured by the echo
+- friction, roll, the low speed factor and the request's jerk in the set point are left out, and so
+  is the derivative, whose gain is 0 there
+"""
+
+from typing import NamedTuple
+
+from controller.feed_forward import SteadySteer, curve_steer, steer_per_curvature
+from controller.law_interface import LawInput, LawOutput, Link
+from controller.link import LinkParams
+from controller.pd import PdParams, pd_at_rest, pd_step
+from controller.sections import SectionState
+
+REQUESTS = 100
+"""Requests remembered."""
+REQUESTS_S_MIN = 1.0
+"""For how long at least; openpilot's buffer holds a second."""
+SPEED_M_S_MIN = 0.5
+"""Below this a yaw rate error is taken to need the steer it needs here, which has no bound at 0."""
+_LIMITED_RAD = 1e-9
+
+
+class DelayedSetPointParams(NamedTuple):
+    """Parameters of the law.
+
+    ``proportional_gain``  k_p
+    ``integral_step``      k_i times the control period
+    ``delay_periods``      T in control periods; negative: measured by the echo
+    ``request_periods``    control periods from one request remembered to the next, at least 1
+    """
+
+    pd: PdParams
+    steady: SteadySteer
+    link: LinkParams
+    proportional_gain: float
+    integral_step: float
+    delay_periods: float
+    request_periods: float
+
+
+class DelayedSetPointState(NamedTuple):
+    """State of the law.
+
+    ``integral_rad_s``   k_i ∫e
+    ``requests_rad_s``   remembered, the newest last
+    ``age_periods``      of the newest remembered
+    ``steer_rad``        what the law wanted last
+    """
+
+    pd: SectionState
+    integral_rad_s: float
+    requests_rad_s: tuple[float, ...]
+    age_periods: float
+    steer_rad: float
+
+
+def delayed_set_point_step(
+    p: DelayedSetPointParams, x: DelayedSetPointState, seen: LawInput
+) -> tuple[DelayedSetPointState, LawOutput]:
+    """Advance one control period."""
+    speed_m_s = seen.vehicle.speed_m_s
+    per_curvature = steer_per_curvature(p.steady, speed_m_s)
+    x_pd, demand_rad = pd_step(p.pd, x.pd, seen.lateral_error_m)
+    asked_rad = curve_steer(p.steady, seen.vehicle) + demand_rad
+    requests_rad_s, age_periods = x.requests_rad_s, x.age_periods + 1.0
+    if age_periods >= p.request_periods:
+        request_rad_s = speed_m_s * asked_rad / per_curvature
+        requests_rad_s, age_periods = requests_rad_s[1:] + (request_rad_s,), 0.0  # noqa: RUF005
+    delay_periods = delay_of_requests(p, seen.link)
+    error_rad_s = 0.0
+    if delay_periods >= 0.0:
+        back = (delay_periods - age_periods) / p.request_periods
+        error_rad_s = request_before(requests_rad_s, back) - seen.vehicle.yaw_rate_rad_s
+    integral_rad_s = x.integral_rad_s
+    if abs(seen.sent_steer_rad - x.steer_rad) <= _LIMITED_RAD:
+        integral_rad_s += p.integral_step * error_rad_s
+    correction_rad_s = p.proportional_gain * error_rad_s + integral_rad_s
+    correction_rad = per_curvature / max(speed_m_s, SPEED_M_S_MIN) * correction_rad_s
+    steer_rad = asked_rad + correction_rad
+    return (
+        DelayedSetPointState(x_pd, integral_rad_s, requests_rad_s, age_periods, steer_rad),
+        LawOutput(steer_rad, -correction_rad, 0.0, seen.lateral_error_m),
+    )
+
+
+def delay_of_requests(p: DelayedSetPointParams, link: Link) -> float:
+    """Return how old the request is whose effect is measured, in periods; negative: unknown."""
+    if p.delay_periods >= 0.0:
+        return p.delay_periods
+    if not link.is_measured:
+        return -1.0
+    sample_ns = link.error_sample * p.link.sensor_period_ns
+    return max(0.0, link.tick - (sample_ns - link.delay_ns) / p.link.period_ns)
+
+
+def request_before(requests_rad_s: tuple[float, ...], back: float) -> float:
+    """Return the request ``back`` places before the newest, linear between two [rad/s].
+
+    The oldest, where that is not remembered any more.
+    """
+    newest = len(requests_rad_s) - 1
+    place = min(max(newest - back, 0.0), float(newest))
+    before = min(int(place), newest - 1)
+    earlier_rad_s, later_rad_s = requests_rad_s[before], requests_rad_s[before + 1]
+    return earlier_rad_s + (place - before) * (later_rad_s - earlier_rad_s)
+
+
+def delayed_set_point_at_rest(
+    p: DelayedSetPointParams, lateral_error_m: float
+) -> DelayedSetPointState:
+    """Return the state after a constant lateral error [m], without steering or a request."""
+    return DelayedSetPointState(
+        pd_at_rest(p.pd, lateral_error_m), 0.0, (0.0,) * REQUESTS, p.request_periods, 0.0
+    )

@@ -1,0 +1,83 @@
+"""Curvature feed-forward from the map: adds to any law the steer that holds the curve by itself.
+
+    u = u_law + ρ (L + K_us V²)          K_us = m̃ (c_r l_r - c_f l_f)/(c_f c_r L)
+
+    ρ     preview_curvature_1_m   of VEHICLE_STATE, where the lateral error is measured   [1/m]
+    V     speed_m_s               of VEHICLE_STATE                                        [m/s]
+    L     wheelbase_m             l_f + l_r                                               [m]
+    K_us  understeer_s2_m         of the nominal vehicle                                  [s²/m]
+
+the steady state of SAE 2018-01-1086 (1) on a circle. Not in paper. The map tells the curvature of
+here and now, so the steer comes late by the latency of both directions.
+
+An observer must not see this steer. Curve and feed-forward cancel, and what is left is the law's
+own; from the whole command the DOB of (9) would find the curve as a disturbance all the same, take
+it out a second time, and leave the vehicle beside its path by the feed-forward divided by K_p. So
+the law is told its own part of the command that was sent. (The Smith predictor reads what was sent
+from the history: it predicts what the commands on their way will do, whatever they are for.)
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from controller.law_interface import LawInput, LawOutput, VehicleReading
+
+
+class SteadySteer(NamedTuple):
+    """Steer per curvature, L + K_us V²."""
+
+    wheelbase_m: float
+    understeer_s2_m: float
+
+
+class FeedForwardParams(NamedTuple):
+    """Parameters of the law inside, and of the steer added to it."""
+
+    law: Any
+    steady: SteadySteer
+
+
+class FeedForwardState(NamedTuple):
+    """State of the law inside, and the steer added to its last command [rad]."""
+
+    law: Any
+    steer_rad: float
+
+
+def steer_per_curvature(p: SteadySteer, speed_m_s: float) -> float:
+    """Return the steer that a curvature of 1/m takes at a speed [rad m]."""
+    return p.wheelbase_m + p.understeer_s2_m * speed_m_s * speed_m_s
+
+
+def curve_steer(p: SteadySteer, vehicle: VehicleReading) -> float:
+    """Return the steer that holds the curve the vehicle is in [rad]; 0 before it is known."""
+    return vehicle.preview_curvature_1_m * steer_per_curvature(p, vehicle.speed_m_s)
+
+
+def feed_forward_at_rest(
+    law_at_rest: Callable[[float], Any], lateral_error_m: float
+) -> FeedForwardState:
+    """Return the state around a law's after a constant lateral error [m], no curve known yet."""
+    return FeedForwardState(law_at_rest(lateral_error_m), 0.0)
+
+
+def feed_forward_step(
+    law_step: Callable[[Any, Any, LawInput], tuple[Any, LawOutput]],
+    p: FeedForwardParams,
+    x: FeedForwardState,
+    seen: LawInput,
+) -> tuple[FeedForwardState, LawOutput]:
+    """Advance the law inside by one period, whose step is ``law_step``, and add the curve."""
+    own_rad = seen.sent_steer_rad - x.steer_rad
+    own = LawInput(seen.lateral_error_m, own_rad, seen.vehicle, seen.link, seen.history)
+    x_law, output = law_step(p.law, x.law, own)
+    steer_rad = curve_steer(p.steady, seen.vehicle)
+    return (
+        FeedForwardState(x_law, steer_rad),
+        LawOutput(
+            output.steer_rad + steer_rad,
+            output.disturbance_rad,
+            output.network_disturbance_rad,
+            output.compensated_lateral_error_m,
+        ),
+    )
