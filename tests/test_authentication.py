@@ -442,6 +442,17 @@ def test_a_sender_whose_clock_was_set_back_stays_refused() -> None:
     assert verdicts == [PLANT_STATUS, FROM_PLANT[0]]
 
 
+def test_a_recording_with_the_clock_ahead_disturbs_until_the_next_status_at_most() -> None:
+    """It is the one old status message that is answered, as it seems newer than all accepted."""
+    ahead = plant(challenge=b"plantnul", first_counter=2**50)
+    recorded = ahead.secure(PLANT_STATUS)
+    receiver, sender = met(first_counter=10**6)
+    assert receiver.verify(recorded) is Refused.UNSYNCHRONISED
+    assert sender.verify(receiver.secure(COMMAND)) is Refused.FORGED  # bound to whom it answers
+    assert exchange(receiver, sender) == [PLANT_STATUS, FROM_PLANT[0]]
+    assert sender.verify(receiver.secure(COMMAND)) == COMMAND
+
+
 @pytest.mark.parametrize("challenge", [b"", b"1234567", b"123456789", bytes(8)])
 def test_what_is_no_challenge_is_refused(challenge: bytes) -> None:
     with pytest.raises(ValueError, match="challenge"):
