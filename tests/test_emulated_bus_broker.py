@@ -539,6 +539,13 @@ def test_the_report_holds_the_load_and_the_arbitration_of_each_identifier(bench:
     assert delays["200"]["max_s"] == 0.0
     assert 0.1e-3 < delays["100"]["max_s"] < 0.3e-3 < delays["300"]["max_s"] < 0.6e-3
     assert channel["frames"] == 3
+    assert 0.0 <= report["lateness"]["max_s"] <= CLASSIC_FRAME_NS * 1e-9
+    bench.now_ns += 50 * NS_PER_MS
+    send(one, Frame(0x200, bytes(8)))
+    bench.step()
+    bench.now_ns += 50 * NS_PER_MS  # the broker is stopped over the end of the frame
+    bench.step()
+    assert bench.broker.lateness.max_ns == pytest.approx(50 * NS_PER_MS, abs=CLASSIC_FRAME_NS)
     assert 0.4 < channel["load"] < 1.0
 
 

@@ -283,7 +283,7 @@ def test_a_report_holds_what_was_carried_and_who_was_thrown_out(
     assert "disconnected: 1 garbage" in last
     written = json.loads(report.read_text())
     assert written["clients"]["disconnected"]["garbage"] == 1
-    assert written["channels"]["can0"]["arbitration_delay"]["001"]["frames"] == 1
+    assert written["channels"]["can0"]["arbitration_delay"]["001"]["samples"] == 1
 
 
 def test_a_broker_does_not_wait_for_somebody_to_read_what_it_tells(

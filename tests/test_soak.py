@@ -167,6 +167,9 @@ def test_no_frame_is_longer(can_id: int, data: bytes) -> None:
 def test_each_message_waits_for_one_frame_and_for_those_before_it() -> None:
     bounds_ns = delay_bounds_ns([0x300, 0x100, 0x110], BITRATE_BIT_S)
     assert bounds_ns == {0x100: 270_000, 0x110: 540_000, 0x300: 810_000}
+    # One that comes with a second one waits for the first, too.
+    bounds_ns = delay_bounds_ns([0x300, 0x100, 0x110], BITRATE_BIT_S, at_once=2)
+    assert bounds_ns == {0x100: 540_000, 0x110: 1_080_000, 0x300: 1_620_000}
 
 
 # What the logs tell
@@ -303,7 +306,7 @@ def test_every_finding_can_fail(live: LiveSoak) -> None:
     broker = live.reports["broker"]
     channel = broker["channels"]["can0"]
     late = {**channel["arbitration_delay"]}
-    late["100"] = {**late["100"], "max_s": 271e-6}
+    late["100"] = {**late["100"], "p99_s": 271e-6}
     clients = {**broker["clients"], "disconnected": {"left": 4, "garbage": 1}}
 
     def with_broker(**changed: object) -> LiveSoak:
@@ -332,6 +335,37 @@ def test_every_finding_can_fail(live: LiveSoak) -> None:
     assert set(spoilt) == set(findings(live))
     for what, run_spoilt in spoilt.items():
         assert not findings(run_spoilt)[what].holds, what
+
+
+def test_priority_is_judged_by_the_stalls_that_were_measured(live: LiveSoak) -> None:
+    broker = live.reports["broker"]
+    channel = broker["channels"]["can0"]
+
+    def kept(max_s: float, stall_s: float) -> bool:
+        delays = {
+            can_id: {"p99_s": 0.0, "max_s": max_s if can_id == "100" else 0.0}
+            for can_id in channel["arbitration_delay"]
+        }
+        loop = {"loop": {"lateness": {"max_s": 0.0}}}
+        reports = {
+            **live.reports,
+            "broker": {
+                **broker,
+                "lateness": {"max_s": stall_s},
+                "channels": {"can0": {**channel, "arbitration_delay": delays}},
+            },
+            "steering-controller": loop,
+            "plant-emulator": loop,
+        }
+        return findings(live._replace(reports=reports))["priority kept"].holds
+
+    assert kept(269e-6, 0.0)
+    assert not kept(271e-6, 0.0)
+    assert not kept(271e-6, 8e-3)
+    assert kept(539e-6, 11e-3)
+    assert not kept(541e-6, 11e-3)
+    assert kept(1889e-6, 62e-3)
+    assert not kept(1891e-6, 62e-3)
 
 
 def test_figures_and_tables_hold_every_message_and_process(live: LiveSoak) -> None:

@@ -29,6 +29,7 @@ from runtime.emulated_bus.journal import Cause, Journal
 from runtime.emulated_bus.protocol import Answer, Hello, ProtocolError
 from runtime.emulated_bus.wall_clock import WallClock
 from runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S, NS_PER_US
+from runtime.statistics import DurationStatistics, DurationSummary
 
 CLIENTS_MAX = 200
 """More would come near the 1024 descriptors that ``select`` can wait for."""
@@ -91,6 +92,7 @@ class Broker:
         self._next_number = 1
         self._most = 0
         self._held_back = 0
+        self._lateness = DurationStatistics()
 
     @property
     def channels(self) -> Mapping[str, Channel]:
@@ -102,6 +104,11 @@ class Broker:
         """What clients have done so far."""
         served = self._next_number - 1
         return ClientFigures(len(self._clients), self._most, served, self._held_back)
+
+    @property
+    def lateness(self) -> DurationSummary:
+        """How long after an end of frame the broker came to deliver it: its wake-ups and stalls."""
+        return self._lateness.summary()
 
     def run(self, end_descriptor: int | None = None) -> None:
         """Serve until ``end_descriptor`` is readable or closed, or until KeyboardInterrupt."""
@@ -168,7 +175,10 @@ class Broker:
     def _deliver(self, channel: Channel, now_ns: int) -> None:
         """Send out the frames that are complete, and let their senders submit more."""
         self._wall_clock.update()
-        for delivery in channel.advance(now_ns):
+        completed = channel.advance(now_ns)
+        if completed:
+            self._lateness.record(now_ns - completed[0].end_ns)
+        for delivery in completed:
             channel.queue(delivery, self._wall_clock.at(delivery.end_ns))
         for member in tuple(channel.members.values()):
             if member.has_outgoing:

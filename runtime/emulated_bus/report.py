@@ -5,11 +5,13 @@ from typing import Any
 from runtime.emulated_bus.broker import Broker
 from runtime.emulated_bus.journal import Journal
 from runtime.node import NS_PER_S
+from runtime.statistics import DurationSummary
 
 
 def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[str, Any]:
     """Return the figures of a broker that has run for ``duration_ns``.
 
+    ``lateness``           how long after an end of frame the broker came to deliver it
     ``load``               share of the time that a wire was busy, intermissions included
     ``discarded``          frames of clients that had gone which were never sent
     ``arbitration_delay``  from when the broker read a frame to its start of frame, by identifier
@@ -19,19 +21,14 @@ def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[st
     """
     return {
         "duration_s": duration_ns / NS_PER_S,
+        "lateness": _durations(broker.lateness),
         "channels": {
             name: {
                 "frames": channel.load.frames,
                 "load": channel.load.busy_ns / duration_ns,
                 "discarded": channel.discarded,
                 "arbitration_delay": {
-                    can_id: {
-                        "frames": delay.samples,
-                        "mean_s": delay.mean_ns / NS_PER_S,
-                        "p50_s": delay.p50_ns / NS_PER_S,
-                        "p99_s": delay.p99_ns / NS_PER_S,
-                        "max_s": delay.max_ns / NS_PER_S,
-                    }
+                    can_id: _durations(delay)
                     for can_id, delay in channel.arbitration_delays.items()
                 },
             }
@@ -66,3 +63,14 @@ def summary_line(report: dict[str, Any]) -> str:
     if clients["untold"]:
         parts.append(f"{clients['untold']} lines not told")
     return "; ".join(parts)
+
+
+def _durations(summary: DurationSummary) -> dict[str, float]:
+    """Return durations in seconds."""
+    return {
+        "samples": summary.samples,
+        "mean_s": summary.mean_ns / NS_PER_S,
+        "p50_s": summary.p50_ns / NS_PER_S,
+        "p99_s": summary.p99_ns / NS_PER_S,
+        "max_s": summary.max_ns / NS_PER_S,
+    }

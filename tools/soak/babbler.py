@@ -3,6 +3,8 @@
 python -m tools.soak.babbler ADDRESS CHANNEL ID REPORT PRIORITY
 """
 
+import os
+import socket
 import sys
 from pathlib import Path
 
@@ -16,6 +18,9 @@ from tools.soak.babbling import babble
 
 PATIENCE_S = 0.05
 """How long a frame waits for room before the babbler looks whether it is to end."""
+_SEND_BUFFER_BYTES = 1 << 17
+"""More frames in front of the broker than other clients have: a babbler that is held up for a
+moment must not let the bus go idle."""
 
 
 def main() -> int:
@@ -33,6 +38,7 @@ def main() -> int:
         ) as bus,
         real_time(RealTimeRequest(int(priority))),
     ):
+        _deepen(bus)
         print("ready", flush=True)
         while not stop():
             try:
@@ -42,6 +48,11 @@ def main() -> int:
             number += 1
     write_json(Path(report), {"frames": number})
     return 0
+
+
+def _deepen(bus: can.BusABC) -> None:
+    with socket.socket(fileno=os.dup(bus.fileno())) as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
 
 
 if __name__ == "__main__":

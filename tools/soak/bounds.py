@@ -1,15 +1,16 @@
 """How long a frame may wait for the bus at most, whatever else is sent.
 
-    delay(m) ≤ B + Σ C(k) over the messages k of higher priority
+    delay(m) ≤ B + n Σ C(k) + (n − 1) C(m) over the messages k of higher priority
 
     B     the longest frame of lower priority, just begun when m is ready; it is not interrupted
     C(k)  one frame of k, of the greatest length that its stuff bits can give it
+    n     how many frames of a message may be ready at once
 
-with the interval to the next frame in each. It is the first step of the response-time analysis of
-Davis, Burns, Bril and Lukkien, Controller Area Network (CAN) schedulability analysis: refuted,
-revisited and revised, Real-Time Systems 35, 2007, and the last one too as long as the sum is below
-every period. It supposes that no message comes twice within it: a sender that was held up for a
-period and then sends two at once breaks that, and the bound with it.
+with the interval to the next frame in each. For n = 1 it is the first step of the response-time
+analysis of Davis, Burns, Bril and Lukkien, Controller Area Network (CAN) schedulability analysis:
+refuted, revisited and revised, Real-Time Systems 35, 2007, and the last one too as long as the sum
+is below every period. A program or a bus that is held up breaks n = 1: what should have been a
+period apart then comes at once.
 """
 
 from collections.abc import Collection, Mapping
@@ -31,10 +32,17 @@ def longest_frame_ns(bitrate_bit_s: int) -> int:
     return bits * NS_PER_S // bitrate_bit_s
 
 
-def delay_bounds_ns(can_ids: Collection[int], bitrate_bit_s: int) -> Mapping[int, int]:
+def delay_bounds_ns(
+    can_ids: Collection[int], bitrate_bit_s: int, at_once: int = 1
+) -> Mapping[int, int]:
     """Return the bound of each of ``can_ids``, which are all that compete above the babbler [ns].
+
+    ``at_once``  frames of one message that may be ready together
 
     The 11-bit identifiers are of classic frames; the lowest one has the highest priority.
     """
     frame_ns = longest_frame_ns(bitrate_bit_s)
-    return {can_id: (1 + higher) * frame_ns for higher, can_id in enumerate(sorted(can_ids))}
+    return {
+        can_id: (1 + at_once * higher + at_once - 1) * frame_ns
+        for higher, can_id in enumerate(sorted(can_ids))
+    }

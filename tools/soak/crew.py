@@ -92,6 +92,13 @@ class Crew:
                 found[f"{name}: file writer" + f" {number}" * (number > 1)] = child
         return found
 
+    def kill(self, names: Sequence[str]) -> None:
+        """End some that would not end in order."""
+        for name in names:
+            process = self._processes.pop(name)
+            process.kill()
+            process.wait()
+
     def stop(self, name: str) -> dict[str, Any]:
         """End one in order; returns its report. Raises SoakError when it fails to."""
         process = self._processes.pop(name)

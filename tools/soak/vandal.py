@@ -1,0 +1,112 @@
+"""A client of the emulated bus that behaves badly, as fast as it can, until it is killed.
+
+python -m tools.soak.vandal KIND ADDRESS CHANNEL
+"""
+
+import socket
+import sys
+from collections.abc import Callable
+from itertools import count
+
+from runtime.emulated_bus.protocol import ANSWER, CLASSIC_RECORD, Hello, pack_filters, pack_frame
+from runtime.frame import Frame
+
+PATIENCE_S = 5.0
+_BATCH = 100
+
+
+def flood(connect: Callable[[], socket.socket]) -> None:
+    """Send frames of low priority without end; take what comes."""
+    vandal = connect()
+    vandal.sendall(pack_filters(CLASSIC_RECORD, []))
+    batch = pack_frame(CLASSIC_RECORD, Frame(0x7F0, bytes(8))) * _BATCH
+    vandal.settimeout(None)
+    while True:
+        vandal.sendall(batch)
+        _empty(vandal)
+
+
+def stall(connect: Callable[[], socket.socket]) -> None:
+    """Read nothing, until thrown out; then again."""
+    while True:
+        vandal = connect()
+        while _is_open(vandal):
+            pass
+        vandal.close()
+
+
+def garbage(connect: Callable[[], socket.socket]) -> None:
+    """Send bytes that mean nothing; come back at once when thrown out."""
+    for number in count():
+        try:
+            with connect() as vandal:
+                vandal.sendall(bytes([4 + number % 252]) * CLASSIC_RECORD.size * 4)
+                while vandal.recv(1 << 12):
+                    pass
+        except OSError:
+            continue
+
+
+def filters(connect: Callable[[], socket.socket]) -> None:
+    """Change the filters without end."""
+    vandal = connect()
+    batch = pack_filters(CLASSIC_RECORD, []) * _BATCH
+    vandal.settimeout(None)
+    while True:
+        vandal.sendall(batch)
+        _empty(vandal)
+
+
+def visits(connect: Callable[[], socket.socket]) -> None:
+    """Come, leave frames of low priority behind, and go, without end."""
+    batch = pack_frame(CLASSIC_RECORD, Frame(0x7F1, bytes(8))) * 60
+    while True:
+        try:
+            with connect() as vandal:
+                vandal.sendall(batch)
+        except OSError:
+            continue
+
+
+KINDS = {kind.__name__: kind for kind in (flood, stall, garbage, filters, visits)}
+
+
+def main() -> int:
+    """Misbehave."""
+    kind, address, channel = sys.argv[1:]
+
+    def connect() -> socket.socket:
+        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        connection.settimeout(PATIENCE_S)
+        connection.connect(address)
+        connection.sendall(Hello(channel).pack())
+        connection.recv(ANSWER.size)
+        return connection
+
+    print("ready", flush=True)
+    KINDS[kind](connect)
+    return 0
+
+
+def _empty(vandal: socket.socket) -> None:
+    """Take what has come, without waiting."""
+    try:
+        while vandal.recv(1 << 16, socket.MSG_DONTWAIT):
+            pass
+    except BlockingIOError:
+        pass
+
+
+def _is_open(vandal: socket.socket) -> bool:
+    """Send a frame now and then, which tells when the broker has hung up."""
+    try:
+        vandal.sendall(pack_frame(CLASSIC_RECORD, Frame(0x7F2, b"")))
+    except TimeoutError:
+        return True
+    except OSError:
+        return False
+    return True
+
+
+if __name__ == "__main__":
+    sys.exit(main())
