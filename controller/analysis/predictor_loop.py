@@ -1,0 +1,172 @@
+"""The loop of a law that looks back, at a constant latency: linear then, and analysed as it runs.
+
+With a constant latency the echo shows a constant delay, every measurement comes, and the predictor,
+or a law with dy/dt from the Kalman filter, is a linear system that repeats itself from one common
+multiple of control and sensor period to the next. Its state at the beginning of a multiple is
+
+    x = (vehicle and wheel, law and filter, commands sent, measurements on their way)
+
+and what becomes of it is exact (``controller.analysis.looking_back``). Left out are limits,
+quantisation and jitter, and what a step does when echoes come and go.
+
+    stability          every eigenvalue of x ↦ A x, that command and error have a part in, decays
+    peak sensitivity   max |det(zI - A₀)/det(zI - A)| on the unit circle, A₀ the loop cut at the
+                       vehicle's command: 1/(1 + L) without a transfer function
+    noise gain         RMS of the steer for white noise of 1 m on every lateral error,
+                       from P = A P Aᵀ + B Bᵀ
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.analysis.looking_back import (
+    LoopMatrices,
+    Matrix,
+    Rig,
+    Signals,
+    Timing,
+    Y,
+    continuous_rig,
+    floats_in,
+    told_at,
+    unit_answers,
+)
+from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S
+from controller.design import LawDesign
+from controller.link import LinkParams
+from runtime.node import NS_PER_S
+
+_START_S = 10
+"""The period that is analysed begins so late: whatever a law looks back to is there."""
+_TICKS_MAX = 40
+"""In one common multiple of the periods, and samples too."""
+_DOUBLINGS = 60
+_SETTLED = 1e-12
+_FREQUENCIES = 600
+_OMEGA_RAD_S_MIN = 0.02
+
+
+class PredictorLoop:
+    """A law that looks back, around a rig.
+
+    ``design``  the law, its parameters those of the vehicle's speed
+    ``link``    periods of controller and sensors
+
+    Raises ValueError where the two periods have no common multiple within 40 of either.
+    """
+
+    def __init__(self, design: LawDesign, link: LinkParams, rig: Rig) -> None:
+        self.rig = rig
+        self._design, self._link = design, link
+        speed_m_s = rig.vehicle.speed_m_s
+        self._params = design.params if design.params_at is None else design.params_at(speed_m_s)
+        self.period_ns = math.lcm(link.period_ns, link.sensor_period_ns)
+        if max(self.period_ns // link.period_ns, self.period_ns // link.sensor_period_ns) > (
+            _TICKS_MAX
+        ):
+            raise ValueError(
+                f"control period {link.period_ns} ns and sensor period {link.sensor_period_ns} ns"
+                f" have no common multiple within {_TICKS_MAX} periods"
+            )
+        self._plant = continuous_rig(rig)
+        self._answers: dict[tuple[Any, ...], Matrix] = {}
+
+    def matrices(self, delay_ns: int, drive: float = 1.0) -> LoopMatrices:
+        """Return the loop with a constant latency ≥ 0 of the commands.
+
+        ``drive``  share of each command that the vehicle gets; 0 cuts the loop open
+        """
+        timing = self._timing(delay_ns)
+        signals = Signals(timing, self._plant, floats_in(self._design.initial_state(0.0)), drive)
+        for time_ns in timing.instants():
+            signals.move_to(time_ns)
+            if time_ns % self._link.sensor_period_ns == 0:
+                signals.take_sample()
+            if time_ns % self._link.period_ns == 0:
+                signals.decide(self._answer)
+        signals.move_to(timing.end_ns)
+        return signals.matrices()
+
+    def closed_loop_poles(self, delay_ns: int) -> NDArray[np.complex128]:
+        """Return the poles of what command and error have a part in, largest modulus first.
+
+        In z over one common multiple of the periods, which is the control period mostly.
+        """
+        a, kept = self._kept(delay_ns)
+        poles = np.linalg.eigvals(a[np.ix_(kept, kept)]).astype(np.complex128)
+        return poles[np.argsort(-np.abs(poles), kind="stable")]
+
+    def decay_1_s(self, delay_ns: int) -> float:
+        """Return the decay rate of the slowest mode [1/s]; negative where it grows."""
+        largest = float(np.abs(self.closed_loop_poles(delay_ns)[0]))
+        return -math.log(largest) * NS_PER_S / self.period_ns
+
+    def is_stable(self, delay_ns: int) -> bool:
+        """Whether every mode decays."""
+        return self.decay_1_s(delay_ns) > SLOWEST_DECAY_1_S
+
+    def peak_sensitivity(self, delay_ns: int) -> float:
+        """Return the largest |1/(1 + L)|. Raises ValueError where the periods differ."""
+        if self._link.period_ns != self._link.sensor_period_ns:
+            raise ValueError("the loop is no transfer function where the two periods differ")
+        closed, kept = self._kept(delay_ns)
+        cut = self.matrices(delay_ns, drive=0.0).a
+        nyquist_rad_s = math.pi * NS_PER_S / self.period_ns
+        omega_rad_s = np.geomspace(_OMEGA_RAD_S_MIN, nyquist_rad_s, _FREQUENCIES)
+        z = np.exp(1j * omega_rad_s * self.period_ns / NS_PER_S)[:, None, None]
+        identity = np.eye(len(kept))
+        logs = [np.linalg.slogdet(z * identity - a[np.ix_(kept, kept)])[1] for a in (cut, closed)]
+        return float(np.exp((logs[0] - logs[1]).max()))
+
+    def noise_gain_rad_m(self, delay_ns: int) -> float:
+        """Return the RMS of the steer for white noise of 1 m; infinite where it grows."""
+        if self.decay_1_s(delay_ns) <= 0.0:
+            return math.inf
+        (a, b, c, d), kept = self.matrices(delay_ns), self._kept(delay_ns)[1]
+        a, b, c = a[np.ix_(kept, kept)], b[kept], c[:, kept]
+        covariance = b @ b.T
+        for _ in range(_DOUBLINGS):
+            more = a @ covariance @ a.T
+            covariance, a = covariance + more, a @ a
+            if np.abs(more).max() <= _SETTLED * np.abs(covariance).max():
+                break
+        powers = np.einsum("ti,ij,tj->t", c, covariance, c) + np.square(d).sum(axis=1)
+        return float(np.sqrt(powers.mean()))
+
+    def _timing(self, delay_ns: int) -> Timing:
+        start_ns = -(-_START_S * NS_PER_S // self.period_ns) * self.period_ns
+        link = self._link
+        return Timing(
+            link,
+            delay_ns,
+            self.rig.uplink_ns,
+            start_ns // link.period_ns,
+            start_ns // link.sensor_period_ns,
+            self.period_ns // link.period_ns,
+            self.period_ns // link.sensor_period_ns,
+        )
+
+    def _kept(self, delay_ns: int) -> tuple[Matrix, NDArray[np.intp]]:
+        """Return A, and which states act on the lateral error and are acted on by it.
+
+        The observers of a fallback only listen, and a difference that fades does so by itself.
+        """
+        a = self.matrices(delay_ns).a
+        acts = (a != 0.0) | np.eye(len(a), dtype=bool)
+        while True:
+            further = (acts.astype(np.int64) @ acts) > 0
+            if (further == acts).all():
+                return a, np.flatnonzero(acts[Y] & acts[:, Y])
+            acts = further
+
+    def _answer(self, timing: Timing, tick: int) -> Matrix:
+        """Return what a tick makes of law, commands and measurements, kept for the next delay."""
+        ticks, samples = told_at(timing, tick)
+        applied = tuple(timing.applied_tick(sample) for sample in samples)
+        key = (tick - timing.first_tick, timing.echoed_delay_ns(), ticks, samples, applied)
+        if key not in self._answers:
+            self._answers[key] = unit_answers(self._design, self._params, timing, tick)
+        return self._answers[key]
