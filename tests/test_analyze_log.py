@@ -753,6 +753,14 @@ def test_a_thinned_history_keeps_its_peaks_and_its_order(values: list[float]) ->
     assert abs(report["peak"]) == max(abs(value) for value in values)
 
 
+def test_a_vehicle_that_stands_on_its_path_has_its_peak_at_its_first_sample(tmp_path: Path) -> None:
+    frames = [encode(LateralError(0.0, 0.0), counter) for counter in range(20)]
+    entries = [LogEntry(10_000_000 * index, "can0", frame) for index, frame in enumerate(frames)]
+    log = write_log(tmp_path / "standing.log", entries)
+    error = written(tmp_path / "out", log)["signals"]["lateral_error_m"]
+    assert (error["rms"], error["peak"], error["peak_at_s"]) == (0.0, 0.0, 0.0)
+
+
 def test_a_file_that_is_no_log_leaves_nothing_and_keeps_no_other_from_its_report(
     constant: Run, tmp_path: Path, capsys: Capture
 ) -> None:

@@ -81,7 +81,7 @@ class History:
         self._samples += 1
         self._sum += value
         self._sum_of_squares += value * value
-        if abs(value) > abs(self._peak):
+        if self._peak_at_s is None or abs(value) > abs(self._peak):
             self._peak, self._peak_at_s = value, time_s
         self._time_s.append(time_s)
         self._values.append(value)
