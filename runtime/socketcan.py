@@ -116,8 +116,12 @@ class SocketCanPort:
         try:
             self._socket.send(packed(frame))
         except (OSError, ValueError) as error:
-            if isinstance(error, OSError) and error.errno in (errno.ENOBUFS, errno.EAGAIN):
+            code = error.errno if isinstance(error, OSError) else None
+            if code in (errno.ENOBUFS, errno.EAGAIN):
                 return False
+            if code == errno.EINVAL and frame.flags & FD:
+                what = f"the network interface {self._channel} carries classic frames only"
+                raise BusError(f"cannot send: {what}, not CAN FD") from error
             raise self._failed("send", error) from error
         return True
 

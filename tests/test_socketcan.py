@@ -256,6 +256,17 @@ def test_a_frame_is_handed_to_the_kernel_once(sockets: list[FakeSocket]) -> None
     assert sockets[0].is_closed
 
 
+def test_an_interface_without_can_fd_is_told_in_one_line(sockets: list[FakeSocket]) -> None:
+    port = SocketCanPort("can0", fd=True)
+    sockets[0].fails = OSError(errno.EINVAL, "Invalid argument")
+    with pytest.raises(BusError) as caught:
+        port.send(Frame(0x123, bytes(20), FD))
+    line = "cannot send: the network interface can0 carries classic frames only, not CAN FD"
+    assert str(caught.value) == line
+    with pytest.raises(BusError, match="Invalid argument"):
+        port.send(Frame(0x123, bytes(8)))
+
+
 @pytest.mark.parametrize("code", [errno.ENOBUFS, errno.EAGAIN])
 def test_a_full_queue_refuses_a_frame_and_does_not_fail(
     sockets: list[FakeSocket], code: int
