@@ -24,8 +24,11 @@ __all__ = [
     "MESSAGE_TYPES",
     "ControllerStatus",
     "Decoded",
+    "DelayStatus",
     "Direction",
+    "EchoState",
     "EncodeError",
+    "EstimateState",
     "LatencyConfig",
     "LatencyModel",
     "LateralError",
@@ -78,6 +81,22 @@ class SteeringStatusCode(IntEnum):
     APPLYING = 1
     LIMITED = 2
     """Applying it as far as its angle and rate limits allow."""
+
+
+class EchoState(IntEnum):
+    """Whether the echo of the command counter tells the delay."""
+
+    UNKNOWN = 0
+    KNOWN = 1
+
+
+class EstimateState(IntEnum):
+    """Whether command and response tell the delay."""
+
+    OFF = 0
+    NOT_OBSERVABLE = 1
+    """They do not now: too little excitation, or what they tell contradicts itself."""
+    OBSERVABLE = 2
 
 
 class Direction(IntEnum):
@@ -141,6 +160,16 @@ class ControllerStatus(NamedTuple):
     skipped_ticks: int
 
 
+class DelayStatus(NamedTuple):
+    """Controller to all, for watching: the delay from command to measurement, down and up."""
+
+    echo_delay_s: float
+    estimated_delay_s: float
+    echo_state: EchoState
+    estimate_state: EstimateState
+    confidence: float
+
+
 class PlantStatus(NamedTuple):
     """Plant to all, for watching; ``lost`` and ``rejected`` are modulo 256."""
 
@@ -166,6 +195,7 @@ Message: TypeAlias = (
     | SteeringStatus
     | VehicleState
     | ControllerStatus
+    | DelayStatus
     | PlantStatus
     | LatencyConfig
 )
@@ -177,6 +207,7 @@ MESSAGE_TYPES: Mapping[str, type[Message]] = MappingProxyType(
         "STEERING_STATUS": SteeringStatus,
         "VEHICLE_STATE": VehicleState,
         "CONTROLLER_STATUS": ControllerStatus,
+        "DELAY_STATUS": DelayStatus,
         "PLANT_STATUS": PlantStatus,
         "LATENCY_CONFIG": LatencyConfig,
     }

@@ -15,8 +15,11 @@ from dbc.messages import (
     MESSAGE_TYPES,
     ControllerStatus,
     Decoded,
+    DelayStatus,
     Direction,
+    EchoState,
     EncodeError,
+    EstimateState,
     LatencyConfig,
     LatencyModel,
     LateralError,
@@ -83,6 +86,12 @@ GOLDEN: list[tuple[Message, str, str]] = [
     (VehicleState(1.39, 0.02, -0.01), "130", "50e2 07 16010ac0f9"),
     # 1 + (3 << 3) = 0x19; 10 << 8 = 0xA00; -20 = 0xFEC in 12 bits, << 20; 3 << 32
     (ControllerStatus(Mode.ACTIVE, Law.PD_DDOB, 0.01, -0.02, 3), "300", "fa51 07 190ac0fe03"),
+    # 160 = 0xA0; 164 << 12 = 0xA_4000; 1 << 24; 2 << 26; 97 << 28 = 0x6_1000_0000
+    (
+        DelayStatus(0.08, 0.082, EchoState.KNOWN, EstimateState.OBSERVABLE, 0.97),
+        "308",
+        "d8a6 07 a0400a1906",
+    ),
     # 160 = 0xA0; 160 << 12 = 0xA_0000; 1 << 24; 2 << 32
     (PlantStatus(0.08, 0.08, 1, 2), "310", "b604 07 a0000a0102"),
     # 3 + (2 << 4) = 0x23; 800 = 0x0320; 300 = 0x012C; 100 = 0x0064; no CRC, no counter

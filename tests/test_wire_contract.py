@@ -105,6 +105,7 @@ def test_every_resolution_is_named_in_the_comment_that_says_why() -> None:
         ("STEERING_STATUS", 0x120, "PLANT", {"CONTROLLER"}, 10),
         ("VEHICLE_STATE", 0x130, "PLANT", {"CONTROLLER"}, 20),
         ("CONTROLLER_STATUS", 0x300, "CONTROLLER", {"PLANT", "TOOL"}, 100),
+        ("DELAY_STATUS", 0x308, "CONTROLLER", {"PLANT", "TOOL"}, 100),
         ("PLANT_STATUS", 0x310, "PLANT", {"CONTROLLER", "TOOL"}, 100),
         ("LATENCY_CONFIG", 0x320, "TOOL", {"PLANT"}, None),
     ],
