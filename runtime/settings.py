@@ -15,7 +15,7 @@ Types are strict, so that ``speed_m_s = "10"`` and ``gain = true`` are refused i
 import json
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -109,9 +109,13 @@ def load_settings(
     raise SettingsError(*mistakes)
 
 
-def dump_toml(settings: Settings) -> str:
-    """Return ``settings`` as the TOML text that ``load_settings`` makes the same settings of."""
-    lines = _toml_table(settings.model_dump(mode="json", exclude_none=True), ())
+def dump_toml(settings: Settings, leave_out: Collection[str] = ()) -> str:
+    """Return ``settings`` as the TOML text that ``load_settings`` makes the same settings of.
+
+    ``leave_out``  keys that are not written, because their defaults hold
+    """
+    tables = settings.model_dump(mode="json", exclude_none=True, exclude=set(leave_out))
+    lines = _toml_table(tables, ())
     return "\n".join(lines).lstrip("\n") + "\n"
 
 

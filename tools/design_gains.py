@@ -24,16 +24,19 @@ from functools import partial
 from multiprocessing import active_children, get_context
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from controller.laws import LawName
+from controller.settings import ControllerSettings
 from runtime.program import ExitStatus, run_main, say
-from runtime.settings import load_settings
+from runtime.settings import load_settings, read_preset
 from tools.gain_design.candidate import any_settings
 from tools.gain_design.design import Design, NoDesignError
 from tools.gain_design.explanation import demand_lines, reason_lines
-from tools.gain_design.preset_text import preset_name
+from tools.gain_design.predictor import design_predictor
+from tools.gain_design.preset_text import predictor_figures, predictor_preset_text, preset_name
 from tools.gain_design.specification import Specification
 from tools.gain_design.vehicle_file import VehicleFile
 from tools.gain_design.verification import Verification, verification_line, verify
@@ -98,17 +101,18 @@ def _run(options: argparse.Namespace) -> int:
     sources = (options.vehicle.name, options.spec.name)
     jobs = [
         Job(spec, vehicle, law, sources, str(options.out), str(pictures), index)
-        for index, law in enumerate(spec.laws)
+        for index, law in enumerate(linear_laws(spec))
     ]
     console = Console(markup=False, highlight=False, soft_wrap=True)
     _tell_demands(spec, vehicle)
     os.environ.update(_ONE_THREAD)
     status = int(ExitStatus.OK)
+    fallback: ControllerSettings | None = None
     progress = shared_progress(len(jobs))
-    workers = min(WORKERS, len(jobs)) if not options.verify else WORKERS
+    workers = max(1, min(WORKERS, len(jobs))) if not options.verify else WORKERS
     with _pool(workers, progress) as pool:
         futures = [pool.submit(run_job, job) for job in jobs]
-        _watch(console, spec.laws, futures, progress)
+        _watch(console, linear_laws(spec), futures, progress)
         for future in futures:
             try:
                 design = future.result()
@@ -122,8 +126,63 @@ def _run(options: argparse.Namespace) -> int:
                 verification = verify(pool, spec, vehicle, design)
                 print(verification_line(spec, design, verification))
                 status = _status_of(verification, status)
+            if design.law is LawName.PD_DDOB:
+                fallback = design.settings
+    if LawName.PREDICTOR in spec.laws and spec.predictor is not None:
+        status = max(status, _design_predictor(console, spec, vehicle, fallback, sources, options))
     print(f"\n{time.perf_counter() - begin_s:.0f} s")
     return status
+
+
+def linear_laws(spec: Specification) -> list[LawName]:
+    """Return the laws that are designed by the linear analysis."""
+    return [law for law in spec.laws if law is not LawName.PREDICTOR]
+
+
+def _design_predictor(
+    console: Console,
+    spec: Specification,
+    vehicle: VehicleFile,
+    fallback: ControllerSettings | None,
+    sources: tuple[str, str],
+    options: argparse.Namespace,
+) -> int:
+    """Design the predictor around the pd_ddob that it falls back to, write and tell it."""
+    table = spec.predictor
+    if table is None:
+        raise ValueError("the specification has no table [predictor]")
+    if table.fallback is not None:
+        preset = read_preset("controller.presets", table.fallback)
+        fallback = load_settings(ControllerSettings, preset)
+    if fallback is None:
+        say(NAME, "error: predictor: there is no pd_ddob for it to fall back to", sys.stderr)
+        return NO_DESIGN
+    name = preset_name(spec, LawName.PREDICTOR)
+    with Progress(
+        TextColumn("predictor"),
+        BarColumn(30),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[best]}"),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as bars:
+        task = bars.add_task(name, total=1.0, best="")
+        design = design_predictor(
+            spec,
+            table,
+            vehicle,
+            fallback,
+            lambda done, best: bars.update(task, completed=done, best=f"best {best:.4g}"),
+        )
+    print(f"\npredictor  ({design.judged} sets of parameters judged)")
+    for label, text in predictor_figures(spec, table, design):
+        print(f"  {label:18}{text}")
+    text = predictor_preset_text(spec, table, vehicle, design, sources)
+    (options.out / f"{name}.toml").write_text(text, encoding="utf-8")
+    print(f"  -> {options.out / name}.toml")
+    held = bool(np.isfinite(design.steer_noise_rad)) and float(design.rms_m.max()) < 1.0
+    return int(ExitStatus.OK) if held else NO_DESIGN
 
 
 @contextmanager

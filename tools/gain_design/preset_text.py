@@ -1,13 +1,15 @@
 """The preset that a design is written as: settings, below comments with what was measured."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from controller.laws import LawName
+from controller.settings import ControllerSettings
 from plant_emulator.rig_settings import PathSettings
 from runtime.node import NS_PER_MS
-from runtime.settings import dump_toml
+from runtime.settings import Settings, dump_toml
 from tools.gain_design.design import Design
-from tools.gain_design.specification import Specification
+from tools.gain_design.predictor import PredictorDesign
+from tools.gain_design.specification import PredictorTable, Specification
 from tools.gain_design.study import Demand
 from tools.gain_design.vehicle_file import VehicleFile
 
@@ -16,6 +18,7 @@ _TITLES = {
     LawName.PD_DOB: "PD with disturbance observer",
     LawName.PD_CDOB: "PD with communication disturbance observer",
     LawName.PD_DDOB: "PD with double disturbance observer",
+    LawName.PREDICTOR: "Predictor",
 }
 _NOISE_M = 0.02
 _LABEL_WIDTH = 18
@@ -42,9 +45,71 @@ def preset_text(
         "",
         *(f"  {label:{_LABEL_WIDTH}}{text}" for label, text in _figures(spec, design)),
     ]
+    return _commented(comments, design.settings)
+
+
+def predictor_preset_text(
+    spec: Specification,
+    table: PredictorTable,
+    vehicle: VehicleFile,
+    design: PredictorDesign,
+    sources: tuple[str, str],
+) -> str:
+    """Return the TOML of a predictor's preset."""
+    comments = [
+        f"{_TITLES[LawName.PREDICTOR]} for {spec.rate_hz:g} Hz and any delay from 0 to"
+        f" {table.delay_ms_max:g} ms, measured by the echo.",
+        f"Written by tools.design_gains from {sources[0]} and {sources[1]}; do not edit.",
+        "",
+        *_conditions(spec, vehicle),
+        "",
+        *(
+            f"  {label:{_LABEL_WIDTH}}{text}"
+            for label, text in predictor_figures(spec, table, design)
+        ),
+    ]
+    return _commented(comments, design.settings)
+
+
+def predictor_figures(
+    spec: Specification, table: PredictorTable, design: PredictorDesign
+) -> Iterator[tuple[str, str]]:
+    """Yield a heading and a figure, line by line."""
+    for ns, rms_m, settled_m in zip(
+        design.delays_ns, design.rms_m, design.settled_rms_m, strict=True
+    ):
+        yield (
+            "RMS error",
+            f"{settled_m:.4f} m at {ns // NS_PER_MS} ms from {table.ignore_s:g} s on,"
+            f" {rms_m:.4f} m from the start",
+        )
+    for jitter, rms_m in zip(spec.jitter, design.jitter_rms_m, strict=True):
+        yield (
+            "jitter",
+            f"{rms_m:.4f} m at {jitter.mean_ms:g} ± {jitter.spread_ms:g} ms,"
+            f" {100.0 * jitter.loss:g} % lost (gamma, newest wins)",
+        )
+    yield (
+        "noise",
+        f"{1e2 * table.lateral_error_noise_m:g} cm add {design.steer_noise_rad:.2g} rad of steer,"
+        f" limit {table.steer_noise_rad_max:g}",
+    )
+
+
+def _commented(comments: Sequence[str], settings: ControllerSettings) -> str:
     lines = [f"# {comment}".rstrip() for comment in comments]
-    settings, _, _ = dump_toml(design.settings).partition("\n[supervision]")
-    return "\n".join(lines) + "\n" + settings
+    return "\n".join(lines) + "\n" + dump_toml(settings, _untouched(settings))
+
+
+def _untouched(settings: ControllerSettings) -> list[str]:
+    """Return the tables with nothing but defaults, but for the limits, which every preset tells."""
+    return [
+        name
+        for name, field in ControllerSettings.model_fields.items()
+        if isinstance(field.default, Settings)
+        and getattr(settings, name) == field.default
+        and name != "limits"
+    ]
 
 
 def _conditions(spec: Specification, vehicle: VehicleFile) -> Iterator[str]:

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, PositiveFloat, model_validator
 
 from controller.analysis.d_stability import DStability, d_stability
-from controller.laws import LawName
+from controller.laws import PAPER_LAWS, LawName
 from controller.settings import LimitSettings
 from plant_emulator.rig_settings import PathSettings
 from runtime.node import NS_PER_MS, NS_PER_S
@@ -95,6 +95,35 @@ class JitterTable(Settings):
     loss: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
 
 
+class PredictorTable(Settings):
+    """`[predictor]`: how the predictor is judged, which the other demands do not apply to.
+
+    ``fallback``                the pd_ddob it falls back to, a preset of the controller; none: the
+                                one designed in the same run
+    ``ignore_s``                of each run: before the first command acts nothing can be done
+    ``lateral_error_noise_m``   of the sensors, per sample; the filter is told the same
+    ``steer_noise_rad_max``     standard deviation of what that noise may add to the steer
+    """
+
+    fallback: str | None = None
+    delay_ms_max: DelayMs = 500.0
+    delay_step_ms: Annotated[float, Field(ge=1.0, le=1000.0)] = 50.0
+    ignore_s: Annotated[float, Field(ge=0.0, le=600.0)] = 5.0
+    lateral_error_noise_m: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.02
+    heading_error_noise_rad: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.002
+    steer_noise_rad_max: PositiveFloat = 0.01
+    horizon_s_max: Annotated[float, Field(gt=0.0, le=2.0)] = 1.0
+    generations: Annotated[int, Field(ge=1, le=10_000)] = 12
+
+    @property
+    def delays_ns(self) -> tuple[int, ...]:
+        """The delays that are judged [ns]."""
+        step_ns, last_ns = (
+            round(value * NS_PER_MS) for value in (self.delay_step_ms, self.delay_ms_max)
+        )
+        return (*range(0, last_ns, step_ns), last_ns)
+
+
 class RmsTable(Settings):
     """`[rms_m_max]`: the largest RMS of the lateral error a law may have; none if left out [m]."""
 
@@ -134,6 +163,8 @@ class Specification(Settings):
     rms_m_max: RmsTable = RmsTable()
     course: CourseTable
     jitter: tuple[JitterTable, ...] = ()
+    predictor: PredictorTable | None = None
+    """Only of the law predictor, which is designed last."""
     search: SearchTable = SearchTable()
 
     @property
@@ -192,4 +223,16 @@ class Specification(Settings):
             raise ValueError("laws must name at least one law")
         if len(set(self.laws)) < len(self.laws):
             raise ValueError("laws names a law twice")
+        unknown = set(self.laws) - {*PAPER_LAWS, LawName.PREDICTOR}
+        if unknown:
+            names = ", ".join(sorted(law.value for law in unknown))
+            raise ValueError(f"laws: {names} cannot be designed here")
+        if LawName.PREDICTOR in self.laws:
+            if self.predictor is None:
+                raise ValueError("law 'predictor' needs the table [predictor]")
+            if self.predictor.fallback is None and LawName.PD_DDOB not in self.laws:
+                raise ValueError(
+                    "law 'predictor' needs predictor.fallback, the name of a preset, or 'pd_ddob'"
+                    " among the laws"
+                )
         return self

@@ -1,0 +1,117 @@
+"""Compare every law over delay, jitter, loss and an actuator lag, and say where each breaks.
+
+    python -m tools.compare_laws [--out DIR] [--step-ms 25] [--seeds 3]
+
+Leaves in DIR comparison.csv, a line for each law, network and delay, and comparison.png; prints the
+worst RMS over the uncertainty box at a few delays, and the first delay at which a law does not hold
+the path.
+"""
+
+import argparse
+import csv
+import sys
+import time
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+from runtime.program import ExitStatus, run_main
+from tools.law_comparison.picture import draw_comparison
+from tools.law_comparison.runs import (
+    BROKEN_M,
+    NETWORKS,
+    SETTLED_S,
+    Cell,
+    breaks_at_s,
+    compare,
+    contestants_of,
+)
+
+NAME = "compare_laws"
+DELAY_MS_MAX = 600
+TOLD_MS = (0, 100, 200, 300, 400, 500, 600)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    parser = argparse.ArgumentParser(
+        prog=f"python -m tools.{NAME}",
+        description=(__doc__ or "").splitlines()[0],
+        allow_abbrev=False,
+    )
+    parser.add_argument("--out", type=Path, default=Path("out/comparison"), metavar="DIR")
+    parser.add_argument("--step-ms", type=int, default=25, choices=(10, 20, 25, 50, 100))
+    parser.add_argument("--seeds", type=int, default=3, choices=range(1, 101), metavar="1..100")
+    parser.add_argument(
+        "--duration-s", type=float, default=60.0, choices=(20.0, 60.0, 120.0), metavar="S"
+    )
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
+    begin_s = time.perf_counter()
+    options.out.mkdir(parents=True, exist_ok=True)
+    console = Console(markup=False, highlight=False, soft_wrap=True)
+    delays_s = [1e-3 * ms for ms in range(0, DELAY_MS_MAX + 1, options.step_ms)]
+    with Progress(
+        BarColumn(30),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as bars:
+        task = bars.add_task("")
+        cells = compare(
+            delays_s,
+            options.seeds,
+            options.duration_s,
+            lambda done, of: bars.update(task, completed=done, total=of),
+        )
+    _write(cells, options.out / "comparison.csv")
+    draw_comparison(cells).savefig(options.out / "comparison.png", dpi=110)
+    for line in table_lines(cells):
+        print(line)
+    elapsed_s = time.perf_counter() - begin_s
+    print(
+        f"\n{elapsed_s:.0f} s; {options.out / 'comparison.csv'}, {options.out / 'comparison.png'}"
+    )
+    return ExitStatus.OK
+
+
+def table_lines(cells: Sequence[Cell]) -> list[str]:
+    """Return the table: settled RMS [mm] at some delays, and where each law breaks."""
+    told = [ms for ms in TOLD_MS if any(round(1e3 * cell.delay_s) == ms for cell in cells)]
+    lines = []
+    for key, network in NETWORKS.items():
+        lines += ["", f"{network.title}: worst RMS over the box from {SETTLED_S:g} s on [mm]"]
+        lines.append(f"{'delay [ms]':24}" + "".join(f"{ms:>9}" for ms in told) + "   breaks at")
+        for one in contestants_of(network):
+            own = [cell for cell in cells if (cell.network, cell.contestant) == (key, one.label)]
+            by_ms = {round(1e3 * cell.delay_s): cell for cell in own}
+            broken_s = breaks_at_s(own)
+            lines.append(
+                f"{one.label:24}"
+                + "".join(f"{_in_mm(by_ms[ms].settled_rms_m):>9}" for ms in told)
+                + ("   -" if broken_s is None else f"   {1e3 * broken_s:.0f} ms")
+            )
+    lines.append(f"\nbreaks at: first delay with more than {1e3 * BROKEN_M:g} mm; ! is beyond that")
+    return lines
+
+
+def _in_mm(rms_m: float) -> str:
+    return "!" if rms_m > BROKEN_M else f"{1e3 * rms_m:.2f}"
+
+
+def _write(cells: Sequence[Cell], path: Path) -> None:
+    with path.open("w", newline="", encoding="utf-8") as opened:
+        writer = csv.writer(opened)
+        writer.writerow(Cell._fields)
+        writer.writerows(cells)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

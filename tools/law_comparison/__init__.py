@@ -1,0 +1,1 @@
+"""Every law over every delay: how far each leaves the path, and where it breaks."""
