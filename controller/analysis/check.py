@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.analysis.linear_system import law_system
+from controller.analysis.looking_back import Rig
+from controller.analysis.predictor_loop import PredictorLoop, stable_constant_delays
 from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 from controller.analysis.stable_delays import (
     DELAY_NS_MAX,
@@ -17,13 +19,20 @@ from controller.analysis.stable_delays import (
     delay_margin_ns,
     stable_delays,
 )
-from controller.design import design_law
+from controller.design import design_law, link_of
+from controller.law_settings import VehicleModelSettings
+from controller.laws import LawName
+from controller.nominal_model import NominalVehicle
 from controller.settings import ControllerSettings
 from runtime.node import NS_PER_MS, NS_PER_S
 from runtime.settings import dump_toml
 
 JITTER_MEANS_MS = (80, 160)
 JITTER_LOSS = 0.01
+SHOWN_DELAYS_MS = (0, 100, 200, 300, 400, 500)
+FILTER_PERIODS_MAX = 100
+"""Of delay, for a law with a filter: with its filter every command on its way is a state, and a
+hundred at each delay that is searched take a minute together."""
 _MODULUS_SHOWN_MIN = 1e-3
 """Poles closer to z = 0 belong to memory that is empty after a few periods."""
 _RESOLUTION_NS = 10_000
@@ -44,6 +53,16 @@ def _rate(settings: ControllerSettings) -> str:
 
 def _analysis(settings: ControllerSettings) -> Iterator[str]:
     design, period_ns = design_law(settings), settings.period_ns
+    if settings.law is LawName.PREDICTOR or settings.pd.derivative == "kalman":
+        yield from _filter_analysis(settings)
+        return
+    if design.commands_read is None:
+        yield "The law reads more than the lateral error and its own commands, and is therefore not"
+        yield "analysed as a linear loop: run it against the plant emulator."
+        return
+    if settings.feed_forward is not None:
+        yield "The feed-forward of the curve is outside the loop: it changes none of what follows."
+        yield ""
     yield "Poles of the law alone:"
     law_poles = np.linalg.eigvals(law_system(design).a).astype(np.complex128)
     yield from _poles(law_poles, period_ns)
@@ -73,6 +92,50 @@ def _analysis(settings: ControllerSettings) -> Iterator[str]:
             f" {100.0 * JITTER_LOSS:g} % lost), standard deviation:"
         )
         yield from _jitter(loop)
+
+
+def _filter_analysis(settings: ControllerSettings) -> Iterator[str]:
+    """Return the analysis of a law with a Kalman filter, which looks back."""
+    link, model = link_of(settings), settings.nominal_model
+    if not isinstance(model, VehicleModelSettings):  # refused by the settings
+        return
+    vehicle = NominalVehicle(**model.model_dump(exclude={"kind"}))
+    yield "The law has a filter that looks back. Analysed with a constant latency of the commands,"
+    yield f"none of the measurements, and every echo there, at {vehicle.speed_m_s:.4g} m/s."
+    yield ""
+    try:
+        loop = PredictorLoop(design_law(settings), link, Rig(vehicle))
+    except ValueError as error:
+        yield f"Not analysed: {error}."
+        return
+    yield "Poles of the closed loop around the nominal plant, without delay:"
+    yield from _poles(loop.closed_loop_poles(0), loop.period_ns)
+    yield ""
+    yield "Sensitivity, and steer for a noise of 1 m RMS in every lateral error:"
+    for delay_ms in SHOWN_DELAYS_MS:
+        if delay_ms * NS_PER_MS <= FILTER_PERIODS_MAX * link.period_ns:
+            yield f"  {delay_ms:>3} ms   {_noise_and_sensitivity(loop, delay_ms * NS_PER_MS)}"
+    yield ""
+    limit_ns = min(DELAY_NS_MAX, FILTER_PERIODS_MAX * link.period_ns)
+    yield "Constant delay between command and wheel angle:"
+    yield from _delays(stable_constant_delays(loop, limit_ns), limit_ns)
+    yield ""
+    if settings.law is LawName.PREDICTOR and settings.predictor is not None:
+        yield f"Beyond {settings.predictor.horizon_s_max:g} s, and without echoes, the law is"
+        yield "pd_ddob: --law pd_ddob --check analyses that."
+    else:
+        yield "Without echoes the derivative is the filtered difference."
+    yield "Latency that varies is for simulation: python -m tools.stress_latency."
+
+
+def _noise_and_sensitivity(loop: PredictorLoop, delay_ns: int) -> str:
+    decay_1_s = loop.decay_1_s(delay_ns)
+    if decay_1_s <= SLOWEST_DECAY_1_S:
+        return f"NOT STABLE, its slowest mode {_decay_in_words(decay_1_s)}"
+    noise = f"{loop.noise_gain_rad_m(delay_ns):.4g} rad"
+    if not loop.has_transfer_function:
+        return noise
+    return f"sensitivity at most {loop.peak_sensitivity(delay_ns):.4g}, {noise}"
 
 
 def _poles(poles: NDArray[np.complex128], period_ns: int) -> Iterator[str]:
@@ -113,10 +176,10 @@ def _margins(loop: SampledLoop) -> Iterator[str]:
     )
 
 
-def _delays(stable: tuple[DelayInterval, ...]) -> Iterator[str]:
+def _delays(stable: tuple[DelayInterval, ...], limit_ns: int = DELAY_NS_MAX) -> Iterator[str]:
     """Return the delay margin and the set of stable delays."""
-    limit_ms = DELAY_NS_MAX // NS_PER_MS
-    match delay_margin_ns(stable):
+    limit_ms = limit_ns // NS_PER_MS
+    match delay_margin_ns(stable, limit_ns):
         case None:
             margin = f"above {limit_ms} ms"
         case 0:

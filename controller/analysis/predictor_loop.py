@@ -17,6 +17,7 @@ quantisation and jitter, and what a step does when echoes come and go.
 """
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,12 @@ from controller.analysis.looking_back import (
     unit_answers,
 )
 from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S
+from controller.analysis.stable_delays import (
+    DELAY_NS_MAX,
+    RESOLUTION_NS,
+    SCAN_STEP_NS,
+    DelayInterval,
+)
 from controller.design import LawDesign
 from controller.link import LinkParams
 from runtime.node import NS_PER_S
@@ -108,9 +115,14 @@ class PredictorLoop:
         """Whether every mode decays."""
         return self.decay_1_s(delay_ns) > SLOWEST_DECAY_1_S
 
+    @property
+    def has_transfer_function(self) -> bool:
+        """Whether controller and sensors share one period, so that a sensitivity is defined."""
+        return self._link.period_ns == self._link.sensor_period_ns
+
     def peak_sensitivity(self, delay_ns: int) -> float:
         """Return the largest |1/(1 + L)|. Raises ValueError where the periods differ."""
-        if self._link.period_ns != self._link.sensor_period_ns:
+        if not self.has_transfer_function:
             raise ValueError("the loop is no transfer function where the two periods differ")
         closed, kept = self._kept(delay_ns)
         cut = self.matrices(delay_ns, drive=0.0).a
@@ -170,3 +182,35 @@ class PredictorLoop:
         if key not in self._answers:
             self._answers[key] = unit_answers(self._design, self._params, timing, tick)
         return self._answers[key]
+
+
+def stable_constant_delays(
+    loop: PredictorLoop, delay_ns_max: int = DELAY_NS_MAX
+) -> tuple[DelayInterval, ...]:
+    """Return the stable latencies of the commands from 0 to a limit, ascending.
+
+    Judged at every SCAN_STEP_NS and right behind it, where the delay that echoes show may jump;
+    between two of different verdict the end is bisected to RESOLUTION_NS. What begins and ends
+    between two of them is missed.
+    """
+    scan = range(0, delay_ns_max, SCAN_STEP_NS)
+    tested = sorted({*scan, *(delay_ns + 1 for delay_ns in scan), delay_ns_max})
+    judged = {delay_ns: loop.is_stable(delay_ns) for delay_ns in tested}
+    for low_ns, high_ns in pairwise(tested):
+        was_stable = judged[low_ns]
+        while was_stable != judged[high_ns] and high_ns - low_ns > RESOLUTION_NS:
+            middle_ns = (low_ns + high_ns) // 2
+            judged[middle_ns] = loop.is_stable(middle_ns)
+            if judged[middle_ns] == was_stable:
+                low_ns = middle_ns
+            else:
+                high_ns = middle_ns
+    intervals: list[DelayInterval] = []
+    was_stable = False
+    for delay_ns, is_stable in sorted(judged.items()):
+        if is_stable and was_stable:
+            intervals[-1] = intervals[-1]._replace(last_ns=delay_ns)
+        elif is_stable:
+            intervals.append(DelayInterval(delay_ns, delay_ns))
+        was_stable = is_stable
+    return tuple(intervals)
