@@ -88,9 +88,10 @@ def linear_loop(
     driven = np.outer(rho_1_m[:-1], at_start) + np.outer(np.diff(rho_1_m) / step_s, rise)
     driven += _disturbances(plant.disturbance, params, ends_s) @ np.array(disturbed)
     design = design_law(controller)
+    law, at_rest = law_system(design), list(floats_of(design.initial_state(1.0)))
     return LinearLoop(
-        law_system(design),
-        np.array([*floats_of(design.initial_state(1.0)), 0.0]),
+        law,
+        np.array([*at_rest, *[0.0] * (len(law.b) - len(at_rest))]),
         transition,
         hold,
         driven,
@@ -151,6 +152,11 @@ def _unfit(plant: PlantSettings, controller: ControllerSettings) -> list[str]:
     """Return what keeps a run from being a jump-linear loop."""
     down, actuator = plant.latency.downlink, plant.actuator
     conditions = {
+        "law: must read the lateral error and its own commands alone": design_law(
+            controller
+        ).commands_read
+        is None,
+        "feed_forward: must be left out": controller.feed_forward is not None,
         "latency.uplink: must be left out": plant.latency.uplink != LatencySettings(),
         "sensor_period_ms: must be the control period": plant.sensor_period_ns
         != controller.period_ns,
