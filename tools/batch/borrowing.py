@@ -8,14 +8,15 @@ function that Python calls, which holds the owners as its arguments.
 
 from typing import Any
 
-from numba import carray, types  # type: ignore[attr-defined]
+import numpy as np
+from numba import carray, from_dtype, types  # type: ignore[attr-defined]
 from numba.extending import intrinsic
 
 from tools.batch.compilation import compiled
 
 
 def _pointer_to(dtype: Any) -> Any:
-    """Return a function for compiled code, from an address to a pointer."""
+    """Return a function for compiled code, from an address to a pointer to numba's ``dtype``."""
 
     @intrinsic
     def pointer(_typing: Any, address: Any) -> Any:
@@ -47,3 +48,17 @@ def borrowed_ints(array: Any) -> Any:
     if not array.flags.c_contiguous:
         raise ValueError("only C-contiguous arrays can be borrowed")
     return carray(_int_pointer(array.ctypes.data), array.shape)
+
+
+def borrowed_as(dtype: np.dtype[Any]) -> Any:
+    """Return a compiled function that borrows arrays of a structured type."""
+    pointer = _pointer_to(from_dtype(dtype))  # type: ignore[no-untyped-call]
+
+    @compiled
+    def borrowed_structures(array: Any) -> Any:
+        """Return the same memory, uncounted. Raises ValueError unless C-contiguous."""
+        if not array.flags.c_contiguous:
+            raise ValueError("only C-contiguous arrays can be borrowed")
+        return carray(pointer(array.ctypes.data), array.shape)
+
+    return borrowed_structures

@@ -16,7 +16,7 @@ from plant_emulator.rig_settings import (
     VehicleSettings,
 )
 from plant_emulator.settings import PlantSettings
-from tools.batch.borrowing import borrowed_floats, borrowed_ints
+from tools.batch.borrowing import borrowed_as, borrowed_floats, borrowed_ints
 from tools.batch.compilation import compiled
 
 _KEPT = 32
@@ -27,6 +27,7 @@ _INTERVAL = np.dtype(
         *((name, np.float64) for name in DisturbanceInterval._fields[1:]),
     ]
 )
+_borrowed_intervals = borrowed_as(_INTERVAL)
 
 
 def compiled_motion(plant: PlantSettings) -> MotionParams:
@@ -60,7 +61,7 @@ def _road(settings: PathSettings) -> Path:
 
 @compiled
 def borrowed_motion(p: MotionParams) -> MotionParams:
-    """Return the parameters with borrowed arrays, except for the intervals, hardly ever read."""
+    """Return the parameters with borrowed arrays."""
     road = p.path
     return MotionParams(
         p.speed_m_s,
@@ -75,7 +76,7 @@ def borrowed_motion(p: MotionParams) -> MotionParams:
             road.lap_turn_rad,
             road.closed,
         ),
-        p.intervals,
+        _borrowed_intervals(p.intervals),
         borrowed_floats(p.table),
         borrowed_ints(p.first_rows),
     )
