@@ -4,7 +4,9 @@ import inspect
 import random
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import numba
 import numpy as np
 import pytest
 
@@ -16,6 +18,7 @@ from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, preset_names, read_preset
 from tools.batch.compilation import sources
 from tools.batch.engine import BatchRun, Outcome, run_batch
+from tools.batch.loop import run_first_segment
 from tools.batch.plan import NothingArrivesError, plan_run
 from tools.batch.steps import step_functions
 from tools.virtual_pair import run_virtual_nodes
@@ -262,3 +265,36 @@ def test_compiled_code_is_forgotten_when_any_step_function_changes() -> None:
     files = {Path(inspect.getfile(function)).resolve() for function in step_functions()}
     assert len(files) >= 8
     assert files <= set(sources())
+
+
+def test_a_run_counts_no_references() -> None:
+    """One array that is not borrowed, counted at every step of the plant, doubles the time."""
+    run_batch(plant_settings((), 1.0), controller_settings("practical_pd"))
+    fresh: Any = numba.njit(nogil=True)(run_first_segment.py_func)
+    fresh.compile(run_first_segment.signatures[0])
+    name = fresh.overloads[fresh.signatures[0]].fndesc.llvm_func_name
+    (body,) = (
+        function
+        for function in fresh.inspect_llvm(fresh.signatures[0]).split("\ndefine ")
+        if f"@{name}(" in function.split("{")[0]
+    )
+    assert "fmul double" in body
+    assert "NRT_incref" not in body
+    assert "NRT_decref" not in body
+
+
+@pytest.mark.parametrize("rig", ["noise", "actuator"])
+def test_fastmath_is_close_and_leaves_exact_runs_exact(rig: str) -> None:
+    plant, controller = plant_settings(RIGS[rig]), controller_settings("practical_pd")
+    fast, exact = run_batch(plant, controller, fastmath=True), run_batch(plant, controller)
+    np.testing.assert_allclose(fast.lateral_error_m, exact.lateral_error_m, atol=1e-6)
+    assert (fast.lateral_error_m != exact.lateral_error_m).any()
+    assert_same_as_nodes(plant, controller)
+
+
+def test_fastmath_sees_what_is_no_number() -> None:
+    plant = plant_settings(["start_on_first_command=false", "vehicle.speed_km_h=100"], 60.0)
+    controller = controller_settings("practical_pd", ["limits.steer_rad_max=0.001"])
+    run, exact = run_batch(plant, controller, fastmath=True), run_batch(plant, controller)
+    assert run.outcome is exact.outcome is Outcome.LEFT_RANGE
+    assert len(run.time_s) == len(exact.time_s)

@@ -52,7 +52,7 @@ def borrowed_ints(array: Any) -> Any:
 
 def borrowed_as(dtype: np.dtype[Any]) -> Any:
     """Return a compiled function that borrows arrays of a structured type."""
-    pointer = _pointer_to(from_dtype(dtype))  # type: ignore[no-untyped-call]
+    pointer = _pointer_to(from_dtype(dtype))
 
     @compiled
     def borrowed_structures(array: Any) -> Any:

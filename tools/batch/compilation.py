@@ -9,6 +9,7 @@ import hashlib
 import os
 import shutil
 import sys
+from collections.abc import Collection
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -16,6 +17,9 @@ from typing import Any, Literal
 import numba
 
 _SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "tools/batch")
+_FASTMATH = frozenset(("reassoc", "nsz", "arcp", "contract", "afn"))
+"""Operations may change order and fuse. NaN and infinity stay what they are: a command that is not
+finite ends a run, and a limit that is infinite is none."""
 _VERSIONS_KEPT = 4
 """Versions of the sources whose code stays on disk: several megabytes each."""
 _ROOT = Path(__file__).resolve().parents[2]
@@ -30,16 +34,29 @@ def compiled(function: Any) -> Any:
     return _compiled(function, "never")
 
 
+def compiled_fastmath(function: Any) -> Any:
+    """Compile what ``compiled`` has returned once more, with the steps it calls: operations may
+    change order and fuse, so results differ in their last digits, and from processor to processor.
+    """
+    return _compiled(function.py_func, "never", _FASTMATH)
+
+
 def compiled_inline(function: Any) -> Any:
     """Compile a function as a part of those that call it: for the innermost of a loop."""
     return _compiled(function, "always")
 
 
-def _compiled(function: Any, inline: Literal["always", "never"]) -> Any:
+def _compiled(
+    function: Any, inline: Literal["always", "never"], fastmath: Collection[str] = ()
+) -> Any:
     folder = _cache_folder()
     if folder is not None:
-        numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]  # read when decorating
-    return numba.njit(nogil=True, cache=folder is not None, inline=inline)(function)
+        # Read when decorating. On disk both kinds would be taken for the same function.
+        own = folder / "fastmath" if fastmath else folder
+        numba.config.CACHE_DIR = str(own)  # type: ignore[attr-defined]
+    return numba.njit(
+        nogil=True, cache=folder is not None, inline=inline, fastmath=set(fastmath) or False
+    )(function)
 
 
 def sources() -> list[Path]:

@@ -1,14 +1,14 @@
 """Runs plant and controller compiled: what ``run_virtual_pair`` computes on an ideal wire, faster.
 
 Every number is the same to the last bit: the settings of the two programs are all it takes, and the
-arithmetic is theirs (``tools.batch.steps``). Where a run meets what this loop has no answer to, an
-error that LATERAL_ERROR cannot carry or a law without a finite command, it ends, and ``outcome``
-says so; virtual time would go on.
+arithmetic is theirs (``tools.batch.steps``), unless fastmath is asked for. Where a run meets what
+this loop has no answer to, an error that LATERAL_ERROR cannot carry or a law without a finite
+command, it ends, and ``outcome`` says so; virtual time would go on.
 """
 
 from enum import StrEnum
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from controller.settings import ControllerSettings, limits_of
 from dbc.messages import LateralError, Mode, SteeringCommand, limits, resolutions
 from plant_emulator.settings import PlantSettings
 from runtime.node import NS_PER_S
+from tools.batch.compilation import compiled_fastmath
 from tools.batch.loop import (
     COMPLETE,
     LAW_FAILED,
@@ -53,6 +54,18 @@ _OUTCOMES = {
     LEFT_RANGE: Outcome.LEFT_RANGE,
     LAW_FAILED: Outcome.LAW_FAILED,
 }
+
+
+class _Loop(NamedTuple):
+    """The compiled functions of ``tools.batch.loop``."""
+
+    run_to_first_tick: Any
+    run_first_segment: Any
+    run_segment: Any
+
+
+_EXACT = _Loop(run_to_first_tick, run_first_segment, run_segment)
+_FASTMATH = _Loop(*map(compiled_fastmath, _EXACT))
 
 
 class BatchRun(NamedTuple):
@@ -111,17 +124,24 @@ class BatchRun(NamedTuple):
 
 
 def run_batch(
-    plant: PlantSettings, controller: ControllerSettings, plan: Plan | None = None
+    plant: PlantSettings,
+    controller: ControllerSettings,
+    plan: Plan | None = None,
+    *,
+    fastmath: bool = False,
 ) -> BatchRun:
     """Run one pair to its end, on a wire that takes no time.
 
-    ``plan``  laid down before from the same settings, to share it between runs that differ in law,
-              vehicle or path only
+    ``plan``      laid down before from the same settings, to share it between runs that differ in
+                  law, vehicle or path only
+    ``fastmath``  whether operations may change order and fuse; numbers are then close to those of
+                  the nodes, not the same
 
     Raises NothingArrivesError where no measurement would ever reach the controller, and
     UnclearSampleError for a law that looks back through gaps of seconds.
     """
     register_steps()
+    loop = _FASTMATH if fastmath else _EXACT
     plan = plan_run(plant, controller) if plan is None else plan
     law = _designed(controller)
     motion = compiled_motion(plant)
@@ -142,12 +162,12 @@ def run_batch(
         error_m = round(float(plan.noise_m[first_sample]) / resolution_m) * resolution_m
     else:
         first_ns = int(plan.tick_ns[0]) if len(plan.tick_ns) else plan.end_ns
-        samples, code = run_to_first_tick(motion, constants, schedule, records, wire, first_ns)
+        samples, code = loop.run_to_first_tick(motion, constants, schedule, records, wire, first_ns)
         if code != COMPLETE or not len(plan.tick_ns):
             return _collected(plan, motion.speed_m_s, records, samples, 0, _OUTCOMES[code])
         error_m = float(records.measured_m[plan.tick_sample[first.first_tick]])
     state = law.initial_state(error_m)
-    x, sent_rad, fade_rad, ticks, code = run_first_segment(
+    x, sent_rad, fade_rad, ticks, code = loop.run_first_segment(
         params, motion, constants, schedule, records, wire, first, state, plan.end_ns
     )
     for segment in others:
@@ -156,7 +176,7 @@ def run_batch(
         if segment.mode == Mode.ACTIVE:
             newest = plan.tick_sample[segment.first_tick]
             state = law.initial_state(float(records.measured_m[newest]))
-        x, sent_rad, fade_rad, ticks, code = run_segment(
+        x, sent_rad, fade_rad, ticks, code = loop.run_segment(
             params,
             motion,
             constants,

@@ -99,7 +99,7 @@ class Computer:
         except NothingArrivesError:
             row[-len(COUNTS) :] = 0.0
             return RunEnd.NO_START
-        run = run_batch(plant, controller, network.plan)
+        run = run_batch(plant, controller, network.plan, fastmath=self.scenarios.study.fastmath)
         known = network.latency.get(len(run.time_s))
         if known is None:
             # The commands in effect follow from the network and from how long the run is.

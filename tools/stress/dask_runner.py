@@ -130,9 +130,9 @@ def _computer(payload: str) -> Computer:
     study = json.loads(payload)
     settings = StudySettings.model_validate_json(json.dumps(study["settings"]))
     design = make_design(study_factors(settings, study["file"]), settings.sampling)
-    return Computer(
-        Scenarios(Study(study["file"], settings, study["plant"], study["controllers"], design))
-    )
+    tables = study["plant"], study["controllers"]
+    made = Study(study["file"], settings, *tables, design, study["fastmath"])
+    return Computer(Scenarios(made))
 
 
 def _payload(study: Study) -> str:
@@ -142,5 +142,6 @@ def _payload(study: Study) -> str:
             "settings": study.settings.model_dump(mode="json", exclude_none=True),
             "plant": study.plant,
             "controllers": study.controllers,
+            "fastmath": study.fastmath,
         }
     )

@@ -31,6 +31,7 @@ class Replay(NamedTuple):
     ``stored``    the row; None where the study has not come to it yet
     ``compiled``  figures by column, and the verdict, computed anew
     ``virtual``   those that the nodes give; empty where there was nothing to run
+    ``fastmath``  whether the compiled run may differ from the nodes
     """
 
     pair: Pair
@@ -38,11 +39,15 @@ class Replay(NamedTuple):
     stored: Mapping[str, Any] | None
     compiled: Mapping[str, Any]
     virtual: Mapping[str, Any]
+    fastmath: bool
 
     @property
     def differences(self) -> list[str]:
-        """Columns in which the three do not agree to the last digit."""
-        views = [view for view in (self.stored, self.virtual) if view]
+        """Columns in which the three do not agree to the last digit; with fastmath the nodes, which
+        do not use it, are not asked.
+        """
+        asked = (self.stored,) if self.fastmath else (self.stored, self.virtual)
+        views = [view for view in asked if view]
         return [
             name
             for name, value in self.compiled.items()
@@ -66,7 +71,7 @@ def replay(store: Store, computer: Computer, run: int) -> Replay:
     compiled = _named(row.tolist(), end)
     compiled["verdict"] = _verdict(computer, row, end)
     virtual = {} if end is RunEnd.NO_START else _virtual(computer, pair, compiled, end)
-    return Replay(pair, files, store.find(run), compiled, virtual)
+    return Replay(pair, files, store.find(run), compiled, virtual, study.fastmath)
 
 
 def commands(files: PairFiles) -> list[str]:

@@ -41,6 +41,7 @@ class Study(NamedTuple):
     ``file``         the study file, for messages
     ``plant``        tables of the plant that every run starts from
     ``controllers``  tables of each controller, by the name the study file has
+    ``fastmath``     whether runs are close to what the nodes compute instead of the same
     """
 
     file: str
@@ -48,6 +49,7 @@ class Study(NamedTuple):
     plant: Tables
     controllers: Mapping[str, Tables]
     design: Design
+    fastmath: bool = False
 
     @property
     def cases(self) -> int:
@@ -71,6 +73,7 @@ class Study(NamedTuple):
                 "verdict": self.settings.verdict.model_dump(mode="json"),
                 "plant": self.plant,
                 "controllers": self.controllers,
+                "fastmath": self.fastmath,
                 # What the keys and shorthands of the factors come to in this version.
                 "levels": [
                     [factor.name, list(factor.keys), [level.label for level in factor.levels or ()]]
@@ -82,9 +85,9 @@ class Study(NamedTuple):
         )
 
 
-def load_study(file: Path) -> Study:
+def load_study(file: Path, fastmath: bool = False) -> Study:
     """Read a study file and all it names; raises SettingsError."""
-    return make_study(read_study(file), str(file), file.parent)
+    return make_study(read_study(file), str(file), file.parent)._replace(fastmath=fastmath)
 
 
 def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
