@@ -9,6 +9,8 @@ import pytest
 from tools.batch.engine import run_batch
 from tools.batch.plan import plan_run
 from tools.batch_benchmark.c_pair import CPair, MissingCompilerError, compile_pair
+from tools.batch_benchmark.comparison import DELAY_S
+from tools.batch_benchmark.jitcdde_loop import JitcddeLoop
 from tools.batch_benchmark.subject import NETWORKS, pair_settings
 
 
@@ -32,3 +34,15 @@ def test_without_a_compiler_it_says_what_to_install(
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(MissingCompilerError, match="install one"):
         compile_pair(tmp_path)
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+def test_jitcdde_integrates_the_loop_that_a_fast_sampled_run_comes_close_to() -> None:
+    pytest.importorskip("jitcdde", reason="jitcdde is not installed")
+    plant, controller = pair_settings(NETWORKS["80 ms"], duration_s=20.0)
+    plant = plant.model_copy(update={"sensor_period_ms": 1.0})
+    controller = controller.model_copy(update={"rate_hz": 1000.0})
+    run = run_batch(plant, controller)
+    error_m = JitcddeLoop(plant, controller, DELAY_S).run(run.time_s[9::10])
+    assert np.ptp(error_m) > 0.01
+    np.testing.assert_allclose(error_m, run.lateral_error_m[9::10], atol=0.005 * np.ptp(error_m))

@@ -1,4 +1,4 @@
-"""The same pair in C: compiled with gcc at run time, called with the batch's own plan."""
+"""The same pair in C: compiled at run time, called with the batch's own plan."""
 
 import ctypes
 import shutil
@@ -67,16 +67,16 @@ class CResult(NamedTuple):
 
 
 class MissingCompilerError(RuntimeError):
-    """There is no gcc."""
+    """The compiler is not installed."""
 
 
-def compile_pair(folder: Path) -> ctypes.CDLL:
+def compile_pair(folder: Path, compiler: str = "gcc") -> ctypes.CDLL:
     """Compile the C source into ``folder``. Raises MissingCompilerError."""
-    gcc = shutil.which("gcc")
-    if gcc is None:
-        raise MissingCompilerError("no gcc was found: install one to compare with C")
-    library = folder / "pd_ddob_pair.so"
-    subprocess.run((gcc, *FLAGS, "-shared", "-fPIC", "-o", library, SOURCE, "-lm"), check=True)
+    program = shutil.which(compiler)
+    if program is None:
+        raise MissingCompilerError(f"no {compiler} was found: install one to compare with C")
+    library = folder / f"pd_ddob_pair_{compiler}.so"
+    subprocess.run((program, *FLAGS, "-shared", "-fPIC", "-o", library, SOURCE, "-lm"), check=True)
     return ctypes.CDLL(str(library))
 
 

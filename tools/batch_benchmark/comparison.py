@@ -1,8 +1,10 @@
 """What the compiled batch is compared with, all in one process and on the same runs."""
 
+import ctypes
+import shutil
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -12,9 +14,10 @@ import numpy as np
 
 from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
-from tools.batch.engine import run_batch
+from tools.batch.engine import BatchRun, run_batch
 from tools.batch.plan import plan_run
-from tools.batch_benchmark.c_pair import CPair, compile_pair
+from tools.batch_benchmark.c_pair import CPair, CResult, compile_pair
+from tools.batch_benchmark.jitcdde_loop import SAME_WITHIN, JitcddeLoop
 from tools.batch_benchmark.python_control_loop import python_control_loop
 from tools.batch_benchmark.subject import NETWORKS, pair_settings
 from tools.benchmark_measurement import REPETITIONS, Line, Target
@@ -25,47 +28,69 @@ RUNS = 40
 SHORT_S = 12.0
 """Of a run that python-control simulates: half a second of ours would be minutes of its."""
 REPETITIONS_OF_OTHERS = 3
+REPETITIONS_BESIDE_C = 21
+DELAY_S = 0.08
 
 
 def lines_beside_c() -> list[Line]:
     """Time runs here and in C, turn by turn. Raises ValueError where their numbers differ.
 
-    In both the network, the law and the rig are there; the arrays of the result are not.
+    In both the network, the law and the rig are there; the arrays of the result are not. What is
+    asked for is beside gcc; clang, where it is installed, shows how much of the ratio is between
+    two compilers.
     """
-    lines = []
+    compilers = ["gcc", *(["clang"] if shutil.which("clang") else [])]
     with tempfile.TemporaryDirectory() as folder:
-        library = compile_pair(Path(folder))
-        for name, network in NETWORKS.items():
-            plant, controller = pair_settings(network)
-            plan = plan_run(plant, controller)
-            in_c = CPair(library, plant, controller, plan)
-            here, there = run_batch(plant, controller, plan), in_c.run()
-            first = len(there.lateral_error_m) - len(here.lateral_error_m)
-            if not (
-                np.array_equal(here.lateral_error_m, there.lateral_error_m[first:])
-                and np.array_equal(here.sent_rad, there.sent_rad)
-            ):
-                raise ValueError(f"C and the batch differ at {name}")
+        libraries = {name: compile_pair(Path(folder), name) for name in compilers}
+        return [
+            line
+            for name, network in NETWORKS.items()
+            for line in _lines_of_network(name, *pair_settings(network), libraries)
+        ]
 
-            batch = partial(run_batch, plant, controller, plan)
-            batch_us, c_us = _turn_by_turn(batch, in_c.run)
-            planning_us = _each_us(partial(plan_run, plant, controller), 5)
-            lines += [
-                Line(f"C -O3, {name}", "µs/run", c_us, c_us),
-                Line(f"batch, {name}", "µs/run", batch_us, batch_us),
-                Line(
-                    f"batch/C, {name}",
-                    "1",
-                    [ours / theirs for ours, theirs in zip(batch_us, c_us, strict=True)],
-                    batch_us,
-                    Target(at_most=True, value=1.25),
-                ),
-                Line(f"network laid down, {name}", "µs", [planning_us], [planning_us]),
-            ]
-            rate = [1e6 / value for value in batch_us]
-            wanted = Target(at_most=False, value=1700.0)
-            lines.append(Line(f"batch, one thread, {name}", "runs/s", rate, batch_us, wanted))
-    return lines
+
+def _lines_of_network(
+    name: str,
+    plant: PlantSettings,
+    controller: ControllerSettings,
+    libraries: Mapping[str, ctypes.CDLL],
+) -> list[Line]:
+    plan = plan_run(plant, controller)
+    batch = partial(run_batch, plant, controller, plan)
+    fastmath = partial(run_batch, plant, controller, plan, fastmath=True)
+    in_c = {
+        compiler: CPair(library, plant, controller, plan) for compiler, library in libraries.items()
+    }
+    for compiler, pair in in_c.items():
+        _demand_same(batch(), pair.run(), f"C of {compiler} and the batch at {name}")
+    fastmath()
+    works: list[Callable[[], object]] = [batch, fastmath, *(pair.run for pair in in_c.values())]
+    batch_us, fastmath_us, *c_us = _turn_by_turn(works)
+    planning_us = _each_us(partial(plan_run, plant, controller), 5)
+    rate = [1e6 / value for value in batch_us]
+    lines = [Line(f"batch, {name}", "µs/run", batch_us, batch_us)]
+    for compiler, theirs_us in zip(in_c, c_us, strict=True):
+        wanted = Target(at_most=True, value=1.25) if compiler == "gcc" else None
+        ratios = _quotients(batch_us, theirs_us)
+        lines += [
+            Line(f"{compiler} -O3, {name}", "µs/run", theirs_us, theirs_us),
+            Line(f"batch/{compiler}, {name}", "1", ratios, batch_us, wanted),
+        ]
+    return [
+        *lines,
+        Line(f"batch, one thread, {name}", "runs/s", rate, batch_us, Target(False, 1700.0)),
+        Line(f"fastmath/batch, {name}", "1", _quotients(fastmath_us, batch_us), fastmath_us),
+        Line(f"network laid down, {name}", "µs", [planning_us], [planning_us]),
+    ]
+
+
+def _demand_same(here: BatchRun, there: CResult, who: str) -> None:
+    first = len(there.lateral_error_m) - len(here.lateral_error_m)
+    if not (
+        np.array_equal(here.lateral_error_m, there.lateral_error_m[first:])
+        and np.array_equal(here.sent_rad, there.sent_rad)
+    ):
+        raise ValueError(f"not the same numbers: {who}")
 
 
 def line_of_threads() -> Line:
@@ -92,13 +117,13 @@ def line_of_threads() -> Line:
 
 
 def lines_beside_others() -> list[Line]:
-    """Time the nodes in virtual time, and python-control's simulation, against batch runs."""
+    """Time the nodes in virtual time, and what other tools make of the loop, against batch runs."""
     plant, controller = pair_settings(NETWORKS["80 ms"])
     virtual, virtual_us = _ratios(
         lambda: run_virtual_pair(plant, controller, None), plant, controller
     )
     short, _ = pair_settings(NETWORKS["80 ms"], SHORT_S)
-    loop, run = python_control_loop(controller, 0.08), run_batch(short, controller)
+    loop, run = python_control_loop(controller, DELAY_S), run_batch(short, controller)
     path_m_s2 = -(run.speed_m_s**2) * run.curvature_1_m
     control_ratios, control_us = _ratios(
         lambda: control.input_output_response(loop, run.time_s, path_m_s2), short, controller
@@ -107,6 +132,28 @@ def lines_beside_others() -> list[Line]:
     return [
         Line("the nodes in virtual time / batch", "1", virtual, virtual_us),
         Line(f"python-control / batch, {SHORT_S:g} s", "1", control_ratios, control_us, wanted),
+        *_lines_beside_jitcdde(plant, controller),
+    ]
+
+
+def _lines_beside_jitcdde(plant: PlantSettings, controller: ControllerSettings) -> list[Line]:
+    """Time jitcdde against batch runs; nothing where it is not installed.
+
+    Raises ValueError where its loop is not the same.
+    """
+    try:
+        loop = JitcddeLoop(plant, controller, DELAY_S)
+    except ImportError:
+        return []
+    run = run_batch(plant, controller)
+    rms_m = float(np.sqrt(np.mean(loop.run(run.time_s) ** 2)))
+    if abs(rms_m / run.lateral_error_rms_m - 1.0) > SAME_WITHIN:
+        raise ValueError(f"jitcdde's loop has an RMS of {rms_m} m, not {run.lateral_error_rms_m}")
+    ratios, each_us = _ratios(lambda: loop.run(run.time_s), plant, controller)
+    wanted = Target(at_most=False, value=100.0)
+    return [
+        Line("jitcdde", "µs/run", each_us, each_us),
+        Line("jitcdde / batch", "1", ratios, each_us, wanted),
     ]
 
 
@@ -139,15 +186,17 @@ def seconds_of_runs(counts: Sequence[int], lengths_s: Sequence[float]) -> dict[s
     return {"by_count": by_count, "by_length": by_length}
 
 
-def _turn_by_turn(
-    one: Callable[[], object], other: Callable[[], object]
-) -> tuple[list[float], list[float]]:
-    """Time both alternately, so that a busy machine is busy for both [µs]."""
-    ones, others = [], []
-    for _ in range(REPETITIONS):
-        ones.append(_each_us(one, RUNS))
-        others.append(_each_us(other, RUNS))
-    return ones, others
+def _turn_by_turn(works: Sequence[Callable[[], object]]) -> list[list[float]]:
+    """Time all alternately, so that a busy machine is busy for all; each's repetitions [µs]."""
+    times_us: list[list[float]] = [[] for _ in works]
+    for _ in range(REPETITIONS_BESIDE_C):
+        for times, work in zip(times_us, works, strict=True):
+            times.append(_each_us(work, RUNS))
+    return times_us
+
+
+def _quotients(ones: Sequence[float], others: Sequence[float]) -> list[float]:
+    return [one / other for one, other in zip(ones, others, strict=True)]
 
 
 def _each_us(work: Callable[[], object], count: int) -> float:

@@ -18,6 +18,19 @@ PADE_ORDER = 4
 
 def python_control_loop(controller: ControllerSettings, delay_s: float) -> Any:
     """Return the loop of a pd_ddob around corner d, from y'' of the path [m/s²] to y [m]."""
+    limit = controller.limits.steer_rad_max
+    blocks = [
+        *linear_blocks(controller),
+        control.ss(control.tf(*control.pade(delay_s, PADE_ORDER)), inputs="u", outputs="delayed"),
+        control.nlsys(
+            None, lambda _t, _x, u, _p: np.clip(u, -limit, limit), inputs="wanted", outputs="u"
+        ),
+    ]
+    return control.interconnect(blocks, inputs="path", outputs="y")
+
+
+def linear_blocks(controller: ControllerSettings) -> list[Any]:
+    """Return that loop without the limit, from ``wanted`` to ``u``, and the delay of ``u``."""
     pd, dob, cdob = controller.pd, controller.dob, controller.cdob
     if dob is None or cdob is None or pd.derivative_filter_rad_s is None:
         raise ValueError("the comparison wants pd_ddob with a filtered derivative")
@@ -30,14 +43,9 @@ def python_control_loop(controller: ControllerSettings, delay_s: float) -> Any:
         compensation = washout(cdob.washout_rad_s).times(model)
     filter_s = 1.0 / pd.derivative_filter_rad_s
     k_p, k_d = pd.proportional_gain_rad_m, pd.derivative_gain_rad_s_m
-    limit = controller.limits.steer_rad_max
-    blocks = [
+    return [
         _block(steer_to_lateral_error(box.vertices()[-1]), "delayed", "y_steer"),
         control.ss(control.tf([1.0], [1.0, 0.0, 0.0]), inputs="path", outputs="y_path"),
-        control.ss(control.tf(*control.pade(delay_s, PADE_ORDER)), inputs="u", outputs="delayed"),
-        control.nlsys(
-            None, lambda _t, _x, u, _p: np.clip(u, -limit, limit), inputs="wanted", outputs="u"
-        ),
         control.ss(
             control.tf([k_p * filter_s + k_d, k_p], [filter_s, 1.0]), inputs="fed_back", outputs="c"
         ),
@@ -53,7 +61,6 @@ def python_control_loop(controller: ControllerSettings, delay_s: float) -> Any:
         control.summing_junction(["cdob_u", "-cdob_y"], "network"),
         control.summing_junction(["y", "compensated"], "fed_back"),
     ]
-    return control.interconnect(blocks, inputs="path", outputs="y")
 
 
 def _block(transfer: TransferFunction, source: str, sink: str) -> Any:
