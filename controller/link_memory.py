@@ -90,6 +90,8 @@ class LinkMemory:
         if self._echo is None or newest.sample > self._echo.sample:
             tick = self._tick_of(status)
             self._applied_tick[newest.sample % RING_SIZE] = tick
+            if self._is_late(now_ns):  # another network since, or another plant
+                self._delay = NO_DELAY
             self._delay = delay_step(self._params, self._delay, newest.sample, tick)
             self._echo = newest
 
@@ -113,9 +115,15 @@ class LinkMemory:
         error = -1 if self._error is None else self._error.sample
         if self._echo is None:
             return Link(tick, error, -1, 0.0, False)
-        is_recent = now_ns - self._echo.arrival_ns <= self._params.echo_timeout_ns
+        is_recent = not self._is_late(now_ns)
         delay_ns = delay_of(self._params, self._delay, self._echo.sample)
         return Link(tick, error, self._echo.sample, delay_ns, is_recent)
+
+    def _is_late(self, now_ns: int) -> bool:
+        """Whether the newest echo is too old to say anything of the delay now."""
+        if self._echo is None:
+            return False
+        return now_ns - self._echo.arrival_ns > self._params.echo_timeout_ns
 
     def _tick(self, period: int) -> int:
         """Return the number of a control period, the first with a command being 0."""

@@ -108,7 +108,7 @@ def _link(
     _refuse_unclear(errors, echoes, params)
     errors, echoes = _rising(errors), _rising(echoes)
     echoed = _echoed_ticks(plan, echoes)
-    delay_ns = _delays(params, echoes.sample, echoed)
+    delay_ns = _delays(params, echoes, echoed)
     newest_echo = _newest(echoes, plan.tick_ns)
     newest_state = _newest(states, plan.tick_ns)
     knows_speed = newest_state >= 0
@@ -188,15 +188,20 @@ def _held(sample: IntArray, tick: IntArray, samples: int) -> IntArray:
     return np.asarray(_at(tick, np.searchsorted(sample, np.arange(samples), side="right") - 1))
 
 
-def _delays(params: LinkParams, sample: IntArray, tick: IntArray) -> FloatArray:
-    return np.asarray(_run_delays(params, NO_DELAY, sample, tick), dtype=np.float64)
+def _delays(params: LinkParams, echoes: Arrivals, tick: IntArray) -> FloatArray:
+    is_late = np.diff(echoes.arrival_ns, prepend=echoes.arrival_ns[:1]) > params.echo_timeout_ns
+    delays_ns = _run_delays(params, NO_DELAY, echoes.sample, tick, is_late)
+    return np.asarray(delays_ns, dtype=np.float64)
 
 
 @compiled
-def _run_delays(params: LinkParams, x: DelayState, sample: Any, tick: Any) -> Any:
-    """Return the delay after each echo."""
+def _run_delays(params: LinkParams, none: DelayState, sample: Any, tick: Any, is_late: Any) -> Any:
+    """Return the delay after each echo; after a late one it is measured anew."""
     delay_ns = np.empty(len(sample))
+    x = none
     for index in range(len(sample)):
+        if is_late[index]:
+            x = none
         x = delay_step(params, x, sample[index], tick[index])
         delay_ns[index] = delay_of(params, x, sample[index])
     return delay_ns
