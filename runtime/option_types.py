@@ -18,10 +18,13 @@ SPIN_US_MAX = 10_000
 def output_file(text: str) -> Path:
     """Read the name of a file to write after the run."""
     path = Path(text)
-    if path.is_dir():
-        raise argparse.ArgumentTypeError(f"{text} is a directory")
-    if not path.parent.is_dir():
-        raise argparse.ArgumentTypeError(f"there is no directory {path.parent}")
+    try:
+        if path.is_dir():
+            raise argparse.ArgumentTypeError(f"{text} is a directory")
+        if not path.parent.is_dir():
+            raise argparse.ArgumentTypeError(f"there is no directory {path.parent}")
+    except OSError as error:  # a name that no file can have
+        raise argparse.ArgumentTypeError(f"{text[:60]}: {error.strerror}") from error
     if not all(os.access(place, os.W_OK) for place in (path.parent, path) if place.exists()):
         raise argparse.ArgumentTypeError(f"{text} may not be written")
     return path

@@ -322,6 +322,9 @@ def run_main(name: str, main: Callable[[], int]) -> int:
         cause = error.strerror or str(error)
         lines = [f"{where}: {cause}" if where else cause]
         status = ExitStatus.OUTPUT
+    except UnicodeEncodeError as error:
+        # Names on the command line may have any bytes; what prints or stores them wants text.
+        lines, status = [f"{error.object[:60]}: is not UTF-8 text"], ExitStatus.OUTPUT
     except KeyboardInterrupt:
         lines, status = ["interrupted"], ExitStatus.INTERRUPTED
     for line in lines:

@@ -18,6 +18,9 @@ def _in_one_line(
     if issubclass(kind, ImportError):
         print(f"error: {error} (installed with pip install '.[tools]'?)", file=sys.stderr)
         return
+    if isinstance(error, UnicodeEncodeError):  # a name on the command line may have any bytes
+        print(f"error: {error.object[:60]}: is not UTF-8 text", file=sys.stderr)
+        return
     sys.__excepthook__(kind, error, trace)
 
 

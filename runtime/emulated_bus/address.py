@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 _DEFAULT_TCP_PORT = 29580
+_PORT_DIGITS_MAX = 20
+"""With more it is a path: Python does not read thousands of digits."""
 _BACKLOG = 32
 
 
@@ -49,7 +51,7 @@ Address = UnixAddress | TcpAddress
 def parse_address(text: str) -> Address:
     """Read ``PATH`` or ``HOST:PORT``; raises AddressError for a host that is not the loopback."""
     host, colon, port = text.rpartition(":")
-    if not colon or "/" in text or not port.isdecimal():
+    if not colon or "/" in text or not port.isdecimal() or len(port) > _PORT_DIGITS_MAX:
         if not hasattr(socket, "AF_UNIX"):
             raise AddressError(f"no Unix sockets here, give 127.0.0.1:PORT instead of {text!r}")
         return UnixAddress(Path(text))

@@ -10,6 +10,8 @@ from pathlib import Path
 
 SEEN_MAX = 1000
 """How many lines from the beginning are remembered: far more than any format's header."""
+LINE_BYTES_MAX = 1 << 16
+"""A longer line ends the log: what is no text may have no line ends, and a device no end at all."""
 
 
 class TextLines:
@@ -37,12 +39,17 @@ class TextLines:
     def __next__(self) -> str:
         if self._again:
             return self._again.popleft()
-        raw = self._file.readline()
+        raw = self._file.readline(LINE_BYTES_MAX)
         if not raw:
             raise StopIteration
         self.number += 1
         if not raw.endswith(b"\n"):
-            self.count_unreadable("the last line has no end: its writer was killed in the middle")
+            is_cut = len(raw) < LINE_BYTES_MAX
+            self.count_unreadable(
+                "the last line has no end: its writer was killed in the middle"
+                if is_cut
+                else f"no text: a line of more than {LINE_BYTES_MAX} bytes"
+            )
             raise StopIteration
         line = raw.decode("utf-8", errors="replace").rstrip("\r\n")
         if len(self.seen) < SEEN_MAX:
