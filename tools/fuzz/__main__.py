@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 NAMES = (
-    "broker", "bus_client", "candump", "controller", "log", "plant", "protocol", "settings",
-    "trace", "waypoints",
+    "broker", "bus_client", "candump", "command_line", "contract", "controller", "log", "plant",
+    "protocol", "settings", "trace", "waypoints",
 )  # fmt: skip
 """Of ``tools.fuzz.targets``, which is not to be imported before atheris can instrument it."""
 PACKAGES = ("controller", "dbc", "plant_emulator", "runtime", "tools")
@@ -27,6 +27,7 @@ TIMEOUT_S = 60
 """An input that takes longer is a finding; the slowest of ours takes two seconds."""
 INPUT_BYTES_MAX = 4096
 MEMORY_MB_MAX = 2048
+_REPLAYED_BYTES_MAX = 1 << 20
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -83,7 +84,8 @@ def _replay(target: str, file: Path) -> int:
     from tools.fuzz.targets import TARGETS
 
     try:
-        data = file.read_bytes()
+        with file.open("rb") as opened:
+            data = opened.read(_REPLAYED_BYTES_MAX)  # a device may have no end
     except OSError as error:
         print(f"tools.fuzz: error: {file}: {error.strerror}", file=sys.stderr)
         return 2

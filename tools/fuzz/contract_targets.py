@@ -1,16 +1,23 @@
 """Any text as the DBC.
 
-    A DBC that does not fit the messages is told by a ContractError of one line.
-    With any other the codecs keep their word: what they unpack is finite and within the DBC's
-    range, and packs into the same payload again, but for bits that belong to no signal.
+A DBC that does not fit the messages is told by a ContractError of one line.
+With any other the codecs keep their word: what they unpack is finite and within the DBC's
+range, and packs into the same payload again, but for bits that belong to no signal.
 """
 
 import importlib.resources
 import math
 from functools import lru_cache
 
-from dbc.codec import FILE, ContractError, EncodeError, MessageCodec, Rejection, codecs_of
-from dbc.codec import parse_database
+from dbc.codec import (
+    FILE,
+    ContractError,
+    EncodeError,
+    MessageCodec,
+    Rejection,
+    codecs_of,
+    parse_database,
+)
 from dbc.messages import MESSAGE_TYPES, Message
 from dbc.protection import protect
 from tools.fuzz.choices import Choices

@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from tools.fuzz.bus_targets import fuzz_broker, fuzz_bus_client, fuzz_protocol
+from tools.fuzz.command_lines import fuzz_command_line
+from tools.fuzz.contract_targets import fuzz_contract
 from tools.fuzz.log_targets import fuzz_candump, fuzz_log
 from tools.fuzz.node_targets import fuzz_controller, fuzz_plant
 from tools.fuzz.settings_targets import fuzz_settings, fuzz_trace, fuzz_waypoints
@@ -17,6 +19,8 @@ TARGETS: Mapping[str, Callable[[bytes], None]] = MappingProxyType(
         "broker": fuzz_broker,
         "bus_client": fuzz_bus_client,
         "candump": fuzz_candump,
+        "command_line": fuzz_command_line,
+        "contract": fuzz_contract,
         "controller": fuzz_controller,
         "log": fuzz_log,
         "plant": fuzz_plant,

@@ -1,0 +1,195 @@
+"""Any command line to every program, up to where its work would begin.
+
+    A program returns a status, or ends by argparse with 0 or 2; nothing escapes, and no traceback
+    is printed. Where it refuses, standard error says why.
+
+What a program opens, starts or computes for long is replaced by a stop, so that an input takes
+milliseconds and leaves nothing behind: it runs in a folder of its own, where the names that it is
+given lie.
+"""
+
+import importlib
+import io
+import os
+import re
+import signal
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import MappingProxyType
+from typing import NamedTuple, NoReturn
+from unittest.mock import patch
+
+from tools.fuzz.choices import Choices
+from tools.fuzz.log_targets import faultless_log
+from tools.fuzz.promises import promise
+
+WORDS_MAX = 8
+PROGRAMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "controller.program": ("runtime.program.open_port", "controller.program.check_text"),
+        "plant_emulator.program": ("runtime.program.open_port",),
+        "runtime.emulated_bus.program": ("runtime.emulated_bus.program.listening",),
+        "tools.analyze_log": ("tools.log_analysis.pictures.draw_pictures",),
+        "tools.benchmark": ("tools.benchmark._benchmark",),
+        "tools.benchmark_batch": ("tools.benchmark_batch._benchmark",),
+        "tools.benchmark_bus": ("tools.benchmark_bus.compile_all",),
+        "tools.closed_loop": (
+            "tools.closed_loop.run_virtual_nodes",
+            "tools.closed_loop.run_threaded_nodes",
+        ),
+        "tools.demo": ("tools.demo.open_channels",),
+        "tools.design_gains": ("tools.design_gains._pool",),
+        "tools.doctor": ("tools.doctor.examine",),
+        "tools.fuzz.__main__": ("tools.fuzz.__main__._fuzz",),
+        "tools.monitor": ("tools.monitor.open_port",),
+        "tools.probe_host": ("tools.probe_host.probe",),
+        "tools.reproduce_paper": ("tools.reproduce_paper.reproduce_all",),
+        "tools.stress_latency": (
+            "tools.stress.store.Store.open",
+            "tools.stress_latency._print_estimate",
+        ),
+        "tools.stress_report.__main__": (),
+        "tools.vcan_backends.__main__": ("tools.vcan_backends.__main__.choose",),
+    }
+)
+"""Every program that takes arguments, and where it is stopped."""
+FILES = (
+    "run.log", "run.blf", "noise.bin", "noise.log", "empty.toml", "controller.toml", "plant.toml",
+    "study.toml", "vehicle.toml", "spec.toml", "noise.toml", "folder",
+)  # fmt: skip
+_WORDS = (
+    "", "-", "--", "-1", "0", "1", "7", "nan", "inf", "1e999", "1e-9", "9" * 30, "9" * 5000,
+    "missing/x.json", "out.json", "out.log", "out", "folder/x.csv", "/dev/null", "/dev/full",
+    "practical_pd", "paper_nominal", "paper_pd", "virtual", "emulated", "socketcan", "vcan0",
+    "127.0.0.1:99999999", "localhost:" + "9" * 5000, "law=pd", "seed=3", "pd.x.y=1",
+    "latency.downlink.mean_s=0.1", "path.kind=waypoints", "path.file=\"noise.bin\"", "rate_hz=1e9",
+    "\udcff", "\x1b[31m", "ÿ☃\U0001f600", "a b", "=", "x=", "=x", "figure", "6", "2", "auto",
+    "host", "true", "controller", "delay 10ms", "vcan0,vcan0", "out\udcff.json", "out\n.log",
+)  # fmt: skip
+
+
+class _Reached(BaseException):
+    """The program has come to its work."""
+
+
+class Outcome(NamedTuple):
+    """How a program has ended; ``status`` is None where it has come to its work."""
+
+    status: int | None
+    out: str
+    err: str
+
+
+def fuzz_command_line(data: bytes) -> None:
+    """Give some program some arguments."""
+    choices = Choices(data)
+    module = choices.pick(tuple(PROGRAMS))
+    options = options_of(module)
+    words = []
+    for _ in range(choices.integer(0, WORDS_MAX)):
+        kind = choices.integer(0, 7)
+        if kind < 3:
+            words.append(choices.pick(options))
+        elif kind < 5:
+            words.append(choices.pick(FILES))
+        elif kind == 5:
+            words.append(choices.text(12).replace("/", "_").replace("\0", ""))
+        else:
+            words.append(choices.pick(_WORDS))
+    judge(module, words, run_program(module, words))
+
+
+def judge(module: str, words: Sequence[str], outcome: Outcome) -> None:
+    """Raise BrokenPromiseError for an end that no user should see."""
+    status, _, err = outcome
+    promise("Traceback" not in err, f"{module} {words}: {err}")
+    if status is None:
+        return
+    promise(status in range(256), f"{module} {words}: status {status}")
+    promise(status == 0 or bool(err.strip()), f"{module} {words}: status {status} without a word")
+
+
+def run_program(module: str, words: Sequence[str]) -> Outcome:
+    """Run a program in a folder of its own until it ends or comes to its work."""
+    out, err = _terminal("strict"), _terminal("backslashreplace")
+    main = importlib.import_module(module).main
+    with _stopped(PROGRAMS[module]), _folder(), redirect_stdout(out), redirect_stderr(err):
+        try:
+            status = main(list(words))
+        except SystemExit as end:
+            status = end.code
+            promise(status in (0, 2), f"{module} {words}: exits with {status}")
+        except _Reached:
+            status = None
+    return Outcome(None if status is None else int(status), _text(out), _text(err))
+
+
+@lru_cache
+def options_of(module: str) -> Sequence[str]:
+    """Return the options that a program says it has."""
+    text = run_program(module, ["--help"]).out
+    return sorted(set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", text)))
+
+
+@contextmanager
+def _stopped(places: Sequence[str]) -> Iterator[None]:
+    """Stop whoever comes to one of ``places``; leave the signals of this process alone."""
+    with ExitStack() as stack:
+        for place in places:
+            stack.enter_context(patch(place, _stop))
+        stack.enter_context(patch.object(signal, "signal", lambda *_: signal.SIG_DFL))
+        stack.enter_context(patch.dict(os.environ, {"COLUMNS": "100"}))
+        yield
+
+
+def _stop(*_arguments: object, **_options: object) -> NoReturn:
+    raise _Reached
+
+
+@contextmanager
+def _folder() -> Iterator[None]:
+    """Work in a new folder that holds FILES."""
+    before = Path.cwd()
+    with TemporaryDirectory() as folder:
+        os.chdir(folder)
+        try:
+            for name, content in _contents().items():
+                Path(name).write_bytes(content)
+            Path("folder").mkdir()
+            yield
+        finally:
+            os.chdir(before)
+
+
+@lru_cache
+def _contents() -> Mapping[str, bytes]:
+    noise = bytes(range(256))
+    study = b'name = "s"\n[base]\ncontrollers = ["practical_pd"]\n'
+    study += b'[[factors]]\nkey = "plant.seed"\nvalues = [1, 2]\n'
+    return {
+        "run.log": faultless_log(".log"),
+        "run.blf": faultless_log(".blf"),
+        "noise.bin": noise,
+        "noise.log": noise,
+        "noise.toml": noise,
+        "empty.toml": b"",
+        "controller.toml": b'law = "pd"\n[pd]\nproportional_gain_rad_m = 1\n'
+        b"derivative_gain_rad_s_m = 0.1\n",
+        "plant.toml": b"duration_s = 1\n",
+        "study.toml": study,
+        "vehicle.toml": b"[vehicle]\nvirtual_mass_kg = 2000\n",
+        "spec.toml": b'name = "x"\n',
+    }
+
+
+def _terminal(errors: str) -> io.TextIOWrapper:
+    """Return a stream as Python opens it for a program's output."""
+    return io.TextIOWrapper(io.BytesIO(), encoding="utf-8", errors=errors, write_through=True)
+
+
+def _text(stream: io.TextIOWrapper) -> str:
+    buffer = stream.buffer
+    return buffer.getvalue().decode() if isinstance(buffer, io.BytesIO) else ""
