@@ -8,10 +8,10 @@ import pytest
 
 from tools.batch.engine import run_batch
 from tools.batch.plan import plan_run
-from tools.batch_benchmark.c_pair import CPair, MissingCompilerError, compile_pair
-from tools.batch_benchmark.comparison import DELAY_S
-from tools.batch_benchmark.jitcdde_loop import JitcddeLoop
-from tools.batch_benchmark.subject import NETWORKS, pair_settings
+from tools.benchmarks.batch.c_pair import CPair, MissingCompilerError, compile_pair
+from tools.benchmarks.batch.comparison import DELAY_S
+from tools.benchmarks.batch.jitcdde_loop import JitcddeLoop
+from tools.benchmarks.batch.subject import NETWORKS, pair_settings
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")

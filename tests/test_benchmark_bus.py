@@ -19,19 +19,18 @@ from runtime.node import NEVER_NS
 from runtime.settings import load_settings, read_preset
 from runtime.statistics import DurationSummary
 from tools import benchmark_bus
-from tools.benchmark_measurement import Line
-from tools.bus_benchmark.allocations import TickMemory, tick_memory
-from tools.bus_benchmark.c_programs import FLAGS, CompileError, CPrograms, compile_all
-from tools.bus_benchmark.lines import (
+from tools.benchmarks.bus.allocations import TickMemory, tick_memory
+from tools.benchmarks.bus.c_programs import FLAGS, CompileError, CPrograms, compile_all
+from tools.benchmarks.bus.lines import (
     answer_lines,
     memory_lines,
     parts,
     skipped_lines,
     tick_lines,
 )
-from tools.bus_benchmark.measurements import measurements
-from tools.bus_benchmark.processes import PRIORITY_MAX, PRIORITY_MIN, may_have_priority
-from tools.bus_benchmark.records import (
+from tools.benchmarks.bus.measurements import measurements
+from tools.benchmarks.bus.processes import PRIORITY_MAX, PRIORITY_MIN, may_have_priority
+from tools.benchmarks.bus.records import (
     Answers,
     Passage,
     Skipped,
@@ -42,7 +41,7 @@ from tools.bus_benchmark.records import (
     read_ticks,
     skipped,
 )
-from tools.bus_benchmark.runs import (
+from tools.benchmarks.bus.runs import (
     BARE_PYTHON,
     C_ECHO,
     NODE,
@@ -58,7 +57,8 @@ from tools.bus_benchmark.runs import (
     tick_run,
     write_frames,
 )
-from tools.bus_benchmark.watched_controller import WARM_UP_TICKS, AtOnce, AtRate
+from tools.benchmarks.bus.watched_controller import WARM_UP_TICKS, AtOnce, AtRate
+from tools.benchmarks.measurement import Line
 
 MS = 1_000_000
 needs_gcc = pytest.mark.skipif(

@@ -20,10 +20,10 @@ from typing import Any
 from rich.console import Console
 
 from runtime.host import StealClock
-from tools.benchmark_loop import controller_node_line, frame_lines, law_lines, virtual_time_lines
-from tools.benchmark_measurement import Line, calibration
-from tools.benchmark_startup import StartupError, heavy_modules, startup_lines
-from tools.benchmark_table import line_record, lines_table
+from tools.benchmarks.loop import controller_node_line, frame_lines, law_lines, virtual_time_lines
+from tools.benchmarks.measurement import Line, calibration
+from tools.benchmarks.startup import StartupError, heavy_modules, startup_lines
+from tools.benchmarks.table import line_record, lines_table
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -20,20 +20,20 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from runtime.host import StealClock
-from tools.batch_benchmark.c_pair import MissingCompilerError
-from tools.batch_benchmark.comparison import (
+from tools.benchmarks.batch.c_pair import MissingCompilerError
+from tools.benchmarks.batch.comparison import (
     line_of_threads,
     lines_beside_c,
     lines_beside_others,
     seconds_of_runs,
 )
-from tools.benchmark_measurement import Line, Target
-from tools.benchmark_table import line_record, lines_table
+from tools.benchmarks.measurement import Line, Target
+from tools.benchmarks.table import line_record, lines_table
 
 COUNTS = (10, 30, 100, 300, 1000)
 LENGTHS_S = (10.0, 30.0, 100.0, 300.0, 1000.0)
 _FIRST_RESULT = (
-    "from tools.batch_benchmark.subject import NETWORKS, pair_settings;"
+    "from tools.benchmarks.batch.subject import NETWORKS, pair_settings;"
     "from tools.batch.engine import run_batch;"
     "run_batch(*pair_settings(NETWORKS['80 ms']))"
 )

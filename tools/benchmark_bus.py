@@ -27,18 +27,16 @@ from runtime.host import StealClock
 from runtime.option_types import output_file, seconds
 from runtime.program import ExitStatus
 from runtime.report import write_json
-from tools.benchmark_measurement import Line
-from tools.benchmark_table import line_record, lines_table
-from tools.bus_benchmark.allocations import tick_memory
-from tools.bus_benchmark.c_programs import CompileError, compile_all
-from tools.bus_benchmark.lines import answer_lines, memory_lines, parts, skipped_lines, tick_lines
-from tools.bus_benchmark.processes import (
+from tools.benchmarks.bus.allocations import tick_memory
+from tools.benchmarks.bus.c_programs import CompileError, compile_all
+from tools.benchmarks.bus.lines import answer_lines, memory_lines, parts, skipped_lines, tick_lines
+from tools.benchmarks.bus.processes import (
     PRIORITY_MAX,
     PRIORITY_MIN,
     ProcessError,
     may_have_priority,
 )
-from tools.bus_benchmark.runs import (
+from tools.benchmarks.bus.runs import (
     BARE_PYTHON,
     C_ECHO,
     NODE,
@@ -52,6 +50,8 @@ from tools.bus_benchmark.runs import (
     tick_run,
     write_frames,
 )
+from tools.benchmarks.measurement import Line
+from tools.benchmarks.table import line_record, lines_table
 
 NAME = "benchmark_bus"
 ANSWERING = (C_ECHO, BARE_PYTHON, PYTHON_WITH_TIMEOUT, NODE)

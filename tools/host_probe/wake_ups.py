@@ -16,7 +16,7 @@ from runtime.node import NS_PER_S
 from runtime.real_time import Port, RealTimeExecutor
 from runtime.settings import load_settings, read_preset
 from runtime.statistics import DurationStatistics, DurationSummary
-from tools.bus_benchmark.measurements import measurements
+from tools.benchmarks.bus.measurements import measurements
 from tools.host_probe.steal import Sliced, Slices
 
 PRESET = "practical_pd_ddob"

@@ -6,7 +6,7 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
-from tools.benchmark_measurement import Line
+from tools.benchmarks.measurement import Line
 
 
 def lines_table(lines: Sequence[Line], calibration_us: float | None = None) -> Table:

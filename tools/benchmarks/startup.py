@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from runtime.emulated_bus.launch import launched_broker
-from tools.benchmark_measurement import Line, Target
+from tools.benchmarks.measurement import Line, Target
 from tools.live_pair import Bus
 
 PROGRAMS = {

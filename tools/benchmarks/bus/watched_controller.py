@@ -1,6 +1,6 @@
 """The controller program, which keeps when each tick ran and may tick for other reasons.
 
-    python -m tools.bus_benchmark.watched_controller --answer WHEN --ticks FILE ...
+    python -m tools.benchmarks.bus.watched_controller --answer WHEN --ticks FILE ...
 
 Node, port, executor and what is asked of the host are the program's own, and so are all other
 options. WHEN is one of
@@ -29,7 +29,7 @@ from runtime.frame import Frame
 from runtime.node import NEVER_NS
 from runtime.option_types import output_file
 from runtime.program import load_program_settings, make_parser, run_main, run_node
-from tools.bus_benchmark.measurements import measurements
+from tools.benchmarks.bus.measurements import measurements
 
 NAME = "watched-controller"
 PRESETS = "controller.presets"

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings
 from runtime.settings import load_settings, read_preset
-from tools.bus_benchmark.measurements import measurements
+from tools.benchmarks.bus.measurements import measurements
 
 WARM_UP_TICKS = 300
 

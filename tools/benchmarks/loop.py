@@ -31,7 +31,7 @@ from plant_emulator.settings import PlantSettings
 from runtime.bus_model import BusModel
 from runtime.frame import Frame
 from runtime.settings import load_settings, read_preset
-from tools.benchmark_measurement import Line, Target, timed
+from tools.benchmarks.measurement import Line, Target, timed
 from tools.virtual_pair import BITRATE_BIT_S, run_virtual_nodes
 
 STEPS = 10_000

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 from dbc.messages import CAN_IDS, LateralError, SteeringCommand
 from runtime.node import NS_PER_S
 from runtime.socketcan import packed
-from tools.bus_benchmark.c_programs import CPrograms
-from tools.bus_benchmark.measurements import measurements
-from tools.bus_benchmark.processes import (
+from tools.benchmarks.bus.c_programs import CPrograms
+from tools.benchmarks.bus.measurements import measurements
+from tools.benchmarks.bus.processes import (
     ABOVE,
     BELOW,
     Role,
@@ -22,7 +22,7 @@ from tools.bus_benchmark.processes import (
     python,
     started,
 )
-from tools.bus_benchmark.records import (
+from tools.benchmarks.bus.records import (
     Answers,
     Tick,
     answers,
@@ -160,7 +160,7 @@ def _answering(bench: Bench, who: str) -> Role:
     if who == C_ECHO:
         return Role("echo", [str(bench.programs.echo), *arguments], bench.priority)
     wait = "bare" if who == BARE_PYTHON else "select"
-    command = python("tools.bus_benchmark.python_echo", *arguments, wait)
+    command = python("tools.benchmarks.bus.python_echo", *arguments, wait)
     return Role("python_echo", command, bench.priority)
 
 
@@ -168,7 +168,7 @@ def _controller(bench: Bench, answer: str, *options: str) -> Role:
     """Return our own program, which asks for its priority itself."""
     bus = (*bench.bus, "--preset", PRESET)
     report = ("--report", str(_report(bench)), "--priority", str(bench.priority))
-    module = "tools.bus_benchmark.watched_controller"
+    module = "tools.benchmarks.bus.watched_controller"
     return Role("controller", python(module, *bus, *report, "--answer", answer, *options))
 
 

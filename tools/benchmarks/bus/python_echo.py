@@ -1,6 +1,6 @@
 """Answers every frame with its payload: the least that Python can do on ``socket.AF_CAN``.
 
-    python -m tools.bus_benchmark.python_echo CHANNEL REQUEST_ID REPLY_ID bare|select
+    python -m tools.benchmarks.bus.python_echo CHANNEL REQUEST_ID REPLY_ID bare|select
 
 ``bare`` waits in recv: no time-out, no time stamp, nothing it could do but echo. ``select`` waits
 with a time-out and asks when the frame arrived, as whoever has something to do at a deadline and

@@ -22,7 +22,7 @@ from controller.settings import ControllerSettings
 from plant_emulator.rig_settings import EllipseSettings
 from plant_emulator.settings import PlantSettings
 from tools.batch.network import FloatArray
-from tools.batch_benchmark.python_control_loop import linear_blocks
+from tools.benchmarks.batch.python_control_loop import linear_blocks
 
 SAME_WITHIN = 0.02
 """How far the RMS error of the continuous loop may be from that of a run sampled at 100 Hz."""

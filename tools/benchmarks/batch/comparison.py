@@ -16,11 +16,11 @@ from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
 from tools.batch.engine import BatchRun, run_batch
 from tools.batch.plan import plan_run
-from tools.batch_benchmark.c_pair import CPair, CResult, compile_pair
-from tools.batch_benchmark.jitcdde_loop import SAME_WITHIN, JitcddeLoop
-from tools.batch_benchmark.python_control_loop import python_control_loop
-from tools.batch_benchmark.subject import NETWORKS, pair_settings
-from tools.benchmark_measurement import REPETITIONS, Line, Target
+from tools.benchmarks.batch.c_pair import CPair, CResult, compile_pair
+from tools.benchmarks.batch.jitcdde_loop import SAME_WITHIN, JitcddeLoop
+from tools.benchmarks.batch.python_control_loop import python_control_loop
+from tools.benchmarks.batch.subject import NETWORKS, pair_settings
+from tools.benchmarks.measurement import REPETITIONS, Line, Target
 from tools.virtual_pair import run_virtual_pair
 
 RUNS = 40

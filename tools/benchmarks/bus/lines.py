@@ -5,10 +5,9 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from runtime.node import NS_PER_S, NS_PER_US
-from tools.benchmark_measurement import Line, Target
-from tools.bus_benchmark.allocations import TickMemory
-from tools.bus_benchmark.records import between, lateness, skipped
-from tools.bus_benchmark.runs import (
+from tools.benchmarks.bus.allocations import TickMemory
+from tools.benchmarks.bus.records import between, lateness, skipped
+from tools.benchmarks.bus.runs import (
     BARE_PYTHON,
     C_ECHO,
     NODE,
@@ -16,6 +15,7 @@ from tools.bus_benchmark.runs import (
     AnswerRun,
     TickRun,
 )
+from tools.benchmarks.measurement import Line, Target
 
 TURN_AROUND_RATIO = Target(at_most=True, value=1.5)
 LATENESS_RATIO = Target(at_most=True, value=2.0)
