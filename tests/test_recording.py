@@ -416,7 +416,7 @@ def test_the_reader_of_candump_s_logs_knows_a_torn_last_line_too() -> None:
 
 def written(path: Path) -> list[bytes]:
     """Payloads of all frames that can be read in a text log, which may have no end."""
-    payloads = []
+    payloads: list[bytes] = []
     with suppress(LogError):  # there is no frame yet
         payloads.extend(logged.frame.data for logged in open_log(path))
     return payloads

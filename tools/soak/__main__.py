@@ -21,7 +21,7 @@ from runtime.host import StealClock
 from runtime.option_types import priority, seconds
 from runtime.program import ExitStatus, run_main
 from runtime.report import write_json
-from tools.soak.babbling import HIGHEST_PRIORITY_ID, LOWEST_PRIORITY_ID
+from tools.soak.babbling import HIGHEST_PRIORITY_IDS, LOWEST_PRIORITY_IDS
 from tools.soak.crew import SoakError
 from tools.soak.live import LiveSoak, Plan, run_live_soak
 from tools.soak.presentation import findings_table, memory_table, messages_table, record_of
@@ -77,11 +77,11 @@ def _run(options: argparse.Namespace) -> int:
     console = Console(markup=False, highlight=False, width=WIDTH)
     parts: dict[str, tuple[Plan, Callable[[LiveSoak], Iterator[Finding]]]] = {
         "load": (
-            Plan(LOWEST_PRIORITY_ID, options.duration_s, priority=options.priority),
+            Plan(LOWEST_PRIORITY_IDS, options.duration_s, priority=options.priority),
             load_findings,
         ),
         "starve": (
-            Plan(HIGHEST_PRIORITY_ID, options.starve_s, priority=options.priority),
+            Plan(HIGHEST_PRIORITY_IDS, options.starve_s, priority=options.priority),
             starve_findings,
         ),
     }
@@ -96,7 +96,7 @@ def _run(options: argparse.Namespace) -> int:
         findings = list(judge(run))
         holds = holds and all(finding.holds for finding in findings)
         records[name] = record_of(run, findings)
-        title = f"babbling with identifier 0x{plan.babble_id:03X} for {plan.babble_s:g} s"
+        title = f"babbling with {plan.name} for {plan.babble_s:g} s"
         console.print(findings_table(title, findings), "", messages_table(run), "")
         console.print(memory_table(run), "")
     stolen = steal.fraction()

@@ -1,11 +1,15 @@
 """The babbling node as a process: sends frames that count as fast as the bus takes them.
 
-python -m tools.soak.babbler ADDRESS CHANNEL ID REPORT PRIORITY
+python -m tools.soak.babbler ADDRESS CHANNEL REPORT PRIORITY ID...
+
+Each identifier has a connection of its own, so that as many queues at the broker are kept full.
 """
 
 import os
+import select
 import socket
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import can
@@ -17,7 +21,8 @@ from runtime.report import write_json
 from tools.soak.babbling import babble
 
 PATIENCE_S = 0.05
-"""How long a frame waits for room before the babbler looks whether it is to end."""
+"""How long it waits for room before it looks whether it is to end."""
+FRAMES_AT_ONCE = 200
 _SEND_BUFFER_BYTES = 1 << 17
 """More frames in front of the broker than other clients have: a babbler that is held up for a
 moment must not let the bus go idle."""
@@ -25,29 +30,41 @@ moment must not let the bus go idle."""
 
 def main() -> int:
     """Babble until SIGINT or SIGTERM; returns the exit status."""
-    address, channel, can_id, report, priority = sys.argv[1:]
-    stop, number = StopRequest(), 0
-    with (
-        stop.on_signals(),
-        # It hears nothing: a node that listens and never reads would be disconnected.
-        can.Bus(
-            interface="emulated",
-            channel=channel,
-            address=address,
-            can_filters=[{"can_id": 0x7FE, "can_mask": 0x7FF, "extended": False}],
-        ) as bus,
-        real_time(RealTimeRequest(int(priority))),
-    ):
-        _deepen(bus)
+    address, channel, report, priority, *ids = sys.argv[1:]
+    stop = StopRequest()
+    sent = {int(text): 0 for text in ids}
+    with stop.on_signals(), ExitStack() as stack:
+        buses = {
+            can_id: stack.enter_context(_silent_bus(address, channel, can_id)) for can_id in sent
+        }
+        stack.enter_context(real_time(RealTimeRequest(int(priority))))
         print("ready", flush=True)
         while not stop():
-            try:
-                bus.send(message_of(babble(int(can_id), number)), timeout=PATIENCE_S)
-            except can.CanTimeoutError:
-                continue
-            number += 1
-    write_json(Path(report), {"frames": number})
+            for can_id, bus in buses.items():
+                sent[can_id] += _fill(bus, can_id, sent[can_id])
+            select.select((), buses.values(), (), PATIENCE_S)
+    write_json(Path(report), {"frames": sum(sent.values())})
     return 0
+
+
+def _silent_bus(address: str, channel: str, can_id: int) -> can.BusABC:
+    """Join the bus, and hear nothing: a node that listens and never reads is disconnected."""
+    nothing = {"can_id": can_id, "can_mask": 0x7FF, "extended": False}  # but what only we send
+    bus = can.Bus(interface="emulated", channel=channel, address=address, can_filters=[nothing])
+    _deepen(bus)
+    return bus
+
+
+def _fill(bus: can.BusABC, can_id: int, number: int) -> int:
+    """Send frames from ``number`` on until there is no room; returns how many."""
+    count = 0
+    try:
+        while count < FRAMES_AT_ONCE:
+            bus.send(message_of(babble(can_id, number + count)), timeout=0)
+            count += 1
+    except can.CanTimeoutError:
+        pass
+    return count
 
 
 def _deepen(bus: can.BusABC) -> None:

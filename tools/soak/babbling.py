@@ -10,8 +10,10 @@ from runtime.bus_model import BusModel, BusOverflowError, Delivery
 from runtime.frame import Frame
 from runtime.node import NEVER_NS
 
-LOWEST_PRIORITY_ID = 0x7FF
-HIGHEST_PRIORITY_ID = 0x000
+LOWEST_PRIORITY_IDS = (0x7FC, 0x7FD, 0x7FE, 0x7FF)
+HIGHEST_PRIORITY_IDS = (0x000, 0x001, 0x002, 0x003)
+"""Several, because the emulated bus takes a bounded number of frames from each client: four queues
+last for 60 ms in which the machine may hold up babbler and broker. The pair's are in between."""
 _BABBLER = -1
 
 

@@ -5,7 +5,7 @@ the counters that the end-to-end protection puts into every frame, which step by
 """
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -32,7 +32,7 @@ class BusLog(NamedTuple):
     ``frames``        all of them
     ``unreadable``    lines that are none
     ``disordered``    frames with a time not above that of the one before
-    ``babbled``       frames of the babbling node; ``babble_missing`` those its counter misses
+    ``babbled``       frames of the babbling node; ``babble_missing`` those its counters miss
     ``babble_ns``     end of its first and last frame [ns]
     ``load``          share of that time that the wire was busy, intermissions included
     ``control``       the other frames by identifier
@@ -73,10 +73,11 @@ class MessageCount(NamedTuple):
     waited: DurationSummary
 
 
-def read_bus_log(path: Path, babble_id: int, bitrate_bit_s: int) -> BusLog:
+def read_bus_log(path: Path, babble_ids: Collection[int], bitrate_bit_s: int) -> BusLog:
     """Read the recorder's log, of any length in memory for the control frames alone."""
     control: defaultdict[int, list[Timed]] = defaultdict(list)
-    bits = frames = disordered = babbled = missing = expected = 0
+    expected = dict.fromkeys(babble_ids, 0)
+    bits = frames = disordered = babbled = missing = 0
     first_ns = last_ns = before_ns = babble_bits = 0
     with path.open(encoding="ascii") as lines:
         reader = CandumpReader(lines)
@@ -84,10 +85,10 @@ def read_bus_log(path: Path, babble_id: int, bitrate_bit_s: int) -> BusLog:
             frames += 1
             disordered += time_ns <= before_ns
             before_ns = time_ns
-            if frame.can_id == babble_id:
+            if frame.can_id in expected:
                 number = int.from_bytes(frame.data, "little")
-                missing += number - expected
-                expected = number + 1
+                missing += number - expected[frame.can_id]
+                expected[frame.can_id] = number + 1
                 if not babbled:
                     first_ns, bits = time_ns, 0
                 babbled += 1
@@ -96,7 +97,7 @@ def read_bus_log(path: Path, babble_id: int, bitrate_bit_s: int) -> BusLog:
             if babbled:
                 # What ends after the first frame of the babbling node, until its last one.
                 bits += (frame_bits(frame).nominal + INTERMISSION_BITS) * (time_ns > first_ns)
-                if frame.can_id == babble_id:
+                if frame.can_id in expected:
                     last_ns, babble_bits = time_ns, bits
     window_ns = last_ns - first_ns
     load = babble_bits * NS_PER_S / bitrate_bit_s / window_ns if window_ns else 0.0

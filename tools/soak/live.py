@@ -2,7 +2,7 @@
 
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,17 +26,22 @@ CONTROLLER, PLANT = "steering-controller", "plant-emulator"
 class Plan(NamedTuple):
     """What to run.
 
-    ``babble_id``  identifier of the babbling node
+    ``babble_ids`` identifiers of the babbling node
     ``babble_s``   how long it babbles; the pair runs ``settle_s`` before and ``recover_s`` after it
     ``priority``   SCHED_FIFO of broker and pair, 0 for none; recorder and babbler get half
     """
 
-    babble_id: int
+    babble_ids: Sequence[int]
     babble_s: float
     settle_s: float = 2.0
     recover_s: float = 2.0
     bitrate_bit_s: int = 500_000
     priority: int = 50
+
+    @property
+    def name(self) -> str:
+        """The babbling node's identifiers."""
+        return f"identifiers 0x{min(self.babble_ids):03X} to 0x{max(self.babble_ids):03X}"
 
 
 class LiveSoak(NamedTuple):
@@ -51,6 +56,7 @@ class LiveSoak(NamedTuple):
     messages: list[MessageCount]
     modes: list[tuple[float, str, float]]
     memory: Mapping[str, MemoryFigures]
+    memory_samples: Mapping[str, Sequence[tuple[float, int]]]
     reports: Mapping[str, Any]
 
 
@@ -63,7 +69,7 @@ def run_live_soak(
         tell("starting broker, recorder, plant and controller")
         _start(crew, plan, Path(private) / "socket")
         time.sleep(plan.settle_s)
-        tell(f"babbling with identifier 0x{plan.babble_id:03X} for {plan.babble_s:g} s")
+        tell(f"babbling with {plan.name} for {plan.babble_s:g} s")
         _start_babbler(crew, plan)
         watch = MemoryWatch(crew.pids())
         _wait(crew, watch, plan.babble_s)
@@ -73,7 +79,7 @@ def run_live_soak(
         for name in (CONTROLLER, PLANT, "recorder", "broker"):
             reports[name] = crew.stop(name)
         tell("reading the logs")
-        bus = read_bus_log(crew.path("bus", ".log"), plan.babble_id, plan.bitrate_bit_s)
+        bus = read_bus_log(crew.path("bus", ".log"), plan.babble_ids, plan.bitrate_bit_s)
         own_logs = [crew.path(name, ".log") for name in (CONTROLLER, PLANT)]
         messages = count_messages(bus, own_logs, plan.bitrate_bit_s)
         sent, _ = read_own_log(own_logs[0])
@@ -81,7 +87,7 @@ def run_live_soak(
             ((time_ns - bus.babble_ns[0]) * 1e-9, mode.name, steer_rad)
             for time_ns, mode, steer_rad in mode_changes(sent)
         ]
-    return LiveSoak(plan, bus, messages, modes, watch.figures(), reports)
+    return LiveSoak(plan, bus, messages, modes, watch.figures(), watch.samples, reports)
 
 
 def _start(crew: Crew, plan: Plan, socket: Path) -> None:
@@ -112,7 +118,8 @@ def _start(crew: Crew, plan: Plan, socket: Path) -> None:
 
 def _start_babbler(crew: Crew, plan: Plan) -> None:
     report = str(crew.path("babbler", ".json"))
-    arguments = [crew.address, CHANNEL, str(plan.babble_id), report, str(plan.priority // 2)]
+    arguments = [crew.address, CHANNEL, report, str(plan.priority // 2)]
+    arguments += map(str, plan.babble_ids)
     crew.start("babbler", "tools.soak.babbler", arguments)
 
 

@@ -5,11 +5,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-GROWTH_KIB_MAX = 1024
-"""What may be added over a run that is called flat: the bins of statistics, one at a time, and
+GROWTH_KIB_MAX = 512
+"""What may be added over half a run that is called flat: the bins of statistics, one at a time, and
 pages that an allocator touches late."""
-WARM_UP = 0.1
-"""Share of the run after which growth is looked for: statistics and buffers fill at first."""
+WARM_UP = 0.5
+"""Share of the run after which growth is looked for. Buffers grow with the longest stall so far, in
+steps; a leak grows in the second half of a run as in the first."""
 
 
 class MemoryFigures(NamedTuple):
@@ -41,6 +42,11 @@ class MemoryWatch:
             kib = resident_kib(pid)
             if kib is not None:
                 self._samples[name].append((time_s, kib))
+
+    @property
+    def samples(self) -> Mapping[str, Sequence[tuple[float, int]]]:
+        """All samples: time [s] and resident memory [KiB]."""
+        return self._samples
 
     def figures(self) -> dict[str, MemoryFigures]:
         """Return the figures of every process that was seen."""

@@ -71,6 +71,7 @@ def record_of(run: LiveSoak, findings: Sequence[Finding]) -> dict[str, Any]:
         "messages": list(_rows(run)),
         "modes": run.modes,
         "memory": {name: figures._asdict() for name, figures in run.memory.items()},
+        "memory_samples": dict(run.memory_samples),
         "reports": dict(run.reports),
     }
 
