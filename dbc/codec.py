@@ -20,7 +20,6 @@ from dbc.signals import (
     signal_range,
 )
 
-
 FILE = "steer_by_wire.dbc"
 """The contract, beside this file."""
 
@@ -45,6 +44,9 @@ class Rejection(StrEnum):
     """An extended, remote, error or FD frame; all of ours are classic data frames."""
     WRONG_LENGTH = "wrong_length"
     BAD_CRC = "bad_crc"
+    """Corrupted: the CRC is not that of the content under this identifier."""
+    MASQUERADED = "masqueraded"
+    """The CRC is that of another message of ours, sent under this identifier."""
     OUT_OF_RANGE = "out_of_range"
     """A signal outside its range or value table."""
     NOT_AVAILABLE = "not_available"

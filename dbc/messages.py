@@ -15,6 +15,7 @@ from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
 from dbc.codec import EncodeError, Rejection, codecs_of, load_database
+from dbc.protection import is_intact
 from dbc.signals import SignalRange
 from runtime.frame import ERROR, EXTENDED, REMOTE, Frame
 
@@ -37,6 +38,7 @@ __all__ = [
     "Mode",
     "PlantStatus",
     "Rejection",
+    "SafetyState",
     "SignalRange",
     "SteeringCommand",
     "SteeringStatus",
@@ -81,6 +83,25 @@ class SteeringStatusCode(IntEnum):
     APPLYING = 1
     LIMITED = 2
     """Applying it as far as its angle and rate limits allow."""
+    LIMITED_BY_SAFETY = 3
+    """Applying it as far as the safety limiter allows."""
+    HOLDING = 4
+    """Commands stay away: the last one is held."""
+    FALLBACK = 5
+    """Commands stayed away: the fallback that was configured."""
+    SAFE_STATE = 6
+    """The wheel does not follow, or an override: the fallback, whatever comes."""
+
+
+class SafetyState(IntEnum):
+    """The same in short, with all that happened since the last PLANT_STATUS."""
+
+    NORMAL = 0
+    LIMITING = 1
+    """The safety limiter has changed a command."""
+    HOLDING = 2
+    FALLBACK = 3
+    SAFE_STATE = 4
 
 
 class EchoState(IntEnum):
@@ -171,12 +192,13 @@ class DelayStatus(NamedTuple):
 
 
 class PlantStatus(NamedTuple):
-    """Plant to all, for watching; ``lost`` and ``rejected`` are modulo 256."""
+    """Plant to all, for watching; ``lost`` is modulo 128 and ``rejected`` modulo 64."""
 
     downlink_latency_s: float
     uplink_latency_s: float
     lost: int
     rejected: int
+    safety: SafetyState = SafetyState.NORMAL
 
 
 class LatencyConfig(NamedTuple):
@@ -224,6 +246,7 @@ class Decoded(NamedTuple):
 
 _CODECS = codecs_of(load_database(), MESSAGE_TYPES.items())
 _CODECS_BY_ID = {codec.can_id: codec for codec in _CODECS.values()}
+_DATA_IDS = [codec.data_id for codec in _CODECS.values() if codec.data_id is not None]
 
 CAN_IDS: Mapping[type[Message], int] = MappingProxyType(
     {message_type: codec.can_id for message_type, codec in _CODECS.items()}
@@ -282,4 +305,6 @@ def decode(frame: Frame) -> Decoded | Rejection:
     if flags:  # FD, and the length happens to fit
         return Rejection.WRONG_FORMAT
     unpacked = codec.unpack(data)
+    if unpacked is Rejection.BAD_CRC and any(is_intact(data, other) for other in _DATA_IDS):
+        return Rejection.MASQUERADED
     return unpacked if isinstance(unpacked, Rejection) else Decoded(*unpacked)

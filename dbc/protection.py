@@ -8,7 +8,8 @@ A protected payload starts with the profile's header:
 
 The CRC finds corruption and, by the Data ID, a payload under the wrong identifier. Every change of
 up to three bits in a frame of ours is found, others with probability 1 - 2**-16. The counter finds
-loss, repetition and reordering.
+loss, repetition and reordering. A frame that is too old finds nobody: there is no time in it, so
+age is silence, which whoever waits for the message watches.
 """
 
 from enum import StrEnum
@@ -65,6 +66,7 @@ class SequenceCheck:
         self._newest: int | None = None
         self._last_refused: int | None = None
         self._run = 0
+        self._resynchronised = 0
         self._lost = 0
 
     @property
@@ -81,6 +83,11 @@ class SequenceCheck:
         """
         return self._lost
 
+    @property
+    def resynchronised(self) -> int:
+        """How often a run of refused frames was believed to be a sender's new start."""
+        return self._resynchronised
+
     def check(self, counter: int) -> SequenceResult:
         """Judge the frame that carries ``counter`` (0 to 255)."""
         if self._newest is None:
@@ -91,6 +98,7 @@ class SequenceCheck:
             return self._accept(counter)
         steps_by_one = self._last_refused == (counter - 1) % COUNTERS
         if steps_by_one and self._run >= self._resync_run:
+            self._resynchronised += 1
             return self._accept(counter)
         self._run = self._run + 1 if steps_by_one else 1
         self._last_refused = counter

@@ -45,6 +45,12 @@ class Reception:
         return dict(sorted(self._rejected.items()))
 
     @property
+    def resynchronised(self) -> int:
+        """How often a sender was believed to have started anew."""
+        checks = self._checks.values()
+        return sum(check.resynchronised for check in checks if check is not None)
+
+    @property
     def lost(self) -> int:
         """Frames that never came, or came too late, by the counters of those accepted."""
         return sum(check.lost for check in self._checks.values() if check is not None)

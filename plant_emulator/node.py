@@ -4,10 +4,11 @@
 is due, each thing at its own exact time and not at the time of the tick, in this order at one
 instant:
 
-1. commands leave the downlink and reach the actuator
-2. the sensors sample, and their messages enter the uplink
-3. messages leave the uplink for the bus
-4. PLANT_STATUS is sent
+1. commands leave the downlink and reach the steering's control unit, which sets the wheel's target
+2. the control unit acts on commands that stay away (``plant_emulator.steering_guard``)
+3. the sensors sample, and their messages enter the uplink
+4. messages leave the uplink for the bus
+5. PLANT_STATUS is sent
 
 A tick that comes late therefore changes when frames leave, not how the vehicle moves: the motion is
 advanced from event to event, and a command acts from the instant it was due.
@@ -23,6 +24,7 @@ from itertools import cycle
 from typing import Any
 
 from dbc.messages import (
+    CAN_IDS,
     Direction,
     LatencyConfig,
     LateralError,
@@ -30,7 +32,6 @@ from dbc.messages import (
     PlantStatus,
     SteeringCommand,
     SteeringStatus,
-    SteeringStatusCode,
     VehicleState,
     encode,
     encode_not_available,
@@ -45,8 +46,10 @@ from plant_emulator.path import Path
 from plant_emulator.plant_report import line_report, motion_report
 from plant_emulator.plant_samples import PlantSample, RunningFigures
 from plant_emulator.propagation import LinearState
+from plant_emulator.safety_settings import design_guard
 from plant_emulator.sensors import Readings, with_noise
 from plant_emulator.settings import PlantSettings
+from plant_emulator.steering_unit import SteeringUnit
 from plant_emulator.streams import Channel, uniforms
 from runtime.frame import Frame
 from runtime.node import NEVER_NS
@@ -59,11 +62,14 @@ STATUS_PERIOD_NS = 100_000_000
 SAMPLES_MAX = 1_000_000
 """Samples kept for a trace: nearly three hours at 100 Hz."""
 _COUNTERS = 256
+_COMMAND_ID = CAN_IDS[SteeringCommand]
 
 _LATERAL_ERROR_RANGE = limits(LateralError)["lateral_error_m"]
 _WHEEL_RANGE = limits(SteeringStatus)["wheel_angle_rad"]
 _STATE_RANGES = limits(VehicleState)
 _LATENCY_RANGE = limits(PlantStatus)["downlink_latency_s"]
+_LOST_COUNTERS = int(limits(PlantStatus)["lost"].maximum) + 1
+_REJECTED_COUNTERS = int(limits(PlantStatus)["rejected"].maximum) + 1
 
 
 def motion_params(settings: PlantSettings) -> MotionParams:
@@ -91,6 +97,9 @@ class PlantNode:
         self._settings = settings
         self._params = motion_params(settings) if params is None else params
         self._motion = Motion(self._params)
+        self._unit = SteeringUnit(
+            design_guard(settings.safety, settings.vehicle, settings.actuator)
+        )
         self._duration_ns = settings.duration_ns
         self._motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
         self._sensor_timer = PeriodicTimer(start_ns, settings.sensor_period_ns)
@@ -157,6 +166,8 @@ class PlantNode:
             self._deadline_ns = min(self._deadline_ns, self._downlink.next_due_ns)
         elif isinstance(received, LatencyConfig):
             self._reconfigure(received)
+        elif received is not None and frame.can_id == _COMMAND_ID:
+            self._unit.on_refusal()
         return ()
 
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
@@ -166,12 +177,17 @@ class PlantNode:
             command_ns = self._downlink.next_due_ns
             sample_ns = self._sensor_timer.deadline_ns
             measured_ns = self._uplink.next_due_ns
-            due_ns = min(command_ns, sample_ns, measured_ns, self._status_timer.deadline_ns)
+            guard_ns = self._guard_ns()
+            due_ns = min(
+                command_ns, guard_ns, sample_ns, measured_ns, self._status_timer.deadline_ns
+            )
             if due_ns > now_ns:
                 self._deadline_ns = due_ns
                 return frames
             if command_ns == due_ns:
                 self._apply(due_ns)
+            elif guard_ns == due_ns:
+                self._guard(due_ns)
             elif sample_ns == due_ns:
                 self._sense(due_ns, self._sensor_timer.advance(now_ns))
             elif measured_ns == due_ns:
@@ -189,6 +205,7 @@ class PlantNode:
         ``rejected``              frames refused on arrival, by cause
         ``not_available``         samples beyond the range of LATERAL_ERROR, sent as NOT_AVAILABLE
         ``clamped``               other values sent as the end of their signal's range
+        ``safety``                what the steering refused to do (``SteeringUnit.report``)
         """
         return {
             "seed": self._settings.seed,
@@ -198,9 +215,11 @@ class PlantNode:
             "accepted": self._reception.accepted,
             "lost_on_the_bus": self._reception.lost,
             "rejected": self._reception.rejected,
+            "resynchronised": self._reception.resynchronised,
             "skipped_samples": self._sensor_timer.skipped,
             "not_available": self._not_available,
             "clamped": self._clamped,
+            "safety": self._unit.report(),
         }
 
     def _motion_ns(self, time_ns: int) -> int:
@@ -210,15 +229,31 @@ class PlantNode:
     def _apply(self, due_ns: int) -> None:
         """Let the commands that are due reach the actuator."""
         for released in self._downlink.pop_due(due_ns):
-            self._motion.advance(self._motion_ns(due_ns))
-            self._motion.command(released.item.steer_rad)
-            self._command = released
+            motion_ns = self._motion_ns(due_ns)
+            self._motion.advance(motion_ns)
+            if self._unit.on_command(released.item.steer_rad, motion_ns):
+                self._motion.command(self._unit.target_rad)
+                self._command = released
+
+    def _guard_ns(self) -> int:
+        """Return when the control unit is due [ns]."""
+        if self._motion_start_ns == NEVER_NS:
+            return NEVER_NS
+        return self._motion_start_ns + self._unit.deadline_ns
+
+    def _guard(self, due_ns: int) -> None:
+        """Let the control unit act on commands that stay away."""
+        motion_ns = self._motion_ns(due_ns)
+        if self._unit.on_timer(motion_ns):
+            self._motion.advance(motion_ns)
+            self._motion.command(self._unit.target_rad)
 
     def _sense(self, time_ns: int, index: int) -> None:
         """Sample the vehicle and put the messages into the uplink."""
         motion_ns = self._motion_ns(time_ns)
         self._motion.advance(motion_ns)
         z = self._motion.linear
+        self._unit.on_wheel(z.wheel_rad, motion_ns)
         if time_ns >= self._motion_start_ns:
             self._record(motion_ns, z)
             self._finished = motion_ns >= self._duration_ns
@@ -278,11 +313,9 @@ class PlantNode:
 
     def _steering_status(self, wheel_rad: float) -> SteeringStatus:
         wheel_rad = self._clamp(wheel_rad, *_WHEEL_RANGE)
-        if self._command is None:
-            return SteeringStatus(wheel_rad, 0, SteeringStatusCode.NO_COMMAND)
-        limited = self._motion.is_limited
-        code = SteeringStatusCode.LIMITED if limited else SteeringStatusCode.APPLYING
-        return SteeringStatus(wheel_rad, self._command.item.command_counter, code)
+        counter = 0 if self._command is None else self._command.item.command_counter
+        code = self._unit.status_code(actuator_is_limited=self._motion.is_limited)
+        return SteeringStatus(wheel_rad, counter, code)
 
     def _status(self) -> PlantStatus:
         lines = (self._downlink, self._uplink)
@@ -292,8 +325,9 @@ class PlantNode:
         return PlantStatus(
             downlink_s,
             uplink_s,
-            sum(line.counts.lost for line in lines) % _COUNTERS,
-            sum(self._reception.rejected.values()) % _COUNTERS,
+            sum(line.counts.lost for line in lines) % _LOST_COUNTERS,
+            sum(self._reception.rejected.values()) % _REJECTED_COUNTERS,
+            self._unit.take_state(),
         )
 
     def _reconfigure(self, config: LatencyConfig) -> None:

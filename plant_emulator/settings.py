@@ -13,6 +13,7 @@ from plant_emulator.rig_settings import (
     SensorNoiseSettings,
     VehicleSettings,
 )
+from plant_emulator.safety_settings import SafetySettings
 from runtime.node import NS_PER_MS, NS_PER_S
 from runtime.settings import Settings
 
@@ -37,6 +38,7 @@ class PlantSettings(Settings):
     disturbance: DisturbanceSettings = DisturbanceSettings()
     sensor_noise: SensorNoiseSettings = SensorNoiseSettings()
     latency: BothLatencySettings = BothLatencySettings()
+    safety: SafetySettings = SafetySettings()
 
     @property
     def duration_ns(self) -> int:

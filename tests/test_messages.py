@@ -28,6 +28,7 @@ from dbc.messages import (
     Mode,
     PlantStatus,
     Rejection,
+    SafetyState,
     SteeringCommand,
     SteeringStatus,
     SteeringStatusCode,
@@ -92,8 +93,8 @@ GOLDEN: list[tuple[Message, str, str]] = [
         "308",
         "d8a6 07 a0400a1906",
     ),
-    # 160 = 0xA0; 160 << 12 = 0xA_0000; 1 << 24; 2 << 32
-    (PlantStatus(0.08, 0.08, 1, 2), "310", "b604 07 a0000a0102"),
+    # 160 = 0xA0; 160 << 12 = 0xA_0000; 1 << 24; 2 << 31 = 0x1_0000_0000; 2 << 37 = 0x40_0000_0000
+    (PlantStatus(0.08, 0.08, 1, 2, SafetyState.HOLDING), "310", "4b40 07 a0000a0141"),
     # 3 + (2 << 4) = 0x23; 800 = 0x0320; 300 = 0x012C; 100 = 0x0064; no CRC, no counter
     (
         LatencyConfig(Direction.BOTH, LatencyModel.NORMAL, 0.08, 0.03, 0.01),

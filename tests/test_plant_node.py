@@ -522,7 +522,7 @@ def test_beyond_its_range_the_lateral_error_is_not_available_and_comes_back() ->
 
 
 def test_the_heading_error_is_an_angle_of_one_turn() -> None:
-    tested = link(start_on_first_command=False)
+    tested = link(start_on_first_command=False, safety={"fallback": "keep"})
     tested.command(START_NS, 0.5)
     tested.tick_until(START_NS + 1800 * PERIOD_NS)
     true = [sample.heading_error_rad for sample in tested.node.samples]

@@ -15,6 +15,7 @@ import numpy as np
 from controller.design import LawDesign, design_law
 from controller.settings import ControllerSettings, limits_of
 from dbc.messages import LateralError, Mode, SteeringCommand, limits, resolutions
+from plant_emulator.safety_settings import design_guard
 from plant_emulator.settings import PlantSettings
 from runtime.node import NS_PER_S
 from tools.batch.compilation import compiled_fastmath
@@ -151,7 +152,7 @@ def run_batch(
     params = law.params
     if law.params_at is not None:
         params = law.params_at(speed_on_wire(motion.speed_m_s))
-    constants = _constants(controller, plan)
+    constants = _constants(plant, controller, plan)
     schedule = Schedule(*(getattr(plan, name) for name in Schedule._fields))
     records = empty_records(len(plan.sample_ns), len(plan.tick_ns))
     first, *others = plan.segments
@@ -199,8 +200,9 @@ def _designed(controller: ControllerSettings) -> LawDesign:
     return design_law(controller)
 
 
-def _constants(controller: ControllerSettings, plan: Plan) -> Constants:
+def _constants(plant: PlantSettings, controller: ControllerSettings, plan: Plan) -> Constants:
     return Constants(
+        guard=design_guard(plant.safety, plant.vehicle, plant.actuator),
         limits=limits_of(controller),
         ramp_step_rad=controller.supervision.ramp_rad_s * controller.period_ns / NS_PER_S,
         lateral_error_resolution_m=resolutions(LateralError)["lateral_error_m"],

@@ -22,6 +22,14 @@ from numpy.typing import NDArray
 from controller.limits import SteerLimits, limit_step, ramp_step
 from dbc.messages import Mode
 from plant_emulator.motion import MotionState, advance_motion, command_motion, start_motion
+from plant_emulator.steering_guard import (
+    GuardParams,
+    GuardState,
+    guard_command,
+    guard_timer,
+    guard_wheel,
+    start_guard,
+)
 from tools.batch.borrowing import borrowed_floats, borrowed_ints
 from tools.batch.compilation import compiled, compiled_inline
 from tools.batch.motion import borrowed_motion
@@ -43,6 +51,7 @@ class Constants(NamedTuple):
     ``motion_start_ns``   since when the vehicle moves
     """
 
+    guard: GuardParams
     limits: SteerLimits
     ramp_step_rad: float
     lateral_error_resolution_m: float
@@ -104,11 +113,15 @@ def empty_records(samples: int, ticks: int) -> Records:
 
 
 class Progress(NamedTuple):
-    """Where the plant is: its motion, the next sample to take, the next command to come through."""
+    """Where the plant is: its motion, the steering's guard, the next sample to take, the next
+    command to come through, and the one in effect.
+    """
 
     motion: MotionState
+    guard: GuardState
     sample: int
     command: int
+    in_effect: int
 
 
 class Segment(NamedTuple):
@@ -162,7 +175,7 @@ def _plant_until(
     to_ns: int,
 ) -> tuple[Progress, int]:
     """Apply the commands of the ticks done, and take samples, up to and at ``to_ns``."""
-    z, sample, command = x
+    z, guard, sample, command, in_effect = x
     while True:
         command_ns = sample_ns = to_ns + 1
         # An unsigned index need not be tested for counting from the end, which costs a twentieth.
@@ -171,26 +184,40 @@ def _plant_until(
             command_ns = s.command_due_ns[of]
         if sample < len(s.sample_ns):
             sample_ns = s.sample_ns[at]
-        if command_ns > to_ns and sample_ns > to_ns:
-            return Progress(z, sample, command), COMPLETE
-        if command_ns <= sample_ns:
-            z = advance_motion(p, z, max(command_ns - c.motion_start_ns, 0))
+        guard_ns = c.motion_start_ns + guard.deadline_ns
+        if command_ns > to_ns and sample_ns > to_ns and guard_ns > to_ns:
+            return Progress(z, guard, sample, command, in_effect), COMPLETE
+        if command_ns <= sample_ns and command_ns <= guard_ns:
+            motion_ns = max(command_ns - c.motion_start_ns, 0)
+            z = advance_motion(p, z, motion_ns)
             steer_rad = r.sent_rad[np.uintp(s.command_tick[of])]
-            z = command_motion(p, z, on_wire(steer_rad, c.steer_resolution_rad))
+            on_wire_rad = on_wire(steer_rad, c.steer_resolution_rad)
+            guard, is_followed = guard_command(c.guard, guard, on_wire_rad, motion_ns)
+            if is_followed:
+                z = command_motion(p, z, guard.limiter.steer_rad)
+                in_effect = command
             command += 1
+        elif guard_ns <= sample_ns:
+            motion_ns = guard.deadline_ns
+            guard, is_set = guard_timer(c.guard, guard, motion_ns)
+            if is_set:
+                z = advance_motion(p, z, motion_ns)
+                z = command_motion(p, z, guard.limiter.steer_rad)
         else:
-            z = advance_motion(p, z, max(sample_ns - c.motion_start_ns, 0))
+            motion_ns = max(sample_ns - c.motion_start_ns, 0)
+            z = advance_motion(p, z, motion_ns)
+            guard = guard_wheel(c.guard, guard, z.linear.wheel_rad, motion_ns)
             r.lateral_error_m[at] = z.linear.lateral_error_m
             r.heading_error_rad[at] = z.linear.heading_error_rad
             r.yaw_rate_rad_s[at] = z.linear.yaw_rate_rad_s
             r.wheel_angle_rad[at] = z.linear.wheel_rad
             r.curvature_1_m[at] = z.linear.curvature_1_m
-            r.command[at] = command - 1
+            r.command[at] = in_effect
             reading_m = z.linear.lateral_error_m + s.noise_m[at]
             record_wire(wire, sample, z.linear)
             sample += 1
             if not abs(reading_m) <= c.lateral_error_m_max:
-                return Progress(z, sample, command), LEFT_RANGE
+                return Progress(z, guard, sample, command, in_effect), LEFT_RANGE
             r.measured_m[at] = on_wire(reading_m, c.lateral_error_resolution_m)
 
 
@@ -201,7 +228,7 @@ def run_to_first_tick(
     """Run the plant from its start up to and at the first tick; returns samples taken, and how."""
     p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
     wire = borrowed_wire(wire)
-    start = Progress(start_motion(p), 0, 0)
+    start = Progress(start_motion(p), start_guard(c.guard), 0, 0, -1)
     x, outcome = _plant_until(p, c, s, r, wire, start, 0, first_tick_ns)
     return x.sample, outcome
 
@@ -225,7 +252,7 @@ def run_first_segment(
     """
     p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
     wire = borrowed_wire(wire)
-    start = Progress(start_motion(p), 0, 0)
+    start = Progress(start_motion(p), start_guard(c.guard), 0, 0, -1)
     return _run_ticks(law_params, p, c, s, r, wire, segment, start, law_state, 0.0, 0.0, end_ns)
 
 

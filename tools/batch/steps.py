@@ -26,7 +26,15 @@ from controller import (
     smith,
 )
 from controller.law_interface import LawInput
-from plant_emulator import actuator, loss, motion, path, propagation
+from plant_emulator import (
+    actuator,
+    loss,
+    motion,
+    path,
+    propagation,
+    safety_limiter,
+    steering_guard,
+)
 
 _STEP_FUNCTIONS: tuple[Callable[..., Any], ...] = (
     sections.section_step,
@@ -85,6 +93,15 @@ _STEP_FUNCTIONS: tuple[Callable[..., Any], ...] = (
     motion.start_motion,
     motion.advance_motion,
     motion.command_motion,
+    safety_limiter.start_limiter,
+    safety_limiter.with_followed,
+    safety_limiter.limit_steer,
+    safety_limiter.watch_wheel,
+    steering_guard._towards_zero,
+    steering_guard.start_guard,
+    steering_guard.guard_command,
+    steering_guard.guard_timer,
+    steering_guard.guard_wheel,
 )
 
 

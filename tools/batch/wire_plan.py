@@ -14,7 +14,10 @@ from controller.link import NO_DELAY, DelayState, LinkParams, delay_of, delay_st
 from controller.link_memory import E2E_COUNTERS, RING_SIZE
 from controller.settings import ControllerSettings, SupervisionSettings
 from dbc.messages import LateralError, VehicleState, limits, resolutions
+from plant_emulator.safety_settings import design_guard
 from plant_emulator.settings import PlantSettings
+from plant_emulator.steering_guard import OFF_NS
+from plant_emulator.steering_unit import followed
 from plant_emulator.streams import Channel, first_uniforms
 from tools.batch.compilation import compiled
 from tools.batch.network import FloatArray, IntArray, normal_scores
@@ -84,7 +87,9 @@ def speed_on_wire(speed_m_s: float) -> float:
 
 
 def plant_network(plant: PlantSettings) -> PlantSettings:
-    """Return the settings with everything but the network left as it is by default."""
+    """Return the settings with everything left as it is by default but the network, and what the
+    steering makes of commands that it keeps away.
+    """
     return PlantSettings(
         seed=plant.seed,
         duration_s=plant.duration_s,
@@ -92,6 +97,7 @@ def plant_network(plant: PlantSettings) -> PlantSettings:
         start_on_first_command=plant.start_on_first_command,
         sensor_noise=plant.sensor_noise,
         latency=plant.latency,
+        safety=plant.safety,
     )
 
 
@@ -107,7 +113,7 @@ def _link(
     )
     _refuse_unclear(errors, echoes, params)
     errors, echoes = _rising(errors), _rising(echoes)
-    echoed = _echoed_ticks(plan, echoes)
+    echoed = _echoed_ticks(plan, _followed(plant, plan), echoes)
     delay_ns = _delays(params, echoes, echoed)
     newest_echo = _newest(echoes, plan.tick_ns)
     newest_state = _newest(states, plan.tick_ns)
@@ -170,15 +176,27 @@ def _at(values: Any, index: IntArray, none: float = -1) -> Any:
     return np.append(values, np.array(none, dtype=values.dtype))[index]
 
 
-def _echoed_ticks(plan: Plan, echoes: Arrivals) -> IntArray:
+def _followed(plant: PlantSettings, plan: Plan) -> IntArray:
+    """Return which of the commands that come through set the wheel's target, as indices."""
+    guard = design_guard(plant.safety, plant.vehicle, plant.actuator)
+    motion_ns = plan.command_due_ns - plan.motion_start_ns
+    is_quiet = len(motion_ns) > 0 and np.diff(motion_ns).max(initial=0) > guard.silence_ns
+    if not is_quiet and guard.override_ns == OFF_NS:
+        return np.arange(len(motion_ns))
+    return np.flatnonzero(followed(guard, motion_ns.tolist()))
+
+
+def _echoed_ticks(plan: Plan, followed_commands: IntArray, echoes: Arrivals) -> IntArray:
     """Return the tick whose command each echo names, -1 for none or one that is forgotten."""
     sample_ns = plan.sample_ns[echoes.sample]
-    through = np.searchsorted(plan.command_due_ns, sample_ns, side="right")
-    sent_ns = _at(plan.tick_ns[plan.command_tick], np.arange(-1, len(plan.command_tick)))
+    command_tick = plan.command_tick[followed_commands]
+    due_ns = plan.command_due_ns[followed_commands]
+    through = np.searchsorted(due_ns, sample_ns, side="right")
+    sent_ns = _at(plan.tick_ns[command_tick], np.arange(-1, len(command_tick)))
     # What is sent at the instant of a sample acts after it, even without any latency.
     while (is_later := sent_ns[through] == sample_ns).any():
         through = through - is_later
-    tick = _at(plan.command_tick, through - 1)
+    tick = _at(command_tick, through - 1)
     newest = np.searchsorted(plan.tick_ns, echoes.arrival_ns, side="left") - 1
     return np.where(newest - tick < RING_SIZE, tick, -1)
 

@@ -21,6 +21,7 @@ from dbc.messages import (
     SteeringCommand,
     SteeringStatus,
     VehicleState,
+    limits,
 )
 from runtime.frame import Frame
 from runtime.node import NS_PER_MS, NS_PER_S
@@ -61,16 +62,21 @@ class Gap(NamedTuple):
 
 
 class _Modular:
-    """A count of which only the rest modulo 256 is sent: how far it went during the log."""
+    """A count of which only the rest modulo ``modulus`` is sent: how far it went during the log."""
 
-    def __init__(self) -> None:
+    def __init__(self, modulus: int) -> None:
+        self._modulus = modulus
         self._last: int | None = None
         self.advanced = 0
 
     def take(self, value: int) -> None:
         if self._last is not None:
-            self.advanced += (value - self._last) % 256
+            self.advanced += (value - self._last) % self._modulus
         self._last = value
+
+
+def _modular(message_type: type[Message], field: str) -> _Modular:
+    return _Modular(int(limits(message_type)[field].maximum) + 1)
 
 
 class LogAnalysis:
@@ -100,8 +106,9 @@ class LogAnalysis:
         self._modes_ns = Counter[Mode]()
         self._mode: tuple[Mode, int] | None = None
         self._laws: dict[str, None] = {}
-        self._skipped_ticks, self._plant_lost = _Modular(), _Modular()
-        self._plant_rejected = _Modular()
+        self._skipped_ticks = _modular(ControllerStatus, "skipped_ticks")
+        self._plant_lost = _modular(PlantStatus, "lost")
+        self._plant_rejected = _modular(PlantStatus, "rejected")
 
     def take(self, time_ns: int | None, frame: Frame) -> tuple[float, Heard] | None:
         """Take the next frame; returns time since the start [s] and message, or None.

@@ -1,0 +1,180 @@
+"""Safety limiter: what of a steering command may reach the actuator, whoever sent it.
+
+    a_y = g δ,   g = V²/(L + K V²),   K = m̃/L (l_r/c_f − l_f/c_r)     in a steady turn
+
+    cause                 |δ| at most      change of δ within half a second at most
+    ANGLE                 δ_max
+    ANGLE_RATE                             δ'_max · 0.5 s
+    LATERAL_ACCELERATION  a_max/g
+    LATERAL_JERK                           j_max · 0.5 s/g
+
+    δ   steer_rad   [rad]        V   speed [m/s]        L = l_f + l_r   wheelbase [m]
+    K   understeer gradient [s²/m · rad], in the textbook's form and not from the matrices of (1)
+
+ISO 11270:2014, 5.4, limits the lateral acceleration to 3 m/s² and the moving average over half a
+second of the lateral jerk to 5 m/s³. A command is a step, whose jerk at its own instant is infinite
+at any height; only such an average means anything. It is kept without a memory of all commands: the
+least and the greatest output of the current quarter of a second and of the two before it hold
+those of the last 0.5 to 0.75 s, and an output stays within ``sweep`` of both. So no two outputs
+within 0.5 s are further apart than the limit, and a command that stays so within 0.75 s passes
+untouched, bit for bit.
+
+The second check is of the wheel: away from its target by more than a tolerance for longer than a
+time, it does not follow, and whatever the reason, the steering is not to be trusted any more.
+"""
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+AVERAGING_S = 0.5
+"""Over which the two limits of a rate hold: ISO 11270's for the jerk."""
+SLOT_NS = 250_000_000
+"""Half of it: what the extremes of the output are kept of."""
+
+
+class Cause(IntEnum):
+    """Which limit decided about an output."""
+
+    NONE = 0
+    ANGLE = 1
+    ANGLE_RATE = 2
+    LATERAL_ACCELERATION = 3
+    LATERAL_JERK = 4
+    NOT_FINITE = 5
+    """The command was no number: the output stays."""
+
+
+class LimitRow(NamedTuple):
+    """One row of the table; infinite where it sets no bound."""
+
+    cause: int
+    reach_rad: float
+    sweep_rad: float
+
+
+class LimiterParams(NamedTuple):
+    """The table, and when a wheel does not follow.
+
+    ``tolerance_rad``  between the wheel and its target
+    ``follow_ns``      how long the wheel may be further away [ns]
+    ``stop_rad``       where the actuator is known to end: a target beyond is the stop
+    """
+
+    rows: tuple[LimitRow, ...]
+    tolerance_rad: float
+    follow_ns: int
+    stop_rad: float
+
+
+class LimiterState(NamedTuple):
+    """What was let through.
+
+    ``steer_rad``            the output, held until the next
+    ``cause``                of its last change, NONE if the command passed as it was
+    ``slot``                 quarter of a second that the time is in
+    ``low_rad``, ...         extremes of the output in that slot, and in the two before it
+    ``followed_ns``          when the wheel was last seen within its tolerance [ns]
+    """
+
+    steer_rad: float
+    cause: int
+    slot: int
+    low_rad: float
+    high_rad: float
+    low_1_rad: float
+    high_1_rad: float
+    low_2_rad: float
+    high_2_rad: float
+    followed_ns: int
+
+
+def start_limiter() -> LimiterState:
+    """Return the state at time 0, wheel straight."""
+    return LimiterState(0.0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
+
+
+def acceleration_gain_m_s2(
+    speed_m_s: float,
+    virtual_mass_kg: float,
+    front_stiffness_n_rad: float,
+    rear_stiffness_n_rad: float,
+    front_axle_m: float,
+    rear_axle_m: float,
+) -> float:
+    """Return g [m/s² per rad]; that of a neutral vehicle, V²/L, where there is no steady state.
+
+    An oversteering vehicle (K < 0) has none from its critical speed on, where L + K V² = 0.
+    """
+    wheelbase_m = front_axle_m + rear_axle_m
+    compliance = rear_axle_m / front_stiffness_n_rad - front_axle_m / rear_stiffness_n_rad
+    understeer_s2_m = virtual_mass_kg / wheelbase_m * compliance
+    turning_m = wheelbase_m + understeer_s2_m * speed_m_s * speed_m_s
+    if turning_m <= 0.0:
+        turning_m = wheelbase_m
+    return speed_m_s * speed_m_s / turning_m
+
+
+def limit_rows(
+    gain_m_s2: float, angle: float, angle_rate: float, acceleration: float, jerk: float
+) -> tuple[LimitRow, ...]:
+    """Return the table of four limits [rad, rad/s, m/s², m/s³]; an infinite one is off."""
+    return (
+        LimitRow(int(Cause.ANGLE), angle, math.inf),
+        LimitRow(int(Cause.ANGLE_RATE), math.inf, angle_rate * AVERAGING_S),
+        LimitRow(int(Cause.LATERAL_ACCELERATION), acceleration / gain_m_s2, math.inf),
+        LimitRow(int(Cause.LATERAL_JERK), math.inf, jerk * AVERAGING_S / gain_m_s2),
+    )
+
+
+def limit_steer(
+    p: LimiterParams, x: LimiterState, steer_rad: float, time_ns: int
+) -> tuple[LimiterState, float]:
+    """Return the state from ``time_ns`` (no earlier than any before) on, and its output [rad]."""
+    low, high, low_1, high_1, low_2, high_2 = x[3:9]
+    slot = time_ns // SLOT_NS
+    for passed in (1, 2, 3):  # after three all that was is forgotten
+        if slot - x.slot >= passed:
+            low_2, high_2, low_1, high_1 = low_1, high_1, low, high
+            low = high = x.steer_rad
+    lowest, highest = min(low, low_1, low_2), max(high, high_1, high_2)
+    steer, cause = steer_rad, 0
+    if not math.isfinite(steer_rad):
+        steer, cause = x.steer_rad, 5
+    for row in p.rows:
+        minimum = max(-row.reach_rad, highest - row.sweep_rad)
+        maximum = min(row.reach_rad, lowest + row.sweep_rad)
+        if steer < minimum:
+            steer, cause = minimum, row.cause
+        elif steer > maximum:
+            steer, cause = maximum, row.cause
+    low, high = min(low, steer), max(high, steer)
+    state = LimiterState(steer, cause, slot, low, high, low_1, high_1, low_2, high_2, x.followed_ns)
+    return state, steer
+
+
+def watch_wheel(
+    p: LimiterParams, x: LimiterState, wheel_rad: float, time_ns: int
+) -> tuple[LimiterState, bool]:
+    """Take a measured wheel angle; returns the state and whether the wheel does not follow."""
+    target_rad = min(max(x.steer_rad, -p.stop_rad), p.stop_rad)
+    if abs(wheel_rad - target_rad) <= p.tolerance_rad:
+        return with_followed(x, time_ns), False
+    return x, time_ns - x.followed_ns > p.follow_ns
+
+
+def with_followed(x: LimiterState, time_ns: int) -> LimiterState:
+    """Return the state of a wheel that was seen to follow at ``time_ns``."""
+    # One by one: compiled code knows no _replace.
+    return LimiterState(
+        x.steer_rad,
+        x.cause,
+        x.slot,
+        x.low_rad,
+        x.high_rad,
+        x.low_1_rad,
+        x.high_1_rad,
+        x.low_2_rad,
+        x.high_2_rad,
+        time_ns,
+    )

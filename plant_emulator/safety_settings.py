@@ -1,0 +1,146 @@
+"""Settings table `[safety]`, and the guard designed from it.
+
+Checked here once, at the edge; the modules that compute take plain records and functions.
+"""
+
+import math
+from enum import StrEnum
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag
+
+from plant_emulator.rig_settings import ActuatorSettings, VehicleSettings
+from plant_emulator.safety_limiter import (
+    LimiterParams,
+    acceleration_gain_m_s2,
+    limit_rows,
+)
+from plant_emulator.steering_guard import OFF_NS, RAMP_PERIOD_NS, GuardParams
+from runtime.node import NS_PER_MS, NS_PER_S
+from runtime.settings import Settings
+
+OFF: Literal["off"] = "off"
+Limit = float | Literal["off"]
+"""A limit, which "off" switches off: TOML has no word for none."""
+_STEER_RAD_MAX = 1.31071
+"""The largest command on the wire."""
+_LAGS_TO_SETTLE = 3.0
+_TELLING_NS = 10_000_000
+"""What is left of the FTTI when silence is acted upon: the next STEERING_STATUS, which tells it, is
+sent within a sensor period, and a tick may be late."""
+
+
+def _word_or_number(value: Any) -> str:
+    """Return which kind of limit a value is, so that a mistake in it is told once."""
+    return "word" if isinstance(value, str) else "number"
+
+
+_Off = Annotated[Literal["off"], Tag("word")]
+_EITHER = Discriminator(_word_or_number)
+
+
+class Fallback(StrEnum):
+    """Where the wheel's target goes when commands stay away."""
+
+    KEEP = "keep"
+    RAMP_TO_ZERO = "ramp_to_zero"
+
+
+class SafetySettings(Settings):
+    """`[safety]`: what the steering refuses to do whatever it is told; "off" switches one off.
+
+    At walking speed the default limits pass everything within ± 0.6 rad: both limits of a rate
+    allow more than 1.2 rad at once up to 8.8 km/h, with the default vehicle.
+    """
+
+    angle_rad_max: Annotated[
+        Annotated[float, Field(ge=0.01, le=1.5), Tag("number")] | _Off, _EITHER
+    ] = 0.7
+    angle_rate_rad_s_max: Annotated[
+        Annotated[float, Field(ge=0.01, le=100.0), Tag("number")] | _Off, _EITHER
+    ] = 2.5
+    """Averaged over half a second, as the jerk."""
+    lateral_acceleration_m_s2_max: Annotated[
+        Annotated[float, Field(ge=0.1, le=50.0), Tag("number")] | _Off, _EITHER
+    ] = 3.0
+    """ISO 11270."""
+    lateral_jerk_m_s3_max: Annotated[
+        Annotated[float, Field(ge=0.1, le=1000.0), Tag("number")] | _Off, _EITHER
+    ] = 5.0
+    """ISO 11270: the moving average over half a second."""
+    follow_tolerance_rad: Annotated[
+        Annotated[float, Field(ge=0.001, le=1.0), Tag("number")] | _Off, _EITHER
+    ] = 0.1
+    """Between the wheel and its target."""
+    follow_time_ms: float = Field(100.0, ge=1.0, le=10_000.0)
+    """Longest that the wheel may be further away, beside what a sound actuator takes."""
+    ftti_ms: Annotated[
+        Annotated[float, Field(ge=20.0, le=10_000.0), Tag("number")] | _Off, _EITHER
+    ] = 150.0
+    """Fault tolerant time interval: silence is acted upon, and told, within it."""
+    hold_ms: float = Field(500.0, ge=0.0, le=60_000.0)
+    """How long the last target is held before the fallback."""
+    fallback: Fallback = Fallback.RAMP_TO_ZERO
+    ramp_rad_s: float = Field(0.2, ge=0.001, le=10.0)
+    """Of the fallback, and of the fade after a recovery."""
+    recovery_frames: int = Field(5, ge=1, le=100)
+    """Commands in a row that end a silence."""
+    override_at_s: float | None = Field(None, ge=0.0, le=1e6)
+    """From this time of motion on the safe state is ordered."""
+
+
+def design_guard(
+    settings: SafetySettings, vehicle: VehicleSettings, actuator: ActuatorSettings
+) -> GuardParams:
+    """Return the guard of a run."""
+    gain_m_s2 = acceleration_gain_m_s2(
+        vehicle.speed_km_h / 3.6,
+        vehicle.virtual_mass_kg,
+        vehicle.front_cornering_stiffness_n_rad,
+        vehicle.rear_cornering_stiffness_n_rad,
+        vehicle.front_axle_m,
+        vehicle.rear_axle_m,
+    )
+    rows = limit_rows(
+        gain_m_s2,
+        _bound(settings.angle_rad_max),
+        _bound(settings.angle_rate_rad_s_max),
+        _bound(settings.lateral_acceleration_m_s2_max),
+        _bound(settings.lateral_jerk_m_s3_max),
+    )
+    stop_rad = math.inf if actuator.angle_limit_rad is None else actuator.angle_limit_rad
+    follow_s = settings.follow_time_ms * 1e-3 + _settling_s(actuator, min(_STEER_RAD_MAX, stop_rad))
+    ramp_step_rad = settings.ramp_rad_s * RAMP_PERIOD_NS / NS_PER_S
+    override_s = settings.override_at_s
+    return GuardParams(
+        limiter=LimiterParams(
+            rows=rows,
+            tolerance_rad=_bound(settings.follow_tolerance_rad),
+            follow_ns=round(follow_s * NS_PER_S),
+            stop_rad=stop_rad,
+        ),
+        silence_ns=_silence_ns(settings.ftti_ms),
+        hold_ns=round(settings.hold_ms * NS_PER_MS),
+        recovery_frames=settings.recovery_frames,
+        ramp_rad_s=settings.ramp_rad_s,
+        ramp_step_rad=ramp_step_rad if settings.fallback is Fallback.RAMP_TO_ZERO else 0.0,
+        override_ns=OFF_NS if override_s is None else round(override_s * NS_PER_S),
+    )
+
+
+def _silence_ns(ftti_ms: Limit) -> int:
+    if ftti_ms == OFF:
+        return OFF_NS
+    return round(ftti_ms * NS_PER_MS) - _TELLING_NS
+
+
+def _bound(limit: Limit) -> float:
+    return math.inf if limit == OFF else limit
+
+
+def _settling_s(actuator: ActuatorSettings, reach_rad: float) -> float:
+    """Return what a sound actuator takes from stop to stop: a slow one is no fault."""
+    ramp_s = 0.0
+    if actuator.rate_limit_rad_s is not None:
+        ramp_s = 2.0 * reach_rad / actuator.rate_limit_rad_s
+    return ramp_s + _LAGS_TO_SETTLE * actuator.lag_s

@@ -1,0 +1,147 @@
+"""What the steering does with the commands that arrive, and with their staying away.
+
+    mode         the wheel's target                                  until
+    NO_COMMAND   straight                                            the first command
+    FOLLOWING    the newest command, within the safety limits        silence: HOLDING
+    HOLDING      the last one                                        ``hold_ns`` later: FALLBACK
+    FALLBACK     ramps to zero, or is kept                           recovery
+    SAFE_STATE   as FALLBACK, whatever arrives                       the end of the run
+
+Silence is the time since a command last arrived at the actuator: behind the latency line, where a
+steering's control unit sits. What a network delays, loses or lets newer commands overtake is
+silence there, and so is a controller that died: the unit cannot tell them apart, and no unit can
+know earlier than its network tells it. A latency that rises by 200 ms at once is a silence of
+200 ms.
+
+HOLDING and FALLBACK end with ``recovery_frames`` commands in a row without such a silence between
+them. The difference between the target and the first command followed is then added to it and
+fades out at the ramp rate, so that nothing jumps. SAFE_STATE is entered where the wheel does not
+follow its target, or by the override, and stays.
+
+Every target, of ramps too, passes the safety limiter. Times count from the start of motion.
+"""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+from plant_emulator.safety_limiter import (
+    LimiterParams,
+    LimiterState,
+    limit_steer,
+    start_limiter,
+    watch_wheel,
+)
+
+RAMP_PERIOD_NS = 10_000_000
+"""A ramp is a step of the target every so often."""
+OFF_NS = 1 << 62
+"""A time that does not come, and no overflow when another is added."""
+
+
+class GuardMode(IntEnum):
+    """What decides about the wheel's target."""
+
+    NO_COMMAND = 0
+    FOLLOWING = 1
+    HOLDING = 2
+    FALLBACK = 3
+    SAFE_STATE = 4
+
+
+_NO_COMMAND, _FOLLOWING, _HOLDING, _FALLBACK, _SAFE_STATE = map(int, GuardMode)
+
+
+class GuardParams(NamedTuple):
+    """When commands are stale, and what then.
+
+    ``silence_ns``       longest time between two commands; OFF_NS: any
+    ``hold_ns``          from HOLDING to FALLBACK
+    ``recovery_frames``  commands in a row that end either
+    ``ramp_rad_s``       of the fade after a recovery
+    ``ramp_step_rad``    of the ramp to zero, every RAMP_PERIOD_NS; 0: the target is kept
+    ``override_ns``      from when on SAFE_STATE is ordered; OFF_NS: never
+    """
+
+    limiter: LimiterParams
+    silence_ns: int
+    hold_ns: int
+    recovery_frames: int
+    ramp_rad_s: float
+    ramp_step_rad: float
+    override_ns: int
+
+
+class GuardState(NamedTuple):
+    """Mode, and what it depends on; the target is ``limiter.steer_rad``.
+
+    ``arrived_ns``   when the newest command arrived
+    ``deadline_ns``  when `guard_timer` is due next
+    ``good_run``     commands in a row towards recovery
+    ``fade_rad``     what is added to the command
+    """
+
+    mode: int
+    limiter: LimiterState
+    arrived_ns: int
+    deadline_ns: int
+    good_run: int
+    fade_rad: float
+
+
+def start_guard(p: GuardParams) -> GuardState:
+    """Return the state at time 0."""
+    return GuardState(_NO_COMMAND, start_limiter(), 0, p.override_ns, 0, 0.0)
+
+
+def guard_command(
+    p: GuardParams, x: GuardState, steer_rad: float, time_ns: int
+) -> tuple[GuardState, bool]:
+    """Take a command that arrives; returns the state and whether the command is followed."""
+    if x.mode == _SAFE_STATE:
+        return x, False
+    silence_ns = time_ns - x.arrived_ns
+    if x.mode >= _HOLDING:  # or FALLBACK
+        good_run = x.good_run + 1 if silence_ns <= p.silence_ns else 1
+        if good_run < p.recovery_frames:
+            return GuardState(x.mode, x.limiter, time_ns, x.deadline_ns, good_run, 0.0), False
+        wanted_rad = x.limiter.steer_rad
+        fade_rad = x.limiter.steer_rad - steer_rad
+    else:
+        fade_rad = _towards_zero(x.fade_rad, p.ramp_rad_s * (silence_ns * 1e-9))
+        wanted_rad = steer_rad + fade_rad
+    limiter, _ = limit_steer(p.limiter, x.limiter, wanted_rad, time_ns)
+    deadline_ns = min(time_ns + p.silence_ns, p.override_ns)
+    return GuardState(_FOLLOWING, limiter, time_ns, deadline_ns, 0, fade_rad), True
+
+
+def guard_timer(p: GuardParams, x: GuardState, time_ns: int) -> tuple[GuardState, bool]:
+    """Do what is due at ``deadline_ns``; returns the state and whether the target is set anew."""
+    mode = x.mode
+    if time_ns >= p.override_ns:
+        mode = _SAFE_STATE
+    elif mode == _FOLLOWING:
+        until_ns = min(time_ns + p.hold_ns, p.override_ns)
+        return GuardState(_HOLDING, x.limiter, x.arrived_ns, until_ns, 0, 0.0), False
+    elif mode == _HOLDING:
+        mode = _FALLBACK
+    target_rad = _towards_zero(x.limiter.steer_rad, p.ramp_step_rad)
+    limiter, target_rad = limit_steer(p.limiter, x.limiter, target_rad, time_ns)
+    next_ns = OFF_NS
+    if target_rad != 0.0 and p.ramp_step_rad > 0.0:
+        next_ns = time_ns + RAMP_PERIOD_NS
+    if mode != _SAFE_STATE:
+        next_ns = min(next_ns, p.override_ns)
+    return GuardState(mode, limiter, x.arrived_ns, next_ns, x.good_run, 0.0), True
+
+
+def guard_wheel(p: GuardParams, x: GuardState, wheel_rad: float, time_ns: int) -> GuardState:
+    """Take a measured wheel angle; a wheel that does not follow makes `guard_timer` due at once."""
+    limiter, is_lost = watch_wheel(p.limiter, x.limiter, wheel_rad, time_ns)
+    if is_lost and x.mode != _SAFE_STATE:
+        return GuardState(_SAFE_STATE, limiter, x.arrived_ns, time_ns, 0, 0.0)
+    return GuardState(x.mode, limiter, x.arrived_ns, x.deadline_ns, x.good_run, x.fade_rad)
+
+
+def _towards_zero(value: float, step: float) -> float:
+    """Return ``value`` moved towards zero by at most ``step``."""
+    return value - min(max(value, -step), step)

@@ -1,0 +1,166 @@
+"""The steering's control unit behind the latency line: the guard, what it did, and what it says."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from dbc.messages import SafetyState, SteeringStatusCode
+from plant_emulator.safety_limiter import Cause
+from plant_emulator.steering_guard import (
+    GuardMode,
+    GuardParams,
+    GuardState,
+    guard_command,
+    guard_timer,
+    guard_wheel,
+    start_guard,
+)
+from runtime.node import NEVER_NS, NS_PER_S
+
+_STATES = {
+    GuardMode.NO_COMMAND: SafetyState.NORMAL,
+    GuardMode.FOLLOWING: SafetyState.NORMAL,
+    GuardMode.HOLDING: SafetyState.HOLDING,
+    GuardMode.FALLBACK: SafetyState.FALLBACK,
+    GuardMode.SAFE_STATE: SafetyState.SAFE_STATE,
+}
+_CODES = {
+    GuardMode.NO_COMMAND: SteeringStatusCode.NO_COMMAND,
+    GuardMode.HOLDING: SteeringStatusCode.HOLDING,
+    GuardMode.FALLBACK: SteeringStatusCode.FALLBACK,
+    GuardMode.SAFE_STATE: SteeringStatusCode.SAFE_STATE,
+}
+
+
+def followed(p: GuardParams, arrivals_ns: Iterable[int]) -> list[bool]:
+    """Return which of the commands that arrive at these times are followed, if the wheel follows.
+
+    It depends on nothing but the times, so it can be known before a run.
+    """
+    x = start_guard(p)
+    answers = []
+    for time_ns in arrivals_ns:
+        while x.deadline_ns < time_ns:
+            x, _ = guard_timer(p, x, x.deadline_ns)
+        x, is_followed = guard_command(p, x, 0.0, time_ns)
+        answers.append(is_followed)
+    return answers
+
+
+class SteeringUnit:
+    """Holds the guard's state; all times are of motion [ns]."""
+
+    def __init__(self, params: GuardParams) -> None:
+        self._params = params
+        self._state: GuardState = start_guard(params)
+        self._interventions: Counter[str] = Counter()
+        self._entered: Counter[str] = Counter()
+        self._ignored = 0
+        self._recoveries = 0
+        self._longest_silence_ns = 0
+        self._safe_state_at_ns = NEVER_NS
+        self._safe_state_cause = ""
+        self._limited_since_told = False
+
+    @property
+    def target_rad(self) -> float:
+        """What the wheel is to be turned to."""
+        return self._state.limiter.steer_rad
+
+    @property
+    def deadline_ns(self) -> int:
+        """When `on_timer` is due [ns]."""
+        return self._state.deadline_ns
+
+    @property
+    def mode(self) -> GuardMode:
+        """What decides about the target."""
+        return GuardMode(self._state.mode)
+
+    def on_command(self, steer_rad: float, now_ns: int) -> bool:
+        """Take a command that arrives; returns whether it sets the target."""
+        before = self._state
+        self._state, is_followed = guard_command(self._params, before, steer_rad, now_ns)
+        if before.mode != GuardMode.NO_COMMAND:
+            silence_ns = now_ns - before.arrived_ns
+            self._longest_silence_ns = max(self._longest_silence_ns, silence_ns)
+        if is_followed:
+            self._recoveries += before.mode in (GuardMode.HOLDING, GuardMode.FALLBACK)
+            self._count_intervention()
+        else:
+            self._ignored += 1
+        return is_followed
+
+    def on_refusal(self) -> None:
+        """Start the run of good commands anew: one has come that is none."""
+        self._state = self._state._replace(good_run=0)
+
+    def on_timer(self, now_ns: int) -> bool:
+        """Do what is due; returns whether it sets the target."""
+        before = self._state
+        self._state, is_set = guard_timer(self._params, before, now_ns)
+        self._note_mode(before, now_ns, "override")
+        if is_set:
+            self._count_intervention()
+        return is_set
+
+    def on_wheel(self, wheel_rad: float, now_ns: int) -> None:
+        """Compare the measured wheel with the target."""
+        before = self._state
+        self._state = guard_wheel(self._params, before, wheel_rad, now_ns)
+        self._note_mode(before, now_ns, "the wheel does not follow")
+
+    def status_code(self, *, actuator_is_limited: bool) -> SteeringStatusCode:
+        """Return what STEERING_STATUS says now."""
+        code = _CODES.get(self.mode)
+        if code is not None:
+            return code
+        if self._state.limiter.cause != Cause.NONE:
+            return SteeringStatusCode.LIMITED_BY_SAFETY
+        if actuator_is_limited:
+            return SteeringStatusCode.LIMITED
+        return SteeringStatusCode.APPLYING
+
+    def take_state(self) -> SafetyState:
+        """Return what PLANT_STATUS says: LIMITING for any intervention since it was asked last."""
+        state = _STATES[self.mode]
+        if state is SafetyState.NORMAL and self._limited_since_told:
+            state = SafetyState.LIMITING
+        self._limited_since_told = False
+        return state
+
+    def report(self) -> Mapping[str, Any]:
+        """Return what the guard did, ready for JSON.
+
+        ``interventions``      targets that a limit has changed, by the limit that decided
+        ``ignored_commands``   that arrived while no command was followed
+        ``longest_silence_s``  between two commands that arrived
+        ``safe_state``         why and when, none otherwise
+        """
+        at_ns = self._safe_state_at_ns
+        is_safe = at_ns != NEVER_NS
+        return {
+            "mode": self.mode.name.lower(),
+            "interventions": dict(sorted(self._interventions.items())),
+            "holdings": self._entered["HOLDING"],
+            "fallbacks": self._entered["FALLBACK"],
+            "recoveries": self._recoveries,
+            "ignored_commands": self._ignored,
+            "longest_silence_s": self._longest_silence_ns / NS_PER_S,
+            "safe_state": {"cause": self._safe_state_cause, "at_s": at_ns / NS_PER_S}
+            if is_safe
+            else None,
+        }
+
+    def _note_mode(self, before: GuardState, now_ns: int, cause: str) -> None:
+        if self._state.mode == before.mode:
+            return
+        self._entered[self.mode.name] += 1
+        if self.mode is GuardMode.SAFE_STATE:
+            self._safe_state_at_ns, self._safe_state_cause = now_ns, cause
+
+    def _count_intervention(self) -> None:
+        cause = self._state.limiter.cause
+        if cause != Cause.NONE:
+            self._interventions[Cause(cause).name.lower()] += 1
+            self._limited_since_told = True

@@ -1,0 +1,165 @@
+"""Mutants of a module: each differs from it in one comparison, bound, operator or constant.
+
+What is mutated, one place at a time, anywhere below a function, a class or the module itself:
+
+    a < b        every other comparison
+    3, 0.5       one more and one less; a thousandth more and less (0.0: a millionth)
+    a + b        −, and so on in pairs; −a without its sign; ``not a`` without its "not"
+    a and b      or
+    min, max     the other; ``abs(a)`` is a; ``math.inf`` is small
+
+Annotations, texts and defaults of no number are left alone. Changes are of the syntax tree, so a
+mutant is compiled and run in this process, in milliseconds.
+"""
+
+import ast
+import copy
+import importlib.util
+import inspect
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FunctionType, ModuleType
+from typing import NamedTuple
+
+_COMPARISONS: tuple[type[ast.cmpop], ...] = (ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq)
+_OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+}
+_FUNCTIONS = {"min": "max", "max": "min"}
+
+
+class Mutant(NamedTuple):
+    """A changed module: where and what was changed, and its source's tree."""
+
+    line: int
+    before: str
+    after: str
+    tree: ast.Module
+
+    def __str__(self) -> str:
+        return f"line {self.line}: {self.before}  ->  {self.after}"
+
+
+def mutants(module: ModuleType) -> Iterator[Mutant]:
+    """Yield every mutant of ``module``, in the order of its lines."""
+    tree = ast.parse(_source_file(module).read_text(encoding="utf-8"))
+    for index, node in enumerate(_mutable(tree)):
+        for replacement in _replacements(node):
+            changed = copy.deepcopy(tree)
+            twin = list(_mutable(changed))[index]
+            # In place: the nodes are of one class, or take the other's class and fields.
+            twin.__class__ = replacement.__class__
+            twin.__dict__ = {**twin.__dict__, **replacement.__dict__}
+            line = getattr(node, "lineno", 0)
+            yield Mutant(line, ast.unparse(node), ast.unparse(replacement), changed)
+
+
+def unchanged(module: ModuleType) -> ModuleType:
+    """Return a copy of ``module``, loaded as its mutants are."""
+    return _load(module, ast.parse(_source_file(module).read_text(encoding="utf-8")))
+
+
+def _load(module: ModuleType, tree: ast.Module) -> ModuleType:
+    """Return ``tree`` as a module in the place of ``module``; what its code raises, it raises."""
+    code = compile(ast.fix_missing_locations(tree), str(_source_file(module)), "exec")
+    spec = importlib.util.spec_from_loader(module.__name__, loader=None)
+    assert spec is not None
+    mutated = importlib.util.module_from_spec(spec)
+    exec(code, mutated.__dict__)  # noqa: S102
+    return mutated
+
+
+def survivors(module: ModuleType, is_killed: Callable[[ModuleType], bool]) -> tuple[list[str], int]:
+    """Return the mutants that nothing notices, and how many there are in all.
+
+    An unchanged copy counts too: were it killed, nothing would be proven.
+    """
+    assert not is_killed(unchanged(module))
+    alive, count = [], 0
+    for mutant in mutants(module):
+        count += 1
+        try:
+            mutated = _load(module, mutant.tree)
+        except Exception:  # noqa: S112  whatever breaks at import is noticed
+            continue
+        if not is_killed(mutated):
+            alive.append(str(mutant))
+    return alive, count
+
+
+def fails_with(test_module: ModuleType, mutant: ModuleType, without: str) -> bool:
+    """Return whether a test of ``test_module`` fails with ``mutant`` as its ``tested``.
+
+    ``without``  the test that asks this
+    """
+    original = vars(test_module)["tested"]
+    vars(test_module)["tested"] = mutant
+    try:
+        for name, function in inspect.getmembers(test_module, inspect.isfunction):
+            if name.startswith("test_") and name != without:
+                for arguments in _runs(function):
+                    function(*arguments)
+    except Exception:
+        return True
+    finally:
+        vars(test_module)["tested"] = original
+    return False
+
+
+def _runs(function: FunctionType) -> list[tuple[object, ...]]:
+    """Return the arguments of each run of a test, which may have one list of parameters."""
+    for mark in getattr(function, "pytestmark", ()):
+        return [value if isinstance(value, tuple) else (value,) for value in mark.args[1]]
+    return [()]
+
+
+def _source_file(module: ModuleType) -> Path:
+    assert module.__file__ is not None
+    return Path(module.__file__)
+
+
+def _mutable(tree: ast.Module) -> Iterator[ast.AST]:
+    """Yield the nodes to change, outside annotations."""
+    annotations: set[int] = set()
+    for node in ast.walk(tree):
+        for field in ("annotation", "returns"):
+            inside = getattr(node, field, None)
+            if isinstance(inside, ast.AST):
+                annotations.update(id(child) for child in ast.walk(inside))
+    for node in ast.walk(tree):
+        if id(node) not in annotations and next(iter(_replacements(node)), None) is not None:
+            yield node
+
+
+def _replacements(node: ast.AST) -> Iterator[ast.AST]:
+    match node:
+        case ast.Compare(left=left, ops=[operator], comparators=[right]):
+            for other in _COMPARISONS:
+                if type(operator) in _COMPARISONS and type(operator) is not other:
+                    yield ast.Compare(left=left, ops=[other()], comparators=[right])
+        case ast.Constant(value=bool() | str() | None):
+            return
+        case ast.Constant(value=int() as number):
+            yield from (ast.Constant(value=number + 1), ast.Constant(value=number - 1))
+        case ast.Constant(value=float() as number):
+            step = 1e-3 * number if number else 1e-6
+            yield from (ast.Constant(value=number + step), ast.Constant(value=number - step))
+        case ast.BinOp(left=left, op=binary, right=right) if type(binary) in _OPERATORS:
+            yield ast.BinOp(left=left, op=_OPERATORS[type(binary)](), right=right)
+        case ast.UnaryOp(op=ast.USub() | ast.Not(), operand=operand):
+            yield copy.deepcopy(operand)
+        case ast.BoolOp(op=boolean, values=values):
+            yield ast.BoolOp(
+                op=ast.Or() if isinstance(boolean, ast.And) else ast.And(), values=values
+            )
+        case ast.Call(func=ast.Name(id=name), args=arguments) if name in _FUNCTIONS:
+            function = ast.Name(id=_FUNCTIONS[name], ctx=ast.Load())
+            yield ast.Call(func=function, args=arguments, keywords=[])
+        case ast.Call(func=ast.Name(id="abs"), args=[argument]):
+            yield copy.deepcopy(argument)
+        case ast.Attribute(value=ast.Name(id="math"), attr="inf"):
+            yield ast.Constant(value=1e-3)

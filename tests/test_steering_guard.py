@@ -1,0 +1,354 @@
+"""The guard: silence, hold, fallback, recovery and safe state; and a test notices every mutant."""
+
+import math
+import sys
+
+import pytest
+
+import plant_emulator.safety_limiter
+import plant_emulator.steering_guard
+from plant_emulator.safety_limiter import LimiterParams, limit_rows
+from tests.mutation import fails_with, survivors
+
+tested = plant_emulator.steering_guard
+MS_NS = 1_000_000
+INF = math.inf
+MODES = ["NO_COMMAND", "FOLLOWING", "HOLDING", "FALLBACK", "SAFE_STATE"]
+
+
+class Guarded:
+    """A guard that is told commands and wheel angles at times in ms, its timer always on time."""
+
+    def __init__(
+        self,
+        silence_ms: float = 140.0,
+        hold_ms: float = 500.0,
+        recovery_frames: int = 3,
+        ramp_step_rad: float = 0.03125,
+        override_ms: float | None = None,
+        angle: float = INF,
+    ) -> None:
+        self.p = tested.GuardParams(
+            limiter=LimiterParams(limit_rows(1.0, angle, INF, INF, INF), 0.125, 100 * MS_NS, INF),
+            silence_ns=round(silence_ms * MS_NS),
+            hold_ns=round(hold_ms * MS_NS),
+            recovery_frames=recovery_frames,
+            ramp_rad_s=0.5,
+            ramp_step_rad=ramp_step_rad,
+            override_ns=tested.OFF_NS if override_ms is None else round(override_ms * MS_NS),
+        )
+        self.x = tested.start_guard(self.p)
+        self.log: list[tuple[float, str, float]] = []
+        self.set_anew: list[bool] = []
+
+    def until(self, time_ms: float) -> None:
+        """Let the timer do all that is due up to and at this time."""
+        while self.x.deadline_ns <= time_ms * MS_NS:
+            now_ns = self.x.deadline_ns
+            self.x, is_set = tested.guard_timer(self.p, self.x, now_ns)
+            self.set_anew.append(is_set)
+            self._note(now_ns)
+            assert len(self.log) < 200, "a timer that is due for ever"
+
+    def command(self, time_ms: float, steer_rad: float) -> bool:
+        """Take a command, before what the timer has to do at that time."""
+        self.until(time_ms - 1e-6)
+        self.x, is_followed = tested.guard_command(
+            self.p, self.x, steer_rad, round(time_ms * MS_NS)
+        )
+        return is_followed
+
+    def wheel(self, time_ms: float, wheel_rad: float) -> None:
+        self.until(time_ms)
+        self.x = tested.guard_wheel(self.p, self.x, wheel_rad, round(time_ms * MS_NS))
+
+    @property
+    def mode(self) -> str:
+        return MODES[self.x.mode]
+
+    @property
+    def target(self) -> float:
+        return self.x.limiter.steer_rad
+
+    def _note(self, now_ns: int) -> None:
+        self.log.append((now_ns / MS_NS, self.mode, self.target))
+
+
+def steady(
+    guarded: Guarded, steer_rad: float, first_ms: float = 0.0, last_ms: float = 100.0
+) -> None:
+    """Commands every 10 ms."""
+    time_ms = first_ms
+    while time_ms <= last_ms:
+        assert guarded.command(time_ms, steer_rad)
+        time_ms += 10.0
+
+
+def test_the_modes_and_times_have_their_numbers() -> None:
+    assert [(mode.name, mode.value) for mode in tested.GuardMode] == [
+        (name, number) for number, name in enumerate(MODES)
+    ]
+    assert (tested.RAMP_PERIOD_NS, tested.OFF_NS) == (10_000_000, 2**62)
+
+
+def test_before_the_first_command_nothing_is_due() -> None:
+    guarded = Guarded()
+    assert guarded.x == (0, plant_emulator.safety_limiter.start_limiter(), 0, 2**62, 0, 0.0)
+    guarded.until(1e6)
+    assert guarded.log == []
+    assert guarded.command(1e6, 0.25)
+    assert (guarded.mode, guarded.target) == ("FOLLOWING", 0.25)
+
+
+def test_commands_that_keep_coming_are_followed_as_they_are() -> None:
+    guarded = Guarded()
+    for step in range(200):
+        steer_rad = 0.3 * math.sin(0.1 * step)
+        assert guarded.command(140.0 * step, steer_rad)
+        assert guarded.target == steer_rad
+    assert guarded.mode == "FOLLOWING"
+    assert guarded.log == []
+    assert guarded.x[2:] == (199 * 140 * MS_NS, 200 * 140 * MS_NS, 0, 0.0)
+
+
+def test_silence_is_held_then_ramped_to_zero_and_there_it_ends() -> None:
+    guarded = Guarded()
+    steady(guarded, 0.0625 + 0.015625)
+    guarded.until(1e5)
+    assert guarded.log == [
+        (240.0, "HOLDING", 0.078125),
+        (740.0, "FALLBACK", 0.046875),
+        (750.0, "FALLBACK", 0.015625),
+        (760.0, "FALLBACK", 0.0),
+    ]
+    assert guarded.set_anew == [False, True, True, True]
+    assert guarded.x.deadline_ns == 2**62
+
+
+def test_the_ramp_comes_from_either_side() -> None:
+    guarded = Guarded()
+    steady(guarded, -0.078125)
+    guarded.until(1e5)
+    assert [target for _, _, target in guarded.log] == [-0.078125, -0.046875, -0.015625, 0.0]
+
+
+def test_a_fallback_may_keep_the_wheel_where_it_is() -> None:
+    guarded = Guarded(ramp_step_rad=0.0)
+    steady(guarded, 0.25)
+    guarded.until(1e5)
+    assert guarded.log == [(240.0, "HOLDING", 0.25), (740.0, "FALLBACK", 0.25)]
+    assert guarded.x.deadline_ns == 2**62
+
+
+def test_a_ramp_may_be_slow() -> None:
+    guarded = Guarded(ramp_step_rad=5e-7)
+    steady(guarded, 0.25)
+    guarded.until(760.0)
+    assert guarded.log[-1][:2] == (760.0, "FALLBACK")
+    assert guarded.target == pytest.approx(0.25 - 1.5e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("silent_ms", [300.0, 900.0])
+def test_a_run_of_commands_ends_a_silence_and_nothing_jumps(silent_ms: float) -> None:
+    """0.5 rad/s: 0.005 rad in 10 ms. Of three commands the third is followed, from where it was."""
+    guarded = Guarded(ramp_step_rad=0.0)
+    steady(guarded, 0.25)
+    back_ms = 100.0 + silent_ms
+    mode = "HOLDING" if silent_ms < 640.0 else "FALLBACK"
+    for step in range(2):
+        assert not guarded.command(back_ms + 10.0 * step, 0.2)
+        assert (guarded.mode, guarded.target, guarded.x.good_run) == (mode, 0.25, step + 1)
+        assert guarded.x.arrived_ns == round((back_ms + 10.0 * step) * MS_NS)
+    assert guarded.command(back_ms + 20.0, 0.2)
+    assert (guarded.mode, guarded.target, guarded.x.good_run) == ("FOLLOWING", 0.25, 0)
+    targets = []
+    for step in range(1, 13):
+        assert guarded.command(back_ms + 20.0 + 10.0 * step, 0.1)
+        targets.append(guarded.target)
+    expected = [0.1 + max(0.05 - 0.005 * step, 0.0) for step in range(1, 13)]
+    assert targets == pytest.approx(expected, abs=1e-12)
+    assert targets[-1] == 0.1
+
+
+def test_the_fade_comes_from_either_side() -> None:
+    guarded = Guarded(ramp_step_rad=0.0, recovery_frames=1)
+    steady(guarded, 0.0)
+    assert guarded.command(400.0, 0.0125)
+    targets = []
+    for time_ms in (410.0, 430.0, 450.0):
+        guarded.command(time_ms, 0.0125)
+        targets.append(guarded.target)
+    assert targets == pytest.approx([0.005, 0.0125, 0.0125], abs=1e-12)
+
+
+def test_a_silence_within_the_run_starts_it_anew() -> None:
+    guarded = Guarded()
+    steady(guarded, 0.25)
+    assert not guarded.command(300.0, 0.25)
+    assert not guarded.command(440.0, 0.25)
+    assert guarded.x.good_run == 2
+    assert not guarded.command(580.0 + 1e-6, 0.25)
+    assert guarded.x.good_run == 1
+
+
+def test_the_fallback_comes_in_its_time_although_a_run_has_begun() -> None:
+    guarded = Guarded(recovery_frames=100)
+    steady(guarded, 0.25)
+    for step in range(50):
+        guarded.command(400.0 + 10.0 * step, 0.25)
+    assert (guarded.log[0], guarded.log[1][:2]) == ((240.0, "HOLDING", 0.25), (740.0, "FALLBACK"))
+    assert guarded.x.good_run == 50
+
+
+def test_a_later_silence_finds_no_fade_and_no_run_of_an_earlier_one() -> None:
+    guarded = Guarded(recovery_frames=2, ramp_step_rad=0.0)
+    steady(guarded, 0.25)
+    guarded.command(400.0, 0.0)
+    guarded.command(410.0, 0.0)
+    assert guarded.x.fade_rad == 0.25
+    guarded.until(600.0)
+    assert (guarded.mode, guarded.x.fade_rad, guarded.x.good_run) == ("HOLDING", 0.0, 0)
+    assert not guarded.command(600.0, 0.125)
+    assert guarded.x.fade_rad == 0.0
+    assert guarded.command(610.0, 0.125)
+    assert (guarded.target, guarded.x.fade_rad) == (0.25, 0.125)
+
+
+def test_every_target_passes_the_limiter() -> None:
+    guarded = Guarded(angle=0.1)
+    guarded.command(0.0, 0.5)
+    assert (guarded.target, guarded.x.limiter.cause) == (0.1, 1)
+    guarded.until(640.0)
+    assert guarded.target == pytest.approx(0.1 - 0.03125)
+    assert guarded.x.limiter.cause == 0
+    p = guarded.p._replace(limiter=LimiterParams(limit_rows(1.0, INF, 0.2, INF, INF), 1, 1, INF))
+    x, _ = tested.guard_timer(p, guarded.x._replace(mode=3), 641 * MS_NS)
+    assert x.limiter.steer_rad == pytest.approx(0.1 - 2 * 0.03125)
+    x = guarded.x._replace(limiter=guarded.x.limiter._replace(high_rad=0.2))
+    x, _ = tested.guard_timer(p, x, 641 * MS_NS)
+    assert x.limiter.steer_rad == pytest.approx(0.1)
+    assert x.limiter.cause == 2
+
+
+# The safe state
+
+
+def test_a_wheel_that_does_not_follow_makes_the_safe_state_due_at_once_and_for_good() -> None:
+    guarded = Guarded()
+    for step in range(11):
+        guarded.command(10.0 * step, 0.25)
+        guarded.wheel(10.0 * step, 0.25 if step < 1 else 0.0)
+    assert guarded.mode == "FOLLOWING"
+    guarded.wheel(100.0 + 1e-6, 0.0)
+    assert (guarded.mode, guarded.x.deadline_ns) == ("SAFE_STATE", 100 * MS_NS + 1)
+    assert not guarded.command(100.0 + 1e-6, 0.25)
+    guarded.wheel(100.0 + 1e-6, 0.0)
+    guarded.until(200.0)
+    assert [target for _, _, target in guarded.log] == [
+        0.25 - 0.03125 * step for step in range(1, 9)
+    ]
+    assert {mode for _, mode, _ in guarded.log} == {"SAFE_STATE"}
+    before = guarded.x
+    for step in range(20):
+        assert not guarded.command(1000.0 + 10.0 * step, 0.25)
+    assert guarded.x == before
+
+
+def test_a_wheel_that_follows_changes_nothing_but_when_it_was_seen() -> None:
+    guarded = Guarded()
+    guarded.command(0.0, 0.25)
+    before = guarded.x
+    guarded.wheel(10.0, 0.25)
+    assert guarded.x == before._replace(limiter=before.limiter._replace(followed_ns=10 * MS_NS))
+    guarded.until(150.0)
+    guarded.command(150.0, 0.3)
+    before = guarded.x
+    assert (before.good_run, before.deadline_ns) == (1, 640 * MS_NS)
+    guarded.wheel(150.0, 0.2)
+    assert guarded.x == before._replace(limiter=before.limiter._replace(followed_ns=150 * MS_NS))
+
+
+def test_a_lost_wheel_in_the_safe_state_does_not_start_it_anew() -> None:
+    guarded = Guarded(ramp_step_rad=0.0, override_ms=0.0)
+    guarded.command(0.0, 0.25)
+    guarded.until(0.0)
+    assert (guarded.mode, guarded.x.deadline_ns) == ("SAFE_STATE", 2**62)
+    guarded.wheel(1000.0, 1.0)
+    assert guarded.x.deadline_ns == 2**62
+
+
+@pytest.mark.parametrize("override_ms", [50.0, 105.0, 245.0, 300.0, 735.0, 755.0])
+def test_an_override_is_obeyed_in_every_mode(override_ms: float) -> None:
+    guarded = Guarded(override_ms=override_ms)
+    for time_ms in range(0, min(101, round(override_ms)), 10):
+        guarded.command(time_ms, 10.0)
+    guarded.until(override_ms - 1e-6)
+    assert guarded.mode != "SAFE_STATE"
+    before = guarded.target
+    guarded.until(override_ms)
+    assert guarded.mode == "SAFE_STATE"
+    assert guarded.log[-1] == (override_ms, "SAFE_STATE", before - 0.03125)
+    assert not guarded.command(override_ms + 1.0, 1.0)
+    guarded.until(override_ms + 10.0)
+    assert guarded.log[-1] == (override_ms + 10.0, "SAFE_STATE", before - 0.0625)
+
+
+def test_an_override_comes_although_nothing_ever_does() -> None:
+    guarded = Guarded(override_ms=20.0)
+    guarded.until(1000.0)
+    assert guarded.log == [(20.0, "SAFE_STATE", 0.0)]
+
+
+def test_an_override_comes_after_a_fallback_has_ended() -> None:
+    guarded = Guarded(override_ms=5000.0)
+    guarded.command(0.0, 0.03125)
+    guarded.until(1e5)
+    assert guarded.log == [
+        (140.0, "HOLDING", 0.03125),
+        (640.0, "FALLBACK", 0.0),
+        (5000.0, "SAFE_STATE", 0.0),
+    ]
+
+
+def test_a_timer_that_comes_late_still_obeys_the_override() -> None:
+    guarded = Guarded(override_ms=20.0)
+    x, _ = tested.guard_timer(guarded.p, guarded.x, 20 * MS_NS + 1)
+    assert MODES[x.mode] == "SAFE_STATE"
+
+
+def test_a_timer_before_the_first_command_changes_no_mode() -> None:
+    guarded = Guarded()
+    x, _ = tested.guard_timer(guarded.p, guarded.x, MS_NS)
+    assert MODES[x.mode] == "NO_COMMAND"
+
+
+def test_fade_and_run_end_with_what_they_belong_to() -> None:
+    guarded = Guarded()
+    guarded.command(0.0, 0.25)
+    guarded.until(640.0)
+    assert (guarded.mode, guarded.x.fade_rad) == ("FALLBACK", 0.0)
+    guarded.command(650.0, 0.25)
+    guarded.wheel(655.0, 1.0)
+    assert guarded.x[0:1] + guarded.x[2:] == (4, 650 * MS_NS, 655 * MS_NS, 0, 0.0)
+
+
+EQUIVALENT = {
+    # SAFE_STATE is the greatest mode.
+    "x.mode == _SAFE_STATE  ->  x.mode >= _SAFE_STATE",
+    "x.mode != _SAFE_STATE  ->  x.mode < _SAFE_STATE",
+    "mode != _SAFE_STATE  ->  mode < _SAFE_STATE",
+    # A run grows by one, so it meets the number before it exceeds it.
+    "good_run < p.recovery_frames  ->  good_run != p.recovery_frames",
+    # A step of a ramp is not negative.
+    "p.ramp_step_rad > 0.0  ->  p.ramp_step_rad != 0.0",
+}
+"""What behaves as the original in all states there are."""
+
+
+def test_a_test_notices_every_mutant() -> None:
+    here, this = sys.modules[__name__], test_a_test_notices_every_mutant.__name__
+    alive, count = survivors(
+        plant_emulator.steering_guard, lambda mutant: fails_with(here, mutant, this)
+    )
+    assert {text.split(": ")[1] for text in alive} == EQUIVALENT
+    assert count > 80
