@@ -12,6 +12,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from controller.delay_settings import delay_estimation_of
+from controller.delay_watch import DelayWatch, EchoDelay
 from controller.design import design_law, link_of
 from controller.law_interface import (
     NO_VEHICLE,
@@ -48,7 +50,7 @@ from runtime.report import durations_report
 from runtime.statistics import DurationStatistics
 
 STATUS_PERIOD_NS = 100_000_000
-"""Cycle of CONTROLLER_STATUS."""
+"""Cycle of CONTROLLER_STATUS and DELAY_STATUS."""
 RECEIVED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState)
 """What the controller receives."""
 _COMMAND_COUNTERS = 1 << 16
@@ -117,6 +119,7 @@ class ControllerNode:
         self._commands_sent = 0
         self._statuses_sent = 0
         self._round_trip = RoundTrip()
+        self._delay = _delay_watch(settings)
         self._sample_age = DurationStatistics()
         self._law_failures = 0
         self._peak_steer_rad = 0.0
@@ -148,7 +151,7 @@ class ControllerNode:
         elif isinstance(received, SteeringStatus):
             self._on_echo(received, now_ns)
         elif isinstance(received, VehicleState):
-            self._on_vehicle(received)
+            self._on_vehicle(received, now_ns)
         elif isinstance(received, Rejection) and frame.can_id == CAN_IDS[LateralError]:
             self._supervisor.on_rejection()
         return ()
@@ -159,12 +162,17 @@ class ControllerNode:
         if self._control_timer.deadline_ns <= now_ns:
             period = self._control_timer.advance(now_ns)
             self._account(now_ns)
+            if self._commands_sent and self._measurement is not None:
+                error_m = self._measurement.lateral_error_m
+                self._delay.on_tick(now_ns, period, self._sent_steer_rad, error_m)
             self._decide(now_ns, period)
             if self._supervisor.mode is not Mode.WAITING:
                 frames.append(self._command_frame(now_ns, period))
         if self._status_timer.deadline_ns <= now_ns:
             self._status_timer.advance(now_ns)
             frames.append(self._status_frame())
+            frames.append(self._delay_frame(now_ns))
+            self._statuses_sent += 1
         self._deadline_ns = min(self._control_timer.deadline_ns, self._status_timer.deadline_ns)
         return frames
 
@@ -174,6 +182,7 @@ class ControllerNode:
         ``mode_s``      time spent in each mode up to the last tick
         ``round_trip``  from sending a command to the first echo of its counter
         ``sample_age``  of the measurement in use, at each tick of the law
+        ``delay``       from command to measurement, by echo and by estimate
         ``lost``        frames that never came or came too late; ``rejected`` by cause
         """
         return {
@@ -187,6 +196,7 @@ class ControllerNode:
             "mode_s": {mode.name.lower(): ns / NS_PER_S for mode, ns in self._mode_ns.items()},
             "round_trip": durations_report(self._round_trip.statistics.summary()),
             "sample_age": durations_report(self._sample_age.summary()),
+            "delay": self._delay.report(self._last_tick_ns, self._period_ns / NS_PER_S),
             "accepted": self._reception.accepted,
             "lost": self._reception.lost,
             "rejected": self._reception.rejected,
@@ -196,18 +206,21 @@ class ControllerNode:
         """Keep the newest measurement."""
         self._supervisor.on_measurement(now_ns)
         self._measurement = Measurement(error.lateral_error_m, now_ns)
+        self._delay.on_error(now_ns)
         self._memory.on_error(error, self._reception.counter(LateralError), now_ns)
 
     def _on_echo(self, status: SteeringStatus, now_ns: int) -> None:
         """Take the counter of the command that is applied now."""
         if status.status is not SteeringStatusCode.NO_COMMAND:
             self._round_trip.on_echo(status.applied_counter, now_ns)
+            self._delay.on_echo(status.applied_counter, now_ns)
         self._memory.on_echo(status, self._reception.counter(SteeringStatus), now_ns)
 
-    def _on_vehicle(self, state: VehicleState) -> None:
+    def _on_vehicle(self, state: VehicleState, now_ns: int) -> None:
         """Keep the vehicle's motion, and schedule the law on its speed."""
         is_new = state.speed_m_s != self._vehicle.speed_m_s
         self._vehicle = VehicleReading(*state)
+        self._delay.on_vehicle(self._vehicle, now_ns)
         if self._design.params_at is not None and is_new:
             self._params = self._design.params_at(state.speed_m_s)
         self._memory.on_vehicle()
@@ -265,6 +278,7 @@ class ControllerNode:
         frame = encode(command, counter % _E2E_COUNTERS)
         self._commands_sent += 1
         self._round_trip.on_sent(counter, now_ns)
+        self._delay.on_sent(now_ns)
         self._memory.on_command(period, self._sent_steer_rad)
         self._peak_steer_rad = max(self._peak_steer_rad, abs(self._sent_steer_rad))
         if len(self._samples) < self._samples_max and self._measurement is not None:
@@ -294,9 +308,21 @@ class ControllerNode:
             ),
             skipped_ticks=self._control_timer.skipped % _E2E_COUNTERS,
         )
-        frame = encode(status, self._statuses_sent % _E2E_COUNTERS)
-        self._statuses_sent += 1
-        return frame
+        return encode(status, self._statuses_sent % _E2E_COUNTERS)
+
+    def _delay_frame(self, now_ns: int) -> Frame:
+        """Return what is known of the delay, under the counter of the status it follows."""
+        return encode(self._delay.status(now_ns), self._statuses_sent % _E2E_COUNTERS)
+
+
+def _delay_watch(settings: ControllerSettings) -> DelayWatch:
+    """Return what watches the delay; no law hears of it."""
+    link = link_of(settings)
+    averaging_ns = round(settings.link.delay_averaging_s * NS_PER_S)
+    return DelayWatch(
+        delay_estimation_of(settings.delay_estimation, settings.nominal_model, settings.period_ns),
+        EchoDelay(settings.period_ns, averaging_ns, link.echo_timeout_ns),
+    )
 
 
 def _clamp(value: float, allowed: SignalRange) -> float:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from pydantic import Field, PositiveFloat
 
+from controller.delay_settings import DelayEstimationSettings
 from controller.law_settings import LawSettings
 from controller.limits import SteerLimits
 from controller.modes import Supervision
@@ -55,6 +56,7 @@ class ControllerSettings(LawSettings):
 
     limits: LimitSettings = LimitSettings()
     supervision: SupervisionSettings = SupervisionSettings()
+    delay_estimation: DelayEstimationSettings = DelayEstimationSettings()
 
     @property
     def period_ns(self) -> int:

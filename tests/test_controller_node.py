@@ -18,6 +18,7 @@ from dbc.messages import (
     CAN_IDS,
     ControllerStatus,
     Decoded,
+    DelayStatus,
     LateralError,
     Law,
     Message,
@@ -116,7 +117,7 @@ def test_nothing_is_commanded_before_a_valid_measurement() -> None:
     plant.node.on_frame(encode_not_available(LateralError(0.0, 0.0), 0), plant.now_ns)
     plant.drive(1, None)
     assert plant.commands == []
-    assert {type(message) for _, message, _ in plant.sent} == {ControllerStatus}
+    assert {type(message) for _, message, _ in plant.sent} == {ControllerStatus, DelayStatus}
     plant.drive(1, 0.1)
     assert [command.mode for command in plant.commands] == [Mode.ACTIVE]
 

@@ -15,6 +15,7 @@ from controller.settings import ControllerSettings
 from dbc.messages import (
     ControllerStatus,
     Decoded,
+    DelayStatus,
     LateralError,
     Message,
     Mode,
@@ -107,6 +108,7 @@ def recorded(folder: Path, first_run: PairResult) -> Recorded:
         (SteeringStatus, 0.01),
         (VehicleState, 0.02),
         (ControllerStatus, 0.1),
+        (DelayStatus, 0.1),
         (PlantStatus, 0.1),
     ],
 )

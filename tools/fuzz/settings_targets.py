@@ -16,6 +16,7 @@ from controller.node import ControllerNode
 from controller.settings import ControllerSettings
 from dbc.messages import (
     ControllerStatus,
+    DelayStatus,
     LateralError,
     Mode,
     PlantStatus,
@@ -204,7 +205,9 @@ def _table(choices: Choices, header: str) -> bytes:
 def _run_controller(settings: ControllerSettings) -> None:
     """Let a controller steer for a moment, then lose its measurements."""
     node = ControllerNode(settings, 0)
-    outgoing = Outgoing((SteeringCommand, ControllerStatus), judge=CommandLimits(settings))
+    outgoing = Outgoing(
+        (SteeringCommand, ControllerStatus, DelayStatus), judge=CommandLimits(settings)
+    )
     for number, error_m in enumerate((0.0, 1e-3, 80.0, -80.0, 0.5)):
         node.on_frame(encode(LateralError(error_m, 0.0), number), number * STEP_NS)
         outgoing.look(_ticks(node, number * STEP_NS))

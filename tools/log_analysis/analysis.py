@@ -49,6 +49,9 @@ HISTORIES: Mapping[str, tuple[str, str]] = {
     "yaw_rate_rad_s": ("VEHICLE_STATE", "yaw_rate_rad_s"),
     "disturbance_rad": ("CONTROLLER_STATUS", "disturbance_rad"),
     "network_disturbance_rad": ("CONTROLLER_STATUS", "network_disturbance_rad"),
+    "echo_delay_s": ("DELAY_STATUS", "echo_delay_s"),
+    "estimated_delay_s": ("DELAY_STATUS", "estimated_delay_s"),
+    "delay_confidence": ("DELAY_STATUS", "confidence"),
 }
 """Signals with figures and pictures: their message in the DBC, and the field."""
 

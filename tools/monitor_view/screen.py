@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from rich.text import Text
 
+from dbc.messages import EchoState, EstimateState
 from tools.monitor_view.latency_keys import LatencyChoice
 from tools.monitor_view.watch import MessageView, Spread, Strip, View
 
@@ -33,7 +34,7 @@ def screen_lines(
     strip_width = max(width, WIDTH_MIN) - 60
     lines = [_title(view, bus, width), _state(view)]
     lines += _signals(view, strip_width, blocks)
-    lines += [Text(), *_latency(view, strip_width, blocks), Text()]
+    lines += [Text(), *_latency(view, strip_width, blocks)]
     lines += [Text(_HEAD, style="bold"), *(_message(row) for row in view.messages)]
     lines += [_refused(view), _choice(choice, sent), Text(_KEYS, style="dim")]
     for line in lines:
@@ -133,7 +134,7 @@ def _signals(view: View, strip_width: int, blocks: str) -> list[Text]:
         _pair(
             _value("curvature", vehicle and vehicle.preview_curvature_1_m, 1.0, 5, "1/m"),
             blank,
-            "",
+            _delay(view),
             view.is_stale("VEHICLE_STATE"),
         ),
         _pair(
@@ -164,6 +165,17 @@ def _latency(view: View, strip_width: int, blocks: str) -> list[Text]:
         )
         for label, value, name, remark in rows
     ]
+
+
+def _delay(view: View) -> str:
+    """Return the delay down and up, by echo and by estimate; - is not known now."""
+    delay = view.delay
+    if delay is None:
+        return ""
+    echo = f"{_ONE_MS * delay.echo_delay_s:.0f}" if delay.echo_state is EchoState.KNOWN else "-"
+    is_observable = delay.estimate_state is EstimateState.OBSERVABLE
+    estimate = f"{_ONE_MS * delay.estimated_delay_s:.0f}" if is_observable else "-"
+    return f"delay: echo {echo}, est. {estimate} ms"
 
 
 def _newest(view: View, name: str) -> float | None:

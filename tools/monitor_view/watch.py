@@ -15,6 +15,7 @@ from dbc.messages import (
     CYCLE_TIMES_MS,
     MESSAGE_TYPES,
     ControllerStatus,
+    DelayStatus,
     LateralError,
     Law,
     Mode,
@@ -81,6 +82,7 @@ class View(NamedTuple):
     steering: SteeringStatus | None
     vehicle: VehicleState | None
     controller: ControllerStatus | None
+    delay: DelayStatus | None
     plant: PlantStatus | None
     mode: Mode | None
     law: Law | None
@@ -161,6 +163,7 @@ class BusWatch:
         error, command = newest.get(LateralError), newest.get(SteeringCommand)
         steering, vehicle = newest.get(SteeringStatus), newest.get(VehicleState)
         controller, plant = newest.get(ControllerStatus), newest.get(PlantStatus)
+        delay = newest.get(DelayStatus)
         return View(
             elapsed_s=(now_ns - self._start_ns) / NS_PER_S,
             frames=self._frames,
@@ -170,6 +173,7 @@ class BusWatch:
             steering=steering if isinstance(steering, SteeringStatus) else None,
             vehicle=vehicle if isinstance(vehicle, VehicleState) else None,
             controller=controller if isinstance(controller, ControllerStatus) else None,
+            delay=delay if isinstance(delay, DelayStatus) else None,
             plant=plant if isinstance(plant, PlantStatus) else None,
             mode=controller.mode if isinstance(controller, ControllerStatus) else None,
             law=controller.law if isinstance(controller, ControllerStatus) else None,

@@ -1,0 +1,262 @@
+"""Delay from command to measurement, estimated from both, without an echo.
+
+Two estimators look at different sensors and share the fit (``controller.lag_fit``) and the command:
+
+    network disturbance   lateral error and curvature, as the CDOB's d̂_n sees them
+    cross-correlation     yaw rate, which the path has no part in
+
+What is estimated is T of a measurement that arrives at t and shows the command sent until t - T:
+
+    z(t) = g x(t - T) + c       T = lag + T_s/2 - mean age of the measurement in use at a tick
+
+the latencies down and up together. x is filtered by Tustin's rule from the command held over the
+period before, half a period too late, which the second term makes good; the ages that a law sees
+beside T are no part of it. The vehicle's own lag is taken off as far as its mass is known; what
+lags besides, as the steering actuator, counts as delay.
+
+The loop is closed, so the command answers to the measurement. In the yaw rate that does no harm:
+its noise never reaches the command. The lateral error's noise does, and would show as a delay near
+zero. Of it, what H leaves coloured, a share of about √(2 ω_h T_s), can go along with old commands;
+the estimate's deviation is widened by this share of what the residual could shift it by.
+
+Both estimates come with a standard deviation. The confidence is the probability, if the error is
+normal, that it stays within the tolerance; the estimate is observable where that is high enough,
+and where the two do not contradict each other. It influences no law, and compiled runs leave it
+away.
+"""
+
+import math
+from typing import NamedTuple
+
+from controller.delay_filters import ERROR_WASHOUT_RAD_S, DelayFilters, design_filters
+from controller.lag_fit import LEAD, LagFit, LagGrid, Peak
+from controller.law_interface import VehicleReading
+from controller.nominal_model import NominalVehicle
+from controller.sections import (
+    cascade_2_at_rest,
+    cascade_2_step,
+    cascade_3_at_rest,
+    cascade_3_step,
+    section_at_rest,
+    section_step,
+)
+
+PAIR_S = 0.02
+"""Distance of the pairs that are fitted, and of two lags: the yaw rate's cycle."""
+_PAIRS_PER_PEAK = 5
+_SPEED_M_S_MIN = 0.3
+_SPEED_CHANGE = 0.05
+"""Share of the speed that filters are designed anew for."""
+_SETTLING_S = 2.0
+"""After that, until pairs count again."""
+_ERROR_SETTLING_S = 12.0 / ERROR_WASHOUT_RAD_S
+"""From the start until pairs of the lateral error count."""
+_AGE_S_MAX = 0.3
+_GAIN_MIN, _GAIN_MAX = 0.8, 1.25
+_CORRELATION_MIN = 0.5
+_LAG_SHARE_YAW = 0.2
+_LAG_SHARE_ERROR = 0.45
+"""Standard deviation of what the vehicle's unknown mass makes of its lag, as a share of that."""
+_CONTRADICTION = 3.0
+"""Deviations of their difference that the two may be apart."""
+_SKIPPED_MAX = 100
+_AGE_IN_WINDOWS_MAX = 2.0
+"""Mean age of the information beyond which it does not tell the delay of now."""
+
+
+class DelayEstimationParams(NamedTuple):
+    """What is to be estimated.
+
+    ``vehicle``         its mass the one that its lag is computed with, its speed of no concern
+    ``delay_s_max``     largest delay that is looked for
+    ``window_s``        time constant of forgetting
+    ``tolerance_s``     the error that the confidence is the probability of
+    ``confidence_min``  where the delay counts as observable
+    """
+
+    period_s: float
+    vehicle: NominalVehicle
+    delay_s_max: float
+    window_s: float
+    tolerance_s: float
+    confidence_min: float
+
+
+class Seen(NamedTuple):
+    """What the controller has at a tick; the command is the one that was in force until now."""
+
+    steer_rad: float
+    lateral_error_m: float
+    error_age_s: float
+    vehicle: VehicleReading
+    vehicle_age_s: float
+
+
+class Estimate(NamedTuple):
+    """A delay and its standard deviation [s]."""
+
+    delay_s: float
+    deviation_s: float
+
+
+class DelayEstimate(NamedTuple):
+    """What is known now.
+
+    ``delay_s``        the newest that was observable, 0 before
+    ``confidence``     probability that the present estimate is within the tolerance
+    ``by_disturbance``, ``by_correlation``  what either estimator says, None for nothing
+    """
+
+    is_observable: bool
+    delay_s: float
+    confidence: float
+    by_disturbance: Estimate | None
+    by_correlation: Estimate | None
+
+
+NOTHING_YET = DelayEstimate(False, 0.0, 0.0, None, None)
+
+
+class DelayEstimator:
+    """Watches commands and measurements, tick by tick."""
+
+    def __init__(self, params: DelayEstimationParams) -> None:
+        self._params = params
+        self._ticks_per_pair = max(1, round(PAIR_S / params.period_s))
+        step_s = self._ticks_per_pair * params.period_s
+        lags = math.ceil(params.delay_s_max / step_s) + LEAD + 2
+        grid = LagGrid(step_s, lags, params.window_s)
+        self._by_disturbance, self._by_correlation = LagFit(grid), LagFit(grid)
+        self._keep = math.exp(-params.period_s / params.window_s)
+        self._weight = self._age_s = self._error_age_s = 0.0
+        self._filters: DelayFilters | None = None
+        self._speed_m_s = 0.0
+        self._ticks = 0
+        self._unsettled_until = 0
+        self._pairs = 0
+        self._offset_m = self._error_before_m = self._error_before_that_m = 0.0
+        self.estimate = NOTHING_YET
+
+    def on_tick(self, seen: Seen, skipped: int = 0) -> None:
+        """Take a control period, and those before it that were skipped."""
+        for _ in range(min(skipped, _SKIPPED_MAX) + 1):
+            self._take(seen)
+
+    def _take(self, seen: Seen) -> None:
+        is_fresh = max(seen.error_age_s, seen.vehicle_age_s) <= _AGE_S_MAX
+        speed_m_s = seen.vehicle.speed_m_s
+        if speed_m_s < _SPEED_M_S_MIN:
+            is_fresh = False
+        elif abs(speed_m_s - self._speed_m_s) > _SPEED_CHANGE * self._speed_m_s:
+            self._design(seen)
+        if self._filters is None:
+            return
+        x_a, z_a, x_b, z_b = self._filtered(self._filters, seen)
+        if is_fresh:
+            self._weight = self._keep * self._weight + 1.0
+            self._age_s += (seen.vehicle_age_s - self._age_s) / self._weight
+            self._error_age_s += (seen.error_age_s - self._error_age_s) / self._weight
+        self._ticks += 1
+        if self._ticks % self._ticks_per_pair:
+            return
+        counts = is_fresh and self._ticks >= self._unsettled_until
+        is_settled = self._ticks * self._params.period_s >= _ERROR_SETTLING_S
+        self._by_disturbance.push(x_a, z_a, counts=counts and is_settled)
+        self._by_correlation.push(x_b, z_b, counts=counts)
+        self._pairs += 1
+        if self._pairs % _PAIRS_PER_PEAK == 0:
+            self._estimate(self._filters, is_fresh)
+
+    def _design(self, seen: Seen) -> None:
+        """Design the filters for the present speed; the first start at rest."""
+        p = self._params
+        speed_m_s = seen.vehicle.speed_m_s
+        filters = design_filters(p.vehicle._replace(speed_m_s=speed_m_s), p.period_s)
+        if filters is not None and self._filters is None:
+            self._x_yaw = cascade_3_at_rest(filters.command_to_yaw, 0.0)[0]
+            self._z_yaw = cascade_2_at_rest(filters.yaw, seen.vehicle.yaw_rate_rad_s)[0]
+            self._x_error = cascade_3_at_rest(filters.command_to_error, 0.0)[0]
+            self._z_error = self._z_curvature = self._z_low = section_at_rest(filters.error, 0.0)[0]
+            self._offset_m = seen.lateral_error_m
+        else:
+            self._unsettled_until = self._ticks + round(_SETTLING_S / p.period_s)
+        self._filters, self._speed_m_s = filters, speed_m_s
+
+    def _filtered(self, f: DelayFilters, seen: Seen) -> tuple[float, float, float, float]:
+        """Return x_a, z_a, x_b, z_b."""
+        self._x_error, x_a = cascade_3_step(f.command_to_error, self._x_error, seen.steer_rad)
+        error_m = self._as_old_as_the_curvature(seen.lateral_error_m - self._offset_m)
+        self._z_error, swing_m = section_step(f.error, self._z_error, error_m)
+        curvature_1_m = seen.vehicle.preview_curvature_1_m
+        self._z_curvature, drift_m = section_step(f.curvature, self._z_curvature, curvature_1_m)
+        self._z_low, z_a = section_step(f.error_lowpass, self._z_low, swing_m + drift_m)
+        self._x_yaw, x_b = cascade_3_step(f.command_to_yaw, self._x_yaw, seen.steer_rad)
+        self._z_yaw, z_b = cascade_2_step(f.yaw, self._z_yaw, seen.vehicle.yaw_rate_rad_s)
+        return x_a, z_a, x_b, z_b
+
+    def _as_old_as_the_curvature(self, error_m: float) -> float:
+        """Return the lateral error of when the curvature was taken, up to two periods ago [m]."""
+        periods = (self._age_s - self._error_age_s) / self._params.period_s
+        before_m, before_that_m = self._error_before_m, self._error_before_that_m
+        self._error_before_m, self._error_before_that_m = error_m, before_m
+        periods = min(max(periods, 0.0), 2.0)
+        if periods <= 1.0:
+            return error_m + periods * (before_m - error_m)
+        return before_m + (periods - 1.0) * (before_that_m - before_m)
+
+    def _estimate(self, f: DelayFilters, is_fresh: bool) -> None:
+        p = self._params
+        share = math.sqrt(2.0 * ERROR_WASHOUT_RAD_S * p.period_s)
+        shift_s = 0.5 * p.period_s - self._age_s
+        age_s_max = _AGE_IN_WINDOWS_MAX * p.window_s
+        by_disturbance = _believed(
+            self._by_disturbance.peak(), shift_s, _LAG_SHARE_ERROR * f.lag_s, share, age_s_max
+        )
+        by_correlation = _believed(
+            self._by_correlation.peak(), shift_s, _LAG_SHARE_YAW * f.lag_s, 0.0, age_s_max
+        )
+        both = combined(by_disturbance, by_correlation)
+        confidence = 0.0
+        if both is not None and is_fresh:
+            confidence = math.erf(p.tolerance_s / (math.sqrt(2.0) * both.deviation_s))
+        is_observable = confidence >= p.confidence_min
+        delay_s = self.estimate.delay_s
+        if both is not None and is_observable:
+            delay_s = max(0.0, both.delay_s)
+        self.estimate = DelayEstimate(
+            is_observable, delay_s, confidence, by_disturbance, by_correlation
+        )
+
+
+def combined(one: Estimate | None, other: Estimate | None) -> Estimate | None:
+    """Return both in one, None where there is none or they contradict each other.
+
+    They weigh as their variances ask for, but their deviations do not average out: what is not
+    known of the vehicle errs in both alike.
+    """
+    if one is None or other is None:
+        return one or other
+    spread_s = math.hypot(one.deviation_s, other.deviation_s)
+    if abs(one.delay_s - other.delay_s) > _CONTRADICTION * spread_s:
+        return None
+    weight = (other.deviation_s / spread_s) ** 2
+    return Estimate(
+        other.delay_s + weight * (one.delay_s - other.delay_s),
+        other.deviation_s + weight * (one.deviation_s - other.deviation_s),
+    )
+
+
+def _believed(
+    peak: Peak | None,
+    shift_s: float,
+    lag_deviation_s: float,
+    slack_share: float,
+    age_s_max: float,
+) -> Estimate | None:
+    """Return the estimate of a peak that can be that of the command's response."""
+    if peak is None or not _GAIN_MIN <= peak.gain <= _GAIN_MAX:
+        return None
+    if peak.correlation < _CORRELATION_MIN or peak.age_s > age_s_max:
+        return None
+    deviation_s = math.hypot(peak.deviation_s, lag_deviation_s, slack_share * peak.slack_s)
+    return Estimate(peak.lag_s + shift_s, deviation_s)

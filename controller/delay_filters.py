@@ -1,0 +1,101 @@
+"""The filters that make command, lateral error and yaw rate comparable, designed at one speed.
+
+Yaw rate: the vehicle turns because it is steered, and the path has no part in it.
+
+    x_b = W G_r u        W = s/(s + ω_w) · ω_l²/(s + ω_l)²        G_r wheel angle to yaw rate
+    z_b = W r
+
+Network disturbance: of the communication disturbance observer (``controller.cdob``), with the
+curvature ρ of the path taken off, which (5) has the lateral error follow by -V²/s²:
+
+    d̂_n = Q (u - (y + (V²/s²) ρ)/G_n)
+    w = H G_n d̂_n = x_a - z_a               its compensation, H = (s/(s + ω_h))²
+    x_a = Q H G_n u
+    z_a = Q (H y + V²/(s + ω_h)² ρ)
+
+A network that delays by T makes w = x_a(t) - x_a(t - T): z_a is what w leaves of x_a. Written so,
+nothing is divided by G_n, and a vehicle at any speed will do whose poles are stable.
+"""
+
+from typing import NamedTuple
+
+from controller.design import tustin_sections
+from controller.nominal_model import NominalVehicle, steer_to_lateral_error
+from controller.sections import Cascade2, Cascade3, Section
+from controller.transfer_function import Factor, TransferFunction
+
+YAW_WASHOUT_RAD_S = 0.15
+YAW_LOWPASS_RAD_S = 8.0
+ERROR_WASHOUT_RAD_S = 0.8
+ERROR_LOWPASS_RAD_S = 15.0
+
+
+class DelayFilters(NamedTuple):
+    """Discrete filters by Tustin, for a vehicle at one speed.
+
+    ``lag_s``  of the yaw rate behind a slow steer, which is the vehicle's and not the network's [s]
+    """
+
+    command_to_yaw: Cascade3
+    yaw: Cascade2
+    command_to_error: Cascade3
+    error: Section
+    curvature: Section
+    error_lowpass: Section
+    lag_s: float
+
+
+def design_filters(vehicle: NominalVehicle, period_s: float) -> DelayFilters | None:
+    """Return the filters of a vehicle at its speed, None where it is unstable there."""
+    plant = steer_to_lateral_error(vehicle)
+    (poles,) = plant.denominator
+    if not poles.hurwitz:
+        return None
+    turn = _steer_to_yaw(vehicle, poles)
+    nyquist_rad_s = 3.0 / period_s
+    yaw_lowpass = _lowpass(min(YAW_LOWPASS_RAD_S, 0.5 * nyquist_rad_s))
+    error_lowpass = _lowpass(min(ERROR_LOWPASS_RAD_S, 0.5 * nyquist_rad_s))
+    # s/(s + ω) as a quotient of factors: a lone s has no place among the powers of s².
+    w = YAW_WASHOUT_RAD_S
+    washout = _section(Factor(0.0, 1.0, 0.0), Factor(0.0, 1.0, w), period_s)
+    h = ERROR_WASHOUT_RAD_S
+    slow = Factor(1.0, 2.0 * h, h * h)
+    highpass = TransferFunction(2, (), (slow,))
+    v = vehicle.speed_m_s
+    drift = TransferFunction(0, (Factor(0.0, 0.0, v * v),), (slow,))
+    (yaw_filter,) = tustin_sections(yaw_lowpass, period_s)
+    (turn_filter,) = tustin_sections(turn, period_s)
+    (error_filter,) = tustin_sections(highpass, period_s)
+    (drift_filter,) = tustin_sections(drift, period_s)
+    (low,) = tustin_sections(error_lowpass, period_s)
+    first, second = tustin_sections(highpass.times(plant), period_s)
+    (gain,) = turn.numerator
+    return DelayFilters(
+        command_to_yaw=(turn_filter, yaw_filter, washout),
+        yaw=(yaw_filter, washout),
+        command_to_error=(first, second, low),
+        error=error_filter,
+        curvature=drift_filter,
+        error_lowpass=low,
+        lag_s=poles.s1 / poles.s0 - gain.s1 / gain.s0,
+    )
+
+
+def _steer_to_yaw(vehicle: NominalVehicle, poles: Factor) -> TransferFunction:
+    """Return r/δ of (1): (b21 s + a21 b11 - a11 b21)/D(s)."""
+    m, j, c_f, c_r, l_f, l_r, _, v = vehicle
+    a11 = -(c_r + c_f) / (m * v)
+    a21 = (c_r * l_r - c_f * l_f) / j
+    b11, b21 = c_f / (m * v), c_f * l_f / j
+    return TransferFunction(0, (Factor(0.0, b21, a21 * b11 - a11 * b21),), (poles,))
+
+
+def _lowpass(omega_rad_s: float) -> TransferFunction:
+    """Return ω²/(s + ω)²."""
+    tau_s = 1.0 / omega_rad_s
+    return TransferFunction(0, (), (Factor(tau_s * tau_s, 2.0 * tau_s, 1.0),))
+
+
+def _section(zeros: Factor, poles: Factor, period_s: float) -> Section:
+    (section,) = tustin_sections(TransferFunction(0, (zeros,), (poles,)), period_s)
+    return section

@@ -1,0 +1,162 @@
+"""What the controller says of the delay from command to measurement: by echo, and by estimate.
+
+Both are the latencies down and up together, by the controller's own clock:
+
+    echo       mean of (arrival of a STEERING_STATUS - sending of the command that it names)
+               - control period/2
+    estimate   ``controller.delay_estimation``, without the echo
+
+since a command is in effect for a period, and an echo may see any of it. Where the plant samples at
+the controller's rate it always sees the same of it, so that the echo is off by half a period at
+most. ``controller.link`` measures with the same echoes another delay: down only, between counters,
+for a law that predicts; the way up, and what the two clocks differ by, is no part of that one.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from controller.delay_estimation import DelayEstimationParams, DelayEstimator, Seen
+from controller.law_interface import VehicleReading
+from dbc.messages import DelayStatus, EchoState, EstimateState, limits
+from runtime.node import NS_PER_S
+
+_COUNTERS = 1 << 16
+_IN_FLIGHT = 4096
+"""Commands whose sending is remembered, as for the round trip."""
+_LIMITS = limits(DelayStatus)
+
+
+class EchoDelay:
+    """Measures the delay by the echo of the command counter.
+
+    ``averaging_ns``  time constant of the mean [ns]
+    ``timeout_ns``    without an echo for so long, the delay is not known [ns]
+    """
+
+    def __init__(self, period_ns: int, averaging_ns: int, timeout_ns: int) -> None:
+        self._half_period_ns = period_ns / 2
+        self._averaging_ns = averaging_ns
+        self._timeout_ns = timeout_ns
+        self._sent_ns = [0] * _IN_FLIGHT
+        self._commands = 0
+        self._echo_ns: int | None = None
+        self._mean_ns = 0.0
+
+    def on_sent(self, now_ns: int) -> None:
+        """Remember the sending of the next command."""
+        self._sent_ns[self._commands % _IN_FLIGHT] = now_ns
+        self._commands += 1
+
+    def on_echo(self, applied_counter: int, now_ns: int) -> None:
+        """Take the counter of the command in effect."""
+        age = (self._commands - 1 - applied_counter) % _COUNTERS
+        if age >= min(self._commands, _IN_FLIGHT):
+            return
+        seen_ns = now_ns - self._sent_ns[(self._commands - 1 - age) % _IN_FLIGHT]
+        weight = 1.0
+        if self._echo_ns is not None and now_ns - self._echo_ns <= self._timeout_ns:
+            weight = min(1.0, (now_ns - self._echo_ns) / self._averaging_ns)
+        self._mean_ns += weight * (seen_ns - self._mean_ns)
+        self._echo_ns = now_ns
+
+    def delay_s(self, now_ns: int) -> float | None:
+        """Return the delay [s], None where echoes have stayed away."""
+        if self._echo_ns is None or now_ns - self._echo_ns > self._timeout_ns:
+            return None
+        return max(0.0, (self._mean_ns - self._half_period_ns) / NS_PER_S)
+
+
+class DelayWatch:
+    """Holds both; ``params`` None is an estimate that is off."""
+
+    def __init__(self, params: DelayEstimationParams | None, echo: EchoDelay) -> None:
+        self._estimator = None if params is None else DelayEstimator(params)
+        self._echo = echo
+        self._error_ns = 0
+        self._vehicle: VehicleReading | None = None
+        self._vehicle_ns = 0
+        self._period: int | None = None
+        self._ticks = self._ticks_observable = 0
+        self._first_observable_ticks: int | None = None
+
+    def on_sent(self, now_ns: int) -> None:
+        """Note that a command was sent."""
+        self._echo.on_sent(now_ns)
+
+    def on_echo(self, applied_counter: int, now_ns: int) -> None:
+        """Take the counter of the command in effect."""
+        self._echo.on_echo(applied_counter, now_ns)
+
+    def on_error(self, now_ns: int) -> None:
+        """Note that a lateral error has arrived."""
+        self._error_ns = now_ns
+
+    def on_vehicle(self, vehicle: VehicleReading, now_ns: int) -> None:
+        """Take the vehicle's motion."""
+        self._vehicle = vehicle
+        self._vehicle_ns = now_ns
+
+    def on_tick(
+        self, now_ns: int, period: int, sent_steer_rad: float, lateral_error_m: float
+    ) -> None:
+        """Take a control period: the command in force until now, and the newest measurements."""
+        if self._estimator is None or self._vehicle is None:
+            return
+        skipped = 0 if self._period is None else period - self._period - 1
+        self._period = period
+        seen = Seen(
+            sent_steer_rad,
+            lateral_error_m,
+            (now_ns - self._error_ns) / NS_PER_S,
+            self._vehicle,
+            (now_ns - self._vehicle_ns) / NS_PER_S,
+        )
+        self._estimator.on_tick(seen, skipped)
+        self._ticks += 1
+        if self._estimator.estimate.is_observable:
+            self._ticks_observable += 1
+            if self._first_observable_ticks is None:
+                self._first_observable_ticks = self._ticks
+
+    @property
+    def estimate_state(self) -> EstimateState:
+        """Whether command and response tell the delay."""
+        if self._estimator is None:
+            return EstimateState.OFF
+        if self._estimator.estimate.is_observable:
+            return EstimateState.OBSERVABLE
+        return EstimateState.NOT_OBSERVABLE
+
+    def status(self, now_ns: int) -> DelayStatus:
+        """Return the message; a delay beyond its signal's range is sent as that range's end."""
+        echo_s = self._echo.delay_s(now_ns)
+        estimated_s = confidence = 0.0
+        if self._estimator is not None:
+            estimated_s = self._estimator.estimate.delay_s
+            confidence = self._estimator.estimate.confidence
+        return DelayStatus(
+            min(echo_s or 0.0, _LIMITS["echo_delay_s"].maximum),
+            min(estimated_s, _LIMITS["estimated_delay_s"].maximum),
+            EchoState.UNKNOWN if echo_s is None else EchoState.KNOWN,
+            self.estimate_state,
+            confidence,
+        )
+
+    def report(self, now_ns: int, period_s: float) -> Mapping[str, Any]:
+        """Return the figures, ready for JSON; what is not known is None.
+
+        ``observable_share``    of the control periods since the vehicle's motion was first known
+        ``first_observable_s``  since then
+        """
+        estimator = self._estimator
+        first = self._first_observable_ticks
+        return {
+            "echo_s": self._echo.delay_s(now_ns),
+            "estimate_state": self.estimate_state.name.lower(),
+            "estimate_s": None
+            if first is None or estimator is None
+            else estimator.estimate.delay_s,
+            "confidence": None if estimator is None else estimator.estimate.confidence,
+            "observable_share": self._ticks_observable / self._ticks if self._ticks else 0.0,
+            "first_observable_s": None if first is None else first * period_s,
+        }
