@@ -1,7 +1,7 @@
 """The predictor's parts against independent views, and the law through network and faults."""
 
 from collections.abc import Callable, Sequence
-from math import pi
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -174,15 +174,14 @@ def test_gains_between_two_speeds_of_the_table_are_between_theirs() -> None:
     assert schedule.at(1e3) == schedule.gains[-1]
 
 
-def test_interpolated_gains_steer_as_those_of_the_speed_itself() -> None:
-    """The table is fine enough: the model between two speeds errs by less than 1 %."""
+def test_half_way_between_two_speeds_of_the_table_no_gain_is_off_by_more_than_3_percent() -> None:
+    """That much only where one crosses zero; of the larger of its two neighbours."""
     schedule = design_schedule(EstimatorSettings(), VEHICLE, 0.01, 0.01, 1.0)
-    for low, high in zip(schedule.speeds_m_s[:-1:7], schedule.speeds_m_s[1::7], strict=True):
+    for low, high in pairwise(schedule.speeds_m_s):
         speed_m_s = 0.5 * (low + high)
-        between = np.array(schedule.at(speed_m_s))
-        exact = np.array(gains(speed_m_s))
-        scale = np.maximum(np.abs(schedule.at(low)), np.abs(schedule.at(high)))
-        assert np.abs(between - exact).max(where=scale > 0, initial=0.0) <= 0.01 * scale.max()
+        off = np.abs(np.subtract(schedule.at(speed_m_s), gains(speed_m_s)))
+        larger = np.maximum(np.abs(schedule.at(low)), np.abs(schedule.at(high)))
+        assert (off <= 0.03 * larger).all()
 
 
 def test_the_sampled_model_over_two_periods_is_that_of_one_twice() -> None:
@@ -410,16 +409,17 @@ def test_without_echoes_the_law_is_pd_ddob_and_neither_change_is_a_jump() -> Non
     assert np.abs(errors).max() < 0.005
 
 
-def test_the_fade_is_what_keeps_the_change_from_being_a_jump() -> None:
-    """Two laws apart by 0.1 rad: their commands meet in half a second of steps of 2 mrad."""
+def test_two_laws_that_are_far_apart_meet_at_the_rate_of_the_fade() -> None:
+    """Beside the path by 0.3 m they ask for 0.1 rad of difference: half a second of fading."""
     law = design_law(controller())
     far_off = history()._replace(lateral_error_m=[0.3] * 64)
     seen = LawInput(0.3, 0.0, link=Link(30, 20, 20, 30.0 * MS, True), history=far_off)
     unmeasured = seen._replace(link=Link(31, 20, 20, 30.0 * MS, False))
     state: Any = law.initial_state(0.3)
     commands = []
-    for index in range(200):
-        state, output = law.step(law.params, state, seen if index < 100 else unmeasured)
+    for told in [seen] * 300 + [unmeasured] * 300:
+        state, output = law.step(law.params, state, told)
         commands.append(output.steer_rad)
-    assert np.abs(np.diff(commands))[5:].max() < 0.02 * pi
-    assert abs(commands[100] - commands[99]) < 0.01
+    assert abs(commands[599] - commands[299]) > 0.05
+    assert np.abs(np.diff(commands)).max() == pytest.approx(0.002)
+    assert commands[300] == commands[299]
