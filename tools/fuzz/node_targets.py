@@ -21,6 +21,7 @@ from dbc.messages import (
     CAN_IDS,
     ControllerStatus,
     Decoded,
+    DelayStatus,
     LateralError,
     Message,
     PlantStatus,
@@ -48,9 +49,9 @@ TICKS_MAX = 10
 CONTROLLERS = (
     ("practical_pd_ddob", ()),
     ("practical_pd", ("rate_hz=1000",)),
-    ("practical_pd_cdob", ("rate_hz=10", "supervision.hold_ms=0")),
+    ("practical_pd_cdob", ("rate_hz=40", "supervision.hold_ms=0")),
     ("practical_pd_dob", ("supervision.recovery_frames=1", "limits.steer_rad_max=1.31071")),
-    ("paper_pd_ddob", ("supervision.measurement_timeout_ms=10000",)),
+    ("paper_pd_ddob", ("supervision.measurement_timeout_ms=10",)),
     ("paper_pd_cdob", ("limits.steer_rate_rad_s_max=1000", "limits.steer_rad_max=1.3")),
     ("practical_predictor", ()),
     ("practical_smith", ("rate_hz=50",)),
@@ -92,7 +93,7 @@ def fuzz_controller(data: bytes) -> None:
         choices,
         lambda: ControllerNode(settings, 0),
         CONTROLLER_RECEIVES,
-        Outgoing((SteeringCommand, ControllerStatus), judge=CommandLimits(settings)),
+        Outgoing((SteeringCommand, ControllerStatus, DelayStatus), judge=CommandLimits(settings)),
     )
 
 
