@@ -8,7 +8,8 @@
 
 ``TRANSITIONS`` is the whole behaviour: in each mode the first row whose guard is true decides, and
 no true guard means stay. Guards see how old the newest measurement is, how many good ones came in a
-row, and whether the law failed; the law itself never branches on any of these.
+row, whether the law failed, and whether the controller has found a fault in itself, which ends in
+SAFE_STOP for good; the law itself never branches on any of these.
 """
 
 from collections.abc import Callable, Mapping
@@ -43,11 +44,13 @@ class Evidence(NamedTuple):
     ``arrival_ns``   when the newest good measurement arrived, None before the first [ns]
     ``good_run``     good measurements in a row since the last fault
     ``law_failed``   whether the law's output at this tick was not a finite number
+    ``own_fault``    whether the controller cannot be relied on any more
     """
 
     arrival_ns: int | None
     good_run: int
     law_failed: bool = False
+    own_fault: bool = False
 
 
 Guard = Callable[[Supervision, ModeState, Evidence, int], bool]
@@ -64,8 +67,14 @@ def is_stale(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> b
 
 
 def is_trusted(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> bool:
-    """Whether measurements are back: fresh, and enough good ones in a row."""
-    return seen.good_run >= p.recovery_frames and is_fresh(p, state, seen, now_ns)
+    """Whether measurements are back, fresh and enough good ones in a row, and no fault is ours."""
+    is_back = seen.good_run >= p.recovery_frames and is_fresh(p, state, seen, now_ns)
+    return is_back and not seen.own_fault
+
+
+def is_at_fault(_p: Supervision, _state: ModeState, seen: Evidence, _now_ns: int) -> bool:
+    """Whether the controller has found a fault in itself."""
+    return seen.own_fault
 
 
 def is_held_enough(p: Supervision, state: ModeState, _seen: Evidence, now_ns: int) -> bool:
@@ -80,8 +89,16 @@ def is_law_failed(_p: Supervision, _state: ModeState, seen: Evidence, _now_ns: i
 
 TRANSITIONS: Mapping[Mode, tuple[tuple[Guard, Mode], ...]] = {
     Mode.WAITING: ((is_fresh, Mode.ACTIVE),),
-    Mode.ACTIVE: ((is_law_failed, Mode.HOLDING), (is_stale, Mode.HOLDING)),
-    Mode.HOLDING: ((is_trusted, Mode.ACTIVE), (is_held_enough, Mode.SAFE_STOP)),
+    Mode.ACTIVE: (
+        (is_at_fault, Mode.SAFE_STOP),
+        (is_law_failed, Mode.HOLDING),
+        (is_stale, Mode.HOLDING),
+    ),
+    Mode.HOLDING: (
+        (is_at_fault, Mode.SAFE_STOP),
+        (is_trusted, Mode.ACTIVE),
+        (is_held_enough, Mode.SAFE_STOP),
+    ),
     Mode.SAFE_STOP: ((is_trusted, Mode.ACTIVE),),
 }
 
@@ -105,6 +122,7 @@ class Supervisor:
         self._state = ModeState(Mode.WAITING, start_ns)
         self._arrival_ns: int | None = None
         self._good_run = 0
+        self._own_fault = False
 
     @property
     def mode(self) -> Mode:
@@ -122,10 +140,14 @@ class Supervisor:
         """Note a measurement that was refused: the run of good ones is over."""
         self._good_run = 0
 
+    def on_own_fault(self) -> None:
+        """Note that the controller cannot be relied on any more; this stays."""
+        self._own_fault = True
+
     def move_on(self, now_ns: int, *, law_failed: bool = False) -> Mode | None:
         """Take at most one transition; returns the mode entered, None for no change."""
         before = self._state.mode
-        seen = Evidence(self._arrival_ns, self._good_run, law_failed)
+        seen = Evidence(self._arrival_ns, self._good_run, law_failed, self._own_fault)
         self._state = mode_step(self._supervision, self._state, seen, now_ns)
         if self._state.mode is before:
             return None

@@ -45,6 +45,7 @@ from dbc.messages import (
 from dbc.reception import Reception
 from runtime.frame import Frame
 from runtime.node import NS_PER_S
+from runtime.overruns import OverrunSupervision
 from runtime.periodic import PeriodicTimer
 from runtime.report import durations_report
 from runtime.statistics import DurationStatistics
@@ -100,6 +101,8 @@ class ControllerNode:
         self._period_ns = settings.period_ns
         self._ramp_step_rad = settings.supervision.ramp_rad_s * settings.period_ns / NS_PER_S
         self._control_timer = PeriodicTimer(start_ns, settings.period_ns)
+        overruns = settings.overruns
+        self._overruns = OverrunSupervision(overruns.overruns_max, overruns.window_ticks)
         self._status_timer = PeriodicTimer(start_ns, STATUS_PERIOD_NS)
         self._deadline_ns = (
             start_ns  # kept, because an executor asks far more often than it changes
@@ -122,6 +125,7 @@ class ControllerNode:
         self._delay = _delay_watch(settings)
         self._sample_age = DurationStatistics()
         self._law_failures = 0
+        self._holds = 0
         self._peak_steer_rad = 0.0
         self._mode_ns = dict.fromkeys(Mode, 0)
         self._last_tick_ns = start_ns
@@ -135,8 +139,8 @@ class ControllerNode:
 
     @property
     def finished(self) -> bool:
-        """Never: the controller runs for as long as it is let."""
-        return False
+        """Whether it has found a fault in itself and steers no more; else it runs on."""
+        return bool(self._overruns.failure) and self._sent_steer_rad == 0.0
 
     @property
     def samples(self) -> Sequence[ControlSample]:
@@ -161,6 +165,8 @@ class ControllerNode:
         frames = []
         if self._control_timer.deadline_ns <= now_ns:
             period = self._control_timer.advance(now_ns)
+            if not self._overruns.on_tick(self._control_timer):
+                self._supervisor.on_own_fault()
             self._account(now_ns)
             if self._commands_sent and self._measurement is not None:
                 error_m = self._measurement.lateral_error_m
@@ -179,6 +185,8 @@ class ControllerNode:
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON.
 
+        ``failure``     the fault it has found in itself, empty for none
+        ``holds``       how often measurements stopped, or the law failed
         ``mode_s``      time spent in each mode up to the last tick
         ``round_trip``  from sending a command to the first echo of its counter
         ``sample_age``  of the measurement in use, at each tick of the law
@@ -190,9 +198,11 @@ class ControllerNode:
             "rate_hz": NS_PER_S / self._period_ns,
             "ticks": self._control_timer.index - self._control_timer.skipped,
             "skipped_ticks": self._control_timer.skipped,
+            "failure": self._overruns.failure,
             "commands_sent": self._commands_sent,
             "peak_steer_rad": self._peak_steer_rad,
             "law_failures": self._law_failures,
+            "holds": self._holds,
             "mode_s": {mode.name.lower(): ns / NS_PER_S for mode, ns in self._mode_ns.items()},
             "round_trip": durations_report(self._round_trip.statistics.summary()),
             "sample_age": durations_report(self._sample_age.summary()),
@@ -250,6 +260,7 @@ class ControllerNode:
         """Take a transition of the mode table, and prepare what the new mode needs."""
         before = self._supervisor.mode
         entered = self._supervisor.move_on(now_ns, law_failed=law_failed)
+        self._holds += entered is Mode.HOLDING
         if entered is Mode.ACTIVE and self._measurement is not None:
             self._law_state = self._design.initial_state(self._measurement.lateral_error_m)
             # Before the first command nothing is held that the law would have to continue from.

@@ -4,9 +4,9 @@ Times a user sets are in milliseconds; ``period_ns``, ``supervision_of`` and ``l
 as the node and the step functions want them.
 """
 
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import Field, PositiveFloat
+from pydantic import Field, PositiveFloat, model_validator
 
 from controller.delay_settings import DelayEstimationSettings
 from controller.law_settings import LawSettings
@@ -15,6 +15,7 @@ from controller.modes import Supervision
 from dbc.messages import SteeringCommand
 from dbc.messages import limits as signal_limits
 from runtime.node import NS_PER_MS, NS_PER_S
+from runtime.overruns import OverrunSettings
 from runtime.settings import Settings
 
 
@@ -34,8 +35,10 @@ class LimitSettings(Settings):
 class SupervisionSettings(Settings):
     """What happens when measurements stop, and when they are believed again.
 
-    ``measurement_timeout_ms``  a measurement older than this is not steered by: long enough for a
-                                step in the network's latency, which is a gap in what arrives
+    ``fault_tolerant_time_ms``  within this after measurements stop, HOLDING has to be entered and
+                                told on the bus (the fault tolerant time interval of ISO 26262)
+    ``measurement_timeout_ms``  a measurement older than this is not steered by; a step in the
+                                network's latency is a gap in what arrives, too
     ``hold_ms``                 how long the last command is held then
     ``ramp_rad_s``              how fast it is then ramped to zero; also how fast the difference
                                 between the held command and the law's fades out on recovery
@@ -44,7 +47,8 @@ class SupervisionSettings(Settings):
                                 no longer believed to go on
     """
 
-    measurement_timeout_ms: Annotated[float, Field(ge=1.0, le=10_000.0)] = 300.0
+    fault_tolerant_time_ms: Annotated[float, Field(ge=1.0, le=60_000.0)] = 150.0
+    measurement_timeout_ms: Annotated[float, Field(ge=1.0, le=10_000.0)] = 120.0
     hold_ms: Annotated[float, Field(ge=0.0, le=10_000.0)] = 500.0
     ramp_rad_s: PositiveFloat = 0.2
     recovery_frames: Annotated[int, Field(ge=1, le=100)] = 5
@@ -57,6 +61,21 @@ class ControllerSettings(LawSettings):
     limits: LimitSettings = LimitSettings()
     supervision: SupervisionSettings = SupervisionSettings()
     delay_estimation: DelayEstimationSettings = DelayEstimationSettings()
+    overruns: OverrunSettings = OverrunSettings()
+    """Beyond these the controller takes itself for too slow, stops steering, and ends."""
+
+    @model_validator(mode="after")
+    def _refuse_a_reaction_that_comes_too_late(self) -> Self:
+        table = self.supervision
+        # A tick may come a whole period after the timeout.
+        reaction_ms = table.measurement_timeout_ms + self.period_ns / NS_PER_MS
+        if reaction_ms > table.fault_tolerant_time_ms:
+            raise ValueError(
+                f"supervision.measurement_timeout_ms = {table.measurement_timeout_ms:g} and a"
+                f" period of {self.period_ns / NS_PER_MS:g} ms are more than"
+                f" supervision.fault_tolerant_time_ms = {table.fault_tolerant_time_ms:g}"
+            )
+        return self
 
     @property
     def period_ns(self) -> int:

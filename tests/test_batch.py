@@ -186,6 +186,7 @@ def test_a_compiled_run_equals_the_nodes_with_any_settings(seed: int) -> None:
         f"practical_{rng.choice(LAWS)}",
         [
             f"rate_hz={rng.choice([20, 77.7, 100, 143, 1000])}",
+            "supervision.fault_tolerant_time_ms=400",
             f"supervision.measurement_timeout_ms={rng.choice([10, 30, 300])}",
             f"supervision.hold_ms={rng.choice([0, 15, 100])}",
             f"supervision.recovery_frames={rng.choice([1, 5])}",

@@ -18,8 +18,10 @@ def after(mode: Mode, seen: Evidence, entered_ms_ago: int = 0) -> Mode:
     return mode_step(P, ModeState(mode, NOW_NS - entered_ms_ago * MS_NS), seen, NOW_NS).mode
 
 
-def measured(ms_ago: int, run: int = 1, *, law_failed: bool = False) -> Evidence:
-    return Evidence(NOW_NS - ms_ago * MS_NS, run, law_failed)
+def measured(
+    ms_ago: int, run: int = 1, *, law_failed: bool = False, own_fault: bool = False
+) -> Evidence:
+    return Evidence(NOW_NS - ms_ago * MS_NS, run, law_failed, own_fault)
 
 
 NOTHING = Evidence(None, 0)
@@ -28,8 +30,10 @@ NOTHING = Evidence(None, 0)
 # table, met exactly on its threshold.
 TAKEN = [
     (Mode.WAITING, measured(300), 0, Mode.ACTIVE),
+    (Mode.ACTIVE, measured(0, law_failed=True, own_fault=True), 0, Mode.SAFE_STOP),
     (Mode.ACTIVE, measured(0, law_failed=True), 0, Mode.HOLDING),
     (Mode.ACTIVE, measured(301), 0, Mode.HOLDING),
+    (Mode.HOLDING, measured(300, run=5, own_fault=True), 0, Mode.SAFE_STOP),
     (Mode.HOLDING, measured(300, run=5), 0, Mode.ACTIVE),
     (Mode.HOLDING, measured(301), 500, Mode.SAFE_STOP),
     (Mode.SAFE_STOP, measured(300, run=5), 0, Mode.ACTIVE),
@@ -44,6 +48,7 @@ NOT_TAKEN = [
     (Mode.HOLDING, measured(301, run=5), 499),
     (Mode.SAFE_STOP, measured(0, run=4), 10_000),
     (Mode.SAFE_STOP, measured(301, run=5), 10_000),
+    (Mode.SAFE_STOP, measured(0, run=5, own_fault=True), 10_000),
 ]
 
 
@@ -79,6 +84,7 @@ EVIDENCE = st.builds(
     Evidence,
     st.none() | st.integers(0, NOW_NS),
     st.integers(0, 10),
+    st.booleans(),
     st.booleans(),
 )
 
