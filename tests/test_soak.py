@@ -116,6 +116,18 @@ def test_the_controller_notices_holds_and_stops(starved: VirtualSoak) -> None:
     assert hold_ns <= stopped_after_ns <= hold_ns + periods_ns
 
 
+def test_the_plant_falls_back_once_and_follows_again(starved: VirtualSoak) -> None:
+    guard = starved.plant["safety"]
+    assert (guard["fallbacks"], guard["recoveries"], guard["safe_state"]) == (1, 1, None)
+    babble_s = (BABBLE_NS[1] - BABBLE_NS[0]) / NS_PER_S
+    assert babble_s < guard["longest_silence_s"] < babble_s + 0.1
+
+
+def test_on_a_bus_that_is_only_full_the_plant_never_misses_a_command(loaded: VirtualSoak) -> None:
+    guard = loaded.plant["safety"]
+    assert (guard["holdings"], guard["fallbacks"], guard["interventions"]) == (0, 0, {})
+
+
 def test_when_the_babbling_ends_the_controller_is_in_control_again(starved: VirtualSoak) -> None:
     last_ns, last = starved.modes[-1]
     assert last is Mode.ACTIVE
