@@ -81,17 +81,17 @@ def send_garbage(node: ReportingNode, seed: int, frames: int, start_ns: int) -> 
         (make_controller, 0, 300),
         (make_controller, 6, 300),
         # What waits in the lines comes and goes; it is as much as 6 s of the two.
-        (make_plant, 0, 8_000),
-        (make_plant, 3, 8_000),
+        (make_plant, 0, 6_000),
+        (make_plant, 3, 6_000),
     ],
 )
 def test_what_a_node_keeps_does_not_grow_with_garbage(
     make: Callable[[int], ReportingNode], number: int, margin: int
 ) -> None:
     node = make(number)
-    now_ns = send_garbage(node, 1, 6_000, 0)
+    now_ns = send_garbage(node, 1, 5_000, 0)
     settled = entries(node)
-    send_garbage(node, 2, 10_000, now_ns)
+    send_garbage(node, 2, 5_000, now_ns)
     assert entries(node) < settled + margin
 
 
