@@ -22,6 +22,7 @@ from runtime.frame import ERROR, EXTENDED, REMOTE, Frame
 __all__ = [
     "CAN_IDS",
     "CYCLE_TIMES_MS",
+    "DATA_IDS",
     "MESSAGE_TYPES",
     "ControllerStatus",
     "Decoded",
@@ -252,6 +253,15 @@ CAN_IDS: Mapping[type[Message], int] = MappingProxyType(
     {message_type: codec.can_id for message_type, codec in _CODECS.items()}
 )
 """The identifier each message is sent under."""
+
+DATA_IDS: Mapping[type[Message], int] = MappingProxyType(
+    {
+        message_type: codec.data_id
+        for message_type, codec in _CODECS.items()
+        if codec.data_id is not None
+    }
+)
+"""The E2E Data ID of each message that is protected."""
 
 CYCLE_TIMES_MS: Mapping[type[Message], int] = MappingProxyType(
     {message_type: codec.cycle_time_ms for message_type, codec in _CODECS.items()}

@@ -4,6 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from plant_emulator.fault_settings import FAULTS_MAX, FaultSettings
 from plant_emulator.latency_settings import BothLatencySettings
 from plant_emulator.rig_settings import (
     ActuatorSettings,
@@ -39,6 +40,8 @@ class PlantSettings(Settings):
     sensor_noise: SensorNoiseSettings = SensorNoiseSettings()
     latency: BothLatencySettings = BothLatencySettings()
     safety: SafetySettings = SafetySettings()
+    faults: tuple[FaultSettings, ...] = Field((), max_length=FAULTS_MAX)
+    """Injected on the way to and from the plant (``plant_emulator.faults``)."""
 
     @property
     def duration_ns(self) -> int:

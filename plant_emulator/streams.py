@@ -25,11 +25,12 @@ class Channel(IntEnum):
     UPLINK = 2
     UPLINK_DUPLICATES = 3
     SENSOR_NOISE = 4
+    FAULTS = 5
 
 
-def uniforms(seed: int, channel: Channel) -> Iterator[float]:
-    """Yield the endless stream of uniforms in (0, 1) of one channel."""
-    generator = _generator(seed, channel)
+def uniforms(seed: int, channel: Channel, member: int | None = None) -> Iterator[float]:
+    """Yield the endless stream of uniforms in (0, 1) of one channel, or of one of its members."""
+    generator = _generator(seed, channel, *([] if member is None else [member]))
     while True:
         yield from np.maximum(generator.random(BLOCK), SMALLEST).tolist()
 
@@ -39,6 +40,6 @@ def first_uniforms(seed: int, channel: Channel, count: int) -> NDArray[np.float6
     return np.maximum(_generator(seed, channel).random(count), SMALLEST)
 
 
-def _generator(seed: int, channel: Channel) -> np.random.Generator:
+def _generator(seed: int, channel: Channel, *member: int) -> np.random.Generator:
     # The bit generator is named because numpy may change what `default_rng` stands for.
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, channel])))
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, channel, *member])))

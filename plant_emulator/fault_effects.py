@@ -1,0 +1,260 @@
+"""What each kind of fault does to one frame: frames out, in the order in which they go on.
+
+Shares and rates are drawn from the fault's own stream, and only while it is active. A wire fault
+sees bytes. A signal fault decodes, changes one value and encodes again with the counter it had, as
+a faulty sender would; a value beyond its signal's range is sent as that range's end.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from statistics import NormalDist
+from types import MappingProxyType
+
+from dbc.messages import (
+    CAN_IDS,
+    DATA_IDS,
+    ControllerStatus,
+    Decoded,
+    DelayStatus,
+    LateralError,
+    Message,
+    PlantStatus,
+    SteeringCommand,
+    SteeringStatus,
+    VehicleState,
+    decode,
+    encode,
+    limits,
+)
+from dbc.protection import COUNTERS, protect
+from plant_emulator.fault_settings import FaultKind, FaultSettings
+from runtime.frame import Frame
+from runtime.node import NS_PER_S
+
+BURST_CHANCE = 0.05
+REORDER_CHANCE = 0.2
+RECORDED_MAX = 100_000
+"""Frames a replay remembers: ten seconds of everything at the highest rates."""
+
+_MOVED_TO: Mapping[int, int] = MappingProxyType(
+    {
+        CAN_IDS[wrong]: CAN_IDS[right]
+        for wrong, right in (
+            (SteeringCommand, ControllerStatus),
+            (ControllerStatus, SteeringCommand),
+            (DelayStatus, SteeringCommand),
+            (LateralError, SteeringStatus),
+            (SteeringStatus, LateralError),
+            (VehicleState, LateralError),
+            (PlantStatus, LateralError),
+        )
+    }
+)
+"""Whose identifier a frame gets that has a wrong one."""
+
+_RAW_OUTSIDE: Mapping[type[Message], tuple[int, int, int]] = MappingProxyType(
+    {
+        SteeringCommand: (58, 3, 7),
+        LateralError: (24, 25, 1 << 24),  # NOT_AVAILABLE: it is refused as one that is outside
+        SteeringStatus: (58, 3, 7),
+        VehicleState: (38, 13, 1 << 12),
+        ControllerStatus: (24, 3, 7),
+        DelayStatus: (48, 2, 3),
+        PlantStatus: (61, 3, 7),
+    }
+)
+"""First bit and bits of a signal, and a raw value that it must not have."""
+_TYPES_BY_ID: Mapping[int, type[Message]] = MappingProxyType(
+    {can_id: message_type for message_type, can_id in CAN_IDS.items()}
+)
+
+
+class FaultMemory:
+    """What one fault remembers.
+
+    ``draws``     its random stream
+    ``before``    the last frame of each identifier before the onset
+    ``recorded``  frames and when they came [ns], for a replay
+    ``burst``     frames that a burst still takes
+    ``held``      frames kept back, with how many are still to overtake each
+    ``delayed``   frames and when they go on [ns]
+    """
+
+    def __init__(self, draws: Iterator[float]) -> None:
+        self.draws = draws
+        self.before: dict[int, Frame] = {}
+        self.recorded: deque[tuple[int, Frame]] = deque(maxlen=RECORDED_MAX)
+        self.burst = 0
+        self.held: list[tuple[int, Frame]] = []
+        self.delayed: deque[tuple[int, Frame]] = deque()
+
+    def happens(self, chance: float) -> bool:
+        """Draw whether something of this chance happens."""
+        return next(self.draws) < chance
+
+
+Effect = Callable[[FaultSettings, FaultMemory, Frame, int, float], Sequence[Frame]]
+"""``effect(settings, memory, frame, now_ns, since_onset_s)``"""
+
+
+def _drop(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
+    return () if x.happens(p.magnitude) else (frame,)
+
+
+def _burst(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
+    begins = x.happens(BURST_CHANCE)
+    if x.burst == 0 and begins:
+        x.burst = int(p.magnitude)
+    if x.burst == 0:
+        return (frame,)
+    x.burst -= 1
+    return ()
+
+
+def _duplicate(
+    p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float
+) -> Sequence[Frame]:
+    return (frame, frame) if x.happens(p.magnitude) else (frame,)
+
+
+def _reorder(
+    p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float
+) -> Sequence[Frame]:
+    # Those that wait already are counted down by ``overtake``, which sees every frame.
+    if x.happens(REORDER_CHANCE):
+        x.held.append((int(p.magnitude), frame))
+        return ()
+    return (frame,)
+
+
+def overtake(x: FaultMemory, frame: Frame) -> list[Frame]:
+    """Count ``frame``, which goes on, and return those that have been overtaken often enough."""
+    counted = [(left - (kept.can_id == frame.can_id), kept) for left, kept in x.held]
+    x.held = [entry for entry in counted if entry[0] > 0]
+    return [kept for left, kept in counted if left <= 0]
+
+
+def _delay(p: FaultSettings, x: FaultMemory, frame: Frame, ns: int, _s: float) -> Sequence[Frame]:
+    x.delayed.append((ns + round(p.magnitude * NS_PER_S), frame))
+    return ()
+
+
+def _freeze(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
+    return (x.before.get(frame.can_id, frame) if x.happens(p.magnitude) else frame,)
+
+
+def _flip(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
+    mask = sum(1 << bit for bit in range(8 * len(frame.data)) if x.happens(p.magnitude))
+    word = int.from_bytes(frame.data, "little") ^ mask
+    return (frame._replace(data=word.to_bytes(len(frame.data), "little")),)
+
+
+def _shorten(
+    p: FaultSettings, _x: FaultMemory, frame: Frame, _ns: int, _s: float
+) -> Sequence[Frame]:
+    return (frame._replace(data=frame.data[: int(p.magnitude)]),)
+
+
+def _move(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
+    if x.happens(p.magnitude):
+        return (frame._replace(can_id=_MOVED_TO.get(frame.can_id, frame.can_id)),)
+    return (frame,)
+
+
+def _spoof(p: FaultSettings, _x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
+    forged = with_value(frame, str(p.signal), lambda _value: p.magnitude, steps=1)
+    return (frame,) if forged is None else (frame, forged)
+
+
+def _replay(p: FaultSettings, x: FaultMemory, frame: Frame, ns: int, _s: float) -> Sequence[Frame]:
+    then_ns = ns - round(p.magnitude * NS_PER_S)
+    candidate = None
+    for came_ns, old in x.recorded:
+        if came_ns > then_ns:
+            break
+        if old.can_id == frame.can_id:
+            candidate = old
+    return (frame if candidate is None else candidate,)
+
+
+def _out_of_range(
+    p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float
+) -> Sequence[Frame]:
+    message_type = _TYPES_BY_ID[frame.can_id]
+    if not x.happens(p.magnitude) or not isinstance(decode(frame), Decoded):
+        return (frame,)
+    first, bits, raw = _RAW_OUTSIDE[message_type]
+    word = int.from_bytes(frame.data, "little") & ~((1 << bits) - 1 << first) | raw << first
+    payload = bytearray(word.to_bytes(len(frame.data), "little"))
+    protect(payload, DATA_IDS[message_type])
+    return (frame._replace(data=bytes(payload)),)
+
+
+def _stuck(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
+    before = decode(x.before[frame.can_id]) if frame.can_id in x.before else None
+    if not isinstance(before, Decoded) or not x.happens(p.magnitude):
+        return (frame,)
+    value = float(getattr(before.message, str(p.signal)))
+    return (_changed(p, frame, lambda _value: value),)
+
+
+def _offset(p: FaultSettings, _x: FaultMemory, frame: Frame, _n: int, _s: float) -> Sequence[Frame]:
+    return (_changed(p, frame, lambda value: value + p.magnitude),)
+
+
+def _scale(p: FaultSettings, _x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
+    return (_changed(p, frame, lambda value: value * p.magnitude),)
+
+
+def _drift(p: FaultSettings, _x: FaultMemory, frame: Frame, _ns: int, s: float) -> Sequence[Frame]:
+    return (_changed(p, frame, lambda value: value + p.magnitude * s),)
+
+
+def _noise(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
+    score = NormalDist().inv_cdf(min(max(next(x.draws), 1e-15), 1.0 - 1e-15))
+    return (_changed(p, frame, lambda value: value + p.magnitude * score),)
+
+
+def _changed(p: FaultSettings, frame: Frame, change: Callable[[float], float]) -> Frame:
+    return with_value(frame, str(p.signal), change) or frame
+
+
+def with_value(
+    frame: Frame, signal: str, change: Callable[[float], float], steps: int = 0
+) -> Frame | None:
+    """Return the frame with one value changed and a counter ``steps`` further, its CRC right.
+
+    None for a frame that is not a message of ours, or whose message has no such signal.
+    """
+    decoded = decode(frame)
+    if not isinstance(decoded, Decoded) or not hasattr(decoded.message, signal):
+        return None
+    low, high = limits(type(decoded.message))[signal]
+    value = change(float(getattr(decoded.message, signal)))
+    value = low if math.isnan(value) else min(max(value, low), high)
+    fields = {**decoded.message._asdict(), signal: value}
+    return encode(type(decoded.message)(**fields), (decoded.counter + steps) % COUNTERS)
+
+
+EFFECTS: Mapping[FaultKind, Effect] = MappingProxyType(
+    {
+        FaultKind.DROP: _drop,
+        FaultKind.BURST_LOSS: _burst,
+        FaultKind.DUPLICATE: _duplicate,
+        FaultKind.REORDER: _reorder,
+        FaultKind.DELAY_SPIKE: _delay,
+        FaultKind.FREEZE: _freeze,
+        FaultKind.BIT_FLIPS: _flip,
+        FaultKind.WRONG_LENGTH: _shorten,
+        FaultKind.WRONG_IDENTIFIER: _move,
+        FaultKind.SPOOF: _spoof,
+        FaultKind.REPLAY: _replay,
+        FaultKind.OUT_OF_RANGE: _out_of_range,
+        FaultKind.STUCK: _stuck,
+        FaultKind.OFFSET: _offset,
+        FaultKind.SCALE: _scale,
+        FaultKind.DRIFT: _drift,
+        FaultKind.NOISE: _noise,
+    }
+)

@@ -1,0 +1,195 @@
+"""Settings tables `[[faults]]`: what goes wrong on the way to and from the plant, when, how much.
+
+    [[faults]]
+    kind = "bit_flips"
+    direction = "uplink"
+    message = "LATERAL_ERROR"
+    onset_s = 3.0
+    duration_s = 1.0
+    magnitude = 0.01              # of each bit, as the table `MAGNITUDES` says
+
+Wire faults change, lose, add or move frames as they are; a receiver's checks find what they break.
+Signal faults are a sender's: the value is wrong, its CRC and counter are right. Checked here once,
+at the edge; ``plant_emulator.faults`` does what is asked.
+"""
+
+from collections.abc import Mapping
+from enum import StrEnum
+from types import MappingProxyType
+from typing import Annotated, NamedTuple, Self
+
+from pydantic import Field, model_validator
+
+from dbc.messages import (
+    MESSAGE_TYPES,
+    ControllerStatus,
+    DelayStatus,
+    LateralError,
+    Message,
+    PlantStatus,
+    SteeringCommand,
+    SteeringStatus,
+    VehicleState,
+)
+from runtime.settings import Settings
+
+ALL = "all"
+"""Every message of the direction."""
+FAULTS_MAX = 100
+
+
+class FaultDirection(StrEnum):
+    """Which way the frames go."""
+
+    DOWNLINK = "downlink"
+    """To the plant: commands."""
+    UPLINK = "uplink"
+    """From the plant: measurements."""
+
+
+class FaultKind(StrEnum):
+    """What goes wrong."""
+
+    DROP = "drop"
+    BURST_LOSS = "burst_loss"
+    """A burst begins with one frame in twenty."""
+    DUPLICATE = "duplicate"
+    REORDER = "reorder"
+    """One frame in five is kept back."""
+    DELAY_SPIKE = "delay_spike"
+    FREEZE = "freeze"
+    """Instead of each frame, the last one before the onset."""
+    BIT_FLIPS = "bit_flips"
+    WRONG_LENGTH = "wrong_length"
+    WRONG_IDENTIFIER = "wrong_identifier"
+    """Under the identifier of another message of the same sender."""
+    SPOOF = "spoof"
+    """After each frame a forged one: the next counter, a valid CRC, the magnitude as the value."""
+    REPLAY = "replay"
+    """Instead of each frame, the one recorded so long ago."""
+    OUT_OF_RANGE = "out_of_range"
+    """A raw value that its signal must not have; valid CRC and counter."""
+    STUCK = "stuck"
+    """The last value before the onset."""
+    OFFSET = "offset"
+    SCALE = "scale"
+    DRIFT = "drift"
+    NOISE = "noise"
+
+
+class Magnitude(NamedTuple):
+    """What the magnitude of a kind of fault is, in words with its unit, and its range."""
+
+    what: str
+    minimum: float
+    maximum: float
+    is_whole: bool = False
+
+
+_SHARE = "share of frames"
+_SIGNAL_UNIT = "in the signal's unit"
+_HUGE = 1e6
+MAGNITUDES: Mapping[FaultKind, Magnitude] = MappingProxyType(
+    {
+        FaultKind.DROP: Magnitude(_SHARE, 1e-4, 1.0),
+        FaultKind.BURST_LOSS: Magnitude("frames in a burst", 1, 1000, True),
+        FaultKind.DUPLICATE: Magnitude(_SHARE, 1e-4, 1.0),
+        FaultKind.REORDER: Magnitude("frames of its message that overtake", 1, 50, True),
+        FaultKind.DELAY_SPIKE: Magnitude("s of further latency", 1e-4, 10.0),
+        FaultKind.FREEZE: Magnitude(_SHARE, 1e-4, 1.0),
+        FaultKind.BIT_FLIPS: Magnitude("probability that a bit flips", 1e-6, 0.5),
+        FaultKind.WRONG_LENGTH: Magnitude("bytes that are left", 0, 7, True),
+        FaultKind.WRONG_IDENTIFIER: Magnitude(_SHARE, 1e-4, 1.0),
+        FaultKind.SPOOF: Magnitude(_SIGNAL_UNIT, -_HUGE, _HUGE),
+        FaultKind.REPLAY: Magnitude("s back", 1e-3, 10.0),
+        FaultKind.OUT_OF_RANGE: Magnitude(_SHARE, 1e-4, 1.0),
+        FaultKind.STUCK: Magnitude(_SHARE, 1e-4, 1.0),
+        FaultKind.OFFSET: Magnitude(_SIGNAL_UNIT, -_HUGE, _HUGE),
+        FaultKind.SCALE: Magnitude("factor", -1000.0, 1000.0),
+        FaultKind.DRIFT: Magnitude("in the signal's unit per second", -_HUGE, _HUGE),
+        FaultKind.NOISE: Magnitude("standard deviation in the signal's unit", 0.0, _HUGE),
+    }
+)
+SIGNAL_FAULTS = frozenset(
+    {
+        FaultKind.SPOOF,
+        FaultKind.STUCK,
+        FaultKind.OFFSET,
+        FaultKind.SCALE,
+        FaultKind.DRIFT,
+        FaultKind.NOISE,
+    }
+)
+"""The kinds that need a signal."""
+
+MESSAGES_OF: Mapping[FaultDirection, tuple[type[Message], ...]] = MappingProxyType(
+    {
+        FaultDirection.DOWNLINK: (SteeringCommand, ControllerStatus, DelayStatus),
+        FaultDirection.UPLINK: (LateralError, SteeringStatus, VehicleState, PlantStatus),
+    }
+)
+_NAMES: Mapping[type[Message], str] = MappingProxyType(
+    {message_type: name for name, message_type in MESSAGE_TYPES.items()}
+)
+
+
+class FaultSettings(Settings):
+    """One `[[faults]]`."""
+
+    kind: FaultKind
+    direction: FaultDirection
+    message: str = ALL
+    """A name of the DBC, or "all" of the direction."""
+    signal: str | None = None
+    """A field of the message with its unit, as ``lateral_error_m``: for signal faults."""
+    onset_s: float = Field(0.0, ge=0.0, le=1e6)
+    """After the first command that reaches the plant's edge, which is when motion starts."""
+    duration_s: float = Field(1e6, gt=0.0, le=1e6)
+    magnitude: float = 1.0
+    """What it is, and its range, depends on the kind."""
+    stream: Annotated[int, Field(ge=0, le=1_000_000)] | None = None
+    """Which of the random streams for faults; none: its place in the list."""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        what, low, high, is_whole = MAGNITUDES[self.kind]
+        if not low <= self.magnitude <= high or (is_whole and self.magnitude % 1.0):
+            whole = ", whole" if is_whole else ""
+            raise ValueError(
+                f"magnitude of {self.kind} ({what}) must be {low:g} to {high:g}{whole},"
+                f" not {self.magnitude:g}"
+            )
+        names = [_NAMES[message_type] for message_type in MESSAGES_OF[self.direction]]
+        if self.message != ALL and self.message not in names:
+            raise ValueError(
+                f"message of the {self.direction} must be {', '.join(names)} or {ALL},"
+                f" not {self.message!r}"
+            )
+        self._refuse_a_signal_that_is_none()
+        return self
+
+    def _refuse_a_signal_that_is_none(self) -> None:
+        if self.kind not in SIGNAL_FAULTS:
+            if self.signal is not None:
+                raise ValueError(f"{self.kind} changes no single signal: leave signal out")
+            return
+        if self.message == ALL:
+            raise ValueError(f"{self.kind} needs a message, and a signal of it")
+        fields = quantities_of(MESSAGE_TYPES[self.message])
+        if self.signal not in fields:
+            given = "none" if self.signal is None else repr(self.signal)
+            raise ValueError(
+                f"signal of {self.message} must be {' or '.join(fields) or 'none'}, not {given}"
+            )
+
+
+def quantities_of(message_type: type[Message]) -> tuple[str, ...]:
+    """Return the fields of a message that are quantities: a sensor or a law can be wrong there."""
+    return tuple(name for name, kind in message_type.__annotations__.items() if kind is float)
+
+
+def message_types_of(fault: FaultSettings) -> tuple[type[Message], ...]:
+    """Return the messages that a fault acts on."""
+    if fault.message == ALL:
+        return MESSAGES_OF[fault.direction]
+    return (MESSAGE_TYPES[fault.message],)

@@ -1,0 +1,183 @@
+"""The fault stage at the plant's edge: all frames to and from the rig pass it, and may not be well.
+
+    bus ── downlink faults ──► node ── uplink faults ──► bus
+
+Each fault of the settings is one stage, in their order; what one lets go on, the next gets. Frames
+that a delay spike keeps go on when they are due, past the faults behind it. Every fault draws from
+a stream of its own, so that none shifts another's draws nor those of latency and noise: until the
+first onset, a run is what it is without faults, bit for bit.
+
+The clock of the onsets starts with the first STEERING_COMMAND that reaches the edge, as motion does.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Generic, TypeVar
+
+from dbc.messages import CAN_IDS, SteeringCommand
+from plant_emulator.fault_effects import EFFECTS, FaultMemory, overtake
+from plant_emulator.fault_settings import (
+    FaultDirection,
+    FaultKind,
+    FaultSettings,
+    message_types_of,
+)
+from plant_emulator.streams import Channel, uniforms
+from runtime.frame import Frame
+from runtime.node import NEVER_NS, NS_PER_S
+from runtime.program import ReportingNode
+
+N = TypeVar("N", bound=ReportingNode)
+_COMMAND_ID = CAN_IDS[SteeringCommand]
+
+
+class FaultStage:
+    """One fault at work.
+
+    ``settings``  what it does and when
+    ``seed``      of the run
+    ``place``     in the list of faults: which stream it draws from, unless the settings say
+    """
+
+    def __init__(self, settings: FaultSettings, seed: int, place: int) -> None:
+        self.settings = settings
+        self._effect = EFFECTS[settings.kind]
+        self._ids = frozenset(CAN_IDS[message_type] for message_type in message_types_of(settings))
+        stream = place if settings.stream is None else settings.stream
+        self._memory = FaultMemory(uniforms(seed, Channel.FAULTS, stream))
+        self._records = settings.kind is FaultKind.REPLAY
+        self._onset_ns = round(settings.onset_s * NS_PER_S)
+        self._end_ns = self._onset_ns + round(settings.duration_s * NS_PER_S)
+        self._changed = 0
+        self.first_ns: int | None = None
+        self.last_ns: int | None = None
+
+    @property
+    def next_due_ns(self) -> int:
+        """When the next frame that it keeps goes on [ns]; NEVER_NS for none."""
+        delayed = self._memory.delayed
+        return delayed[0][0] if delayed else NEVER_NS
+
+    @property
+    def changed(self) -> int:
+        """Frames so far that did not go on as they came, or not alone."""
+        return self._changed
+
+    def take(self, frame: Frame, now_ns: int, since_ns: int) -> Sequence[Frame]:
+        """Return what goes on of a frame that comes ``since_ns`` after the onsets' clock began."""
+        if frame.can_id not in self._ids:
+            return (frame,)
+        memory = self._memory
+        if self._records:
+            memory.recorded.append((now_ns, frame))
+            self._forget(now_ns)
+        out: Sequence[Frame] = (frame,)
+        if self._onset_ns <= since_ns < self._end_ns:
+            since_onset_s = (since_ns - self._onset_ns) / NS_PER_S
+            out = self._effect(self.settings, memory, frame, now_ns, since_onset_s)
+            if tuple(out) != (frame,):
+                self._changed += 1
+                self.first_ns = now_ns if self.first_ns is None else self.first_ns
+                self.last_ns = now_ns
+        elif since_ns < self._onset_ns:
+            memory.before[frame.can_id] = frame
+        if memory.held and out:
+            return [*out, *(late for one in out for late in overtake(memory, one))]
+        return out
+
+    def pop_due(self, now_ns: int) -> list[Frame]:
+        """Return the kept frames that are due."""
+        delayed, due = self._memory.delayed, []
+        while delayed and delayed[0][0] <= now_ns:
+            due.append(delayed.popleft()[1])
+        return due
+
+    def report(self) -> Mapping[str, Any]:
+        """Return what it did, ready for JSON; times in seconds of the run's clock."""
+        return {
+            "kind": self.settings.kind.value,
+            "direction": self.settings.direction.value,
+            "message": self.settings.message,
+            "changed": self._changed,
+            "first_s": None if self.first_ns is None else self.first_ns / NS_PER_S,
+            "last_s": None if self.last_ns is None else self.last_ns / NS_PER_S,
+        }
+
+    def _forget(self, now_ns: int) -> None:
+        """Keep of each identifier what is just old enough, and all that is younger."""
+        recorded = self._memory.recorded
+        oldest_ns = now_ns - round(self.settings.magnitude * NS_PER_S) - NS_PER_S
+        while recorded and recorded[0][0] < oldest_ns:
+            recorded.popleft()
+
+
+class FaultyNode(Generic[N]):
+    """Runs ``node`` with faults on the way to and from it.
+
+    ``faults``    of both directions, in the order in which frames meet them
+    ``seed``      of the run
+    ``start_ns``  where the onsets' clock starts; none: with the first command
+    """
+
+    def __init__(
+        self, node: N, faults: Sequence[FaultSettings], seed: int, start_ns: int | None = None
+    ) -> None:
+        self.node = node
+        self.stages = [FaultStage(fault, seed, place) for place, fault in enumerate(faults)]
+        self._down = self._of(FaultDirection.DOWNLINK)
+        self._up = self._of(FaultDirection.UPLINK)
+        self._start_ns = start_ns
+
+    @property
+    def deadline_ns(self) -> int:
+        """When the node wants its next tick, or a kept frame goes on [ns]."""
+        deadline_ns = self.node.deadline_ns
+        for stage in self.stages:
+            deadline_ns = min(deadline_ns, stage.next_due_ns)
+        return deadline_ns
+
+    @property
+    def finished(self) -> bool:
+        """Whether the node has done all it was asked to do."""
+        return self.node.finished
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        """Let the node have what the downlink's faults leave of a frame."""
+        if self._start_ns is None and frame.can_id == _COMMAND_ID:
+            self._start_ns = now_ns
+        return self._hand_in(self._through(self._down, [frame], now_ns), now_ns)
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        """Let kept frames go on, and the node do what is due."""
+        late = [frame for stage in self._down for frame in stage.pop_due(now_ns)]
+        sent = [*self._hand_in(late, now_ns)]
+        for stage in self._up:
+            sent += stage.pop_due(now_ns)
+        if self.node.deadline_ns <= now_ns:
+            sent += self._through(self._up, self.node.on_tick(now_ns), now_ns)
+        return sent
+
+    def report(self) -> Mapping[str, Any]:
+        """Return the node's report, and under ``faults`` what each of them did."""
+        return {**self.node.report(), "faults": [stage.report() for stage in self.stages]}
+
+    def _of(self, direction: FaultDirection) -> list[FaultStage]:
+        return [stage for stage in self.stages if stage.settings.direction is direction]
+
+    def _hand_in(self, frames: Iterable[Frame], now_ns: int) -> Sequence[Frame]:
+        answers = [answer for frame in frames for answer in self.node.on_frame(frame, now_ns)]
+        return self._through(self._up, answers, now_ns)
+
+    def _through(
+        self, stages: Sequence[FaultStage], frames: Sequence[Frame], now_ns: int
+    ) -> Sequence[Frame]:
+        if self._start_ns is None:
+            return frames
+        since_ns = now_ns - self._start_ns
+        for stage in stages:
+            frames = [out for frame in frames for out in stage.take(frame, now_ns, since_ns)]
+        return frames
+
+
+def with_faults(node: N, faults: Sequence[FaultSettings], seed: int) -> N | FaultyNode[N]:
+    """Return the node behind the faults of its settings; the node itself where there are none."""
+    return FaultyNode(node, faults, seed) if faults else node
