@@ -1,0 +1,202 @@
+"""The linear loop of laws with a filter, against runs beside the ends of its stable delays."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from controller.analysis.check import check_text
+from controller.analysis.looking_back import Rig
+from controller.analysis.predictor_loop import PredictorLoop, stable_constant_delays
+from controller.analysis.sampled_loop import SampledLoop
+from controller.analysis.uncertainty import paper_box
+from controller.design import design_law, link_of
+from controller.nominal_model import NominalVehicle, steer_to_lateral_error
+from controller.settings import ControllerSettings
+from plant_emulator.settings import PlantSettings
+from runtime.settings import load_settings, read_preset
+from tools.batch.engine import BatchRun, Outcome, run_batch
+
+MS = 1_000_000
+PREDICTOR = ("law=predictor", "predictor.horizon_s_max=1.0", "nominal_model.virtual_mass_kg=3400")
+KALMAN = ("pd.derivative=kalman",)
+CORNERS = dict(zip("abcd", paper_box().vertices(), strict=True))
+
+
+def controller(*overrides: str) -> ControllerSettings:
+    preset = read_preset("controller.presets", "practical_pd_ddob")
+    return load_settings(ControllerSettings, preset, None, overrides)
+
+
+@cache
+def loop_of(
+    overrides: tuple[str, ...], vehicle: NominalVehicle, lag_s: float = 0.0, uplink_ns: int = 0
+) -> PredictorLoop:
+    settings = controller(*overrides)
+    return PredictorLoop(design_law(settings), link_of(settings), Rig(vehicle, lag_s, uplink_ns))
+
+
+def run(
+    overrides: tuple[str, ...],
+    vehicle: NominalVehicle,
+    lag_s: float,
+    delay_ns: int,
+    *more: str,
+) -> BatchRun:
+    """Run on a straight path after a push that is over at 1.5 s."""
+    settings = (
+        "duration_s=60",
+        'path={kind="straight"}',
+        f"vehicle.speed_km_h={3.6 * vehicle.speed_m_s!r}",
+        f"vehicle.virtual_mass_kg={vehicle.virtual_mass_kg!r}",
+        f"actuator.lag_s={lag_s}",
+        f"latency.downlink.mean_s={delay_ns * 1e-9!r}",
+        *more,
+    )
+    preset = read_preset("plant_emulator.presets", "paper_nominal")
+    done = run_batch(load_settings(PlantSettings, preset, None, settings), controller(*overrides))
+    assert done.outcome is Outcome.COMPLETE
+    return done
+
+
+PUSH = (
+    "disturbance.steps=[{at_s=0.5, steering_offset_rad=0.05}, {at_s=1.5, steering_offset_rad=0.0}]"
+)
+
+
+def decay_1_s(done: BatchRun, first_s: float, last_s: float, window_s: float = 6.0) -> float:
+    """Return how fast the envelope of the error falls, by a straight line through its logarithm."""
+    starts_s = np.arange(first_s, last_s, window_s)
+    peaks = [
+        np.abs(done.lateral_error_m[(done.time_s >= at) & (done.time_s < at + window_s)]).max()
+        for at in starts_s
+    ]
+    return -float(np.polyfit(starts_s, np.log(peaks), 1)[0])
+
+
+# Where the slowest mode is alone, and slow enough to be seen over the quantisation of the wire.
+SLOW = [
+    (PREDICTOR, "a", 0.27, 500 * MS, 0),
+    (PREDICTOR, "a", 0.27, 540 * MS, 0),
+    (PREDICTOR, "a", 0.27, 500 * MS, 35 * MS),
+    (PREDICTOR, "c", 0.2, 100 * MS, 0),
+    (PREDICTOR, "c", 0.2, 130 * MS, 0),
+    (PREDICTOR, "c", 0.2, 200 * MS, 0),
+    (PREDICTOR, "c", 0.2, 303_700_000, 0),
+]
+
+
+@pytest.mark.parametrize(("law", "corner", "lag_s", "delay_ns", "uplink_ns"), SLOW)
+def test_the_slowest_pole_is_the_decay_or_growth_of_a_run(
+    law: tuple[str, ...], corner: str, lag_s: float, delay_ns: int, uplink_ns: int
+) -> None:
+    vehicle = CORNERS[corner]
+    expected = loop_of(law, vehicle, lag_s, uplink_ns).decay_1_s(delay_ns)
+    uplink = f"latency.uplink.mean_s={uplink_ns * 1e-9!r}"
+    done = run(law, vehicle, lag_s, delay_ns, PUSH, uplink)
+    assert decay_1_s(done, 15.0, 55.0) == pytest.approx(expected, rel=0.03, abs=3e-4)
+
+
+@pytest.mark.parametrize(
+    ("law", "corner", "lag_s"), [(PREDICTOR, "a", 0.27), (PREDICTOR, "c", 0.2)]
+)
+def test_runs_decay_within_the_stable_delays_and_grow_beyond(
+    law: tuple[str, ...], corner: str, lag_s: float
+) -> None:
+    """Nearer to the end than that a run takes longer than a minute to tell.
+
+    Off the grid of the control period the delay that echoes show is up to half a period wrong, one
+    way or the other: beyond the margin the stable delays are a comb.
+    """
+    intervals = stable_constant_delays(loop_of(law, CORNERS[corner], lag_s))
+    margin_ns, last_ns = intervals[0].last_ns, intervals[-1].last_ns
+    assert 100 * MS < margin_ns <= last_ns < 600 * MS
+    inside = run(law, CORNERS[corner], lag_s, margin_ns - 30 * MS, PUSH)
+    outside = run(law, CORNERS[corner], lag_s, last_ns + 60 * MS, PUSH)
+    assert decay_1_s(inside, 25.0, 55.0) > 0.0
+    assert decay_1_s(outside, 25.0, 55.0) < 0.0
+
+
+@pytest.mark.parametrize("corner", "abcd")
+def test_the_predictor_is_stable_over_the_box_at_every_delay_to_600_ms(corner: str) -> None:
+    loop = loop_of(PREDICTOR, CORNERS[corner])
+    for delay_ns in range(0, 601 * MS, 37_700_000):
+        assert loop.is_stable(delay_ns)
+
+
+def test_without_a_filter_the_loop_is_that_of_the_classical_analysis() -> None:
+    """pd_ddob looks at its last command only: both ways have to give the same poles.
+
+    Its Q has a triple pole, and the loop three near it: known to the cube root of rounding.
+    """
+    settings, vehicle = controller(), paper_box().nominal
+    design, model = design_law(settings), steer_to_lateral_error(vehicle)
+    classical = SampledLoop(design, model, settings.period_ns)
+    loop = PredictorLoop(design, link_of(settings), Rig(vehicle))
+    for delay_ns in (0, 10 * MS, 83_700_000, 200 * MS):
+        expected = classical.closed_loop_poles(delay_ns)
+        found = loop.closed_loop_poles(delay_ns)
+        slow = expected[np.abs(expected) > 0.9]
+        assert np.abs(found[: len(slow)] - slow).max() < 2e-5
+        margins = classical.margins(delay_ns)
+        assert loop.peak_sensitivity(delay_ns) == pytest.approx(margins.peak_sensitivity, rel=2e-3)
+
+
+@pytest.mark.parametrize("law", [PREDICTOR, KALMAN], ids=["predictor", "kalman"])
+@pytest.mark.parametrize("delay_ns", [0, 83_700_000])
+def test_noise_makes_the_steer_as_restless_as_a_run_shows(
+    law: tuple[str, ...], delay_ns: int
+) -> None:
+    vehicle, noise_m = paper_box().nominal, 0.004  # with more the limit of the steer rate has a say
+    expected_rad = noise_m * loop_of(law, vehicle).noise_gain_rad_m(delay_ns)
+    done = run(law, vehicle, 0.0, delay_ns, f"sensor_noise.lateral_error_m={noise_m}")
+    steer_rad = done.sent_rad[done.tick_s > 5.0]
+    assert float(np.sqrt(np.mean(np.square(steer_rad)))) == pytest.approx(expected_rad, rel=0.1)
+
+
+@pytest.mark.parametrize("law", [PREDICTOR, KALMAN], ids=["predictor", "kalman"])
+@pytest.mark.parametrize("overrides", [("rate_hz=50",), ("link.sensor_period_ms=20",)])
+def test_periods_of_their_own_are_one_period_together(
+    law: tuple[str, ...], overrides: tuple[str, ...]
+) -> None:
+    """With half the ticks or half the samples the same slow modes are there, nearly."""
+    vehicle = paper_box().nominal
+    other = loop_of((*law, *overrides), vehicle)
+    assert other.period_ns == 20 * MS
+    assert not other.has_transfer_function
+    expected = loop_of(law, vehicle).decay_1_s(100 * MS)
+    assert other.decay_1_s(100 * MS) == pytest.approx(expected, rel=0.15)
+
+
+def test_periods_without_a_common_multiple_are_refused() -> None:
+    settings = controller(*PREDICTOR, "rate_hz=99")
+    with pytest.raises(ValueError, match="no common multiple"):
+        PredictorLoop(design_law(settings), link_of(settings), Rig(paper_box().nominal))
+
+
+def test_a_loop_that_grows_has_no_noise_gain() -> None:
+    assert loop_of(PREDICTOR, CORNERS["c"], 0.2).noise_gain_rad_m(400 * MS) == math.inf
+
+
+# --check
+
+
+def test_the_check_of_the_predictor_tells_poles_noise_and_stable_delays() -> None:
+    text = check_text(controller(*PREDICTOR, "rate_hz=50"))
+    assert "[predictor]" in text
+    assert "# Poles of the closed loop around the nominal plant, without delay:" in text
+    assert "delay margin  above 600 ms" in text
+    assert "pd_ddob" in text
+    assert "nan" not in text
+
+
+def test_the_check_of_the_filtered_derivative_says_where_it_ends() -> None:
+    text = check_text(controller(*KALMAN, "rate_hz=50"))
+    (line,) = [line for line in text.splitlines() if "delay margin" in line]
+    assert 300.0 < float(line.split()[-2]) < 550.0
+    assert "Without echoes the derivative is the filtered difference." in text
+
+
+def test_the_check_of_periods_without_a_common_multiple_says_so() -> None:
+    assert "Not analysed: control period" in check_text(controller(*PREDICTOR, "rate_hz=99"))
