@@ -7,7 +7,7 @@ that a delay spike keeps go on when they are due, past the faults behind it. Eve
 a stream of its own, so that none shifts another's draws nor those of latency and noise: until the
 first onset, a run is what it is without faults, bit for bit.
 
-The clock of the onsets starts with the first STEERING_COMMAND that reaches the edge, as motion does.
+The onsets' clock starts with the first STEERING_COMMAND that reaches the edge, as motion does.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

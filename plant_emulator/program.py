@@ -9,6 +9,7 @@ from functools import partial
 
 from dbc.secured_frame import PLANT
 from dbc.secured_program import add_key_file_argument, run_secured_node
+from plant_emulator.faults import FaultyNode, with_faults
 from plant_emulator.node import RECEIVED, SAMPLES_MAX, PlantNode, motion_params
 from plant_emulator.plant_samples import write_trace
 from plant_emulator.settings import PlantSettings
@@ -39,14 +40,17 @@ def _run(options: argparse.Namespace) -> int:
         options,
         settings,
         PLANT,
-        lambda start_ns: PlantNode(settings, start_ns, params, samples_max),
+        lambda start_ns: with_faults(
+            PlantNode(settings, start_ns, params, samples_max), settings.faults, settings.seed
+        ),
         RECEIVED,
         partial(_conclude, options),
     )
 
 
-def _conclude(options: argparse.Namespace, node: PlantNode) -> None:
+def _conclude(options: argparse.Namespace, edge: PlantNode | FaultyNode[PlantNode]) -> None:
     """Write the trace, and say how well the path was held."""
+    node = edge.node if isinstance(edge, FaultyNode) else edge
     if options.trace is not None:
         write_trace(options.trace, node.path, node.samples)
     report = node.report()

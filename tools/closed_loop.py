@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings
+from plant_emulator.faults import FaultyNode, with_faults
 from plant_emulator.node import PlantNode, motion_params
 from plant_emulator.plant_samples import write_trace
 from plant_emulator.settings import PlantSettings
@@ -51,7 +52,7 @@ class Run(NamedTuple):
     ``loops``      what the loop of each program adds to its report; nothing in virtual time
     """
 
-    plant: PlantNode
+    plant: PlantNode | FaultyNode[PlantNode]
     controller: ControllerNode
     bus: str
     elapsed_s: float
@@ -126,7 +127,8 @@ def _run(options: argparse.Namespace) -> int:
     if files is not None:
         for program, report in reports.items():
             write_json(files.report(program), report)
-        write_trace(files.plant_trace, run.plant.path, run.plant.samples)
+        rig = run.plant.node if isinstance(run.plant, FaultyNode) else run.plant
+        write_trace(files.plant_trace, rig.path, rig.samples)
         lines += [("files", str(files.folder)), ("again", _command(options, files))]
     width = max(len(heading) for heading, _ in lines)
     for heading, text in lines:
@@ -153,7 +155,8 @@ def _run_in_virtual_time(
     controller_settings: ControllerSettings,
     candump_log: Path | None,
 ) -> Run:
-    plant, controller = PlantNode(plant_settings, 0), ControllerNode(controller_settings, 0)
+    plant = with_faults(PlantNode(plant_settings, 0), plant_settings.faults, plant_settings.seed)
+    controller = ControllerNode(controller_settings, 0)
     bus = None if options.ideal_wire else BusModel(options.bitrate)
     stop = StopRequest()
     begin_s = time.perf_counter()
@@ -180,7 +183,11 @@ def _run_in_real_time(
     with real_time(RealTimeRequest()) as answers, stop.on_signals():
         steal = StealClock()
         plant, controller, figures = run_threaded_nodes(
-            lambda start_ns: PlantNode(plant_settings, start_ns, params),
+            lambda start_ns: with_faults(
+                PlantNode(plant_settings, start_ns, params),
+                plant_settings.faults,
+                plant_settings.seed,
+            ),
             lambda start_ns: ControllerNode(controller_settings, start_ns),
             candump_log,
             stop,

@@ -10,6 +10,7 @@ from pathlib import Path
 import can
 
 from controller.node import ControllerNode
+from plant_emulator.faults import FaultyNode
 from plant_emulator.node import PlantNode
 from runtime.bus import BusPort
 from runtime.real_time import LoopFigures, RealTimeExecutor
@@ -19,11 +20,11 @@ _CHANNEL_NUMBERS = count()
 
 
 def run_threaded_nodes(
-    make_plant: Callable[[int], PlantNode],
+    make_plant: Callable[[int], PlantNode | FaultyNode[PlantNode]],
     make_controller: Callable[[int], ControllerNode],
     candump_log: Path | None,
     should_stop: Callable[[], bool],
-) -> tuple[PlantNode, ControllerNode, dict[str, LoopFigures]]:
+) -> tuple[PlantNode | FaultyNode[PlantNode], ControllerNode, dict[str, LoopFigures]]:
     """Run both nodes, each in a thread and on a bus object of its own.
 
     ``make_plant``, ``make_controller``  called with the time of the first tick [ns]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings
+from plant_emulator.faults import FaultyNode, with_faults
 from plant_emulator.node import PlantNode
 from plant_emulator.settings import PlantSettings
 from runtime.bus_model import BusModel
@@ -35,9 +36,10 @@ def run_virtual_pair(
     plant = PlantNode(plant_settings, 0)
     controller = ControllerNode(controller_settings, 0)
     bus = None if bitrate_bit_s is None else BusModel(bitrate_bit_s)
-    run_virtual_nodes(plant, controller, bus, candump_log, lambda: False)
+    edge = with_faults(plant, plant_settings.faults, plant_settings.seed)
+    run_virtual_nodes(edge, controller, bus, candump_log, lambda: False)
     return PairResult(
-        {"settings": plant_settings.model_dump(mode="json"), "node": dict(plant.report())},
+        {"settings": plant_settings.model_dump(mode="json"), "node": dict(edge.report())},
         {
             "settings": controller_settings.model_dump(mode="json"),
             "node": dict(controller.report()),
@@ -47,7 +49,7 @@ def run_virtual_pair(
 
 
 def run_virtual_nodes(
-    plant: PlantNode,
+    plant: PlantNode | FaultyNode[PlantNode],
     controller: ControllerNode,
     bus: BusModel | None,
     candump_log: Path | None,

@@ -18,6 +18,7 @@ from dbc.messages import LateralError, Mode, SteeringCommand, limits, resolution
 from plant_emulator.safety_settings import design_guard
 from plant_emulator.settings import PlantSettings
 from runtime.node import NS_PER_S
+from runtime.settings import SettingsError
 from tools.batch.compilation import compiled_fastmath
 from tools.batch.loop import (
     COMPLETE,
@@ -40,6 +41,10 @@ from tools.batch.wire_plan import plan_wire, speed_on_wire
 
 _DESIGNS_KEPT = 256
 """Laws kept for the next run with the same controller; designing one costs a tenth of a run."""
+
+
+class FaultsNotCompiledError(SettingsError):
+    """The settings have faults, which pass raw frames; the compiled loop has none."""
 
 
 class Outcome(StrEnum):
@@ -138,9 +143,15 @@ def run_batch(
     ``fastmath``  whether operations may change order and fuse; numbers are then close to those of
                   the nodes, not the same
 
-    Raises NothingArrivesError where no measurement would ever reach the controller, and
-    UnclearSampleError for a law that looks back through gaps of seconds.
+    Raises FaultsNotCompiledError for settings with faults, NothingArrivesError where no measurement
+    would ever reach the controller, and UnclearSampleError for a law that looks back through gaps
+    of seconds.
     """
+    if plant.faults:
+        raise FaultsNotCompiledError(
+            f"faults: {len(plant.faults)} given, but compiled runs have none; leave [[faults]] out,"
+            " or run the nodes: python -m tools.closed_loop"
+        )
     register_steps()
     loop = _FASTMATH if fastmath else _EXACT
     plan = plan_run(plant, controller) if plan is None else plan
