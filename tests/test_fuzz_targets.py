@@ -14,6 +14,7 @@ from tools.fuzz.__main__ import NAMES
 from tools.fuzz.targets import TARGETS
 
 EXAMPLES = {
+    "authentication": 60,
     "broker": 150,
     "bus_client": 80,
     "candump": 600,

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 NAMES = (
-    "broker", "bus_client", "candump", "command_line", "contract", "controller", "log", "plant",
-    "protocol", "settings", "trace", "waypoints",
+    "authentication", "broker", "bus_client", "candump", "command_line", "contract", "controller",
+    "log", "plant", "protocol", "settings", "trace", "waypoints",
 )  # fmt: skip
 """Of ``tools.fuzz.targets``, which is not to be imported before atheris can instrument it."""
 PACKAGES = ("controller", "dbc", "plant_emulator", "runtime", "tools")

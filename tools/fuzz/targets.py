@@ -7,6 +7,7 @@ for what it has noticed itself, any other exception for what has escaped.
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
+from tools.fuzz.authentication_target import fuzz_authentication
 from tools.fuzz.bus_targets import fuzz_broker, fuzz_bus_client, fuzz_protocol
 from tools.fuzz.command_lines import fuzz_command_line
 from tools.fuzz.contract_targets import fuzz_contract
@@ -16,6 +17,7 @@ from tools.fuzz.settings_targets import fuzz_settings, fuzz_trace, fuzz_waypoint
 
 TARGETS: Mapping[str, Callable[[bytes], None]] = MappingProxyType(
     {
+        "authentication": fuzz_authentication,
         "broker": fuzz_broker,
         "bus_client": fuzz_bus_client,
         "candump": fuzz_candump,
