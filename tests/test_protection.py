@@ -130,6 +130,7 @@ def test_a_resynchronisation_counts_nothing_as_lost() -> None:
         sequence.check(counter)
     assert sequence.check(204) is ACCEPTED
     assert sequence.lost == 0
+    assert sequence.resynchronised == 1
 
 
 def test_an_accepted_frame_ends_a_run_of_refusals() -> None:

@@ -107,6 +107,16 @@ def test_a_sender_that_restarted_is_believed_after_the_run_that_was_set() -> Non
     taken = [tested.take(encode(COMMAND, counter)) for counter in range(5)]
     assert [message == COMMAND for message in taken] == [False, False, False, True, True]
     assert tested.lost == 0
+    assert tested.resynchronised == 1
+
+
+def test_a_payload_of_another_message_is_told_from_a_corrupted_one() -> None:
+    tested = reception()
+    tested.take(encode(COMMAND, 0))
+    status = encode(SteeringStatus(0.1, 7, SteeringStatusCode.APPLYING), 1)
+    assert tested.take(status._replace(can_id=CAN_IDS[SteeringCommand])) is Rejection.MASQUERADED
+    assert tested.take(encode(COMMAND, 1)) == COMMAND
+    assert tested.rejected == {"masqueraded": 1}
 
 
 @given(st.sampled_from(sorted(CAN_IDS.values())), st.binary(max_size=64), st.integers(0, 31))
