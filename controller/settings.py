@@ -37,8 +37,9 @@ class SupervisionSettings(Settings):
 
     ``fault_tolerant_time_ms``  within this after measurements stop, HOLDING has to be entered and
                                 told on the bus (the fault tolerant time interval of ISO 26262)
-    ``measurement_timeout_ms``  a measurement older than this is not steered by; a step in the
-                                network's latency is a gap in what arrives, too
+    ``measurement_timeout_ms``  a measurement older than this is not steered by; left out: as old
+                                as the fault tolerant time allows, a period less than that. A step
+                                in the network's latency is a gap in what arrives, too
     ``hold_ms``                 how long the last command is held then
     ``ramp_rad_s``              how fast it is then ramped to zero; also how fast the difference
                                 between the held command and the law's fades out on recovery
@@ -48,7 +49,7 @@ class SupervisionSettings(Settings):
     """
 
     fault_tolerant_time_ms: Annotated[float, Field(ge=1.0, le=60_000.0)] = 150.0
-    measurement_timeout_ms: Annotated[float, Field(ge=1.0, le=10_000.0)] = 120.0
+    measurement_timeout_ms: Annotated[float, Field(ge=1.0, le=10_000.0)] | None = None
     hold_ms: Annotated[float, Field(ge=0.0, le=10_000.0)] = 500.0
     ramp_rad_s: PositiveFloat = 0.2
     recovery_frames: Annotated[int, Field(ge=1, le=100)] = 5
@@ -66,13 +67,16 @@ class ControllerSettings(LawSettings):
 
     @model_validator(mode="after")
     def _refuse_a_reaction_that_comes_too_late(self) -> Self:
-        table = self.supervision
+        table, period_ms = self.supervision, self.period_ns / NS_PER_MS
         # A tick may come a whole period after the timeout.
-        reaction_ms = table.measurement_timeout_ms + self.period_ns / NS_PER_MS
-        if reaction_ms > table.fault_tolerant_time_ms:
+        if (table.measurement_timeout_ms or 1.0) + period_ms > table.fault_tolerant_time_ms:
+            timeout = (
+                "a measurement timeout of 1 ms"
+                if table.measurement_timeout_ms is None
+                else f"supervision.measurement_timeout_ms = {table.measurement_timeout_ms:g}"
+            )
             raise ValueError(
-                f"supervision.measurement_timeout_ms = {table.measurement_timeout_ms:g} and a"
-                f" period of {self.period_ns / NS_PER_MS:g} ms are more than"
+                f"{timeout} and a period of {period_ms:g} ms are more than"
                 f" supervision.fault_tolerant_time_ms = {table.fault_tolerant_time_ms:g}"
             )
         return self
@@ -86,8 +90,11 @@ class ControllerSettings(LawSettings):
 def supervision_of(settings: ControllerSettings) -> Supervision:
     """Return the parameters of the mode table."""
     table = settings.supervision
+    timeout_ms = table.measurement_timeout_ms
+    if timeout_ms is None:
+        timeout_ms = table.fault_tolerant_time_ms - settings.period_ns / NS_PER_MS
     return Supervision(
-        measurement_timeout_ns=round(table.measurement_timeout_ms * NS_PER_MS),
+        measurement_timeout_ns=round(timeout_ms * NS_PER_MS),
         hold_ns=round(table.hold_ms * NS_PER_MS),
         recovery_frames=table.recovery_frames,
     )

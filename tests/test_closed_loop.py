@@ -301,7 +301,7 @@ def uplink_loss(loss: float) -> Frame:
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("gap_ms", [600, 3000])
+@pytest.mark.parametrize("gap_ms", [500, 3000])
 def test_measurements_that_stop_and_come_back_never_make_the_steer_jump(
     law: str, gap_ms: int
 ) -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.settings import ControllerSettings
+from controller.settings import ControllerSettings, supervision_of
 from dbc.messages import CAN_IDS, Mode, SteeringCommand
 from plant_emulator.settings import PlantSettings
 from runtime.bus_model import BusModel
@@ -109,7 +109,7 @@ def test_the_controller_notices_holds_and_stops(starved: VirtualSoak) -> None:
     modes = {mode: time_ns for time_ns, mode in reversed(starved.modes)}
     periods_ns = 2 * CONTROLLER.period_ns
     held_after_ns = modes[Mode.HOLDING] - BABBLE_NS[0]
-    timeout_ns = supervision.measurement_timeout_ms * NS_PER_MS
+    timeout_ns = supervision_of(CONTROLLER).measurement_timeout_ns
     assert timeout_ns - periods_ns < held_after_ns <= timeout_ns + periods_ns
     stopped_after_ns = modes[Mode.SAFE_STOP] - modes[Mode.HOLDING]
     hold_ns = supervision.hold_ms * NS_PER_MS
