@@ -19,6 +19,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from io import FileIO
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -170,31 +171,38 @@ def _ordered(reads: Iterator[list[_Record]]) -> Iterator[list[_Record]]:
 
 
 def _records(source: BinaryIO) -> Iterator[list[_Record]]:
-    """Yield the whole records of every read until the pipe ends, and none for every pause."""
-    rest = b""
-    number = 0
-    while True:
-        if not _comes(source):
-            yield []
-            continue
-        chunk = os.read(source.fileno(), _READ_BYTES)
-        if not chunk:
-            return
-        rest += chunk
-        records = []
-        place = 0
-        while len(rest) - place >= RECORD.size:
-            time_ns, can_id, flags, direction, length = RECORD.unpack_from(rest, place)
-            end = place + RECORD.size + length
-            if len(rest) < end:
-                break
-            frame = Frame(can_id, rest[place + RECORD.size : end], flags)
-            records.append(_Record(time_ns, number, frame, bool(direction)))
-            number += 1
-            place = end
-        rest = rest[place:]
-        if records:
-            yield records
+    """Yield the whole records of every read until the pipe ends, and none for every pause.
+
+    All reads go to one buffer: memory that is taken in ever other sizes is never all given back.
+    """
+    buffer = bytearray(_READ_BYTES)
+    view = memoryview(buffer)
+    filled = number = 0
+    with FileIO(source.fileno(), closefd=False) as pipe:
+        while True:
+            if not _comes(source):
+                yield []
+                continue
+            count = pipe.readinto(view[filled:])
+            if not count:
+                return
+            filled += count
+            records = []
+            place = 0
+            while filled - place >= RECORD.size:
+                time_ns, can_id, flags, direction, length = RECORD.unpack_from(buffer, place)
+                end = place + RECORD.size + length
+                if filled < end:
+                    break
+                frame = Frame(can_id, bytes(view[place + RECORD.size : end]), flags)
+                records.append(_Record(time_ns, number, frame, bool(direction)))
+                number += 1
+                place = end
+            # What is left is less than a record, and goes to the front.
+            buffer[: filled - place] = buffer[place:filled]
+            filled -= place
+            if records:
+                yield records
 
 
 def _comes(source: BinaryIO) -> bool:
