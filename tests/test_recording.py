@@ -558,7 +558,7 @@ def test_both_programs_record_the_same_frames_and_keep_them_on_ctrl_c(
             for name, path in logs.items()
         }
         # Text is handed to the operating system as it comes, so it can be looked at meanwhile.
-        wait_until(lambda: log.read_text().count(" T\n") > 50, f"commands in {log}")
+        wait_until(lambda: log.read_text().count(" T\n") > 60, f"commands in {log}")
         for name, program in programs.items():
             assert program.interrupt() == ExitStatus.OK
             report = program.report()
