@@ -84,7 +84,7 @@ class LagFit:
         self._sum_xx = [0.0] * lags
         self._sum_xz = [0.0] * lags
         self._sum_z = self._sum_zz = self._weight = 0.0
-        self._waiting_z = [0.0] * LEAD
+        self._waiting_z: list[float] = []
         self._at: tuple[int, float, float, float] | None = None  # lag, part of a step, gain, offset
         self._score = self._part = 0.0
         self._in_block = 0
@@ -96,6 +96,8 @@ class LagFit:
         x.insert(0, command)
         x.pop()
         self._waiting_z.append(response)
+        if len(self._waiting_z) <= LEAD:
+            return
         z = self._waiting_z.pop(0)
         if not counts:
             return
@@ -132,7 +134,7 @@ class LagFit:
         slack_s = math.sqrt(least_cost / information)
         return Peak(
             (best - LEAD + part) * self._grid.step_s,
-            min(slack_s, self._deviation_s(information)),
+            min(slack_s, self._deviation_s(information)) if self._parts > 0.0 else math.inf,
             gain,
             math.sqrt(max(0.0, 1.0 - least / total)) if total > 0.0 else 0.0,
             slack_s,

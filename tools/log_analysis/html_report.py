@@ -35,6 +35,9 @@ SIGNAL_NAMES = {
     "yaw_rate_rad_s": ("yaw rate", "mrad/s", 1e3),
     "disturbance_rad": ("disturbance, estimated", "mrad", 1e3),
     "network_disturbance_rad": ("network disturbance, estimated", "mrad", 1e3),
+    "echo_delay_s": ("delay down and up, by echo", "ms", 1e3),
+    "estimated_delay_s": ("delay down and up, estimated", "ms", 1e3),
+    "delay_confidence": ("confidence of that estimate", "%", 100.0),
 }
 """What each signal is called in a report, the unit there, and how many of it make the SI unit."""
 _WHAT_A_LOG_TELLS = """
