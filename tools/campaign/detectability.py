@@ -1,0 +1,163 @@
+"""Which fault is detectable, and by which mechanism: decided by what a fault is, before any run.
+
+A mechanism sees one thing, and what it sees is all that it can detect:
+
+    E2E               CRC, length, identifier and counter of a frame that arrives
+    RANGE             a raw value outside its signal's range or value table
+    FRESHNESS         no acceptable LATERAL_ERROR, or STEERING_COMMAND, within its age limit
+    LIMITER           a command beyond the safety limiter's bounds
+    SELF_SUPERVISION  own ticks missed
+
+A fault that shows none of them nothing: a plausible value with a valid CRC and counter cannot be
+told from a true one by a receiver that has one source for it, and a frame that comes late by less
+than the age limit cannot be told from what the network is allowed to do.
+"""
+
+from collections.abc import Mapping
+from enum import StrEnum
+from types import MappingProxyType
+from typing import NamedTuple
+
+from plant_emulator.fault_settings import ALL, FaultKind, FaultSettings
+from tools.campaign.node_faults import NodeFault
+from tools.campaign.specification import NodeFaultKind
+
+AGE_LIMIT_S = 0.14
+"""The longer one of the two nodes' default age limits: what lasts longer is silence for both."""
+BURST_SILENT_FRAMES = 15
+"""A burst of so many frames at 100 Hz is longer than either age limit."""
+LIMITER_RAD = 0.7
+"""The safety limiter's default bound on the angle."""
+PERIOD_S = 0.01
+STREAMS = frozenset({"LATERAL_ERROR", "STEERING_COMMAND", ALL})
+"""Messages whose age is watched."""
+
+
+class Mechanism(StrEnum):
+    """What can see a fault."""
+
+    E2E = "E2E"
+    RANGE = "range"
+    FRESHNESS = "freshness"
+    LIMITER = "limiter"
+    SELF_SUPERVISION = "self-supervision"
+
+
+MECHANISM_OF: Mapping[str, Mechanism] = MappingProxyType(
+    {
+        "bad_crc": Mechanism.E2E,
+        "masqueraded": Mechanism.E2E,
+        "wrong_length": Mechanism.E2E,
+        "wrong_format": Mechanism.E2E,
+        "repeated": Mechanism.E2E,
+        "out_of_order": Mechanism.E2E,
+        "too_far": Mechanism.E2E,
+        "lost": Mechanism.E2E,
+        "out_of_range": Mechanism.RANGE,
+        "not_available": Mechanism.RANGE,
+        "silence": Mechanism.FRESHNESS,
+        "intervention": Mechanism.LIMITER,
+        "skipped_ticks": Mechanism.SELF_SUPERVISION,
+        "law_failures": Mechanism.SELF_SUPERVISION,
+        "failure": Mechanism.SELF_SUPERVISION,
+        "safe_state": Mechanism.SELF_SUPERVISION,
+    }
+)
+"""Which mechanism a count in a node's report belongs to."""
+
+
+class Expectation(NamedTuple):
+    """What is expected of a fault.
+
+    ``mechanisms``  that can see it; none: it is not detectable
+    ``safe_state``  whether the receiver has to leave control, as it has nothing left to act on
+    ``why``         in a line
+    """
+
+    mechanisms: tuple[Mechanism, ...]
+    safe_state: bool
+    why: str
+
+
+_E2E, _RANGE = (Mechanism.E2E,), (Mechanism.RANGE,)
+_FRESHNESS = (Mechanism.FRESHNESS,)
+_EITHER = (Mechanism.E2E, Mechanism.FRESHNESS)
+_TELLING = "a plausible value, valid CRC and counter: one source, nothing to compare it with"
+
+
+def expect_fault(fault: FaultSettings) -> Expectation:
+    """Return what is expected of a fault of the stage at the plant's edge."""
+    is_stream = fault.message in STREAMS
+    magnitude = fault.magnitude
+    match fault.kind:
+        case FaultKind.DROP if magnitude >= 1.0:
+            return _silence(fault, is_stream)
+        case FaultKind.BURST_LOSS if magnitude >= BURST_SILENT_FRAMES and is_stream:
+            return Expectation(_EITHER, True, "a burst longer than the age limit")
+        case FaultKind.DROP | FaultKind.BURST_LOSS:
+            return Expectation(_E2E, False, "the counter jumps")
+        case FaultKind.DUPLICATE:
+            return Expectation(_E2E, False, "a counter comes twice")
+        case FaultKind.REORDER:
+            return Expectation(_E2E, False, "the counter jumps, then goes back")
+        case FaultKind.DELAY_SPIKE if magnitude > AGE_LIMIT_S and fault.duration_s > AGE_LIMIT_S:
+            return Expectation(_FRESHNESS, True, "nothing arrives for longer than the age limit")
+        case FaultKind.DELAY_SPIKE:
+            return Expectation((), False, "late by less than the age limit: the network may")
+        case FaultKind.FREEZE:
+            return Expectation(_E2E, is_stream, "the same counter again and again")
+        case FaultKind.BIT_FLIPS:
+            every_frame = is_stream and (1.0 - magnitude) ** 64 < 1e-3
+            return Expectation(_E2E, every_frame, "the CRC is not that of the content")
+        case FaultKind.WRONG_LENGTH:
+            return Expectation(_E2E, is_stream, "not the length of the message")
+        case FaultKind.WRONG_IDENTIFIER:
+            return _moved(fault, is_stream)
+        case FaultKind.SPOOF:
+            return Expectation(_E2E, False, "the true sender's counter then comes twice")
+        case FaultKind.REPLAY:
+            return Expectation(_E2E, False, "the counter goes back")
+        case FaultKind.OUT_OF_RANGE:
+            silent = is_stream and magnitude >= 1.0
+            return Expectation(_RANGE, silent, "a raw value outside the range")
+        case FaultKind.OFFSET if _beats_limiter(fault, magnitude):
+            return Expectation((Mechanism.LIMITER,), False, "beyond the limiter's angle")
+        case FaultKind.NOISE if _beats_limiter(fault, 0.25 * magnitude):
+            return Expectation((Mechanism.LIMITER,), False, "often beyond the limiter's angle")
+        case _:
+            return Expectation((), False, _TELLING)
+
+
+def expect_node_fault(fault: NodeFault) -> Expectation:
+    """Return what is expected of a fault of a node."""
+    if fault.kind is NodeFaultKind.CLOCK_JUMP:
+        supervision = (Mechanism.SELF_SUPERVISION,)
+        if fault.magnitude > AGE_LIMIT_S:
+            both = (Mechanism.SELF_SUPERVISION, Mechanism.FRESHNESS)
+            return Expectation(both, True, "ticks missed, and its measurement looks old")
+        if fault.magnitude > 2.0 * PERIOD_S:
+            return Expectation(supervision, False, "ticks missed")
+        return Expectation((), False, "less than two periods")
+    if fault.duration_s <= AGE_LIMIT_S and fault.kind is not NodeFaultKind.KILLED:
+        return Expectation((), False, "shorter than the age limit")
+    return Expectation(_FRESHNESS, True, "its peer hears nothing")
+
+
+def _silence(fault: FaultSettings, is_stream: bool) -> Expectation:
+    if not is_stream:
+        return Expectation((), False, "this message has no age limit")
+    if fault.duration_s <= AGE_LIMIT_S:
+        return Expectation((), False, "shorter than the age limit, and then a counter that jumps")
+    return Expectation(_FRESHNESS, True, "nothing arrives")
+
+
+def _moved(fault: FaultSettings, is_stream: bool) -> Expectation:
+    """A frame under another identifier: its receiver refuses it by the Data ID, if it has one."""
+    if fault.message == "STEERING_COMMAND":
+        return Expectation(_FRESHNESS, True, "the plant does not receive that identifier")
+    return Expectation(_E2E, is_stream, "the CRC is that of another identifier")
+
+
+def _beats_limiter(fault: FaultSettings, value_rad: float) -> bool:
+    """Whether a command that is wrong by so much is beyond the bound, whatever the law wants."""
+    return fault.message == "STEERING_COMMAND" and abs(value_rad) >= LIMITER_RAD + 0.2

@@ -1,0 +1,192 @@
+"""Watches a node from outside: what its own counts say and when, and what it puts on the bus."""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from controller.settings import ControllerSettings, limits_of
+from dbc.messages import (
+    Decoded,
+    Mode,
+    Rejection,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    decode,
+    resolutions,
+)
+from plant_emulator.settings import PlantSettings
+from runtime.frame import Frame
+from runtime.program import ReportingNode
+
+SAFE_CAUSES = ("silence", "failure", "safe_state")
+"""Counts that rise when a node leaves control."""
+_COMMAND_COUNTERS = 1 << 16
+_RESOLUTION_RAD = resolutions(SteeringCommand)["steer_rad"]
+_ABNORMAL_MODES = (Mode.HOLDING, Mode.SAFE_STOP)
+_ABNORMAL_CODES = (
+    SteeringStatusCode.HOLDING,
+    SteeringStatusCode.FALLBACK,
+    SteeringStatusCode.SAFE_STATE,
+)
+
+
+class Bounds(NamedTuple):
+    """What no frame of a node may exceed: angles, and the change from command to command [rad]."""
+
+    command_rad: float
+    command_step_rad: float
+    wheel_rad: float
+
+
+def bounds_of(plant: PlantSettings, controller: ControllerSettings) -> Bounds:
+    """Return the bounds that the settings promise, with a step of the wire's resolution."""
+    limits = limits_of(controller)
+    angle = plant.safety.angle_rad_max
+    return Bounds(
+        limits.steer_rad_max + _RESOLUTION_RAD,
+        limits.step_rad_max + _RESOLUTION_RAD,
+        (math.inf if isinstance(angle, str) else angle) + _RESOLUTION_RAD,
+    )
+
+
+def counts_of(report: Mapping[str, Any]) -> dict[str, int]:
+    """Return what either node's report counts of faults, by cause."""
+    counts = {**report["rejected"], "lost": report.get("lost_on_the_bus", report.get("lost"))}
+    safety = report.get("safety")
+    if safety is not None:
+        counts["silence"] = safety["holdings"]
+        counts["intervention"] = sum(safety["interventions"].values())
+        counts["safe_state"] = int(safety["safe_state"] is not None)
+    else:
+        counts["silence"] = report["holds"]
+        counts["failure"] = int(bool(report["failure"]))
+        counts["law_failures"] = report["law_failures"]
+        counts["skipped_ticks"] = report["skipped_ticks"]
+    return counts
+
+
+class Watch:
+    """Stands in the place of a node, and notes what it does.
+
+    ``onset_ns``  from when on its counts are looked at after every frame and tick [ns]
+    ``wanted``    causes of which one has to be seen, and then one that leaves control if
+                  ``until_safe``, before its counts are left alone
+    ``peer_sent`` filled by the peer's watch: frames in their true form; others are corrupted
+    """
+
+    def __init__(
+        self,
+        node: ReportingNode,
+        bounds: Bounds,
+        onset_ns: int,
+        wanted: Collection[str],
+        until_safe: bool,
+        peer_sent: Collection[Frame] | None,
+    ) -> None:
+        self.node = node
+        self._bounds = bounds
+        self._onset_ns = onset_ns
+        self._wanted = frozenset(wanted)
+        self._until_safe = until_safe
+        self._peer_sent = peer_sent
+        self._before: dict[str, int] | None = None
+        self._is_done = not wanted
+        self.sent: set[Frame] = set()
+        self.first_seen_ns: dict[str, int] = {}
+        self.corrupted = 0
+        self.corrupted_accepted = 0
+        self.invalid: list[str] = []
+        self.states: list[tuple[int, bool]] = []
+        self._last_command: SteeringCommand | None = None
+
+    @property
+    def deadline_ns(self) -> int:
+        """When the node wants its next tick [ns]."""
+        return self.node.deadline_ns
+
+    @property
+    def finished(self) -> bool:
+        """Whether the node has finished."""
+        return self.node.finished
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        """Hand over a frame, and see what the node says."""
+        self._begin(now_ns)
+        if self._peer_sent is None or frame in self._peer_sent:
+            answers = self.node.on_frame(frame, now_ns)
+        else:
+            accepted = self.node.report()["accepted"]
+            answers = self.node.on_frame(frame, now_ns)
+            self.corrupted += 1
+            self.corrupted_accepted += self.node.report()["accepted"] - accepted
+        self._look(now_ns)
+        return self._noted(answers, now_ns)
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        """Let the node tick, and see what it says."""
+        self._begin(now_ns)
+        sent = self.node.on_tick(now_ns)
+        self._look(now_ns)
+        return self._noted(sent, now_ns)
+
+    def report(self) -> Mapping[str, Any]:
+        """Return the node's report."""
+        return self.node.report()
+
+    def counted(self) -> dict[str, int]:
+        """Return how far each count has risen since the onset, those that have."""
+        before, counts = self._before or {}, counts_of(self.node.report())
+        risen = {cause: count - before.get(cause, 0) for cause, count in counts.items()}
+        return {cause: count for cause, count in sorted(risen.items()) if count}
+
+    def _begin(self, now_ns: int) -> None:
+        if self._before is None and now_ns >= self._onset_ns:
+            self._before = counts_of(self.node.report())
+
+    def _look(self, now_ns: int) -> None:
+        """Note which counts have risen for the first time."""
+        if self._is_done or self._before is None:
+            return
+        for cause, count in counts_of(self.node.report()).items():
+            if count > self._before.get(cause, 0):
+                self.first_seen_ns.setdefault(cause, now_ns)
+        seen = self.first_seen_ns.keys()
+        is_safe = not self._until_safe or any(cause in seen for cause in SAFE_CAUSES)
+        self._is_done = is_safe and bool(self._wanted & seen)
+
+    def _noted(self, frames: Sequence[Frame], now_ns: int) -> Sequence[Frame]:
+        for frame in frames:
+            self.sent.add(frame)
+            decoded = decode(frame)
+            if isinstance(decoded, Decoded):
+                self._check(decoded.message, now_ns)
+            elif decoded is not Rejection.NOT_AVAILABLE:
+                self.invalid.append(f"{decoded} under 0x{frame.can_id:03X}")
+        return frames
+
+    def _check(self, message: object, now_ns: int) -> None:
+        """Hold a message against the bounds, and note whether its sender is in control."""
+        if isinstance(message, SteeringCommand):
+            if abs(message.steer_rad) > self._bounds.command_rad:
+                self.invalid.append(f"command of {message.steer_rad:g} rad")
+            self._check_step(message)
+            self._note_state(now_ns, message.mode in _ABNORMAL_MODES)
+        elif isinstance(message, SteeringStatus):
+            if abs(message.wheel_angle_rad) > self._bounds.wheel_rad:
+                self.invalid.append(f"wheel at {message.wheel_angle_rad:g} rad")
+            self._note_state(now_ns, message.status in _ABNORMAL_CODES)
+
+    def _check_step(self, command: SteeringCommand) -> None:
+        """Hold the change since the last command that got out against the rate limit."""
+        last, self._last_command = self._last_command, command
+        if last is None:
+            return
+        steps = (command.command_counter - last.command_counter) % _COMMAND_COUNTERS
+        change_rad = command.steer_rad - last.steer_rad
+        if abs(change_rad) > steps * self._bounds.command_step_rad:
+            self.invalid.append(f"command steps by {change_rad:g} rad in {steps} periods")
+
+    def _note_state(self, now_ns: int, is_abnormal: bool) -> None:
+        if not self.states or self.states[-1][1] != is_abnormal:
+            self.states.append((now_ns, is_abnormal))

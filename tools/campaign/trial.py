@@ -1,0 +1,305 @@
+"""One run of a campaign: the pair in virtual time with a fault, watched and judged."""
+
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+from controller.node import ControllerNode
+from controller.settings import ControllerSettings
+from plant_emulator.fault_settings import FaultKind
+from plant_emulator.faults import FaultyNode
+from plant_emulator.motion_design import MotionParams
+from plant_emulator.node import PlantNode, motion_params
+from plant_emulator.plant_samples import PlantSample
+from plant_emulator.settings import PlantSettings
+from runtime.bus_model import BusModel
+from runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S
+from runtime.virtual_time import VirtualTimeExecutor
+from tools.campaign.detectability import MECHANISM_OF, Mechanism
+from tools.campaign.node_faults import with_node_fault
+from tools.campaign.observation import SAFE_CAUSES, Watch, bounds_of
+from tools.campaign.scenario import (
+    GOLDEN,
+    Case,
+    Scenario,
+    controller_settings_of,
+    plant_settings_of,
+)
+from tools.campaign.specification import CONTROLLER, PLANT, NodeFaultKind
+from tools.soak.babbling import BabbledBus
+
+BABBLER_ID = 0x000
+"""It beats every frame of the pair."""
+QUEUE_LIMIT = 64
+"""Frames of one node that wait for the bus, as on the emulated bus."""
+_CORRUPTING = frozenset(
+    {
+        FaultKind.BIT_FLIPS,
+        FaultKind.WRONG_LENGTH,
+        FaultKind.WRONG_IDENTIFIER,
+        FaultKind.OUT_OF_RANGE,
+    }
+)
+_PARAMS_KEPT = 64
+
+
+class Verdict(StrEnum):
+    """How a run came out."""
+
+    PASSED = "passed"
+    NOT_DETECTABLE = "not detectable"
+    """As classified beforehand; whether it was seen all the same is told beside it."""
+    NO_EFFECT = "no effect"
+    """The fault changed nothing: its chance never came."""
+    MISSED = "missed"
+    LATE = "late"
+    FALSE_ALARM = "false alarm"
+    UNSAFE = "unsafe"
+
+
+FAILURES = (Verdict.MISSED, Verdict.LATE, Verdict.FALSE_ALARM, Verdict.UNSAFE)
+
+
+class Result(NamedTuple):
+    """What a run came to; times in seconds, None for what did not happen.
+
+    ``detected_by``   node and count that saw the fault first, of the expected mechanisms
+    ``fdti_s``        from the fault's first effect on the receiver to that count
+    ``frti_s``        from there to the receiver's leaving control; 0 where refusing is enough
+    ``told_s``        from the first effect to the first frame sent that says so
+    ``counts``        what either node counted after the onset
+    ``corrupted``     frames delivered that nobody has sent so; ``corrupted_accepted`` of them
+    """
+
+    name: str
+    kind: str
+    where: str
+    magnitude: float
+    point: str
+    law: str
+    seed: int
+    expected: str
+    why: str
+    changed: int
+    detected_by: str
+    fdti_s: float | None
+    frti_s: float | None
+    fhti_s: float | None
+    told_s: float | None
+    recovery_s: float | None
+    lateral_error_peak_m: float
+    steer_rate_peak_rad_s: float
+    counts: dict[str, int]
+    corrupted: int
+    corrupted_accepted: int
+    bus_refused: int
+    unsafe: str
+    verdict: str
+
+
+class Pair(NamedTuple):
+    """The two nodes of a run, watched; the plant behind the fault stage."""
+
+    plant_node: PlantNode
+    edge: FaultyNode[Watch]
+    plant: Watch
+    controller: Watch
+    bus: BabbledBus
+
+
+def run_trial(scenario: Scenario) -> Result:
+    """Run a scenario; equal scenarios give equal results."""
+    case = scenario.case
+    plant_settings = plant_settings_of(scenario, case.faults)
+    pair = _pair(scenario, plant_settings, _controller_settings(scenario.law))
+    end_ns = round((scenario.spec.motion_s + 0.2) * NS_PER_S)
+    VirtualTimeExecutor((pair.edge, pair.controller), pair.bus).run(end_ns)
+    return _result(scenario, pair)
+
+
+def _pair(scenario: Scenario, plant: PlantSettings, controller: ControllerSettings) -> Pair:
+    case = scenario.case
+    onset_ns = _onset_ns(case)
+    bounds = bounds_of(plant, controller)
+    wanted = [cause for cause, by in MECHANISM_OF.items() if by in case.expected.mechanisms]
+    is_corrupting = any(fault.kind in _CORRUPTING for fault in case.faults)
+
+    def watched(node: Any, name: str, peer_sent: set[Any] | None) -> Watch:
+        own = wanted if case.receiver in (name, "both") else ()
+        struck = with_node_fault(node, name, case.node_fault)
+        seen_from = peer_sent if is_corrupting else None
+        return Watch(struck, bounds, onset_ns, own, case.expected.safe_state, seen_from)
+
+    sent_by_plant: set[Any] = set()
+    controller_watch = watched(ControllerNode(controller, 0), CONTROLLER, sent_by_plant)
+    node = PlantNode(plant, 0, _motion_params(_fixed(plant)))
+    plant_watch = watched(node, PLANT, controller_watch.sent)
+    plant_watch.sent = sent_by_plant
+    start_ns, stop_ns = NEVER_NS, NEVER_NS
+    fault = case.node_fault
+    if fault is not None and fault.kind is NodeFaultKind.BABBLING:
+        start_ns, stop_ns = fault.window_ns
+    model = BusModel(scenario.spec.bitrate_bit_s, queue_limit=QUEUE_LIMIT)
+    bus = BabbledBus(model, BABBLER_ID, start_ns, stop_ns)
+    edge = FaultyNode(plant_watch, case.faults, scenario.seed)
+    return Pair(node, edge, plant_watch, controller_watch, bus)
+
+
+def _onset_ns(case: Case) -> int:
+    """Return from when on counts are held against those before [ns]; 0 for a golden run."""
+    if case.node_fault is not None:
+        return case.node_fault.window_ns[0]
+    # The stage's clock starts with the first command, some periods after this one.
+    return min((round(fault.onset_s * NS_PER_S) for fault in case.faults), default=0)
+
+
+def _result(scenario: Scenario, pair: Pair) -> Result:
+    case, point = scenario.case, scenario.point
+    effects = [stage.first_ns for stage in pair.edge.stages if stage.first_ns is not None]
+    changed = sum(stage.changed for stage in pair.edge.stages)
+    effect_ns = min(effects, default=_onset_ns(case))
+    counts = {
+        f"{name}.{cause}": count
+        for name, watch in ((PLANT, pair.plant), (CONTROLLER, pair.controller))
+        for cause, count in watch.counted().items()
+    }
+    times = _times(case, pair, effect_ns, round(point.downlink_ms * NS_PER_MS))
+    unsafe = "; ".join(dict.fromkeys([*pair.plant.invalid, *pair.controller.invalid]))
+    is_idle = case.kind != GOLDEN and case.node_fault is None and changed == 0
+    samples = _after(pair.plant_node.samples, effect_ns)
+    return Result(
+        name=scenario.name,
+        kind=case.kind,
+        where=case.where,
+        magnitude=case.magnitude,
+        point=point.name,
+        law=scenario.law,
+        seed=scenario.seed,
+        expected=", ".join(case.expected.mechanisms) or "none",
+        why=case.expected.why,
+        changed=changed,
+        **times._asdict(),
+        recovery_s=_recovery_s(scenario, pair, effect_ns),
+        lateral_error_peak_m=max((abs(one.lateral_error_m) for one in samples), default=0.0),
+        steer_rate_peak_rad_s=_steer_rate_peak(samples),
+        counts=counts,
+        corrupted=pair.plant.corrupted + pair.controller.corrupted,
+        corrupted_accepted=pair.plant.corrupted_accepted + pair.controller.corrupted_accepted,
+        bus_refused=pair.bus.refused,
+        unsafe=unsafe,
+        verdict=_verdict(scenario, times, counts, unsafe, is_idle),
+    )
+
+
+class _Times(NamedTuple):
+    detected_by: str
+    fdti_s: float | None
+    frti_s: float | None
+    fhti_s: float | None
+    told_s: float | None
+
+
+def _times(case: Case, pair: Pair, effect_ns: int, downlink_ns: int) -> _Times:
+    """Return when the receiver saw the fault, the slower of two; silence at the plant counts from
+    when the first command that is missing would have come out of the latency line.
+    """
+    found: list[_Times] = []
+    for name, watch in ((PLANT, pair.plant), (CONTROLLER, pair.controller)):
+        if case.receiver not in (name, "both") or not case.expected.mechanisms:
+            continue
+        late_ns = downlink_ns if name == PLANT else 0
+        seen = _since(watch, case.expected.mechanisms, effect_ns, late_ns)
+        if not seen:
+            return _Times("", None, None, None, None)
+        fdti_s, cause = min(seen)
+        safe = [
+            since_s
+            for since_s, one in _since(watch, None, effect_ns, late_ns)
+            if one in SAFE_CAUSES
+        ]
+        fhti_s: float | None = fdti_s
+        if case.expected.safe_state:
+            fhti_s = max(fdti_s, min(safe)) if safe else None
+        told = [at_ns for at_ns, is_abnormal in watch.states if is_abnormal and at_ns >= effect_ns]
+        told_s = (told[0] - effect_ns) / NS_PER_S if told else None
+        frti_s = None if fhti_s is None else fhti_s - fdti_s
+        found.append(_Times(f"{name}.{cause}", fdti_s, frti_s, fhti_s, told_s))
+    if not found:
+        return _Times("", None, None, None, None)
+    return max(found, key=lambda times: float("inf") if times.fhti_s is None else times.fhti_s)
+
+
+def _since(
+    watch: Watch, mechanisms: Sequence[Mechanism] | None, effect_ns: int, late_ns: int
+) -> list[tuple[float, str]]:
+    """Return how long after the effect each cause was first counted [s]."""
+    seen = []
+    for cause, at_ns in watch.first_seen_ns.items():
+        mechanism = MECHANISM_OF.get(cause)
+        if mechanism is None or (mechanisms is not None and mechanism not in mechanisms):
+            continue
+        # What acts behind the latency line learns of it one latency later.
+        behind_line = mechanism in (Mechanism.FRESHNESS, Mechanism.LIMITER)
+        seen.append(((at_ns - effect_ns - (late_ns if behind_line else 0)) / NS_PER_S, cause))
+    return seen
+
+
+def _verdict(
+    scenario: Scenario, times: _Times, counts: Mapping[str, int], unsafe: str, is_idle: bool
+) -> Verdict:
+    case, ftti_s = scenario.case, 1e-3 * scenario.spec.ftti_ms
+    if unsafe:
+        return Verdict.UNSAFE
+    if case.kind == GOLDEN:
+        return Verdict.FALSE_ALARM if counts else Verdict.PASSED
+    if is_idle:
+        return Verdict.NO_EFFECT
+    if not case.expected.mechanisms:
+        return Verdict.NOT_DETECTABLE
+    if times.fdti_s is None or times.fhti_s is None:
+        return Verdict.MISSED
+    return Verdict.LATE if times.fhti_s > ftti_s else Verdict.PASSED
+
+
+def _recovery_s(scenario: Scenario, pair: Pair, effect_ns: int) -> float | None:
+    """Return how long after the fault's end either node left control last [s]; None: for good."""
+    end_ns = effect_ns + round(scenario.spec.fault_s * NS_PER_S)
+    recovered_ns = end_ns
+    for watch in (pair.plant, pair.controller):
+        states = [(at_ns, bad) for at_ns, bad in watch.states if at_ns >= effect_ns]
+        if states and states[-1][1]:
+            return None
+        if states:
+            recovered_ns = max(recovered_ns, states[-1][0])
+    return (recovered_ns - end_ns) / NS_PER_S
+
+
+def _after(samples: Sequence[PlantSample], effect_ns: int) -> list[PlantSample]:
+    return [one for one in samples if one.time_s >= effect_ns / NS_PER_S]
+
+
+def _steer_rate_peak(samples: Sequence[PlantSample]) -> float:
+    """Return the largest rate of the wheel between two samples [rad/s]."""
+    rates = [
+        abs(b.wheel_angle_rad - a.wheel_angle_rad) / (b.time_s - a.time_s)
+        for a, b in pairwise(samples)
+        if b.time_s > a.time_s
+    ]
+    return max(rates, default=0.0)
+
+
+@lru_cache(maxsize=_PARAMS_KEPT)
+def _motion_params(settings: PlantSettings) -> MotionParams:
+    return motion_params(settings)
+
+
+def _fixed(settings: PlantSettings) -> PlantSettings:
+    """Return the settings without what the motion does not depend on, so that runs share it."""
+    return settings.model_copy(update={"seed": 1, "faults": ()})
+
+
+@lru_cache(maxsize=_PARAMS_KEPT)
+def _controller_settings(law: str) -> ControllerSettings:
+    return controller_settings_of(law)
