@@ -44,6 +44,7 @@ duration_s = 40.0
 path = "practical_ellipse"
 disturbance = { steps = [{ at_s = 1.0, steering_offset_rad = 0.05 }] }
 latency = { downlink = { model = "gamma" } }
+safety = { ftti_ms = "off" }
 [[factors]]
 key = "plant.latency.downlink.mean_s"
 values = [0.1, 0.9]
