@@ -17,19 +17,14 @@ they were designed with.
 
 from collections.abc import Callable
 from functools import partial
-from math import ceil, exp, expm1
+from math import exp, expm1
 from typing import Any, NamedTuple, TypeVar
 
+from controller.baseline_design import delayed_set_point_params, smith_params, steady_steer
 from controller.cdob import CdobParams
-from controller.delayed_set_point import (
-    REQUESTS,
-    REQUESTS_S_MIN,
-    DelayedSetPointParams,
-)
 from controller.dob import DobParams
 from controller.feed_forward import (
     FeedForwardParams,
-    SteadySteer,
     feed_forward_at_rest,
     feed_forward_step,
 )
@@ -49,12 +44,14 @@ from controller.pd import PdParams
 from controller.predictor import PredictorParams
 from controller.predictor_design import design_schedule
 from controller.sections import IDENTITY, Cascade2, Cascade3, Section
-from controller.smith import SmithParams
 from controller.transfer_function import Factor, TransferFunction
 from runtime.node import NS_PER_MS, NS_PER_S
 
 FADE_RAD_S = 0.2
 """How fast the difference between two laws fades when one takes over from the other."""
+
+FILTER_SETTLES_S = 1.0
+"""After so long the Kalman filter knows yaw rate and side slip, whatever it began with."""
 
 _Table = TypeVar("_Table")
 
@@ -85,7 +82,7 @@ def design_law(settings: LawSettings) -> LawDesign:
     """
     if settings.feed_forward is not None:
         return _with_feed_forward(settings, settings.feed_forward.gain)
-    law = LAWS[settings.law]
+    law, period_s = LAWS[settings.law], 1.0 / settings.rate_hz
     params: Any
     if settings.law is LawName.PREDICTOR:
         schedule = design_predictor(settings)
@@ -93,12 +90,16 @@ def design_law(settings: LawSettings) -> LawDesign:
         at_rest = partial(law.at_rest, params)
         return LawDesign(params, at_rest, law.step, schedule, looks_back=True, commands_read=None)
     if settings.law is LawName.SMITH:
-        params = design_smith(settings)
+        smith = _given(settings.smith)
+        compensation = _compensation(_given(settings.model), smith.washout_rad_s, period_s)
+        params = smith_params(smith, design_pd(settings.pd, period_s), compensation, period_s)
         at_rest = partial(law.at_rest, params)
         commands_read = int(params.delay_ticks) + 2
         return LawDesign(params, at_rest, law.step, looks_back=True, commands_read=commands_read)
     if settings.law is LawName.DELAYED_SET_POINT:
-        params = design_delayed_set_point(settings)
+        table, steady = _given(settings.delayed_set_point), steady_steer(_vehicle(settings))
+        pd, link = design_pd(settings.pd, period_s), link_of(settings)
+        params = delayed_set_point_params(table, pd, steady, link, period_s)
         at_rest = partial(law.at_rest, params)
         return LawDesign(params, at_rest, law.step, looks_back=True, commands_read=None)
     if settings.pd.derivative == "kalman":
@@ -122,43 +123,6 @@ def _with_feed_forward(settings: LawSettings, gain: float) -> LawDesign:
         initial_state=partial(feed_forward_at_rest, law.initial_state),
         step=partial(feed_forward_step, law.step),
         looks_back=True,
-    )
-
-
-def steady_steer(vehicle: VehicleModelSettings, gain: float = 1.0) -> SteadySteer:
-    """Return the steer per curvature of a vehicle, times a gain."""
-    c_f, c_r = vehicle.front_cornering_stiffness_n_rad, vehicle.rear_cornering_stiffness_n_rad
-    l_f, l_r = vehicle.front_axle_distance_m, vehicle.rear_axle_distance_m
-    wheelbase_m = l_f + l_r
-    understeer_s2_m = vehicle.virtual_mass_kg * (c_r * l_r - c_f * l_f) / (c_f * c_r * wheelbase_m)
-    return SteadySteer(gain * wheelbase_m, gain * understeer_s2_m)
-
-
-def design_smith(settings: LawSettings) -> SmithParams:
-    """Return the discrete filters and the delay of the Smith predictor.
-
-    Tustin's rule takes a command to rise linearly over the period that it is in fact held for: its
-    answer is half a period late. That half is already in the model's delay.
-    """
-    table, period_s = _given(settings.smith), 1.0 / settings.rate_hz
-    return SmithParams(
-        design_pd(settings.pd, period_s),
-        _compensation(_given(settings.model), table.washout_rad_s, period_s),
-        max(0.0, table.delay_s / period_s - 0.5),
-    )
-
-
-def design_delayed_set_point(settings: LawSettings) -> DelayedSetPointParams:
-    """Return the parameters of the law with the delayed set point."""
-    table, period_s = _given(settings.delayed_set_point), 1.0 / settings.rate_hz
-    return DelayedSetPointParams(
-        design_pd(settings.pd, period_s),
-        steady_steer(_vehicle(settings)),
-        link_of(settings),
-        table.proportional_gain,
-        table.integral_gain_1_s * period_s,
-        -1.0 if table.delay_s is None else table.delay_s / period_s,
-        float(max(1, ceil(REQUESTS_S_MIN * settings.rate_hz / REQUESTS))),
     )
 
 
@@ -216,6 +180,7 @@ def design_kalman_law(settings: LawSettings) -> LawDesign:
             min(max(speed_m_s, lowest_m_s), highest_m_s),
             vehicle.preview_distance_m,
             FADE_RAD_S * period_s,
+            round(FILTER_SETTLES_S / settings.link.sensor_period_s),
         )
         return params_of(filtered, derivative)
 

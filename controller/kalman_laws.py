@@ -7,8 +7,9 @@ that of the filter (``controller.estimator``) at its newest sample, without any 
 CDOB's compensation, which has no noise to speak of, stays with the filtered difference. The
 observers see the command that was sent, as always.
 
-While the filter is not told which commands act, as before the first echo or when echoes stop, the
-filtered difference is back. The difference between the two fades out.
+While the filter is not told which commands act, as before the first echo or when echoes stop, and
+till it has settled after that, the filtered difference is back. The difference between the two
+fades out.
 """
 
 from typing import NamedTuple
@@ -47,6 +48,7 @@ class DerivativeParams(NamedTuple):
 
     ``pd``             C(z) of the law
     ``fade_step_rad``  how much of a difference between the two derivatives fades in one period
+    ``settling_samples``  how many samples the filter needs, from its start or a gap in the echoes
     """
 
     gains: VehicleGains
@@ -57,12 +59,18 @@ class DerivativeParams(NamedTuple):
     speed_m_s: float
     preview_distance_m: float
     fade_step_rad: float
+    settling_samples: int
 
 
 class DerivativeState(NamedTuple):
-    """State of the derivative; ``correction_rad`` is what it has added last."""
+    """State of the derivative.
+
+    ``settled_sample``  from this sample on the filter is believed
+    ``correction_rad``  what has been added last
+    """
 
     estimate: EstimatorState
+    settled_sample: int
     pd: SectionState
     is_estimated: bool
     correction_rad: float
@@ -132,11 +140,14 @@ def derivative_step(
     link, history = seen.link, seen.history
     x_pd, filtered_rad = pd_step(p.pd, x.pd, seen.lateral_error_m)
     estimate = start_estimate(x.estimate, link, history)
-    is_estimated = link.is_measured and estimate.sample >= 0
+    settled_sample = x.settled_sample
+    if estimate.sample != x.estimate.sample or not link.is_measured:
+        settled_sample = max(link.error_sample, 0) + p.settling_samples
     wanted_rad = 0.0
     if estimate.sample >= 0:
         known = min(link.error_sample, link.echo_sample)
         estimate = estimate_to(p.link, p.gains, estimate, link, history, known)
+    is_estimated = link.is_measured and 0 <= settled_sample <= estimate.sample
     if is_estimated:
         newest = estimate_to(p.link, p.gains, estimate, link, history, link.error_sample)
         wanted_rad = (
@@ -148,7 +159,10 @@ def derivative_step(
     if is_estimated != x.is_estimated:
         fade_rad = x.correction_rad - wanted_rad
     correction_rad = wanted_rad + fade_rad
-    return DerivativeState(estimate, x_pd, is_estimated, correction_rad, fade_rad), correction_rad
+    return (
+        DerivativeState(estimate, settled_sample, x_pd, is_estimated, correction_rad, fade_rad),
+        correction_rad,
+    )
 
 
 def error_rate_m_s(p: DerivativeParams, x: EstimatorState) -> float:
@@ -226,7 +240,12 @@ def kalman_pd_ddob_at_rest(p: KalmanPdDdobParams, lateral_error_m: float) -> Kal
 def derivative_at_rest(p: DerivativeParams, lateral_error_m: float) -> DerivativeState:
     """Return the state of the derivative after a constant lateral error [m]."""
     return DerivativeState(
-        estimator_at_rest(lateral_error_m), pd_at_rest(p.pd, lateral_error_m), False, 0.0, 0.0
+        estimator_at_rest(lateral_error_m),
+        -1,
+        pd_at_rest(p.pd, lateral_error_m),
+        False,
+        0.0,
+        0.0,
     )
 
 

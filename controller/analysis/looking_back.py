@@ -8,6 +8,7 @@ it from the law's own step function, by unit vectors.
 """
 
 from collections.abc import Callable, Iterator
+from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +25,8 @@ Matrix = NDArray[np.float64]
 
 BETA, R, PSI, Y, WHEEL = range(5)
 _RING = 4096
+_SETTLED_NS = 1_500_000_000
+"""A law that waits for its filter to settle has it then."""
 
 
 class Rig(NamedTuple):
@@ -176,7 +179,7 @@ def told_at(timing: Timing, tick: int) -> tuple[range, range]:
 def unit_answers(design: LawDesign, params: Any, timing: Timing, tick: int) -> Matrix:
     """Return law and steer after a tick, by what the law was before and is told."""
     wire = _Wire(timing)
-    rest, _ = design.step(params, design.initial_state(0.0), wire.seen(tick - 1))
+    rest = _settled_at_rest(design, params, wire, tick)
     ticks, samples = told_at(timing, tick)
     floats = floats_in(rest)
     columns = []
@@ -193,11 +196,24 @@ def unit_answers(design: LawDesign, params: Any, timing: Timing, tick: int) -> M
     return np.array([[*_leaves(state), output.steer_rad] for state, output in columns]).T
 
 
+def _settled_at_rest(design: LawDesign, params: Any, wire: "_Wire", tick: int) -> Any:
+    """Return the state before a tick of a law that has seen nothing but zeros for long enough."""
+    rest: Any = None
+    for periods in (1, ceil(_SETTLED_NS / wire.period_ns)):
+        rest = design.initial_state(0.0)
+        for before in range(tick - periods, tick):
+            rest, _ = design.step(params, rest, wire.seen(before))
+        if all(_truths(rest)):  # it predicts, or takes its derivative from the filter
+            break
+    return rest
+
+
 class _Wire:
     """What a law is told, all of it zero but for what is set in the rings."""
 
     def __init__(self, timing: Timing) -> None:
         self._timing, self._delay_ns = timing, timing.echoed_delay_ns()
+        self.period_ns = timing.link.period_ns
         self.sent_rad = [0.0] * _RING
         self.lateral_error_m = [0.0] * _RING
         self.heading_error_rad = [0.0] * _RING
@@ -251,6 +267,15 @@ def _leaves(nested: Any) -> Iterator[float]:
         for member in nested:
             yield from _leaves(member)
     elif isinstance(nested, float):
+        yield nested
+
+
+def _truths(nested: Any) -> Iterator[bool]:
+    """Return the truth values of a law's state."""
+    if isinstance(nested, tuple):
+        for member in nested:
+            yield from _truths(member)
+    elif isinstance(nested, bool):
         yield nested
 
 
