@@ -9,17 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from test_batch import NETWORKS, assert_same_as_nodes
-from test_batch import controller_settings as preset
-from test_batch import plant_settings as rig
-from test_laws import transition
 
 from controller.analysis.check import check_text
 from controller.analysis.linear_system import NotLinearError, law_system
 from controller.analysis.sampled_loop import SampledLoop
 from controller.analysis.stable_delays import stable_delays
+from controller.baseline_design import steady_steer
 from controller.delayed_set_point import REQUESTS, request_before
-from controller.design import LawDesign, design_law, steady_steer
+from controller.design import LawDesign, design_law
 from controller.feed_forward import curve_steer
 from controller.law_interface import NO_HISTORY, NO_LINK, LawInput, Link, VehicleReading
 from controller.law_settings import VehicleModelSettings
@@ -29,6 +26,10 @@ from plant_emulator.node import PlantNode
 from plant_emulator.settings import PlantSettings
 from plant_emulator.vehicle import VehicleParams, state_matrices
 from runtime.settings import SettingsError, load_settings, read_preset
+from tests.test_batch import NETWORKS, assert_same_as_nodes
+from tests.test_batch import controller_settings as preset
+from tests.test_batch import plant_settings as rig
+from tests.test_laws import transition
 from tools.batch.engine import Outcome, run_batch
 from tools.virtual_pair import run_virtual_nodes
 
