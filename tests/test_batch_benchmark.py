@@ -28,6 +28,32 @@ def test_the_c_program_gives_the_same_bits(network: str, tmp_path: Path) -> None
     np.testing.assert_array_equal(here.sent_rad, there.sent_rad)
 
 
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+@pytest.mark.parametrize(
+    "network",
+    [
+        ("mean_s=0.05", "loss=0.3", "burst_frames=40"),
+        ("mean_s=0.05", "loss=0.6", "burst_frames=120"),
+    ],
+)
+def test_the_c_program_guards_the_steering_to_the_same_bits(
+    network: tuple[str, ...], tmp_path: Path
+) -> None:
+    plant, controller = pair_settings(network, duration_s=20.0)
+    safety = plant.safety.model_copy(
+        update={"lateral_jerk_m_s3_max": 0.2, "ramp_rad_s": 0.02, "override_at_s": 18.0}
+    )
+    plant = plant.model_copy(update={"safety": safety})
+    plan = plan_run(plant, controller)
+    here = run_batch(plant, controller, plan)
+    there = CPair(compile_pair(tmp_path), plant, controller, plan).run()
+    first = len(there.lateral_error_m) - len(here.lateral_error_m)
+    acted = here.wheel_angle_rad != here.command_rad
+    assert np.count_nonzero(acted & (here.time_s < 18.0)) > 50
+    np.testing.assert_array_equal(here.lateral_error_m, there.lateral_error_m[first:])
+    np.testing.assert_array_equal(here.wheel_angle_rad, there.wheel_angle_rad[first:])
+
+
 def test_without_a_compiler_it_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -12,6 +12,7 @@ from controller.analysis.linear_system import floats_of
 from controller.design import design_law
 from controller.settings import ControllerSettings, limits_of
 from dbc.messages import LateralError, SteeringCommand, limits, resolutions
+from plant_emulator.safety_settings import design_guard
 from plant_emulator.settings import PlantSettings
 from runtime.node import NS_PER_S
 from tools.batch.motion import compiled_motion
@@ -54,6 +55,23 @@ class _Run(ctypes.Structure):
                 "commands",
                 "samples",
             )
+        ),
+    )
+
+
+_LIMITS = 4
+
+
+class _Guard(ctypes.Structure):
+    _fields_ = (
+        *((name, ctypes.c_double * _LIMITS) for name in ("reach_rad", "sweep_rad")),
+        *(
+            (name, ctypes.c_double)
+            for name in ("tolerance_rad", "stop_rad", "ramp_rad_s", "ramp_step_rad")
+        ),
+        *(
+            (name, ctypes.c_int64)
+            for name in ("follow_ns", "silence_ns", "hold_ns", "recovery_frames", "override_ns")
         ),
     )
 
@@ -114,6 +132,7 @@ class CPair:
             len(plan.command_tick),
             len(plan.sample_ns),
         )
+        self._guard = _guard_of(plant)
         road = motion.path
         self._rig = [
             np.asarray(array)
@@ -151,6 +170,28 @@ class CPair:
         outputs = [*per_sample, in_effect, sent_rad, np.empty((ticks, 4))]
         self._function(
             ctypes.byref(self._run),
+            ctypes.byref(self._guard),
             *(ctypes.c_void_p(array.ctypes.data) for array in (*self._inputs, *outputs)),
         )
         return CResult(per_sample[0], per_sample[3], sent_rad)
+
+
+def _guard_of(plant: PlantSettings) -> _Guard:
+    p = design_guard(plant.safety, plant.vehicle, plant.actuator)
+    reach_rad, sweep_rad = (
+        (ctypes.c_double * _LIMITS)(*values)
+        for values in zip(*(row[1:] for row in p.limiter.rows), strict=True)
+    )
+    return _Guard(
+        reach_rad,
+        sweep_rad,
+        p.limiter.tolerance_rad,
+        p.limiter.stop_rad,
+        p.ramp_rad_s,
+        p.ramp_step_rad,
+        p.limiter.follow_ns,
+        p.silence_ns,
+        p.hold_ns,
+        p.recovery_frames,
+        p.override_ns,
+    )

@@ -1,10 +1,12 @@
 /* One run of plant and pd_ddob in plain C: the arithmetic of the project's step functions, operation
-   by operation, with actuator, disturbances, path, noise, limits and the resolution of the wire. It
-   is what the compiled batch is measured against, and has to give the same bits (no fast-math, no
-   contraction). Only the mode is always ACTIVE. */
+   by operation, with the steering's guard, actuator, disturbances, path, noise, limits and the
+   resolution of the wire. It is what the compiled batch is measured against, and has to give the
+   same bits (no fast-math, no contraction). Only the controller's mode is always ACTIVE. */
 
 #include <math.h>
 #include <stdint.h>
+
+#include "steering_guard.h"
 
 enum { DIGIT_BITS = 12, DIGIT_VALUES = 1 << DIGIT_BITS, ROW = 32 };
 
@@ -145,7 +147,7 @@ static void after_ramp(const Run *p, Motion *x, double wheel_rad, double goal_ra
 static void command_wheel(const Run *p, Motion *x, double steer_rad)
 {
     double wheel_rad = x->z.delta, goal_rad = wheel_rad;
-    double target = fmin(fmax(steer_rad, -p->angle_limit_rad), p->angle_limit_rad);
+    double target = lesser(greater(steer_rad, -p->angle_limit_rad), p->angle_limit_rad);
     x->clipped = target != steer_rad;
     if (wheel_rad < target - p->dead_band_rad)
         goal_rad = target - p->dead_band_rad;
@@ -186,15 +188,10 @@ static void enter_interval(const Run *p, const Rig *rig, Motion *x, int64_t inte
     x->interval_end_ns = more ? rig->intervals[interval + 1].start_ns : NEVER_NS;
 }
 
-static int64_t earliest(int64_t a, int64_t b)
-{
-    return a < b ? a : b;
-}
-
 static void advance(const Run *p, const Rig *rig, Motion *x, int64_t to_ns)
 {
     for (;;) {
-        int64_t event_ns = earliest(x->wheel_end_ns, earliest(x->place_end_ns, x->interval_end_ns));
+        int64_t event_ns = earlier(x->wheel_end_ns, earlier(x->place_end_ns, x->interval_end_ns));
         if (event_ns > to_ns)
             break;
         coast(rig, x, event_ns);
@@ -225,7 +222,7 @@ static double ramp_step(double step_rad, double value_rad)
 }
 
 /* Fills the arrays behind noise_m: seven of one entry a sample, two of one row a tick. */
-void run_pair(const Run *p, const Law *law, const LawState *start, const Rig *rig, const int64_t *tick_ns,
+void run_pair(const Run *p, const GuardParams *guard_params, const Law *law, const LawState *start, const Rig *rig, const int64_t *tick_ns,
               const int64_t *tick_sample, const int64_t *command_due_ns,
               const int64_t *command_tick, const int64_t *sample_ns, const double *noise_m,
               double *error_m, double *heading_rad, double *yaw_rate_rad_s, double *wheel_rad,
@@ -234,8 +231,9 @@ void run_pair(const Run *p, const Law *law, const LawState *start, const Rig *ri
 {
     Motion x = {.wheel_end_ns = NEVER_NS};
     LawState state = *start;
+    Guard guard = {.deadline_ns = guard_params->override_ns};
     double sent = 0.0, fade = 0.0;
-    int64_t sample = 0, command = 0;
+    int64_t sample = 0, command = 0, followed = -1;
     enter_place(p, rig, &x);
     enter_interval(p, rig, &x, 0);
     for (int64_t tick = 0; tick <= p->ticks; tick++) {
@@ -246,23 +244,35 @@ void run_pair(const Run *p, const Law *law, const LawState *start, const Rig *ri
                 command_ns = command_due_ns[command];
             if (sample < p->samples)
                 next_sample_ns = sample_ns[sample];
-            if (command_ns > to_ns && next_sample_ns > to_ns)
+            int64_t guard_ns = p->motion_start_ns + guard.deadline_ns;
+            if (command_ns > to_ns && next_sample_ns > to_ns && guard_ns > to_ns)
                 break;
             int64_t at_ns = command_ns <= next_sample_ns ? command_ns : next_sample_ns;
-            int64_t motion_ns = at_ns - p->motion_start_ns;
-            advance(p, rig, &x, motion_ns > 0 ? motion_ns : 0);
-            if (command_ns <= next_sample_ns) {
+            int64_t motion_ns = at_ns > p->motion_start_ns ? at_ns - p->motion_start_ns : 0;
+            if (command_ns <= next_sample_ns && command_ns <= guard_ns) {
+                advance(p, rig, &x, motion_ns);
                 double raw = rint(sent_rad[command_tick[command]] / p->steer_resolution_rad);
-                command_wheel(p, &x, raw * p->steer_resolution_rad);
+                if (guard_command(guard_params, &guard, raw * p->steer_resolution_rad, motion_ns)) {
+                    command_wheel(p, &x, guard.steer_rad);
+                    followed = command;
+                }
                 command++;
+            } else if (guard_ns <= next_sample_ns) {
+                motion_ns = guard.deadline_ns;
+                if (guard_timer(guard_params, &guard, motion_ns)) {
+                    advance(p, rig, &x, motion_ns);
+                    command_wheel(p, &x, guard.steer_rad);
+                }
             } else {
+                advance(p, rig, &x, motion_ns);
+                guard_wheel(guard_params, &guard, x.z.delta, motion_ns);
                 double reading_m = x.z.y + noise_m[sample];
                 error_m[sample] = x.z.y;
                 heading_rad[sample] = x.z.psi;
                 yaw_rate_rad_s[sample] = x.z.r;
                 wheel_rad[sample] = x.z.delta;
                 curvature_1_m[sample] = x.z.rho;
-                in_effect[sample] = command - 1;
+                in_effect[sample] = followed;
                 if (!(fabs(reading_m) <= p->error_m_max))
                     return;
                 measured_m[sample] = rint(reading_m / p->error_resolution_m) * p->error_resolution_m;
@@ -276,9 +286,9 @@ void run_pair(const Run *p, const Law *law, const LawState *start, const Rig *ri
             return;
         fade = ramp_step(p->ramp_step_rad, fade);
         wanted = wanted + fade;
-        double low = fmax(-p->steer_rad_max, sent - p->step_rad_max);
-        double high = fmin(p->steer_rad_max, sent + p->step_rad_max);
-        sent = fmin(fmax(wanted, low), high);
+        double low = greater(-p->steer_rad_max, sent - p->step_rad_max);
+        double high = lesser(p->steer_rad_max, sent + p->step_rad_max);
+        sent = lesser(greater(wanted, low), high);
         sent_rad[tick] = sent;
     }
 }
