@@ -18,7 +18,7 @@ from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, preset_names, read_preset
 from tools.batch.compilation import sources
 from tools.batch.engine import BatchRun, Outcome, run_batch
-from tools.batch.loop import run_first_segment
+from tools.batch.loop import run_only_segment
 from tools.batch.plan import NothingArrivesError, plan_run
 from tools.batch.steps import step_functions
 from tools.virtual_pair import run_virtual_nodes
@@ -271,8 +271,8 @@ def test_compiled_code_is_forgotten_when_any_step_function_changes() -> None:
 def test_a_run_counts_no_references() -> None:
     """One array that is not borrowed, counted at every step of the plant, doubles the time."""
     run_batch(plant_settings((), 1.0), controller_settings("practical_pd"))
-    fresh: Any = numba.njit(nogil=True)(run_first_segment.py_func)
-    fresh.compile(run_first_segment.signatures[0])
+    fresh: Any = numba.njit(nogil=True)(run_only_segment.py_func)
+    fresh.compile(run_only_segment.signatures[0])
     name = fresh.overloads[fresh.signatures[0]].fndesc.llvm_func_name
     (body,) = (
         function

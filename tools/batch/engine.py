@@ -15,8 +15,10 @@ import numpy as np
 from controller.design import LawDesign, design_law
 from controller.settings import ControllerSettings, limits_of
 from dbc.messages import LateralError, Mode, SteeringCommand, limits, resolutions
-from plant_emulator.safety_settings import design_guard
+from plant_emulator.rig_settings import ActuatorSettings, VehicleSettings
+from plant_emulator.safety_settings import SafetySettings, design_guard
 from plant_emulator.settings import PlantSettings
+from plant_emulator.steering_guard import GuardParams
 from runtime.node import NS_PER_S
 from runtime.settings import SettingsError
 from tools.batch.compilation import compiled_fastmath
@@ -28,9 +30,10 @@ from tools.batch.loop import (
     Records,
     Schedule,
     empty_records,
-    run_first_segment,
+    run_only_segment,
     run_segment,
     run_to_first_tick,
+    start_run,
 )
 from tools.batch.motion import compiled_motion
 from tools.batch.network import FloatArray, IntArray
@@ -65,12 +68,13 @@ _OUTCOMES = {
 class _Loop(NamedTuple):
     """The compiled functions of ``tools.batch.loop``."""
 
+    start_run: Any
     run_to_first_tick: Any
-    run_first_segment: Any
+    run_only_segment: Any
     run_segment: Any
 
 
-_EXACT = _Loop(run_to_first_tick, run_first_segment, run_segment)
+_EXACT = _Loop(start_run, run_to_first_tick, run_only_segment, run_segment)
 _FASTMATH = _Loop(*map(compiled_fastmath, _EXACT))
 
 
@@ -179,13 +183,16 @@ def run_batch(
             return _collected(plan, motion.speed_m_s, records, samples, 0, _OUTCOMES[code])
         error_m = float(records.measured_m[plan.tick_sample[first.first_tick]])
     state = law.initial_state(error_m)
-    x, sent_rad, fade_rad, ticks, code = loop.run_first_segment(
-        params, motion, constants, schedule, records, wire, first, state, plan.end_ns
-    )
-    for segment in others:
+    if not others:
+        samples, ticks, code = loop.run_only_segment(
+            params, motion, constants, schedule, records, wire, first, state, plan.end_ns
+        )
+        return _collected(plan, motion.speed_m_s, records, samples, ticks, _OUTCOMES[code])
+    x, sent_rad, fade_rad, ticks, code = loop.start_run(motion, constants), 0.0, 0.0, 0, COMPLETE
+    for segment in plan.segments:
         if code != COMPLETE:
             break
-        if segment.mode == Mode.ACTIVE:
+        if segment.mode == Mode.ACTIVE and segment is not first:
             newest = plan.tick_sample[segment.first_tick]
             state = law.initial_state(float(records.measured_m[newest]))
         x, sent_rad, fade_rad, ticks, code = loop.run_segment(
@@ -202,8 +209,7 @@ def run_batch(
             fade_rad,
             plan.end_ns,
         )
-    samples = x.sample
-    return _collected(plan, motion.speed_m_s, records, samples, ticks, _OUTCOMES[code])
+    return _collected(plan, motion.speed_m_s, records, x.sample, ticks, _OUTCOMES[code])
 
 
 @lru_cache(maxsize=_DESIGNS_KEPT)
@@ -211,9 +217,16 @@ def _designed(controller: ControllerSettings) -> LawDesign:
     return design_law(controller)
 
 
+@lru_cache(maxsize=_DESIGNS_KEPT)
+def _guard(
+    safety: SafetySettings, vehicle: VehicleSettings, actuator: ActuatorSettings
+) -> GuardParams:
+    return design_guard(safety, vehicle, actuator)
+
+
 def _constants(plant: PlantSettings, controller: ControllerSettings, plan: Plan) -> Constants:
     return Constants(
-        guard=design_guard(plant.safety, plant.vehicle, plant.actuator),
+        guard=_guard(plant.safety, plant.vehicle, plant.actuator),
         limits=limits_of(controller),
         ramp_step_rad=controller.supervision.ramp_rad_s * controller.period_ns / NS_PER_S,
         lateral_error_resolution_m=resolutions(LateralError)["lateral_error_m"],

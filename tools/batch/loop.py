@@ -228,13 +228,23 @@ def run_to_first_tick(
     """Run the plant from its start up to and at the first tick; returns samples taken, and how."""
     p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
     wire = borrowed_wire(wire)
-    start = Progress(start_motion(p), start_guard(c.guard), 0, 0, -1)
-    x, outcome = _plant_until(p, c, s, r, wire, start, 0, first_tick_ns)
+    x, outcome = _plant_until(p, c, s, r, wire, _start(p, c), 0, first_tick_ns)
     return x.sample, outcome
 
 
 @compiled
-def run_first_segment(
+def start_run(p: Any, c: Constants) -> Any:
+    """Return where the plant starts."""
+    return _start(borrowed_motion(p), c)
+
+
+@compiled_inline
+def _start(p: Any, c: Constants) -> Progress:
+    return Progress(start_motion(p), start_guard(c.guard), 0, 0, -1)
+
+
+@compiled
+def run_only_segment(
     law_params: Any,
     p: Any,
     c: Constants,
@@ -245,15 +255,17 @@ def run_first_segment(
     law_state: Any,
     end_ns: int,
 ) -> Any:
-    """Run from the plant's start through the first segment; returns what ``run_segment`` does.
+    """Run from the plant's start through a segment that lasts to the end.
 
-    To hand the plant's state to and fro costs as much as hundreds of ticks, and most runs have one
-    segment only; so it starts once more.
+    Returns the samples taken, the ticks done, and how it ended. Most runs have one segment only;
+    to hand the plant's state to Python and back costs as much as hundreds of ticks.
     """
     p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
     wire = borrowed_wire(wire)
-    start = Progress(start_motion(p), start_guard(c.guard), 0, 0, -1)
-    return _run_ticks(law_params, p, c, s, r, wire, segment, start, law_state, 0.0, 0.0, end_ns)
+    x, _, _, ticks, outcome = _run_ticks(
+        law_params, p, c, s, r, wire, segment, _start(p, c), law_state, 0.0, 0.0, end_ns
+    )
+    return x.sample, ticks, outcome
 
 
 @compiled
