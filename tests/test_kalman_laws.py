@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from test_batch import assert_same_as_nodes
 
 from controller.design import design_law
 from controller.estimator import EstimatorState
@@ -18,6 +17,7 @@ from plant_emulator.settings import PlantSettings
 from runtime.frame import Frame
 from runtime.settings import SettingsError, load_settings, read_preset
 from runtime.virtual_time import VirtualTimeExecutor
+from tests.test_batch import assert_same_as_nodes
 
 KALMAN = "pd.derivative=kalman"
 
