@@ -1,0 +1,93 @@
+"""Runs scenarios on processes, and keeps every result the moment it is there.
+
+Results are one JSON object a line. A campaign that is run again with the same specification goes on
+where it was left.
+"""
+
+import json
+import multiprocessing
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from hashlib import sha256
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from tools.campaign.scenario import Scenario
+from tools.campaign.specification import CampaignSettings
+from tools.campaign.trial import Result, Verdict, run_trial
+
+RESULTS = "results.jsonl"
+_WAITING_PER_PROCESS = 4
+
+
+def specification_hash(spec: CampaignSettings) -> str:
+    """Return what tells one specification from another."""
+    return sha256(spec.model_dump_json().encode()).hexdigest()[:16]
+
+
+def execute(
+    scenarios: Sequence[Scenario],
+    processes: int,
+    take: Callable[[Result], None],
+) -> None:
+    """Run scenarios, on further processes where there are to be more than one.
+
+    ``take`` gets every result, in the order in which they are done. Raises what a run raises.
+    """
+    if processes <= 1:
+        for scenario in scenarios:
+            take(run_trial(scenario))
+        return
+    # A fork of a process with threads may hang; spawned ones read the modules once.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, context) as pool:
+        source = iter(scenarios)
+        waiting: set[Future[Result]] = set()
+        while True:
+            free = processes * _WAITING_PER_PROCESS - len(waiting)
+            waiting |= {pool.submit(run_trial, one) for one in islice(source, free)}
+            if not waiting:
+                return
+            done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in done:
+                take(future.result())
+
+
+def read_results(folder: Path, spec_hash: str | None = None) -> list[Result]:
+    """Return the results in a folder; those of ``spec_hash`` alone, if it is given.
+
+    A line that is not whole, as of a run that was killed, is left out.
+    """
+    file = folder / RESULTS
+    if not file.exists():
+        return []
+    results = []
+    for line in file.read_text(encoding="utf-8").splitlines():
+        kept = _of_line(line)
+        if kept is not None and spec_hash in (None, kept[0]):
+            results.append(kept[1])
+    return results
+
+
+def write_result(folder: Path, spec_hash: str, result: Result) -> None:
+    """Add a result to those in a folder."""
+    with (folder / RESULTS).open("a", encoding="utf-8") as opened:
+        opened.write(json.dumps({"specification": spec_hash, **result._asdict()}) + "\n")
+
+
+def keep_only(folder: Path, spec_hash: str, results: Iterable[Result]) -> None:
+    """Leave these results in a folder, and no others."""
+    (folder / RESULTS).unlink(missing_ok=True)
+    for result in results:
+        write_result(folder, spec_hash, result)
+
+
+def _of_line(line: str) -> tuple[str, Result] | None:
+    try:
+        record: dict[str, Any] = json.loads(line)
+        spec_hash = str(record.pop("specification"))
+        result = Result(**record)
+        return spec_hash, result._replace(verdict=Verdict(result.verdict))
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return None

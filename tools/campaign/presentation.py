@@ -1,0 +1,206 @@
+"""A campaign in the terminal, as CSV and as one page of HTML."""
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+from tools.campaign.acceptance import Finding
+from tools.campaign.comparison import Comparison
+from tools.campaign.grouping import Group, in_ms
+from tools.campaign.scenario import GOLDEN
+from tools.campaign.specification import CampaignSettings
+from tools.campaign.trial import FAILURES, Result
+from tools.stress_report.page import Cell, Section, Table, number, page
+
+_FAILED_SHOWN = 50
+_NAMES_SHOWN = 10
+_DEFINITIONS = (
+    "FDTI runs from the fault's first effect on its receiver to the first count of an expected "
+    "cause in that receiver's own report; FRTI from there until it leaves control, and is zero "
+    "where refusing the frame is the reaction; FHTI is their sum. For the plant's silence the "
+    "first effect is when the first missing command would have left the downlink's latency. Told: "
+    "until the node sends the first frame that says so. Recovery: from the fault's end until both "
+    "nodes are in control again. Times are the longest of all runs, in milliseconds.",
+    "Which mechanism can detect a fault is decided by what the fault is, before any run. A fault "
+    "that is not detectable shows a receiver nothing that differs from a sound sender; its "
+    "deviation says what that costs.",
+)
+
+
+def table_lines(groups: Sequence[Group]) -> list[str]:
+    """Return the table for a terminal: a line for each case."""
+    lines = [
+        f"{'fault':17} {'of':17} {'magn.':>6} {'runs':>4}  {'can be seen by':19} "
+        f"{'FDTI':>5} {'FHTI':>5} {'told':>5} {'recov':>6} {'dev.':>6} {'rate':>6}  verdicts",
+        f"{'':66}{'[ms]':>5} {'[ms]':>5} {'[ms]':>5} {'[ms]':>6} {'[m]':>6} {'[rad/s]':>7}",
+    ]
+    lines += [
+        f"{one.kind:17} {one.where:17} {one.magnitude:6g} {one.runs:4}  {one.expected:19.19} "
+        f"{in_ms(one.fdti_s):>5} {in_ms(one.fhti_s):>5} {in_ms(one.told_s):>5} "
+        f"{_recovery(one):>6} {one.lateral_error_peak_m:6.3f} {one.steer_rate_peak_rad_s:6.1f}  "
+        f"{one.verdicts}"
+        for one in groups
+    ]
+    return lines
+
+
+def finding_lines(findings: Sequence[Finding]) -> list[str]:
+    """Return the findings, a line each."""
+    width = max(len(one.what) for one in findings)
+    return [
+        f"{'yes' if one.holds else 'NO ':3}  {one.what:{width}}  {one.figure}" for one in findings
+    ]
+
+
+def comparison_lines(comparison: Comparison) -> list[str]:
+    """Return the four groups, with the first names of those that matter."""
+    lines = [
+        f"fixed {len(comparison.fixed)}, unchanged {len(comparison.unchanged)}, "
+        f"new failure {len(comparison.new_failure)}, still failing "
+        f"{len(comparison.still_failing)}; {comparison.added} runs added, "
+        f"{comparison.removed} no longer run"
+    ]
+    for what, results in _told(comparison):
+        lines += [f"  {what}: {one.name} ({one.verdict})" for one in results[:_NAMES_SHOWN]]
+    return lines
+
+
+def write_csv(path: Path, results: Sequence[Result]) -> None:
+    """Write a line for each run."""
+    with path.open("w", newline="", encoding="utf-8") as opened:
+        writer = csv.writer(opened)
+        writer.writerow(Result._fields)
+        for result in results:
+            counts = " ".join(f"{cause}={count}" for cause, count in result.counts.items())
+            writer.writerow(result._replace(counts=counts))  # type: ignore[arg-type]
+
+
+def campaign_page(
+    spec: CampaignSettings,
+    results: Sequence[Result],
+    groups: Sequence[Group],
+    findings: Sequence[Finding],
+    comparison: Comparison | None,
+) -> str:
+    """Return the page."""
+    golden = sum(result.kind == GOLDEN for result in results)
+    failed = [result for result in results if result.verdict in FAILURES]
+    sections = [
+        Section(
+            "Acceptance",
+            [
+                f"{len(results)} runs of {spec.motion_s:g} s of motion in virtual time, {golden} "
+                f"of them without a fault: {len(groups) - (golden > 0)} cases at "
+                f"{len(spec.points)} operating points with {len(spec.laws)} laws. Each fault lasts "
+                f"{spec.fault_s:g} s; the fault tolerant time interval is {spec.ftti_ms:g} ms. "
+                f"Campaign seed {spec.seed}."
+            ],
+            tables=[_findings_table(findings)],
+        ),
+    ]
+    if comparison is not None:
+        sections.append(_comparison_section(comparison))
+    sections.append(Section("Cases", _DEFINITIONS, tables=[_cases_table(groups)]))
+    sections.append(
+        Section(
+            "Runs that failed",
+            [f"{len(failed)} of {len(results)}." if failed else "None."],
+            tables=[_failed_table(failed)],
+        )
+    )
+    sections.append(Section("Operating points", [], tables=[_points_table(spec)]))
+    return page("Fault campaign", sections)
+
+
+def _findings_table(findings: Sequence[Finding]) -> Table:
+    rows = [
+        [Cell("yes" if one.holds else "NO"), Cell(one.what), Cell(one.figure)] for one in findings
+    ]
+    return Table(("holds", "what", "figure"), rows)
+
+
+def _cases_table(groups: Sequence[Group]) -> Table:
+    headings = (
+        *("fault", "of", "magnitude", "runs", "can be seen by", "seen by, first", "FDTI", "FHTI"),
+        *("told", "recovery", "deviation [m]", "steer rate [rad/s]", "verdicts", "because"),
+    )
+    rows = [
+        [
+            Cell(one.kind),
+            Cell(one.where),
+            number(f"{one.magnitude:g}"),
+            number(str(one.runs)),
+            Cell(one.expected),
+            Cell(one.detected_by or one.counted),
+            number(in_ms(one.fdti_s)),
+            number(in_ms(one.fhti_s)),
+            number(in_ms(one.told_s)),
+            number(_recovery(one)),
+            number(f"{one.lateral_error_peak_m:.3f}"),
+            number(f"{one.steer_rate_peak_rad_s:.1f}"),
+            Cell(one.verdicts),
+            Cell(one.why),
+        ]
+        for one in groups
+    ]
+    return Table(headings, rows)
+
+
+def _failed_table(failed: Sequence[Result]) -> Table:
+    rows = [
+        [
+            Cell(one.name),
+            Cell(str(one.verdict)),
+            number(in_ms(one.fdti_s)),
+            number(in_ms(one.fhti_s)),
+            Cell(one.unsafe or ", ".join(f"{cause} {n}" for cause, n in one.counts.items())),
+        ]
+        for one in failed[:_FAILED_SHOWN]
+    ]
+    return Table(("run", "verdict", "FDTI", "FHTI", "counted"), rows)
+
+
+def _points_table(spec: CampaignSettings) -> Table:
+    rows = [
+        [
+            Cell(point.name),
+            number(f"{point.speed_km_h:g}"),
+            number(f"{point.virtual_mass_kg:g}"),
+            number(f"{point.downlink_ms:g}"),
+            number(f"{point.uplink_ms:g}"),
+            number(f"{point.jitter_ms:g}"),
+            number(f"{point.noise_m:g}"),
+        ]
+        for point in spec.points
+    ]
+    headings = (
+        *("point", "speed [km/h]", "mass [kg]", "downlink [ms]", "uplink [ms]"),
+        *("uplink jitter [ms]", "noise [m]"),
+    )
+    return Table(headings, rows)
+
+
+def _comparison_section(comparison: Comparison) -> Section:
+    rows = [
+        [Cell(what), Cell(one.name), Cell(str(one.verdict))]
+        for what, results in _told(comparison)
+        for one in results[:_FAILED_SHOWN]
+    ]
+    summary = comparison_lines(comparison)[0]
+    tables = [Table(("group", "run", "verdict now"), rows)]
+    return Section(
+        "Beside the earlier campaign", [summary[0].upper() + summary[1:] + "."], tables=tables
+    )
+
+
+def _told(comparison: Comparison) -> list[tuple[str, list[Result]]]:
+    return [
+        ("new failure", comparison.new_failure),
+        ("still failing", comparison.still_failing),
+        ("fixed", comparison.fixed),
+    ]
+
+
+def _recovery(one: Group) -> str:
+    """Return the longest recovery, or in how many runs there was none."""
+    return in_ms(one.recovery_s) if one.recovered == one.runs else "never"

@@ -1,0 +1,180 @@
+"""Inject faults into the pair in virtual time, by the thousand, and say what is detected how soon.
+
+    python -m tools.fault_campaign [SPEC.toml] [--out DIR] [--compare EARLIER]
+    python -m tools.fault_campaign --random-walks 200
+
+Every fault of the specification at every operating point with every law, and runs without a fault.
+Leaves results.jsonl, results.csv, campaign.json and index.html in DIR; run again, it goes on where
+it was left. The exit status is 1 where an acceptance fails.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from importlib.resources import files
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+from runtime.program import ExitStatus, run_main
+from runtime.report import write_json
+from runtime.settings import Preset, SettingsError, load_settings, preset_names
+from tools.campaign.acceptance import Finding, findings_of, residual_finding
+from tools.campaign.comparison import compare
+from tools.campaign.execution import (
+    RESULTS,
+    execute,
+    keep_only,
+    read_results,
+    specification_hash,
+    write_result,
+)
+from tools.campaign.grouping import group
+from tools.campaign.presentation import (
+    campaign_page,
+    comparison_lines,
+    finding_lines,
+    table_lines,
+    write_csv,
+)
+from tools.campaign.residual import measure_residual
+from tools.campaign.scenario import scenarios_of
+from tools.campaign.specification import CampaignSettings
+from tools.campaign.trial import Result
+from tools.campaign.walks import WALK_FAULTS_MAX, walk_all, walk_lines
+
+NAME = "fault_campaign"
+FAILED = 1
+RESIDUAL_FRAMES = 2_000_000
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    parser = argparse.ArgumentParser(
+        prog=f"python -m tools.{NAME}",
+        description=(__doc__ or "").splitlines()[0],
+        allow_abbrev=False,
+    )
+    parser.add_argument("spec", nargs="?", type=Path, metavar="SPEC.toml", help="in its place")
+    parser.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE")
+    parser.add_argument("--out", type=Path, default=Path("out/faults"), metavar="DIR")
+    parser.add_argument("--compare", type=Path, metavar="EARLIER", help="its DIR")
+    parser.add_argument("--processes", type=int, default=2, choices=range(1, 65), metavar="1..64")
+    parser.add_argument(
+        "--random-walks",
+        type=int,
+        metavar="N",
+        help=f"instead: N seeded sequences of up to {WALK_FAULTS_MAX} faults each",
+    )
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
+    text = files("tools.campaign").joinpath("default.toml").read_text(encoding="utf-8")
+    default = Preset("default", text) if options.spec is None else None
+    spec = load_settings(CampaignSettings, default, options.spec, options.overrides)
+    known = preset_names("controller.presets")
+    for law in spec.laws:
+        if law not in known:
+            raise SettingsError(f"laws: {law!r} is no preset; known: {', '.join(known)}")
+    earlier = None if options.compare is None else read_results(options.compare)
+    if earlier == []:
+        raise SettingsError(f"--compare: no results in {options.compare / RESULTS}")
+    if options.random_walks is not None:
+        return _walk(spec, options)
+    begin_s = time.perf_counter()
+    results = _results(spec, options)
+    residual = residual_finding(measure_residual(RESIDUAL_FRAMES, spec.seed))
+    findings = [*findings_of(results, spec.ftti_ms), residual]
+    comparison = None if earlier is None else compare(earlier, results)
+    groups = group(results)
+    folder = options.out
+    write_csv(folder / "results.csv", results)
+    write_json(
+        folder / "campaign.json",
+        {
+            "specification": spec.model_dump(mode="json"),
+            "findings": {one.what: {"holds": one.holds, "figure": one.figure} for one in findings},
+            "cases": {f"{one.kind} {one.magnitude:g} {one.where}": one._asdict() for one in groups},
+        },
+    )
+    html = campaign_page(spec, results, groups, findings, comparison)
+    (folder / "index.html").write_text(html, encoding="utf-8")
+    lines = [*table_lines(groups), "", *finding_lines(findings)]
+    if comparison is not None:
+        lines += ["", *comparison_lines(comparison)]
+    print("\n".join(lines))
+    elapsed_s = time.perf_counter() - begin_s
+    print(f"\n{len(results)} runs, {elapsed_s:.0f} s; {folder / 'index.html'}")
+    return _status(findings)
+
+
+def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[Result]:
+    """Return the result of every run of the campaign, those that were there before included."""
+    options.out.mkdir(parents=True, exist_ok=True)
+    scenarios = list(scenarios_of(spec))
+    spec_hash = specification_hash(spec)
+    done = {result.name: result for result in read_results(options.out, spec_hash)}
+    keep_only(options.out, spec_hash, done.values())
+    left = [scenario for scenario in scenarios if scenario.name not in done]
+    if done:
+        print(f"{len(done)} of {len(scenarios)} runs are there already")
+
+    def take(result: Result) -> None:
+        done[result.name] = result
+        write_result(options.out, spec_hash, result)
+
+    _with_progress(len(left), take, lambda taken: execute(left, options.processes, taken))
+    return [done[scenario.name] for scenario in scenarios]
+
+
+def _walk(spec: CampaignSettings, options: argparse.Namespace) -> int:
+    """Run the random walks; a failing one ends in its shortest failing sequence."""
+    console = Console(markup=False, highlight=False, soft_wrap=True)
+    with Progress(
+        BarColumn(30),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as bars:
+        task = bars.add_task("", total=options.random_walks)
+        walks = walk_all(spec, options.random_walks, lambda: bars.advance(task))
+    print("\n".join(walk_lines(walks)))
+    return FAILED if any(walk.failure for walk in walks) else ExitStatus.OK
+
+
+def _with_progress(
+    total: int,
+    take: Callable[[Result], None],
+    work: Callable[[Callable[[Result], None]], None],
+) -> None:
+    """Do the work, a bar beside it where somebody looks."""
+    console = Console(markup=False, highlight=False, soft_wrap=True)
+    with Progress(
+        BarColumn(30),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as bars:
+        task = bars.add_task("", total=total)
+
+        def taken(result: Result) -> None:
+            take(result)
+            bars.advance(task)
+
+        work(taken)
+
+
+def _status(findings: Sequence[Finding]) -> int:
+    return ExitStatus.OK if all(one.holds for one in findings) else FAILED
+
+
+if __name__ == "__main__":
+    sys.exit(main())
