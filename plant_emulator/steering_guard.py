@@ -13,9 +13,11 @@ silence there, and so is a controller that died: the unit cannot tell them apart
 know earlier than its network tells it. A latency that rises by 200 ms at once is a silence of
 200 ms.
 
-HOLDING and FALLBACK end with ``recovery_frames`` commands in a row without such a silence between
-them. The difference between the target and the first command followed is then added to it and
-fades out at the ramp rate, so that nothing jumps. SAFE_STATE is entered where the wheel does not
+HOLDING ends with the next command: nothing was lost but time, and a network with jitter, where newer
+commands overtake, has such gaps all the time; to wait for a run in each would add to its delay.
+FALLBACK ends with ``recovery_frames`` commands in a row without such a silence between them. The
+difference between the target and the first command followed is then added to it and fades out at
+the ramp rate, so that nothing jumps. SAFE_STATE is entered where the wheel does not
 follow its target, or by the override, and stays.
 
 Every target, of ramps too, passes the safety limiter. Times count from the start of motion.
@@ -56,7 +58,7 @@ class GuardParams(NamedTuple):
 
     ``silence_ns``       longest time between two commands; OFF_NS: any
     ``hold_ns``          from HOLDING to FALLBACK
-    ``recovery_frames``  commands in a row that end either
+    ``recovery_frames``  commands in a row that end FALLBACK
     ``ramp_rad_s``       of the fade after a recovery
     ``ramp_step_rad``    of the ramp to zero, every RAMP_PERIOD_NS; 0: the target is kept
     ``override_ns``      from when on SAFE_STATE is ordered; OFF_NS: never
@@ -100,7 +102,7 @@ def guard_command(
     if x.mode == _SAFE_STATE:
         return x, False
     silence_ns = time_ns - x.arrived_ns
-    if x.mode >= _HOLDING:  # or FALLBACK
+    if x.mode == _FALLBACK:
         good_run = x.good_run + 1 if silence_ns <= p.silence_ns else 1
         if good_run < p.recovery_frames:
             return GuardState(x.mode, x.limiter, time_ns, x.deadline_ns, good_run, 0.0), False
@@ -121,7 +123,7 @@ def guard_timer(p: GuardParams, x: GuardState, time_ns: int) -> tuple[GuardState
         mode = _SAFE_STATE
     elif mode == _FOLLOWING:
         until_ns = min(time_ns + p.hold_ns, p.override_ns)
-        return GuardState(_HOLDING, x.limiter, x.arrived_ns, until_ns, 0, 0.0), False
+        return GuardState(_HOLDING, x.limiter, x.arrived_ns, until_ns, 0, x.fade_rad), False
     elif mode == _HOLDING:
         mode = _FALLBACK
     target_rad = _towards_zero(x.limiter.steer_rad, p.ramp_step_rad)
