@@ -210,6 +210,7 @@ class ControllerNode:
             "accepted": self._reception.accepted,
             "lost": self._reception.lost,
             "rejected": self._reception.rejected,
+            "resynchronised": self._reception.resynchronised,
         }
 
     def _on_measurement(self, error: LateralError, now_ns: int) -> None:
