@@ -40,7 +40,7 @@ from tools.batch.network import FloatArray, IntArray
 from tools.batch.plan import Plan, plan_run
 from tools.batch.steps import register_steps
 from tools.batch.wire import NO_WIRE, NoWire, Wire
-from tools.batch.wire_plan import plan_wire, speed_on_wire
+from tools.batch.wire_plan import plan_wire, refuse_lost_wheel, speed_on_wire
 
 _DESIGNS_KEPT = 256
 """Laws kept for the next run with the same controller; designing one costs a tenth of a run."""
@@ -148,8 +148,8 @@ def run_batch(
                   the nodes, not the same
 
     Raises FaultsNotCompiledError for settings with faults, NothingArrivesError where no measurement
-    would ever reach the controller, and UnclearSampleError for a law that looks back through gaps
-    of seconds.
+    would ever reach the controller, and for a law that looks back UnclearSampleError through gaps
+    of seconds and LostWheelError where the steering goes to its safe state by itself.
     """
     if plant.faults:
         raise FaultsNotCompiledError(
@@ -187,6 +187,8 @@ def run_batch(
         samples, ticks, code = loop.run_only_segment(
             params, motion, constants, schedule, records, wire, first, state, plan.end_ns
         )
+        if law.looks_back:
+            refuse_lost_wheel(plant, plan, records.command[:samples])
         return _collected(plan, motion.speed_m_s, records, samples, ticks, _OUTCOMES[code])
     x, sent_rad, fade_rad, ticks, code = loop.start_run(motion, constants), 0.0, 0.0, 0, COMPLETE
     for segment in plan.segments:
@@ -209,6 +211,8 @@ def run_batch(
             fade_rad,
             plan.end_ns,
         )
+    if law.looks_back:
+        refuse_lost_wheel(plant, plan, records.command[: x.sample])
     return _collected(plan, motion.speed_m_s, records, x.sample, ticks, _OUTCOMES[code])
 
 

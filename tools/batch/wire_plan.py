@@ -32,6 +32,10 @@ class UnclearSampleError(ValueError):
     """Samples come so late, or so far apart, that their counters do not tell their numbers."""
 
 
+class LostWheelError(ValueError):
+    """The wheel did not follow, which a run of a law that looks back has not been laid down for."""
+
+
 class _Link(NamedTuple):
     """The first seven fields of ``Wire``, and the noise; the arrays that runs share."""
 
@@ -184,6 +188,26 @@ def _followed(plant: PlantSettings, plan: Plan) -> IntArray:
     if not is_quiet and guard.override_ns == OFF_NS:
         return np.arange(len(motion_ns))
     return np.flatnonzero(followed(guard, motion_ns.tolist()))
+
+
+def refuse_lost_wheel(plant: PlantSettings, plan: Plan, command: IntArray) -> None:
+    """Raise LostWheelError if a run, whose commands in effect are given, followed other commands.
+
+    That is so after the steering has gone to its safe state because the wheel did not follow: what
+    the echoes told from then on was laid down otherwise.
+    """
+    if not len(command):
+        return
+    last_ns = plan.sample_ns[len(command) - 1]
+    chosen = _followed(plant, plan)
+    due_ns, sent_ns = plan.command_due_ns[chosen], plan.tick_ns[plan.command_tick[chosen]]
+    in_effect = chosen[(due_ns <= last_ns) & (sent_ns < last_ns)]
+    if len(in_effect) and command[-1] != in_effect[-1]:
+        raise LostWheelError(
+            "the wheel did not follow and the steering went to its safe state: compiled runs do not"
+            " follow a law that looks back through that; safety.follow_tolerance_rad or"
+            " .follow_time_ms decide on it"
+        )
 
 
 def _echoed_ticks(plan: Plan, followed_commands: IntArray, echoes: Arrivals) -> IntArray:
