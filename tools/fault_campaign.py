@@ -48,7 +48,6 @@ from tools.campaign.walks import WALK_FAULTS_MAX, walk_all, walk_lines
 
 NAME = "fault_campaign"
 FAILED = 1
-RESIDUAL_FRAMES = 2_000_000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -87,7 +86,7 @@ def _run(options: argparse.Namespace) -> int:
         return _walk(spec, options)
     begin_s = time.perf_counter()
     results = _results(spec, options)
-    residual = residual_finding(measure_residual(RESIDUAL_FRAMES, spec.seed))
+    residual = residual_finding(measure_residual(spec.residual_frames, spec.seed))
     findings = [*findings_of(results, spec.ftti_ms), residual]
     comparison = None if earlier is None else compare(earlier, results)
     groups = group(results)

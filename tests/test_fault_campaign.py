@@ -1,0 +1,297 @@
+"""The fault campaign: classification beforehand, a small campaign, comparison, random walks."""
+
+import json
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from plant_emulator.fault_settings import FaultKind, FaultSettings
+from runtime.settings import load_settings
+from tools.campaign.acceptance import findings_of, residual_finding
+from tools.campaign.comparison import compare
+from tools.campaign.detectability import MECHANISM_OF, Mechanism, expect_fault, expect_node_fault
+from tools.campaign.execution import RESULTS, read_results
+from tools.campaign.grouping import group
+from tools.campaign.node_faults import NodeFault
+from tools.campaign.residual import Residual, exceeds, falls_short, measure_residual
+from tools.campaign.scenario import Scenario, scenarios_of
+from tools.campaign.specification import CampaignSettings, NodeFaultKind
+from tools.campaign.trial import FAILURES, Result, Verdict, run_trial
+from tools.campaign.walks import one_walk, shorten
+from tools.fault_campaign import FAILED, main
+
+SMALL = """
+motion_s = 4.0
+onset_s = 1.0
+fault_s = 0.5
+golden_seeds = 1
+residual_frames = 20000
+laws = ["practical_pd"]
+[[points]]
+name = "nominal"
+[[points]]
+name = "delay"
+speed_km_h = 7.0
+downlink_ms = 60.0
+uplink_ms = 40.0
+[[cases]]
+kind = "drop"
+messages = ["LATERAL_ERROR", "STEERING_COMMAND"]
+magnitudes = [1.0]
+[[cases]]
+kind = "bit_flips"
+messages = ["LATERAL_ERROR", "STEERING_COMMAND"]
+magnitudes = [0.5]
+[[cases]]
+kind = "offset"
+messages = ["STEERING_COMMAND"]
+magnitudes = [0.03, 1.0]
+[[cases]]
+kind = "replay"
+messages = ["STEERING_COMMAND"]
+magnitudes = [0.3]
+[[node_cases]]
+kind = "killed"
+nodes = ["controller", "plant"]
+[[node_cases]]
+kind = "bus_off"
+nodes = ["controller"]
+[[node_cases]]
+kind = "paused"
+nodes = ["controller"]
+[[node_cases]]
+kind = "clock_jump"
+nodes = ["controller"]
+magnitudes = [0.3]
+[[node_cases]]
+kind = "babbling"
+nodes = ["bus"]
+"""
+
+
+@pytest.fixture(scope="module")
+def spec_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("spec") / "small.toml"
+    file.write_text(SMALL)
+    return file
+
+
+@pytest.fixture(scope="module")
+def spec(spec_file: Path) -> CampaignSettings:
+    return load_settings(CampaignSettings, None, spec_file, [])
+
+
+@pytest.fixture(scope="module")
+def results(spec: CampaignSettings) -> list[Result]:
+    return [run_trial(scenario) for scenario in scenarios_of(spec)]
+
+
+def of(results: Sequence[Result], kind: str, where: str = "") -> list[Result]:
+    return [one for one in results if one.kind == kind and where in one.where]
+
+
+def test_a_small_campaign_passes(spec: CampaignSettings, results: list[Result]) -> None:
+    assert [one.name for one in results if one.verdict in FAILURES] == []
+    assert [one for one in findings_of(results, spec.ftti_ms) if not one.holds] == []
+
+
+def test_silence_is_handled_within_the_ftti_and_not_at_once(results: list[Result]) -> None:
+    silent = [*of(results, "drop"), *of(results, "killed"), *of(results, "bus_off")]
+    assert len(silent) == 10
+    for one in silent:
+        assert one.fhti_s is not None
+        assert 0.05 < one.fhti_s <= 0.150, one.name
+
+
+def test_the_receiver_of_a_fault_detects_it(results: list[Result]) -> None:
+    assert {one.detected_by for one in of(results, "drop", "LATERAL")} == {"controller.silence"}
+    assert {one.detected_by for one in of(results, "drop", "COMMAND")} == {"plant.silence"}
+    assert {one.detected_by.split(".")[0] for one in of(results, "bit_flips", "COM")} == {"plant"}
+
+
+def test_a_plausible_offset_is_not_detectable_and_one_beyond_the_limiter_is(
+    results: list[Result],
+) -> None:
+    for one in of(results, "offset"):
+        if one.magnitude < 0.5:
+            assert (one.verdict, one.counts) == (Verdict.NOT_DETECTABLE, {})
+        else:
+            assert one.detected_by == "plant.intervention"
+
+
+def test_both_recover_but_from_a_death(results: list[Result]) -> None:
+    for one in results:
+        assert (one.recovery_s is None) == (one.kind == "killed"), one.name
+
+
+def test_a_run_is_a_function_of_its_scenario(spec: CampaignSettings) -> None:
+    scenario = list(scenarios_of(spec))[5]
+    assert run_trial(scenario) == run_trial(scenario)
+
+
+def test_every_scenario_has_a_name_of_its_own(spec: CampaignSettings) -> None:
+    names = [scenario.name for scenario in scenarios_of(spec)]
+    assert len(set(names)) == len(names)
+
+
+def test_the_campaign_that_is_shipped_has_more_than_a_thousand_runs() -> None:
+    text = Path("tools/campaign/default.toml")
+    spec = load_settings(CampaignSettings, None, Path(__file__).parent.parent / text, [])
+    scenarios = list(scenarios_of(spec))
+    assert len({scenario.name for scenario in scenarios}) == len(scenarios) > 1000
+    assert {scenario.case.kind for scenario in scenarios} == {
+        "golden",
+        *(kind.value for kind in FaultKind),
+        *(kind.value for kind in NodeFaultKind),
+    }
+
+
+@pytest.mark.parametrize(
+    ("kind", "message", "magnitude", "mechanisms"),
+    [
+        (FaultKind.DROP, "LATERAL_ERROR", 0.5, (Mechanism.E2E,)),
+        (FaultKind.DROP, "LATERAL_ERROR", 1.0, (Mechanism.FRESHNESS,)),
+        (FaultKind.DROP, "VEHICLE_STATE", 1.0, ()),
+        (FaultKind.DELAY_SPIKE, "LATERAL_ERROR", 0.05, ()),
+        (FaultKind.DELAY_SPIKE, "LATERAL_ERROR", 0.3, (Mechanism.FRESHNESS,)),
+        (FaultKind.OUT_OF_RANGE, "LATERAL_ERROR", 1.0, (Mechanism.RANGE,)),
+    ],
+)
+def test_detectability_is_decided_by_what_a_fault_is(
+    kind: FaultKind, message: str, magnitude: float, mechanisms: tuple[Mechanism, ...]
+) -> None:
+    direction: Any = "downlink" if message == "STEERING_COMMAND" else "uplink"
+    fault = FaultSettings(kind=kind, direction=direction, message=message, magnitude=magnitude)
+    assert expect_fault(fault).mechanisms == mechanisms
+
+
+def test_a_short_pause_is_no_silence() -> None:
+    short = NodeFault(NodeFaultKind.PAUSED, "controller", 1.0, 0.1)
+    assert expect_node_fault(short).mechanisms == ()
+
+
+def scenario_with(spec: CampaignSettings, **changes: Any) -> Scenario:
+    scenario = next(one for one in scenarios_of(spec) if one.case.kind == "drop")
+    return scenario._replace(spec=spec.model_copy(update=changes))
+
+
+def test_a_reaction_that_comes_after_the_ftti_is_late(spec: CampaignSettings) -> None:
+    assert run_trial(scenario_with(spec, ftti_ms=50.0)).verdict is Verdict.LATE
+
+
+def test_a_fault_that_nobody_sees_although_it_is_detectable_is_missed(
+    spec: CampaignSettings,
+) -> None:
+    scenario = next(one for one in scenarios_of(spec) if one.case.kind == "offset")
+    expected = scenario.case.expected._replace(mechanisms=(Mechanism.E2E,))
+    result = run_trial(scenario._replace(case=scenario.case._replace(expected=expected)))
+    assert result.verdict is Verdict.MISSED
+    assert [one.holds for one in findings_of([result], 150.0)] == [False, True, True, True, True]
+
+
+def test_findings_fail_for_what_must_not_be(results: list[Result]) -> None:
+    golden = results[0]
+    cases = [
+        golden._replace(verdict=Verdict.FALSE_ALARM),
+        golden._replace(verdict=Verdict.UNSAFE, unsafe="command of 2 rad"),
+        golden._replace(corrupted=1000, corrupted_accepted=3),
+        golden._replace(bus_refused=1),
+    ]
+    for place, wrong in enumerate(cases, start=1):
+        holds = [one.holds for one in findings_of([wrong], 150.0)]
+        assert holds == [place != number for number in range(5)]
+
+
+def test_the_residual_probability_of_the_crc_is_what_it_should_be() -> None:
+    measured = measure_residual(300_000)
+    assert residual_finding(measured).holds, measured
+    assert exceeds(2, 100)
+    assert exceeds(60, 65536 * 30)
+    assert falls_short(8, 65536 * 30)
+    assert not exceeds(0, 0)
+    assert not residual_finding(Residual(65536 * 30, 3)).holds
+
+
+def test_every_cause_that_is_counted_has_a_mechanism(results: list[Result]) -> None:
+    counted = {cause.split(".")[1] for one in results for cause in one.counts}
+    assert counted <= MECHANISM_OF.keys()
+
+
+def test_comparison_has_four_groups(results: list[Result]) -> None:
+    sound = results[:5]
+    broken = [one._replace(verdict=Verdict.MISSED) for one in sound]
+    earlier = [broken[0], sound[1], sound[2], broken[3]]
+    now = [sound[0], sound[1], broken[2], broken[3], sound[4]]
+    comparison = compare(earlier, now)
+    groups = [[one.name for one in runs] for runs in comparison[:4]]
+    assert groups == [[one.name] for one in (sound[0], sound[1], sound[2], sound[3])]
+    assert (comparison.added, comparison.removed) == (1, 0)
+
+
+def test_groups_have_every_run_once(results: list[Result]) -> None:
+    assert sum(row.runs for row in group(results)) == len(results)
+
+
+def test_the_program_goes_on_where_it_was_left_and_compares(
+    spec_file: Path, tmp_path: Path, results: list[Result], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All but two runs are there already, one line is torn; the earlier campaign had a failure."""
+    few = ["--set", "golden_seeds=1", "--set", "node_cases=[]", "--processes", "1"]
+    arguments = [str(spec_file), *few, "--out", str(tmp_path / "now")]
+    assert main(arguments) == 0
+    lines = (tmp_path / "now" / RESULTS).read_text().splitlines()
+    earlier = tmp_path / "earlier"
+    earlier.mkdir()
+    record = {**json.loads(lines[0]), "verdict": "missed"}
+    (earlier / RESULTS).write_text("\n".join([json.dumps(record), *lines[1:]]))
+    (tmp_path / "now" / RESULTS).write_text("\n".join([*lines[:-2], lines[-2][:40]]))
+    capsys.readouterr()
+    assert main([*arguments, "--compare", str(earlier)]) == 0
+    printed = capsys.readouterr().out
+    assert f"{len(lines) - 2} of {len(lines)} runs are there already" in printed
+    assert "fixed 1, unchanged 15, new failure 0, still failing 0" in printed
+    assert {one.name for one in read_results(tmp_path / "now")} <= {one.name for one in results}
+    page = ET.parse(tmp_path / "now" / "index.html")  # noqa: S314 our own
+    assert page.getroot().tag == "html"
+
+
+def test_a_campaign_that_fails_ends_with_status_one(spec_file: Path, tmp_path: Path) -> None:
+    few = ["--set", "ftti_ms=40", "--set", "node_cases=[]", "--processes", "1"]
+    one_point = ["--set", 'points=[{name="nominal"}]', "--out", str(tmp_path)]
+    assert main([str(spec_file), *few, *one_point]) == FAILED
+
+
+def test_mistakes_are_told_in_one_line(
+    spec_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mistakes = [
+        ["--set", 'laws=["none"]'],
+        ["--set", "motion_s=1.2"],
+        ["--set", 'cases=[{kind="drop", messages=["HORN"], magnitudes=[1]}]'],
+        ["--compare", str(tmp_path)],
+    ]
+    for mistake in mistakes:
+        assert main([str(spec_file), *mistake, "--out", str(tmp_path / "out")]) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_a_walk_draws_the_same_faults_again(spec: CampaignSettings) -> None:
+    walk = one_walk(spec, 11)
+    assert walk.failure == ""
+    assert 2 <= len(walk.faults) <= 6
+    assert one_walk(spec, 11).faults == walk.faults
+
+
+def test_a_failing_sequence_is_shortened_to_what_it_takes() -> None:
+    faults = [
+        FaultSettings(kind=FaultKind.DROP, direction="uplink", onset_s=float(second))
+        for second in range(6)
+    ]
+
+    def fails(part: Sequence[FaultSettings]) -> bool:
+        return {1.0, 4.0} <= {fault.onset_s for fault in part}
+
+    assert [fault.onset_s for fault in shorten(faults, fails)] == [1.0, 4.0]
