@@ -101,18 +101,25 @@ class Crew:
 
     def stop(self, name: str) -> dict[str, Any]:
         """End one in order; returns its report. Raises SoakError when it fails to."""
-        process = self._processes.pop(name)
-        process.send_signal(signal.SIGINT)
-        try:
-            status = process.wait(STOP_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-            raise SoakError(f"{name} does not end") from None
+        status = self.end(name)
         if status:
             raise SoakError(f"{name} has ended with status {status}: {self._last_line(name)}")
         report: dict[str, Any] = json.loads(self.path(name, ".json").read_text(encoding="utf-8"))
         return report
+
+    def end(self, name: str) -> int:
+        """End one in order, if it has not ended; returns its exit status, -9 for SIGKILL.
+
+        Raises SoakError when it does not end.
+        """
+        process = self._processes.pop(name)
+        process.send_signal(signal.SIGINT)
+        try:
+            return process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+            raise SoakError(f"{name} does not end") from None
 
     def _last_line(self, name: str) -> str:
         printed = self.path(name, ".txt").read_text(encoding="utf-8", errors="replace")

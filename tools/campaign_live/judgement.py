@@ -1,0 +1,200 @@
+"""What a live run shows: who noticed the fault, by what, when, and what became of the vehicle.
+
+Three sources that do not depend on each other: the counts in both reports; what each program told
+on the bus, by the bus's time stamps; what it handed over, by its own recording, which also tells
+when the bus lets nothing through. Only frames that a program has sent by its own recording count as
+its: an intruder may have sent the same identifier.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from dbc.messages import (
+    ControllerStatus,
+    Decoded,
+    LateralError,
+    Message,
+    Mode,
+    PlantStatus,
+    SafetyState,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    decode,
+)
+from runtime.candump import CandumpReader
+from runtime.frame import Frame
+from runtime.node import NS_PER_S
+from tools.campaign_live.cases import CONTROLLER, PLANT, SILENCE
+from tools.campaign_live.trial import Trial
+from tools.soak.census import read_own_log
+
+_SIGKILL_STATUS = -9
+_LEFT_CONTROL = (
+    SteeringStatusCode.HOLDING,
+    SteeringStatusCode.FALLBACK,
+    SteeringStatusCode.SAFE_STATE,
+)
+_UNSAFE_LEFT = (SafetyState.HOLDING, SafetyState.FALLBACK, SafetyState.SAFE_STATE)
+_HELD = (Mode.HOLDING, Mode.SAFE_STOP)
+
+Told = tuple[int, Message]
+"""A message and its time on the wall clock [ns]."""
+
+
+class Telling(NamedTuple):
+    """When a program first showed the fault after its onset [s]; None: it did not.
+
+    ``noticed_s``  by what it handed over
+    ``told_s``     by what was complete on the bus
+    """
+
+    noticed_s: float | None
+    told_s: float | None
+
+
+class Vehicle(NamedTuple):
+    """What became of it: greatest deviation at the preview point and angle of the wheel after the
+    onset, the same before it, and the last status that the plant told; None where it told nothing.
+    """
+
+    error_peak_m: float | None
+    error_before_m: float | None
+    wheel_peak_rad: float | None
+    wheel_before_rad: float | None
+    last_status: str
+
+
+class Outcome(NamedTuple):
+    """One run, judged.
+
+    ``counts``     above zero in the reports, by program and cause
+    ``tellings``   by program
+    ``mistakes``   what is not as it should be; none: the run has passed
+    """
+
+    name: str
+    counts: Mapping[str, Mapping[str, int]]
+    tellings: Mapping[str, Telling]
+    vehicle: Vehicle
+    statuses: Mapping[str, int]
+    actions: Sequence[Mapping[str, Any]]
+    mistakes: Sequence[str]
+
+
+def judge_trial(trial: Trial) -> Outcome:
+    """Read what a run left, and judge it."""
+    counts = {
+        name: counts_of(trial.reports[name]["node"])
+        for name in (PLANT, CONTROLLER)
+        if name in trial.reports
+    }
+    onset_ns = trial.actions[0]["time_ns"] if trial.actions else trial.observed[0]
+    end_ns = trial.observed[1]
+    on_bus = _bus_frames(trial.bus_log)
+    tellings, sent = {}, {}
+    for name in (PLANT, CONTROLLER):
+        sent[name] = _sent(trial.own_log(name))
+        own = {frame for _, frame in sent[name]}
+        told = [(time_ns, frame) for time_ns, frame in on_bus if frame in own]
+        tellings[name] = Telling(
+            _first_sign(sent[name], onset_ns, end_ns), _first_sign(told, onset_ns, end_ns)
+        )
+    vehicle = vehicle_of(list(_decoded(sent[PLANT])), onset_ns, end_ns)
+    mistakes = list(mistakes_of(trial, counts))
+    return Outcome(
+        trial.case.name, counts, tellings, vehicle, trial.statuses, trial.actions, mistakes
+    )
+
+
+def counts_of(node: Mapping[str, Any]) -> dict[str, int]:
+    """Return what a node's report counts of faults, by cause, where it is above zero."""
+    counts = dict(node["rejected"])
+    counts[SILENCE] = node["safety"]["holdings"] if "safety" in node else node["holds"]
+    return {cause: count for cause, count in counts.items() if count}
+
+
+def mistakes_of(trial: Trial, counts: Mapping[str, Mapping[str, int]]) -> Iterator[str]:
+    """Yield what is not as it should be, in words."""
+    case = trial.case
+    for name, causes in case.expected.items():
+        if not causes & set(counts.get(name, {})):
+            yield f"{name} has not noticed it"
+    if not case.fault:
+        yield from (f"{name} counts {dict(seen)}" for name, seen in counts.items() if seen)
+    elif not trial.actions:
+        yield "the injector did nothing"
+    for name, status in trial.statuses.items():
+        is_killed = name == case.target and case.fault.startswith("kill")
+        if status != (_SIGKILL_STATUS if is_killed else 0):
+            yield f"{name} has ended with status {status}"
+    yield from (f"left behind: {what}" for what in trial.left)
+
+
+def vehicle_of(told: Sequence[Told], onset_ns: int, end_ns: int) -> Vehicle:
+    """Return what the plant's own messages say of the vehicle up to ``end_ns``."""
+    statuses = [one for t, one in told if isinstance(one, SteeringStatus) and t < end_ns]
+
+    def peak(pick: Callable[[Message], float | None], from_ns: int, to_ns: int) -> float | None:
+        values = [pick(message) for time_ns, message in told if from_ns <= time_ns < to_ns]
+        return max((abs(value) for value in values if value is not None), default=None)
+
+    return Vehicle(
+        peak(_error, onset_ns, end_ns),
+        peak(_error, 0, onset_ns),
+        peak(_wheel, onset_ns, end_ns),
+        peak(_wheel, 0, onset_ns),
+        statuses[-1].status.name if statuses else "none",
+    )
+
+
+def _error(message: Message) -> float | None:
+    return message.lateral_error_m if isinstance(message, LateralError) else None
+
+
+def _wheel(message: Message) -> float | None:
+    return message.wheel_angle_rad if isinstance(message, SteeringStatus) else None
+
+
+def _first_sign(frames: Sequence[tuple[int, Frame]], onset_ns: int, end_ns: int) -> float | None:
+    """Return how long after the onset a program's own messages first show the fault [s]."""
+    rejected = 0
+    for time_ns, message in _decoded(frames):
+        if time_ns >= end_ns:
+            break
+        if time_ns < onset_ns:
+            rejected = message.rejected if isinstance(message, PlantStatus) else rejected
+        elif _is_sign(message, rejected):
+            return (time_ns - onset_ns) / NS_PER_S
+    return None
+
+
+def _is_sign(message: Message, rejected: int) -> bool:
+    """Whether a message says that its sender has seen a fault, after ``rejected`` refused ones."""
+    match message:
+        case SteeringCommand() | ControllerStatus():
+            return message.mode in _HELD
+        case SteeringStatus():
+            return message.status in _LEFT_CONTROL
+        case PlantStatus():
+            return message.safety in _UNSAFE_LEFT or message.rejected != rejected
+    return False
+
+
+def _decoded(frames: Sequence[tuple[int, Frame]]) -> Iterator[Told]:
+    for time_ns, frame in frames:
+        decoded = decode(frame)
+        if isinstance(decoded, Decoded):
+            yield time_ns, decoded.message
+
+
+def _bus_frames(path: Path) -> list[tuple[int, Frame]]:
+    with path.open(encoding="ascii") as lines:
+        return [(time_ns, frame) for time_ns, _, frame in CandumpReader(lines)]
+
+
+def _sent(path: Path) -> list[tuple[int, Frame]]:
+    """Return what a program has sent, in order of time."""
+    by_id, _ = read_own_log(path)
+    return sorted((one for sent in by_id.values() for one in sent), key=lambda one: one[0])

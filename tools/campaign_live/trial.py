@@ -1,0 +1,126 @@
+"""One run of the live campaign: broker, recorder, plant, controller, then one fault."""
+
+import json
+import os
+import signal
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tools.campaign_live.cases import CONTROLLER, DURATION_S, ONSET_S, PLANT, LiveCase
+from tools.soak.crew import Crew
+
+CHANNEL = "can0"
+SETTLE_S, RECOVER_S = 1.5, 2.0
+GONE_TIMEOUT_S = 5.0
+"""How long the files' writers, processes of the programs, may need to end after them."""
+_INJECTOR, _RECORDER, _BROKER = "injector", "recorder", "broker"
+_RUN_S = 600.0
+
+
+class Trial(NamedTuple):
+    """What a run left.
+
+    ``statuses``   exit status by process; -9 for SIGKILL
+    ``reports``    of the programs that have written one
+    ``actions``    what the injector did: wall clock [ns], fault, what
+    ``observed``   wall clock from when on the fault is awaited, and when the run was ended [ns]
+    ``left``       processes and files that should be gone
+    """
+
+    case: LiveCase
+    folder: Path
+    statuses: Mapping[str, int]
+    reports: Mapping[str, Any]
+    actions: Sequence[Mapping[str, Any]]
+    observed: tuple[int, int]
+    left: Sequence[str]
+
+    @property
+    def bus_log(self) -> Path:
+        """Everything that was on the bus, with its time stamps."""
+        return self.folder / "bus.log"
+
+    def own_log(self, program: str) -> Path:
+        """What one program sent and took."""
+        return self.folder / f"{program}.log"
+
+
+def run_trial(case: LiveCase, folder: Path, seed: int, recording: Path) -> Trial:
+    """Run one case; raises SoakError when a process does not start or does not end.
+
+    ``recording``  what a replay sends
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in folder.iterdir():
+        if old.suffix in (".log", ".json", ".txt"):
+            old.unlink()
+    with tempfile.TemporaryDirectory(prefix="campaign-") as private, Crew(folder) as crew:
+        socket = Path(private) / "socket"
+        _start_pair(crew, socket)
+        time.sleep(SETTLE_S)
+        begin_ns = time.time_ns()
+        if case.fault:
+            crew.start(_INJECTOR, "tools.inject_faults", _options(crew, case, seed, recording))
+        time.sleep(ONSET_S + DURATION_S + RECOVER_S)
+        end_ns = time.time_ns()
+        pids = crew.pids()
+        statuses = {_INJECTOR: crew.end(_INJECTOR)} if case.fault else {}
+        # Both at once: either would hold without the other.
+        for name in (PLANT, CONTROLLER):
+            _interrupt(pids[name])
+        for name in (CONTROLLER, PLANT, _RECORDER, _BROKER):
+            statuses[name] = crew.end(name)
+        left = _still_there(pids)
+        left += [socket.name] if socket.exists() else []
+    reports = {
+        name: json.loads(path.read_text(encoding="utf-8"))
+        for name in (PLANT, CONTROLLER, _INJECTOR)
+        if (path := folder / f"{name}.json").exists()
+    }
+    actions = reports.get(_INJECTOR, {}).get("actions", [])
+    return Trial(case, folder, statuses, reports, actions, (begin_ns, end_ns), left)
+
+
+def _start_pair(crew: Crew, socket: Path) -> None:
+    """Start all but the injector; the recorder before anybody sends."""
+    crew.start_broker(socket, [])
+    recorder = [crew.path("bus", ".log"), crew.path(_RECORDER, ".json")]
+    arguments = [crew.address, CHANNEL, *map(str, recorder), "0"]
+    crew.start(_RECORDER, "tools.soak.recorder", arguments)
+    own = {
+        PLANT: ("plant_emulator", ["--set", f"duration_s={_RUN_S:g}"]),
+        CONTROLLER: ("controller", ["--preset", "practical_pd_ddob"]),
+    }
+    for name, (module, options) in own.items():
+        files = ["--report", crew.path(name, ".json"), "--record", crew.path(name, ".log")]
+        crew.start(name, module, [*_bus_options(crew), *map(str, files), *options])
+
+
+def _options(crew: Crew, case: LiveCase, seed: int, recording: Path) -> list[str]:
+    options = [case.argument, "--seed", str(seed)]
+    options += ["--report", str(crew.path(_INJECTOR, ".json"))]
+    if case.target:
+        return [*options, "--pid", str(crew.pids()[case.target])]
+    return [*options, "--recording", str(recording), *_bus_options(crew)]
+
+
+def _bus_options(crew: Crew) -> list[str]:
+    return ["-i", "emulated", "-c", CHANNEL, "--bus-kwargs", f"address={crew.address}"]
+
+
+def _interrupt(pid: int) -> None:
+    """Ask a child of ours to end; it keeps its number until it is waited for."""
+    os.kill(pid, signal.SIGINT)
+
+
+def _still_there(pids: Mapping[str, int]) -> list[str]:
+    """Return which processes are there even after a while."""
+    until_s = time.monotonic() + GONE_TIMEOUT_S
+    while True:
+        left = [f"process {name}" for name, pid in pids.items() if Path(f"/proc/{pid}").exists()]
+        if not left or time.monotonic() > until_s:
+            return left
+        time.sleep(0.05)

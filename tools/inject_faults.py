@@ -1,0 +1,203 @@
+"""Faults on a live bus and of live processes, at set times, seeded: what a pair makes of them.
+
+    python -m tools.inject_faults -i emulated babble,onset_s=2,duration_s=1
+    python -m tools.inject_faults -i socketcan -c vcan0 spoof,magnitude=0.3 noise,onset_s=3
+    python -m tools.inject_faults --pid 4711 pause,onset_s=1,duration_s=0.5
+    python -m tools.inject_faults --list
+
+Times count from when it says "ready". Ctrl-C ends it in order; a process that it has stopped goes
+on whatever ends the run. With --campaign it starts broker, plant and controller itself, puts a set
+of faults to them one by one, and tells what each of the two noticed, and when; exit status 1 when
+something was not noticed.
+"""
+
+import argparse
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+
+from dbc.messages import CAN_IDS, SteeringCommand
+from runtime.bus import add_bus_arguments, shutting_down
+from runtime.node import NS_PER_S
+from runtime.option_types import output_file
+from runtime.port import open_port
+from runtime.program import ExitStatus, StopRequest, run_main, say
+from runtime.report import write_json
+from runtime.settings import SettingsError
+from tools.campaign_live.program import run_live_campaign
+from tools.live_faults.frames import FrameSource, Timed, frame_source, recording_of
+from tools.live_faults.injection import Action, Injection
+from tools.live_faults.kinds import (
+    PID_MAX,
+    PROCESS_KINDS,
+    LiveFault,
+    LiveKind,
+    list_lines,
+    parse_fault,
+)
+from tools.live_faults.processes import ProcessFault
+from tools.log_analysis.log_file import LogError, open_log
+
+NAME = "inject_faults"
+FAULTS_MAX = 100
+SEED_MAX = 1 << 32
+REPLAY_FRAMES_MAX = 2_000_000
+"""Ten minutes of a full bus."""
+BITRATE_BIT_S = 500_000
+_HEARD = frozenset({CAN_IDS[SteeringCommand]})
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    return run_main(NAME, partial(_run, _parser().parse_args(arguments)))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog=f"python -m tools.{NAME}",
+        description=(__doc__ or "").splitlines()[0],
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "faults", nargs="*", metavar="FAULT", help="KIND[,KEY=VALUE...], as --list says"
+    )
+    parser.add_argument("--list", action="store_true", help="say which faults there are")
+    parser.add_argument("--pid", metavar="N", help="the process that kill and pause mean")
+    parser.add_argument(
+        "--recording", type=Path, metavar="FILE", help="what replay sends; any log of analyze_log"
+    )
+    parser.add_argument("--seed", default="1", metavar="N", help="of all that is random")
+    parser.add_argument("--report", type=output_file, metavar="FILE", help="what was done, JSON")
+    parser.add_argument(
+        "--campaign", type=Path, metavar="DIR", help="run the live campaign, with its logs there"
+    )
+    add_bus_arguments(parser)
+    return parser
+
+
+def _run(options: argparse.Namespace) -> int:
+    if options.list:
+        print("\n".join(list_lines()))
+        return ExitStatus.OK
+    seed = _whole(options.seed, "--seed", 0, SEED_MAX)
+    if options.campaign is not None:
+        if options.faults:
+            raise SettingsError("--campaign has faults of its own: leave FAULT out")
+        return run_live_campaign(options.campaign, seed)
+    faults = _faults(options)
+    recording = _recording(options, faults)
+    stop = StopRequest()
+    with ExitStack() as stack:
+        port = None
+        if any(fault.kind not in PROCESS_KINDS for fault in faults):
+            opened = open_port(options, _HEARD)
+            stack.enter_context(shutting_down(opened.port))
+            port, where = opened.port, opened.description
+        else:
+            where = "no bus"
+        stack.enter_context(stop.on_signals())
+        stack.enter_context(_hang_up_ends())
+        start_ns = time.monotonic_ns()
+        bitrate = getattr(options, "bitrate", None) or BITRATE_BIT_S
+        sources = list(_sources(faults, start_ns, seed, bitrate, recording))
+        processes: list[ProcessFault] = []
+        injection = Injection(port, sources, processes, start_ns, _tell)
+        with injection.running():
+            for fault in faults:
+                if fault.kind in PROCESS_KINDS:
+                    # One by one: those already held are let go of when the next cannot be.
+                    processes.append(ProcessFault(fault, start_ns))  # noqa: PERF401
+            for process in processes:
+                say(NAME, f"process {process.fault.pid} is {process.name or 'of unknown name'}")
+            say(NAME, f"ready on {where}, seed {seed}")
+            is_over = injection.run(stop)
+    if options.report is not None:
+        report = {
+            "seed": seed,
+            "ended_by": "finished" if is_over else stop.reason,
+            "actions": [action._asdict() for action in injection.actions],
+            "frames": injection.results,
+        }
+        write_json(options.report, report)
+    return ExitStatus.OK
+
+
+def _faults(options: argparse.Namespace) -> list[LiveFault]:
+    if not 0 < len(options.faults) <= FAULTS_MAX:
+        raise SettingsError(f"give 1 to {FAULTS_MAX} faults, not {len(options.faults)} (--list)")
+    pid = 0 if options.pid is None else _whole(options.pid, "--pid", 2, PID_MAX)
+    try:
+        return [parse_fault(text, pid) for text in options.faults]
+    except ValueError as error:
+        raise SettingsError(str(error)) from error
+
+
+def _whole(text: str, what: str, low: int, high: int) -> int:
+    is_whole = text.isascii() and text.isdecimal() and len(text) < 12
+    if not (is_whole and low <= int(text) <= high):
+        raise SettingsError(f"{what} must be {low} to {high}, whole, not {text[:40]!r}")
+    return int(text)
+
+
+def _recording(options: argparse.Namespace, faults: Sequence[LiveFault]) -> list[Timed]:
+    """Read what a replay sends."""
+    if not any(fault.kind is LiveKind.REPLAY for fault in faults):
+        return []
+    if options.recording is None:
+        raise SettingsError("replay: needs a log, by --recording FILE")
+    frames = []
+    try:
+        for logged in open_log(options.recording):
+            if logged.time_ns is None:
+                raise SettingsError(f"{options.recording}: has no times to send its frames at")
+            frames.append((logged.time_ns, logged.frame))
+            if len(frames) > REPLAY_FRAMES_MAX:
+                raise SettingsError(f"{options.recording}: has over {REPLAY_FRAMES_MAX} frames")
+    except LogError as error:
+        raise SettingsError(str(error)) from error
+    found = recording_of(frames)
+    if not found:
+        raise SettingsError(f"{options.recording}: has error frames only")
+    return found
+
+
+def _sources(
+    faults: Sequence[LiveFault],
+    start_ns: int,
+    seed: int,
+    bitrate_bit_s: int,
+    recording: Sequence[Timed],
+) -> Iterator[FrameSource]:
+    for place, fault in enumerate(faults):
+        if fault.kind not in PROCESS_KINDS:
+            fault_seed = seed * FAULTS_MAX + place
+            yield frame_source(fault, start_ns, fault_seed, bitrate_bit_s, recording)
+
+
+def _tell(action: Action) -> None:
+    clock = datetime.fromtimestamp(action.time_ns / NS_PER_S, UTC).astimezone()
+    at = f"{clock:%H:%M:%S}.{clock.microsecond // 1000:03d}"
+    say(NAME, f"{at}  {action.since_s:8.3f} s  {action.fault}: {action.what}")
+
+
+@contextmanager
+def _hang_up_ends() -> Iterator[None]:
+    """Let the end of the terminal be a request to end: else a process would stay stopped."""
+
+    def end(_number: int, _frame: object) -> None:
+        signal.raise_signal(signal.SIGTERM)
+
+    previous = signal.signal(signal.SIGHUP, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGHUP, previous)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
