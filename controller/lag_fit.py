@@ -16,8 +16,8 @@ How far off the lag may be follows from the residual e where the response is mos
 
 which holds for residuals of any colour that forget within a block. n is the number of blocks that
 the information comes from, 1 if it all comes from one. Where they are few, as after a single swift
-turn of the wheel, and wherever it is less, σ is √(J/I): what the residual could shift the lag by if
-it went all along with the sensitivity.
+turn of the wheel, and wherever it is less, σ is 2 √(J/I): twice what the residual could shift the
+lag by if it went all along with the sensitivity, as g, c and L have taken a part of it away.
 
 Written after openpilot's lag estimator in its idea (windowed, masked, normalised, between two
 samples by a parabola), not in its arithmetic, which is a transform over the whole window.
@@ -134,7 +134,7 @@ class LagFit:
         slack_s = math.sqrt(least_cost / information)
         return Peak(
             (best - LEAD + part) * self._grid.step_s,
-            min(slack_s, self._deviation_s(information)) if self._parts > 0.0 else math.inf,
+            min(2.0 * slack_s, self._deviation_s(information)) if self._parts > 0.0 else math.inf,
             gain,
             math.sqrt(max(0.0, 1.0 - least / total)) if total > 0.0 else 0.0,
             slack_s,

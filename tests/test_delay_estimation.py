@@ -333,7 +333,7 @@ def run(law: str, path: str, speed_km_h: float, mass_kg: float, delay_s: float) 
     return Run(plant, controller_settings(law))
 
 
-PATHS = {
+PATHS: dict[str, dict[str, Any]] = {
     "lane change": {"kind": "double_lane_change", "start_m": 2.0},
     "ellipse": {"kind": "ellipse", "semi_major_axis_m": 60.0, "semi_minor_axis_m": 30.0},
     "straight": {"kind": "straight"},

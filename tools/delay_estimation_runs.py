@@ -143,6 +143,7 @@ def _result(case: Case, history: History, peak_m: float) -> Result:
     is_observable = np.isfinite(error_s)
     known_s = error_s[is_observable]
     quantiles_s = np.quantile(known_s, (0.05, 0.5, 0.95)) if known_s.size else np.full(3, np.nan)
+    low_s, middle_s, high_s = map(float, quantiles_s)
     return Result(
         case,
         bool(peak_m < STRAYED_M),
@@ -150,7 +151,9 @@ def _result(case: Case, history: History, peak_m: float) -> Result:
         float(is_observable.mean()),
         float(history.time_s[is_observable][0]) if known_s.size else float("nan"),
         float((np.abs(known_s) <= TOLERANCE_S).mean()) if known_s.size else float("nan"),
-        *map(float, quantiles_s),
+        low_s,
+        middle_s,
+        high_s,
         float(np.abs(known_s).max()) if known_s.size else float("nan"),
         float(np.nanmean(history.echo_s) - history.truth_s),
     )
@@ -195,8 +198,8 @@ class _Listener:
         if truth_s is None:
             up_ns = self._up_sum_ns / self._up_time_ns
             truth_s = float(np.mean(self._down_ns) + up_ns - 0.5 * SAMPLE_NS) / NS_PER_S
-        columns = np.array(self._told).T
-        return History(*columns, truth_s=truth_s)
+        time_s, echo_s, estimate_s, confidence = np.array(self._told).T
+        return History(time_s, echo_s, estimate_s, confidence, truth_s)
 
 
 def _next(number: int, counter: int) -> int:
