@@ -52,7 +52,7 @@ class FaultKind(StrEnum):
 
     DROP = "drop"
     BURST_LOSS = "burst_loss"
-    """A burst begins with one frame in twenty."""
+    """A burst begins with one frame in twenty, and may outlast the fault's end."""
     DUPLICATE = "duplicate"
     REORDER = "reorder"
     """One frame in five is kept back."""

@@ -71,7 +71,8 @@ class FaultStage:
             memory.recorded.append((now_ns, frame))
             self._forget(now_ns)
         out: Sequence[Frame] = (frame,)
-        if self._onset_ns <= since_ns < self._end_ns:
+        # A burst that has begun lasts as long as it is, whatever the end.
+        if self._onset_ns <= since_ns < self._end_ns or memory.burst > 0:
             since_onset_s = (since_ns - self._onset_ns) / NS_PER_S
             out = self._effect(self.settings, memory, frame, now_ns, since_onset_s)
             if tuple(out) != (frame,):

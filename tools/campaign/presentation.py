@@ -17,10 +17,11 @@ _NAMES_SHOWN = 10
 _DEFINITIONS = (
     "FDTI runs from the fault's first effect on its receiver to the first count of an expected "
     "cause in that receiver's own report; FRTI from there until it leaves control, and is zero "
-    "where refusing the frame is the reaction; FHTI is their sum. For the plant's silence the "
-    "first effect is when the first missing command would have left the downlink's latency. Told: "
-    "until the node sends the first frame that says so. Recovery: from the fault's end until both "
-    "nodes are in control again. Times are the longest of all runs, in milliseconds.",
+    "where refusing the frame is the reaction; FHTI is their sum. What the plant sees behind its "
+    "latency line (silence, limiter) counts from when the effect has come out of it, with the "
+    "latency of the last command that did. Told: until the node sends the first frame that says "
+    "so. Recovery: from the fault's end until both nodes are in control again. Times are the "
+    "longest of all runs, in milliseconds.",
     "Which mechanism can detect a fault is decided by what the fault is, before any run. A fault "
     "that is not detectable shows a receiver nothing that differs from a sound sender; its "
     "deviation says what that costs.",

@@ -1,5 +1,6 @@
 """One run of a campaign: the pair in virtual time with a fault, watched and judged."""
 
+import math
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from functools import lru_cache
@@ -15,7 +16,7 @@ from plant_emulator.node import PlantNode, motion_params
 from plant_emulator.plant_samples import PlantSample
 from plant_emulator.settings import PlantSettings
 from runtime.bus_model import BusModel
-from runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S
+from runtime.node import NEVER_NS, NS_PER_S
 from runtime.virtual_time import VirtualTimeExecutor
 from tools.campaign.detectability import MECHANISM_OF, Mechanism
 from tools.campaign.node_faults import with_node_fault
@@ -165,7 +166,7 @@ def _result(scenario: Scenario, pair: Pair) -> Result:
         for name, watch in ((PLANT, pair.plant), (CONTROLLER, pair.controller))
         for cause, count in watch.counted().items()
     }
-    times = _times(case, pair, effect_ns, round(point.downlink_ms * NS_PER_MS))
+    times = _times(case, pair, effect_ns)
     unsafe = "; ".join(dict.fromkeys([*pair.plant.invalid, *pair.controller.invalid]))
     is_idle = case.kind != GOLDEN and case.node_fault is None and changed == 0
     samples = _after(pair.plant_node.samples, effect_ns)
@@ -201,15 +202,15 @@ class _Times(NamedTuple):
     told_s: float | None
 
 
-def _times(case: Case, pair: Pair, effect_ns: int, downlink_ns: int) -> _Times:
-    """Return when the receiver saw the fault, the slower of two; silence at the plant counts from
-    when the first command that is missing would have come out of the latency line.
+def _times(case: Case, pair: Pair, effect_ns: int) -> _Times:
+    """Return when the receiver saw the fault, the slower of two; what the plant sees behind its
+    latency line counts from when the fault's first effect came out of it.
     """
     found: list[_Times] = []
     for name, watch in ((PLANT, pair.plant), (CONTROLLER, pair.controller)):
         if case.receiver not in (name, "both") or not case.expected.mechanisms:
             continue
-        late_ns = downlink_ns if name == PLANT else 0
+        late_ns = _downlink_latency_ns(pair) if name == PLANT else 0
         seen = _since(watch, case.expected.mechanisms, effect_ns, late_ns)
         if not seen:
             return _Times("", None, None, None, None)
@@ -229,6 +230,16 @@ def _times(case: Case, pair: Pair, effect_ns: int, downlink_ns: int) -> _Times:
     if not found:
         return _Times("", None, None, None, None)
     return max(found, key=lambda times: float("inf") if times.fhti_s is None else times.fhti_s)
+
+
+def _downlink_latency_ns(pair: Pair) -> int:
+    """Return the latency of the command in effect when the plant saw the fault [ns]."""
+    seen = [pair.plant.first_seen_ns.get(cause) for cause in ("silence", "intervention")]
+    seen_ns = min((at_ns for at_ns in seen if at_ns is not None), default=0)
+    for sample in reversed(pair.plant_node.samples):
+        if sample.time_s <= seen_ns / NS_PER_S and not math.isnan(sample.downlink_latency_s):
+            return round(sample.downlink_latency_s * NS_PER_S)
+    return 0
 
 
 def _since(
