@@ -16,23 +16,14 @@ from plant_emulator.latency import Distribution
 from plant_emulator.latency_settings import BothLatencySettings, LatencySettings
 from plant_emulator.path_shapes import build_path
 from plant_emulator.rig_settings import PathSettings, VehicleSettings
-from plant_emulator.safety_settings import OFF, SafetySettings
 from plant_emulator.settings import PlantSettings
 from runtime.node import NS_PER_MS, NS_PER_S
 from runtime.settings import SettingsError
 from tools.gain_design.specification import JitterTable, Specification
 from tools.gain_design.vehicle_file import VehicleFile
+from tools.unguarded import UNGUARDED
 from tools.virtual_pair import run_virtual_pair
 
-UNGUARDED = SafetySettings(
-    angle_rad_max=OFF,
-    angle_rate_rad_s_max=OFF,
-    lateral_acceleration_m_s2_max=OFF,
-    lateral_jerk_m_s3_max=OFF,
-    follow_tolerance_rad=OFF,
-    ftti_ms=OFF,
-)
-"""The law is judged, not the steering's own guard, whose limits hide a law that is unstable."""
 _MS_PER_S = 1e3
 _KM_H_PER_M_S = 3.6
 

@@ -18,6 +18,7 @@ from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, read_preset
 from tools.batch.engine import Outcome, run_batch
+from tools.unguarded import UNGUARDED
 
 FloatArray = NDArray[np.float64]
 
@@ -150,7 +151,8 @@ def plant_settings(
     """Return the settings of a rig."""
     overrides = [f"seed={seed}", f"duration_s={duration_s}", PATH, *network.overrides(delay_s)]
     preset = read_preset("plant_emulator.presets", f"paper_corner_{corner}")
-    return load_settings(PlantSettings, preset, None, overrides)
+    settings = load_settings(PlantSettings, preset, None, overrides)
+    return settings.model_copy(update={"safety": UNGUARDED})
 
 
 def _cell(key: str, one: Contestant, delay_s: float, seeds: int, duration_s: float) -> Cell:
