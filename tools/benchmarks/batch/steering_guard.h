@@ -86,7 +86,7 @@ static int guard_command(const GuardParams *p, Guard *x, double steer_rad, int64
     int64_t silence_ns = time_ns - x->arrived_ns;
     double wanted_rad;
     x->arrived_ns = time_ns;
-    if (x->mode >= HOLDING) {
+    if (x->mode == FALLBACK) {
         x->good_run = silence_ns <= p->silence_ns ? x->good_run + 1 : 1;
         if (x->good_run < p->recovery_frames) {
             x->fade_rad = 0.0;
@@ -108,7 +108,6 @@ static int guard_command(const GuardParams *p, Guard *x, double steer_rad, int64
 /* Returns whether the target is set anew. */
 static int guard_timer(const GuardParams *p, Guard *x, int64_t time_ns)
 {
-    x->fade_rad = 0.0;
     if (time_ns >= p->override_ns) {
         x->mode = SAFE_STATE;
     } else if (x->mode == FOLLOWING) {
@@ -119,6 +118,7 @@ static int guard_timer(const GuardParams *p, Guard *x, int64_t time_ns)
     } else if (x->mode == HOLDING) {
         x->mode = FALLBACK;
     }
+    x->fade_rad = 0.0;
     limit_steer(p, x, towards_zero(x->steer_rad, p->ramp_step_rad), time_ns);
     x->deadline_ns = OFF_NS;
     if (x->steer_rad != 0.0 && p->ramp_step_rad > 0.0)
