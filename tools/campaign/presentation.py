@@ -102,6 +102,7 @@ def campaign_page(
     if comparison is not None:
         sections.append(_comparison_section(comparison))
     sections.append(Section("Cases", _DEFINITIONS, tables=[_cases_table(groups)]))
+    sections.append(Section("Why a fault can be seen, or cannot", [], tables=[_why_table(groups)]))
     sections.append(
         Section(
             "Runs that failed",
@@ -123,7 +124,7 @@ def _findings_table(findings: Sequence[Finding]) -> Table:
 def _cases_table(groups: Sequence[Group]) -> Table:
     headings = (
         *("fault", "of", "magnitude", "runs", "can be seen by", "seen by, first", "FDTI", "FHTI"),
-        *("told", "recovery", "deviation [m]", "steer rate [rad/s]", "verdicts", "because"),
+        *("told", "recovery", "deviation [m]", "steer rate [rad/s]", "verdicts"),
     )
     rows = [
         [
@@ -140,11 +141,23 @@ def _cases_table(groups: Sequence[Group]) -> Table:
             number(f"{one.lateral_error_peak_m:.3f}"),
             number(f"{one.steer_rate_peak_rad_s:.1f}"),
             Cell(one.verdicts),
-            Cell(one.why),
         ]
         for one in groups
     ]
     return Table(headings, rows)
+
+
+def _why_table(groups: Sequence[Group]) -> Table:
+    """Return what was expected of each kind of fault; equal reasons are one row."""
+    reasons: dict[tuple[str, str, str], list[str]] = {}
+    for one in groups:
+        case = f"{one.magnitude:g} {one.where}"
+        reasons.setdefault((one.kind, one.expected, one.why), []).append(case)
+    rows = [
+        [Cell(kind), Cell(", ".join(cases)), Cell(expected), Cell(why)]
+        for (kind, expected, why), cases in reasons.items()
+    ]
+    return Table(("fault", "magnitude and message", "can be seen by", "because"), rows)
 
 
 def _failed_table(failed: Sequence[Result]) -> Table:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings
-from plant_emulator.fault_settings import FaultKind
+from plant_emulator.fault_settings import SIGNAL_FAULTS, FaultKind
 from plant_emulator.faults import FaultyNode
 from plant_emulator.motion_design import MotionParams
 from plant_emulator.node import PlantNode, motion_params
@@ -35,14 +35,10 @@ BABBLER_ID = 0x000
 """It beats every frame of the pair."""
 QUEUE_LIMIT = 64
 """Frames of one node that wait for the bus, as on the emulated bus."""
-_CORRUPTING = frozenset(
-    {
-        FaultKind.BIT_FLIPS,
-        FaultKind.WRONG_LENGTH,
-        FaultKind.WRONG_IDENTIFIER,
-        FaultKind.OUT_OF_RANGE,
-    }
-)
+_CORRUPTING = frozenset({FaultKind.BIT_FLIPS, FaultKind.WRONG_LENGTH, FaultKind.WRONG_IDENTIFIER})
+"""What breaks a frame's protection."""
+_FORGING = SIGNAL_FAULTS | {FaultKind.OUT_OF_RANGE}
+"""What makes frames that nobody has sent, with a valid protection."""
 _PARAMS_KEPT = 64
 
 
@@ -125,7 +121,9 @@ def _pair(scenario: Scenario, plant: PlantSettings, controller: ControllerSettin
     onset_ns = _onset_ns(case)
     bounds = bounds_of(plant, controller)
     wanted = [cause for cause, by in MECHANISM_OF.items() if by in case.expected.mechanisms]
-    is_corrupting = any(fault.kind in _CORRUPTING for fault in case.faults)
+    kinds = {fault.kind for fault in case.faults}
+    # Where frames are forged too, one that nobody has sent may be intact.
+    is_corrupting = bool(kinds & _CORRUPTING) and not kinds & _FORGING
 
     def watched(node: Any, name: str, peer_sent: set[Any] | None) -> Watch:
         own = wanted if case.receiver in (name, "both") else ()
