@@ -1,4 +1,4 @@
-"""A rig whose steering refuses nothing: for judging laws, not the guard that would hide a bad one."""
+"""A rig whose steering refuses nothing: to judge laws, not the guard that would hide a bad one."""
 
 from plant_emulator.safety_settings import OFF, SafetySettings
 
