@@ -41,6 +41,11 @@ class RunningProgram:
         for line in self._process.stdout:
             self.printed.append(line.rstrip("\n"))
 
+    @property
+    def pid(self) -> int:
+        """The process's number."""
+        return self._process.pid
+
     def wait_for(self, pattern: str, skip: int = 0) -> str:
         """Wait for a line to be printed behind the first ``skip``; returns it."""
 

@@ -12,10 +12,12 @@ import csv
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from runtime.program import run_main
 from tools.delay_estimation_pictures import draw
 from tools.delay_estimation_runs import (
     CORNERS,
@@ -35,7 +37,10 @@ NAME = "delay_estimation_study"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    options = _parser().parse_args(arguments)
+    return run_main(NAME, partial(_run, _parser().parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     todo = cases(options.laws, options.paths, options.networks, options.corners)
     results = []

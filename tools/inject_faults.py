@@ -1,8 +1,8 @@
 """Faults on a live bus and of live processes, at set times, seeded: what a pair makes of them.
 
-    python -m tools.inject_faults -i emulated babble,onset_s=2,duration_s=1
-    python -m tools.inject_faults -i socketcan -c vcan0 spoof,magnitude=0.3 noise,onset_s=3
-    python -m tools.inject_faults --pid 4711 pause,onset_s=1,duration_s=0.5
+    python -m tools.inject_faults babble,onset_s=2,duration_s=1 -i emulated -c can0
+    python -m tools.inject_faults spoof,magnitude=0.3 noise,onset_s=3 -i socketcan -c vcan0
+    python -m tools.inject_faults pause,onset_s=1,duration_s=0.5 --pid 4711
     python -m tools.inject_faults --list
 
 Times count from when it says "ready". Ctrl-C ends it in order; a process that it has stopped goes
@@ -60,6 +60,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog=f"python -m tools.{NAME}",
+        # Faults first: behind --bus-kwargs they would be taken for more of its arguments.
+        usage="%(prog)s FAULT... [options]   or   --list   or   --campaign DIR [--seed N]",
         description=(__doc__ or "").splitlines()[0],
         allow_abbrev=False,
     )

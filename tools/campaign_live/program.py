@@ -14,7 +14,7 @@ from runtime.program import ExitStatus
 from runtime.report import write_json
 from tools.campaign_live.cases import CASES, CONTROLLER, PLANT, LiveCase
 from tools.campaign_live.judgement import Outcome, Telling, judge_trial
-from tools.campaign_live.trial import run_trial
+from tools.campaign_live.trial import run_trial, write_excerpt
 from tools.soak.crew import SoakError
 
 NAME = "live campaign"
@@ -33,15 +33,17 @@ def run_live_campaign(folder: Path, seed: int, cases: Sequence[LiveCase] = CASES
     folder.mkdir(parents=True, exist_ok=True)
     steal, begin_s = StealClock(), time.monotonic()
     outcomes = []
-    golden = folder / _folder_name(cases[0])
+    recording = folder / "recording.log"
     for number, case in enumerate(cases, start=1):
         print(f"{NAME}: {number} of {len(cases)}: {case.name}", file=sys.stderr, flush=True)
         try:
-            trial = run_trial(case, folder / _folder_name(case), seed, golden / "bus.log")
+            trial = run_trial(case, folder / _folder_name(case), seed, recording)
         except SoakError as error:
             print(f"{NAME}: error: {case.name}: {error}", file=sys.stderr)
             return ExitStatus.BUS
         outcomes.append(judge_trial(trial))
+        if len(outcomes) == 1:
+            write_excerpt(trial.bus_log, recording)
     record = {
         "seed": seed,
         "duration_s": time.monotonic() - begin_s,

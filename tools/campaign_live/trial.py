@@ -1,14 +1,13 @@
 """One run of the live campaign: broker, recorder, plant, controller, then one fault."""
 
 import json
-import os
-import signal
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from dbc.messages import CAN_IDS, SteeringCommand
 from tools.campaign_live.cases import CONTROLLER, DURATION_S, ONSET_S, PLANT, LiveCase
 from tools.soak.crew import Crew
 
@@ -18,6 +17,7 @@ GONE_TIMEOUT_S = 5.0
 """How long the files' writers, processes of the programs, may need to end after them."""
 _INJECTOR, _RECORDER, _BROKER = "injector", "recorder", "broker"
 _RUN_S = 600.0
+_COMMAND = f" {CAN_IDS[SteeringCommand]:03X}#"
 
 
 class Trial(NamedTuple):
@@ -70,7 +70,7 @@ def run_trial(case: LiveCase, folder: Path, seed: int, recording: Path) -> Trial
         statuses = {_INJECTOR: crew.end(_INJECTOR)} if case.fault else {}
         # Both at once: either would hold without the other.
         for name in (PLANT, CONTROLLER):
-            _interrupt(pids[name])
+            crew.interrupt(name)
         for name in (CONTROLLER, PLANT, _RECORDER, _BROKER):
             statuses[name] = crew.end(name)
         left = _still_there(pids)
@@ -82,6 +82,13 @@ def run_trial(case: LiveCase, folder: Path, seed: int, recording: Path) -> Trial
     }
     actions = reports.get(_INJECTOR, {}).get("actions", [])
     return Trial(case, folder, statuses, reports, actions, (begin_ns, end_ns), left)
+
+
+def write_excerpt(bus_log: Path, excerpt: Path) -> None:
+    """Copy a recording of the bus from the first command on, which is when both take part."""
+    lines = bus_log.read_text(encoding="ascii").splitlines(keepends=True)
+    first = next((place for place, line in enumerate(lines) if _COMMAND in line), 0)
+    excerpt.write_text("".join(lines[first:]), encoding="ascii")
 
 
 def _start_pair(crew: Crew, socket: Path) -> None:
@@ -109,11 +116,6 @@ def _options(crew: Crew, case: LiveCase, seed: int, recording: Path) -> list[str
 
 def _bus_options(crew: Crew) -> list[str]:
     return ["-i", "emulated", "-c", CHANNEL, "--bus-kwargs", f"address={crew.address}"]
-
-
-def _interrupt(pid: int) -> None:
-    """Ask a child of ours to end; it keeps its number until it is waited for."""
-    os.kill(pid, signal.SIGINT)
 
 
 def _still_there(pids: Mapping[str, int]) -> list[str]:

@@ -40,13 +40,27 @@ PROGRAMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "tools.closed_loop.run_virtual_nodes",
             "tools.closed_loop.run_threaded_nodes",
         ),
+        "tools.compare_laws": ("tools.compare_laws.compare",),
+        "tools.delay_estimation_study": ("tools.delay_estimation_study.ProcessPoolExecutor",),
         "tools.demo": ("tools.demo.open_channels",),
         "tools.design_gains": ("tools.design_gains._pool",),
         "tools.doctor": ("tools.doctor.examine",),
+        "tools.fault_campaign": (
+            "tools.fault_campaign.execute",
+            "tools.fault_campaign.measure_residual",
+            "tools.fault_campaign.walk_all",
+        ),
         "tools.fuzz.__main__": ("tools.fuzz.__main__._fuzz",),
+        "tools.inject_faults": (
+            "tools.inject_faults.open_port",
+            "tools.inject_faults.ProcessFault",
+            "tools.inject_faults.run_live_campaign",
+        ),
         "tools.monitor": ("tools.monitor.open_port",),
         "tools.probe_host": ("tools.probe_host.probe",),
         "tools.reproduce_paper": ("tools.reproduce_paper.reproduce_all",),
+        "tools.soak.__main__": ("tools.soak.__main__.run_live_soak",),
+        "tools.soak.vandals": ("tools.soak.vandals.measure",),
         "tools.stress_latency": (
             "tools.stress.store.Store.open",
             "tools.stress_latency._print_estimate",
@@ -68,6 +82,8 @@ _WORDS = (
     "latency.downlink.mean_s=0.1", "path.kind=waypoints", "path.file=\"noise.bin\"", "rate_hz=1e9",
     "\udcff", "\x1b[31m", "ÿ☃\U0001f600", "a b", "=", "x=", "=x", "figure", "6", "2", "auto",
     "host", "true", "controller", "delay 10ms", "vcan0,vcan0", "out\udcff.json", "out\n.log",
+    "babble", "noise,seed=1", "replay,onset_s=0.1", "pause,pid=7", "kill,pid=-1",
+    "spoof,magnitude=nan",
 )  # fmt: skip
 
 

@@ -32,6 +32,7 @@ class Crew:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._asked: set[str] = set()
         self.address = ""
 
     def __enter__(self) -> Self:
@@ -107,13 +108,19 @@ class Crew:
         report: dict[str, Any] = json.loads(self.path(name, ".json").read_text(encoding="utf-8"))
         return report
 
+    def interrupt(self, name: str) -> None:
+        """Ask one to end in order, once: a second SIGINT may hit it when it has let go of them."""
+        if name not in self._asked:
+            self._asked.add(name)
+            self._processes[name].send_signal(signal.SIGINT)
+
     def end(self, name: str) -> int:
         """End one in order, if it has not ended; returns its exit status, -9 for SIGKILL.
 
         Raises SoakError when it does not end.
         """
+        self.interrupt(name)
         process = self._processes.pop(name)
-        process.send_signal(signal.SIGINT)
         try:
             return process.wait(STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:
