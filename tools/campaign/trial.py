@@ -3,43 +3,17 @@
 import math
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
-from functools import lru_cache
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from controller.node import ControllerNode
-from controller.settings import ControllerSettings
-from plant_emulator.fault_settings import SIGNAL_FAULTS, FaultKind
-from plant_emulator.faults import FaultyNode
-from plant_emulator.motion_design import MotionParams
-from plant_emulator.node import PlantNode, motion_params
 from plant_emulator.plant_samples import PlantSample
-from plant_emulator.settings import PlantSettings
-from runtime.bus_model import BusModel
-from runtime.node import NEVER_NS, NS_PER_S
+from runtime.node import NS_PER_S
 from runtime.virtual_time import VirtualTimeExecutor
 from tools.campaign.detectability import MECHANISM_OF, Mechanism
-from tools.campaign.node_faults import with_node_fault
-from tools.campaign.observation import SAFE_CAUSES, Watch, bounds_of
-from tools.campaign.scenario import (
-    GOLDEN,
-    Case,
-    Scenario,
-    controller_settings_of,
-    plant_settings_of,
-)
-from tools.campaign.specification import CONTROLLER, PLANT, NodeFaultKind
-from tools.soak.babbling import BabbledBus
-
-BABBLER_ID = 0x000
-"""It beats every frame of the pair."""
-QUEUE_LIMIT = 64
-"""Frames of one node that wait for the bus, as on the emulated bus."""
-_CORRUPTING = frozenset({FaultKind.BIT_FLIPS, FaultKind.WRONG_LENGTH, FaultKind.WRONG_IDENTIFIER})
-"""What breaks a frame's protection."""
-_FORGING = SIGNAL_FAULTS | {FaultKind.OUT_OF_RANGE}
-"""What makes frames that nobody has sent, with a valid protection."""
-_PARAMS_KEPT = 64
+from tools.campaign.observation import SAFE_CAUSES, Watch
+from tools.campaign.pair import Pair, make_pair, onset_ns_of
+from tools.campaign.scenario import GOLDEN, Case, Scenario
+from tools.campaign.specification import CONTROLLER, PLANT
 
 
 class Verdict(StrEnum):
@@ -96,69 +70,19 @@ class Result(NamedTuple):
     verdict: str
 
 
-class Pair(NamedTuple):
-    """The two nodes of a run, watched; the plant behind the fault stage."""
-
-    plant_node: PlantNode
-    edge: FaultyNode[Watch]
-    plant: Watch
-    controller: Watch
-    bus: BabbledBus
-
-
 def run_trial(scenario: Scenario) -> Result:
     """Run a scenario; equal scenarios give equal results."""
-    case = scenario.case
-    plant_settings = plant_settings_of(scenario, case.faults)
-    pair = _pair(scenario, plant_settings, _controller_settings(scenario.law))
+    pair = make_pair(scenario)
     end_ns = round((scenario.spec.motion_s + 0.2) * NS_PER_S)
     VirtualTimeExecutor((pair.edge, pair.controller), pair.bus).run(end_ns)
     return _result(scenario, pair)
-
-
-def _pair(scenario: Scenario, plant: PlantSettings, controller: ControllerSettings) -> Pair:
-    case = scenario.case
-    onset_ns = _onset_ns(case)
-    bounds = bounds_of(plant, controller)
-    wanted = [cause for cause, by in MECHANISM_OF.items() if by in case.expected.mechanisms]
-    kinds = {fault.kind for fault in case.faults}
-    # Where frames are forged too, one that nobody has sent may be intact.
-    is_corrupting = bool(kinds & _CORRUPTING) and not kinds & _FORGING
-
-    def watched(node: Any, name: str, peer_sent: set[Any] | None) -> Watch:
-        own = wanted if case.receiver in (name, "both") else ()
-        struck = with_node_fault(node, name, case.node_fault)
-        seen_from = peer_sent if is_corrupting else None
-        return Watch(struck, bounds, onset_ns, own, case.expected.safe_state, seen_from)
-
-    sent_by_plant: set[Any] = set()
-    controller_watch = watched(ControllerNode(controller, 0), CONTROLLER, sent_by_plant)
-    node = PlantNode(plant, 0, _motion_params(_fixed(plant)))
-    plant_watch = watched(node, PLANT, controller_watch.sent)
-    plant_watch.sent = sent_by_plant
-    start_ns, stop_ns = NEVER_NS, NEVER_NS
-    fault = case.node_fault
-    if fault is not None and fault.kind is NodeFaultKind.BABBLING:
-        start_ns, stop_ns = fault.window_ns
-    model = BusModel(scenario.spec.bitrate_bit_s, queue_limit=QUEUE_LIMIT)
-    bus = BabbledBus(model, BABBLER_ID, start_ns, stop_ns)
-    edge = FaultyNode(plant_watch, case.faults, scenario.seed)
-    return Pair(node, edge, plant_watch, controller_watch, bus)
-
-
-def _onset_ns(case: Case) -> int:
-    """Return from when on counts are held against those before [ns]; 0 for a golden run."""
-    if case.node_fault is not None:
-        return case.node_fault.window_ns[0]
-    # The stage's clock starts with the first command, some periods after this one.
-    return min((round(fault.onset_s * NS_PER_S) for fault in case.faults), default=0)
 
 
 def _result(scenario: Scenario, pair: Pair) -> Result:
     case, point = scenario.case, scenario.point
     effects = [stage.first_ns for stage in pair.edge.stages if stage.first_ns is not None]
     changed = sum(stage.changed for stage in pair.edge.stages)
-    effect_ns = min(effects, default=_onset_ns(case))
+    effect_ns = min(effects, default=onset_ns_of(case))
     counts = {
         f"{name}.{cause}": count
         for name, watch in ((PLANT, pair.plant), (CONTROLLER, pair.controller))
@@ -297,18 +221,3 @@ def _steer_rate_peak(samples: Sequence[PlantSample]) -> float:
         if b.time_s > a.time_s
     ]
     return max(rates, default=0.0)
-
-
-@lru_cache(maxsize=_PARAMS_KEPT)
-def _motion_params(settings: PlantSettings) -> MotionParams:
-    return motion_params(settings)
-
-
-def _fixed(settings: PlantSettings) -> PlantSettings:
-    """Return the settings without what the motion does not depend on, so that runs share it."""
-    return settings.model_copy(update={"seed": 1, "faults": ()})
-
-
-@lru_cache(maxsize=_PARAMS_KEPT)
-def _controller_settings(law: str) -> ControllerSettings:
-    return controller_settings_of(law)
