@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from running_program import running, wait_until
 
 from dbc.messages import (
     CAN_IDS,
     Decoded,
+    LateralError,
     Mode,
     PlantStatus,
     Rejection,
@@ -32,6 +32,7 @@ from runtime.emulated_bus.launch import launched_broker
 from runtime.frame import ERROR, Frame
 from runtime.frame_length import INTERMISSION_BITS, frame_bits
 from runtime.node import NEVER_NS, NS_PER_S
+from tests.running_program import running, wait_until
 from tools import inject_faults
 from tools.campaign_live.cases import CASES, CONTROLLER, PLANT
 from tools.campaign_live.judgement import (
@@ -40,6 +41,7 @@ from tools.campaign_live.judgement import (
     Vehicle,
     _first_sign,
     counts_of,
+    judge_trial,
     mistakes_of,
     vehicle_of,
 )
@@ -410,6 +412,37 @@ def test_an_excerpt_begins_with_the_first_command(tmp_path: Path) -> None:
     log.write_text("".join(lines))
     write_excerpt(log, excerpt)
     assert excerpt.read_text() == "".join(lines[1:])
+
+
+def test_a_run_is_judged_by_what_each_program_sent_itself(tmp_path: Path) -> None:
+    def line(time_s: float, frame: Frame, side: str) -> str:
+        return f"({time_s:.6f}) can0 {frame.can_id:03X}#{frame.data.hex().upper()} {side}\n"
+
+    normal = encode(PlantStatus(0.0, 0.0, 0, 0, SafetyState.NORMAL), 0)
+    refused = encode(PlantStatus(0.0, 0.0, 0, 3, SafetyState.NORMAL), 1)
+    forged = encode(SteeringCommand(0.0, 0, Mode.SAFE_STOP), 9)
+    error = encode(LateralError(-0.25, 0.0), 0)
+    own = [(100.0, normal), (101.0, error), (101.2, refused)]
+    on_bus = [(100.001, normal), (101.0005, forged), (101.001, error), (101.25, refused)]
+    (tmp_path / f"{PLANT}.log").write_text("".join(line(t, one, "T") for t, one in own))
+    (tmp_path / f"{CONTROLLER}.log").write_text(line(101.2, refused, "R"))
+    (tmp_path / "bus.log").write_text("".join(line(t, one, "R") for t, one in on_bus))
+    plant = {"node": {"rejected": {"out_of_order": 3}, "safety": {"holdings": 0}}}
+    controller = {"node": {"rejected": {}, "holds": 0}}
+    trial = trial_of(
+        "spoofed, own counter",
+        folder=tmp_path,
+        reports={PLANT: plant, CONTROLLER: controller},
+        actions=[{"time_ns": 101 * NS_PER_S, "fault": "spoof", "what": "begins"}],
+        observed=(100 * NS_PER_S, 103 * NS_PER_S),
+    )
+    outcome = judge_trial(trial)
+    assert outcome.mistakes == []
+    assert outcome.counts == {PLANT: {"out_of_order": 3}, CONTROLLER: {}}
+    assert outcome.tellings[PLANT] == (pytest.approx(0.2), pytest.approx(0.25))
+    # The only command that stops was on the bus, but the controller has not sent it.
+    assert outcome.tellings[CONTROLLER] == Telling(None, None)
+    assert outcome.vehicle.error_peak_m == pytest.approx(0.25)
 
 
 def test_the_table_and_the_record_hold_every_run() -> None:
