@@ -43,6 +43,7 @@ class StudyRecord(NamedTuple):
 
     ``scenarios``  makes settings of overrides, as the study did; of its points it knows nothing
     ``runs``       of the complete study
+    ``fastmath``   whether its runs are close to those of the nodes, and not the same
     """
 
     folder: Path
@@ -55,6 +56,7 @@ class StudyRecord(NamedTuple):
     factors: tuple[FactorRecord, ...]
     scenarios: Scenarios
     runs: int
+    fastmath: bool
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -135,6 +137,7 @@ def read_study(folder: Path) -> StudyRecord:
         factors=factors,
         scenarios=scenarios,
         runs=points * settings.sampling.replicates * len(controllers),
+        fastmath=bool(record.get("fastmath")),
     )
 
 
