@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from dbc.protection import SequenceCheck, SequenceResult
 from plant_emulator.fault_settings import FaultKind, FaultSettings
 from runtime.settings import load_settings
 from tools.campaign.acceptance import findings_of, residual_finding
@@ -295,3 +296,16 @@ def test_a_failing_sequence_is_shortened_to_what_it_takes() -> None:
         return {1.0, 4.0} <= {fault.onset_s for fault in part}
 
     assert [fault.onset_s for fault in shorten(faults, fails)] == [1.0, 4.0]
+
+
+def test_a_node_that_does_not_look_at_counters_fails_the_campaign(
+    monkeypatch: pytest.MonkeyPatch, spec: CampaignSettings
+) -> None:
+    scenario = next(one for one in scenarios_of(spec) if one.case.kind == "replay")
+    assert run_trial(scenario).verdict is Verdict.PASSED
+
+    def accept_any(check: SequenceCheck, counter: int) -> SequenceResult:
+        return check._accept(counter)
+
+    monkeypatch.setattr(SequenceCheck, "check", accept_any)
+    assert run_trial(scenario).verdict is Verdict.MISSED

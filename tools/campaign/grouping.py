@@ -44,7 +44,7 @@ def _row(runs: Sequence[Result]) -> Group:
     first = runs[0]
     verdicts = Counter(run.verdict for run in runs)
     causes = Counter(run.detected_by.split(".")[-1] for run in runs if run.detected_by)
-    counted = Counter(cause for run in runs for cause in run.counts)
+    counted = Counter(cause.split(".")[-1] for run in runs for cause in run.counts)
     recovered = [run.recovery_s for run in runs if run.recovery_s is not None]
     return Group(
         kind=first.kind,

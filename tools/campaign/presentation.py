@@ -123,15 +123,13 @@ def _findings_table(findings: Sequence[Finding]) -> Table:
 
 def _cases_table(groups: Sequence[Group]) -> Table:
     headings = (
-        *("fault", "of", "magnitude", "runs", "can be seen by", "seen by, first", "FDTI", "FHTI"),
+        *("fault", "of", "can be seen by", "seen by, first", "FDTI", "FHTI"),
         *("told", "recovery", "deviation [m]", "steer rate [rad/s]", "verdicts"),
     )
     rows = [
         [
-            Cell(one.kind),
+            Cell(f"{one.kind} {one.magnitude:g}" if one.where else one.kind),
             Cell(one.where),
-            number(f"{one.magnitude:g}"),
-            number(str(one.runs)),
             Cell(one.expected),
             Cell(one.detected_by or one.counted),
             number(in_ms(one.fdti_s)),
