@@ -9,6 +9,7 @@ import pytest
 
 from controller.analysis.check import check_text
 from controller.program import PRESETS, main
+from controller.laws import LawName
 from controller.settings import ControllerSettings, limits_of, supervision_of
 from dbc.messages import SteeringCommand, limits
 from runtime.program import ExitStatus
@@ -95,10 +96,16 @@ def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(name: 
     settings = preset(name, "rate_hz=100")  # at 1 kHz there is no analysis of jitter
     text = check_text(settings)
     assert ControllerSettings.model_validate(tomllib.loads(text)) == settings
-    assert "# Poles of the law alone:" in text
-    assert "# Poles of the closed loop around the nominal plant, without delay:" in text
-    assert "#   delay margin  " in text
-    assert ("#   stable at     no delay" in text) != ("#   mean  80 ms   " in text)
+    if settings.law is LawName.DELAYED_SET_POINT:
+        assert "# analysed as a linear loop: run it against the plant emulator." in text
+    else:
+        assert "# Poles of the closed loop around the nominal plant, without delay:" in text
+        assert "#   delay margin  " in text
+    if settings.law is LawName.PREDICTOR:
+        assert "# Latency that varies is for simulation: python -m tools.stress_latency." in text
+    elif settings.law is not LawName.DELAYED_SET_POINT:
+        assert "# Poles of the law alone:" in text
+        assert ("#   stable at     no delay" in text) != ("#   mean  80 ms   " in text)
     assert all(line == line.rstrip() and len(line) <= 100 for line in text.splitlines())
 
 
