@@ -439,7 +439,7 @@ def test_a_run_is_judged_by_what_each_program_sent_itself(tmp_path: Path) -> Non
     outcome = judge_trial(trial)
     assert outcome.mistakes == []
     assert outcome.counts == {PLANT: {"out_of_order": 3}, CONTROLLER: {}}
-    assert outcome.tellings[PLANT] == (pytest.approx(0.2), pytest.approx(0.25))
+    assert list(outcome.tellings[PLANT]) == pytest.approx([0.2, 0.25])
     # The only command that stops was on the bus, but the controller has not sent it.
     assert outcome.tellings[CONTROLLER] == Telling(None, None)
     assert outcome.vehicle.error_peak_m == pytest.approx(0.25)
