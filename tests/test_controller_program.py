@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from controller.analysis.check import check_text
-from controller.program import PRESETS, main
 from controller.laws import LawName
+from controller.program import PRESETS, main
 from controller.settings import ControllerSettings, limits_of, supervision_of
 from dbc.messages import SteeringCommand, limits
 from runtime.program import ExitStatus
