@@ -13,11 +13,11 @@ silence there, and so is a controller that died: the unit cannot tell them apart
 know earlier than its network tells it. A latency that rises by 200 ms at once is a silence of
 200 ms.
 
-HOLDING ends with the next command: nothing was lost but time, and a network with jitter, where newer
-commands overtake, has such gaps all the time; to wait for a run in each would add to its delay.
-FALLBACK ends with ``recovery_frames`` commands in a row without such a silence between them. The
-difference between the target and the first command followed is then added to it and fades out at
-the ramp rate, so that nothing jumps. SAFE_STATE is entered where the wheel does not
+HOLDING ends with the next command: nothing was lost but time, and a network with jitter, whose
+newer commands overtake, has such gaps all the time; to wait for a run in each would add to its
+delay. FALLBACK ends with ``recovery_frames`` commands in a row without such a silence between them.
+The difference between the target and the first command followed is then added to it and fades out
+at the ramp rate, so that nothing jumps. SAFE_STATE is entered where the wheel does not
 follow its target, or by the override, and stays.
 
 Every target, of ramps too, passes the safety limiter. Times count from the start of motion.
