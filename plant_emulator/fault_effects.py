@@ -35,7 +35,7 @@ from runtime.node import NS_PER_S
 BURST_CHANCE = 0.05
 REORDER_CHANCE = 0.2
 RECORDED_MAX = 100_000
-"""Frames a replay remembers: ten seconds of everything at the highest rates."""
+"""Frames a replay remembers or a delay keeps: ten seconds of everything at the highest rates."""
 
 _MOVED_TO: Mapping[int, int] = MappingProxyType(
     {
@@ -87,7 +87,7 @@ class FaultMemory:
         self.recorded: deque[tuple[int, Frame]] = deque(maxlen=RECORDED_MAX)
         self.burst = 0
         self.held: list[tuple[int, Frame]] = []
-        self.delayed: deque[tuple[int, Frame]] = deque()
+        self.delayed: deque[tuple[int, Frame]] = deque(maxlen=RECORDED_MAX)
 
     def happens(self, chance: float) -> bool:
         """Draw whether something of this chance happens."""

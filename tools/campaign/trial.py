@@ -36,6 +36,7 @@ FAILURES = (Verdict.MISSED, Verdict.LATE, Verdict.FALSE_ALARM, Verdict.UNSAFE)
 class Result(NamedTuple):
     """What a run came to; times in seconds, None for what did not happen.
 
+    ``changed``      frames that each fault of the stage changed, lost, added or kept
     ``detected_by``   node and count that saw the fault first, of the expected mechanisms
     ``fdti_s``        from the fault's first effect on the receiver to that count
     ``frti_s``        from there to the receiver's leaving control; 0 where refusing is enough
@@ -53,7 +54,7 @@ class Result(NamedTuple):
     seed: int
     expected: str
     why: str
-    changed: int
+    changed: list[int]
     detected_by: str
     fdti_s: float | None
     frti_s: float | None
@@ -81,7 +82,7 @@ def run_trial(scenario: Scenario) -> Result:
 def _result(scenario: Scenario, pair: Pair) -> Result:
     case, point = scenario.case, scenario.point
     effects = [stage.first_ns for stage in pair.edge.stages if stage.first_ns is not None]
-    changed = sum(stage.changed for stage in pair.edge.stages)
+    changed = [stage.changed for stage in pair.edge.stages]
     effect_ns = min(effects, default=onset_ns_of(case))
     counts = {
         f"{name}.{cause}": count
@@ -90,7 +91,7 @@ def _result(scenario: Scenario, pair: Pair) -> Result:
     }
     times = _times(case, pair, effect_ns)
     unsafe = "; ".join(dict.fromkeys([*pair.plant.invalid, *pair.controller.invalid]))
-    is_idle = case.kind != GOLDEN and case.node_fault is None and changed == 0
+    is_idle = case.kind != GOLDEN and case.node_fault is None and not any(changed)
     samples = _after(pair.plant_node.samples, effect_ns)
     return Result(
         name=scenario.name,

@@ -122,7 +122,8 @@ def _failure(scenario: Scenario) -> str:
 def _unseen(scenario: Scenario, result: Result) -> str:
     """Name a node that met detectable faults and counted nothing they can be seen by."""
     for node in (PLANT, CONTROLLER):
-        cases = [case_of_fault(fault) for fault in scenario.case.faults]
+        faults = zip(scenario.case.faults, result.changed, strict=True)
+        cases = [case_of_fault(fault) for fault, changed in faults if changed]
         mechanisms = {
             mechanism
             for case in cases
@@ -130,6 +131,6 @@ def _unseen(scenario: Scenario, result: Result) -> str:
             for mechanism in case.expected.mechanisms
         }
         seen = {MECHANISM_OF.get(name.split(".")[1]) for name in result.counts if node in name}
-        if mechanisms and result.changed and not mechanisms & seen:
+        if mechanisms and not mechanisms & seen:
             return f"the {node} counted nothing"
     return ""
