@@ -29,7 +29,7 @@ from dbc.messages import (
     encode,
 )
 from runtime.emulated_bus.launch import launched_broker
-from runtime.frame import ERROR, Frame
+from runtime.frame import ERROR, FD, Frame
 from runtime.frame_length import INTERMISSION_BITS, frame_bits
 from runtime.node import NEVER_NS, NS_PER_S
 from tests.running_program import running, wait_until
@@ -46,7 +46,7 @@ from tools.campaign_live.judgement import (
     vehicle_of,
 )
 from tools.campaign_live.program import outcome_table, record_of
-from tools.campaign_live.trial import Trial, write_excerpt
+from tools.campaign_live.trial import Trial, write_excerpt, write_key
 from tools.live_faults.frames import FRAMES_AT_ONCE, FrameSource, frame_source, recording_of
 from tools.live_faults.kinds import (
     MAGNITUDES,
@@ -378,6 +378,22 @@ def test_counts_are_those_above_zero_and_the_silences() -> None:
     plant = {"rejected": {"bad_crc": 0, "repeated": 2}, "safety": {"holdings": 1}}
     assert counts_of(plant) == {"repeated": 2, "silence": 1}
     assert counts_of({"rejected": {"bad_crc": 0}, "holds": 0}) == {}
+    secured = {**plant, "authentication": {"refused": {"unauthenticated": 4, "replayed": 0}}}
+    assert counts_of(secured) == {"repeated": 2, "silence": 1, "unauthenticated": 4}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="it has no such permissions")
+def test_the_key_of_a_run_is_new_and_for_its_user_alone(tmp_path: Path) -> None:
+    for name in ("one", "other"):
+        write_key(tmp_path / name)
+        assert (tmp_path / name).stat().st_mode & 0o777 == 0o600
+    assert (tmp_path / "one").read_text() != (tmp_path / "other").read_text()
+
+
+def test_an_authenticated_message_shows_a_fault_as_a_classic_one_does() -> None:
+    held = encode(SteeringStatus(0.0, 0, SteeringStatusCode.HOLDING), 0)
+    secured = Frame(held.can_id, held.data + bytes(12), FD)
+    assert _first_sign([(20, secured)], 10, 100) == 10 / NS_PER_S
 
 
 def test_the_first_sign_of_a_fault_is_found_behind_its_onset() -> None:

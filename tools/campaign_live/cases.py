@@ -24,6 +24,7 @@ class LiveCase(NamedTuple):
 
     ``fault``     as ``tools.inject_faults`` takes it, without its times; empty for none at all
     ``target``    the program that is stopped or killed
+    ``with_key``  whether the pair authenticates its frames, by CAN FD and a key of its own
     ``expected``  by program, the counts of which one must have risen; nobody else's may, but with
                   a fault that also reaches others by its nature
     """
@@ -32,6 +33,7 @@ class LiveCase(NamedTuple):
     fault: str
     expected: Mapping[str, frozenset[str]]
     target: str = ""
+    with_key: bool = False
 
     @property
     def argument(self) -> str:
@@ -54,6 +56,12 @@ CASES = (
     LiveCase("babbling node", LiveKind.BABBLE, _by(plant=_SILENCE, controller=_SILENCE)),
     LiveCase("spoofed, own counter", LiveKind.SPOOF, _by(plant=_COUNTER)),
     LiveCase("spoofed, next counter", LiveKind.SPOOF_NEXT, _by(plant=_COUNTER)),
+    LiveCase(
+        "spoofed, pair with a key",
+        LiveKind.SPOOF,
+        _by(plant=frozenset({"unauthenticated"})),
+        with_key=True,
+    ),
     LiveCase("replayed recording", LiveKind.REPLAY, _by(plant=_COUNTER, controller=_COUNTER)),
     LiveCase(
         "bit flips",

@@ -24,13 +24,14 @@ from dbc.messages import (
     decode,
 )
 from runtime.candump import CandumpReader
-from runtime.frame import Frame
+from runtime.frame import FD, Frame
 from runtime.node import NS_PER_S
 from tools.campaign_live.cases import CONTROLLER, PLANT, SILENCE
 from tools.campaign_live.trial import Trial
 from tools.soak.census import read_own_log
 
 _SIGKILL_STATUS = -9
+_PAYLOAD_BYTES = 8
 _LEFT_CONTROL = (
     SteeringStatusCode.HOLDING,
     SteeringStatusCode.FALLBACK,
@@ -111,6 +112,7 @@ def judge_trial(trial: Trial) -> Outcome:
 def counts_of(node: Mapping[str, Any]) -> dict[str, int]:
     """Return what a node's report counts of faults, by cause, where it is above zero."""
     counts = dict(node["rejected"])
+    counts |= node.get("authentication", {}).get("refused", {})
     counts[SILENCE] = node["safety"]["holdings"] if "safety" in node else node["holds"]
     return {cause: count for cause, count in counts.items() if count}
 
@@ -184,7 +186,9 @@ def _is_sign(message: Message, rejected: int) -> bool:
 
 def _decoded(frames: Sequence[tuple[int, Frame]]) -> Iterator[Told]:
     for time_ns, frame in frames:
-        decoded = decode(frame)
+        # An authenticated frame begins with the classic one that it was made from.
+        is_classic = not frame.flags & FD
+        decoded = decode(frame if is_classic else Frame(frame.can_id, frame.data[:_PAYLOAD_BYTES]))
         if isinstance(decoded, Decoded):
             yield time_ns, decoded.message
 

@@ -3,6 +3,7 @@
 import sys
 import time
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ NOT_SHOWN = 1
 WIDTH = 150
 """Of the table, whose figures are no use cut short."""
 FILE = "campaign_live.json"
+_KEY_LIBRARY = "cryptography"
 
 
 def run_live_campaign(folder: Path, seed: int, cases: Sequence[LiveCase] = CASES) -> int:
@@ -35,6 +37,9 @@ def run_live_campaign(folder: Path, seed: int, cases: Sequence[LiveCase] = CASES
     outcomes = []
     recording = folder / "recording.log"
     for number, case in enumerate(cases, start=1):
+        if case.with_key and find_spec(_KEY_LIBRARY) is None:
+            print(f"{NAME}: {case.name}: left out, needs {_KEY_LIBRARY}", file=sys.stderr)
+            continue
         print(f"{NAME}: {number} of {len(cases)}: {case.name}", file=sys.stderr, flush=True)
         try:
             trial = run_trial(case, folder / _folder_name(case), seed, recording)

@@ -1,6 +1,7 @@
 """One run of the live campaign: broker, recorder, plant, controller, then one fault."""
 
 import json
+import secrets
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -17,6 +18,8 @@ GONE_TIMEOUT_S = 5.0
 """How long the files' writers, processes of the programs, may need to end after them."""
 _INJECTOR, _RECORDER, _BROKER = "injector", "recorder", "broker"
 _RUN_S = 600.0
+_KEY_BYTES = 16
+_DATA_BITRATE_BIT_S = 2_000_000
 _COMMAND = f" {CAN_IDS[SteeringCommand]:03X}#"
 
 
@@ -58,8 +61,10 @@ def run_trial(case: LiveCase, folder: Path, seed: int, recording: Path) -> Trial
         if old.suffix in (".log", ".json", ".txt"):
             old.unlink()
     with tempfile.TemporaryDirectory(prefix="campaign-") as private, Crew(folder) as crew:
-        socket = Path(private) / "socket"
-        _start_pair(crew, socket)
+        socket, key = Path(private) / "socket", Path(private) / "key"
+        if case.with_key:
+            write_key(key)
+        _start_pair(crew, socket, key if case.with_key else None)
         time.sleep(SETTLE_S)
         begin_ns = time.time_ns()
         if case.fault:
@@ -91,11 +96,18 @@ def write_excerpt(bus_log: Path, excerpt: Path) -> None:
     excerpt.write_text("".join(lines[first:]), encoding="ascii")
 
 
-def _start_pair(crew: Crew, socket: Path) -> None:
+def write_key(path: Path) -> None:
+    """Write a new key that only its user may read."""
+    path.touch(mode=0o600)
+    path.write_text(secrets.token_hex(_KEY_BYTES) + "\n", encoding="ascii")
+
+
+def _start_pair(crew: Crew, socket: Path, key: Path | None) -> None:
     """Start all but the injector; the recorder before anybody sends."""
-    crew.start_broker(socket, [])
+    crew.start_broker(socket, [] if key is None else ["--data-bitrate", str(_DATA_BITRATE_BIT_S)])
     recorder = [crew.path("bus", ".log"), crew.path(_RECORDER, ".json")]
     arguments = [crew.address, CHANNEL, *map(str, recorder), "0"]
+    arguments += [] if key is None else ["fd"]
     crew.start(_RECORDER, "tools.soak.recorder", arguments)
     own = {
         PLANT: ("plant_emulator", ["--set", f"duration_s={_RUN_S:g}"]),
@@ -103,6 +115,7 @@ def _start_pair(crew: Crew, socket: Path) -> None:
     }
     for name, (module, options) in own.items():
         files = ["--report", crew.path(name, ".json"), "--record", crew.path(name, ".log")]
+        files += [] if key is None else ["--key-file", key]
         crew.start(name, module, [*_bus_options(crew), *map(str, files), *options])
 
 

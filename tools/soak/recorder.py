@@ -1,6 +1,6 @@
 """A recorder of everything on the bus, by the programs' own recording, with times of the bus.
 
-python -m tools.soak.recorder ADDRESS CHANNEL FILE REPORT PRIORITY
+python -m tools.soak.recorder ADDRESS CHANNEL FILE REPORT PRIORITY [fd]
 """
 
 import sys
@@ -22,11 +22,11 @@ _RECEIVED = 1
 
 def main() -> int:
     """Record until SIGINT or SIGTERM, and then what still waits; returns the exit status."""
-    address, channel, file, report, priority = sys.argv[1:]
+    address, channel, file, report, priority, *fd = sys.argv[1:]
     stop = StopRequest()
     with (
         stop.on_signals(),
-        can.Bus(interface="emulated", channel=channel, address=address) as bus,
+        can.Bus(interface="emulated", channel=channel, address=address, fd=bool(fd)) as bus,
     ):
         # Before the priority, which it would inherit.
         recording = Recording(Path(file), channel)
