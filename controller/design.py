@@ -144,10 +144,16 @@ def design_predictor(settings: LawSettings) -> Callable[[float], PredictorParams
     fallback = design_ddob(settings)
     fade_step_rad = FADE_RAD_S * period_s
     horizon_samples_max = table.horizon_s_max / sensor_period_s
+    settling_samples = round(FILTER_SETTLES_S / sensor_period_s)
 
     def at(speed_m_s: float) -> PredictorParams:
         return PredictorParams(
-            gains.at(speed_m_s), link, fallback, fade_step_rad, horizon_samples_max
+            gains.at(speed_m_s),
+            link,
+            fallback,
+            fade_step_rad,
+            horizon_samples_max,
+            settling_samples,
         )
 
     return at

@@ -36,6 +36,7 @@ class PredictorParams(NamedTuple):
 
     ``fade_step_rad``      how much of a difference between the two laws fades in one period
     ``horizon_samples_max``  a delay beyond this is not predicted over: the law is then pd_ddob
+    ``settling_samples``     how long a filter that starts in the middle of a run is not believed
     """
 
     gains: VehicleGains
@@ -43,12 +44,17 @@ class PredictorParams(NamedTuple):
     fallback: PdDdobParams
     fade_step_rad: float
     horizon_samples_max: float
+    settling_samples: int
 
 
 class PredictorState(NamedTuple):
-    """State of the predictor; ``steer_rad`` is what it wanted last."""
+    """State of the predictor; ``steer_rad`` is what it wanted last.
+
+    ``settled_sample``  from this sample on the filter is believed
+    """
 
     estimate: EstimatorState
+    settled_sample: int
     fallback: PdDdobState
     is_predicting: bool
     steer_rad: float
@@ -61,14 +67,20 @@ def predictor_step(
     """Advance one control period."""
     x_fallback, output = pd_ddob_step(p.fallback, x.fallback, seen)
     link, history = seen.link, seen.history
-    estimate = start_estimate(x.estimate, link, history)
+    estimate, settled_sample = start_estimate(x.estimate, link, history), x.settled_sample
+    if estimate.sample != x.estimate.sample and estimate.sample >= 0:
+        settled_sample = estimate.sample
+        # Before any command has acted the vehicle stands on its path, as the filter takes it to.
+        if history.applied_tick[estimate.sample & history.sample_mask] >= 0:
+            settled_sample += p.settling_samples
     is_predicting = False
     if estimate.sample >= 0:
         known = min(link.error_sample, link.echo_sample)
         estimate = estimate_to(p.link, p.gains, estimate, link, history, known)
         newest = estimate_to(p.link, p.gains, estimate, link, history, link.error_sample)
         horizon = _horizon(p.link, link, newest.sample)
-        is_predicting = link.is_measured and horizon <= p.horizon_samples_max
+        is_settled = estimate.sample >= settled_sample
+        is_predicting = link.is_measured and is_settled and horizon <= p.horizon_samples_max
         if is_predicting:
             ahead = predict(p, newest, link, history, horizon)
             output = LawOutput(
@@ -79,7 +91,7 @@ def predictor_step(
         fade_rad = x.steer_rad - output.steer_rad
     steer_rad = output.steer_rad + fade_rad
     return (
-        PredictorState(estimate, x_fallback, is_predicting, steer_rad, fade_rad),
+        PredictorState(estimate, settled_sample, x_fallback, is_predicting, steer_rad, fade_rad),
         LawOutput(
             steer_rad,
             output.disturbance_rad,
@@ -126,6 +138,7 @@ def predictor_at_rest(p: PredictorParams, lateral_error_m: float) -> PredictorSt
     """Return the state after a constant lateral error [m] and no steering."""
     return PredictorState(
         estimator_at_rest(lateral_error_m),
+        0,
         pd_ddob_at_rest(p.fallback, lateral_error_m),
         False,
         0.0,

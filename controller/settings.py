@@ -18,6 +18,9 @@ from runtime.node import NS_PER_MS, NS_PER_S
 from runtime.overruns import OverrunSettings
 from runtime.settings import Settings
 
+TELLING_MS = 5.0
+"""Of the fault tolerant time, for the frame that tells the bus: a late tick, and the wire."""
+
 
 class LimitSettings(Settings):
     """Limits on every command, whatever the law says.
@@ -38,8 +41,9 @@ class SupervisionSettings(Settings):
     ``fault_tolerant_time_ms``  within this after measurements stop, HOLDING has to be entered and
                                 told on the bus (the fault tolerant time interval of ISO 26262)
     ``measurement_timeout_ms``  a measurement older than this is not steered by; left out: as old
-                                as the fault tolerant time allows, a period less than that. A step
-                                in the network's latency is a gap in what arrives, too
+                                as the fault tolerant time allows, with a period for the tick and
+                                5 ms for the frame that tells it. A step in the network's latency is
+                                a gap in what arrives, too
     ``hold_ms``                 how long the last command is held then
     ``ramp_rad_s``              how fast it is then ramped to zero; also how fast the difference
                                 between the held command and the law's fades out on recovery
@@ -69,15 +73,16 @@ class ControllerSettings(LawSettings):
     def _refuse_a_reaction_that_comes_too_late(self) -> Self:
         table, period_ms = self.supervision, self.period_ns / NS_PER_MS
         # A tick may come a whole period after the timeout.
-        if (table.measurement_timeout_ms or 1.0) + period_ms > table.fault_tolerant_time_ms:
+        reaction_ms = period_ms + TELLING_MS
+        if (table.measurement_timeout_ms or 1.0) + reaction_ms > table.fault_tolerant_time_ms:
             timeout = (
                 "a measurement timeout of 1 ms"
                 if table.measurement_timeout_ms is None
                 else f"supervision.measurement_timeout_ms = {table.measurement_timeout_ms:g}"
             )
             raise ValueError(
-                f"{timeout} and a period of {period_ms:g} ms are more than"
-                f" supervision.fault_tolerant_time_ms = {table.fault_tolerant_time_ms:g}"
+                f"{timeout}, a period of {period_ms:g} ms and {TELLING_MS:g} ms to tell it are more"
+                f" than supervision.fault_tolerant_time_ms = {table.fault_tolerant_time_ms:g}"
             )
         return self
 
@@ -92,7 +97,8 @@ def supervision_of(settings: ControllerSettings) -> Supervision:
     table = settings.supervision
     timeout_ms = table.measurement_timeout_ms
     if timeout_ms is None:
-        timeout_ms = table.fault_tolerant_time_ms - settings.period_ns / NS_PER_MS
+        reaction_ms = settings.period_ns / NS_PER_MS + TELLING_MS
+        timeout_ms = table.fault_tolerant_time_ms - reaction_ms
     return Supervision(
         measurement_timeout_ns=round(timeout_ms * NS_PER_MS),
         hold_ns=round(table.hold_ms * NS_PER_MS),
