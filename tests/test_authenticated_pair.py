@@ -13,6 +13,7 @@ from dbc.key_file import cmac_under
 from dbc.messages import (
     CAN_IDS,
     ControllerStatus,
+    DelayStatus,
     Direction,
     LatencyConfig,
     LatencyModel,
@@ -194,7 +195,9 @@ def test_with_different_keys_nothing_moves_and_both_say_why() -> None:
     pair = Pair(*ends(controller_key=OTHER_KEY))
     assert pair.plant.samples == []
     assert pair.controller.report()["mode_s"]["waiting"] == pytest.approx(8.0, abs=0.02)
-    assert pair.report == {"synchronised": False, "verified": 0, "refused": {"forged": 80}}
+    # CONTROLLER_STATUS, which would synchronise, and DELAY_STATUS, which needs it.
+    refused_by_plant = {"forged": 80, "unsynchronised": 80}
+    assert pair.report == {"synchronised": False, "verified": 0, "refused": refused_by_plant}
     assert pair.controller_end is not None
     refused = pair.controller_end.refused
     assert refused["forged"] == 80  # status messages
@@ -204,7 +207,7 @@ def test_with_different_keys_nothing_moves_and_both_say_why() -> None:
 def test_a_plant_with_a_key_and_a_controller_without_both_say_what_they_refuse() -> None:
     pair = Pair(ends()[0], None)
     assert pair.plant.samples == []
-    assert pair.report["refused"] == {"unauthenticated": 80}
+    assert pair.report["refused"] == {"unauthenticated": 160}  # its two status messages
     rejected = pair.controller.report()["rejected"]
     assert set(rejected) == {"no_key"}
     assert rejected["no_key"] > 1000
@@ -316,8 +319,9 @@ def test_frames_repeated_within_the_session_change_no_bit_of_the_run(
     assert pair.run == authenticated.run
     assert echo.sent > 900
     refused = pair.report["refused"]
+    told_by_controller = (SteeringCommand, ControllerStatus, DelayStatus)
     assert refused["replayed"] == sum(
-        heard.frame.can_id in (CAN_IDS[SteeringCommand], CAN_IDS[ControllerStatus])
+        heard.frame.can_id in {CAN_IDS[told] for told in told_by_controller}
         for heard in pair.heard
         if heard.sender == 2
     )

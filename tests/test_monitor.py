@@ -240,7 +240,7 @@ def test_what_stays_away_is_said(entries: list[LogEntry]) -> None:
     for now_ns, _, frame in entries:
         watch.on_frame(frame, now_ns)
     text = text_of(watch.view(entries[-1].time_ns + 3 * NS))
-    assert text.count("stays away") == 6
+    assert text.count("stays away") == 7
     assert "0 frames/s" in text
 
 

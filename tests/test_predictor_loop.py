@@ -17,6 +17,7 @@ from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, read_preset
 from tools.batch.engine import BatchRun, Outcome, run_batch
+from tools.unguarded import UNGUARDED
 
 MS = 1_000_000
 PREDICTOR = ("law=predictor", "predictor.horizon_s_max=1.0", "nominal_model.virtual_mass_kg=3400")
@@ -55,7 +56,8 @@ def run(
         *more,
     )
     preset = read_preset("plant_emulator.presets", "paper_nominal")
-    done = run_batch(load_settings(PlantSettings, preset, None, settings), controller(*overrides))
+    plant = load_settings(PlantSettings, preset, None, settings)
+    done = run_batch(plant.model_copy(update={"safety": UNGUARDED}), controller(*overrides))
     assert done.outcome is Outcome.COMPLETE
     return done
 

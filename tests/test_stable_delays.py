@@ -25,6 +25,7 @@ from controller.transfer_function import Factor, TransferFunction
 from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, read_preset
 from tools.trace import FloatArray
+from tools.unguarded import UNGUARDED
 from tools.virtual_pair import run_virtual_pair
 
 MS_NS = 1_000_000
@@ -231,7 +232,8 @@ def steer_rad(boundary: Boundary) -> tuple[FloatArray, FloatArray]:
             "disturbance.steps=[{at_s=1,side_force_n=60000},{at_s=1.5,side_force_n=0}]",
         ],
     )
-    trace = run_virtual_pair(plant, boundary.settings, None).trace
+    unguarded = plant.model_copy(update={"safety": UNGUARDED})
+    trace = run_virtual_pair(unguarded, boundary.settings, None).trace
     return trace.time_s, trace.wheel_angle_rad
 
 
