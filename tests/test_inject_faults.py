@@ -241,6 +241,13 @@ def test_a_malformed_frame_is_refused_for_what_is_wrong_with_it(
     assert not plant & controller
 
 
+def test_half_of_the_noise_comes_where_somebody_listens() -> None:
+    ids = [frame.can_id for _, frame in sent(source_of("noise,magnitude=2000,duration_s=2"))]
+    heard = sum(can_id in (COMMAND_ID, CAN_IDS[LateralError]) for can_id in ids)
+    assert 0.45 < heard / len(ids) < 0.55
+    assert max(ids) > 0x700
+
+
 def test_a_node_that_babbles_takes_the_share_of_the_bus_it_is_told() -> None:
     frames = [frame for _, frame in sent(source_of("babble,magnitude=0.25"))]
     assert {frame.can_id for frame in frames} == {0}

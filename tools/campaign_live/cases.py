@@ -80,7 +80,7 @@ CASES = (
     ),
     LiveCase(
         "random noise",
-        f"{LiveKind.NOISE},magnitude=2000",
+        LiveKind.NOISE,
         _by(plant=_CONTENT, controller=_CONTENT),
     ),
     LiveCase("plant paused", LiveKind.PAUSE, _by(controller=_SILENCE), PLANT),

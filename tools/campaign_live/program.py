@@ -92,7 +92,7 @@ def outcome_table(outcomes: Sequence[Outcome]) -> Table:
             _times(outcome.tellings[CONTROLLER]),
             f"{_figure(vehicle.error_before_m)} → {_figure(vehicle.error_peak_m)}",
             f"{_figure(vehicle.wheel_before_rad)} → {_figure(vehicle.wheel_peak_rad)}",
-            "program killed" if outcome.statuses[PLANT] < 0 else vehicle.last_status,
+            "killed" if outcome.statuses[PLANT] < 0 else vehicle.last_status,
             f"{outcome.statuses[PLANT]} / {outcome.statuses[CONTROLLER]}",
             "not passed" if outcome.mistakes else "passed",
         )

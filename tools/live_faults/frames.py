@@ -33,6 +33,7 @@ FRAMES_AT_ONCE = 200
 """After a stall of the machine; a flood gets no further than the bus takes."""
 _COMMAND_COUNTERS = 1 << 16
 _COMMAND_ID = CAN_IDS[SteeringCommand]
+_HEARD_IDS = (_COMMAND_ID, CAN_IDS[LateralError])
 Produce = Callable[[int], Sequence[Frame]]
 """Frames of one place in the sequence."""
 
@@ -203,7 +204,10 @@ def _moved(frame: Frame) -> Frame:
 
 
 def _noise(draws: random.Random) -> Frame:
-    return Frame(draws.randrange(0x800), draws.randbytes(draws.randrange(9)))
+    # Half of it where somebody listens: of all identifiers, hardly any is received.
+    is_heard = draws.random() < 0.5
+    can_id = draws.choice(_HEARD_IDS) if is_heard else draws.randrange(0x800)
+    return Frame(can_id, draws.randbytes(draws.randrange(9)))
 
 
 def recording_of(frames: Sequence[tuple[int, Frame]]) -> list[Timed]:

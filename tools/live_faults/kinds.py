@@ -36,7 +36,7 @@ class LiveKind(StrEnum):
     WRONG_IDENTIFIER = "wrong_identifier"
     """The content of another message, with that one's valid CRC."""
     NOISE = "noise"
-    """Random bytes, random lengths, random identifiers."""
+    """Random bytes and lengths; half under identifiers that are received, half under any."""
     KILL = "kill"
     """SIGKILL."""
     PAUSE = "pause"
