@@ -129,7 +129,7 @@ def _with_feed_forward(settings: LawSettings, gain: float) -> LawDesign:
 def design_predictor(settings: LawSettings) -> Callable[[float], PredictorParams]:
     """Return the predictor's parameters as a function of the speed [m/s].
 
-    Raises ValueError where there is no gain at one of the speeds.
+    Raises SettingsError where there is no gain at one of the speeds.
     """
     table = _given(settings.predictor)
     period_s, sensor_period_s = 1.0 / settings.rate_hz, settings.link.sensor_period_s
@@ -162,7 +162,7 @@ def design_predictor(settings: LawSettings) -> Callable[[float], PredictorParams
 def design_kalman_law(settings: LawSettings) -> LawDesign:
     """Return a law whose dy/dt is the Kalman filter's.
 
-    Raises ValueError where there are no gains.
+    Raises SettingsError where there are no gains.
     """
     vehicle, period_s = _vehicle(settings), 1.0 / settings.rate_hz
     gains = design_schedule(

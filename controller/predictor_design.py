@@ -25,6 +25,7 @@ from controller.estimator import VehicleGains
 from controller.held_input import held_over
 from controller.law_settings import EstimatorSettings, VehicleModelSettings
 from controller.riccati import feedback_gain, filter_gain
+from runtime.settings import SettingsError
 
 Matrix = NDArray[np.float64]
 
@@ -72,18 +73,24 @@ def design_schedule(
 
     ``steer_per_error_rad_m``  the feedback's weight k; None for a filter without feedback
 
-    Raises ValueError where there are none, naming the speed.
+    Raises SettingsError where there are none, naming the speed.
     """
     low, high = settings.speed_m_s_min, settings.speed_m_s_max
     steps = max(1, round(_SPEEDS_PER_DOUBLING * log(high / low, 2.0)))
     speeds = [low * (high / low) ** (step / steps) for step in range(steps + 1)]
-    try:
-        gains = [
-            _gains(settings, vehicle, speed_m_s, period_s, sensor_period_s, steer_per_error_rad_m)
-            for speed_m_s in speeds
-        ]
-    except (ValueError, np.linalg.LinAlgError) as error:
-        raise ValueError(f"no gains of the Kalman filter: {error}") from error
+    gains = []
+    for speed_m_s in speeds:
+        try:
+            gains.append(
+                _gains(
+                    settings, vehicle, speed_m_s, period_s, sensor_period_s, steer_per_error_rad_m
+                )
+            )
+        except (ValueError, np.linalg.LinAlgError) as error:
+            raise SettingsError(
+                f"[estimator] has no gains at {speed_m_s:.4g} m/s: {error}; take noise and walks"
+                " nearer to their defaults, or another range of speeds"
+            ) from error
     return GainSchedule(speeds, gains)
 
 
