@@ -465,6 +465,21 @@ def test_every_message_keeps_its_cycle_and_counts_its_frames() -> None:
         assert counters == [number % 256 for number in range(len(counters))]
 
 
+def test_echo_and_measurement_of_one_sample_share_their_counter_even_with_nothing_to_measure() -> (
+    None
+):
+    """The contract that `controller.link_memory` pairs them by; here the vehicle has left."""
+    tested = link(vehicle={"speed_km_h": 150}, start_on_first_command=False, duration_s=60)
+    tested.command(START_NS + PERIOD_NS, 0.5)
+    tested.tick_until(START_NS + 1200 * PERIOD_NS)
+    pairs: dict[int, set[int]] = {}
+    for now_ns, frame in tested.frames:
+        if frame.can_id in (CAN_IDS[LateralError], CAN_IDS[SteeringStatus]):
+            pairs.setdefault(now_ns, set()).add(frame.data[2])
+    assert len(tested.messages(LateralError)) < len(pairs) == 1201
+    assert [*pairs.values()] == [{number % 256} for number in range(1201)]
+
+
 def test_counters_wrap() -> None:
     tested = link()
     tested.tick_until(START_NS + 300 * PERIOD_NS)
