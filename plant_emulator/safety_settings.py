@@ -84,7 +84,7 @@ class SafetySettings(Settings):
     ramp_rad_s: float = Field(0.2, ge=0.001, le=10.0)
     """Of the fallback, and of the fade after a recovery."""
     recovery_frames: int = Field(5, ge=1, le=100)
-    """Commands in a row that end a silence."""
+    """Commands in a row that end the fallback; a hold ends with the next one."""
     override_at_s: float | None = Field(None, ge=0.0, le=1e6)
     """From this time of motion on the safe state is ordered."""
 
