@@ -92,6 +92,8 @@ def _read_private(path: Path) -> bytes:
         # Not waiting: a named pipe without a writer would never open.
         descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK)
     except OSError as error:
+        if _parsed(os.fsencode(path)) is not None:
+            raise SettingsError("--key-file takes the name of a file, and this is a key") from None
         cause = "is a symbolic link" if error.errno == errno.ELOOP else error.strerror
         raise SettingsError(f"{path}: cannot be used as a key file: {cause}") from None
     try:

@@ -94,6 +94,12 @@ def test_what_is_no_file_is_refused_and_not_waited_for(tmp_path: Path) -> None:
     assert "is not a regular file" in refusal(Path("/dev/null"))
 
 
+def test_a_key_in_the_place_of_its_files_name_is_not_repeated() -> None:
+    with pytest.raises(SettingsError) as caught:
+        read_key(Path(DIGITS))
+    assert str(caught.value) == "--key-file takes the name of a file, and this is a key"
+
+
 @pytest.mark.parametrize(
     "text",
     [
