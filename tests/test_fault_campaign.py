@@ -14,7 +14,7 @@ from runtime.settings import load_settings
 from tools.campaign.acceptance import findings_of, residual_finding
 from tools.campaign.comparison import compare
 from tools.campaign.detectability import MECHANISM_OF, Mechanism, expect_fault, expect_node_fault
-from tools.campaign.execution import RESULTS, read_results
+from tools.campaign.execution import RESULTS, read_results, specification_hash
 from tools.campaign.grouping import group
 from tools.campaign.node_faults import NodeFault
 from tools.campaign.residual import Residual, exceeds, falls_short, measure_residual
@@ -277,6 +277,27 @@ def test_mistakes_are_told_in_one_line(
     for mistake in mistakes:
         assert main([str(spec_file), *mistake, "--out", str(tmp_path / "out")]) == 2
         assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("option", ["--processes", "--random-walks"])
+@pytest.mark.parametrize("value", ["0", "-1", "2.5", "many", "9" * 5000])
+def test_a_number_that_is_none_is_told_with_its_range(
+    option: str, value: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main([f"{option}={value}"])
+    assert f"argument {option}: allowed is 1 to " in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_results_of_programs_that_have_changed_are_none_of_these(
+    spec: CampaignSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "step.py").write_text("GAIN = 1.0")
+    monkeypatch.setattr("tools.campaign.execution.files", lambda _package: tmp_path)
+    before = specification_hash(spec)
+    assert specification_hash(spec) == before
+    (tmp_path / "step.py").write_text("GAIN = 2.0")
+    assert specification_hash(spec) != before
 
 
 def test_a_walk_draws_the_same_faults_again(spec: CampaignSettings) -> None:

@@ -48,6 +48,7 @@ from tools.campaign.walks import WALK_FAULTS_MAX, walk_all, walk_lines
 
 NAME = "fault_campaign"
 FAILED = 1
+WALKS_MAX = 1_000_000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -61,14 +62,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE")
     parser.add_argument("--out", type=Path, default=Path("out/faults"), metavar="DIR")
     parser.add_argument("--compare", type=Path, metavar="EARLIER", help="its DIR")
-    parser.add_argument("--processes", type=int, default=2, choices=range(1, 65), metavar="1..64")
+    parser.add_argument("--processes", type=_up_to(64), default=2, metavar="1..64")
     parser.add_argument(
         "--random-walks",
-        type=int,
+        type=_up_to(WALKS_MAX),
         metavar="N",
         help=f"instead: N seeded sequences of up to {WALK_FAULTS_MAX} faults each",
     )
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _up_to(maximum: int) -> Callable[[str], int]:
+    """Return what reads a whole number from 1 on."""
+
+    def read(text: str) -> int:
+        is_whole = text.isascii() and text.isdecimal() and len(text) <= len(str(maximum))
+        if not (is_whole and 1 <= int(text) <= maximum):
+            raise argparse.ArgumentTypeError(f"allowed is 1 to {maximum}, not {text[:60]!r}")
+        return int(text)
+
+    return read
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -1,7 +1,7 @@
 """Runs scenarios on processes, and keeps every result the moment it is there.
 
 Results are one JSON object a line. A campaign that is run again with the same specification goes on
-where it was left.
+where it was left, as long as no program has changed since.
 """
 
 import json
@@ -9,6 +9,7 @@ import multiprocessing
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from hashlib import sha256
+from importlib.resources import files
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -19,12 +20,22 @@ from tools.campaign.trial import Result, Verdict, run_trial
 
 RESULTS = "results.jsonl"
 _WAITING_PER_PROCESS = 4
+_JUDGED = ("controller", "dbc", "plant_emulator", "runtime", "tools.campaign")
+_SOURCES = (".py", ".toml", ".dbc")
 
 
 def specification_hash(spec: CampaignSettings) -> str:
-    """Return what tells one specification from another."""
+    """Return what tells one specification, of one state of the programs, from another.
+
+    Results of programs that have changed since are no results of these.
+    """
     text = spec.model_dump_json(exclude={"residual_frames"})  # no run depends on it
-    return sha256(text.encode()).hexdigest()[:16]
+    told = sha256(text.encode())
+    for package in _JUDGED:
+        for file in sorted(Path(str(files(package))).rglob("*")):
+            if file.suffix in _SOURCES:
+                told.update(file.read_bytes())
+    return told.hexdigest()[:16]
 
 
 def execute(
