@@ -41,7 +41,7 @@ from controller.laws import KALMAN_LAWS, LAWS, LawName
 from controller.link import LinkParams
 from controller.paper_laws import PdCdobParams, PdDdobParams, PdDobParams
 from controller.pd import PdParams
-from controller.predictor import PredictorParams
+from controller.predictor import PredictorParams, predictor_after_hold
 from controller.predictor_design import design_schedule
 from controller.sections import IDENTITY, Cascade2, Cascade3, Section
 from controller.transfer_function import Factor, TransferFunction
@@ -63,6 +63,8 @@ class LawDesign(NamedTuple):
     ``initial_state``  after a constant lateral error [m], without steering
     ``params_at``      of a law that is scheduled: its params at a speed [m/s]
     ``looks_back``     whether the law reads more than the first two fields of its ``LawInput``
+    ``recovered_state``  after a hold, from the state before it and the lateral error now [m]; None:
+                       the law starts anew
     ``commands_read``  how many of its last commands a law reads that is linear, from the lateral
                        error and them alone; None for a law that is not, or reads more
     """
@@ -73,6 +75,7 @@ class LawDesign(NamedTuple):
     params_at: Callable[[float], Any] | None = None
     looks_back: bool = False
     commands_read: int | None = 1
+    recovered_state: Callable[[Any, float], Any] | None = None
 
 
 def design_law(settings: LawSettings) -> LawDesign:
@@ -88,7 +91,15 @@ def design_law(settings: LawSettings) -> LawDesign:
         schedule = design_predictor(settings)
         params = schedule(0.0)
         at_rest = partial(law.at_rest, params)
-        return LawDesign(params, at_rest, law.step, schedule, looks_back=True, commands_read=None)
+        return LawDesign(
+            params,
+            at_rest,
+            law.step,
+            schedule,
+            looks_back=True,
+            commands_read=None,
+            recovered_state=partial(predictor_after_hold, params),
+        )
     if settings.law is LawName.SMITH:
         smith = _given(settings.smith)
         compensation = _compensation(_given(settings.model), smith.washout_rad_s, period_s)

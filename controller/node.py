@@ -54,6 +54,8 @@ STATUS_PERIOD_NS = 100_000_000
 """Cycle of CONTROLLER_STATUS and DELAY_STATUS."""
 RECEIVED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState)
 """What the controller receives."""
+LAW_FAILURES_MAX = 1
+"""Outputs that are no number: the law is held and started anew once, and not trusted again."""
 _COMMAND_COUNTERS = 1 << 16
 _E2E_COUNTERS = 1 << 8
 _STATUS_LIMITS = limits(ControllerStatus)
@@ -140,7 +142,7 @@ class ControllerNode:
     @property
     def finished(self) -> bool:
         """Whether it has found a fault in itself and steers no more; else it runs on."""
-        return bool(self._overruns.failure) and self._sent_steer_rad == 0.0
+        return bool(self._failure) and self._sent_steer_rad == 0.0
 
     @property
     def samples(self) -> Sequence[ControlSample]:
@@ -198,7 +200,7 @@ class ControllerNode:
             "rate_hz": NS_PER_S / self._period_ns,
             "ticks": self._control_timer.index - self._control_timer.skipped,
             "skipped_ticks": self._control_timer.skipped,
-            "failure": self._overruns.failure,
+            "failure": self._failure,
             "commands_sent": self._commands_sent,
             "peak_steer_rad": self._peak_steer_rad,
             "law_failures": self._law_failures,
@@ -212,6 +214,13 @@ class ControllerNode:
             "rejected": self._reception.rejected,
             "resynchronised": self._reception.resynchronised,
         }
+
+    @property
+    def _failure(self) -> str:
+        """The fault it has found in itself; once it is there it stays."""
+        if self._law_failures > LAW_FAILURES_MAX:
+            return "the law's output was again no finite number after it had been started anew"
+        return self._overruns.failure
 
     def _on_measurement(self, error: LateralError, now_ns: int) -> None:
         """Keep the newest measurement."""
@@ -252,6 +261,9 @@ class ControllerNode:
                 wanted_rad = law_rad
             else:
                 self._law_failures += 1
+                if self._law_failures > LAW_FAILURES_MAX:
+                    self._supervisor.on_own_fault()
+                self._law_state = None  # nothing that a recovery could go on from
                 self._move_on(now_ns, law_failed=True)
         elif self._supervisor.mode is Mode.SAFE_STOP:
             wanted_rad = ramp_step(self._ramp_step_rad, wanted_rad)
@@ -263,9 +275,16 @@ class ControllerNode:
         entered = self._supervisor.move_on(now_ns, law_failed=law_failed)
         self._holds += entered is Mode.HOLDING
         if entered is Mode.ACTIVE and self._measurement is not None:
-            self._law_state = self._design.initial_state(self._measurement.lateral_error_m)
+            self._law_state = self._state_to_start(before, self._measurement.lateral_error_m)
             # Before the first command nothing is held that the law would have to continue from.
             self._fade_rad = 0.0 if before is Mode.WAITING else None
+
+    def _state_to_start(self, before: Mode, lateral_error_m: float) -> Any:
+        """Return the law's state on becoming ACTIVE: some laws go on after a hold."""
+        recovered = self._design.recovered_state
+        if recovered is None or before is not Mode.HOLDING or self._law_state is None:
+            return self._design.initial_state(lateral_error_m)
+        return recovered(self._law_state, lateral_error_m)
 
     def _run_law(self, lateral_error_m: float, now_ns: int, period: int) -> float:
         """Advance the law by one period; returns its command, faded in after a recovery [rad]."""

@@ -146,6 +146,17 @@ def predictor_at_rest(p: PredictorParams, lateral_error_m: float) -> PredictorSt
     )
 
 
+def predictor_after_hold(
+    p: PredictorParams, x: PredictorState, lateral_error_m: float
+) -> PredictorState:
+    """Return the state after a hold, from that before it: the filter goes on, pd_ddob starts anew.
+
+    The command was held meanwhile and is known, so that the filter bridges the gap by its model.
+    """
+    fallback = pd_ddob_at_rest(p.fallback, lateral_error_m)
+    return PredictorState(x.estimate, x.settled_sample, fallback, x.is_predicting, x.steer_rad, 0.0)
+
+
 def _horizon(p: LinkParams, link: Link, sample: int) -> float:
     """Return how many samples lie between one and where the command of this tick will act."""
     acts_ns = link.tick * p.period_ns + link.delay_ns

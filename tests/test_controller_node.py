@@ -257,6 +257,35 @@ def test_a_law_that_fails_is_counted_held_and_started_anew(
     assert plant.node.report()["law_failures"] == 1
 
 
+def test_a_law_that_fails_again_ends_in_the_safe_stop_for_good(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Measurements stay good: without this the last command would be held for ever."""
+    outputs = iter([0.1, 0.1])
+
+    def step(_p: None, x: float, seen: LawInput) -> tuple[float, LawOutput]:
+        return x, LawOutput(next(outputs, math.nan), 0.0, 0.0, seen.lateral_error_m)
+
+    design = LawDesign(None, lambda error_m: error_m, step)
+    monkeypatch.setattr("controller.node.design_law", lambda _settings: design)
+    plant = link(limits={"steer_rate_rad_s_max": 1000.0})
+    plant.drive(6, 0.2)
+    assert [command.mode for command in plant.commands[2:]] == [
+        Mode.HOLDING,
+        Mode.HOLDING,
+        Mode.HOLDING,
+        Mode.SAFE_STOP,
+    ]
+    assert not plant.node.finished
+    plant.drive(60, 0.2)
+    assert {command.mode for command in plant.commands[5:]} == {Mode.SAFE_STOP}
+    assert plant.commands[-1].steer_rad == 0.0
+    assert plant.node.finished
+    report = plant.node.report()
+    assert report["law_failures"] == 2
+    assert "no finite number" in report["failure"]
+
+
 def test_the_round_trip_is_from_sending_to_the_first_echo() -> None:
     plant = link()
     plant.drive(30, 0.01)

@@ -26,7 +26,7 @@ from controller.node import ControllerNode
 from controller.predictor import predict, steer_for
 from controller.predictor_design import design_schedule, sampled_vehicle
 from controller.settings import ControllerSettings
-from dbc.messages import CAN_IDS, SteeringStatus
+from dbc.messages import CAN_IDS, Mode, SteeringStatus
 from plant_emulator.node import PlantNode
 from plant_emulator.propagation import LinearState, propagate, table_rows, transition_table
 from plant_emulator.propagation import augmented_matrix as emulator_matrix
@@ -425,3 +425,29 @@ def test_two_laws_that_are_far_apart_meet_at_the_rate_of_the_fade() -> None:
     assert abs(commands[599] - commands[299]) > 0.05
     assert np.abs(np.diff(commands)).max() == pytest.approx(0.002)
     assert commands[300] == commands[299]
+
+
+@pytest.mark.parametrize("silence_s", [0.3, 1.5])
+def test_the_filter_goes_on_after_a_hold_and_starts_anew_after_a_safe_stop(
+    silence_s: float,
+) -> None:
+    """In the midst of a curve nothing is heard for 0.3 s, which is a hold; for 1.5 s it is more."""
+    is_short, end_ns = silence_s < 1.0, round((6.0 + silence_s) * 1e9)
+    network = ("duration_s=12", "latency.downlink.mean_s=0.2", "latency.uplink.mean_s=0.05")
+    plant_node, node = run(
+        plant(*network), controller(), lambda _frame, now_ns: 6e9 < now_ns < end_ns
+    )
+    modes = {sample.mode for sample in node.samples if sample.time_ns > 6e9}
+    assert Mode.HOLDING in modes
+    assert (Mode.SAFE_STOP in modes) != is_short
+    first_ns = next(s.time_ns for s in node.samples if s.time_ns > end_ns and s.mode is Mode.ACTIVE)
+    predicts = [
+        s.law_output.network_disturbance_rad == 0.0
+        for s in node.samples
+        if first_ns < s.time_ns < first_ns + 0.5e9
+    ]
+    assert all(predicts) == is_short
+    assert any(predicts) == is_short
+    if is_short:
+        after_m = [s.lateral_error_m for s in plant_node.samples if 6.0 < s.time_s < 9.0]
+        assert np.abs(after_m).max() < 0.02

@@ -191,13 +191,18 @@ def run_batch(
             refuse_lost_wheel(plant, plan, records.command[:samples])
         return _collected(plan, motion.speed_m_s, records, samples, ticks, _OUTCOMES[code])
     x, sent_rad, fade_rad, ticks, code = loop.start_run(motion, constants), 0.0, 0.0, 0, COMPLETE
+    before = Mode.WAITING
     for segment in plan.segments:
         if code != COMPLETE:
             break
         if segment.mode == Mode.ACTIVE and segment is not first:
-            newest = plan.tick_sample[segment.first_tick]
-            state = law.initial_state(float(records.measured_m[newest]))
-        x, sent_rad, fade_rad, ticks, code = loop.run_segment(
+            newest_m = float(records.measured_m[plan.tick_sample[segment.first_tick]])
+            if before is Mode.HOLDING and law.recovered_state is not None:
+                state = law.recovered_state(state, newest_m)
+            else:
+                state = law.initial_state(newest_m)
+        before = Mode(segment.mode)
+        x, state, sent_rad, fade_rad, ticks, code = loop.run_segment(
             params,
             motion,
             constants,

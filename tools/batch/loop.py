@@ -262,7 +262,7 @@ def run_only_segment(
     """
     p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
     wire = borrowed_wire(wire)
-    x, _, _, ticks, outcome = _run_ticks(
+    x, _, _, _, ticks, outcome = _run_ticks(
         law_params, p, c, s, r, wire, segment, _start(p, c), law_state, 0.0, 0.0, end_ns
     )
     return x.sample, ticks, outcome
@@ -288,8 +288,8 @@ def run_segment(
     ``x``       the plant, at the first tick of the segment or before it
     ``end_ns``  how far to run the plant after the last tick of all
 
-    Returns the plant, the command last sent, the fade that is left [rad], the tick that comes next,
-    and how it ended.
+    Returns the plant, the law's state, the command last sent, the fade that is left [rad], the tick
+    that comes next, and how it ended.
     """
     p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
     wire = borrowed_wire(wire)
@@ -312,7 +312,7 @@ def _run_ticks(
     sent_rad: float,
     fade_rad: float,
     end_ns: int,
-) -> tuple[Progress, float, float, int, int]:
+) -> tuple[Progress, Any, float, float, int, int]:
     mode, first_tick, last_tick, is_recovery = segment
     # The plant runs in one place only: all of it is compiled into this loop.
     for tick in range(first_tick, last_tick + 1):
@@ -320,14 +320,14 @@ def _run_ticks(
         to_ns = s.tick_ns[now] if tick < len(s.tick_ns) else end_ns
         x, outcome = _plant_until(p, c, s, r, wire, x, tick, to_ns)
         if outcome != COMPLETE or tick == last_tick:
-            return x, sent_rad, fade_rad, tick, outcome
+            return x, law_state, sent_rad, fade_rad, tick, outcome
         wanted_rad = sent_rad
         if mode == _ACTIVE:
             error_m = r.measured_m[np.uintp(s.tick_sample[now])]
             seen = law_input(wire, r.sent_rad, r.measured_m, tick, error_m, sent_rad)
             law_state, output = law_step(law_params, law_state, seen)
             if not math.isfinite(output.steer_rad):
-                return x, sent_rad, fade_rad, tick, LAW_FAILED
+                return x, law_state, sent_rad, fade_rad, tick, LAW_FAILED
             if is_recovery and tick == first_tick:
                 fade_rad = sent_rad - output.steer_rad
             else:
@@ -344,4 +344,4 @@ def _run_ticks(
                 wanted_rad = ramp_step(c.ramp_step_rad, wanted_rad)
         sent_rad = limit_step(c.limits, sent_rad, wanted_rad)
         r.sent_rad[now] = sent_rad
-    return x, sent_rad, fade_rad, last_tick, COMPLETE
+    return x, law_state, sent_rad, fade_rad, last_tick, COMPLETE
