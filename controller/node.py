@@ -263,6 +263,7 @@ class ControllerNode:
                 self._law_failures += 1
                 if self._law_failures > LAW_FAILURES_MAX:
                     self._supervisor.on_own_fault()
+                self._law_state = None  # nothing that a recovery could go on from
                 self._move_on(now_ns, law_failed=True)
         elif self._supervisor.mode is Mode.SAFE_STOP:
             wanted_rad = ramp_step(self._ramp_step_rad, wanted_rad)
@@ -274,9 +275,16 @@ class ControllerNode:
         entered = self._supervisor.move_on(now_ns, law_failed=law_failed)
         self._holds += entered is Mode.HOLDING
         if entered is Mode.ACTIVE and self._measurement is not None:
-            self._law_state = self._design.initial_state(self._measurement.lateral_error_m)
+            self._law_state = self._state_to_start(before, self._measurement.lateral_error_m)
             # Before the first command nothing is held that the law would have to continue from.
             self._fade_rad = 0.0 if before is Mode.WAITING else None
+
+    def _state_to_start(self, before: Mode, lateral_error_m: float) -> Any:
+        """Return the law's state on becoming ACTIVE: some laws go on after a hold."""
+        recovered = self._design.recovered_state
+        if recovered is None or before is not Mode.HOLDING or self._law_state is None:
+            return self._design.initial_state(lateral_error_m)
+        return recovered(self._law_state, lateral_error_m)
 
     def _run_law(self, lateral_error_m: float, now_ns: int, period: int) -> float:
         """Advance the law by one period; returns its command, faded in after a recovery [rad]."""
