@@ -276,11 +276,12 @@ def test_a_law_that_fails_again_ends_in_the_safe_stop_for_good(
         Mode.HOLDING,
         Mode.SAFE_STOP,
     ]
-    assert not plant.node.finished
+    is_finished = [plant.node.finished]
     plant.drive(60, 0.2)
+    is_finished.append(plant.node.finished)
     assert {command.mode for command in plant.commands[5:]} == {Mode.SAFE_STOP}
     assert plant.commands[-1].steer_rad == 0.0
-    assert plant.node.finished
+    assert is_finished == [False, True]
     report = plant.node.report()
     assert report["law_failures"] == 2
     assert "no finite number" in report["failure"]
