@@ -19,10 +19,16 @@ from threading import Thread
 from typing import IO, Any
 
 import pytest
+from hypothesis import settings
 
 # The analysis multiplies thousands of small matrices, for which more threads only wait for each
 # other: on a busy machine it takes ten times as long. To be said before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# One commit, one answer: the same examples in every run. New ones: pytest --hypothesis-profile=explore
+settings.register_profile("same_examples", derandomize=True)
+settings.register_profile("explore", derandomize=False)
+settings.load_profile("same_examples")
 
 _PROCESSES = "ends programs with SIGINT, or asks them through Unix sockets"
 NEEDS_LINUX = {

@@ -10,7 +10,7 @@ import control
 import numpy as np
 import pytest
 import shapely
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from controller.analysis.d_stability import DStability, d_stability, paper_d_stability
@@ -105,6 +105,8 @@ def test_the_verification_finds_a_region_that_is_wrong() -> None:
     cone_angle_deg=st.floats(100.0, 160.0),
     radius_rad_s=st.floats(0.5, 5.0),
 )
+@example(4.0, 1000.0, None, 0, 4.0, 0.0, 100.0, 4.0)  # a root on the circle at the filter's pole
+@example(4.0, 1000.0, None, 0, 0.1, 0.1, 100.0, 4.0)  # and on the line of settling
 def test_any_vehicle_delay_filter_and_specification_gives_a_region_that_roots_agree_with(
     speed_km_h: float,
     virtual_mass_kg: float,

@@ -135,12 +135,15 @@ def gains_of(loop: GainLoop, s_rad_s: Complexes) -> Floats:
 
 
 def real_root_line(loop: GainLoop, s_rad_s: complex) -> GainLine | None:
-    """Return where s is a root, if q and P are real there; None where no gains make it one."""
+    """Return where s is a root, if q and P are real there; None where no gains make it one.
+
+    At the pole of q, the filter's s = -N, it is one without the derivative: K_d = 0.
+    """
     point = np.array([s_rad_s], dtype=np.complex128)
     wanted, q = loop.critical(point)[0].real, loop.derivative(point)[0].real
-    if not (math.isfinite(wanted) and math.isfinite(q)):
+    if not math.isfinite(wanted):
         return None
-    return GainLine(-float(wanted), 1.0, float(q))
+    return GainLine(-float(wanted), 1.0, float(q)) if math.isfinite(q) else GainLine(0.0, 0.0, 1.0)
 
 
 def _pieces(loop: GainLoop, spec: DStability, window: Window) -> Iterator[_Piece]:
@@ -225,12 +228,14 @@ def _limit(at: Callable[[Floats], Floats], end: _End) -> Floats:
 
 
 def _on_line(gains: Floats, line: GainLine | None) -> Floats:
-    """Return the gains moved onto a straight line, along K_p, as far as rounding has them off it.
+    """Return the gains moved onto a straight line, as far as rounding has them off it.
 
     The limit along a curve is not exact, but it has to be on the line for the faces to close.
     """
     if line is None:
         return gains
+    if not line.k_p:
+        return np.array([gains[0], -line.constant / line.k_d])
     return np.array([-(line.constant + line.k_d * gains[1]) / line.k_p, gains[1]])
 
 
