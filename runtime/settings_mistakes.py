@@ -104,7 +104,8 @@ def _explain_one(
             return f"{where.removesuffix(': ')}: {context['error']}"
         case "value_error":
             return f"{where} = {_shown(value)}: {context['error']}"
-        case "union_tag_invalid":
+        case "union_tag_invalid" | "enum" | "literal_error":
+            # pydantic's message would name the allowed values a second time.
             return f"{where} = {_shown(value)} is not a known one{allowed}"
         case _:
             return f"{where} = {_shown(value)} {mistake['msg'].removeprefix('Input ')}{allowed}"

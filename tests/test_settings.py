@@ -1,4 +1,5 @@
 import tomllib
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -28,6 +29,11 @@ class Line(Settings):
     pieces: Annotated[int, Field(ge=1, le=5)] = 3
 
 
+class Order(StrEnum):
+    NEWEST = "newest"
+    OLDEST = "oldest"
+
+
 class Motor(Settings):
     speed_m_s: Annotated[float, Field(gt=0, le=60)]
     range_rad: tuple[float, float] = (-1.0, 1.0)
@@ -44,6 +50,7 @@ class Rig(Settings):
     track: Annotated[Circle | Line, Field(discriminator="kind")] = Line()
     motor: Motor
     law: Literal["pd", "dob"] = "pd"
+    order: Order = Order.NEWEST
     note: str = ""
     log: bool = False
     file: Path | None = None
@@ -140,7 +147,9 @@ def test_a_mistake_names_source_key_value_and_range() -> None:
 @pytest.mark.parametrize(
     ("override", "mistake"),
     [
-        ("law=xx", """law = "xx" should be 'pd' or 'dob' (allowed: pd, dob)"""),
+        ("law=xx", 'law = "xx" is not a known one (allowed: pd, dob)'),
+        ("law=3", "law = 3 is not a known one (allowed: pd, dob)"),
+        ("order=new", 'order = "new" is not a known one (allowed: newest, oldest)'),
         ("log=1", "log = 1 should be a valid boolean (allowed: true or false)"),
         ("seed=1.5", "seed = 1.5 should be a valid integer (allowed: integer from 0)"),
         ("seed=true", "seed = true should be a valid integer (allowed: integer from 0)"),
@@ -296,6 +305,7 @@ def test_a_dump_is_readable() -> None:
     dumped = dump_toml(rig)
     assert dumped == (
         'law = "pd"\n'
+        'order = "newest"\n'
         'note = ""\n'
         "log = true\n"
         "limit = 1.5\n"
