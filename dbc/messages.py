@@ -24,6 +24,8 @@ __all__ = [
     "CYCLE_TIMES_MS",
     "DATA_IDS",
     "MESSAGE_TYPES",
+    "ControllerFault",
+    "ControllerSafety",
     "ControllerStatus",
     "Decoded",
     "DelayStatus",
@@ -31,6 +33,7 @@ __all__ = [
     "EchoState",
     "EncodeError",
     "EstimateState",
+    "Freshness",
     "LatencyConfig",
     "LatencyModel",
     "LateralError",
@@ -103,6 +106,25 @@ class SafetyState(IntEnum):
     HOLDING = 2
     FALLBACK = 3
     SAFE_STATE = 4
+
+
+class Freshness(IntEnum):
+    """How old the newest accepted frame of a message is."""
+
+    NEVER_SEEN = 0
+    FRESH = 1
+    STALE = 2
+    """Older than its age limit."""
+
+
+class ControllerFault(IntEnum):
+    """What the controller has found wrong with itself."""
+
+    NONE = 0
+    OVERRUNS = 1
+    """Too many ticks came too late."""
+    LAW_FAILED = 2
+    """The law's output was again no finite number after it had been started anew."""
 
 
 class EchoState(IntEnum):
@@ -182,6 +204,20 @@ class ControllerStatus(NamedTuple):
     skipped_ticks: int
 
 
+class ControllerSafety(NamedTuple):
+    """Controller to all, for watching: what it refuses, what it misses, what is wrong with it.
+
+    ``rejected`` and ``lost`` are modulo 4096.
+    """
+
+    rejected: int
+    lost: int
+    lateral_error_freshness: Freshness
+    steering_status_freshness: Freshness
+    vehicle_state_freshness: Freshness
+    fault: ControllerFault
+
+
 class DelayStatus(NamedTuple):
     """Controller to all, for watching: the delay from command to measurement, down and up."""
 
@@ -218,6 +254,7 @@ Message: TypeAlias = (
     | SteeringStatus
     | VehicleState
     | ControllerStatus
+    | ControllerSafety
     | DelayStatus
     | PlantStatus
     | LatencyConfig
@@ -230,6 +267,7 @@ MESSAGE_TYPES: Mapping[str, type[Message]] = MappingProxyType(
         "STEERING_STATUS": SteeringStatus,
         "VEHICLE_STATE": VehicleState,
         "CONTROLLER_STATUS": ControllerStatus,
+        "CONTROLLER_SAFETY": ControllerSafety,
         "DELAY_STATUS": DelayStatus,
         "PLANT_STATUS": PlantStatus,
         "LATENCY_CONFIG": LatencyConfig,
@@ -266,7 +304,10 @@ DATA_IDS: Mapping[type[Message], int] = MappingProxyType(
 CYCLE_TIMES_MS: Mapping[type[Message], int] = MappingProxyType(
     {message_type: codec.cycle_time_ms for message_type, codec in _CODECS.items()}
 )
-"""How often each message is sent at the default rates [ms]; 0 for one sent when needed."""
+"""How often each message is sent at the default rates [ms]; 0 for one sent when needed.
+
+One that is sent cyclically and spontaneously comes in between as well, at changes.
+"""
 
 
 def limits(message_type: type[Message]) -> Mapping[str, SignalRange]:

@@ -14,6 +14,7 @@ from types import MappingProxyType
 from dbc.messages import (
     CAN_IDS,
     DATA_IDS,
+    ControllerSafety,
     ControllerStatus,
     Decoded,
     DelayStatus,
@@ -43,6 +44,7 @@ _MOVED_TO: Mapping[int, int] = MappingProxyType(
         for wrong, right in (
             (SteeringCommand, ControllerStatus),
             (ControllerStatus, SteeringCommand),
+            (ControllerSafety, SteeringCommand),
             (DelayStatus, SteeringCommand),
             (LateralError, SteeringStatus),
             (SteeringStatus, LateralError),
@@ -60,6 +62,7 @@ _RAW_OUTSIDE: Mapping[type[Message], tuple[int, int, int]] = MappingProxyType(
         SteeringStatus: (58, 3, 7),
         VehicleState: (38, 13, 1 << 12),
         ControllerStatus: (24, 3, 7),
+        ControllerSafety: (48, 2, 3),
         DelayStatus: (48, 2, 3),
         PlantStatus: (61, 3, 7),
     }

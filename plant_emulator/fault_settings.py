@@ -22,6 +22,7 @@ from pydantic import Field, model_validator
 
 from dbc.messages import (
     MESSAGE_TYPES,
+    ControllerSafety,
     ControllerStatus,
     DelayStatus,
     LateralError,
@@ -124,7 +125,12 @@ SIGNAL_FAULTS = frozenset(
 
 MESSAGES_OF: Mapping[FaultDirection, tuple[type[Message], ...]] = MappingProxyType(
     {
-        FaultDirection.DOWNLINK: (SteeringCommand, ControllerStatus, DelayStatus),
+        FaultDirection.DOWNLINK: (
+            SteeringCommand,
+            ControllerStatus,
+            ControllerSafety,
+            DelayStatus,
+        ),
         FaultDirection.UPLINK: (LateralError, SteeringStatus, VehicleState, PlantStatus),
     }
 )

@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from dbc.codec import load_database
 from dbc.messages import (
     MESSAGE_TYPES,
+    ControllerFault,
+    ControllerSafety,
     ControllerStatus,
     Decoded,
     DelayStatus,
@@ -20,6 +22,7 @@ from dbc.messages import (
     EchoState,
     EncodeError,
     EstimateState,
+    Freshness,
     LatencyConfig,
     LatencyModel,
     LateralError,
@@ -87,6 +90,19 @@ GOLDEN: list[tuple[Message, str, str]] = [
     (VehicleState(1.39, 0.02, -0.01), "130", "50e2 07 16010ac0f9"),
     # 1 + (3 << 3) = 0x19; 10 << 8 = 0xA00; -20 = 0xFEC in 12 bits, << 20; 3 << 32
     (ControllerStatus(Mode.ACTIVE, Law.PD_DDOB, 0.01, -0.02, 3), "300", "fa51 07 190ac0fe03"),
+    # 5; 3 << 12 = 0x3000; 1 << 24; 2 << 26; 0; 1 << 30
+    (
+        ControllerSafety(
+            5,
+            3,
+            Freshness.FRESH,
+            Freshness.STALE,
+            Freshness.NEVER_SEEN,
+            ControllerFault.OVERRUNS,
+        ),
+        "304",
+        "b49b 07 0530004900",
+    ),
     # 160 = 0xA0; 164 << 12 = 0xA_4000; 1 << 24; 2 << 26; 97 << 28 = 0x6_1000_0000
     (
         DelayStatus(0.08, 0.082, EchoState.KNOWN, EstimateState.OBSERVABLE, 0.97),

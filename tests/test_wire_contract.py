@@ -105,6 +105,7 @@ def test_every_resolution_is_named_in_the_comment_that_says_why() -> None:
         ("STEERING_STATUS", 0x120, "PLANT", {"CONTROLLER"}, 10),
         ("VEHICLE_STATE", 0x130, "PLANT", {"CONTROLLER"}, 20),
         ("CONTROLLER_STATUS", 0x300, "CONTROLLER", {"PLANT", "TOOL"}, 100),
+        ("CONTROLLER_SAFETY", 0x304, "CONTROLLER", {"PLANT", "TOOL"}, 100),
         ("DELAY_STATUS", 0x308, "CONTROLLER", {"PLANT", "TOOL"}, 100),
         ("PLANT_STATUS", 0x310, "PLANT", {"CONTROLLER", "TOOL"}, 100),
         ("LATENCY_CONFIG", 0x320, "TOOL", {"PLANT"}, None),
@@ -118,7 +119,8 @@ def test_a_message_is_sent_by_whom_to_whom_and_how_often(
     assert not definition.is_extended_frame
     assert definition.senders == [sender]
     assert definition.cycle_time == cycle_ms
-    assert definition.send_type == ("Event" if cycle_ms is None else "Cyclic")
+    at_changes_too = "CyclicAndSpontaneous" if name == "CONTROLLER_SAFETY" else "Cyclic"
+    assert definition.send_type == ("Event" if cycle_ms is None else at_changes_too)
     for signal in definition.signals:
         assert set(signal.receivers) == receivers, signal.name
 
