@@ -5,6 +5,9 @@ others, moved to the end, and run together in one pytest of their own below ``to
 the host's vcan0, in a network namespace, or in User Mode Linux. Their reports come back one by one,
 as if they had run here. Where none of these can be had they are skipped with the reason. A pytest
 that was started by ``tools/with_vcan`` runs them itself.
+
+On two cores, ``-n 2 --dist loadgroup`` (pytest-xdist) has one worker begin with these, and hands
+out the others a file at a time, so that what a file prepares is prepared once.
 """
 
 import json
@@ -25,7 +28,7 @@ from hypothesis import settings
 # other: on a busy machine it takes ten times as long. To be said before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# One commit, one answer: the same examples in every run. New ones: pytest --hypothesis-profile=explore
+# One commit, one answer: the same examples in every run. For new ones: --hypothesis-profile=explore
 settings.register_profile("same_examples", derandomize=True)
 settings.register_profile("explore", derandomize=False)
 settings.load_profile("same_examples")
@@ -72,11 +75,33 @@ TIMEOUT_S = 900.0
 REPORTS_DESCRIPTOR = 3
 """Where the pytest inside writes its reports: pytest itself redirects standard output."""
 INSIDE = "VCAN_TEST_REPORTS"
+_TOGETHER = "vcan"
+_SUFFIX = f"@{_TOGETHER}"
+"""By which pytest-xdist marks the names of tests that belong to one group."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "vcan: needs a real vcan0, see tests/conftest.py")
-    config.pluginmanager.register(_Inside(config) if os.environ.get(INSIDE) else _Outside())
+    config.pluginmanager.register(_Inside(config) if os.environ.get(INSIDE) else _Outside(config))
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    if _is_marked(item):
+        item.add_marker(pytest.mark.xdist_group(_TOGETHER))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Hand out the tests file by file, those for vcan0 together and first."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    def group_of(nodeid: str) -> str:
+        return _TOGETHER if nodeid.endswith(_SUFFIX) else nodeid.partition("::")[0]
+
+    config.option.loadscopereorder = False
+    scheduler = LoadScopeScheduling(config, log)
+    scheduler._split_scope = group_of
+    return scheduler
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -117,9 +142,10 @@ class _Inside:
 
 
 class _Outside:
-    """Has the marked tests run elsewhere."""
+    """Has the marked tests run elsewhere; where there are workers, one of them does."""
 
-    def __init__(self) -> None:
+    def __init__(self, config: pytest.Config) -> None:
+        self._is_worker = hasattr(config, "workerinput")
         self._reports: Iterator[pytest.TestReport] | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._ran = 0
@@ -129,25 +155,37 @@ class _Outside:
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        items.sort(key=_is_marked)
+        items.sort(key=_is_marked, reverse=self._is_worker)
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:
         """Start at once: both sides mostly wait, so they take little longer side by side."""
         if os.environ.get("WITH_VCAN_BACKEND") or session.config.option.collectonly:
             return
-        if any(map(_is_marked, session.items)):
-            self._reports = _read_ahead(self._run(session, self._choose()))
+        if any(map(_is_marked, session.items)) and not self._is_worker:
+            self._start(session)
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> bool | None:
         if not _is_marked(item) or os.environ.get("WITH_VCAN_BACKEND"):
             return None
+        if self._is_worker and self._process is None and not self._obstacle:
+            self._start(item.session)
         hook = item.ihook
         hook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
         for report in self._of(item):
             hook.pytest_runtest_logreport(report=report)
         hook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
         return True
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        if self._is_worker:
+            session.config.workeroutput[_TOGETHER] = (self._ran, self._backend)  # type: ignore[attr-defined]
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: Any) -> None:
+        ran, backend = getattr(node, "workeroutput", {}).get(_TOGETHER, (0, ""))
+        if ran:
+            self._ran, self._backend = ran, backend
 
     def pytest_unconfigure(self) -> None:
         """Leave nothing running when the tests end early, as after ``-x`` and Ctrl-C."""
@@ -160,6 +198,9 @@ class _Outside:
                 f"{self._ran} tests ran on a real vcan0 (tools/with_vcan: {self._backend})"
             )
 
+    def _start(self, session: pytest.Session) -> None:
+        self._reports = _read_ahead(self._run(session, self._choose()))
+
     def _of(self, item: pytest.Item) -> Iterator[pytest.TestReport]:
         """Wait for the reports of one test: setup, call where there was one, teardown."""
         if self._obstacle:
@@ -167,6 +208,7 @@ class _Outside:
             yield _report(item, "skipped", place)
             return
         for report in self._reports or ():
+            report.nodeid += item.nodeid[len(_name(item)) :]
             yield report
             if report.nodeid == item.nodeid and report.when == "teardown":
                 self._ran += 1
@@ -185,7 +227,7 @@ class _Outside:
 
     def _run(self, session: pytest.Session, options: Sequence[str]) -> Iterator[pytest.TestReport]:
         """Start the other pytest; yields its reports as they come."""
-        wanted = [item.nodeid for item in session.items if _is_marked(item)]
+        wanted = [_name(item) for item in session.items if _is_marked(item)]
         with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as said:
             arguments = Path(folder) / "tests"
             arguments.write_text("\n".join(wanted), encoding="utf-8")
@@ -209,6 +251,11 @@ class _Outside:
 
 def _is_marked(item: pytest.Item) -> bool:
     return item.get_closest_marker("vcan") is not None
+
+
+def _name(item: pytest.Item) -> str:
+    """Return the test's name, without what pytest-xdist adds to it."""
+    return item.nodeid.removesuffix(_SUFFIX)
 
 
 def _read_ahead(reports: Iterator[pytest.TestReport]) -> Iterator[pytest.TestReport]:
