@@ -197,7 +197,7 @@ class Connection:
         if self._is_silent and now_ns >= self._look_at_ns:
             # To be error-active again is not enough: the queue is opened with the carrier.
             self._look_at_ns = now_ns + _RETRY_NS
-            if has_carrier(self._opened.channel):
+            if self._opened.has_carrier and has_carrier(self._opened.channel):
                 self._end_outage()
                 return
         if self._port is not None and not self._is_silent:

@@ -53,6 +53,7 @@ class OpenPort(NamedTuple):
     ``driver``        AF_CAN or PYTHON_CAN
     ``is_socketcan``  whether its error frames mean what SocketCAN's mean
     ``reopen``        opens the same again, whatever has become of the machine; raises BusError
+    ``has_carrier``   whether the channel is a network interface, whose carrier tells bus-off too
     """
 
     port: ClosablePort
@@ -61,6 +62,7 @@ class OpenPort(NamedTuple):
     driver: str
     is_socketcan: bool
     reopen: Callable[[], "OpenPort"]
+    has_carrier: bool = True
 
 
 def open_port(
@@ -96,7 +98,10 @@ def _open(
     if filters is not None and bus.filters is None and _filters_itself(bus):
         bus.set_filters(filters)
     channel = choice.channel or str(getattr(bus, "channel", None) or "can0")
-    return OpenPort(BusPort(bus), description, channel, PYTHON_CAN, is_socketcan, reopen)
+    means_the_same = is_socketcan or choice.interface == "emulated"
+    return OpenPort(
+        BusPort(bus), description, channel, PYTHON_CAN, means_the_same, reopen, is_socketcan
+    )
 
 
 def _open_fast(

@@ -12,6 +12,7 @@ No client holds up another, whatever it does; everything that waits for one has 
     who sends garbage           is disconnected at the first record that is none
     who says no hello           is disconnected after HELLO_TIMEOUT_NS
     who leaves and comes back   leaves at most LEFT_FRAMES_MAX frames behind
+    who asks for a bus-off      is disconnected unless this broker takes that
 
 Waiting is by ``select`` because it counts microseconds; Python's epoll and poll round up to the
 next millisecond, which is four frames.
@@ -26,7 +27,7 @@ from typing import NamedTuple
 from runtime.emulated_bus.channel import Channel
 from runtime.emulated_bus.connection import Connection, ConnectionLostError
 from runtime.emulated_bus.journal import Cause, Journal
-from runtime.emulated_bus.protocol import Answer, Hello, ProtocolError
+from runtime.emulated_bus.protocol import Answer, BusOff, Hello, ProtocolError
 from runtime.emulated_bus.wall_clock import WallClock
 from runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S, NS_PER_US
 from runtime.statistics import DurationStatistics, DurationSummary
@@ -64,6 +65,7 @@ class Broker:
     ``data_bitrate_bit_s``  of the data phase of CAN FD frames [bit/s]; None for classic CAN only
     ``journal``             is told who comes and goes
     ``clock_ns``            monotonic clock [ns]
+    ``takes_bus_off``       whether a client may send another one, or itself, into bus-off
     """
 
     def __init__(
@@ -73,6 +75,7 @@ class Broker:
         data_bitrate_bit_s: int | None,
         journal: Journal,
         clock_ns: Callable[[], int] = time.monotonic_ns,
+        takes_bus_off: bool = False,
     ) -> None:
         listener.setblocking(False)
         self._listener = listener
@@ -80,6 +83,7 @@ class Broker:
         self._data_bitrate_bit_s = data_bitrate_bit_s
         self._journal = journal
         self._clock_ns = clock_ns
+        self._takes_bus_off = takes_bus_off
         self._wall_clock = WallClock()
         self._channels: dict[str, Channel] = {}
         self._clients: set[Connection] = set()
@@ -180,6 +184,8 @@ class Broker:
             self._lateness.record(now_ns - completed[0].end_ns)
         for delivery in completed:
             channel.queue(delivery, self._wall_clock.at(delivery.end_ns))
+        for client in channel.come_back(now_ns, self._wall_clock.at(now_ns)):
+            self._journal.note(f"{client} is back from bus-off", now_ns)
         for member in tuple(channel.members.values()):
             if member.has_outgoing:
                 self._flush(member, now_ns)
@@ -268,7 +274,8 @@ class Broker:
         return ""
 
     def _answer(self, reason: str) -> Answer:
-        return Answer(self._bitrate_bit_s, self._data_bitrate_bit_s or 0, reason)
+        data_bitrate_bit_s = self._data_bitrate_bit_s or 0
+        return Answer(self._bitrate_bit_s, data_bitrate_bit_s, reason, self._takes_bus_off)
 
     def _refuse(self, client: Connection, reason: str, now_ns: int) -> None:
         """Tell a client why it cannot join, and close."""
@@ -288,7 +295,12 @@ class Broker:
         except ProtocolError as reason:
             self._drop(client, Cause.GARBAGE, str(reason), now_ns)
             return
-        changes = client.take_filter_changes()
+        requests = client.take_bus_offs()
+        for request in requests:
+            self._send_off(client, request, now_ns)
+        if client not in self._clients:
+            return
+        changes = client.take_filter_changes() + len(requests)
         if not has_all:
             self._held_back += not client.is_held_back
             self._readers.discard(client)
@@ -298,6 +310,21 @@ class Broker:
         elif client not in self._read_again_ns:
             self._readers.add(client)
         client.is_held_back = not has_all
+
+    def _send_off(self, asking: Connection, request: BusOff, now_ns: int) -> None:
+        """Do what a client has asked for, if that is allowed here."""
+        if not self._takes_bus_off:
+            detail = "it asks for a bus-off, which this bus does not take"
+            self._drop(asking, Cause.REFUSED, detail, now_ns)
+            return
+        if asking.hello is None or asking not in self._clients:
+            return
+        self._wall_clock.update()
+        channel = self._channels[asking.hello.channel]
+        client = channel.go_off(request, now_ns, self._wall_clock.at(now_ns))
+        if client is not None:
+            self._journal.note(f"{client} is in bus-off: {asking} asks for it", now_ns)
+            self._flush(client, now_ns)
 
     def _flush(self, client: Connection, now_ns: int) -> None:
         """Write what waits for a client, and come back when its socket takes more."""

@@ -9,9 +9,11 @@ from collections.abc import Mapping
 from struct import Struct
 
 from runtime.bus_model import BusLoad, BusModel, Delivery
+from runtime.emulated_bus.bus_off import BUS_OFF_FRAME, RESTARTED_FRAME, Recovery
 from runtime.emulated_bus.connection import Connection
-from runtime.emulated_bus.protocol import OWN, pack_frame, record_format
+from runtime.emulated_bus.protocol import OWN, BusOff, pack_frame, record_format
 from runtime.frame import EXTENDED, Frame
+from runtime.node import NEVER_NS
 from runtime.statistics import DurationStatistics, DurationSummary
 
 FRAMES_WAITING_MAX = 64
@@ -19,7 +21,8 @@ FRAMES_WAITING_MAX = 64
 LEFT_FRAMES_MAX = 1024
 """Frames of clients that have gone which may wait on one channel."""
 WATCHED_IDS_MAX = 256
-"""Identifiers of a channel whose arbitration is timed: the first ones that are seen."""
+"""Identifiers of a channel whose arbitration is timed and whose sender is known: the first ones
+that are seen."""
 
 
 class Channel:
@@ -32,15 +35,24 @@ class Channel:
         self._model = BusModel(
             bitrate_bit_s, data_bitrate_bit_s, FRAMES_WAITING_MAX, self._on_start
         )
+        self._bitrate_bit_s = bitrate_bit_s
         self.members: dict[int, Connection] = {}
+        self._senders: dict[tuple[int, bool], int] = {}
+        self._quiet_ns = 0
+        self._bus_offs = 0
+        self._lost_in_bus_off = 0
         self._left: dict[int, int] = {}
         self._discarded = 0
         self._delays: dict[tuple[int, bool], DurationStatistics] = {}
 
     @property
     def next_event_ns(self) -> int:
-        """When the next frame is complete on the wire [ns]."""
-        return self._model.next_event_ns
+        """When the next frame is complete on the wire, or a bus-off may be over [ns]."""
+        next_ns = self._model.next_event_ns
+        if not self._bus_offs:
+            return next_ns
+        looks_ns = [one.recovery.next_look_ns for one in self.members.values() if one.recovery]
+        return min([next_ns, *looks_ns])
 
     @property
     def load(self) -> BusLoad:
@@ -51,6 +63,16 @@ class Channel:
     def discarded(self) -> int:
         """Frames of clients that had gone which were never sent."""
         return self._discarded
+
+    @property
+    def bus_offs(self) -> int:
+        """How often a client has gone into bus-off."""
+        return self._bus_offs
+
+    @property
+    def lost_in_bus_off(self) -> int:
+        """Frames that clients have sent, or that still waited for the wire, in bus-off."""
+        return self._lost_in_bus_off
 
     @property
     def arbitration_delays(self) -> Mapping[str, DurationSummary]:
@@ -72,13 +94,65 @@ class Channel:
             frame = client.take_frame()
             if frame is None:
                 return True
+            if client.recovery is not None:
+                self._lost_in_bus_off += 1
+                continue
             self._model.submit(frame, client.number, now_ns)
             client.frames_waiting += 1
+            key = (frame.can_id, bool(frame.flags & EXTENDED))
+            if key in self._senders or len(self._senders) < WATCHED_IDS_MAX:
+                self._senders[key] = client.number
         return False
+
+    def go_off(self, request: BusOff, now_ns: int, time_ns: int) -> Connection | None:
+        """Send a client into bus-off, or set anew when one in it is started again.
+
+        A frame that is on the wire now is still complete. Returns the client that was not in
+        bus-off before; None also when nobody is there who has sent the identifier.
+
+        ``time_ns``  now, by the wall clock [ns]
+        """
+        can_id, extended, restart_after_ns = request
+        client = self.members.get(self._senders.get((can_id, extended), 0))
+        if client is None:
+            return None
+        restart_ns = now_ns + restart_after_ns
+        if client.recovery is not None:
+            client.recovery.restart_ns = min(client.recovery.restart_ns, restart_ns)
+            return None
+        withdrawn = self._model.withdraw(client.number)
+        client.frames_waiting -= withdrawn
+        self._lost_in_bus_off += withdrawn
+        self._bus_offs += 1
+        client.recovery = Recovery(restart_ns, self._bitrate_bit_s)
+        client.queue(pack_frame(record_format(client.fd), BUS_OFF_FRAME, time_ns))
+        return client
+
+    def come_back(self, now_ns: int, time_ns: int) -> list[Connection]:
+        """Let those take part again whose bus-off is over; returns them.
+
+        ``time_ns``  now, by the wall clock [ns]
+        """
+        if not self._bus_offs:
+            return []
+        if self._model.next_event_ns == NEVER_NS:
+            self._quiet_ns = now_ns
+        back = [
+            client
+            for client in self.members.values()
+            if client.recovery is not None
+            and client.recovery.is_over(now_ns, self._model.load, self._quiet_ns)
+        ]
+        for client in back:
+            client.recovery = None
+            client.queue(pack_frame(record_format(client.fd), RESTARTED_FRAME, time_ns))
+        return back
 
     def advance(self, now_ns: int) -> list[Delivery]:
         """Return the frames that are complete, and let their senders have room for others."""
         completed = self._model.advance(now_ns)
+        if completed:
+            self._quiet_ns = completed[-1].end_ns
         for _, sender, _ in completed:
             member = self.members.get(sender)
             if member is not None:

@@ -25,10 +25,12 @@ from runtime.emulated_bus.protocol import (
     OWN,
     REMOTE_LENGTH_SHIFT,
     Answer,
+    BusOff,
     Filter,
     Hello,
     ProtocolError,
     check_frame,
+    pack_bus_off,
     pack_filters,
     pack_frame,
     record_format,
@@ -37,6 +39,7 @@ from runtime.emulated_bus.protocol import (
 )
 from runtime.frame import Frame
 from runtime.message import frame_of, message_of
+from runtime.node import NS_PER_S
 
 DEFAULT_CHANNEL = "can0"
 
@@ -87,6 +90,7 @@ class EmulatedBus(can.BusABC):
         self._record = record_format(fd)
         self._partial = b""
         self._state = BusState.ACTIVE
+        self._takes_bus_off = answer.takes_bus_off
         # send_periodic sends from a thread of its own.
         self._send_lock = threading.Lock()
         self._can_protocol = CanProtocol.CAN_FD if fd else CanProtocol.CAN_20
@@ -110,9 +114,28 @@ class EmulatedBus(can.BusABC):
         with self._send_lock:
             self._send_all(raw, timeout)
 
+    def send_bus_off(self, can_id: int, restart_after_s: float, *, extended: bool = False) -> None:
+        """Send the CAN controller that has sent ``can_id`` last into bus-off.
+
+        It is started again ``restart_after_s`` later, and takes part 128 x 11 recessive bits after
+        that; one that is in bus-off already, at the earlier of both times. Until then the bus does
+        without its frames and it without those of others; SocketCAN's two error frames tell its
+        client.
+
+        Raises can.CanOperationError when the broker does not take that or has ended.
+        """
+        if not self._takes_bus_off:
+            raise can.CanOperationError(
+                "this emulated bus takes no bus-off: start its broker with --allow-bus-off"
+            )
+        request = BusOff(can_id, extended, round(restart_after_s * NS_PER_S))
+        with self._send_lock:
+            self._send_all(pack_bus_off(self._record, request), None)
+
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         """Receive one frame. The broker's filters lag behind ``set_filters`` by what is under way,
-        so that python-can's own have the last word: the second value is False.
+        so that python-can's own have the last word: the second value is False but for an error
+        frame, which no filter is meant for.
         """
         try:
             # Without time to wait, looking for a frame is one system call.
@@ -134,7 +157,8 @@ class EmulatedBus(can.BusABC):
             frame, time_ns = unpack_delivery(self._record, raw)
         except ProtocolError as error:
             raise can.CanOperationError(str(error)) from error
-        return _received_message(frame, time_ns, self._channel), False
+        message = _received_message(frame, time_ns, self._channel)
+        return message, bool(message.is_error_frame)
 
     def _send_all(self, raw: bytes, timeout: float | None) -> None:
         """Write ``raw`` whole or not at all."""

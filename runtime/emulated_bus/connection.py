@@ -4,10 +4,12 @@ import socket
 import struct
 import sys
 
+from runtime.emulated_bus.bus_off import Recovery
 from runtime.emulated_bus.journal import Cause
 from runtime.emulated_bus.protocol import (
     FILTERS_MAX,
     HELLO,
+    BusOff,
     ClearFilters,
     Filter,
     Hello,
@@ -46,6 +48,7 @@ class Connection:
     ``hello``           what it asked for; None until that has come in whole
     ``frames_waiting``  frames it has submitted that are not complete yet; the broker counts here
     ``is_held_back``    whether it is not read because as many frames wait as may
+    ``recovery``        while its CAN controller is in bus-off: the way out
     """
 
     def __init__(self, connection: socket.socket, number: int) -> None:
@@ -54,6 +57,7 @@ class Connection:
         self.hello: Hello | None = None
         self.frames_waiting = 0
         self.is_held_back = False
+        self.recovery: Recovery | None = None
         self._process = _process_of(connection)
         self._socket = connection
         self._record = record_format(fd=False)
@@ -62,6 +66,7 @@ class Connection:
         self._masks: dict[tuple[int, bool | None], set[int]] = {}
         self._filters = 0
         self._filter_changes = 0
+        self._bus_offs: list[BusOff] = []
 
     def __str__(self) -> str:
         of = f" of {self.hello.channel!r}" if self.hello else ""
@@ -110,18 +115,29 @@ class Connection:
     def take_frame(self) -> Frame | None:
         """Take the next frame off what has come in, None without one; raises ProtocolError.
 
-        Changes of the filters that lie before it take effect on the way.
+        Changes of the filters that lie before it take effect on the way; requests for bus-off are
+        kept for ``take_bus_offs``.
         """
         while len(self._incoming) >= self._record.size:
             request = unpack_request(self._record, self._take(self._record.size))
             if isinstance(request, Frame):
                 return request
-            self._change_filters(request)
+            if isinstance(request, BusOff):
+                self._bus_offs.append(request)
+            else:
+                self._change_filters(request)
         return None
+
+    def take_bus_offs(self) -> list[BusOff]:
+        """Return the requests for bus-off that have been taken since the last call."""
+        requests, self._bus_offs = self._bus_offs, []
+        return requests
 
     def wants(self, frame: Frame, sender: int) -> bool:
         """Whether the client is to get ``frame`` of client ``sender``."""
         if self.hello is None or (sender == self.number and not self.hello.receive_own):
+            return False
+        if self.recovery is not None:
             return False
         if frame.flags & FD and not self.hello.fd:
             return False

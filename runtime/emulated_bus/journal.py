@@ -63,6 +63,10 @@ class Journal:
         if self._is_verbose:
             self._say(f"{who} joins", now_ns)
 
+    def note(self, what: str, now_ns: int) -> None:
+        """Tell what is done to a client that stays."""
+        self._say(what, now_ns)
+
     def leave(self, who: str, cause: Cause, detail: str, now_ns: int) -> None:
         """Note that a client is gone, and why."""
         self._causes[cause] += 1

@@ -65,7 +65,13 @@ def _serve(listener: socket.socket, address: Address, options: argparse.Namespac
     if options.data_bitrate is not None:
         rates += f", CAN FD data at {options.data_bitrate} bit/s"
     journal = Journal(_tell, options.verbose)
-    broker = Broker(listener, options.bitrate, options.data_bitrate, journal)
+    broker = Broker(
+        listener,
+        options.bitrate,
+        options.data_bitrate,
+        journal,
+        takes_bus_off=options.allow_bus_off,
+    )
     start_ns = time.monotonic_ns()
     print(f"{_NAME}: listening at {address}, {rates}", flush=True)
     with suppress(KeyboardInterrupt), real_time(RealTimeRequest(options.priority)):
@@ -132,6 +138,12 @@ def _parser() -> argparse.ArgumentParser:
         type=_data_bit_rate,
         metavar="BIT_S",
         help="bit rate of the data phase; lets clients use CAN FD (default: classic CAN only)",
+    )
+    parser.add_argument(
+        "--allow-bus-off",
+        action="store_true",
+        help="let clients send one of them into bus-off, as tools.inject_faults does "
+        "(default: who asks for it is disconnected)",
     )
     parser.add_argument(
         "--end-with-stdin",

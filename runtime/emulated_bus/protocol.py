@@ -9,18 +9,19 @@ the client's process, so "the socket is readable" means "a frame is waiting", wh
 asyncio and ``can.Notifier`` take it to mean.
 
     hello    magic:8 options:1 pad:3 bitrate:4 data_bitrate:4 channel:64      client to broker
-    answer   magic:8 refused:1 pad:3 bitrate:4 data_bitrate:4 reason:160      broker to client
+    answer   magic:8 options:1 pad:3 bitrate:4 data_bitrate:4 reason:160      broker to client
     record   kind:1 flags:1 length:1 pad:1 can_id:4 time_ns:8 data:8 or 64    both ways
 
 All little-endian. Texts are UTF-8, filled up with zeros. A bit rate of 0 in a hello is "whatever
 the bus has". ``time_ns`` is the end of the frame in nanoseconds of the wall clock, 0 towards the
-broker.
+broker; in a request for bus-off it says how long that lasts.
 """
 
 from struct import Struct
 from typing import NamedTuple
 
 from runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
+from runtime.node import NS_PER_S
 
 MAGIC = b"emucan\x00\x01"
 """Name and version: both sides close on any other."""
@@ -32,6 +33,8 @@ FILTERS_MAX = 512
 
 ERROR_STATE = 32
 """Flag beside those of ``runtime.frame``: the sender of this FD frame is error passive (ESI)."""
+BUS_OFF_NS_MAX = 100_000 * NS_PER_S
+"""How long a bus-off may be asked to last."""
 OWN = 64
 """Flag beside those of ``runtime.frame``: the client that receives this frame sent it."""
 REMOTE_LENGTH_SHIFT = 8
@@ -41,9 +44,12 @@ through the bus model, whose frames have no length but that of their data."""
 _FRAME = 1
 _FILTER = 2
 _CLEAR_FILTERS = 3
+_BUS_OFF = 4
 
 _HELLO_FD = 1
 _HELLO_RECEIVE_OWN = 2
+_ANSWER_REFUSED = 1
+_ANSWER_TAKES_BUS_OFF = 2
 
 _SENDABLE = EXTENDED | REMOTE | FD | BITRATE_SWITCH | ERROR_STATE
 _FD_ONLY = BITRATE_SWITCH | ERROR_STATE
@@ -100,27 +106,34 @@ def unpack_hello(raw: bytes) -> Hello:
 class Answer(NamedTuple):
     """The broker's answer to a hello: a welcome, or with a ``reason`` a refusal.
 
-    ``data_bitrate_bit_s`` is 0 on a bus of classic frames only.
+    ``data_bitrate_bit_s`` is 0 on a bus of classic frames only. ``takes_bus_off``: whether clients
+    may ask for the bus-off of one of them.
     """
 
     bitrate_bit_s: int
     data_bitrate_bit_s: int
     reason: str = ""
+    takes_bus_off: bool = False
 
     def pack(self) -> bytes:
         """Return the bytes; a long reason is cut."""
-        refused = bool(self.reason)
+        options = _ANSWER_REFUSED * bool(self.reason) | _ANSWER_TAKES_BUS_OFF * self.takes_bus_off
         return ANSWER.pack(
-            MAGIC, refused, self.bitrate_bit_s, self.data_bitrate_bit_s, self.reason.encode()
+            MAGIC, options, self.bitrate_bit_s, self.data_bitrate_bit_s, self.reason.encode()
         )
 
 
 def unpack_answer(raw: bytes) -> Answer:
     """Read an answer of ANSWER.size bytes; raises ProtocolError."""
-    magic, refused, bitrate_bit_s, data_bitrate_bit_s, reason = ANSWER.unpack(raw)
+    magic, options, bitrate_bit_s, data_bitrate_bit_s, reason = ANSWER.unpack(raw)
     if magic != MAGIC:
         raise ProtocolError("it does not speak this version of the emulated bus")
-    return Answer(bitrate_bit_s, data_bitrate_bit_s, _text(reason) if refused else "")
+    return Answer(
+        bitrate_bit_s,
+        data_bitrate_bit_s,
+        _text(reason) if options & _ANSWER_REFUSED else "",
+        bool(options & _ANSWER_TAKES_BUS_OFF),
+    )
 
 
 class Filter(NamedTuple):
@@ -138,7 +151,18 @@ class ClearFilters(NamedTuple):
     """Takes all filters away: without filters everything passes."""
 
 
-Request = Frame | Filter | ClearFilters
+class BusOff(NamedTuple):
+    """Sends the CAN controller that has sent ``can_id`` last into bus-off.
+
+    It is started again ``restart_after_ns`` later; 0 starts one that is in bus-off at once.
+    """
+
+    can_id: int
+    extended: bool
+    restart_after_ns: int
+
+
+Request = Frame | Filter | ClearFilters | BusOff
 """What a client's record says."""
 
 
@@ -163,6 +187,12 @@ def pack_filters(record: Struct, filters: list[Filter]) -> bytes:
     return b"".join(records)
 
 
+def pack_bus_off(record: Struct, request: BusOff) -> bytes:
+    """Return the record that asks for a bus-off."""
+    can_id, extended, restart_after_ns = request
+    return record.pack(_BUS_OFF, EXTENDED * extended, 0, can_id, restart_after_ns, b"")
+
+
 def unpack_delivery(record: Struct, raw: bytes) -> tuple[Frame, int]:
     """Read what the broker delivers: the frame and its end [ns]. Raises ProtocolError."""
     kind, flags, length, can_id, time_ns, data = record.unpack(raw)
@@ -173,7 +203,7 @@ def unpack_delivery(record: Struct, raw: bytes) -> tuple[Frame, int]:
 
 def unpack_request(record: Struct, raw: bytes) -> Request:
     """Read what a client sends; raises ProtocolError for what cannot be on its bus."""
-    kind, flags, length, can_id, _, data = record.unpack(raw)
+    kind, flags, length, can_id, time_ns, data = record.unpack(raw)
     if kind == _FRAME:
         frame = _frame(can_id, data, length, flags)
         check_frame(frame)
@@ -185,6 +215,8 @@ def unpack_request(record: Struct, raw: bytes) -> Request:
         return Filter(can_id, int.from_bytes(data[:4], "little"), extended)
     if kind == _CLEAR_FILTERS:
         return ClearFilters()
+    if kind == _BUS_OFF and flags in (0, EXTENDED) and 0 <= time_ns <= BUS_OFF_NS_MAX:
+        return BusOff(can_id, bool(flags), time_ns)
     raise ProtocolError(f"an unknown record {kind}")
 
 

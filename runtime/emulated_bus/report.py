@@ -14,6 +14,7 @@ def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[st
     ``lateness``           how long after an end of frame the broker came to deliver it
     ``load``               share of the time that a wire was busy, intermissions included
     ``discarded``          frames of clients that had gone which were never sent
+    ``bus_offs``           how often a client has gone into bus-off; ``lost_in_bus_off`` its frames
     ``arbitration_delay``  from when the broker read a frame to its start of frame, by identifier
     ``held_back``          how often a client was not read on because its frames waited
     ``disconnected``       clients that are gone, by cause
@@ -27,6 +28,8 @@ def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[st
                 "frames": channel.load.frames,
                 "load": channel.load.busy_ns / duration_ns,
                 "discarded": channel.discarded,
+                "bus_offs": channel.bus_offs,
+                "lost_in_bus_off": channel.lost_in_bus_off,
                 "arbitration_delay": {
                     can_id: _durations(delay)
                     for can_id, delay in channel.arbitration_delays.items()
@@ -49,6 +52,8 @@ def summary_line(report: dict[str, Any]) -> str:
         parts.append(f"{name} {channel['frames']} frames, load {channel['load']:.1%}")
         if channel["discarded"]:
             parts[-1] += f", {channel['discarded']} of clients that had gone discarded"
+        if channel["bus_offs"]:
+            parts[-1] += f", {channel['bus_offs']}x bus-off"
     clients = report["clients"]
     parts.append(f"{clients['served']} clients, {clients['most']} at once")
     gone = [
