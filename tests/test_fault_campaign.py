@@ -21,7 +21,6 @@ from tools.campaign.residual import Residual, exceeds, falls_short, measure_resi
 from tools.campaign.scenario import Scenario, scenarios_of
 from tools.campaign.specification import CampaignSettings, NodeFaultKind
 from tools.campaign.trial import FAILURES, Result, Verdict, run_trial
-from tools.campaign.walks import one_walk, shorten
 from tools.fault_campaign import FAILED, main
 
 SMALL = """
@@ -298,25 +297,6 @@ def test_results_of_programs_that_have_changed_are_none_of_these(
     assert specification_hash(spec) == before
     (tmp_path / "step.py").write_text("GAIN = 2.0")
     assert specification_hash(spec) != before
-
-
-def test_a_walk_draws_the_same_faults_again(spec: CampaignSettings) -> None:
-    walk = one_walk(spec, 11)
-    assert walk.failure == ""
-    assert 2 <= len(walk.faults) <= 6
-    assert one_walk(spec, 11).faults == walk.faults
-
-
-def test_a_failing_sequence_is_shortened_to_what_it_takes() -> None:
-    faults = [
-        FaultSettings(kind=FaultKind.DROP, direction="uplink", onset_s=float(second))
-        for second in range(6)
-    ]
-
-    def fails(part: Sequence[FaultSettings]) -> bool:
-        return {1.0, 4.0} <= {fault.onset_s for fault in part}
-
-    assert [fault.onset_s for fault in shorten(faults, fails)] == [1.0, 4.0]
 
 
 def test_a_node_that_does_not_look_at_counters_fails_the_campaign(

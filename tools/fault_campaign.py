@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
+from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
@@ -43,12 +44,13 @@ from tools.campaign.presentation import (
 from tools.campaign.residual import measure_residual
 from tools.campaign.scenario import scenarios_of
 from tools.campaign.specification import CampaignSettings
-from tools.campaign.trial import Result
-from tools.campaign.walks import WALK_FAULTS_MAX, walk_all, walk_lines
+from tools.campaign.trial import Result, run_trial
+from tools.campaign.walks import WALK_FAULTS_MAX, Walk, walk_all, walk_lines
 
 NAME = "fault_campaign"
 FAILED = 1
 WALKS_MAX = 1_000_000
+R = TypeVar("R")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -139,31 +141,28 @@ def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[Result
         done[result.name] = result
         write_result(options.out, spec_hash, result)
 
-    _with_progress(len(left), take, lambda taken: execute(left, options.processes, taken))
+    _with_progress(
+        len(left), take, lambda taken: execute(run_trial, left, options.processes, taken)
+    )
     return [done[scenario.name] for scenario in scenarios]
 
 
 def _walk(spec: CampaignSettings, options: argparse.Namespace) -> int:
     """Run the random walks; a failing one ends in its shortest failing sequence."""
-    console = Console(markup=False, highlight=False, soft_wrap=True)
-    with Progress(
-        BarColumn(30),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    ) as bars:
-        task = bars.add_task("", total=options.random_walks)
-        walks = walk_all(spec, options.random_walks, lambda: bars.advance(task))
-    print("\n".join(walk_lines(walks)))
+    count: int = options.random_walks
+    walks: list[Walk] = []
+    try:
+        _with_progress(
+            count, walks.append, lambda taken: walk_all(spec, count, options.processes, taken)
+        )
+    finally:  # on Ctrl-C too: what was found is not lost
+        if walks:
+            print("\n".join(walk_lines(walks)))
     return FAILED if any(walk.failure for walk in walks) else ExitStatus.OK
 
 
 def _with_progress(
-    total: int,
-    take: Callable[[Result], None],
-    work: Callable[[Callable[[Result], None]], None],
+    total: int, take: Callable[[R], None], work: Callable[[Callable[[R], None]], None]
 ) -> None:
     """Do the work, a bar beside it where somebody looks."""
     console = Console(markup=False, highlight=False, soft_wrap=True)
@@ -177,7 +176,7 @@ def _with_progress(
     ) as bars:
         task = bars.add_task("", total=total)
 
-        def taken(result: Result) -> None:
+        def taken(result: R) -> None:
             take(result)
             bars.advance(task)
 

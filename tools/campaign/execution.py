@@ -1,4 +1,4 @@
-"""Runs scenarios on processes, and keeps every result the moment it is there.
+"""Runs scenarios or walks on processes, and keeps every result the moment it is there.
 
 Results are one JSON object a line. A campaign that is run again with the same specification goes on
 where it was left, as long as no program has changed since.
@@ -6,18 +6,21 @@ where it was left, as long as no program has changed since.
 
 import json
 import multiprocessing
-from collections.abc import Callable, Iterable, Sequence
+import signal
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
 from hashlib import sha256
 from importlib.resources import files
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from tools.campaign.scenario import Scenario
 from tools.campaign.specification import CampaignSettings
-from tools.campaign.trial import Result, Verdict, run_trial
+from tools.campaign.trial import Result, Verdict
 
+Item = TypeVar("Item")
+Done = TypeVar("Done")
 RESULTS = "results.jsonl"
 _WAITING_PER_PROCESS = 4
 _JUDGED = ("controller", "dbc", "plant_emulator", "runtime", "tools.campaign")
@@ -39,31 +42,57 @@ def specification_hash(spec: CampaignSettings) -> str:
 
 
 def execute(
-    scenarios: Sequence[Scenario],
+    work: Callable[[Item], Done],
+    items: Iterable[Item],
     processes: int,
-    take: Callable[[Result], None],
+    take: Callable[[Done], None],
 ) -> None:
-    """Run scenarios, on further processes where there are to be more than one.
+    """Do ``work`` for every item, on further processes where there are to be more than one.
 
-    ``take`` gets every result, in the order in which they are done. Raises what a run raises.
+    ``work``  found by its name in the other process, as a function of a module is
+    ``take``  gets what came of every item, in the order in which they are done
+
+    Raises what ``work`` raises. On Ctrl-C, and where ``take`` raises, nothing further is begun.
     """
     if processes <= 1:
-        for scenario in scenarios:
-            take(run_trial(scenario))
+        for item in items:
+            take(work(item))
         return
     # A fork of a process with threads may hang; spawned ones read the modules once.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, context) as pool:
-        source = iter(scenarios)
-        waiting: set[Future[Result]] = set()
+    pool = ProcessPoolExecutor(processes, context, _leave_ctrl_c)
+    try:
+        source = iter(items)
+        waiting: set[Future[Done]] = set()
         while True:
             free = processes * _WAITING_PER_PROCESS - len(waiting)
-            waiting |= {pool.submit(run_trial, one) for one in islice(source, free)}
+            with _ctrl_c_held():  # all processes are started here
+                waiting |= {pool.submit(work, item) for item in islice(source, free)}
             if not waiting:
                 return
             done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
             for future in done:
                 take(future.result())
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _leave_ctrl_c() -> None:
+    """Leave Ctrl-C, which every process of a terminal gets, to the process that handed out work."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def _ctrl_c_held() -> Iterator[None]:
+    """Let Ctrl-C wait; what is started meanwhile does not get it before it leaves it alone."""
+    if not hasattr(signal, "pthread_sigmask"):  # as on Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def read_results(folder: Path, spec_hash: str | None = None) -> list[Result]:

@@ -9,10 +9,12 @@ of its own, so what is left does what it did).
 
 import random
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 from plant_emulator.fault_settings import FaultSettings
 from tools.campaign.detectability import MECHANISM_OF, Expectation
+from tools.campaign.execution import execute
 from tools.campaign.scenario import Case, Scenario, case_of_fault
 from tools.campaign.specification import CONTROLLER, PLANT, CampaignSettings, direction_of
 from tools.campaign.trial import Result, run_trial
@@ -35,13 +37,11 @@ class Walk(NamedTuple):
     shortest: tuple[FaultSettings, ...]
 
 
-def walk_all(spec: CampaignSettings, count: int, tick: Callable[[], object]) -> list[Walk]:
-    """Return ``count`` walks; ``tick`` is called after each."""
-    walks = []
-    for number in range(count):
-        walks.append(one_walk(spec, spec.seed + number))
-        tick()
-    return walks
+def walk_all(
+    spec: CampaignSettings, count: int, processes: int, take: Callable[[Walk], None]
+) -> None:
+    """Do ``count`` walks; ``take`` gets each when it is done, which may be in any order."""
+    execute(partial(one_walk, spec), range(spec.seed, spec.seed + count), processes, take)
 
 
 def one_walk(spec: CampaignSettings, seed: int) -> Walk:
@@ -78,8 +78,10 @@ def shorten(
 
 
 def walk_lines(walks: Sequence[Walk]) -> list[str]:
-    """Return what came of the walks, with the shortest failing sequence as settings."""
-    failed = sorted((walk for walk in walks if walk.failure), key=lambda walk: len(walk.shortest))
+    """Return what came of the walks, in any order, with the shortest failing sequence first."""
+    failed = sorted(
+        (walk for walk in walks if walk.failure), key=lambda walk: (len(walk.shortest), walk.seed)
+    )
     count = sum(len(walk.faults) for walk in walks)
     lines = [f"{len(walks)} walks of {count} faults in all: {len(failed)} failed"]
     for walk in failed:
