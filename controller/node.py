@@ -103,8 +103,7 @@ class ControllerNode:
         self._period_ns = settings.period_ns
         self._ramp_step_rad = settings.supervision.ramp_rad_s * settings.period_ns / NS_PER_S
         self._control_timer = PeriodicTimer(start_ns, settings.period_ns)
-        overruns = settings.overruns
-        self._overruns = OverrunSupervision(overruns.overruns_max, overruns.window_ticks)
+        self._overruns = OverrunSupervision.of(settings.overruns)
         self._status_timer = PeriodicTimer(start_ns, STATUS_PERIOD_NS)
         self._deadline_ns = (
             start_ns  # kept, because an executor asks far more often than it changes

@@ -26,6 +26,9 @@ from plant_emulator.path import Place, Pose, end_of_place_m, next_place, vehicle
 from plant_emulator.propagation import LinearState, propagate
 from runtime.node import NEVER_NS, NS_PER_S
 
+LARGEST = 1e150
+"""A magnitude beyond which a state counts as infinite: the figures of a run take its square."""
+
 
 class MotionState(NamedTuple):
     """Where the motion is and which pieces of its inputs it is in."""
@@ -134,12 +137,41 @@ def _enter_interval(p: MotionParams, x: MotionState, interval: int) -> MotionSta
     return MotionState(x.time_ns, linear, x.wheel, x.place, x.place_end_ns, interval, end_ns)
 
 
+def has_finite_vehicle(z: LinearState) -> bool:
+    """Whether the vehicle's state is finite, and not beyond LARGEST."""
+    # Each is false for no number, too.
+    return (
+        abs(z.lateral_error_m) <= LARGEST
+        and abs(z.heading_error_rad) <= LARGEST
+        and abs(z.yaw_rate_rad_s) <= LARGEST
+        and abs(z.side_slip_rad) <= LARGEST
+    )
+
+
+def _with_vehicle(
+    x: MotionState,
+    side_slip_rad: float,
+    yaw_rate_rad_s: float,
+    heading_rad: float,
+    lateral_m: float,
+) -> MotionState:
+    """Return the state with another vehicle's, but the same wheel and path."""
+    linear = LinearState(side_slip_rad, yaw_rate_rad_s, heading_rad, lateral_m, *x.linear[4:])
+    return x._replace(linear=linear)
+
+
 class Motion:
-    """Holds the state of one motion; every read-out is the one at ``time_ns``."""
+    """Holds the state of one motion; every read-out is the one at ``time_ns``, and finite.
+
+    An unstable vehicle that nobody holds grows without bound: (1) is linear. When its state is
+    finite no more, the vehicle stays in its last state that was, for good, while the wheel and the
+    path go on; ``is_finite`` says so.
+    """
 
     def __init__(self, params: MotionParams) -> None:
         self._params = params
         self._state = start_motion(params)
+        self._is_finite = True
 
     def command(self, steer_rad: float) -> None:
         """Let a steering command (finite) reach the actuator now."""
@@ -149,7 +181,20 @@ class Motion:
         """Move on to ``to_ns``. Raises ValueError when that lies in the past."""
         if to_ns < self._state.time_ns:
             raise ValueError(f"cannot move from {self._state.time_ns} ns back to {to_ns} ns")
-        self._state = advance_motion(self._params, self._state, to_ns)
+        before = self._state
+        if self._is_finite:
+            self._state = advance_motion(self._params, before, to_ns)
+            self._is_finite = has_finite_vehicle(self._state.linear)
+        if not self._is_finite:
+            # From a vehicle at rest: nothing else depends on where it is.
+            started = _with_vehicle(before, 0.0, 0.0, 0.0, 0.0)
+            after = advance_motion(self._params, started, to_ns)
+            self._state = _with_vehicle(after, *before.linear[:4])
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether the vehicle's state has been finite up to now; once it is not, this stays."""
+        return self._is_finite
 
     @property
     def time_ns(self) -> int:

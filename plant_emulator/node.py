@@ -16,6 +16,9 @@ advanced from event to event, and a command acts from the instant it was due.
 The vehicle stands at the start of its path until motion starts: with the first valid command that
 arrives on the bus, before its latency, so that two programs started one after the other and two
 nodes in virtual time drive the same run.
+
+A fault that the plant finds in itself (``plant_emulator.self_supervision``) ends the run safely:
+the steering goes to its SAFE_STATE, says so, and when its fallback is over the node has finished.
 """
 
 import math
@@ -47,6 +50,11 @@ from plant_emulator.plant_report import line_report, motion_report
 from plant_emulator.plant_samples import PlantSample, RunningFigures
 from plant_emulator.propagation import LinearState
 from plant_emulator.safety_settings import design_guard
+from plant_emulator.self_supervision import (
+    NOT_FINITE_COMMAND,
+    NOT_FINITE_VEHICLE,
+    SelfSupervision,
+)
 from plant_emulator.sensors import Readings, with_noise
 from plant_emulator.settings import PlantSettings
 from plant_emulator.steering_unit import SteeringUnit
@@ -100,6 +108,7 @@ class PlantNode:
         self._unit = SteeringUnit(
             design_guard(settings.safety, settings.vehicle, settings.actuator)
         )
+        self._own = SelfSupervision(settings.overruns)
         self._duration_ns = settings.duration_ns
         self._motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
         self._sensor_timer = PeriodicTimer(start_ns, settings.sensor_period_ns)
@@ -143,7 +152,7 @@ class PlantNode:
 
     @property
     def finished(self) -> bool:
-        """Whether the motion has lasted as long as it was to."""
+        """Whether the motion has lasted as long as it was to, or a fault has ended it."""
         return self._finished
 
     @property
@@ -201,6 +210,7 @@ class PlantNode:
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON.
 
+        ``failure``               the fault it has found in itself, empty for none
         ``lost``, ``superseded``  frames the latency lines took, by direction
         ``rejected``              frames refused on arrival, by cause
         ``not_available``         samples beyond the range of LATERAL_ERROR, sent as NOT_AVAILABLE
@@ -209,6 +219,7 @@ class PlantNode:
         """
         return {
             "seed": self._settings.seed,
+            "failure": self._own.failure,
             **motion_report(self._figures, self._motion.time_ns),
             "downlink": line_report(self._downlink),
             "uplink": line_report(self._uplink),
@@ -226,12 +237,26 @@ class PlantNode:
         """Return the time since the start of motion [ns], 0 before."""
         return max(time_ns - self._motion_start_ns, 0)
 
+    def _advance(self, due_ns: int) -> int:
+        """Move the vehicle on to ``due_ns``; returns the time since the start of motion [ns]."""
+        motion_ns = self._motion_ns(due_ns)
+        self._motion.advance(motion_ns)
+        if not self._motion.is_finite:
+            self._fail(NOT_FINITE_VEHICLE, due_ns)
+        return motion_ns
+
+    def _fail(self, failure: str, due_ns: int) -> None:
+        """Take a fault of its own: the wheel goes to its safe state."""
+        self._own.on_fault(failure, due_ns)
+        self._unit.on_own_fault(self._own.failure, self._motion_ns(due_ns))
+
     def _apply(self, due_ns: int) -> None:
         """Let the commands that are due reach the actuator."""
         for released in self._downlink.pop_due(due_ns):
-            motion_ns = self._motion_ns(due_ns)
-            self._motion.advance(motion_ns)
-            if self._unit.on_command(released.item.steer_rad, motion_ns):
+            motion_ns = self._advance(due_ns)
+            if not math.isfinite(released.item.steer_rad):
+                self._fail(NOT_FINITE_COMMAND, due_ns)
+            elif self._unit.on_command(released.item.steer_rad, motion_ns):
                 self._motion.command(self._unit.target_rad)
                 self._command = released
 
@@ -243,20 +268,24 @@ class PlantNode:
 
     def _guard(self, due_ns: int) -> None:
         """Let the control unit act on commands that stay away."""
-        motion_ns = self._motion_ns(due_ns)
-        if self._unit.on_timer(motion_ns):
-            self._motion.advance(motion_ns)
+        if self._unit.on_timer(self._motion_ns(due_ns)):
+            self._advance(due_ns)
             self._motion.command(self._unit.target_rad)
 
     def _sense(self, time_ns: int, index: int) -> None:
         """Sample the vehicle and put the messages into the uplink."""
-        motion_ns = self._motion_ns(time_ns)
-        self._motion.advance(motion_ns)
+        motion_ns = self._advance(time_ns)
+        self._own.on_sample(self._sensor_timer, time_ns)
+        if self._own.failure:
+            self._fail(self._own.failure, time_ns)
         z = self._motion.linear
         self._unit.on_wheel(z.wheel_rad, motion_ns)
         if time_ns >= self._motion_start_ns:
-            self._record(motion_ns, z)
+            if self._motion.is_finite:
+                self._record(motion_ns, z)
             self._finished = motion_ns >= self._duration_ns
+        if self._own.is_told(time_ns) and self._unit.has_fallen_back:
+            self._finished = True
         readings = Readings(z.lateral_error_m, z.heading_error_rad, z.yaw_rate_rad_s)
         if self._is_noisy:
             readings = with_noise(readings, self._noise, self._noise_uniforms)
@@ -297,7 +326,7 @@ class PlantNode:
     def _encode_error(self, readings: Readings) -> Frame:
         """Return LATERAL_ERROR; a vehicle too far off its path is not available to the sensor."""
         low_m, high_m = _LATERAL_ERROR_RANGE
-        if low_m <= readings.lateral_error_m <= high_m:
+        if self._motion.is_finite and low_m <= readings.lateral_error_m <= high_m:
             # The sensor reports an angle in one turn, however often the vehicle has turned.
             heading_rad = math.remainder(readings.heading_error_rad, math.tau)
             return self._encode(LateralError(readings.lateral_error_m, heading_rad))
@@ -343,9 +372,7 @@ class PlantNode:
         return encode(message, next(self._counters[type(message)]))
 
     def _clamp(self, value: float, low: float, high: float) -> float:
-        """Return the nearest value that its signal carries; for no number, which is the end of a
-        motion that grew without bound, the end of the range.
-        """
+        """Return the nearest value that its signal carries, of a finite one."""
         if low <= value <= high:
             return value
         self._clamped += 1

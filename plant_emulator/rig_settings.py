@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, NonNegativeFloat, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from runtime.settings import Settings
 
@@ -33,13 +33,24 @@ class VehicleSettings(Settings):
     """From the centre of gravity to the point whose lateral error is measured."""
 
 
+LAG_S_MIN = 1e-6
+
+
 class ActuatorSettings(Settings):
     """`[actuator]`: transparent by default; a limit that is not set does not exist."""
 
     lag_s: float = Field(0.0, ge=0.0, le=10.0)
+    """None, or a microsecond at least: a nanosecond of motion has to be short beside it."""
     angle_limit_rad: float | None = Field(None, gt=0.0, le=1.5)
     rate_limit_rad_s: float | None = Field(None, ge=0.001, le=100.0)
     dead_band_rad: float = Field(0.0, ge=0.0, le=0.5)
+
+    @field_validator("lag_s")
+    @classmethod
+    def _is_none_or_can_be_computed(cls, lag_s: float) -> float:
+        if 0.0 < lag_s < LAG_S_MIN:
+            raise ValueError(f"must be 0 or {LAG_S_MIN:g} to 10, not {lag_s:g}")
+        return lag_s
 
 
 class StraightSettings(Settings):
@@ -131,7 +142,7 @@ PathSettings = Annotated[
 class DisturbanceStep(Settings):
     """One `[[disturbance.steps]]`: from ``at_s`` on; what is not given keeps its value."""
 
-    at_s: NonNegativeFloat
+    at_s: float = Field(ge=0.0, le=1e6)
     """After the start of motion."""
     side_force_n: float | None = Field(None, ge=-1e6, le=1e6)
     """Side wind or bank, to the left positive."""

@@ -16,6 +16,7 @@ from plant_emulator.rig_settings import (
 )
 from plant_emulator.safety_settings import SafetySettings
 from runtime.node import NS_PER_MS, NS_PER_S
+from runtime.overruns import OverrunSettings
 from runtime.settings import Settings
 
 
@@ -40,6 +41,8 @@ class PlantSettings(Settings):
     sensor_noise: SensorNoiseSettings = SensorNoiseSettings()
     latency: BothLatencySettings = BothLatencySettings()
     safety: SafetySettings = SafetySettings()
+    overruns: OverrunSettings = OverrunSettings()
+    """Of the sensors; beyond these the plant takes itself for too slow, and ends safely."""
     faults: tuple[FaultSettings, ...] = Field((), max_length=FAULTS_MAX)
     """Injected on the way to and from the plant (``plant_emulator.faults``)."""
 

@@ -18,7 +18,7 @@ newer commands overtake, has such gaps all the time; to wait for a run in each w
 delay. FALLBACK ends with ``recovery_frames`` commands in a row without such a silence between them.
 The difference between the target and the first command followed is then added to it and fades out
 at the ramp rate, so that nothing jumps. SAFE_STATE is entered where the wheel does not
-follow its target, or by the override, and stays.
+follow its target, where the plant has found a fault in itself, or by the override, and stays.
 
 Every target, of ramps too, passes the safety limiter. Times count from the start of motion.
 """
@@ -142,6 +142,13 @@ def guard_wheel(p: GuardParams, x: GuardState, wheel_rad: float, time_ns: int) -
     if is_lost and x.mode != _SAFE_STATE:
         return GuardState(_SAFE_STATE, limiter, x.arrived_ns, time_ns, 0, 0.0)
     return GuardState(x.mode, limiter, x.arrived_ns, x.deadline_ns, x.good_run, x.fade_rad)
+
+
+def guard_fault(x: GuardState, time_ns: int) -> GuardState:
+    """Take a fault of the unit's own: SAFE_STATE, and `guard_timer` is due at once."""
+    if x.mode == _SAFE_STATE:
+        return x
+    return GuardState(_SAFE_STATE, x.limiter, x.arrived_ns, time_ns, 0, 0.0)
 
 
 def _towards_zero(value: float, step: float) -> float:

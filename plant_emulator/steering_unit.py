@@ -11,6 +11,7 @@ from plant_emulator.steering_guard import (
     GuardParams,
     GuardState,
     guard_command,
+    guard_fault,
     guard_timer,
     guard_wheel,
     start_guard,
@@ -77,6 +78,12 @@ class SteeringUnit:
         """What decides about the target."""
         return GuardMode(self._state.mode)
 
+    @property
+    def has_fallen_back(self) -> bool:
+        """Whether the target has reached the end of SAFE_STATE's fallback, and changes no more."""
+        is_kept = self._params.ramp_step_rad == 0.0
+        return self.mode is GuardMode.SAFE_STATE and (is_kept or self.target_rad == 0.0)
+
     def on_command(self, steer_rad: float, now_ns: int) -> bool:
         """Take a command that arrives; returns whether it sets the target."""
         before = self._state
@@ -109,6 +116,12 @@ class SteeringUnit:
         before = self._state
         self._state = guard_wheel(self._params, before, wheel_rad, now_ns)
         self._note_mode(before, now_ns, "the wheel does not follow")
+
+    def on_own_fault(self, cause: str, now_ns: int) -> None:
+        """Go to SAFE_STATE for good, as the plant cannot be relied on any more."""
+        before = self._state
+        self._state = guard_fault(before, now_ns)
+        self._note_mode(before, now_ns, cause)
 
     def status_code(self, *, actuator_is_limited: bool) -> SteeringStatusCode:
         """Return what STEERING_STATUS says now."""

@@ -10,22 +10,31 @@ node late.
 """
 
 from collections import deque
-from typing import Annotated
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from runtime.periodic import PeriodicTimer
 from runtime.settings import Settings
 
 
+def _word_or_number(value: Any) -> str:
+    """Return which kind of bound a value is, so that a mistake in it is told once."""
+    return "word" if isinstance(value, str) else "number"
+
+
 class OverrunSettings(Settings):
     """How many overruns are borne.
 
-    ``overruns_max``  among the last ``window_ticks``; 0 bears none, as many as the window all
+    ``overruns_max``  among the last ``window_ticks``; 0 bears none, "off" bears all
     ``window_ticks``  how many ticks are looked back at
     """
 
-    overruns_max: Annotated[int, Field(ge=0, le=10_000)] = 50
+    overruns_max: Annotated[
+        Annotated[int, Field(ge=0, le=10_000), Tag("number")]
+        | Annotated[Literal["off"], Tag("word")],
+        Discriminator(_word_or_number),
+    ] = 50
     window_ticks: Annotated[int, Field(ge=1, le=10_000)] = 100
 
 
@@ -45,6 +54,14 @@ class OverrunSupervision:
         self._worst = 0
         self._skipped_before = 0
         self._failure = ""
+
+    @classmethod
+    def of(cls, settings: OverrunSettings) -> Self:
+        """Return the supervision that the settings ask for."""
+        window_ticks = settings.window_ticks
+        # No more of the ticks can overrun than there are.
+        overruns_max = window_ticks if settings.overruns_max == "off" else settings.overruns_max
+        return cls(overruns_max, window_ticks)
 
     @property
     def failure(self) -> str:

@@ -81,6 +81,13 @@ def test_the_verdict_is_that_of_every_window(
     ]
 
 
+def test_overruns_that_are_not_to_be_watched_are_borne_all() -> None:
+    watched = OverrunSupervision.of(OverrunSettings(overruns_max=9, window_ticks=10))
+    unwatched = OverrunSupervision.of(OverrunSettings(overruns_max="off", window_ticks=10))
+    assert not served(watched, [1] * 100)[-1]
+    assert all(served(unwatched, [1] * 100))
+
+
 @pytest.mark.parametrize(("overruns_max", "window"), [(-1, 10), (1, 0)])
 def test_what_cannot_be_allowed_is_refused(overruns_max: int, window: int) -> None:
     with pytest.raises(ValueError, match="cannot be allowed"):
@@ -94,9 +101,8 @@ class SlowNode:
     """
 
     def __init__(self, work_ns: int) -> None:
-        settings = OverrunSettings()
         self.now_ns = 0
-        self.supervision = OverrunSupervision(settings.overruns_max, settings.window_ticks)
+        self.supervision = OverrunSupervision.of(OverrunSettings())
         self.ticks = 0
         self._work_ns = work_ns
         self._timer = PeriodicTimer(0, PERIOD_NS)

@@ -287,6 +287,30 @@ def test_a_lost_wheel_in_the_safe_state_does_not_start_it_anew() -> None:
     assert guarded.x.deadline_ns == 2**62
 
 
+def test_a_fault_of_its_own_makes_the_safe_state_due_at_once_in_every_mode_and_for_good() -> None:
+    for until_ms, mode in ((0.0, "FOLLOWING"), (240.0, "HOLDING"), (741.0, "FALLBACK")):
+        guarded = Guarded(recovery_frames=2)
+        steady(guarded, 0.25)
+        guarded.until(until_ms)
+        assert guarded.mode == mode
+        limiter, at_ns = guarded.x.limiter, 760 * MS_NS
+        guarded.x = tested.guard_fault(guarded.x, at_ns)
+        assert guarded.x == (4, limiter, 100 * MS_NS, at_ns, 0, 0.0)
+        assert not guarded.command(760.0 - 1e-6, 0.25)
+        before = guarded.target
+        guarded.until(760.0)
+        assert guarded.log[-1] == (760.0, "SAFE_STATE", before - 0.03125)
+        safe = guarded.x
+        assert tested.guard_fault(safe, 761 * MS_NS) is safe
+
+
+def test_a_fault_of_its_own_before_the_first_command_leaves_the_wheel_straight() -> None:
+    guarded = Guarded()
+    guarded.x = tested.guard_fault(guarded.x, 5 * MS_NS)
+    guarded.until(1e5)
+    assert guarded.log == [(5.0, "SAFE_STATE", 0.0)]
+
+
 @pytest.mark.parametrize("override_ms", [50.0, 105.0, 245.0, 300.0, 735.0, 755.0])
 def test_an_override_is_obeyed_in_every_mode(override_ms: float) -> None:
     guarded = Guarded(override_ms=override_ms)

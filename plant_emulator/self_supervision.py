@@ -1,0 +1,49 @@
+"""What the plant watches of itself: a fault found here ends the run, by way of the SAFE_STATE.
+
+    fault                                                                found at
+    its sensors do not keep their rate (``runtime.overruns``)            a sample
+    the vehicle's state is finite no more (``plant_emulator.motion``)    any event
+    a command that came through is no finite number                      that command
+
+None of these is the network's or the controller's: the plant's own measurements, or its wheel, are
+not to be trusted any more. The first fault stays, and is told on the bus for TELLING_NS at least.
+"""
+
+from runtime.node import NEVER_NS, NS_PER_S
+from runtime.overruns import OverrunSettings, OverrunSupervision
+from runtime.periodic import PeriodicTimer
+
+TELLING_NS = NS_PER_S
+"""From a fault to the end of the run at the earliest: ten PLANT_STATUS say so, and STEERING_STATUS
+through an uplink of more latency than any that a vehicle is steered by. With ``fallback = "keep"``
+there is nothing else to wait for."""
+NOT_FINITE_VEHICLE = "the vehicle's state is no finite number any more"
+NOT_FINITE_COMMAND = "a command that came through was no finite number"
+
+
+class SelfSupervision:
+    """Keeps the first fault that the plant has found in itself, and when [ns]."""
+
+    def __init__(self, overruns: OverrunSettings) -> None:
+        self._overruns = OverrunSupervision.of(overruns)
+        self._failure = ""
+        self._since_ns = NEVER_NS
+
+    @property
+    def failure(self) -> str:
+        """What has failed; empty while nothing has. Once it is there it stays."""
+        return self._failure
+
+    def on_sample(self, timer: PeriodicTimer, time_ns: int) -> None:
+        """Note the sample that the sensors' ``timer`` has advanced for."""
+        if not self._overruns.on_tick(timer):
+            self.on_fault(self._overruns.failure, time_ns)
+
+    def on_fault(self, failure: str, time_ns: int) -> None:
+        """Note a fault; only the first one counts."""
+        if not self._failure:
+            self._failure, self._since_ns = failure, time_ns
+
+    def is_told(self, time_ns: int) -> bool:
+        """Whether there is a fault, and time enough has passed to tell it."""
+        return bool(self._failure) and time_ns - self._since_ns >= TELLING_NS
