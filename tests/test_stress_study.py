@@ -315,6 +315,15 @@ BAD: dict[str, tuple[str, str]] = {
         "[base.plant]\nduration_s = -1.0\n",
         r"study\.toml: base\.plant: duration_s = -1\.0 should be greater than 0",
     ),
+    "faults for all runs": (
+        '[[base.plant.faults]]\nkind = "drop"\ndirection = "uplink"\n',
+        r"study\.toml: base\.plant sets faults, which compiled runs have not: leave \[\[faults\]\]",
+    ),
+    "faults of a factor": (
+        '[[factors]]\nname = "x"\n[factors.levels.lossy]\n'
+        'plant.faults = [{ kind = "drop", direction = "uplink" }]\n',
+        r"study\.toml: factor x sets faults, which compiled runs have not",
+    ),
 }
 
 

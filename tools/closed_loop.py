@@ -32,7 +32,7 @@ from runtime.report import host_report, loop_report, write_json
 from runtime.settings import Settings, dump_toml, load_settings, preset_names, read_preset
 from tools.live_pair import PairFiles
 from tools.threaded_pair import run_threaded_nodes
-from tools.virtual_pair import BITRATE_BIT_S, run_virtual_nodes
+from tools.virtual_pair import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
 
 NAME = "closed_loop"
 PLANT, CONTROLLER = PROGRAMS = ("plant_emulator", "controller")
@@ -155,21 +155,19 @@ def _run_in_virtual_time(
     controller_settings: ControllerSettings,
     candump_log: Path | None,
 ) -> Run:
-    plant = with_faults(PlantNode(plant_settings, 0), plant_settings.faults, plant_settings.seed)
-    controller = ControllerNode(controller_settings, 0)
+    pair = make_virtual_pair(plant_settings, controller_settings)
     bus = None if options.ideal_wire else BusModel(options.bitrate)
     stop = StopRequest()
     begin_s = time.perf_counter()
     with stop.on_signals():
         try:
-            run_virtual_nodes(plant, controller, bus, candump_log, stop)
+            run_virtual_nodes(pair.edge, pair.controller, bus, candump_log, stop)
         except BusOverflowError as error:
             raise BusError(f"{options.bitrate} bit/s are too few: {error}") from error
     elapsed_s = time.perf_counter() - begin_s
     wire = "a wire that takes no time" if bus is None else f"a bus of {options.bitrate} bit/s"
-    return Run(
-        plant, controller, f"virtual time over {wire}", elapsed_s, stop.reason or FINISHED, {}
-    )
+    ended_by = stop.reason or FINISHED
+    return Run(pair.edge, pair.controller, f"virtual time over {wire}", elapsed_s, ended_by, {})
 
 
 def _run_in_real_time(

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.node import ControllerNode
 from controller.settings import ControllerSettings
 from dbc.messages import (
     Decoded,
@@ -27,12 +26,12 @@ from dbc.messages import (
     VehicleState,
     decode,
 )
-from plant_emulator.node import PlantNode
 from plant_emulator.settings import PlantSettings
 from runtime.frame import Frame
 from runtime.node import NS_PER_S
 from runtime.settings import load_settings, read_preset
 from runtime.virtual_time import VirtualTimeExecutor
+from tools.virtual_pair import make_virtual_pair
 
 DURATION_S = 60.0
 SEED = 7
@@ -100,16 +99,15 @@ class Result(NamedTuple):
 
 def run_case(case: Case) -> tuple[Result, History]:
     """Run the pair; returns the figures and what they come from."""
-    plant = PlantNode(_plant_settings(case), 0, samples_max=0)
-    controller = ControllerNode(_controller_settings(case.law), 0)
+    pair = make_virtual_pair(_plant_settings(case), _controller_settings(case.law), 0)
     listener = _Listener()
-    executor = VirtualTimeExecutor((plant, controller), None, listener.on_wire)
+    executor = VirtualTimeExecutor((pair.edge, pair.controller), None, listener.on_wire)
     until_ns = NS_PER_S
     while not executor.finished:
         executor.run(until_ns)
         until_ns += NS_PER_S
     history = listener.history(_configured_s(case))
-    return _result(case, history, plant.report()["lateral_error_peak_m"]), history
+    return _result(case, history, pair.plant.report()["lateral_error_peak_m"]), history
 
 
 def _plant_settings(case: Case) -> PlantSettings:

@@ -3,11 +3,12 @@
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import NamedTuple
 
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings
 from plant_emulator.faults import FaultyNode, with_faults
-from plant_emulator.node import PlantNode
+from plant_emulator.node import SAMPLES_MAX, PlantNode
 from plant_emulator.settings import PlantSettings
 from runtime.bus_model import BusModel
 from runtime.candump import CandumpLog
@@ -22,6 +23,33 @@ BITRATE_BIT_S = 500_000
 SLICE_NS = 1_000_000_000
 
 
+class VirtualPair(NamedTuple):
+    """Both nodes of a run that begins at 0.
+
+    ``plant``  the rig itself, with its samples
+    ``edge``   the same behind the faults of its settings: what is on the bus
+    """
+
+    plant: PlantNode
+    edge: PlantNode | FaultyNode[PlantNode]
+    controller: ControllerNode
+
+
+def make_virtual_pair(
+    plant_settings: PlantSettings,
+    controller_settings: ControllerSettings,
+    plant_samples_max: int = SAMPLES_MAX,
+    controller_samples_max: int = 0,
+) -> VirtualPair:
+    """Make both nodes, not yet run; the one place where tools build them for virtual time.
+
+    ``plant_samples_max``, ``controller_samples_max``  how many samples each keeps
+    """
+    plant = PlantNode(plant_settings, 0, samples_max=plant_samples_max)
+    edge = with_faults(plant, plant_settings.faults, plant_settings.seed)
+    return VirtualPair(plant, edge, ControllerNode(controller_settings, 0, controller_samples_max))
+
+
 def run_virtual_pair(
     plant_settings: PlantSettings,
     controller_settings: ControllerSettings,
@@ -33,18 +61,16 @@ def run_virtual_pair(
     ``bitrate_bit_s``  of the bus between them; None is a wire that takes no time
     ``candump_log``    where every frame is written, as ``candump -L`` prints it
     """
-    plant = PlantNode(plant_settings, 0)
-    controller = ControllerNode(controller_settings, 0)
+    pair = make_virtual_pair(plant_settings, controller_settings)
     bus = None if bitrate_bit_s is None else BusModel(bitrate_bit_s)
-    edge = with_faults(plant, plant_settings.faults, plant_settings.seed)
-    run_virtual_nodes(edge, controller, bus, candump_log, lambda: False)
+    run_virtual_nodes(pair.edge, pair.controller, bus, candump_log, lambda: False)
     return PairResult(
-        {"settings": plant_settings.model_dump(mode="json"), "node": dict(edge.report())},
+        {"settings": plant_settings.model_dump(mode="json"), "node": dict(pair.edge.report())},
         {
             "settings": controller_settings.model_dump(mode="json"),
-            "node": dict(controller.report()),
+            "node": dict(pair.controller.report()),
         },
-        Trace.of_node(plant),
+        Trace.of_node(pair.plant),
     )
 
 

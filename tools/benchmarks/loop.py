@@ -26,13 +26,12 @@ from dbc.messages import (
     decode,
     encode,
 )
-from plant_emulator.node import PlantNode
 from plant_emulator.settings import PlantSettings
 from runtime.bus_model import BusModel
 from runtime.frame import Frame
 from runtime.settings import load_settings, read_preset
 from tools.benchmarks.measurement import Line, Target, timed
-from tools.virtual_pair import BITRATE_BIT_S, run_virtual_nodes
+from tools.virtual_pair import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
 
 STEPS = 10_000
 CONTROL_STEP_TARGET_US = 5.0
@@ -103,11 +102,12 @@ def virtual_time_lines() -> list[Line]:
 def _virtual_time_line(wire: str, bitrate_bit_s: int | None) -> Line:
     factors, work_us = [], []
     for _ in range(VIRTUAL_REPETITIONS):
-        plant = PlantNode(PlantSettings(duration_s=MOTION_S), 0)
-        controller = ControllerNode(_controller_settings(Law.PD_DDOB), 0)
+        pair = make_virtual_pair(
+            PlantSettings(duration_s=MOTION_S), _controller_settings(Law.PD_DDOB)
+        )
         bus = None if bitrate_bit_s is None else BusModel(bitrate_bit_s)
         begin_s = time.perf_counter()
-        run_virtual_nodes(plant, controller, bus, None, lambda: False)
+        run_virtual_nodes(pair.edge, pair.controller, bus, None, lambda: False)
         elapsed_s = time.perf_counter() - begin_s
         factors.append(MOTION_S / elapsed_s)
         work_us.append(1e6 * elapsed_s / MOTION_S * PERIOD_NS * 1e-9)

@@ -4,16 +4,15 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from controller.node import ControllerNode
 from controller.settings import ControllerSettings
 from dbc.messages import Mode
-from plant_emulator.node import PlantNode
 from plant_emulator.settings import PlantSettings
 from runtime.bus_model import BusModel
 from runtime.frame import Frame
 from runtime.node import NS_PER_MS
 from runtime.virtual_time import VirtualTimeExecutor
 from tools.soak.babbling import BabbledBus
+from tools.virtual_pair import make_virtual_pair
 
 QUEUE_LIMIT = 64
 """Frames of one node that wait, as on the emulated bus."""
@@ -60,11 +59,10 @@ def run_virtual_soak(
     def on_wire(time_ns: int, _sender: int, frame: Frame) -> None:
         on_bus[frame.can_id].append((time_ns, frame))
 
-    plant = PlantNode(plant_settings, 0, samples_max=0)
-    controller = ControllerNode(controller_settings, 0, samples_max=end_ns // NS_PER_MS)
+    pair = make_virtual_pair(plant_settings, controller_settings, 0, end_ns // NS_PER_MS)
     model = BusModel(bitrate_bit_s, queue_limit=QUEUE_LIMIT, on_start=on_start)
     bus = BabbledBus(model, can_id, *babble_ns)
-    executor = VirtualTimeExecutor((plant, controller), bus, on_wire)
+    executor = VirtualTimeExecutor((pair.edge, pair.controller), bus, on_wire)
     busy_ns = []
     for until_ns in babble_ns:
         executor.run(until_ns)
@@ -76,9 +74,9 @@ def run_virtual_soak(
         bus.refused,
         on_bus,
         delays_ns,
-        _changes([(sample.time_ns, sample.mode) for sample in controller.samples]),
-        controller.report(),
-        plant.report(),
+        _changes([(sample.time_ns, sample.mode) for sample in pair.controller.samples]),
+        pair.controller.report(),
+        pair.edge.report(),
     )
 
 

@@ -11,8 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controller.node import ControllerNode
-from plant_emulator.node import PlantNode
 from runtime.settings import SettingsError, dump_toml
 from tools.live_pair import PairFiles
 from tools.stress.compute import Computer
@@ -20,7 +18,7 @@ from tools.stress.figures import COLUMNS, COUNTS, Figures, figures_of
 from tools.stress.scenario import Pair
 from tools.stress.store import Store
 from tools.stress.verdict import RUN_ENDS, RunEnd, rules_of, verdicts
-from tools.virtual_pair import run_virtual_nodes
+from tools.virtual_pair import make_virtual_pair, run_virtual_nodes
 
 TICKS_MAX = 10_000_000
 
@@ -90,12 +88,12 @@ def _virtual(
     computer: Computer, pair: Pair, compiled: Mapping[str, Any], end: RunEnd
 ) -> dict[str, Any]:
     """Return what the two nodes give, up to where the compiled run ended."""
-    plant = PlantNode(pair.plant, 0)
-    controller = ControllerNode(pair.controller, 0, samples_max=TICKS_MAX)
+    made = make_virtual_pair(pair.plant, pair.controller, controller_samples_max=TICKS_MAX)
+    plant, controller = made.plant, made.controller
     samples, ticks = compiled["samples"], compiled["commands_sent"]
     is_complete = end is RunEnd.COMPLETE
     run_virtual_nodes(
-        plant,
+        made.edge,
         controller,
         None,
         None,

@@ -27,6 +27,7 @@ MOTIONS_KEPT = 24
 """Vehicles and paths that a grid may turn through fastest: the batch engine keeps a few more."""
 FILE_KEYS = ("trace_file", "file")
 """Settings of the plant that name a file; its content is a part of what results follow from."""
+FAULTS_KEY = "plant.faults"
 COLUMNS_TAKEN = (
     *("id", "point", "replicate", "seed", "controller", "law", "overrides", "verdict", "ended_by"),
     *COLUMNS,
@@ -109,9 +110,24 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
         },
         design=make_design(factors, settings.sampling),
     )
+    _refuse_faults(study)
     if study.runs > RUNS_MAX:
         raise SettingsError(f"{file}: {study.runs} runs are too many (allowed: up to {RUNS_MAX})")
     return study
+
+
+def _refuse_faults(study: Study) -> None:
+    """Refuse faults before anything is computed: compiled runs have none; raises SettingsError."""
+    factors = [
+        f"factor {factor.name}"
+        for factor in study.design.factors
+        if any(key.startswith(FAULTS_KEY) for key in factor.keys)
+    ]
+    for where in ["base.plant"] * bool(study.plant.get("faults")) + factors:
+        raise SettingsError(
+            f"{study.file}: {where} sets faults, which compiled runs have not: leave [[faults]] "
+            "out (python -m tools.closed_loop runs them, python -m tools.fault_campaign studies them)"
+        )
 
 
 def _values(design: Design) -> list[Any]:
