@@ -126,7 +126,7 @@ def _refuse_faults(study: Study) -> None:
     for where in ["base.plant"] * bool(study.plant.get("faults")) + factors:
         raise SettingsError(
             f"{study.file}: {where} sets faults, which compiled runs have not: leave [[faults]] "
-            "out (python -m tools.closed_loop runs them, python -m tools.fault_campaign studies them)"
+            "out (python -m tools.closed_loop runs them, tools.fault_campaign studies them)"
         )
 
 
