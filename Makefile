@@ -12,7 +12,7 @@ demo: $(STAMP)
 	$(BIN)/python -m tools.demo --out out/demo
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n 2 --dist loadgroup
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 benchmark: $(STAMP)
 	$(BIN)/python -m tools.benchmark

@@ -6,8 +6,8 @@ the host's vcan0, in a network namespace, or in User Mode Linux. Their reports c
 as if they had run here. Where none of these can be had they are skipped with the reason. A pytest
 that was started by ``tools/with_vcan`` runs them itself.
 
-On two cores, ``-n 2 --dist loadgroup`` (pytest-xdist) has one worker begin with these, and hands
-out the others a file at a time, so that what a file prepares is prepared once.
+On two cores, ``-n 2 --dist loadfile`` (pytest-xdist) has one worker begin with the files of these,
+and hands out the others a file at a time, so that what a file prepares is prepared once.
 """
 
 import json
@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
@@ -76,8 +77,6 @@ REPORTS_DESCRIPTOR = 3
 """Where the pytest inside writes its reports: pytest itself redirects standard output."""
 INSIDE = "VCAN_TEST_REPORTS"
 _TOGETHER = "vcan"
-_SUFFIX = f"@{_TOGETHER}"
-"""By which pytest-xdist marks the names of tests that belong to one group."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -85,18 +84,14 @@ def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(_Inside(config) if os.environ.get(INSIDE) else _Outside(config))
 
 
-def pytest_itemcollected(item: pytest.Item) -> None:
-    if _is_marked(item):
-        item.add_marker(pytest.mark.xdist_group(_TOGETHER))
-
-
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Hand out the tests file by file, those for vcan0 together and first."""
+    """Hand out the tests file by file, the files with some for vcan0 together and first."""
     from xdist.scheduler import LoadScopeScheduling
 
     def group_of(nodeid: str) -> str:
-        return _TOGETHER if nodeid.endswith(_SUFFIX) else nodeid.partition("::")[0]
+        file = nodeid.partition("::")[0]
+        return _TOGETHER if _has_marked(ROOT / file) else file
 
     config.option.loadscopereorder = False
     scheduler = LoadScopeScheduling(config, log)
@@ -155,21 +150,26 @@ class _Outside:
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        items.sort(key=_is_marked, reverse=self._is_worker)
+        if self._is_worker:
+            items.sort(key=lambda item: (not _has_marked(item.path), _is_marked(item)))
+        else:
+            items.sort(key=_is_marked)
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:
         """Start at once: both sides mostly wait, so they take little longer side by side."""
         if os.environ.get("WITH_VCAN_BACKEND") or session.config.option.collectonly:
             return
-        if any(map(_is_marked, session.items)) and not self._is_worker:
+        if not self._is_worker:
             self._start(session)
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> bool | None:
-        if not _is_marked(item) or os.environ.get("WITH_VCAN_BACKEND"):
+        if os.environ.get("WITH_VCAN_BACKEND"):
             return None
-        if self._is_worker and self._process is None and not self._obstacle:
+        if self._is_worker and self._reports is None and _has_marked(item.path):
             self._start(item.session)
+        if not _is_marked(item):
+            return None
         hook = item.ihook
         hook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
         for report in self._of(item):
@@ -199,7 +199,10 @@ class _Outside:
             )
 
     def _start(self, session: pytest.Session) -> None:
-        self._reports = _read_ahead(self._run(session, self._choose()))
+        if any(map(_is_marked, session.items)):
+            self._reports = _read_ahead(self._run(session, self._choose()))
+        else:
+            self._reports = iter(())
 
     def _of(self, item: pytest.Item) -> Iterator[pytest.TestReport]:
         """Wait for the reports of one test: setup, call where there was one, teardown."""
@@ -208,7 +211,6 @@ class _Outside:
             yield _report(item, "skipped", place)
             return
         for report in self._reports or ():
-            report.nodeid += item.nodeid[len(_name(item)) :]
             yield report
             if report.nodeid == item.nodeid and report.when == "teardown":
                 self._ran += 1
@@ -227,7 +229,7 @@ class _Outside:
 
     def _run(self, session: pytest.Session, options: Sequence[str]) -> Iterator[pytest.TestReport]:
         """Start the other pytest; yields its reports as they come."""
-        wanted = [_name(item) for item in session.items if _is_marked(item)]
+        wanted = [item.nodeid for item in session.items if _is_marked(item)]
         with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as said:
             arguments = Path(folder) / "tests"
             arguments.write_text("\n".join(wanted), encoding="utf-8")
@@ -253,9 +255,9 @@ def _is_marked(item: pytest.Item) -> bool:
     return item.get_closest_marker("vcan") is not None
 
 
-def _name(item: pytest.Item) -> str:
-    """Return the test's name, without what pytest-xdist adds to it."""
-    return item.nodeid.removesuffix(_SUFFIX)
+@cache
+def _has_marked(path: Path) -> bool:
+    return f"mark.{_TOGETHER}" in path.read_text(encoding="utf-8")
 
 
 def _read_ahead(reports: Iterator[pytest.TestReport]) -> Iterator[pytest.TestReport]:
