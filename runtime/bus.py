@@ -153,6 +153,11 @@ class BusPort:
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus
 
+    @property
+    def bus(self) -> can.BusABC:
+        """What it was made of."""
+        return self._bus
+
     def recv(self, timeout_s: float) -> Received | None:
         """Return the next frame, or None when none comes within ``timeout_s`` [s].
 

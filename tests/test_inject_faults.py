@@ -16,7 +16,10 @@ import pytest
 
 from dbc.messages import (
     CAN_IDS,
+    ControllerFault,
+    ControllerSafety,
     Decoded,
+    Freshness,
     LateralError,
     Mode,
     PlantStatus,
@@ -28,13 +31,16 @@ from dbc.messages import (
     decode,
     encode,
 )
+from plant_emulator.fault_settings import FaultKind
+from plant_emulator.settings import PlantSettings
 from runtime.emulated_bus.launch import launched_broker
 from runtime.frame import ERROR, FD, Frame
 from runtime.frame_length import INTERMISSION_BITS, frame_bits
 from runtime.node import NEVER_NS, NS_PER_S
+from runtime.settings import load_settings
 from tests.running_program import running, wait_until
 from tools import inject_faults
-from tools.campaign_live.cases import CASES, CONTROLLER, PLANT
+from tools.campaign_live.cases import CASES, CONTROLLER, PLANT, LiveCase
 from tools.campaign_live.judgement import (
     Outcome,
     Telling,
@@ -45,12 +51,17 @@ from tools.campaign_live.judgement import (
     mistakes_of,
     vehicle_of,
 )
-from tools.campaign_live.program import outcome_table, record_of
-from tools.campaign_live.trial import Trial, write_excerpt, write_key
+from tools.campaign_live.presentation import (
+    live_finding,
+    live_section,
+    outcome_table,
+    record_of,
+)
+from tools.campaign_live.trial import Trial, plant_settings, write_excerpt, write_key
 from tools.live_faults.frames import FRAMES_AT_ONCE, FrameSource, frame_source, recording_of
 from tools.live_faults.kinds import (
+    FRAME_KINDS,
     MAGNITUDES,
-    PROCESS_KINDS,
     LiveFault,
     LiveKind,
     list_lines,
@@ -59,7 +70,6 @@ from tools.live_faults.kinds import (
 
 BITRATE_BIT_S = 500_000
 START_NS = 7_000_000_000
-FRAME_KINDS = [kind for kind in LiveKind if kind not in PROCESS_KINDS]
 COMMAND_ID = CAN_IDS[SteeringCommand]
 
 
@@ -93,7 +103,15 @@ def test_a_fault_is_its_kind_and_what_is_said_of_it() -> None:
     assert parse_fault("kill,onset_s=1", pid=17).end_s == 1.0
 
 
-@pytest.mark.parametrize("kind", FRAME_KINDS)
+def test_a_clock_jumps_by_its_magnitude_and_a_controller_is_off_for_its_duration() -> None:
+    jump = parse_fault("clock_jump,onset_s=1,magnitude=2.5", pid=17)
+    assert (jump.magnitude, jump.end_s, jump.pid) == (2.5, 3.5, 17)
+    assert parse_fault("bus_off").of == "controller"
+    off = parse_fault("bus_off,of=plant,onset_s=1,duration_s=3", pid=17)
+    assert (off.of, off.end_s, off.pid) == ("plant", 4.0, 0)
+
+
+@pytest.mark.parametrize("kind", sorted(FRAME_KINDS))
 def test_a_magnitude_is_taken_at_the_ends_of_its_range_and_not_beyond(kind: LiveKind) -> None:
     what, low, high, default, is_whole = MAGNITUDES[kind]
     assert parse_fault(kind).magnitude == default
@@ -121,6 +139,11 @@ def test_a_magnitude_is_taken_at_the_ends_of_its_range_and_not_beyond(kind: Live
         ("noise,to=plant", "noise: 'to=plant' is not KEY=VALUE"),
         ("bit_flips,to=me", "bit_flips: to must be plant, controller, both, not 'me'"),
         ("kill,duration_s=1,pid=3", "kill: 'duration_s=1' is not KEY=VALUE"),
+        ("clock_jump,duration_s=1", "clock_jump: 'duration_s=1' is not KEY=VALUE"),
+        ("clock_jump,magnitude=0", "clock_jump: magnitude .* must be 0.001 to 1000, not '0'"),
+        ("clock_jump", "clock_jump: needs a process"),
+        ("bus_off,of=both", "bus_off: of must be plant or controller, not 'both'"),
+        ("bus_off,magnitude=2", "bus_off: 'magnitude=2' is not KEY=VALUE"),
         ("kill", "kill: needs a process, by pid=N here or --pid N, 2 to 4194304"),
         ("pause,pid=1", "pause: needs a process, .*, not '1'"),
         ("pause,pid=-7", "pause: needs a process, .*, not '-7'"),
@@ -146,7 +169,7 @@ def test_a_mistake_in_a_fault_is_one_clear_line(text: str, complaint: str) -> No
         (["pause", "--pid", str(os.getpid())], "is this program itself"),
         (["replay"], "replay: needs a log, by --recording FILE"),
         (["replay", "--recording", "no.log"], "no.log: No such file or directory"),
-        (["spoof", "--campaign", "x"], "--campaign has faults of its own"),
+        (["bus_off", "-i", "virtual"], "bus_off: only on an emulated bus (-i emulated)"),
     ],
 )
 def test_a_mistake_on_the_command_line_is_one_clear_line(
@@ -351,6 +374,19 @@ def test_a_live_pair_refuses_spoofed_commands_and_holds_while_the_plant_is_pause
 # The live campaign's judgement
 
 
+PLANT_NODE: dict[str, Any] = {
+    "rejected": {},
+    "lost_on_the_bus": 0,
+    "skipped_samples": 0,
+    "safety": {"holdings": 0, "interventions": {}},
+}
+CONTROLLER_NODE: dict[str, Any] = {"rejected": {}, "holds": 0, "lost": 0, "skipped_ticks": 0}
+
+
+def report_of(node: Any, error_frames: Any = None) -> dict[str, Any]:
+    return {"node": node, "connection": {"error_frames": error_frames or {}}}
+
+
 def trial_of(name: str, **changes: Any) -> Trial:
     case = next(one for one in CASES if one.name == name)
     statuses = {PLANT: 0, CONTROLLER: 0}
@@ -379,14 +415,49 @@ def test_only_who_was_killed_may_end_so_and_a_golden_run_counts_nothing() -> Non
     golden = trial_of("golden", actions=[])
     assert list(mistakes_of(golden, {PLANT: {}, CONTROLLER: {}})) == []
     assert list(mistakes_of(golden, {PLANT: {"lost": 1}})) == [f"{PLANT} counts {{'lost': 1}}"]
+    stalled = {PLANT: {"skipped": 3}}
+    assert list(mistakes_of(golden, stalled)) == [], "by the machine"
+
+
+def test_a_program_may_end_by_bus_off_only_where_that_is_expected() -> None:
+    noticed = {PLANT: {"silence": 1}, CONTROLLER: {"bus_off": 1}}
+    statuses = {PLANT: 0, CONTROLLER: 3}
+    given_up = trial_of("controller in bus-off, not kept", statuses=statuses)
+    assert list(mistakes_of(given_up, noticed)) == []
+    assert list(mistakes_of(given_up._replace(statuses={CONTROLLER: 0}), noticed))
+    kept = trial_of("controller in bus-off", statuses=statuses)
+    assert list(mistakes_of(kept, noticed)) == [f"{CONTROLLER} has ended with status 3"]
+
+
+def test_a_fault_in_the_plants_settings_must_have_changed_a_frame() -> None:
+    noticed = {CONTROLLER: {"silence": 1}}
+    for changed, mistakes in ((7, []), (0, ["the plant's fault stage did nothing"])):
+        reports = {PLANT: {"node": {"faults": [{"changed": changed}]}}}
+        trial = trial_of("measurements lost", actions=[], reports=reports)
+        assert list(mistakes_of(trial, noticed)) == mistakes
+
+
+@pytest.mark.parametrize("case", [one for one in CASES if one.at_plant], ids=lambda one: one.name)
+def test_a_fault_at_the_plant_is_settings_that_the_plant_takes(
+    case: LiveCase, tmp_path: Path
+) -> None:
+    path = tmp_path / "plant.toml"
+    path.write_text(plant_settings(case))
+    (fault,) = load_settings(PlantSettings, None, path, []).faults
+    assert (fault.kind, fault.onset_s, fault.duration_s) == (case.at_plant["kind"], 2.0, 1.0)
 
 
 def test_counts_are_those_above_zero_and_the_silences() -> None:
-    plant = {"rejected": {"bad_crc": 0, "repeated": 2}, "safety": {"holdings": 1}}
-    assert counts_of(plant) == {"repeated": 2, "silence": 1}
-    assert counts_of({"rejected": {"bad_crc": 0}, "holds": 0}) == {}
+    safety = {"holdings": 1, "interventions": {"angle": 0}}
+    plant = {**PLANT_NODE, "rejected": {"bad_crc": 0, "repeated": 2}, "safety": safety}
+    assert counts_of(report_of(plant)) == {"repeated": 2, "silence": 1}
+    assert counts_of(report_of(CONTROLLER_NODE, {"bus_off": 1})) == {"bus_off": 1}
+    late = {**CONTROLLER_NODE, "skipped_ticks": 9, "lost": 8, "holds": 1}
+    assert counts_of(report_of(late)) == {"silence": 1, "lost": 8, "skipped": 9}
+    limited = {**PLANT_NODE, "safety": {"holdings": 0, "interventions": {"angle": 2, "rate": 3}}}
+    assert counts_of(report_of(limited)) == {"intervention": 5}
     secured = {**plant, "authentication": {"refused": {"unauthenticated": 4, "replayed": 0}}}
-    assert counts_of(secured) == {"repeated": 2, "silence": 1, "unauthenticated": 4}
+    assert counts_of(report_of(secured)) == {"repeated": 2, "silence": 1, "unauthenticated": 4}
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="it has no such permissions")
@@ -417,6 +488,21 @@ def test_the_first_sign_of_a_fault_is_found_behind_its_onset() -> None:
     assert _first_sign([*frames, (30 * ms, held)], 10 * ms, 30 * ms) is None
     stop = encode(SteeringCommand(0.0, 0, Mode.SAFE_STOP), 0)
     assert _first_sign([(40 * ms, stop)], 10 * ms, 100 * ms) == 0.03
+
+
+def test_the_controller_tells_what_it_refuses_misses_and_finds_wrong() -> None:
+    fresh, stale, fine = Freshness.FRESH, Freshness.STALE, ControllerFault.NONE
+    ms = 1_000_000
+    before = ControllerSafety(2, 5, fresh, fresh, fresh, fine)
+    signs = [
+        before._replace(rejected=3),
+        before._replace(lost=6),
+        before._replace(lateral_error_freshness=stale),
+        before._replace(fault=ControllerFault.OVERRUNS),
+    ]
+    for after in (before, before._replace(steering_status_freshness=stale), *signs):
+        frames = [(1 * ms, encode(before, 0)), (30 * ms, encode(after, 1))]
+        assert _first_sign(frames, 10 * ms, 100 * ms) == (0.02 if after in signs else None)
 
 
 def test_the_vehicle_is_what_the_plant_told_before_and_after_the_onset() -> None:
@@ -450,8 +536,8 @@ def test_a_run_is_judged_by_what_each_program_sent_itself(tmp_path: Path) -> Non
     (tmp_path / f"{PLANT}.log").write_text("".join(line(t, one, "T") for t, one in own))
     (tmp_path / f"{CONTROLLER}.log").write_text(line(101.2, refused, "R"))
     (tmp_path / "bus.log").write_text("".join(line(t, one, "R") for t, one in on_bus))
-    plant = {"node": {"rejected": {"out_of_order": 3}, "safety": {"holdings": 0}}}
-    controller = {"node": {"rejected": {}, "holds": 0}}
+    plant = report_of({**PLANT_NODE, "rejected": {"out_of_order": 3}})
+    controller = report_of(CONTROLLER_NODE)
     trial = trial_of(
         "spoofed, own counter",
         folder=tmp_path,
@@ -479,6 +565,14 @@ def test_the_table_and_the_record_hold_every_run() -> None:
         ["something"],
     )
     assert outcome_table([outcome, outcome]).row_count == 2
+    (table,) = live_section([outcome, outcome]).tables
+    assert {len(row) for row in table.rows} == {len(table.headings)}
+    finding = live_finding([outcome, outcome._replace(mistakes=[])])
+    assert (finding.holds, finding.figure) == (
+        False,
+        "1 of 2 runs; first: plant killed: something",
+    )
+    assert live_finding([outcome._replace(mistakes=[])]).holds
     record = record_of(outcome)
     assert record["tellings"][CONTROLLER] == {"noticed_s": 0.137, "told_s": 0.138}
     assert record["mistakes"] == ["something"]
@@ -488,3 +582,8 @@ def test_the_table_and_the_record_hold_every_run() -> None:
 def test_every_frame_and_process_fault_is_in_the_live_campaign() -> None:
     kinds = {parse_fault(case.argument, 17).kind for case in CASES if case.fault}
     assert kinds == set(LiveKind)
+
+
+def test_every_fault_of_the_plants_settings_is_live_there_or_on_the_bus() -> None:
+    at_plant = {str(case.at_plant["kind"]) for case in CASES if case.at_plant}
+    assert at_plant | set(LiveKind) >= set(FaultKind)

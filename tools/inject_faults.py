@@ -6,9 +6,8 @@
     python -m tools.inject_faults --list
 
 Times count from when it says "ready". Ctrl-C ends it in order; a process that it has stopped goes
-on whatever ends the run. With --campaign it starts broker, plant and controller itself, puts a set
-of faults to them one by one, and tells what each of the two noticed, and when; exit status 1 when
-something was not noticed.
+on whatever ends the run. ``tools.fault_campaign --live`` has it at a pair of its own, fault by
+fault.
 """
 
 import argparse
@@ -29,10 +28,11 @@ from runtime.port import open_port
 from runtime.program import ExitStatus, StopRequest, run_main, say
 from runtime.report import write_json
 from runtime.settings import SettingsError
-from tools.campaign_live.program import run_live_campaign
+from tools.live_faults.bus_off import BusOffFault
 from tools.live_faults.frames import FrameSource, Timed, frame_source, recording_of
-from tools.live_faults.injection import Action, Injection
+from tools.live_faults.injection import Action, Deed, Injection
 from tools.live_faults.kinds import (
+    FRAME_KINDS,
     PID_MAX,
     PROCESS_KINDS,
     LiveFault,
@@ -61,7 +61,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog=f"python -m tools.{NAME}",
         # Faults first: behind --bus-kwargs they would be taken for more of its arguments.
-        usage="%(prog)s FAULT... [options]   or   --list   or   --campaign DIR [--seed N]",
+        usage="%(prog)s FAULT... [options]   or   --list",
         description=(__doc__ or "").splitlines()[0],
         allow_abbrev=False,
     )
@@ -69,15 +69,14 @@ def _parser() -> argparse.ArgumentParser:
         "faults", nargs="*", metavar="FAULT", help="KIND[,KEY=VALUE...], as --list says"
     )
     parser.add_argument("--list", action="store_true", help="say which faults there are")
-    parser.add_argument("--pid", metavar="N", help="the process that kill and pause mean")
+    parser.add_argument(
+        "--pid", metavar="N", help="the process that kill, pause and clock_jump mean"
+    )
     parser.add_argument(
         "--recording", type=Path, metavar="FILE", help="what replay sends; any log of analyze_log"
     )
     parser.add_argument("--seed", default="1", metavar="N", help="of all that is random")
     parser.add_argument("--report", type=output_file, metavar="FILE", help="what was done, JSON")
-    parser.add_argument(
-        "--campaign", type=Path, metavar="DIR", help="run the live campaign, with its logs there"
-    )
     add_bus_arguments(parser)
     return parser
 
@@ -87,10 +86,6 @@ def _run(options: argparse.Namespace) -> int:
         print("\n".join(list_lines()))
         return ExitStatus.OK
     seed = _whole(options.seed, "--seed", 0, SEED_MAX)
-    if options.campaign is not None:
-        if options.faults:
-            raise SettingsError("--campaign has faults of its own: leave FAULT out")
-        return run_live_campaign(options.campaign, seed)
     faults = _faults(options)
     recording = _recording(options, faults)
     stop = StopRequest()
@@ -107,15 +102,17 @@ def _run(options: argparse.Namespace) -> int:
         start_ns = time.monotonic_ns()
         bitrate = getattr(options, "bitrate", None) or BITRATE_BIT_S
         sources = list(_sources(faults, start_ns, seed, bitrate, recording))
-        processes: list[ProcessFault] = []
-        injection = Injection(port, sources, processes, start_ns, _tell)
+        deeds: list[Deed] = []
+        injection = Injection(port, sources, deeds, start_ns, _tell)
         with injection.running():
             for fault in faults:
-                if fault.kind in PROCESS_KINDS:
-                    # One by one: those already held are let go of when the next cannot be.
-                    processes.append(ProcessFault(fault, start_ns))  # noqa: PERF401
-            for process in processes:
-                say(NAME, f"process {process.fault.pid} is {process.name or 'of unknown name'}")
+                # One by one: those already held are let go of when the next cannot be.
+                if fault.kind is LiveKind.BUS_OFF:
+                    deeds.append(BusOffFault(fault, start_ns, port))
+                elif fault.kind in PROCESS_KINDS:
+                    process = ProcessFault(fault, start_ns)
+                    deeds.append(process)
+                    say(NAME, f"{process.where} is {process.name or 'of unknown name'}")
             say(NAME, f"ready on {where}, seed {seed}")
             is_over = injection.run(stop)
     if options.report is not None:
@@ -176,7 +173,7 @@ def _sources(
     recording: Sequence[Timed],
 ) -> Iterator[FrameSource]:
     for place, fault in enumerate(faults):
-        if fault.kind not in PROCESS_KINDS:
+        if fault.kind in FRAME_KINDS:
             fault_seed = seed * FAULTS_MAX + place
             yield frame_source(fault, start_ns, fault_seed, bitrate_bit_s, recording)
 

@@ -114,6 +114,11 @@ class EmulatedBus(can.BusABC):
         with self._send_lock:
             self._send_all(raw, timeout)
 
+    @property
+    def takes_bus_off(self) -> bool:
+        """Whether the broker takes ``send_bus_off``."""
+        return self._takes_bus_off
+
     def send_bus_off(self, can_id: int, restart_after_s: float, *, extended: bool = False) -> None:
         """Send the CAN controller that has sent ``can_id`` last into bus-off.
 

@@ -10,6 +10,8 @@ from tools.campaign.grouping import Group, in_ms
 from tools.campaign.scenario import GOLDEN
 from tools.campaign.specification import CampaignSettings
 from tools.campaign.trial import FAILURES, Result
+from tools.campaign_live.judgement import Outcome
+from tools.campaign_live.presentation import live_section
 from tools.stress_report.page import Cell, Section, Table, number, page
 
 _FAILED_SHOWN = 50
@@ -82,8 +84,9 @@ def campaign_page(
     groups: Sequence[Group],
     findings: Sequence[Finding],
     comparison: Comparison | None,
+    live: Sequence[Outcome] = (),
 ) -> str:
-    """Return the page."""
+    """Return the page; ``live``: outcomes of the live campaign, if it was run."""
     golden = sum(result.kind == GOLDEN for result in results)
     failed = [result for result in results if result.verdict in FAILURES]
     sections = [
@@ -102,6 +105,8 @@ def campaign_page(
     if comparison is not None:
         sections.append(_comparison_section(comparison))
     sections.append(Section("Cases", _DEFINITIONS, tables=[_cases_table(groups)]))
+    if live:
+        sections.append(live_section(live))
     sections.append(Section("Why a fault can be seen, or cannot", [], tables=[_why_table(groups)]))
     sections.append(
         Section(

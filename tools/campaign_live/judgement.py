@@ -11,8 +11,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from dbc.messages import (
+    CAN_IDS,
+    ControllerFault,
+    ControllerSafety,
     ControllerStatus,
     Decoded,
+    Freshness,
     LateralError,
     Message,
     Mode,
@@ -26,12 +30,21 @@ from dbc.messages import (
 from runtime.candump import CandumpReader
 from runtime.frame import FD, Frame
 from runtime.node import NS_PER_S
-from tools.campaign_live.cases import CONTROLLER, PLANT, SILENCE
+from tools.campaign_live.cases import (
+    CONTROLLER,
+    LIMITED,
+    LOST,
+    PLANT,
+    PLANT_ONSET_S,
+    SILENCE,
+    SKIPPED,
+)
 from tools.campaign_live.trial import Trial
 from tools.soak.census import read_own_log
 
 _SIGKILL_STATUS = -9
 _PAYLOAD_BYTES = 8
+_COMMAND_ID = CAN_IDS[SteeringCommand]
 _LEFT_CONTROL = (
     SteeringStatusCode.HOLDING,
     SteeringStatusCode.FALLBACK,
@@ -40,6 +53,8 @@ _LEFT_CONTROL = (
 _UNSAFE_LEFT = (SafetyState.HOLDING, SafetyState.FALLBACK, SafetyState.SAFE_STATE)
 _HELD = (Mode.HOLDING, Mode.SAFE_STOP)
 
+_OF_THE_MACHINE = frozenset({SKIPPED})
+"""Not held against a run without a fault: a shared machine may stall."""
 Told = tuple[int, Message]
 """A message and its time on the wall clock [ns]."""
 
@@ -87,13 +102,13 @@ class Outcome(NamedTuple):
 def judge_trial(trial: Trial) -> Outcome:
     """Read what a run left, and judge it."""
     counts = {
-        name: counts_of(trial.reports[name]["node"])
+        name: counts_of(trial.reports[name])
         for name in (PLANT, CONTROLLER)
         if name in trial.reports
     }
-    onset_ns = trial.actions[0]["time_ns"] if trial.actions else trial.observed[0]
     end_ns = trial.observed[1]
     on_bus = _bus_frames(trial.bus_log)
+    onset_ns = _onset_ns(trial, on_bus)
     tellings, sent = {}, {}
     for name in (PLANT, CONTROLLER):
         sent[name] = _sent(trial.own_log(name))
@@ -109,11 +124,19 @@ def judge_trial(trial: Trial) -> Outcome:
     )
 
 
-def counts_of(node: Mapping[str, Any]) -> dict[str, int]:
-    """Return what a node's report counts of faults, by cause, where it is above zero."""
+def counts_of(report: Mapping[str, Any]) -> dict[str, int]:
+    """Return what a program's report counts of faults, by cause, where it is above zero."""
+    node = report["node"]
     counts = dict(node["rejected"])
     counts |= node.get("authentication", {}).get("refused", {})
-    counts[SILENCE] = node["safety"]["holdings"] if "safety" in node else node["holds"]
+    counts |= report["connection"]["error_frames"]
+    if "safety" in node:
+        counts[SILENCE] = node["safety"]["holdings"]
+        counts[LIMITED] = sum(node["safety"]["interventions"].values())
+        counts[LOST], counts[SKIPPED] = node["lost_on_the_bus"], node["skipped_samples"]
+    else:
+        counts[SILENCE], counts[LOST] = node["holds"], node["lost"]
+        counts[SKIPPED] = node["skipped_ticks"]
     return {cause: count for cause, count in counts.items() if count}
 
 
@@ -123,15 +146,33 @@ def mistakes_of(trial: Trial, counts: Mapping[str, Mapping[str, int]]) -> Iterat
     for name, causes in case.expected.items():
         if not causes & set(counts.get(name, {})):
             yield f"{name} has not noticed it"
-    if not case.fault:
-        yield from (f"{name} counts {dict(seen)}" for name, seen in counts.items() if seen)
-    elif not trial.actions:
+    if not case.fault and not case.at_plant:
+        for name, seen in counts.items():
+            if set(seen) - _OF_THE_MACHINE:
+                yield f"{name} counts {dict(seen)}"
+    elif case.at_plant and not changed_by_stage(trial):
+        yield "the plant's fault stage did nothing"
+    elif case.fault and not trial.actions:
         yield "the injector did nothing"
     for name, status in trial.statuses.items():
         is_killed = name == case.target and case.fault.startswith("kill")
-        if status != (_SIGKILL_STATUS if is_killed else 0):
+        if status != case.ends.get(name, _SIGKILL_STATUS if is_killed else 0):
             yield f"{name} has ended with status {status}"
     yield from (f"left behind: {what}" for what in trial.left)
+
+
+def changed_by_stage(trial: Trial) -> int:
+    """Return how many frames the fault stage at the plant's edge has changed."""
+    faults = trial.reports.get(PLANT, {}).get("node", {}).get("faults", [])
+    return sum(one["changed"] for one in faults)
+
+
+def _onset_ns(trial: Trial, on_bus: Sequence[tuple[int, Frame]]) -> int:
+    """Return when the fault began, by the wall clock [ns]; without one, when it could have."""
+    if trial.case.at_plant:
+        first_ns = next((t for t, frame in on_bus if frame.can_id == _COMMAND_ID), 0)
+        return first_ns + round(PLANT_ONSET_S * NS_PER_S)
+    return trial.actions[0]["time_ns"] if trial.actions else trial.observed[0]
 
 
 def vehicle_of(told: Sequence[Told], onset_ns: int, end_ns: int) -> Vehicle:
@@ -161,26 +202,40 @@ def _wheel(message: Message) -> float | None:
 
 def _first_sign(frames: Sequence[tuple[int, Frame]], onset_ns: int, end_ns: int) -> float | None:
     """Return how long after the onset a program's own messages first show the fault [s]."""
-    rejected = 0
+    before = (0, 0)
     for time_ns, message in _decoded(frames):
         if time_ns >= end_ns:
             break
         if time_ns < onset_ns:
-            rejected = message.rejected if isinstance(message, PlantStatus) else rejected
-        elif _is_sign(message, rejected):
+            before = _refused(message) or before
+        elif _is_sign(message, before):
             return (time_ns - onset_ns) / NS_PER_S
     return None
 
 
-def _is_sign(message: Message, rejected: int) -> bool:
-    """Whether a message says that its sender has seen a fault, after ``rejected`` refused ones."""
+def _refused(message: Message) -> tuple[int, int] | None:
+    """Return how many frames a sender has refused and missed, if the message says that."""
+    match message:
+        case PlantStatus():
+            return message.rejected, 0
+        case ControllerSafety():
+            return message.rejected, message.lost
+    return None
+
+
+def _is_sign(message: Message, before: tuple[int, int]) -> bool:
+    """Whether a message says that its sender has seen a fault, after what ``before`` it had."""
     match message:
         case SteeringCommand() | ControllerStatus():
             return message.mode in _HELD
         case SteeringStatus():
             return message.status in _LEFT_CONTROL
         case PlantStatus():
-            return message.safety in _UNSAFE_LEFT or message.rejected != rejected
+            return message.safety in _UNSAFE_LEFT or _refused(message) != before
+        case ControllerSafety():
+            is_stale = message.lateral_error_freshness is Freshness.STALE
+            is_well = message.fault is ControllerFault.NONE
+            return is_stale or not is_well or _refused(message) != before
     return False
 
 

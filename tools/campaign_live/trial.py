@@ -9,7 +9,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from dbc.messages import CAN_IDS, SteeringCommand
-from tools.campaign_live.cases import CONTROLLER, DURATION_S, ONSET_S, PLANT, LiveCase
+from tools.campaign_live.cases import (
+    CONTROLLER,
+    DURATION_S,
+    ONSET_S,
+    PLANT,
+    PLANT_ONSET_S,
+    LiveCase,
+)
 from tools.soak.crew import Crew
 
 CHANNEL = "can0"
@@ -64,7 +71,7 @@ def run_trial(case: LiveCase, folder: Path, seed: int, recording: Path) -> Trial
         socket, key = Path(private) / "socket", Path(private) / "key"
         if case.with_key:
             write_key(key)
-        _start_pair(crew, socket, key if case.with_key else None)
+        _start_pair(crew, socket, case, key)
         time.sleep(SETTLE_S)
         begin_ns = time.time_ns()
         if case.fault:
@@ -102,21 +109,36 @@ def write_key(path: Path) -> None:
     path.write_text(secrets.token_hex(_KEY_BYTES) + "\n", encoding="ascii")
 
 
-def _start_pair(crew: Crew, socket: Path, key: Path | None) -> None:
+def _start_pair(crew: Crew, socket: Path, case: LiveCase, key: Path) -> None:
     """Start all but the injector; the recorder before anybody sends."""
-    crew.start_broker(socket, [] if key is None else ["--data-bitrate", str(_DATA_BITRATE_BIT_S)])
+    broker = ["--allow-bus-off"]
+    broker += ["--data-bitrate", str(_DATA_BITRATE_BIT_S)] if case.with_key else []
+    crew.start_broker(socket, broker)
     recorder = [crew.path("bus", ".log"), crew.path(_RECORDER, ".json")]
     arguments = [crew.address, CHANNEL, *map(str, recorder), "0"]
-    arguments += [] if key is None else ["fd"]
+    arguments += ["fd"] if case.with_key else []
     crew.start(_RECORDER, "tools.soak.recorder", arguments)
+    plant = ["--set", f"duration_s={_RUN_S:g}"]
+    if case.at_plant:
+        settings = crew.path(PLANT, ".toml")
+        settings.write_text(plant_settings(case), encoding="utf-8")
+        plant = [str(settings), *plant]
     own = {
-        PLANT: ("plant_emulator", ["--set", f"duration_s={_RUN_S:g}"]),
+        PLANT: ("plant_emulator", plant),
         CONTROLLER: ("controller", ["--preset", "practical_pd_ddob"]),
     }
     for name, (module, options) in own.items():
         files = ["--report", crew.path(name, ".json"), "--record", crew.path(name, ".log")]
-        files += [] if key is None else ["--key-file", key]
-        crew.start(name, module, [*_bus_options(crew), *map(str, files), *options])
+        files += ["--key-file", key] if case.with_key else []
+        options += ["--reconnect"] if case.reconnects else []
+        # Settings first: behind --bus-kwargs they would be taken for more of its arguments.
+        crew.start(name, module, [*options, *map(str, files), *_bus_options(crew)])
+
+
+def plant_settings(case: LiveCase) -> str:
+    """Return the plant's settings file with the case's fault."""
+    table = {**case.at_plant, "onset_s": PLANT_ONSET_S, "duration_s": DURATION_S}
+    return "[[faults]]\n" + "".join(f"{key} = {json.dumps(one)}\n" for key, one in table.items())
 
 
 def _options(crew: Crew, case: LiveCase, seed: int, recording: Path) -> list[str]:

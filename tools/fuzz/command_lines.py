@@ -47,6 +47,7 @@ PROGRAMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "tools.doctor": ("tools.doctor.examine",),
         "tools.fault_campaign": (
             "tools.fault_campaign.execute",
+            "tools.fault_campaign.run_live_campaign",
             "tools.fault_campaign.measure_residual",
             "tools.fault_campaign.walk_all",
         ),
@@ -54,7 +55,7 @@ PROGRAMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "tools.inject_faults": (
             "tools.inject_faults.open_port",
             "tools.inject_faults.ProcessFault",
-            "tools.inject_faults.run_live_campaign",
+            "tools.inject_faults.BusOffFault",
         ),
         "tools.monitor": ("tools.monitor.open_port",),
         "tools.probe_host": ("tools.probe_host.probe",),

@@ -3,12 +3,12 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from runtime.node import NS_PER_S
 from runtime.port import ClosablePort
 from tools.live_faults.frames import FrameSource
-from tools.live_faults.processes import ProcessFault
+from tools.live_faults.kinds import LiveFault
 
 TURN_NS = 1_000_000
 """How long a full bus is left alone: it carries four frames meanwhile and has 64 of ours ready."""
@@ -30,6 +30,30 @@ class Action(NamedTuple):
     what: str
 
 
+class Deed(Protocol):
+    """A fault that is no frame: a process is stopped, a CAN controller is off the bus."""
+
+    fault: LiveFault
+
+    @property
+    def where(self) -> str:
+        """What it acts on."""
+        ...
+
+    @property
+    def next_due_ns(self) -> int | None:
+        """When there is something to do next [ns]; None for never."""
+        ...
+
+    def act(self, now_ns: int) -> str:
+        """Do what is due; returns what was done, empty for nothing."""
+        ...
+
+    def close(self) -> str:
+        """Undo what lasts still; returns what was done."""
+        ...
+
+
 class Injection:
     """Runs faults; use ``running`` so that no process stays stopped.
 
@@ -41,12 +65,12 @@ class Injection:
         self,
         port: ClosablePort | None,
         sources: Sequence[FrameSource],
-        processes: Sequence[ProcessFault],
+        deeds: Sequence[Deed],
         start_ns: int,
         tell: Callable[[Action], None] = lambda _action: None,
     ) -> None:
         self._port = port
-        self._processes = processes
+        self._deeds = deeds
         self._start_ns = start_ns
         self._tell = tell
         self._waiting = list(sources)
@@ -58,14 +82,14 @@ class Injection:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """At the end of the block, continue what is stopped and account for what has not ended."""
+        """At the end of the block, undo what lasts and account for what has not ended."""
         try:
             yield
         finally:
-            for process in self._processes:
-                done = process.close()
+            for deed in self._deeds:
+                done = deed.close()
                 if done:
-                    self._note(process.fault.kind, f"{done} to process {process.fault.pid}")
+                    self._note(deed.fault.kind, f"{done} to {deed.where}")
             for source in self._active:
                 self._end(source, "cut short")
 
@@ -81,10 +105,10 @@ class Injection:
 
     def _turn(self, now_ns: int) -> bool:
         """Do what is due; returns whether the bus had no room."""
-        for process in self._processes:
-            done = process.act(now_ns)
+        for deed in self._deeds:
+            done = deed.act(now_ns)
             if done:
-                self._note(process.fault.kind, f"{done} to process {process.fault.pid}")
+                self._note(deed.fault.kind, f"{done} to {deed.where}")
         for source in [one for one in self._waiting if one.onset_ns <= now_ns]:
             self._waiting.remove(source)
             self._active.append(source)
@@ -109,7 +133,7 @@ class Injection:
         """Return when there is something to do again [ns]."""
         times = [one.onset_ns for one in self._waiting]
         times += [min(one.next_due_ns, one.end_ns) for one in self._active]
-        times += [one.next_due_ns for one in self._processes if one.next_due_ns is not None]
+        times += [one.next_due_ns for one in self._deeds if one.next_due_ns is not None]
         earliest_ns = now_ns + (TURN_NS if was_refused else 0)
         return max(min([*times, now_ns + _WAIT_NS_MAX]), earliest_ns)
 
@@ -127,8 +151,8 @@ class Injection:
                     self._send(source, answer)
 
     def _is_over(self) -> bool:
-        is_signalled = all(process.next_due_ns is None for process in self._processes)
-        return is_signalled and not self._waiting and not self._active
+        is_done = all(deed.next_due_ns is None for deed in self._deeds)
+        return is_done and not self._waiting and not self._active
 
     def _end(self, source: FrameSource, how: str) -> None:
         sent, refused = self._sent[id(source)], self._refused[id(source)]

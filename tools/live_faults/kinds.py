@@ -18,6 +18,7 @@ PID_MAX = 1 << 22
 """The largest process number that Linux can be set to."""
 WHOLE_KEYS = ("pid",)
 RECEIVERS = ("plant", "controller", "both")
+NODES = ("plant", "controller")
 
 
 class LiveKind(StrEnum):
@@ -41,6 +42,10 @@ class LiveKind(StrEnum):
     """SIGKILL."""
     PAUSE = "pause"
     """SIGSTOP, and SIGCONT at the end."""
+    CLOCK_JUMP = "clock_jump"
+    """A pause of the magnitude: no process can be shown another monotonic clock while it runs."""
+    BUS_OFF = "bus_off"
+    """The CAN controller of a node takes no part in the bus until the end; an emulated bus only."""
 
 
 class LiveMagnitude(NamedTuple):
@@ -65,9 +70,21 @@ MAGNITUDES: Mapping[LiveKind, LiveMagnitude] = MappingProxyType(
         LiveKind.NOISE: LiveMagnitude("frames/s", 1.0, 2000.0, 500.0),
         LiveKind.KILL: LiveMagnitude("none", 1.0, 1.0, 1.0),
         LiveKind.PAUSE: LiveMagnitude("none", 1.0, 1.0, 1.0),
+        LiveKind.CLOCK_JUMP: LiveMagnitude("s that the clock goes ahead", 1e-3, 1000.0, 0.5),
+        LiveKind.BUS_OFF: LiveMagnitude("none", 1.0, 1.0, 1.0),
     }
 )
-PROCESS_KINDS = frozenset({LiveKind.KILL, LiveKind.PAUSE})
+PROCESS_KINDS = frozenset({LiveKind.KILL, LiveKind.PAUSE, LiveKind.CLOCK_JUMP})
+FRAME_KINDS = frozenset(LiveKind) - PROCESS_KINDS - {LiveKind.BUS_OFF}
+_KEYS: Mapping[LiveKind, tuple[str, ...]] = MappingProxyType(
+    {
+        LiveKind.KILL: ("onset_s", "pid"),
+        LiveKind.PAUSE: ("onset_s", "duration_s", "pid"),
+        LiveKind.CLOCK_JUMP: ("onset_s", "magnitude", "pid"),
+        LiveKind.BUS_OFF: ("onset_s", "duration_s", "of"),
+    }
+)
+"""Of those that do without a frame."""
 _RECEIVER_KINDS = frozenset({LiveKind.BIT_FLIPS, LiveKind.WRONG_LENGTH, LiveKind.WRONG_IDENTIFIER})
 
 
@@ -76,6 +93,7 @@ class LiveFault(NamedTuple):
 
     ``to``   whose messages a malformed frame pretends to be: plant, controller or both
     ``pid``  of the process that is stopped or killed; 0 for none
+    ``of``   whose CAN controller goes into bus-off: plant or controller; empty for none
     """
 
     kind: LiveKind
@@ -84,11 +102,13 @@ class LiveFault(NamedTuple):
     magnitude: float = 1.0
     to: str = "both"
     pid: int = 0
+    of: str = ""
 
     @property
     def end_s(self) -> float:
         """When it is over [s]."""
-        return self.onset_s + (0.0 if self.kind is LiveKind.KILL else self.duration_s)
+        lasts_s = {LiveKind.KILL: 0.0, LiveKind.CLOCK_JUMP: self.magnitude}
+        return self.onset_s + lasts_s.get(self.kind, self.duration_s)
 
 
 def parse_fault(text: str, pid: int = 0) -> LiveFault:
@@ -114,10 +134,8 @@ def parse_fault(text: str, pid: int = 0) -> LiveFault:
 
 
 def _keys_of(kind: LiveKind) -> tuple[str, ...]:
-    if kind is LiveKind.KILL:
-        return ("onset_s", "pid")
-    if kind is LiveKind.PAUSE:
-        return ("onset_s", "duration_s", "pid")
+    if kind in _KEYS:
+        return _KEYS[kind]
     keys = ("onset_s", "duration_s", "magnitude")
     return (*keys, "to") if kind in _RECEIVER_KINDS else keys
 
@@ -127,6 +145,9 @@ def _fault_of(kind: LiveKind, given: Mapping[str, str], pid: int) -> LiveFault:
     to = given.get("to", "both")
     if to not in RECEIVERS:
         raise ValueError(f"{kind}: to must be {', '.join(RECEIVERS)}, not {to[:40]!r}")
+    of = given.get("of", "controller") if kind is LiveKind.BUS_OFF else ""
+    if of and of not in NODES:
+        raise ValueError(f"{kind}: of must be {' or '.join(NODES)}, not {of[:40]!r}")
     magnitude = _number(kind, given, "magnitude", default, low, high, f" ({what})")
     if is_whole and magnitude % 1.0:
         raise ValueError(f"{kind}: magnitude ({what}) must be whole, not {magnitude:g}")
@@ -146,6 +167,7 @@ def _fault_of(kind: LiveKind, given: Mapping[str, str], pid: int) -> LiveFault:
         magnitude,
         to,
         number if kind in PROCESS_KINDS else 0,
+        of,
     )
 
 
@@ -175,6 +197,6 @@ def list_lines() -> list[str]:
     """Return a line for each kind: its magnitude, range and default, and the keys it takes."""
     lines = []
     for kind, (what, low, high, default, _) in MAGNITUDES.items():
-        size = "" if kind in PROCESS_KINDS else f"{what}, {low:g} to {high:g}, {default:g} unsaid"
-        lines.append(f"{kind:17}{size:62}{', '.join(_keys_of(kind))}")
+        size = "" if what == "none" else f"{what}, {low:g} to {high:g}, {default:g} unsaid"
+        lines.append(f"{kind:17}{size:63}{', '.join(_keys_of(kind))}")
     return lines

@@ -2,6 +2,11 @@
 
 It is held by a descriptor (``pidfd_open(2)``) from the start, so that a signal never hits another
 process that got its number meanwhile.
+
+A clock that jumps is a pause of that length. CLOCK_MONOTONIC can be neither set nor offset for a
+process that runs (clock_settime(2), time_namespaces(7)); when it goes ahead of a program, that is
+because the program or its virtual machine did not run meanwhile. On its own clock it then sees
+what it would see of a jump: as many periods have gone by without a tick.
 """
 
 import os
@@ -31,9 +36,14 @@ class ProcessFault:
         self.name = process_name(fault.pid)
         onset_ns = start_ns + round(fault.onset_s * NS_PER_S)
         self._plan = [(onset_ns, signal.SIGKILL)]
-        if fault.kind is LiveKind.PAUSE:
+        if fault.kind is not LiveKind.KILL:
             end_ns = start_ns + round(fault.end_s * NS_PER_S)
             self._plan = [(onset_ns, signal.SIGSTOP), (end_ns, signal.SIGCONT)]
+
+    @property
+    def where(self) -> str:
+        """What it acts on."""
+        return f"process {self.fault.pid}"
 
     @property
     def next_due_ns(self) -> int | None:
