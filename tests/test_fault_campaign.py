@@ -13,7 +13,13 @@ from plant_emulator.fault_settings import FaultKind, FaultSettings
 from runtime.settings import load_settings
 from tools.campaign.acceptance import findings_of, residual_finding
 from tools.campaign.comparison import compare
-from tools.campaign.detectability import MECHANISM_OF, Mechanism, expect_fault, expect_node_fault
+from tools.campaign.detectability import (
+    MECHANISM_OF,
+    UNHEARD,
+    Mechanism,
+    expect_fault,
+    expect_node_fault,
+)
 from tools.campaign.execution import RESULTS, read_results, specification_hash
 from tools.campaign.grouping import group
 from tools.campaign.node_faults import NodeFault
@@ -53,6 +59,14 @@ magnitudes = [0.03, 1.0]
 kind = "replay"
 messages = ["STEERING_COMMAND"]
 magnitudes = [0.3]
+[[cases]]
+kind = "bit_flips"
+messages = ["CONTROLLER_SAFETY", "PLANT_STATUS"]
+magnitudes = [0.5]
+[[cases]]
+kind = "spoof"
+messages = ["DELAY_STATUS"]
+magnitudes = [0.1]
 [[node_cases]]
 kind = "killed"
 nodes = ["controller", "plant"]
@@ -110,6 +124,29 @@ def test_the_receiver_of_a_fault_detects_it(results: list[Result]) -> None:
     assert {one.detected_by for one in of(results, "drop", "LATERAL")} == {"controller.silence"}
     assert {one.detected_by for one in of(results, "drop", "COMMAND")} == {"plant.silence"}
     assert {one.detected_by.split(".")[0] for one in of(results, "bit_flips", "COM")} == {"plant"}
+
+
+def test_what_no_node_receives_changes_nothing_whatever_happens_to_it(
+    results: list[Result],
+) -> None:
+    names = {"CONTROLLER_STATUS", "CONTROLLER_SAFETY", "DELAY_STATUS", "PLANT_STATUS"}
+    unheard = [one for one in results if one.where in names]
+    assert len(unheard) == 6
+    for one in unheard:
+        assert one.changed[0] > 0, one.name
+        assert (one.verdict, one.as_golden, one.counts) == (Verdict.NOT_DETECTABLE, True, {})
+    assert {one.as_golden for one in results if one not in unheard} == {None}
+    assert names == UNHEARD
+
+
+def test_a_run_that_is_not_the_golden_one_is_disturbed(
+    spec: CampaignSettings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A fault of the command, as if nobody listened to it."""
+    monkeypatch.setattr("tools.campaign.trial.is_heard_by_nobody", lambda _case: True)
+    scenario = next(one for one in scenarios_of(spec) if one.case.kind == "offset")
+    result = run_trial(scenario)
+    assert (result.verdict, result.as_golden) == (Verdict.DISTURBED, False)
 
 
 def test_a_plausible_offset_is_not_detectable_and_one_beyond_the_limiter_is(
@@ -189,7 +226,7 @@ def test_a_fault_that_nobody_sees_although_it_is_detectable_is_missed(
     expected = scenario.case.expected._replace(mechanisms=(Mechanism.E2E,))
     result = run_trial(scenario._replace(case=scenario.case._replace(expected=expected)))
     assert result.verdict is Verdict.MISSED
-    assert [one.holds for one in findings_of([result], 150.0)] == [False, True, True, True, True]
+    assert [one.holds for one in findings_of([result], 150.0)] == [False] + 5 * [True]
 
 
 def test_findings_fail_for_what_must_not_be(results: list[Result]) -> None:
@@ -199,10 +236,11 @@ def test_findings_fail_for_what_must_not_be(results: list[Result]) -> None:
         golden._replace(verdict=Verdict.UNSAFE, unsafe="command of 2 rad"),
         golden._replace(corrupted=1000, corrupted_accepted=3),
         golden._replace(bus_refused=1),
+        golden._replace(verdict=Verdict.DISTURBED, as_golden=False),
     ]
     for place, wrong in enumerate(cases, start=1):
         holds = [one.holds for one in findings_of([wrong], 150.0)]
-        assert holds == [place != number for number in range(5)]
+        assert holds == [place != number for number in range(6)]
 
 
 def test_the_residual_probability_of_the_crc_is_what_it_should_be() -> None:
@@ -252,7 +290,7 @@ def test_the_program_goes_on_where_it_was_left_and_compares(
     assert main([*arguments, "--compare", str(earlier)]) == 0
     printed = capsys.readouterr().out
     assert f"{len(lines) - 2} of {len(lines)} runs are there already" in printed
-    assert "fixed 1, unchanged 15, new failure 0, still failing 0" in printed
+    assert "fixed 1, unchanged 21, new failure 0, still failing 0" in printed
     assert {one.name for one in read_results(tmp_path / "now")} <= {one.name for one in results}
     page = ET.parse(tmp_path / "now" / "index.html")  # noqa: S314 our own
     assert page.getroot().tag == "html"

@@ -8,8 +8,6 @@ from tools.campaign.scenario import GOLDEN
 from tools.campaign.specification import NodeFaultKind
 from tools.campaign.trial import Result, Verdict
 
-_WITHOUT_ANSWER = (Verdict.NOT_DETECTABLE, Verdict.NO_EFFECT)
-
 
 class Finding(NamedTuple):
     """One thing that was to be shown, whether it was, and the figure."""
@@ -33,6 +31,7 @@ def findings_of(results: Sequence[Result], ftti_ms: float) -> list[Finding]:
         Finding("no invalid or out-of-limit value sent by a node", not unsafe, unsafe_texts),
         _protected(results),
         _queues(results),
+        _unheard(results),
     ]
 
 
@@ -87,6 +86,16 @@ def _queues(results: Sequence[Result]) -> Finding:
     if filled:
         figure = f"queues filled without a babbling node in {len(filled)} runs" + _first(filled)
     return Finding("no unbounded queue", not filled, figure)
+
+
+def _unheard(results: Sequence[Result]) -> Finding:
+    unheard = [result for result in results if result.as_golden is not None]
+    disturbed = [result for result in unheard if result.verdict is Verdict.DISTURBED]
+    figure = (
+        f"{len(unheard) - len(disturbed)} of {len(unheard)} runs are the golden one bit for bit, "
+        f"and nothing counted" + _first(disturbed)
+    )
+    return Finding("faults where no node listens change nothing", not disturbed, figure)
 
 
 def _first(results: Sequence[Result]) -> str:

@@ -18,7 +18,10 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
 
+from controller.node import RECEIVED as CONTROLLER_RECEIVES
+from dbc.messages import MESSAGE_TYPES
 from plant_emulator.fault_settings import ALL, FaultKind, FaultSettings
+from plant_emulator.node import RECEIVED as PLANT_RECEIVES
 from tools.campaign.node_faults import NodeFault
 from tools.campaign.specification import NodeFaultKind
 
@@ -31,6 +34,12 @@ LIMITER_RAD = 0.7
 PERIOD_S = 0.01
 STREAMS = frozenset({"LATERAL_ERROR", "STEERING_COMMAND", ALL})
 """Messages whose age is watched."""
+UNHEARD = frozenset(
+    name
+    for name, message_type in MESSAGE_TYPES.items()
+    if message_type not in (*CONTROLLER_RECEIVES, *PLANT_RECEIVES)
+)
+"""Messages for watching: no node receives them."""
 
 
 class Mechanism(StrEnum):
@@ -87,6 +96,8 @@ _TELLING = "a plausible value, valid CRC and counter: one source, nothing to com
 
 def expect_fault(fault: FaultSettings) -> Expectation:
     """Return what is expected of a fault of the stage at the plant's edge."""
+    if is_unheard(fault):
+        return Expectation((), False, "no node receives this message: nothing may change")
     is_stream = fault.message in STREAMS
     magnitude = fault.magnitude
     match fault.kind:
@@ -126,6 +137,11 @@ def expect_fault(fault: FaultSettings) -> Expectation:
             return Expectation((Mechanism.LIMITER,), False, "often beyond the limiter's angle")
         case _:
             return Expectation((), False, _TELLING)
+
+
+def is_unheard(fault: FaultSettings) -> bool:
+    """Whether no node receives what the fault acts on, nor what it makes of it."""
+    return fault.message in UNHEARD and fault.kind is not FaultKind.WRONG_IDENTIFIER
 
 
 def expect_node_fault(fault: NodeFault) -> Expectation:

@@ -12,7 +12,8 @@ from plant_emulator.node import PlantNode, motion_params
 from plant_emulator.settings import PlantSettings
 from runtime.bus_model import BusModel
 from runtime.node import NEVER_NS, NS_PER_S
-from tools.campaign.detectability import MECHANISM_OF
+from runtime.virtual_time import VirtualTimeExecutor
+from tools.campaign.detectability import MECHANISM_OF, is_unheard
 from tools.campaign.node_faults import with_node_fault
 from tools.campaign.observation import Watch, bounds_of
 from tools.campaign.scenario import Case, Scenario, controller_settings_of, plant_settings_of
@@ -50,7 +51,9 @@ def make_pair(scenario: Scenario) -> Pair:
     wanted = [cause for cause, by in MECHANISM_OF.items() if by in case.expected.mechanisms]
     kinds = {fault.kind for fault in case.faults}
     # Where frames are forged too, one that nobody has sent may be intact.
+    # Whom nobody receives, nobody can accept.
     is_corrupting = bool(kinds & _CORRUPTING) and not kinds & _FORGING
+    is_corrupting = is_corrupting and not all(map(is_unheard, case.faults))
 
     def watched(node: Any, name: str, peer_sent: set[Any] | None) -> Watch:
         own = wanted if case.receiver in (name, "both") else ()
@@ -71,6 +74,12 @@ def make_pair(scenario: Scenario) -> Pair:
     bus = BabbledBus(model, BABBLER_ID, start_ns, stop_ns)
     edge = FaultyNode(plant_watch, case.faults, scenario.seed)
     return Pair(node, edge, plant_watch, controller_watch, bus)
+
+
+def run_pair(scenario: Scenario, pair: Pair) -> None:
+    """Run a pair to the end of its motion."""
+    end_ns = round((scenario.spec.motion_s + 0.2) * NS_PER_S)
+    VirtualTimeExecutor((pair.edge, pair.controller), pair.bus).run(end_ns)
 
 
 def onset_ns_of(case: Case) -> int:

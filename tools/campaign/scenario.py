@@ -9,7 +9,12 @@ from controller.settings import ControllerSettings
 from plant_emulator.fault_settings import FaultSettings
 from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, read_preset
-from tools.campaign.detectability import Expectation, expect_fault, expect_node_fault
+from tools.campaign.detectability import (
+    Expectation,
+    expect_fault,
+    expect_node_fault,
+    is_unheard,
+)
 from tools.campaign.node_faults import NodeFault
 from tools.campaign.specification import (
     BUS,
@@ -70,8 +75,8 @@ def scenarios_of(spec: CampaignSettings) -> Iterator[Scenario]:
     for point in spec.points:
         for law in spec.laws:
             for number in range(spec.golden_seeds):
-                golden = Case(GOLDEN, "", 0.0, _BOTH, (), None, Expectation((), False, "no fault"))
-                yield Scenario(golden, point, law, _seed(spec, f"{point.name}{law}", number), spec)
+                seed = _seed(spec, f"{point.name}{law}", number)
+                yield Scenario(golden_case(), point, law, seed, spec)
     for point in spec.points:
         for law in spec.laws:
             yield from _faulty(spec, point, law)
@@ -91,6 +96,8 @@ def _faulty(spec: CampaignSettings, point: PointSettings, law: str) -> Iterator[
                     duration_s=spec.fault_s,
                     magnitude=magnitude,
                 )
+                if is_unheard(fault):  # held against the first golden run
+                    seed = _seed(spec, f"{point.name}{law}", 0)
                 yield Scenario(case_of_fault(fault), point, law, seed, spec)
     for node_table in spec.node_cases:
         for node in node_table.nodes:
@@ -99,6 +106,11 @@ def _faulty(spec: CampaignSettings, point: PointSettings, law: str) -> Iterator[
                 onset_s = _onset_s(spec, seed)
                 node_fault = NodeFault(node_table.kind, node, onset_s, spec.fault_s, magnitude)
                 yield Scenario(case_of_node_fault(node_fault), point, law, seed, spec)
+
+
+def golden_case() -> Case:
+    """Return the case without a fault."""
+    return Case(GOLDEN, "", 0.0, _BOTH, (), None, Expectation((), False, "no fault"))
 
 
 def case_of_fault(fault: FaultSettings) -> Case:

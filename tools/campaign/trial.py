@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 from plant_emulator.plant_samples import PlantSample
 from runtime.node import NS_PER_S
-from runtime.virtual_time import VirtualTimeExecutor
 from tools.campaign.detectability import MECHANISM_OF, Mechanism
 from tools.campaign.observation import SAFE_CAUSES, Watch
-from tools.campaign.pair import Pair, make_pair, onset_ns_of
+from tools.campaign.pair import Pair, make_pair, onset_ns_of, run_pair
 from tools.campaign.scenario import GOLDEN, Case, Scenario
 from tools.campaign.specification import CONTROLLER, PLANT
+from tools.campaign.unheard import is_as_golden, is_heard_by_nobody
 
 
 class Verdict(StrEnum):
@@ -28,9 +28,17 @@ class Verdict(StrEnum):
     LATE = "late"
     FALSE_ALARM = "false alarm"
     UNSAFE = "unsafe"
+    DISTURBED = "disturbed"
+    """A fault where no node listens, and yet the run is not the one without it."""
 
 
-FAILURES = (Verdict.MISSED, Verdict.LATE, Verdict.FALSE_ALARM, Verdict.UNSAFE)
+FAILURES = (
+    Verdict.MISSED,
+    Verdict.LATE,
+    Verdict.FALSE_ALARM,
+    Verdict.UNSAFE,
+    Verdict.DISTURBED,
+)
 
 
 class Result(NamedTuple):
@@ -43,6 +51,8 @@ class Result(NamedTuple):
     ``told_s``        from the first effect to the first frame sent that says so
     ``counts``        what either node counted after the onset
     ``corrupted``     frames delivered that nobody has sent so; ``corrupted_accepted`` of them
+    ``as_golden``     of a fault where no node listens: whether motion and commands are, bit for
+                      bit, those of the run without it
     """
 
     name: str
@@ -69,13 +79,13 @@ class Result(NamedTuple):
     bus_refused: int
     unsafe: str
     verdict: str
+    as_golden: bool | None = None
 
 
 def run_trial(scenario: Scenario) -> Result:
     """Run a scenario; equal scenarios give equal results."""
     pair = make_pair(scenario)
-    end_ns = round((scenario.spec.motion_s + 0.2) * NS_PER_S)
-    VirtualTimeExecutor((pair.edge, pair.controller), pair.bus).run(end_ns)
+    run_pair(scenario, pair)
     return _result(scenario, pair)
 
 
@@ -91,6 +101,7 @@ def _result(scenario: Scenario, pair: Pair) -> Result:
     }
     times = _times(case, pair, effect_ns)
     unsafe = "; ".join(dict.fromkeys([*pair.plant.invalid, *pair.controller.invalid]))
+    as_golden = is_as_golden(scenario, pair) if is_heard_by_nobody(case) else None
     is_idle = case.kind != GOLDEN and case.node_fault is None and not any(changed)
     samples = _after(pair.plant_node.samples, effect_ns)
     return Result(
@@ -113,7 +124,8 @@ def _result(scenario: Scenario, pair: Pair) -> Result:
         corrupted_accepted=pair.plant.corrupted_accepted + pair.controller.corrupted_accepted,
         bus_refused=pair.bus.refused,
         unsafe=unsafe,
-        verdict=_verdict(scenario, times, counts, unsafe, is_idle),
+        verdict=_verdict(scenario, times, counts, unsafe, is_idle, as_golden),
+        as_golden=as_golden,
     )
 
 
@@ -181,7 +193,12 @@ def _since(
 
 
 def _verdict(
-    scenario: Scenario, times: _Times, counts: Mapping[str, int], unsafe: str, is_idle: bool
+    scenario: Scenario,
+    times: _Times,
+    counts: Mapping[str, int],
+    unsafe: str,
+    is_idle: bool,
+    as_golden: bool | None,
 ) -> Verdict:
     case, ftti_s = scenario.case, 1e-3 * scenario.spec.ftti_ms
     if unsafe:
@@ -190,6 +207,8 @@ def _verdict(
         return Verdict.FALSE_ALARM if counts else Verdict.PASSED
     if is_idle:
         return Verdict.NO_EFFECT
+    if as_golden is not None and (counts or not as_golden):
+        return Verdict.DISTURBED
     if not case.expected.mechanisms:
         return Verdict.NOT_DETECTABLE
     if times.fdti_s is None or times.fhti_s is None:

@@ -1,0 +1,44 @@
+"""Faults on messages that no node receives: the run has to be the golden one, bit for bit.
+
+Such messages are for watching alone. Nobody in the loop can detect what happens to them, and
+nobody may act otherwise for it: every sample of the plant and every command must be the same as in
+the run of the same seed without a fault.
+"""
+
+from functools import lru_cache
+from hashlib import sha256
+
+import numpy as np
+
+from dbc.messages import CAN_IDS, SteeringCommand
+from tools.campaign.detectability import is_unheard
+from tools.campaign.pair import Pair, make_pair, run_pair
+from tools.campaign.scenario import Case, Scenario, golden_case
+
+_COMMAND_ID = CAN_IDS[SteeringCommand]
+_GOLDEN_KEPT = 32
+
+
+def is_heard_by_nobody(case: Case) -> bool:
+    """Whether all that goes wrong does so where no node listens."""
+    return bool(case.faults) and all(map(is_unheard, case.faults))
+
+
+def is_as_golden(scenario: Scenario, pair: Pair) -> bool:
+    """Whether a run that is over moved as the run without a fault does."""
+    return _digest(pair) == _golden(scenario._replace(case=golden_case()))
+
+
+@lru_cache(_GOLDEN_KEPT)
+def _golden(scenario: Scenario) -> str:
+    pair = make_pair(scenario)
+    run_pair(scenario, pair)
+    return _digest(pair)
+
+
+def _digest(pair: Pair) -> str:
+    """Return what tells one motion from another: samples with all their bits, and commands."""
+    told = sha256(np.array(pair.plant_node.samples, dtype=np.float64).tobytes())
+    commands = sorted(frame.data for frame in pair.controller.sent if frame.can_id == _COMMAND_ID)
+    told.update(b"".join(commands))
+    return told.hexdigest()
