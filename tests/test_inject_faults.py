@@ -12,8 +12,10 @@ from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
 
+import can
 import pytest
 
+from controller.node import ControllerNode
 from dbc.messages import (
     CAN_IDS,
     ControllerFault,
@@ -32,14 +34,21 @@ from dbc.messages import (
     encode,
 )
 from plant_emulator.fault_settings import FaultKind
+from plant_emulator.node import PlantNode
 from plant_emulator.settings import PlantSettings
+from runtime.bus import BusPort
+from runtime.bus_model import BusModel
 from runtime.emulated_bus.launch import launched_broker
 from runtime.frame import ERROR, FD, Frame
 from runtime.frame_length import INTERMISSION_BITS, frame_bits
 from runtime.node import NEVER_NS, NS_PER_S
-from runtime.settings import load_settings
+from runtime.settings import SettingsError, load_settings
+from runtime.virtual_time import VirtualTimeExecutor
 from tests.running_program import running, wait_until
 from tools import inject_faults
+from tools.campaign.node_faults import NodeFault, with_node_fault
+from tools.campaign.scenario import controller_settings_of
+from tools.campaign.specification import NodeFaultKind
 from tools.campaign_live.cases import CASES, CONTROLLER, PLANT, LiveCase
 from tools.campaign_live.judgement import (
     Outcome,
@@ -58,6 +67,7 @@ from tools.campaign_live.presentation import (
     record_of,
 )
 from tools.campaign_live.trial import Trial, plant_settings, write_excerpt, write_key
+from tools.live_faults.bus_off import BusOffFault
 from tools.live_faults.frames import FRAMES_AT_ONCE, FrameSource, frame_source, recording_of
 from tools.live_faults.kinds import (
     FRAME_KINDS,
@@ -587,3 +597,60 @@ def test_every_frame_and_process_fault_is_in_the_live_campaign() -> None:
 def test_every_fault_of_the_plants_settings_is_live_there_or_on_the_bus() -> None:
     at_plant = {str(case.at_plant["kind"]) for case in CASES if case.at_plant}
     assert at_plant | set(LiveKind) >= set(FaultKind)
+
+
+# Bus-off and clocks
+
+
+def test_a_node_is_in_bus_off_from_onset_to_end_or_until_the_injector_goes() -> None:
+    fault = parse_fault("bus_off,onset_s=1,duration_s=2,of=controller")
+    options = {"interface": "emulated", "channel": "can0"}
+    with (
+        launched_broker(["--allow-bus-off"]) as address,
+        can.Bus(**options, address=address) as node,  # type: ignore[arg-type]
+        can.Bus(**options, address=address) as own,  # type: ignore[arg-type]
+    ):
+        node.send(can.Message(arbitration_id=COMMAND_ID, is_extended_id=False))
+        assert own.recv(10.0) is not None
+        port = BusPort(own)
+        whole, cut, early = (BusOffFault(fault, START_NS, port) for _ in range(3))
+        assert whole.next_due_ns == START_NS + NS_PER_S
+        assert whole.act(START_NS) == ""
+        assert whole.act(START_NS + NS_PER_S) == "bus-off"
+        assert whole.next_due_ns == START_NS + 3 * NS_PER_S
+        assert whole.act(START_NS + 3 * NS_PER_S) == "restart"
+        assert whole.close() == "", "nothing lasts"
+        heard = [node.recv(10.0) for _ in range(2)]
+        assert [one and one.arbitration_id for one in heard] == [0x40, 0x100]
+        assert cut.act(START_NS + NS_PER_S) == "bus-off"
+        assert cut.close() == "restart"
+        assert early.close() == "", "it has not begun"
+
+
+def test_a_broker_that_takes_no_bus_off_is_told_before_anything_begins() -> None:
+    with (
+        launched_broker() as address,
+        can.Bus(interface="emulated", channel="can0", address=address) as bus,
+        pytest.raises(SettingsError, match="start its broker with --allow-bus-off"),
+    ):
+        BusOffFault(parse_fault("bus_off"), START_NS, BusPort(bus))
+
+
+def struck_in_virtual_time(kind: NodeFaultKind, jump_s: float) -> dict[str, Any]:
+    """The controller's report after 3 s, struck after 1 s."""
+    controller = ControllerNode(controller_settings_of("practical_pd"), 0)
+    fault = NodeFault(kind, "controller", 1.0, jump_s, jump_s)
+    struck = with_node_fault(controller, "controller", fault)
+    plant = PlantNode(PlantSettings(duration_s=60.0), 0)
+    VirtualTimeExecutor([plant, struck], BusModel(BITRATE_BIT_S)).run(3 * NS_PER_S)
+    return dict(controller.report())
+
+
+@pytest.mark.parametrize("jump_s", [0.015, 0.1, 0.5])
+def test_a_pause_shows_a_node_on_its_own_clock_what_a_jump_does(jump_s: float) -> None:
+    jumped = struck_in_virtual_time(NodeFaultKind.CLOCK_JUMP, jump_s)
+    paused = struck_in_virtual_time(NodeFaultKind.PAUSED, jump_s)
+    assert jumped["skipped_ticks"] == paused["skipped_ticks"] == int(jump_s * 100)
+    assert jumped["rejected"] == paused["rejected"] == {}
+    # What waited for the paused one is fresh when it goes on; the other one has nothing so young.
+    assert (jumped["holds"], paused["holds"]) == (int(jump_s > 0.135), 0)

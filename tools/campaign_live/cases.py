@@ -29,7 +29,7 @@ class LiveCase(NamedTuple):
     """One run.
 
     ``fault``      as ``tools.inject_faults`` takes it, without its times; empty for none of its
-    ``target``     the program that is stopped or killed
+    ``targets``    the programs that are stopped or killed
     ``with_key``   whether the pair authenticates its frames, by CAN FD and a key of its own
     ``expected``   by program, the counts of which one must have risen
     ``at_plant``   one of the plant's ``[[faults]]`` instead, without its times
@@ -40,7 +40,7 @@ class LiveCase(NamedTuple):
     name: str
     fault: str
     expected: Mapping[str, frozenset[str]]
-    target: str = ""
+    targets: tuple[str, ...] = ()
     with_key: bool = False
     at_plant: Mapping[str, str | float] = MappingProxyType({})
     reconnects: bool = False
@@ -113,18 +113,25 @@ CASES = (
         LiveKind.NOISE,
         _by(plant=_CONTENT, controller=_CONTENT),
     ),
-    LiveCase("plant paused", LiveKind.PAUSE, _by(controller=_SILENCE), PLANT),
+    LiveCase("plant paused", LiveKind.PAUSE, _by(controller=_SILENCE), (PLANT,)),
     LiveCase(
-        "controller paused", LiveKind.PAUSE, _by(plant=_SILENCE, controller=_SKIPPED), CONTROLLER
+        "controller paused", LiveKind.PAUSE, _by(plant=_SILENCE, controller=_SKIPPED), (CONTROLLER,)
     ),
     LiveCase(
         "controller's clock jumps 1 s",
         f"{LiveKind.CLOCK_JUMP},magnitude=1",
         _by(plant=_SILENCE, controller=_SKIPPED),
-        CONTROLLER,
+        (CONTROLLER,),
     ),
-    LiveCase("plant killed", LiveKind.KILL, _by(controller=_SILENCE), PLANT),
-    LiveCase("controller killed", LiveKind.KILL, _by(plant=_SILENCE), CONTROLLER),
+    # As when their machine was suspended: nobody has sent meanwhile, so nothing waits for them.
+    LiveCase(
+        "both clocks jump 1 s",
+        f"{LiveKind.CLOCK_JUMP},magnitude=1",
+        _by(plant=_SILENCE, controller=_SILENCE),
+        (PLANT, CONTROLLER),
+    ),
+    LiveCase("plant killed", LiveKind.KILL, _by(controller=_SILENCE), (PLANT,)),
+    LiveCase("controller killed", LiveKind.KILL, _by(plant=_SILENCE), (CONTROLLER,)),
     LiveCase(
         "plant in bus-off",
         f"{LiveKind.BUS_OFF},of=plant",
@@ -155,9 +162,9 @@ CASES = (
         "uplink",
         "out_of_range",
         0.5,
-        _by(controller=frozenset({"out_of_range"})),
+        _by(controller=frozenset({"out_of_range", "not_available"})),
     ),
-    _at_plant("commands 0.6 rad off", "downlink", "offset", 0.6, _by(plant=frozenset({LIMITED}))),
+    _at_plant("commands 0.9 rad off", "downlink", "offset", 0.9, _by(plant=frozenset({LIMITED}))),
     # A plausible value with a valid CRC and counter shows a receiver nothing.
     _at_plant("measurements stuck", "uplink", "stuck", 1.0, _by()),
     _at_plant("measurements 0.1 m off", "uplink", "offset", 0.1, _by()),

@@ -155,7 +155,7 @@ def mistakes_of(trial: Trial, counts: Mapping[str, Mapping[str, int]]) -> Iterat
     elif case.fault and not trial.actions:
         yield "the injector did nothing"
     for name, status in trial.statuses.items():
-        is_killed = name == case.target and case.fault.startswith("kill")
+        is_killed = name in case.targets and case.fault.startswith("kill")
         if status != case.ends.get(name, _SIGKILL_STATUS if is_killed else 0):
             yield f"{name} has ended with status {status}"
     yield from (f"left behind: {what}" for what in trial.left)

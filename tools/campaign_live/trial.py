@@ -142,11 +142,11 @@ def plant_settings(case: LiveCase) -> str:
 
 
 def _options(crew: Crew, case: LiveCase, seed: int, recording: Path) -> list[str]:
-    options = [case.argument, "--seed", str(seed)]
-    options += ["--report", str(crew.path(_INJECTOR, ".json"))]
-    if case.target:
-        return [*options, "--pid", str(crew.pids()[case.target])]
-    return [*options, "--recording", str(recording), *_bus_options(crew)]
+    options = ["--seed", str(seed), "--report", str(crew.path(_INJECTOR, ".json"))]
+    if case.targets:
+        pids = crew.pids()
+        return [*(f"{case.argument},pid={pids[name]}" for name in case.targets), *options]
+    return [case.argument, *options, "--recording", str(recording), *_bus_options(crew)]
 
 
 def _bus_options(crew: Crew) -> list[str]:
