@@ -10,9 +10,12 @@ State: side slip β, yaw rate r, heading error Δψ and lateral error y of SAE 2
     x ← x + K ((y, Δψ) - H x)                            where the sample's LATERAL_ERROR came
 
 with the gain K at which the filter settles, from ``controller.predictor_design`` for each speed;
-u[k] is what the plant has said it applied from sample k to k + 1. A measurement is used at the
-sample it was taken at: the filter stays at the newest sample of which both measurement and echo are
-known or lost for good, and runs on from there, at every tick anew, through what has come early.
+u[k] is what the plant has said it applied from sample k to k + 1: the command that the echo names,
+and where the steering overrules it (hold, fallback, limits) the angle of the wheel, which without a
+lag is the input itself and behind one lags twice, for as long as that lasts. A measurement is used
+at the sample it was taken at: the filter stays at the newest sample of which both measurement and
+echo are known or lost for good, and runs on from there, at every tick anew, through what has come
+early.
 """
 
 from typing import NamedTuple
@@ -149,15 +152,25 @@ def sent_at(history: History, tick: int) -> float:
     return history.sent_rad[tick & history.tick_mask] if tick >= 0 else 0.0
 
 
+def _acting_at(history: History, index: int) -> float:
+    """Return what the wheel was told at a sample [rad]; ``index`` is the sample's, masked."""
+    if history.is_overruled[index]:
+        return history.wheel_rad[index]
+    return sent_at(history, history.applied_tick[index])
+
+
 def command_from(p: LinkParams, link: Link, history: History, sample: int) -> float:
     """Return the mean command from ``sample`` to the next, as echoed or as expected [rad]."""
     mask = history.sample_mask
     if sample < link.echo_sample:
-        before, after = history.applied_tick[sample & mask], history.applied_tick[sample + 1 & mask]
-        if before == after:
-            return sent_at(history, before)
+        before, after = sample & mask, (sample + 1) & mask
+        if history.is_overruled[before] or history.is_overruled[after]:
+            return 0.5 * (_acting_at(history, before) + _acting_at(history, after))
+        tick, tick_after = history.applied_tick[before], history.applied_tick[after]
+        if tick == tick_after:
+            return sent_at(history, tick)
         # When between the two samples it changed is not known.
-        return 0.5 * (sent_at(history, before) + sent_at(history, after))
+        return 0.5 * (sent_at(history, tick) + sent_at(history, tick_after))
     earliest = history.applied_tick[link.echo_sample & mask] if link.echo_sample >= 0 else -1
     begin = (sample * p.sensor_period_ns - link.delay_ns) / p.period_ns
     return _mean_command(history, begin, p.sensor_period_ns / p.period_ns, earliest, link.tick - 1)

@@ -46,6 +46,8 @@ class History(NamedTuple):
     ``sent_rad``         the command of a tick [rad]
     ``lateral_error_m``  of a sample; not to be read where ``has_error`` is not true
     ``applied_tick``     the tick whose command was in effect at a sample, -1 for none
+    ``is_overruled``     whether the steering led the wheel elsewhere at a sample than its command
+    ``wheel_rad``        where it was then; not to be read where ``is_overruled`` is not true [rad]
     """
 
     tick_mask: int
@@ -55,11 +57,13 @@ class History(NamedTuple):
     heading_error_rad: Sequence[float]
     has_error: Sequence[bool]
     applied_tick: Sequence[int]
+    is_overruled: Sequence[bool]
+    wheel_rad: Sequence[float]
 
 
 NO_VEHICLE = VehicleReading(0.0, 0.0, 0.0)
 NO_LINK = Link(0, -1, -1, 0.0, False)
-NO_HISTORY = History(0, 0, (0.0,), (0.0,), (0.0,), (False,), (-1,))
+NO_HISTORY = History(0, 0, (0.0,), (0.0,), (0.0,), (False,), (-1,), (False,), (0.0,))
 
 
 class LawInput(NamedTuple):

@@ -17,6 +17,18 @@ E2E_COUNTERS = 256
 COMMAND_COUNTERS = 1 << 16
 
 
+IGNORING = frozenset(
+    {
+        SteeringStatusCode.HOLDING,
+        SteeringStatusCode.FALLBACK,
+        SteeringStatusCode.SAFE_STATE,
+    }
+)
+"""The steering follows no command: of the delay an echo then says only how long none has come."""
+OVERRULED = IGNORING | {SteeringStatusCode.LIMITED_BY_SAFETY}
+"""The wheel's target is not the command that the echo names."""
+
+
 class Newest(NamedTuple):
     """The newest sample of one message, and when it arrived [ns]."""
 
@@ -38,6 +50,8 @@ class LinkMemory:
         self._has_vehicle = False
         self._sent_rad = [0.0] * RING_SIZE
         self._applied_tick = [-1] * RING_SIZE
+        self._is_overruled = [False] * RING_SIZE
+        self._wheel_rad = [0.0] * RING_SIZE
         self._has_error = [False] * RING_SIZE
         self._error_m = [0.0] * RING_SIZE
         self._heading_rad = [0.0] * RING_SIZE
@@ -54,6 +68,8 @@ class LinkMemory:
             self._heading_rad,
             self._has_error,
             self._applied_tick,
+            self._is_overruled,
+            self._wheel_rad,
         )
 
     @property
@@ -81,18 +97,22 @@ class LinkMemory:
             self._error = newest
 
     def on_echo(self, status: SteeringStatus, counter: int, now_ns: int) -> None:
-        """Keep which command was in effect at a sample."""
+        """Keep which command was in effect at a sample, and where the wheel was if none acted."""
         newest = self._numbered(self._echo, self._error, counter, now_ns)
         if newest.sample < 0:
             return
-        before = -1 if self._echo is None else self._applied_tick[self._echo.sample % RING_SIZE]
-        self._fill(self._echo, newest, lambda index: self._hold_applied(index, before))
+        before = (-1, False, 0.0)
+        if self._echo is not None:
+            before = self._acting(self._echo.sample % RING_SIZE)
+        self._fill(self._echo, newest, lambda index: self._set_acting(index, *before))
         if self._echo is None or newest.sample > self._echo.sample:
             tick = self._tick_of(status)
-            self._applied_tick[newest.sample % RING_SIZE] = tick
+            index, is_overruled = newest.sample % RING_SIZE, status.status in OVERRULED
+            self._set_acting(index, tick, is_overruled, status.wheel_angle_rad)
             if self._is_late(now_ns):  # another network since, or another plant
                 self._delay = NO_DELAY
-            self._delay = delay_step(self._params, self._delay, newest.sample, tick)
+            if status.status not in IGNORING:
+                self._delay = delay_step(self._params, self._delay, newest.sample, tick)
             self._echo = newest
 
     def on_command(self, period: int, sent_rad: float) -> None:
@@ -150,8 +170,13 @@ class LinkMemory:
     def _forget_error(self, index: int) -> None:
         self._has_error[index] = False
 
-    def _hold_applied(self, index: int, tick: int) -> None:
+    def _acting(self, index: int) -> tuple[int, bool, float]:
+        return self._applied_tick[index], self._is_overruled[index], self._wheel_rad[index]
+
+    def _set_acting(self, index: int, tick: int, is_overruled: bool, wheel_rad: float) -> None:
         self._applied_tick[index] = tick
+        self._is_overruled[index] = is_overruled
+        self._wheel_rad[index] = wheel_rad
 
     def _tick_of(self, status: SteeringStatus) -> int:
         """Return the tick whose command is in effect, -1 where it is none or too old to know."""

@@ -151,6 +151,13 @@ def guard_fault(x: GuardState, time_ns: int) -> GuardState:
     return GuardState(_SAFE_STATE, x.limiter, x.arrived_ns, time_ns, 0, 0.0)
 
 
+def is_overruled(x: GuardState) -> bool:
+    """Whether the target is not the newest command as it is: kept, led back, faded or limited."""
+    if x.mode == _FOLLOWING:
+        return x.fade_rad != 0.0 or x.limiter.cause != 0
+    return x.mode > _FOLLOWING
+
+
 def _towards_zero(value: float, step: float) -> float:
     """Return ``value`` moved towards zero by at most ``step``."""
     return value - min(max(value, -step), step)

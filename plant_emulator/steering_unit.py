@@ -14,6 +14,7 @@ from plant_emulator.steering_guard import (
     guard_fault,
     guard_timer,
     guard_wheel,
+    is_overruled,
     start_guard,
 )
 from runtime.node import NEVER_NS, NS_PER_S
@@ -128,7 +129,7 @@ class SteeringUnit:
         code = _CODES.get(self.mode)
         if code is not None:
             return code
-        if self._state.limiter.cause != Cause.NONE:
+        if is_overruled(self._state):
             return SteeringStatusCode.LIMITED_BY_SAFETY
         if actuator_is_limited:
             return SteeringStatusCode.LIMITED

@@ -1,7 +1,9 @@
 """The predictor's parts against independent views, and the law through network and faults."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -198,7 +200,11 @@ def test_the_sampled_model_over_two_periods_is_that_of_one_twice() -> None:
 SENT = [0.1 * tick for tick in range(64)]
 
 
-def history(applied: Callable[[int], int] = lambda sample: sample - 3) -> History:
+def history(
+    applied: Callable[[int], int] = lambda sample: sample - 3,
+    overruled: Mapping[int, float] = MappingProxyType({}),
+) -> History:
+    """Return what was sent, applied, and by sample where the wheel was instead."""
     return History(
         63,
         63,
@@ -207,6 +213,8 @@ def history(applied: Callable[[int], int] = lambda sample: sample - 3) -> Histor
         [0.0] * 64,
         [True] * 64,
         [applied(sample) for sample in range(64)],
+        [sample in overruled for sample in range(64)],
+        [overruled.get(sample, math.nan) for sample in range(64)],
     )
 
 
@@ -225,6 +233,16 @@ def test_where_both_echoes_name_one_command_it_is_that() -> None:
 def test_where_two_echoes_name_two_commands_it_is_half_of_each() -> None:
     link = Link(30, 20, 20, 30.0 * MS, True)
     assert command_from(LINK, link, history(), 10) == pytest.approx(0.5 * (SENT[7] + SENT[8]))
+
+
+def test_where_the_steering_overrules_its_command_it_is_the_wheel() -> None:
+    link = Link(30, 20, 20, 30.0 * MS, True)
+    wheel = {10: 0.5, 11: 0.3, 12: 0.2}
+    seen = history(lambda _: 12, wheel)
+    assert command_from(LINK, link, seen, 9) == pytest.approx(0.5 * (SENT[12] + 0.5))
+    assert command_from(LINK, link, seen, 10) == pytest.approx(0.4)
+    assert command_from(LINK, link, seen, 12) == pytest.approx(0.5 * (0.2 + SENT[12]))
+    assert command_from(LINK, link, seen, 13) == SENT[12]
 
 
 def test_where_no_command_is_applied_there_is_no_steer() -> None:

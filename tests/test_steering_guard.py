@@ -366,6 +366,20 @@ def test_fade_and_run_end_with_what_they_belong_to() -> None:
     assert guarded.x[0:1] + guarded.x[2:] == (4, 650 * MS_NS, 655 * MS_NS, 0, 0.0)
 
 
+def test_a_command_is_overruled_unless_it_is_followed_as_it_is() -> None:
+    x = Guarded().x
+    for mode, name in enumerate(MODES):
+        for cause in (0, 1, 2, 5):
+            for fade_rad in (0.0, 1e-6, -1e-6, 0.5, -0.5):
+                limiter = x.limiter._replace(cause=cause)
+                state = x._replace(mode=mode, limiter=limiter, fade_rad=fade_rad)
+                if name == "FOLLOWING":
+                    expected = cause != 0 or fade_rad != 0.0
+                else:
+                    expected = name != "NO_COMMAND"
+                assert tested.is_overruled(state) is expected
+
+
 EQUIVALENT = {
     # SAFE_STATE is the greatest mode.
     "x.mode == _SAFE_STATE  ->  x.mode >= _SAFE_STATE",
@@ -373,6 +387,9 @@ EQUIVALENT = {
     "mode != _SAFE_STATE  ->  mode < _SAFE_STATE",
     # SAFE_STATE is dealt with before.
     "x.mode == _FALLBACK  ->  x.mode >= _FALLBACK",
+    # FOLLOWING is dealt with before; a cause is not negative.
+    "x.mode > _FOLLOWING  ->  x.mode >= _FOLLOWING",
+    "x.limiter.cause != 0  ->  x.limiter.cause > 0",
     # A run grows by one, so it meets the number before it exceeds it.
     "good_run < p.recovery_frames  ->  good_run != p.recovery_frames",
     # A step of a ramp is not negative.

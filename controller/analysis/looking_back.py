@@ -229,6 +229,8 @@ class _Wire:
             self.heading_error_rad,
             [True] * _RING,
             applied,
+            [False] * _RING,
+            [0.0] * _RING,
         )
 
     def seen(self, tick: int) -> LawInput:

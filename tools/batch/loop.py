@@ -214,7 +214,7 @@ def _plant_until(
             r.curvature_1_m[at] = z.linear.curvature_1_m
             r.command[at] = in_effect
             reading_m = z.linear.lateral_error_m + s.noise_m[at]
-            record_wire(wire, sample, z.linear)
+            record_wire(wire, sample, z.linear, guard)
             sample += 1
             if not abs(reading_m) <= c.lateral_error_m_max:
                 return Progress(z, guard, sample, command, in_effect), LEFT_RANGE

@@ -54,6 +54,7 @@ _STEP_FUNCTIONS: tuple[Callable[..., Any], ...] = (
     estimator.correction_step,
     estimator.sent_at,
     estimator._mean_command,
+    estimator._acting_at,
     estimator.command_from,
     estimator.estimate_to,
     estimator.start_estimate,
@@ -102,6 +103,7 @@ _STEP_FUNCTIONS: tuple[Callable[..., Any], ...] = (
     steering_guard.guard_command,
     steering_guard.guard_timer,
     steering_guard.guard_wheel,
+    steering_guard.is_overruled,
 )
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from controller.law_interface import History, LawInput, Link, VehicleReading
 from plant_emulator.propagation import LinearState
+from plant_emulator.steering_guard import GuardState, is_overruled
 from tools.batch.borrowing import borrowed_floats, borrowed_ints
 from tools.batch.compilation import compiled, compiled_inline
 
@@ -33,7 +34,10 @@ class Wire(NamedTuple):
     ``*_sample``        the newest sample at each tick, -1 for none, of each message
     ``is_measured``     whether the delay and the speed are known at each tick, 0 or 1
     ``has_error``       whether a sample's LATERAL_ERROR came, 0 or 1
+    ``has_echo``        whether a sample's STEERING_STATUS came, 0 or 1
     ``applied_tick``    the tick whose command each sample's echo names, -1 for none
+    ``is_overruled``    whether a sample's echo says that the wheel's target is another, 0 or 1; and
+    ``wheel_rad``       where it says the wheel is; written while the run goes on
     ``measured_*``      as on the wire; written while the run goes on
     ``*_resolution_*``  of the signals, and the ranges they are clamped to
     """
@@ -44,18 +48,23 @@ class Wire(NamedTuple):
     delay_ns: NDArray[np.float64]
     is_measured: NDArray[np.int64]
     has_error: NDArray[np.int64]
+    has_echo: NDArray[np.int64]
     applied_tick: NDArray[np.int64]
     heading_noise_rad: NDArray[np.float64]
     yaw_rate_noise_rad_s: NDArray[np.float64]
     measured_heading_rad: NDArray[np.float64]
     measured_yaw_rate_rad_s: NDArray[np.float64]
     measured_curvature_1_m: NDArray[np.float64]
+    is_overruled: NDArray[np.int64]
+    wheel_rad: NDArray[np.float64]
     speed_m_s: float
     heading_resolution_rad: float
     yaw_rate_resolution_rad_s: float
     yaw_rate_rad_s_max: float
     curvature_resolution_1_m: float
     curvature_1_m_max: float
+    wheel_resolution_rad: float
+    wheel_rad_max: float
 
 
 NO_WIRE = NoWire(0)
@@ -76,7 +85,7 @@ def borrowed_wire(wire: Any) -> Any:
     raise NotImplementedError("for compiled code")
 
 
-def record_wire(wire: Any, sample: int, z: LinearState) -> None:
+def record_wire(wire: Any, sample: int, z: LinearState, guard: GuardState) -> None:
     """Keep what the sensors report of a sample besides its lateral error."""
     raise NotImplementedError("for compiled code")
 
@@ -97,18 +106,23 @@ def _borrowed(w: Wire) -> Wire:
         borrowed_floats(w.delay_ns),
         borrowed_ints(w.is_measured),
         borrowed_ints(w.has_error),
+        borrowed_ints(w.has_echo),
         borrowed_ints(w.applied_tick),
         borrowed_floats(w.heading_noise_rad),
         borrowed_floats(w.yaw_rate_noise_rad_s),
         borrowed_floats(w.measured_heading_rad),
         borrowed_floats(w.measured_yaw_rate_rad_s),
         borrowed_floats(w.measured_curvature_1_m),
+        borrowed_ints(w.is_overruled),
+        borrowed_floats(w.wheel_rad),
         w.speed_m_s,
         w.heading_resolution_rad,
         w.yaw_rate_resolution_rad_s,
         w.yaw_rate_rad_s_max,
         w.curvature_resolution_1_m,
         w.curvature_1_m_max,
+        w.wheel_resolution_rad,
+        w.wheel_rad_max,
     )
 
 
@@ -124,7 +138,7 @@ def _in_one_turn(angle_rad: float) -> float:
 
 
 @compiled
-def _record(w: Wire, sample: int, z: LinearState) -> None:
+def _record(w: Wire, sample: int, z: LinearState, guard: GuardState) -> None:
     heading_rad = _in_one_turn(z.heading_error_rad + w.heading_noise_rad[sample])
     yaw_rate_rad_s = z.yaw_rate_rad_s + w.yaw_rate_noise_rad_s[sample]
     yaw_rate_rad_s = min(max(yaw_rate_rad_s, -w.yaw_rate_rad_s_max), w.yaw_rate_rad_s_max)
@@ -132,6 +146,15 @@ def _record(w: Wire, sample: int, z: LinearState) -> None:
     w.measured_heading_rad[sample] = on_wire(heading_rad, w.heading_resolution_rad)
     w.measured_yaw_rate_rad_s[sample] = on_wire(yaw_rate_rad_s, w.yaw_rate_resolution_rad_s)
     w.measured_curvature_1_m[sample] = on_wire(curvature_1_m, w.curvature_resolution_1_m)
+    if w.has_echo[sample]:
+        wheel_rad = min(max(z.wheel_rad, -w.wheel_rad_max), w.wheel_rad_max)
+        w.is_overruled[sample] = is_overruled(guard)
+        w.wheel_rad[sample] = on_wire(wheel_rad, w.wheel_resolution_rad)
+    elif sample > 0:  # taken for what the last echo said
+        w.is_overruled[sample] = w.is_overruled[sample - 1]
+        w.wheel_rad[sample] = w.wheel_rad[sample - 1]
+    else:
+        w.is_overruled[sample], w.wheel_rad[sample] = 0, 0.0
 
 
 @compiled
@@ -155,7 +178,17 @@ def _seen(
             w.delay_ns[tick],
             w.is_measured[tick] != 0,
         ),
-        History(-1, -1, sent_rad, measured_m, w.measured_heading_rad, w.has_error, w.applied_tick),
+        History(
+            -1,
+            -1,
+            sent_rad,
+            measured_m,
+            w.measured_heading_rad,
+            w.has_error,
+            w.applied_tick,
+            w.is_overruled,
+            w.wheel_rad,
+        ),
     )
 
 
@@ -175,16 +208,16 @@ def _borrowed_of_type(wire: Any) -> Any:
 
 
 @overload(record_wire)
-def _record_of_type(wire: Any, sample: Any, z: Any) -> Any:  # noqa: ARG001
+def _record_of_type(wire: Any, sample: Any, z: Any, guard: Any) -> Any:  # noqa: ARG001
     if wire.instance_class is NoWire:
 
-        def nothing(wire: Any, sample: Any, z: Any) -> Any:  # noqa: ARG001
+        def nothing(wire: Any, sample: Any, z: Any, guard: Any) -> Any:  # noqa: ARG001
             return None
 
         return nothing
 
-    def recorded(wire: Any, sample: Any, z: Any) -> Any:
-        return _record(wire, sample, z)
+    def recorded(wire: Any, sample: Any, z: Any, guard: Any) -> Any:
+        return _record(wire, sample, z, guard)
 
     return recorded
 
@@ -213,7 +246,9 @@ def _law_input_of_type(
                 last_sent_rad,
                 VehicleReading(0.0, 0.0, 0.0),
                 Link(tick, -1, -1, 0.0, False),
-                History(-1, -1, sent_rad, measured_m, measured_m, (False,), (-1,)),
+                History(
+                    -1, -1, sent_rad, measured_m, measured_m, (False,), (-1,), (False,), (0.0,)
+                ),
             )
 
         return newest_only

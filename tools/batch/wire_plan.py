@@ -8,12 +8,13 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controller.design import link_of
 from controller.link import NO_DELAY, DelayState, LinkParams, delay_of, delay_step
 from controller.link_memory import E2E_COUNTERS, RING_SIZE
 from controller.settings import ControllerSettings, SupervisionSettings
-from dbc.messages import LateralError, VehicleState, limits, resolutions
+from dbc.messages import LateralError, SteeringStatus, VehicleState, limits, resolutions
 from plant_emulator.safety_settings import design_guard
 from plant_emulator.settings import PlantSettings
 from plant_emulator.steering_guard import OFF_NS
@@ -37,7 +38,7 @@ class LostWheelError(ValueError):
 
 
 class _Link(NamedTuple):
-    """The first seven fields of ``Wire``, and the noise; the arrays that runs share."""
+    """The first eight fields of ``Wire``, and the noise; the arrays that runs share."""
 
     error_sample: IntArray
     echo_sample: IntArray
@@ -45,6 +46,7 @@ class _Link(NamedTuple):
     delay_ns: FloatArray
     is_measured: IntArray
     has_error: IntArray
+    has_echo: IntArray
     applied_tick: IntArray
     heading_noise_rad: FloatArray
     yaw_rate_noise_rad_s: FloatArray
@@ -81,6 +83,10 @@ def plan_wire(
         yaw_rate_rad_s_max=ranges["yaw_rate_rad_s"].maximum,
         curvature_resolution_1_m=state["preview_curvature_1_m"],
         curvature_1_m_max=ranges["preview_curvature_1_m"].maximum,
+        is_overruled=np.empty(samples, dtype=np.int64),
+        wheel_rad=np.empty(samples),
+        wheel_resolution_rad=resolutions(SteeringStatus)["wheel_angle_rad"],
+        wheel_rad_max=limits(SteeringStatus)["wheel_angle_rad"].maximum,
     )
 
 
@@ -117,14 +123,17 @@ def _link(
     )
     _refuse_unclear(errors, echoes, params)
     errors, echoes = _rising(errors), _rising(echoes)
-    echoed = _echoed_ticks(plan, _followed(plant, plan), echoes)
-    delay_ns = _delays(params, echoes, echoed)
+    chosen = _followed(plant, plan)
+    echoed = _echoed_ticks(plan, chosen, echoes)
+    delay_ns = _delays(params, echoes, echoed, _is_ignoring(plant, plan, chosen, echoes))
     newest_echo = _newest(echoes, plan.tick_ns)
     newest_state = _newest(states, plan.tick_ns)
     knows_speed = newest_state >= 0
     knows_echo = knows_speed & (newest_echo >= 0)
     has_error = np.zeros(samples, dtype=np.int64)
     has_error[errors.sample] = 1
+    has_echo = np.zeros(samples, dtype=np.int64)
+    has_echo[echoes.sample] = 1
     echo_ns = _at(echoes.arrival_ns, newest_echo)
     is_measured = knows_echo & (plan.tick_ns - echo_ns <= params.echo_timeout_ns)
     heading_noise_rad, yaw_rate_noise_rad_s = _noise(plant, samples)
@@ -135,6 +144,7 @@ def _link(
         delay_ns=np.where(knows_echo, _at(delay_ns, newest_echo, 0.0), 0.0),
         is_measured=is_measured.astype(np.int64),
         has_error=has_error,
+        has_echo=has_echo,
         applied_tick=_held(echoes.sample, echoed, samples),
         heading_noise_rad=heading_noise_rad,
         yaw_rate_noise_rad_s=yaw_rate_noise_rad_s,
@@ -212,6 +222,14 @@ def refuse_lost_wheel(plant: PlantSettings, plan: Plan, command: IntArray) -> No
 
 def _echoed_ticks(plan: Plan, followed_commands: IntArray, echoes: Arrivals) -> IntArray:
     """Return the tick whose command each echo names, -1 for none or one that is forgotten."""
+    through = _followed_before(plan, followed_commands, echoes)
+    tick = _at(plan.command_tick[followed_commands], through - 1)
+    newest = np.searchsorted(plan.tick_ns, echoes.arrival_ns, side="left") - 1
+    return np.where(newest - tick < RING_SIZE, tick, -1)
+
+
+def _followed_before(plan: Plan, followed_commands: IntArray, echoes: Arrivals) -> IntArray:
+    """Return how many commands have been followed when the sample of each echo is taken."""
     sample_ns = plan.sample_ns[echoes.sample]
     command_tick = plan.command_tick[followed_commands]
     due_ns = plan.command_due_ns[followed_commands]
@@ -220,9 +238,20 @@ def _echoed_ticks(plan: Plan, followed_commands: IntArray, echoes: Arrivals) -> 
     # What is sent at the instant of a sample acts after it, even without any latency.
     while (is_later := sent_ns[through] == sample_ns).any():
         through = through - is_later
-    tick = _at(command_tick, through - 1)
-    newest = np.searchsorted(plan.tick_ns, echoes.arrival_ns, side="left") - 1
-    return np.where(newest - tick < RING_SIZE, tick, -1)
+    return through
+
+
+def _is_ignoring(
+    plant: PlantSettings, plan: Plan, followed_commands: IntArray, echoes: Arrivals
+) -> NDArray[np.bool_]:
+    """Return whether the steering follows no command, by its own word, in each echo."""
+    guard = design_guard(plant.safety, plant.vehicle, plant.actuator)
+    sample_ns = plan.sample_ns[echoes.sample]
+    due_ns = plan.command_due_ns[followed_commands]
+    newest = _followed_before(plan, followed_commands, echoes) - 1
+    is_silent = (newest >= 0) & (sample_ns - _at(due_ns, newest) >= guard.silence_ns)
+    is_ordered = sample_ns - plan.motion_start_ns >= guard.override_ns
+    return np.asarray(is_silent | is_ordered)
 
 
 def _held(sample: IntArray, tick: IntArray, samples: int) -> IntArray:
@@ -230,21 +259,26 @@ def _held(sample: IntArray, tick: IntArray, samples: int) -> IntArray:
     return np.asarray(_at(tick, np.searchsorted(sample, np.arange(samples), side="right") - 1))
 
 
-def _delays(params: LinkParams, echoes: Arrivals, tick: IntArray) -> FloatArray:
+def _delays(
+    params: LinkParams, echoes: Arrivals, tick: IntArray, is_ignoring: NDArray[np.bool_]
+) -> FloatArray:
     is_late = np.diff(echoes.arrival_ns, prepend=echoes.arrival_ns[:1]) > params.echo_timeout_ns
-    delays_ns = _run_delays(params, NO_DELAY, echoes.sample, tick, is_late)
+    delays_ns = _run_delays(params, NO_DELAY, echoes.sample, tick, is_late, is_ignoring)
     return np.asarray(delays_ns, dtype=np.float64)
 
 
 @compiled
-def _run_delays(params: LinkParams, none: DelayState, sample: Any, tick: Any, is_late: Any) -> Any:
+def _run_delays(
+    params: LinkParams, none: DelayState, sample: Any, tick: Any, is_late: Any, is_ignoring: Any
+) -> Any:
     """Return the delay after each echo; after a late one it is measured anew."""
     delay_ns = np.empty(len(sample))
     x = none
     for index in range(len(sample)):
         if is_late[index]:
             x = none
-        x = delay_step(params, x, sample[index], tick[index])
+        if not is_ignoring[index]:
+            x = delay_step(params, x, sample[index], tick[index])
         delay_ns[index] = delay_of(params, x, sample[index])
     return delay_ns
 
