@@ -44,6 +44,7 @@ def delayed_set_point_params(
     steady: SteadySteer,
     link: LinkParams,
     period_s: float,
+    fade_step_rad: float,
 ) -> DelayedSetPointParams:
     """Return the parameters of the law with the delayed set point."""
     return DelayedSetPointParams(
@@ -54,4 +55,5 @@ def delayed_set_point_params(
         table.integral_gain_1_s * period_s,
         -1.0 if table.delay_s is None else table.delay_s / period_s,
         float(max(1, ceil(REQUESTS_S_MIN / (period_s * REQUESTS)))),
+        fade_step_rad,
     )

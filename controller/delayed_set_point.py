@@ -13,7 +13,8 @@ sees to it that the vehicle turns as asked:
 A yaw rate cannot follow before the delay is over: an error taken against the request of now would
 ask for the same correction again and again until then. So without model errors e is about 0 at any
 delay, and the inner loop has left to do what the feed-forward gets wrong; its integral takes out a
-steering offset. The outer loop sees the true lateral error and has the whole delay in it.
+steering offset. The outer loop sees the true lateral error and has the whole delay in it. When
+VEHICLE_STATE is stale the inner loop waits, and ρ and the proportional part fade out.
 
 The structure is that of openpilot's lateral torque controller (github.com/commaai/openpilot,
 selfdrive/controls/lib/latcontrol_torque.py): a buffer of requests, the set point taken from it at
@@ -30,7 +31,8 @@ limited, errors weighed in the vehicle's motion and turned into a command at the
 
 from typing import NamedTuple
 
-from controller.feed_forward import SteadySteer, curve_steer, steer_per_curvature
+from controller.fading import NO_STEER, Fading, fading_step
+from controller.feed_forward import SteadySteer, curve_step, steer_per_curvature
 from controller.law_interface import LawInput, LawOutput, Link
 from controller.link import LinkParams
 from controller.pd import PdParams, pd_at_rest, pd_step
@@ -52,6 +54,7 @@ class DelayedSetPointParams(NamedTuple):
     ``integral_step``      k_i times the control period
     ``delay_periods``      T in control periods; negative: measured by the echo
     ``request_periods``    control periods from one request remembered to the next, at least 1
+    ``fade_step_rad``      how much of what VEHICLE_STATE told fades in one period when it is stale
     """
 
     pd: PdParams
@@ -61,6 +64,7 @@ class DelayedSetPointParams(NamedTuple):
     integral_step: float
     delay_periods: float
     request_periods: float
+    fade_step_rad: float
 
 
 class DelayedSetPointState(NamedTuple):
@@ -77,6 +81,8 @@ class DelayedSetPointState(NamedTuple):
     requests_rad_s: tuple[float, ...]
     age_periods: float
     steer_rad: float
+    curve: Fading
+    correction: Fading
 
 
 def delayed_set_point_step(
@@ -86,25 +92,29 @@ def delayed_set_point_step(
     speed_m_s = seen.vehicle.speed_m_s
     per_curvature = steer_per_curvature(p.steady, speed_m_s)
     x_pd, demand_rad = pd_step(p.pd, x.pd, seen.lateral_error_m)
-    asked_rad = curve_steer(p.steady, seen.vehicle) + demand_rad
+    curve = curve_step(p.steady, p.fade_step_rad, x.curve, seen.vehicle)
+    asked_rad = curve.steer_rad + demand_rad
     requests_rad_s, age_periods = x.requests_rad_s, x.age_periods + 1.0
     if age_periods >= p.request_periods:
         request_rad_s = speed_m_s * asked_rad / per_curvature
         requests_rad_s, age_periods = requests_rad_s[1:] + (request_rad_s,), 0.0  # noqa: RUF005
     delay_periods = delay_of_requests(p, seen.link)
     error_rad_s = 0.0
-    if delay_periods >= 0.0:
+    if delay_periods >= 0.0 and not seen.vehicle.is_stale:
         back = (delay_periods - age_periods) / p.request_periods
         error_rad_s = request_before(requests_rad_s, back) - seen.vehicle.yaw_rate_rad_s
     integral_rad_s = x.integral_rad_s
     if abs(seen.sent_steer_rad - x.steer_rad) <= _LIMITED_RAD:
         integral_rad_s += p.integral_step * error_rad_s
     correction_rad_s = p.proportional_gain * error_rad_s + integral_rad_s
-    correction_rad = per_curvature / max(speed_m_s, SPEED_M_S_MIN) * correction_rad_s
-    steer_rad = asked_rad + correction_rad
+    wanted_rad = per_curvature / max(speed_m_s, SPEED_M_S_MIN) * correction_rad_s
+    correction = fading_step(p.fade_step_rad, x.correction, wanted_rad, seen.vehicle.is_stale)
+    steer_rad = asked_rad + correction.steer_rad
     return (
-        DelayedSetPointState(x_pd, integral_rad_s, requests_rad_s, age_periods, steer_rad),
-        LawOutput(steer_rad, -correction_rad, 0.0, seen.lateral_error_m),
+        DelayedSetPointState(
+            x_pd, integral_rad_s, requests_rad_s, age_periods, steer_rad, curve, correction
+        ),
+        LawOutput(steer_rad, -correction.steer_rad, 0.0, seen.lateral_error_m),
     )
 
 
@@ -135,5 +145,11 @@ def delayed_set_point_at_rest(
 ) -> DelayedSetPointState:
     """Return the state after a constant lateral error [m], without steering or a request."""
     return DelayedSetPointState(
-        pd_at_rest(p.pd, lateral_error_m), 0.0, (0.0,) * REQUESTS, p.request_periods, 0.0
+        pd_at_rest(p.pd, lateral_error_m),
+        0.0,
+        (0.0,) * REQUESTS,
+        p.request_periods,
+        0.0,
+        NO_STEER,
+        NO_STEER,
     )

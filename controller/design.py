@@ -48,7 +48,8 @@ from controller.transfer_function import Factor, TransferFunction
 from runtime.node import NS_PER_MS, NS_PER_S
 
 FADE_RAD_S = 0.2
-"""How fast the difference between two laws fades when one takes over from the other."""
+"""How fast the difference between two laws fades when one takes over from the other, and what a law
+makes of a VEHICLE_STATE that has gone stale."""
 
 FILTER_SETTLES_S = 1.0
 """After so long the Kalman filter knows yaw rate and side slip, whatever it began with."""
@@ -110,7 +111,7 @@ def design_law(settings: LawSettings) -> LawDesign:
     if settings.law is LawName.DELAYED_SET_POINT:
         table, steady = _given(settings.delayed_set_point), steady_steer(_vehicle(settings))
         pd, link = design_pd(settings.pd, period_s), link_of(settings)
-        params = delayed_set_point_params(table, pd, steady, link, period_s)
+        params = delayed_set_point_params(table, pd, steady, link, period_s, FADE_RAD_S * period_s)
         at_rest = partial(law.at_rest, params)
         return LawDesign(params, at_rest, law.step, looks_back=True, commands_read=None)
     if settings.pd.derivative == "kalman":
@@ -123,13 +124,14 @@ def _with_feed_forward(settings: LawSettings, gain: float) -> LawDesign:
     """Return the law of the settings, the steer for the curve added to its own."""
     law = design_law(settings.model_copy(update={"feed_forward": None}))
     steady, params_at = steady_steer(_vehicle(settings), gain), law.params_at
+    fade_step_rad = FADE_RAD_S / settings.rate_hz
 
     def at(speed_m_s: float) -> FeedForwardParams:
         inside = law.params if params_at is None else params_at(speed_m_s)
-        return FeedForwardParams(inside, steady)
+        return FeedForwardParams(inside, steady, fade_step_rad)
 
     return law._replace(
-        params=FeedForwardParams(law.params, steady),
+        params=FeedForwardParams(law.params, steady, fade_step_rad),
         params_at=None if params_at is None else at,
         initial_state=partial(feed_forward_at_rest, law.initial_state),
         step=partial(feed_forward_step, law.step),
@@ -223,7 +225,6 @@ def link_of(settings: LawSettings) -> LinkParams:
         round(NS_PER_S / settings.rate_hz),
         round(table.sensor_period_ms * NS_PER_MS),
         max(1.0, table.delay_averaging_s / table.sensor_period_s),
-        round(table.echo_timeout_ms * NS_PER_MS),
     )
 
 

@@ -8,7 +8,8 @@
     K_us  understeer_s2_m         of the nominal vehicle                                  [s²/m]
 
 the steady state of SAE 2018-01-1086 (1) on a circle. Not in paper. The map tells the curvature of
-here and now, so the steer comes late by the latency of both directions.
+here and now, so the steer comes late by the latency of both directions. When VEHICLE_STATE is stale
+the curve may be over: the steer fades out, and when it is back, fades in.
 
 An observer must not see this steer. Curve and feed-forward cancel, and what is left is the law's
 own; from the whole command the DOB of (9) would find the curve as a disturbance all the same, take
@@ -20,6 +21,7 @@ from the history: it predicts what the commands on their way will do, whatever t
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from controller.fading import NO_STEER, Fading, fading_step
 from controller.law_interface import LawInput, LawOutput, VehicleReading
 
 
@@ -31,17 +33,21 @@ class SteadySteer(NamedTuple):
 
 
 class FeedForwardParams(NamedTuple):
-    """Parameters of the law inside, and of the steer added to it."""
+    """Parameters of the law inside, and of the steer added to it.
+
+    ``fade_step_rad``  how much of a curve that is not known any more fades in one period
+    """
 
     law: Any
     steady: SteadySteer
+    fade_step_rad: float
 
 
 class FeedForwardState(NamedTuple):
-    """State of the law inside, and the steer added to its last command [rad]."""
+    """State of the law inside, and the steer added to its last command."""
 
     law: Any
-    steer_rad: float
+    curve: Fading
 
 
 def steer_per_curvature(p: SteadySteer, speed_m_s: float) -> float:
@@ -54,11 +60,17 @@ def curve_steer(p: SteadySteer, vehicle: VehicleReading) -> float:
     return vehicle.preview_curvature_1_m * steer_per_curvature(p, vehicle.speed_m_s)
 
 
+def curve_step(p: SteadySteer, fade_step_rad: float, x: Fading, vehicle: VehicleReading) -> Fading:
+    """Advance the steer for the curve by one period: what is stale fades out."""
+    wanted_rad = 0.0 if vehicle.is_stale else curve_steer(p, vehicle)
+    return fading_step(fade_step_rad, x, wanted_rad, vehicle.is_stale)
+
+
 def feed_forward_at_rest(
     law_at_rest: Callable[[float], Any], lateral_error_m: float
 ) -> FeedForwardState:
     """Return the state around a law's after a constant lateral error [m], no curve known yet."""
-    return FeedForwardState(law_at_rest(lateral_error_m), 0.0)
+    return FeedForwardState(law_at_rest(lateral_error_m), NO_STEER)
 
 
 def feed_forward_step(
@@ -68,14 +80,14 @@ def feed_forward_step(
     seen: LawInput,
 ) -> tuple[FeedForwardState, LawOutput]:
     """Advance the law inside by one period, whose step is ``law_step``, and add the curve."""
-    own_rad = seen.sent_steer_rad - x.steer_rad
+    own_rad = seen.sent_steer_rad - x.curve.steer_rad
     own = LawInput(seen.lateral_error_m, own_rad, seen.vehicle, seen.link, seen.history)
     x_law, output = law_step(p.law, x.law, own)
-    steer_rad = curve_steer(p.steady, seen.vehicle)
+    curve = curve_step(p.steady, p.fade_step_rad, x.curve, seen.vehicle)
     return (
-        FeedForwardState(x_law, steer_rad),
+        FeedForwardState(x_law, curve),
         LawOutput(
-            output.steer_rad + steer_rad,
+            output.steer_rad + curve.steer_rad,
             output.disturbance_rad,
             output.network_disturbance_rad,
             output.compensated_lateral_error_m,

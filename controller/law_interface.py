@@ -14,11 +14,15 @@ from typing import NamedTuple
 
 
 class VehicleReading(NamedTuple):
-    """The newest VEHICLE_STATE; zeros before the first."""
+    """The newest VEHICLE_STATE; zeros before the first.
+
+    ``is_stale``  whether yaw rate and curvature are too old to be taken for those of now
+    """
 
     speed_m_s: float
     yaw_rate_rad_s: float
     preview_curvature_1_m: float
+    is_stale: bool = False
 
 
 class Link(NamedTuple):
@@ -28,7 +32,7 @@ class Link(NamedTuple):
     ``error_sample``   number of the newest lateral error, -1 before the first
     ``echo_sample``    number of the newest sample with an echo, -1 before the first
     ``delay_ns``       from a tick to the sample, each by its clock, at which its command acts [ns]
-    ``is_measured``    whether echoes come, and the vehicle's speed is known
+    ``is_measured``    whether STEERING_STATUS and VEHICLE_STATE are both fresh
     """
 
     tick: int

@@ -97,8 +97,6 @@ class LinkSettings(Settings):
     """Between two LATERAL_ERROR of the plant; the default is the DBC's cycle time."""
     delay_averaging_s: Annotated[float, Field(gt=0.0, le=60.0)] = 0.5
     """Time constant of the mean of the delays that echoes show."""
-    echo_timeout_ms: Annotated[float, Field(ge=1.0, le=10_000.0)] = 300.0
-    """Without an echo for so long, the delay is not known any more."""
 
     @property
     def sensor_period_s(self) -> float:

@@ -24,16 +24,11 @@ _OFFSET_STEP_NS_MAX = 1_000_000_000
 
 
 class LinkParams(NamedTuple):
-    """Periods of the two clocks, and what becomes of the echoes.
-
-    ``averaging_samples``  echoes that the mean remembers
-    ``echo_timeout_ns``    without an echo for so long, the delay is not known any more [ns]
-    """
+    """Periods of the two clocks, and how many echoes the mean remembers."""
 
     period_ns: int
     sensor_period_ns: int
     averaging_samples: float
-    echo_timeout_ns: int
 
 
 class DelayState(NamedTuple):

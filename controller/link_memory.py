@@ -7,6 +7,7 @@ it, so that a gap longer than the counter's round, or a sender that starts anew,
 from collections.abc import Callable
 from typing import NamedTuple
 
+from controller.freshness import AgeLimits
 from controller.law_interface import History, Link
 from controller.link import NO_DELAY, LinkParams, delay_of, delay_step, unwrapped
 from dbc.messages import LateralError, SteeringStatus, SteeringStatusCode
@@ -39,15 +40,17 @@ class Newest(NamedTuple):
 class LinkMemory:
     """Keeps commands, measurements and echoes.
 
-    ``params``  periods, averaging and timeout
+    ``params``  periods and averaging
+    ``limits``  beyond these ages the delay, or the vehicle's speed, is not known
     """
 
-    def __init__(self, params: LinkParams) -> None:
+    def __init__(self, params: LinkParams, limits: AgeLimits) -> None:
         self._params = params
+        self._limits = limits
         self._error: Newest | None = None
         self._echo: Newest | None = None
         self._delay = NO_DELAY
-        self._has_vehicle = False
+        self._vehicle_ns: int | None = None
         self._sent_rad = [0.0] * RING_SIZE
         self._applied_tick = [-1] * RING_SIZE
         self._is_overruled = [False] * RING_SIZE
@@ -79,9 +82,9 @@ class LinkMemory:
             return None
         return delay_of(self._params, self._delay, self._echo.sample)
 
-    def on_vehicle(self) -> None:
+    def on_vehicle(self, now_ns: int) -> None:
         """Note that the vehicle's speed is known."""
-        self._has_vehicle = True
+        self._vehicle_ns = now_ns
 
     def on_error(self, error: LateralError, counter: int, now_ns: int) -> None:
         """Keep a measurement at the sample it was taken at."""
@@ -130,12 +133,13 @@ class LinkMemory:
     def link(self, period: int, now_ns: int) -> Link:
         """Return what is known in a control period; without the vehicle's speed nothing is."""
         tick = self._tick(period)
-        if not self._has_vehicle:
+        if self._vehicle_ns is None:
             return Link(tick, -1, -1, 0.0, False)
         error = -1 if self._error is None else self._error.sample
         if self._echo is None:
             return Link(tick, error, -1, 0.0, False)
-        is_recent = not self._is_late(now_ns)
+        is_recent = now_ns - self._vehicle_ns <= self._limits.vehicle_state_ns
+        is_recent = is_recent and not self._is_late(now_ns)
         delay_ns = delay_of(self._params, self._delay, self._echo.sample)
         return Link(tick, error, self._echo.sample, delay_ns, is_recent)
 
@@ -143,7 +147,7 @@ class LinkMemory:
         """Whether the newest echo is too old to say anything of the delay now."""
         if self._echo is None:
             return False
-        return now_ns - self._echo.arrival_ns > self._params.echo_timeout_ns
+        return now_ns - self._echo.arrival_ns > self._limits.steering_status_ns
 
     def _tick(self, period: int) -> int:
         """Return the number of a control period, the first with a command being 0."""

@@ -15,20 +15,19 @@ from typing import Any, NamedTuple
 from controller.delay_settings import delay_estimation_of
 from controller.delay_watch import DelayWatch, EchoDelay
 from controller.design import design_law, link_of
-from controller.law_interface import (
-    NO_VEHICLE,
-    LawInput,
-    LawOutput,
-    VehicleReading,
-)
+from controller.freshness import Ages
+from controller.law_interface import NO_VEHICLE, LawInput, LawOutput, VehicleReading
 from controller.limits import limit_step, ramp_step
 from controller.link_memory import LinkMemory
 from controller.modes import Supervisor
 from controller.round_trip import RoundTrip
-from controller.settings import ControllerSettings, limits_of, supervision_of
+from controller.safety_status import SafetyFacts, SafetyStatus
+from controller.settings import ControllerSettings, age_limits_of, limits_of, supervision_of
 from dbc.messages import (
     CAN_IDS,
+    ControllerFault,
     ControllerStatus,
+    Freshness,
     LateralError,
     Law,
     Message,
@@ -51,7 +50,7 @@ from runtime.report import durations_report
 from runtime.statistics import DurationStatistics
 
 STATUS_PERIOD_NS = 100_000_000
-"""Cycle of CONTROLLER_STATUS and DELAY_STATUS."""
+"""Cycle of CONTROLLER_STATUS, CONTROLLER_SAFETY and DELAY_STATUS."""
 RECEIVED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState)
 """What the controller receives."""
 LAW_FAILURES_MAX = 1
@@ -97,7 +96,8 @@ class ControllerNode:
     def __init__(self, settings: ControllerSettings, start_ns: int, samples_max: int = 0) -> None:
         self._design = design_law(settings)
         self._params = self._design.params
-        self._memory = LinkMemory(link_of(settings))
+        self._ages = Ages(age_limits_of(settings))
+        self._memory = LinkMemory(link_of(settings), age_limits_of(settings))
         self._law = Law[settings.law.name]
         self._limits = limits_of(settings)
         self._period_ns = settings.period_ns
@@ -113,6 +113,8 @@ class ControllerNode:
             settings.supervision.max_counter_jump,
             settings.supervision.recovery_frames,
         )
+        self._unauthenticated = 0
+        self._safety = SafetyStatus()
         self._measurement: Measurement | None = None
         self._vehicle = NO_VEHICLE
         self._supervisor = Supervisor(supervision_of(settings), start_ns)
@@ -161,9 +163,14 @@ class ControllerNode:
             self._supervisor.on_rejection()
         return ()
 
+    def on_unauthenticated(self) -> None:
+        """Note that a frame was refused before it came here."""
+        self._unauthenticated += 1
+
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
         """Decide on a command, and report the status, if due."""
         frames = []
+        is_safety_due = False
         if self._control_timer.deadline_ns <= now_ns:
             period = self._control_timer.advance(now_ns)
             if not self._overruns.on_tick(self._control_timer):
@@ -175,11 +182,15 @@ class ControllerNode:
             self._decide(now_ns, period)
             if self._supervisor.mode is not Mode.WAITING:
                 frames.append(self._command_frame(now_ns, period))
+            is_safety_due = self._safety.is_due(self._safety_facts(now_ns), now_ns)
         if self._status_timer.deadline_ns <= now_ns:
             self._status_timer.advance(now_ns)
             frames.append(self._status_frame())
+            frames.append(self._safety_frame(now_ns))
             frames.append(self._delay_frame(now_ns))
             self._statuses_sent += 1
+        elif is_safety_due:
+            frames.append(self._safety_frame(now_ns))
         self._deadline_ns = min(self._control_timer.deadline_ns, self._status_timer.deadline_ns)
         return frames
 
@@ -221,8 +232,24 @@ class ControllerNode:
             return "the law's output was again no finite number after it had been started anew"
         return self._overruns.failure
 
+    def _safety_facts(self, now_ns: int) -> SafetyFacts:
+        """Return what CONTROLLER_SAFETY has to tell in time."""
+        fault = ControllerFault.NONE
+        if self._law_failures > LAW_FAILURES_MAX:
+            fault = ControllerFault.LAW_FAILED
+        elif self._overruns.failure:
+            fault = ControllerFault.OVERRUNS
+        return SafetyFacts(
+            self._reception.refused + self._unauthenticated,
+            self._ages.freshness(LateralError, now_ns),
+            self._ages.freshness(SteeringStatus, now_ns),
+            self._ages.freshness(VehicleState, now_ns),
+            fault,
+        )
+
     def _on_measurement(self, error: LateralError, now_ns: int) -> None:
         """Keep the newest measurement."""
+        self._ages.on_message(LateralError, now_ns)
         self._supervisor.on_measurement(now_ns)
         self._measurement = Measurement(error.lateral_error_m, now_ns)
         self._delay.on_error(now_ns)
@@ -230,6 +257,7 @@ class ControllerNode:
 
     def _on_echo(self, status: SteeringStatus, now_ns: int) -> None:
         """Take the counter of the command that is applied now."""
+        self._ages.on_message(SteeringStatus, now_ns)
         if status.status is not SteeringStatusCode.NO_COMMAND:
             self._round_trip.on_echo(status.applied_counter, now_ns)
             self._delay.on_echo(status.applied_counter, now_ns)
@@ -237,12 +265,13 @@ class ControllerNode:
 
     def _on_vehicle(self, state: VehicleState, now_ns: int) -> None:
         """Keep the vehicle's motion, and schedule the law on its speed."""
+        self._ages.on_message(VehicleState, now_ns)
         is_new = state.speed_m_s != self._vehicle.speed_m_s
         self._vehicle = VehicleReading(*state)
         self._delay.on_vehicle(self._vehicle, now_ns)
         if self._design.params_at is not None and is_new:
             self._params = self._design.params_at(state.speed_m_s)
-        self._memory.on_vehicle()
+        self._memory.on_vehicle(now_ns)
 
     def _account(self, now_ns: int) -> None:
         """Book the time since the last tick on the mode it was spent in."""
@@ -288,9 +317,10 @@ class ControllerNode:
     def _run_law(self, lateral_error_m: float, now_ns: int, period: int) -> float:
         """Advance the law by one period; returns its command, faded in after a recovery [rad]."""
         link = self._memory.link(period, now_ns)
-        seen = LawInput(
-            lateral_error_m, self._sent_steer_rad, self._vehicle, link, self._memory.history
-        )
+        vehicle = self._vehicle
+        if self._ages.freshness(VehicleState, now_ns) is Freshness.STALE:
+            vehicle = vehicle._replace(is_stale=True)
+        seen = LawInput(lateral_error_m, self._sent_steer_rad, vehicle, link, self._memory.history)
         state, output = self._design.step(self._params, self._law_state, seen)
         if not math.isfinite(output.steer_rad):
             return output.steer_rad
@@ -340,6 +370,10 @@ class ControllerNode:
         )
         return encode(status, self._statuses_sent % _E2E_COUNTERS)
 
+    def _safety_frame(self, now_ns: int) -> Frame:
+        """Return what is refused, missed and wrong."""
+        return self._safety.frame(self._safety_facts(now_ns), self._reception.lost, now_ns)
+
     def _delay_frame(self, now_ns: int) -> Frame:
         """Return what is known of the delay, under the counter of the status it follows."""
         return encode(self._delay.status(now_ns), self._statuses_sent % _E2E_COUNTERS)
@@ -347,11 +381,10 @@ class ControllerNode:
 
 def _delay_watch(settings: ControllerSettings) -> DelayWatch:
     """Return what watches the delay; no law hears of it."""
-    link = link_of(settings)
     averaging_ns = round(settings.link.delay_averaging_s * NS_PER_S)
     return DelayWatch(
         delay_estimation_of(settings.delay_estimation, settings.nominal_model, settings.period_ns),
-        EchoDelay(settings.period_ns, averaging_ns, link.echo_timeout_ns),
+        EchoDelay(settings.period_ns, averaging_ns, age_limits_of(settings).steering_status_ns),
     )
 
 

@@ -4,11 +4,12 @@ Times a user sets are in milliseconds; ``period_ns``, ``supervision_of`` and ``l
 as the node and the step functions want them.
 """
 
-from typing import Annotated, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PositiveFloat, model_validator
+from pydantic import Discriminator, Field, PositiveFloat, Tag, model_validator
 
 from controller.delay_settings import DelayEstimationSettings
+from controller.freshness import NO_LIMIT_NS, AgeLimits
 from controller.law_settings import LawSettings
 from controller.limits import SteerLimits
 from controller.modes import Supervision
@@ -20,6 +21,18 @@ from runtime.settings import Settings
 
 TELLING_MS = 5.0
 """Of the fault tolerant time, for the frame that tells the bus: a late tick, and the wire."""
+
+
+def _word_or_number(value: Any) -> str:
+    """Return which kind of limit a value is, so that a mistake in it is told once."""
+    return "word" if isinstance(value, str) else "number"
+
+
+AgeMs = Annotated[float, Field(ge=1.0, le=10_000.0)]
+AgeMsOrOff = Annotated[
+    Annotated[AgeMs, Tag("number")] | Annotated[Literal["off"], Tag("word")],
+    Discriminator(_word_or_number),
+]
 
 
 class LimitSettings(Settings):
@@ -36,14 +49,19 @@ class LimitSettings(Settings):
 
 
 class SupervisionSettings(Settings):
-    """What happens when measurements stop, and when they are believed again.
+    """What happens when messages stop, and when they are believed again.
 
-    ``fault_tolerant_time_ms``  within this after measurements stop, HOLDING has to be entered and
+    ``fault_tolerant_time_ms``  within this after a message stops, that has to be acted upon and
                                 told on the bus (the fault tolerant time interval of ISO 26262)
-    ``measurement_timeout_ms``  a measurement older than this is not steered by; left out: as old
-                                as the fault tolerant time allows, with a period for the tick and
-                                5 ms for the frame that tells it. A step in the network's latency is
-                                a gap in what arrives, too
+    ``measurement_timeout_ms``  a LATERAL_ERROR older than this is not steered by: HOLDING; left
+                                out: as old as the fault tolerant time allows, with a period for the
+                                tick and 5 ms for the frame that tells it. A step in the network's
+                                latency is a gap in what arrives, too
+    ``steering_status_timeout_ms``  without a STEERING_STATUS for longer, the delay is not known any
+                                more; left out: as above
+    ``vehicle_state_timeout_ms``  without a VEHICLE_STATE for longer, its curvature and yaw rate are
+                                not those of now, and the delay counts as not known; left out: as
+                                above; "off": however old, as for a plant that sends it rarely
     ``hold_ms``                 how long the last command is held then
     ``ramp_rad_s``              how fast it is then ramped to zero; also how fast the difference
                                 between the held command and the law's fades out on recovery
@@ -53,7 +71,9 @@ class SupervisionSettings(Settings):
     """
 
     fault_tolerant_time_ms: Annotated[float, Field(ge=1.0, le=60_000.0)] = 150.0
-    measurement_timeout_ms: Annotated[float, Field(ge=1.0, le=10_000.0)] | None = None
+    measurement_timeout_ms: AgeMs | None = None
+    steering_status_timeout_ms: AgeMs | None = None
+    vehicle_state_timeout_ms: AgeMsOrOff | None = None
     hold_ms: Annotated[float, Field(ge=0.0, le=10_000.0)] = 500.0
     ramp_rad_s: PositiveFloat = 0.2
     recovery_frames: Annotated[int, Field(ge=1, le=100)] = 5
@@ -72,18 +92,27 @@ class ControllerSettings(LawSettings):
     @model_validator(mode="after")
     def _refuse_a_reaction_that_comes_too_late(self) -> Self:
         table, period_ms = self.supervision, self.period_ns / NS_PER_MS
-        # A tick may come a whole period after the timeout.
-        reaction_ms = period_ms + TELLING_MS
-        if (table.measurement_timeout_ms or 1.0) + reaction_ms > table.fault_tolerant_time_ms:
-            timeout = (
-                "a measurement timeout of 1 ms"
-                if table.measurement_timeout_ms is None
-                else f"supervision.measurement_timeout_ms = {table.measurement_timeout_ms:g}"
-            )
-            raise ValueError(
-                f"{timeout}, a period of {period_ms:g} ms and {TELLING_MS:g} ms to tell it are more"
-                f" than supervision.fault_tolerant_time_ms = {table.fault_tolerant_time_ms:g}"
-            )
+        limits_ms: dict[str, float | str | None] = {
+            "measurement_timeout_ms": table.measurement_timeout_ms,
+            "steering_status_timeout_ms": table.steering_status_timeout_ms,
+            "vehicle_state_timeout_ms": table.vehicle_state_timeout_ms,
+        }
+        for key, limit_ms in limits_ms.items():
+            if isinstance(limit_ms, str):
+                continue
+            # A tick may come a whole period after the timeout.
+            reaction_ms = period_ms + TELLING_MS
+            if (limit_ms or 1.0) + reaction_ms > table.fault_tolerant_time_ms:
+                timeout = (
+                    "a measurement timeout of 1 ms"
+                    if limit_ms is None
+                    else f"supervision.{key} = {limit_ms:g}"
+                )
+                raise ValueError(
+                    f"{timeout}, a period of {period_ms:g} ms and {TELLING_MS:g} ms to tell it are"
+                    " more than supervision.fault_tolerant_time_ms ="
+                    f" {table.fault_tolerant_time_ms:g}"
+                )
         return self
 
     @property
@@ -95,14 +124,29 @@ class ControllerSettings(LawSettings):
 def supervision_of(settings: ControllerSettings) -> Supervision:
     """Return the parameters of the mode table."""
     table = settings.supervision
-    timeout_ms = table.measurement_timeout_ms
-    if timeout_ms is None:
-        reaction_ms = settings.period_ns / NS_PER_MS + TELLING_MS
-        timeout_ms = table.fault_tolerant_time_ms - reaction_ms
     return Supervision(
-        measurement_timeout_ns=round(timeout_ms * NS_PER_MS),
+        measurement_timeout_ns=age_limits_of(settings).lateral_error_ns,
         hold_ns=round(table.hold_ms * NS_PER_MS),
         recovery_frames=table.recovery_frames,
+    )
+
+
+def age_limits_of(settings: ControllerSettings) -> AgeLimits:
+    """Return the age up to which each message is believed; those left out, from the FTTI."""
+    table = settings.supervision
+    reaction_ms = settings.period_ns / NS_PER_MS + TELLING_MS
+
+    def limit_ns(limit_ms: float | str | None) -> int:
+        if isinstance(limit_ms, str):
+            return NO_LIMIT_NS
+        if limit_ms is None:
+            limit_ms = table.fault_tolerant_time_ms - reaction_ms
+        return round(limit_ms * NS_PER_MS)
+
+    return AgeLimits(
+        limit_ns(table.measurement_timeout_ms),
+        limit_ns(table.steering_status_timeout_ms),
+        limit_ns(table.vehicle_state_timeout_ms),
     )
 
 

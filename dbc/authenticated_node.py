@@ -3,7 +3,8 @@
     bus ── secured ──► verify ── classic ──► node ── classic ──► secure ── secured ──► bus
 
 The node inside is the one that runs on classic CAN and knows nothing of this; the same frames in
-give the same frames out. What is refused does not reach it and is counted here, by cause.
+give the same frames out. What is refused does not reach it and is counted here, by cause; the node
+is told that there was one, so that it can say so on the bus.
 """
 
 from collections import Counter
@@ -12,11 +13,11 @@ from typing import Any, Generic, TypeVar
 
 from dbc.authentication import Authentication
 from dbc.messages import CAN_IDS
+from dbc.reception import CountingNode
 from dbc.secured_frame import Refused
 from runtime.frame import Frame
-from runtime.program import ReportingNode
 
-N = TypeVar("N", bound=ReportingNode)
+N = TypeVar("N", bound=CountingNode)
 _OUR_IDS = frozenset(CAN_IDS.values())
 
 
@@ -51,6 +52,7 @@ class AuthenticatedNode(Generic[N]):
         verified = self._authentication.verify(frame)
         if isinstance(verified, Refused):
             self._refused[verified.value] += 1
+            self.node.on_unauthenticated()
             return ()
         self._verified += 1
         return self._secured(self.node.on_frame(verified, now_ns))

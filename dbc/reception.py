@@ -7,11 +7,23 @@ is counted by cause.
 
 from collections import Counter
 from collections.abc import Collection, Mapping
+from typing import Protocol, TypeVar
 
 from dbc.messages import CAN_IDS, LatencyConfig, Message, Rejection, decode
 from dbc.protection import SequenceCheck, SequenceResult
 from dbc.secured_frame import Refused, is_secured
 from runtime.frame import FD, Frame
+from runtime.program import ReportingNode
+
+_Cause = TypeVar("_Cause", Rejection, SequenceResult, Refused)
+
+
+class CountingNode(ReportingNode, Protocol):
+    """A node that counts what was refused before it came there."""
+
+    def on_unauthenticated(self) -> None:
+        """Note that a frame was refused."""
+        ...
 
 
 class Reception:
@@ -31,13 +43,18 @@ class Reception:
             else SequenceCheck(max_jump, resync_run)
             for message_type in message_types
         }
-        self._accepted = 0
+        self._accepted = self._refused = 0
         self._rejected: Counter[str] = Counter()
 
     @property
     def accepted(self) -> int:
         """Frames accepted so far."""
         return self._accepted
+
+    @property
+    def refused(self) -> int:
+        """Frames refused so far, whatever the cause."""
+        return self._refused
 
     @property
     def rejected(self) -> Mapping[str, int]:
@@ -67,17 +84,19 @@ class Reception:
         if frame.can_id not in self._checks:
             return None
         if frame.flags & FD and is_secured(frame):  # who has the key shows us the classic frame
-            self._rejected[Refused.NO_KEY.value] += 1
-            return Refused.NO_KEY
+            return self._refuse(Refused.NO_KEY)
         decoded = decode(frame)
         if isinstance(decoded, Rejection):
-            self._rejected[decoded.value] += 1
-            return decoded
+            return self._refuse(decoded)
         check = self._checks[frame.can_id]
         if check is not None:
             result = check.check(decoded.counter)
             if result is not SequenceResult.ACCEPTED:
-                self._rejected[result.value] += 1
-                return result
+                return self._refuse(result)
         self._accepted += 1
         return decoded.message
+
+    def _refuse(self, cause: _Cause) -> _Cause:
+        self._rejected[cause.value] += 1
+        self._refused += 1
+        return cause

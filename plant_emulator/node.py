@@ -130,6 +130,7 @@ class PlantNode:
         self._is_noisy = any(self._noise)
         self._noise_uniforms = uniforms(seed, Channel.SENSOR_NOISE)
         self._reception = Reception(RECEIVED, settings.max_counter_jump, settings.resync_frames)
+        self._unauthenticated = 0
         self._command: Passage[SteeringCommand] | None = None
         self._uplink_latency_s = math.nan
         self._counters: dict[type[Message], Iterator[int]] = {
@@ -178,6 +179,10 @@ class PlantNode:
         elif received is not None and frame.can_id == _COMMAND_ID:
             self._unit.on_refusal()
         return ()
+
+    def on_unauthenticated(self) -> None:
+        """Note that a frame was refused before it came here."""
+        self._unauthenticated += 1
 
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
         """Do all that is due up to ``now_ns``, in the order of its times."""
@@ -355,7 +360,7 @@ class PlantNode:
             downlink_s,
             uplink_s,
             sum(line.counts.lost for line in lines) % _LOST_COUNTERS,
-            sum(self._reception.rejected.values()) % _REJECTED_COUNTERS,
+            (self._reception.refused + self._unauthenticated) % _REJECTED_COUNTERS,
             self._unit.take_state(),
         )
 

@@ -12,6 +12,7 @@ from dbc.authentication import Authentication
 from dbc.key_file import cmac_under
 from dbc.messages import (
     CAN_IDS,
+    ControllerSafety,
     ControllerStatus,
     DelayStatus,
     Direction,
@@ -195,8 +196,9 @@ def test_with_different_keys_nothing_moves_and_both_say_why() -> None:
     pair = Pair(*ends(controller_key=OTHER_KEY))
     assert pair.plant.samples == []
     assert pair.controller.report()["mode_s"]["waiting"] == pytest.approx(8.0, abs=0.02)
-    # CONTROLLER_STATUS, which would synchronise, and DELAY_STATUS, which needs it.
-    refused_by_plant = {"forged": 80, "unsynchronised": 80}
+    # CONTROLLER_STATUS, which would synchronise, and what needs it: DELAY_STATUS with it, and
+    # CONTROLLER_SAFETY every 20 ms to tell of the frames refused at the other end.
+    refused_by_plant = {"forged": 80, "unsynchronised": 80 + 400}
     assert pair.report == {"synchronised": False, "verified": 0, "refused": refused_by_plant}
     assert pair.controller_end is not None
     refused = pair.controller_end.refused
@@ -207,7 +209,7 @@ def test_with_different_keys_nothing_moves_and_both_say_why() -> None:
 def test_a_plant_with_a_key_and_a_controller_without_both_say_what_they_refuse() -> None:
     pair = Pair(ends()[0], None)
     assert pair.plant.samples == []
-    assert pair.report["refused"] == {"unauthenticated": 160}  # its two status messages
+    assert pair.report["refused"] == {"unauthenticated": 160 + 400}  # its status messages
     rejected = pair.controller.report()["rejected"]
     assert set(rejected) == {"no_key"}
     assert rejected["no_key"] > 1000
@@ -319,7 +321,7 @@ def test_frames_repeated_within_the_session_change_no_bit_of_the_run(
     assert pair.run == authenticated.run
     assert echo.sent > 900
     refused = pair.report["refused"]
-    told_by_controller = (SteeringCommand, ControllerStatus, DelayStatus)
+    told_by_controller = (SteeringCommand, ControllerStatus, ControllerSafety, DelayStatus)
     assert refused["replayed"] == sum(
         heard.frame.can_id in {CAN_IDS[told] for told in told_by_controller}
         for heard in pair.heard

@@ -17,6 +17,7 @@ from controller.analysis.stable_delays import stable_delays
 from controller.baseline_design import steady_steer
 from controller.delayed_set_point import REQUESTS, request_before
 from controller.design import LawDesign, design_law
+from controller.fading import NO_STEER
 from controller.feed_forward import curve_steer
 from controller.law_interface import NO_HISTORY, NO_LINK, LawInput, Link, VehicleReading
 from controller.law_settings import VehicleModelSettings
@@ -225,7 +226,7 @@ def test_an_observer_that_saw_the_feed_forward_would_take_the_curve_out_twice() 
     for hidden, expected_m in ((True, 0.0), (False, 2.85 * 0.02 / 0.99)):
         x, state, steer_rad = np.zeros(6), design.initial_state(0.0), 0.0
         for _ in range(6000):
-            before = state if hidden else state._replace(steer_rad=0.0)
+            before = state if hidden else state._replace(curve=NO_STEER)
             seen = LawInput(float(x[3]), steer_rad, curve)
             state, output = design.step(design.params, before, seen)
             steer_rad = x[4] = output.steer_rad

@@ -16,6 +16,7 @@ from controller.round_trip import IN_FLIGHT_MAX, RoundTrip
 from controller.settings import ControllerSettings
 from dbc.messages import (
     CAN_IDS,
+    ControllerSafety,
     ControllerStatus,
     Decoded,
     DelayStatus,
@@ -117,7 +118,11 @@ def test_nothing_is_commanded_before_a_valid_measurement() -> None:
     plant.node.on_frame(encode_not_available(LateralError(0.0, 0.0), 0), plant.now_ns)
     plant.drive(1, None)
     assert plant.commands == []
-    assert {type(message) for _, message, _ in plant.sent} == {ControllerStatus, DelayStatus}
+    assert {type(message) for _, message, _ in plant.sent} == {
+        ControllerStatus,
+        ControllerSafety,
+        DelayStatus,
+    }
     plant.drive(1, 0.1)
     assert [command.mode for command in plant.commands] == [Mode.ACTIVE]
 

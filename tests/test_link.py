@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from controller.freshness import AgeLimits
 from controller.law_interface import Link
 from controller.link import NO_DELAY, DelayState, LinkParams, delay_of, delay_step, unwrapped
 from controller.link_memory import RING_SIZE, LinkMemory
@@ -13,7 +14,8 @@ from dbc.messages import LateralError, SteeringStatus, SteeringStatusCode
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS
-PARAMS = LinkParams(PERIOD_NS, PERIOD_NS, 50.0, 300 * MS)
+PARAMS = LinkParams(PERIOD_NS, PERIOD_NS, 50.0)
+LIMITS = AgeLimits(300 * MS, 300 * MS, 150 * MS)
 APPLYING, NO_COMMAND = SteeringStatusCode.APPLYING, SteeringStatusCode.NO_COMMAND
 
 
@@ -96,8 +98,7 @@ class Wire:
     """Feeds a memory as the node does: echo and measurement of a sample, then the tick."""
 
     def __init__(self, params: LinkParams = PARAMS) -> None:
-        self.memory = LinkMemory(params)
-        self.memory.on_vehicle()
+        self.memory = LinkMemory(params, LIMITS)
 
     def command(self, period: int, steer_rad: float) -> None:
         self.memory.on_command(period, steer_rad)
@@ -106,6 +107,7 @@ class Wire:
         now_ns = number * PERIOD_NS if at_ns is None else at_ns
         status = echo(0, NO_COMMAND) if counter is None else echo(counter % (1 << 16))
         self.memory.on_echo(status, number % 256, now_ns)
+        self.memory.on_vehicle(now_ns)
         self.memory.on_error(error(0.001 * number), number % 256, now_ns)
 
     def link(self, period: int) -> Link:
@@ -147,11 +149,11 @@ def test_the_command_counter_is_unwrapped_beyond_its_16_bits() -> None:
 
 
 def test_nothing_is_known_before_the_speed_is() -> None:
-    memory = LinkMemory(PARAMS)
+    memory = LinkMemory(PARAMS, LIMITS)
     memory.on_error(error(0.1), 0, 0)
     memory.on_echo(echo(0, NO_COMMAND), 0, 0)
     assert memory.link(0, 0) == Link(0, -1, -1, 0.0, False)
-    memory.on_vehicle()
+    memory.on_vehicle(0)
     assert memory.link(0, 0).error_sample == 0
 
 
@@ -224,9 +226,20 @@ def test_an_echo_is_of_the_tick_that_sent_it_though_ticks_were_skipped() -> None
 def test_echoes_that_stop_make_the_delay_unknown_after_the_timeout() -> None:
     wire = driven(50, latency=3)
     last_ns = 49 * PERIOD_NS
-    timeout_ns = PARAMS.echo_timeout_ns
+    timeout_ns = LIMITS.steering_status_ns
+    wire.memory.on_vehicle(last_ns + timeout_ns)
     assert wire.memory.link(79, last_ns + timeout_ns).is_measured
     assert not wire.memory.link(80, last_ns + timeout_ns + 1).is_measured
+
+
+def test_a_speed_that_is_too_old_makes_the_delay_unknown_but_what_is_known_of_it_stays() -> None:
+    wire = driven(50, latency=3)
+    until_ns = 49 * PERIOD_NS + LIMITS.vehicle_state_ns
+    fresh, stale = wire.memory.link(64, until_ns), wire.memory.link(64, until_ns + 1)
+    assert fresh.is_measured
+    assert stale == fresh._replace(is_measured=False)
+    wire.memory.on_vehicle(until_ns + 1)
+    assert wire.memory.link(64, until_ns + 1) == fresh
 
 
 def test_a_plant_that_starts_anew_is_known_again_with_its_first_echo() -> None:

@@ -27,7 +27,7 @@ from controller.link import LinkParams
 from controller.node import ControllerNode
 from controller.predictor import predict, steer_for
 from controller.predictor_design import design_schedule, sampled_vehicle
-from controller.settings import ControllerSettings
+from controller.settings import ControllerSettings, age_limits_of
 from dbc.messages import CAN_IDS, Mode, SteeringStatus
 from plant_emulator.node import PlantNode
 from plant_emulator.propagation import LinearState, propagate, table_rows, transition_table
@@ -40,7 +40,7 @@ from runtime.virtual_time import VirtualTimeExecutor
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS
-LINK = LinkParams(PERIOD_NS, PERIOD_NS, 50.0, 300 * MS)
+LINK = LinkParams(PERIOD_NS, PERIOD_NS, 50.0)
 SPEEDS = (0.5, 1.39, 1.94, 8.0, 16.7)
 VEHICLE = VehicleModelSettings(
     kind="vehicle",
@@ -258,7 +258,7 @@ def test_where_no_command_is_applied_there_is_no_steer() -> None:
 def test_a_command_that_no_echo_has_shown_is_expected_after_the_delay(
     delay_ms: float, period_ms: int, sensor_period_ms: int, ahead: int
 ) -> None:
-    p = LinkParams(period_ms * MS, sensor_period_ms * MS, 50.0, 300 * MS)
+    p = LinkParams(period_ms * MS, sensor_period_ms * MS, 50.0)
     echo_sample = 20
     earliest = int((echo_sample * sensor_period_ms - delay_ms) // period_ms)
     sample = echo_sample + ahead
@@ -414,7 +414,7 @@ def test_without_echoes_the_law_is_pd_ddob_and_neither_change_is_a_jump() -> Non
     _, hears = run(plant(*network), settings)
     predicts = np.array([s.law_output.network_disturbance_rad == 0.0 for s in deaf.samples])
     times_s = np.array([s.time_ns for s in deaf.samples]) * 1e-9
-    timeout_s = 1e-3 * settings.link.echo_timeout_ms
+    timeout_s = 1e-9 * age_limits_of(settings).steering_status_ns
     assert predicts[(times_s > 1.0) & (times_s < 6.0 + timeout_s - 0.05)].all()
     settles_s = 1.0  # the filter has started anew, and is not believed at once
     assert not predicts[(times_s > 6.0 + timeout_s + 0.05) & (times_s < 10.0 + settles_s)].any()

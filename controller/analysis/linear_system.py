@@ -53,6 +53,11 @@ class HeldPlant(NamedTuple):
     whole_periods: int
 
 
+_UNIT = 2.0**-20
+"""So small that what fades by a step a period is gone after one; a power of two changes no digit of
+what is linear."""
+
+
 class NotLinearError(ValueError):
     """The law is not a linear system from lateral error to steer."""
 
@@ -60,7 +65,7 @@ class NotLinearError(ValueError):
 def law_system(design: LawDesign) -> LinearSystem:
     """Return the law from lateral error [m] to steer [rad], its own command fed back as sent.
 
-    Each column is what one step makes of a single unit of state or input. The last states are the
+    Each column is what one step makes of a single small unit of state or input. The last states are the
     commands of the previous periods, as many as the law reads, the newest first: without limits
     they are those that were sent.
 
@@ -73,7 +78,7 @@ def law_system(design: LawDesign) -> LinearSystem:
     order = sum(1 for _ in floats_of(rest))
     columns = []
     for unit in np.eye(order + commands + 1):
-        values = [float(value) for value in unit]
+        values = [float(value) for value in _UNIT * unit]
         sent_rad, error_m = values[order:-1], values[-1]
         state, output = design.step(
             design.params,
@@ -81,7 +86,7 @@ def law_system(design: LawDesign) -> LinearSystem:
             LawInput(error_m, sent_rad[0], NO_VEHICLE, *_link_and_history(sent_rad)),
         )
         columns.append([*floats_of(state), output.steer_rad, *sent_rad[:-1]])
-    rows = np.array(columns).T
+    rows = np.array(columns).T / _UNIT
     a, b = rows[:, :-1], rows[:, -1]
     return LinearSystem(a, b, a[order], float(b[order]))
 

@@ -32,6 +32,7 @@ class Wire(NamedTuple):
     """Arrays of shape (ticks,), then of shape (samples,), then numbers.
 
     ``*_sample``        the newest sample at each tick, -1 for none, of each message
+    ``is_vehicle_stale``  whether the newest VEHICLE_STATE is too old at each tick, 0 or 1
     ``is_measured``     whether the delay and the speed are known at each tick, 0 or 1
     ``has_error``       whether a sample's LATERAL_ERROR came, 0 or 1
     ``has_echo``        whether a sample's STEERING_STATUS came, 0 or 1
@@ -45,6 +46,7 @@ class Wire(NamedTuple):
     error_sample: NDArray[np.int64]
     echo_sample: NDArray[np.int64]
     vehicle_sample: NDArray[np.int64]
+    is_vehicle_stale: NDArray[np.int64]
     delay_ns: NDArray[np.float64]
     is_measured: NDArray[np.int64]
     has_error: NDArray[np.int64]
@@ -103,6 +105,7 @@ def _borrowed(w: Wire) -> Wire:
         borrowed_ints(w.error_sample),
         borrowed_ints(w.echo_sample),
         borrowed_ints(w.vehicle_sample),
+        borrowed_ints(w.is_vehicle_stale),
         borrowed_floats(w.delay_ns),
         borrowed_ints(w.is_measured),
         borrowed_ints(w.has_error),
@@ -170,7 +173,7 @@ def _seen(
     return LawInput(
         error_m,
         last_sent_rad,
-        VehicleReading(speed_m_s, yaw_rate_rad_s, curvature_1_m),
+        VehicleReading(speed_m_s, yaw_rate_rad_s, curvature_1_m, w.is_vehicle_stale[tick] != 0),
         Link(
             tick,
             w.error_sample[tick],
@@ -244,7 +247,7 @@ def _law_input_of_type(
             return LawInput(
                 error_m,
                 last_sent_rad,
-                VehicleReading(0.0, 0.0, 0.0),
+                VehicleReading(0.0, 0.0, 0.0, False),
                 Link(tick, -1, -1, 0.0, False),
                 History(
                     -1, -1, sent_rad, measured_m, measured_m, (False,), (-1,), (False,), (0.0,)

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.design import link_of
+from controller.freshness import AgeLimits
 from controller.link import NO_DELAY, DelayState, LinkParams, delay_of, delay_step
 from controller.link_memory import E2E_COUNTERS, RING_SIZE
-from controller.settings import ControllerSettings, SupervisionSettings
+from controller.settings import ControllerSettings, SupervisionSettings, age_limits_of
 from dbc.messages import LateralError, SteeringStatus, VehicleState, limits, resolutions
 from plant_emulator.safety_settings import design_guard
 from plant_emulator.settings import PlantSettings
@@ -43,6 +44,7 @@ class _Link(NamedTuple):
     error_sample: IntArray
     echo_sample: IntArray
     vehicle_sample: IntArray
+    is_vehicle_stale: IntArray
     delay_ns: FloatArray
     is_measured: IntArray
     has_error: IntArray
@@ -68,7 +70,13 @@ def plan_wire(
     plant: PlantSettings, controller: ControllerSettings, plan: Plan, speed_m_s: float
 ) -> Wire:
     """Lay down the wire of one run. Raises UnclearSampleError."""
-    link = _link(plant_network(plant), controller.supervision, link_of(controller), _Ticks(plan))
+    link = _link(
+        plant_network(plant),
+        controller.supervision,
+        link_of(controller),
+        age_limits_of(controller),
+        _Ticks(plan),
+    )
     error, state = resolutions(LateralError), resolutions(VehicleState)
     ranges = limits(VehicleState)
     samples = len(plan.sample_ns)
@@ -113,7 +121,11 @@ def plant_network(plant: PlantSettings) -> PlantSettings:
 
 @lru_cache(maxsize=_KEPT)
 def _link(
-    plant: PlantSettings, supervision: SupervisionSettings, params: LinkParams, ticks: _Ticks
+    plant: PlantSettings,
+    supervision: SupervisionSettings,
+    params: LinkParams,
+    limits_ns: AgeLimits,
+    ticks: _Ticks,
 ) -> _Link:
     plan = ticks.plan
     samples = len(plan.sample_ns)
@@ -125,7 +137,8 @@ def _link(
     errors, echoes = _rising(errors), _rising(echoes)
     chosen = _followed(plant, plan)
     echoed = _echoed_ticks(plan, chosen, echoes)
-    delay_ns = _delays(params, echoes, echoed, _is_ignoring(plant, plan, chosen, echoes))
+    is_ignoring = _is_ignoring(plant, plan, chosen, echoes)
+    delay_ns = _delays(params, limits_ns.steering_status_ns, echoes, echoed, is_ignoring)
     newest_echo = _newest(echoes, plan.tick_ns)
     newest_state = _newest(states, plan.tick_ns)
     knows_speed = newest_state >= 0
@@ -134,13 +147,16 @@ def _link(
     has_error[errors.sample] = 1
     has_echo = np.zeros(samples, dtype=np.int64)
     has_echo[echoes.sample] = 1
-    echo_ns = _at(echoes.arrival_ns, newest_echo)
-    is_measured = knows_echo & (plan.tick_ns - echo_ns <= params.echo_timeout_ns)
+    state_age_ns = plan.tick_ns - _at(states.arrival_ns, newest_state)
+    is_vehicle_stale = knows_speed & (state_age_ns > limits_ns.vehicle_state_ns)
+    echo_age_ns = plan.tick_ns - _at(echoes.arrival_ns, newest_echo)
+    is_measured = knows_echo & (echo_age_ns <= limits_ns.steering_status_ns) & ~is_vehicle_stale
     heading_noise_rad, yaw_rate_noise_rad_s = _noise(plant, samples)
     return _Link(
         error_sample=np.where(knows_speed, _at(errors.sample, _newest(errors, plan.tick_ns)), -1),
         echo_sample=np.where(knows_echo, _at(echoes.sample, newest_echo), -1),
         vehicle_sample=_at(states.sample, newest_state),
+        is_vehicle_stale=is_vehicle_stale.astype(np.int64),
         delay_ns=np.where(knows_echo, _at(delay_ns, newest_echo, 0.0), 0.0),
         is_measured=is_measured.astype(np.int64),
         has_error=has_error,
@@ -260,9 +276,13 @@ def _held(sample: IntArray, tick: IntArray, samples: int) -> IntArray:
 
 
 def _delays(
-    params: LinkParams, echoes: Arrivals, tick: IntArray, is_ignoring: NDArray[np.bool_]
+    params: LinkParams,
+    timeout_ns: int,
+    echoes: Arrivals,
+    tick: IntArray,
+    is_ignoring: NDArray[np.bool_],
 ) -> FloatArray:
-    is_late = np.diff(echoes.arrival_ns, prepend=echoes.arrival_ns[:1]) > params.echo_timeout_ns
+    is_late = np.diff(echoes.arrival_ns, prepend=echoes.arrival_ns[:1]) > timeout_ns
     delays_ns = _run_delays(params, NO_DELAY, echoes.sample, tick, is_late, is_ignoring)
     return np.asarray(delays_ns, dtype=np.float64)
 
