@@ -495,6 +495,10 @@ def test_the_first_sign_of_a_fault_is_found_behind_its_onset() -> None:
     assert _first_sign(frames, 10 * ms, 100 * ms) is None
     assert _first_sign([*frames, (20 * ms, status(5))], 10 * ms, 100 * ms) == 0.01
     assert _first_sign([*frames, (30 * ms, held)], 10 * ms, 100 * ms) == 0.02
+    limiting = status(4, SafetyState.LIMITING)
+    assert _first_sign([*frames, (25 * ms, limiting)], 10 * ms, 100 * ms) == 0.015
+    limited = encode(SteeringStatus(0.0, 0, SteeringStatusCode.LIMITED_BY_SAFETY), 0)
+    assert _first_sign([*frames, (22 * ms, limited)], 10 * ms, 100 * ms) == 0.012
     assert _first_sign([*frames, (30 * ms, held)], 10 * ms, 30 * ms) is None
     stop = encode(SteeringCommand(0.0, 0, Mode.SAFE_STOP), 0)
     assert _first_sign([(40 * ms, stop)], 10 * ms, 100 * ms) == 0.03

@@ -45,12 +45,13 @@ from tools.soak.census import read_own_log
 _SIGKILL_STATUS = -9
 _PAYLOAD_BYTES = 8
 _COMMAND_ID = CAN_IDS[SteeringCommand]
-_LEFT_CONTROL = (
+_NOT_AS_TOLD = (
+    SteeringStatusCode.LIMITED_BY_SAFETY,
     SteeringStatusCode.HOLDING,
     SteeringStatusCode.FALLBACK,
     SteeringStatusCode.SAFE_STATE,
 )
-_UNSAFE_LEFT = (SafetyState.HOLDING, SafetyState.FALLBACK, SafetyState.SAFE_STATE)
+_UNSAFE = frozenset(SafetyState) - {SafetyState.NORMAL}
 _HELD = (Mode.HOLDING, Mode.SAFE_STOP)
 
 _OF_THE_MACHINE = frozenset({SKIPPED})
@@ -229,9 +230,9 @@ def _is_sign(message: Message, before: tuple[int, int]) -> bool:
         case SteeringCommand() | ControllerStatus():
             return message.mode in _HELD
         case SteeringStatus():
-            return message.status in _LEFT_CONTROL
+            return message.status in _NOT_AS_TOLD
         case PlantStatus():
-            return message.safety in _UNSAFE_LEFT or _refused(message) != before
+            return message.safety in _UNSAFE or _refused(message) != before
         case ControllerSafety():
             is_stale = message.lateral_error_freshness is Freshness.STALE
             is_well = message.fault is ControllerFault.NONE
