@@ -39,9 +39,9 @@ def live_section(outcomes: Sequence[Outcome]) -> Section:
     rows = [
         [
             *map(Cell, row[:3]),
-            *map(number, row[3:6]),
+            *map(_unbroken, row[3:6]),
             Cell(row[6]),
-            number(row[7]),
+            _unbroken(row[7]),
             Cell("; ".join(outcome.mistakes) or "passed"),
         ]
         for outcome, row in zip(outcomes, map(_row, outcomes), strict=True)
@@ -85,6 +85,11 @@ def _row(outcome: Outcome) -> list[str]:
         "killed" if outcome.statuses[PLANT] < 0 else vehicle.last_status,
         f"{outcome.statuses[PLANT]} / {outcome.statuses[CONTROLLER]}",
     ]
+
+
+def _unbroken(text: str) -> Cell:
+    """Return a number's cell that stays on one line."""
+    return number(text.replace(" ", "\N{NO-BREAK SPACE}"))
 
 
 def _counts(outcome: Outcome, name: str) -> str:
