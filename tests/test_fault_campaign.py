@@ -10,8 +10,10 @@ import pytest
 
 from dbc.protection import SequenceCheck, SequenceResult
 from plant_emulator.fault_settings import FaultKind, FaultSettings
+from plant_emulator.faults import FaultStage
+from runtime.frame import Frame
 from runtime.settings import load_settings
-from tools.campaign.acceptance import findings_of, residual_finding
+from tools.campaign.acceptance import findings_of, memory_finding, residual_finding
 from tools.campaign.comparison import compare
 from tools.campaign.detectability import (
     MECHANISM_OF,
@@ -22,9 +24,10 @@ from tools.campaign.detectability import (
 )
 from tools.campaign.execution import RESULTS, read_results, specification_hash
 from tools.campaign.grouping import group
+from tools.campaign.memory import GROWTH_BYTES_MAX, Memory, measure_memory
 from tools.campaign.node_faults import NodeFault
 from tools.campaign.residual import Residual, exceeds, falls_short, measure_residual
-from tools.campaign.scenario import Scenario, scenarios_of
+from tools.campaign.scenario import Scenario, controller_settings_of, scenarios_of
 from tools.campaign.specification import CampaignSettings, NodeFaultKind
 from tools.campaign.trial import FAILURES, Result, Verdict, run_trial
 from tools.fault_campaign import FAILED, main
@@ -35,6 +38,7 @@ onset_s = 1.0
 fault_s = 0.5
 golden_seeds = 1
 residual_frames = 20000
+memory_s = 0
 laws = ["practical_pd"]
 [[points]]
 name = "nominal"
@@ -251,6 +255,32 @@ def test_the_residual_probability_of_the_crc_is_what_it_should_be() -> None:
     assert falls_short(8, 65536 * 30)
     assert not exceeds(0, 0)
     assert not residual_finding(Residual(65536 * 30, 3)).holds
+
+
+def test_memory_that_keeps_something_of_every_period_is_told() -> None:
+    flat = Memory(1_700_000, 1_700_000 + 54_000 * 15, 600.0, 54_000)
+    leaking = flat._replace(late_bytes=flat.late_bytes + 54_000)
+    assert memory_finding(flat).holds
+    assert not memory_finding(leaking).holds
+    assert "16.0 bytes a control period" in memory_finding(leaking).figure
+
+
+def test_the_bytes_held_are_the_same_again_and_more_where_a_stage_keeps_its_frames(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    law = controller_settings_of("practical_pd")
+    sound = measure_memory(law, 2.0)
+    again = measure_memory(law, 2.0)
+    assert abs(again.late_bytes - sound.late_bytes) < 1000
+    take = FaultStage.take
+
+    def keeping(stage: FaultStage, frame: Frame, now_ns: int, since_ns: int) -> Sequence[Frame]:
+        vars(stage).setdefault("kept", []).append(now_ns)
+        return take(stage, frame, now_ns, since_ns)
+
+    monkeypatch.setattr(FaultStage, "take", keeping)
+    leaking = measure_memory(law, 2.0)
+    assert leaking.growth_bytes - sound.growth_bytes > GROWTH_BYTES_MAX
 
 
 def test_every_cause_that_is_counted_has_a_mechanism(results: list[Result]) -> None:

@@ -25,7 +25,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemaining
 from runtime.program import ExitStatus, run_main
 from runtime.report import write_json
 from runtime.settings import Preset, SettingsError, load_settings, preset_names
-from tools.campaign.acceptance import Finding, findings_of, residual_finding
+from tools.campaign.acceptance import Finding, findings_of, memory_finding, residual_finding
 from tools.campaign.comparison import compare
 from tools.campaign.execution import (
     RESULTS,
@@ -36,6 +36,7 @@ from tools.campaign.execution import (
     write_result,
 )
 from tools.campaign.grouping import group
+from tools.campaign.memory import measure_memory
 from tools.campaign.presentation import (
     campaign_page,
     comparison_lines,
@@ -44,7 +45,7 @@ from tools.campaign.presentation import (
     write_csv,
 )
 from tools.campaign.residual import measure_residual
-from tools.campaign.scenario import scenarios_of
+from tools.campaign.scenario import controller_settings_of, scenarios_of
 from tools.campaign.specification import CampaignSettings
 from tools.campaign.trial import Result, run_trial
 from tools.campaign.walks import WALK_FAULTS_MAX, Walk, walk_all, walk_lines
@@ -110,6 +111,9 @@ def _run(options: argparse.Namespace) -> int:
     results = _results(spec, options)
     residual = residual_finding(measure_residual(spec.residual_frames, spec.seed))
     findings = [*findings_of(results, spec.ftti_ms), residual]
+    if spec.memory_s > 0.0:
+        controller = controller_settings_of(spec.laws[0])
+        findings.append(memory_finding(measure_memory(controller, spec.memory_s, spec.seed)))
     live = run_live_campaign(options.out / "live", spec.seed) if options.live else []
     findings += [live_finding(live)] if live else []
     comparison = None if earlier is None else compare(earlier, results)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from tools.campaign.memory import GROWTH_BYTES_MAX, LONGER, Memory
 from tools.campaign.residual import RESIDUAL, Residual, exceeds, falls_short
 from tools.campaign.scenario import GOLDEN
 from tools.campaign.specification import NodeFaultKind
@@ -45,6 +46,17 @@ def residual_finding(measured: Residual) -> Finding:
     )
     what = "the CRC's residual probability is 2^-16"
     return Finding(what, not (is_too_many or is_too_few), figure)
+
+
+def memory_finding(measured: Memory) -> Finding:
+    """Return whether a pair with faults keeps nothing of each control period."""
+    figure = (
+        f"{measured.warm_bytes / 1e6:.2f} MB held after {measured.run_s / LONGER:g} s with faults, "
+        f"{measured.late_bytes / 1e6:.2f} MB after {measured.run_s:g} s: "
+        f"{measured.growth_bytes:.1f} bytes a control period, the smallest object takes "
+        f"{GROWTH_BYTES_MAX:g}"
+    )
+    return Finding("no unbounded memory", measured.growth_bytes < GROWTH_BYTES_MAX, figure)
 
 
 def _detected(faulty: Sequence[Result], ftti_ms: float) -> Finding:

@@ -32,7 +32,7 @@ def specification_hash(spec: CampaignSettings) -> str:
 
     Results of programs that have changed since are no results of these.
     """
-    text = spec.model_dump_json(exclude={"residual_frames"})  # no run depends on it
+    text = spec.model_dump_json(exclude={"residual_frames", "memory_s"})  # no run depends on them
     told = sha256(text.encode())
     for package in _JUDGED:
         for file in sorted(Path(str(files(package))).rglob("*")):

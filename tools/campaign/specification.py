@@ -118,6 +118,8 @@ class CampaignSettings(Settings):
     bitrate_bit_s: Annotated[int, Field(ge=125_000, le=1_000_000)] = 500_000
     residual_frames: Annotated[int, Field(ge=1000, le=100_000_000)] = 2_000_000
     """Frames corrupted at random beside the runs, to count how many have a CRC that fits."""
+    memory_s: float = Field(600.0, ge=0.0, le=100_000.0)
+    """How long a pair with faults runs beside them, to count what it holds; 0: none does."""
     laws: tuple[str, ...] = Field(("practical_pd_ddob",), min_length=1, max_length=20)
     """Presets of the controller."""
     points: tuple[PointSettings, ...] = Field((PointSettings(name="nominal"),), min_length=1)
