@@ -19,6 +19,7 @@ from controller.node import ControllerNode
 from controller.settings import ControllerSettings
 from dbc.messages import (
     CAN_IDS,
+    ControllerSafety,
     ControllerStatus,
     Decoded,
     DelayStatus,
@@ -93,7 +94,10 @@ def fuzz_controller(data: bytes) -> None:
         choices,
         lambda: ControllerNode(settings, 0),
         CONTROLLER_RECEIVES,
-        Outgoing((SteeringCommand, ControllerStatus, DelayStatus), judge=CommandLimits(settings)),
+        Outgoing(
+            (SteeringCommand, ControllerStatus, ControllerSafety, DelayStatus),
+            judge=CommandLimits(settings),
+        ),
     )
 
 

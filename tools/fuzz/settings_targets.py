@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings
 from dbc.messages import (
+    ControllerSafety,
     ControllerStatus,
     DelayStatus,
     LateralError,
@@ -206,7 +207,8 @@ def _run_controller(settings: ControllerSettings) -> None:
     """Let a controller steer for a moment, then lose its measurements."""
     node = ControllerNode(settings, 0)
     outgoing = Outgoing(
-        (SteeringCommand, ControllerStatus, DelayStatus), judge=CommandLimits(settings)
+        (SteeringCommand, ControllerStatus, ControllerSafety, DelayStatus),
+        judge=CommandLimits(settings),
     )
     for number, error_m in enumerate((0.0, 1e-3, 80.0, -80.0, 0.5)):
         node.on_frame(encode(LateralError(error_m, 0.0), number), number * STEP_NS)
