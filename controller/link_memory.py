@@ -4,13 +4,15 @@ The E2E counters are unwrapped to numbers of samples: the number nearest to wher
 it, so that a gap longer than the counter's round, or a sender that starts anew, is bridged.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 from controller.freshness import AgeLimits
 from controller.law_interface import History, Link
 from controller.link import NO_DELAY, LinkParams, delay_of, delay_step, unwrapped
+from controller.sensor_rate import NO_RATE, rate_step
 from dbc.messages import LateralError, SteeringStatus, SteeringStatusCode
+from runtime.node import NS_PER_S
 
 RING_SIZE = 4096
 """Ticks and samples remembered: 4 s at 1 kHz, and a power of two."""
@@ -48,6 +50,8 @@ class LinkMemory:
         self._params = params
         self._limits = limits
         self._error: Newest | None = None
+        self._rate = NO_RATE
+        self._times_wrong = 0
         self._echo: Newest | None = None
         self._delay = NO_DELAY
         self._vehicle_ns: int | None = None
@@ -98,6 +102,7 @@ class LinkMemory:
             self._error_m[index] = error.lateral_error_m
             self._heading_rad[index] = error.heading_error_rad
             self._error = newest
+            self._follow_rate(newest)
 
     def on_echo(self, status: SteeringStatus, counter: int, now_ns: int) -> None:
         """Keep which command was in effect at a sample, and where the wheel was if none acted."""
@@ -139,9 +144,29 @@ class LinkMemory:
         if self._echo is None:
             return Link(tick, error, -1, 0.0, False)
         is_recent = now_ns - self._vehicle_ns <= self._limits.vehicle_state_ns
-        is_recent = is_recent and not self._is_late(now_ns)
+        is_recent = is_recent and not self._is_late(now_ns) and not self._rate.is_wrong
         delay_ns = delay_of(self._params, self._delay, self._echo.sample)
         return Link(tick, error, self._echo.sample, delay_ns, is_recent)
+
+    def sensor_period_report(self) -> Mapping[str, Any]:
+        """Return how the sensors' period agrees with its setting, ready for JSON.
+
+        ``times_wrong``  how often it was found to be another
+        ``measured_s``   what it was then, None where it never was
+        """
+        measured_ns = self._rate.measured_ns
+        return {
+            "setting_s": self._params.sensor_period_ns / NS_PER_S,
+            "times_wrong": self._times_wrong,
+            "measured_s": measured_ns / NS_PER_S if self._times_wrong else None,
+        }
+
+    def _follow_rate(self, newest: Newest) -> None:
+        """Hold the number of a measurement against the clock."""
+        was_wrong = self._rate.is_wrong
+        period_ns = self._params.sensor_period_ns
+        self._rate = rate_step(period_ns, self._rate, newest.sample, newest.arrival_ns)
+        self._times_wrong += self._rate.is_wrong and not was_wrong
 
     def _is_late(self, now_ns: int) -> bool:
         """Whether the newest echo is too old to say anything of the delay now."""

@@ -202,6 +202,7 @@ class ControllerNode:
         ``mode_s``      time spent in each mode up to the last tick
         ``round_trip``  from sending a command to the first echo of its counter
         ``sample_age``  of the measurement in use, at each tick of the law
+        ``sensor_period``  whether it is what the setting says; None for laws that do not ask
         ``delay``       from command to measurement, by echo and by estimate
         ``lost``        frames that never came or came too late; ``rejected`` by cause
         """
@@ -218,12 +219,17 @@ class ControllerNode:
             "mode_s": {mode.name.lower(): ns / NS_PER_S for mode, ns in self._mode_ns.items()},
             "round_trip": durations_report(self._round_trip.statistics.summary()),
             "sample_age": durations_report(self._sample_age.summary()),
+            "sensor_period": self._sensor_period(),
             "delay": self._delay.report(self._last_tick_ns, self._period_ns / NS_PER_S),
             "accepted": self._reception.accepted,
             "lost": self._reception.lost,
             "rejected": self._reception.rejected,
             "resynchronised": self._reception.resynchronised,
         }
+
+    def _sensor_period(self) -> Mapping[str, Any] | None:
+        """Return how the sensors keep to the setting, for the laws that take their time from it."""
+        return self._memory.sensor_period_report() if self._design.looks_back else None
 
     @property
     def _failure(self) -> str:

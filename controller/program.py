@@ -15,7 +15,7 @@ from controller.node import RECEIVED, ControllerNode
 from controller.settings import ControllerSettings
 from dbc.secured_frame import CONTROLLER
 from dbc.secured_program import add_key_file_argument, run_secured_node
-from runtime.program import ExitStatus, load_program_settings, make_parser, run_main
+from runtime.program import ExitStatus, load_program_settings, make_parser, run_main, say
 
 NAME = "steering-controller"
 PRESETS = "controller.presets"
@@ -57,4 +57,17 @@ def _run(options: argparse.Namespace) -> int:
         CONTROLLER,
         lambda start_ns: ControllerNode(settings, start_ns),
         RECEIVED,
+        _conclude,
     )
+
+
+def _conclude(node: ControllerNode) -> None:
+    """Say what in the settings cannot be right."""
+    seen = node.report()["sensor_period"]
+    if seen is not None and seen["times_wrong"]:
+        say(
+            NAME,
+            f"the plant's sensor period was about {1e3 * seen['measured_s']:.3g} ms, but "
+            f"link.sensor_period_ms = {1e3 * seen['setting_s']:g}: the law did without the delay",
+            sys.stderr,
+        )

@@ -24,6 +24,7 @@ from controller import (
     pd,
     predictor,
     sections,
+    sensor_rate,
     smith,
 )
 from controller.law_interface import LawInput
@@ -55,6 +56,7 @@ _STEP_FUNCTIONS: tuple[Callable[..., Any], ...] = (
     estimator.correction_step,
     estimator.sent_at,
     estimator._mean_command,
+    sensor_rate.rate_step,
     estimator._acting_at,
     estimator.command_from,
     estimator.estimate_to,

@@ -24,6 +24,7 @@ from plant_emulator.streams import Channel, first_uniforms
 from tools.batch.compilation import compiled
 from tools.batch.network import FloatArray, IntArray, normal_scores
 from tools.batch.plan import Arrivals, Plan, Uplink, arrivals_of
+from tools.batch.sensor_rate import wrong_at
 from tools.batch.wire import Wire, on_wire
 
 _KEPT = 8
@@ -151,9 +152,11 @@ def _link(
     is_vehicle_stale = knows_speed & (state_age_ns > limits_ns.vehicle_state_ns)
     echo_age_ns = plan.tick_ns - _at(echoes.arrival_ns, newest_echo)
     is_measured = knows_echo & (echo_age_ns <= limits_ns.steering_status_ns) & ~is_vehicle_stale
+    newest_error = _newest(errors, plan.tick_ns)
+    is_measured &= ~wrong_at(params.sensor_period_ns, errors, newest_error)
     heading_noise_rad, yaw_rate_noise_rad_s = _noise(plant, samples)
     return _Link(
-        error_sample=np.where(knows_speed, _at(errors.sample, _newest(errors, plan.tick_ns)), -1),
+        error_sample=np.where(knows_speed, _at(errors.sample, newest_error), -1),
         echo_sample=np.where(knows_echo, _at(echoes.sample, newest_echo), -1),
         vehicle_sample=_at(states.sample, newest_state),
         is_vehicle_stale=is_vehicle_stale.astype(np.int64),
