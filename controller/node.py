@@ -182,7 +182,7 @@ class ControllerNode:
             self._decide(now_ns, period)
             if self._supervisor.mode is not Mode.WAITING:
                 frames.append(self._command_frame(now_ns, period))
-            is_safety_due = self._safety.is_due(self._safety_facts(now_ns), now_ns)
+            is_safety_due = self._safety.on_tick(self._safety_facts(now_ns), now_ns)
         if self._status_timer.deadline_ns <= now_ns:
             self._status_timer.advance(now_ns)
             frames.append(self._status_frame())
@@ -202,6 +202,7 @@ class ControllerNode:
         ``mode_s``      time spent in each mode up to the last tick
         ``round_trip``  from sending a command to the first echo of its counter
         ``sample_age``  of the measurement in use, at each tick of the law
+        ``stale``       how often each message got older than its age limit
         ``sensor_period``  whether it is what the setting says; None for laws that do not ask
         ``delay``       from command to measurement, by echo and by estimate
         ``lost``        frames that never came or came too late; ``rejected`` by cause
@@ -219,6 +220,7 @@ class ControllerNode:
             "mode_s": {mode.name.lower(): ns / NS_PER_S for mode, ns in self._mode_ns.items()},
             "round_trip": durations_report(self._round_trip.statistics.summary()),
             "sample_age": durations_report(self._sample_age.summary()),
+            "stale": self._safety.went_stale,
             "sensor_period": self._sensor_period(),
             "delay": self._delay.report(self._last_tick_ns, self._period_ns / NS_PER_S),
             "accepted": self._reception.accepted,

@@ -10,6 +10,7 @@ A message that comes and goes is told as stale again only after it was told as b
 together are bounded. Lost frames alone wait for the cycle: a network loses some all the time.
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from dbc.messages import ControllerFault, ControllerSafety, Freshness, encode, limits
@@ -18,6 +19,7 @@ from runtime.frame import Frame
 INTERVAL_NS = 20_000_000
 """50 frames a second are 1.4 % of a bus of 500 kbit/s, and 20 ms a seventh of the 150 ms in which a
 refusal has to be told."""
+_AGES = ("lateral_error", "steering_status", "vehicle_state")
 _E2E_COUNTERS = 1 << 8
 _COUNTERS = int(limits(ControllerSafety)["rejected"].maximum) + 1
 
@@ -46,13 +48,25 @@ class SafetyStatus:
     """Remembers what was told, and makes the frames."""
 
     def __init__(self) -> None:
+        self._before: SafetyFacts | None = None
+        self._went_stale = dict.fromkeys(_AGES, 0)
         self._told: SafetyFacts | None = None
         self._told_ns = 0
         self._sent = 0
 
-    def is_due(self, facts: SafetyFacts, now_ns: int) -> bool:
-        """Whether ``facts`` have to be told before the next cycle."""
-        told = self._told
+    @property
+    def went_stale(self) -> Mapping[str, int]:
+        """How often each message has gone stale."""
+        return dict(self._went_stale)
+
+    def on_tick(self, facts: SafetyFacts, now_ns: int) -> bool:
+        """Take the facts of a control tick; returns whether to tell them before the next cycle."""
+        before, told = self._before, self._told
+        if before is not None and facts != before:
+            for name in _AGES:
+                is_stale, was_stale = (getattr(x, name) is Freshness.STALE for x in (facts, before))
+                self._went_stale[name] += is_stale and not was_stale
+        self._before = facts
         if told is None or facts == told:
             return False
         return now_ns - self._told_ns >= INTERVAL_NS or facts.is_worse_than(told)

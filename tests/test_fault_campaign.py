@@ -195,7 +195,7 @@ def test_the_campaign_that_is_shipped_has_more_than_a_thousand_runs() -> None:
     [
         (FaultKind.DROP, "LATERAL_ERROR", 0.5, (Mechanism.E2E,)),
         (FaultKind.DROP, "LATERAL_ERROR", 1.0, (Mechanism.FRESHNESS,)),
-        (FaultKind.DROP, "VEHICLE_STATE", 1.0, ()),
+        (FaultKind.DROP, "VEHICLE_STATE", 1.0, (Mechanism.FRESHNESS,)),
         (FaultKind.DELAY_SPIKE, "LATERAL_ERROR", 0.05, ()),
         (FaultKind.DELAY_SPIKE, "LATERAL_ERROR", 0.3, (Mechanism.FRESHNESS,)),
         (FaultKind.OUT_OF_RANGE, "LATERAL_ERROR", 1.0, (Mechanism.RANGE,)),

@@ -65,8 +65,8 @@ class NotLinearError(ValueError):
 def law_system(design: LawDesign) -> LinearSystem:
     """Return the law from lateral error [m] to steer [rad], its own command fed back as sent.
 
-    Each column is what one step makes of a single small unit of state or input. The last states are the
-    commands of the previous periods, as many as the law reads, the newest first: without limits
+    Each column is what one step makes of a single small unit of state or input. The last states are
+    the commands of the previous periods, as many as the law reads, the newest first: without limits
     they are those that were sent.
 
     Raises NotLinearError for a law that reads more than the lateral error and its own commands.

@@ -4,7 +4,7 @@ A mechanism sees one thing, and what it sees is all that it can detect:
 
     E2E               CRC, length, identifier and counter of a frame that arrives
     RANGE             a raw value outside its signal's range or value table
-    FRESHNESS         no acceptable LATERAL_ERROR, or STEERING_COMMAND, within its age limit
+    FRESHNESS         no acceptable frame of a message to a node within the message's age limit
     LIMITER           a command beyond the safety limiter's bounds
     SELF_SUPERVISION  own ticks missed
 
@@ -32,7 +32,9 @@ BURST_SILENT_FRAMES = 15
 LIMITER_RAD = 0.7
 """The safety limiter's default bound on the angle."""
 PERIOD_S = 0.01
-STREAMS = frozenset({"LATERAL_ERROR", "STEERING_COMMAND", ALL})
+CONTROLS = frozenset({"LATERAL_ERROR", "STEERING_COMMAND", ALL})
+"""Messages without which there is nothing left to act on."""
+STREAMS = CONTROLS | {"STEERING_STATUS", "VEHICLE_STATE"}
 """Messages whose age is watched."""
 UNHEARD = frozenset(
     name
@@ -65,6 +67,7 @@ MECHANISM_OF: Mapping[str, Mechanism] = MappingProxyType(
         "out_of_range": Mechanism.RANGE,
         "not_available": Mechanism.RANGE,
         "silence": Mechanism.FRESHNESS,
+        "stale": Mechanism.FRESHNESS,
         "intervention": Mechanism.LIMITER,
         "skipped_ticks": Mechanism.SELF_SUPERVISION,
         "law_failures": Mechanism.SELF_SUPERVISION,
@@ -98,38 +101,40 @@ def expect_fault(fault: FaultSettings) -> Expectation:
     """Return what is expected of a fault of the stage at the plant's edge."""
     if is_unheard(fault):
         return Expectation((), False, "no node receives this message: nothing may change")
-    is_stream = fault.message in STREAMS
+    is_stream, is_control = fault.message in STREAMS, fault.message in CONTROLS
     magnitude = fault.magnitude
     match fault.kind:
         case FaultKind.DROP if magnitude >= 1.0:
-            return _silence(fault, is_stream)
+            return _silence(fault, is_stream, is_control)
         case FaultKind.BURST_LOSS if magnitude >= BURST_SILENT_FRAMES and is_stream:
-            return Expectation(_EITHER, True, "a burst longer than the age limit")
+            return Expectation(_EITHER, is_control, "a burst longer than the age limit")
         case FaultKind.DROP | FaultKind.BURST_LOSS:
             return Expectation(_E2E, False, "the counter jumps")
         case FaultKind.DUPLICATE:
             return Expectation(_E2E, False, "a counter comes twice")
         case FaultKind.REORDER:
             return Expectation(_E2E, False, "the counter jumps, then goes back")
-        case FaultKind.DELAY_SPIKE if magnitude > AGE_LIMIT_S and fault.duration_s > AGE_LIMIT_S:
-            return Expectation(_FRESHNESS, True, "nothing arrives for longer than the age limit")
+        case FaultKind.DELAY_SPIKE if is_stream and min(magnitude, fault.duration_s) > AGE_LIMIT_S:
+            return Expectation(
+                _FRESHNESS, is_control, "nothing arrives for longer than the age limit"
+            )
         case FaultKind.DELAY_SPIKE:
             return Expectation((), False, "late by less than the age limit: the network may")
         case FaultKind.FREEZE:
-            return Expectation(_E2E, is_stream, "the same counter again and again")
+            return Expectation(_E2E, is_control, "the same counter again and again")
         case FaultKind.BIT_FLIPS:
-            every_frame = is_stream and (1.0 - magnitude) ** 64 < 1e-3
+            every_frame = is_control and (1.0 - magnitude) ** 64 < 1e-3
             return Expectation(_E2E, every_frame, "the CRC is not that of the content")
         case FaultKind.WRONG_LENGTH:
-            return Expectation(_E2E, is_stream, "not the length of the message")
+            return Expectation(_E2E, is_control, "not the length of the message")
         case FaultKind.WRONG_IDENTIFIER:
-            return _moved(fault, is_stream)
+            return _moved(fault, is_control)
         case FaultKind.SPOOF:
             return Expectation(_E2E, False, "the true sender's counter then comes twice")
         case FaultKind.REPLAY:
             return Expectation(_E2E, False, "the counter goes back")
         case FaultKind.OUT_OF_RANGE:
-            silent = is_stream and magnitude >= 1.0
+            silent = is_control and magnitude >= 1.0
             return Expectation(_RANGE, silent, "a raw value outside the range")
         case FaultKind.OFFSET if _beats_limiter(fault, magnitude):
             return Expectation((Mechanism.LIMITER,), False, "beyond the limiter's angle")
@@ -159,19 +164,19 @@ def expect_node_fault(fault: NodeFault) -> Expectation:
     return Expectation(_FRESHNESS, True, "its peer hears nothing")
 
 
-def _silence(fault: FaultSettings, is_stream: bool) -> Expectation:
+def _silence(fault: FaultSettings, is_stream: bool, is_control: bool) -> Expectation:
     if not is_stream:
         return Expectation((), False, "this message has no age limit")
     if fault.duration_s <= AGE_LIMIT_S:
         return Expectation((), False, "shorter than the age limit, and then a counter that jumps")
-    return Expectation(_FRESHNESS, True, "nothing arrives")
+    return Expectation(_FRESHNESS, is_control, "nothing arrives")
 
 
-def _moved(fault: FaultSettings, is_stream: bool) -> Expectation:
+def _moved(fault: FaultSettings, is_control: bool) -> Expectation:
     """A frame under another identifier: its receiver refuses it by the Data ID, if it has one."""
     if fault.message == "STEERING_COMMAND":
         return Expectation(_FRESHNESS, True, "the plant does not receive that identifier")
-    return Expectation(_E2E, is_stream, "the CRC is that of another identifier")
+    return Expectation(_E2E, is_control, "the CRC is that of another identifier")
 
 
 def _beats_limiter(fault: FaultSettings, value_rad: float) -> bool:

@@ -6,8 +6,12 @@ from typing import Any, NamedTuple
 
 from controller.settings import ControllerSettings, limits_of
 from dbc.messages import (
+    ControllerFault,
+    ControllerSafety,
     Decoded,
+    Freshness,
     Mode,
+    PlantStatus,
     Rejection,
     SteeringCommand,
     SteeringStatus,
@@ -21,6 +25,7 @@ from runtime.program import ReportingNode
 
 SAFE_CAUSES = ("silence", "failure", "safe_state")
 """Counts that rise when a node leaves control."""
+_STALE_WITHOUT_HOLD = ("steering_status", "vehicle_state")
 _COMMAND_COUNTERS = 1 << 16
 _RESOLUTION_RAD = resolutions(SteeringCommand)["steer_rad"]
 _ABNORMAL_MODES = (Mode.HOLDING, Mode.SAFE_STOP)
@@ -60,6 +65,7 @@ def counts_of(report: Mapping[str, Any]) -> dict[str, int]:
         counts["safe_state"] = int(safety["safe_state"] is not None)
     else:
         counts["silence"] = report["holds"]
+        counts["stale"] = sum(report["stale"][name] for name in _STALE_WITHOUT_HOLD)
         counts["failure"] = int(bool(report["failure"]))
         counts["law_failures"] = report["law_failures"]
         counts["skipped_ticks"] = report["skipped_ticks"]
@@ -98,6 +104,8 @@ class Watch:
         self.corrupted_accepted = 0
         self.invalid: list[str] = []
         self.states: list[tuple[int, bool]] = []
+        self.told_ns: list[int] = []
+        self._rejected: int | None = None
         self._last_command: SteeringCommand | None = None
 
     @property
@@ -176,6 +184,12 @@ class Watch:
             if abs(message.wheel_angle_rad) > self._bounds.wheel_rad:
                 self.invalid.append(f"wheel at {message.wheel_angle_rad:g} rad")
             self._note_state(now_ns, message.status in _ABNORMAL_CODES)
+        elif isinstance(message, ControllerSafety):
+            ages = message[2:5]
+            is_wrong = Freshness.STALE in ages or message.fault is not ControllerFault.NONE
+            self._note_told(now_ns, is_wrong or self._has_refused(message.rejected))
+        elif isinstance(message, PlantStatus):
+            self._note_told(now_ns, self._has_refused(message.rejected))
 
     def _check_step(self, command: SteeringCommand) -> None:
         """Hold the change since the last command that got out against the rate limit."""
@@ -187,6 +201,17 @@ class Watch:
         if abs(change_rad) > steps * self._bounds.command_step_rad:
             self.invalid.append(f"command steps by {change_rad:g} rad in {steps} periods")
 
+    def _has_refused(self, rejected: int) -> bool:
+        """Whether a status tells of more frames refused than the one before."""
+        before, self._rejected = self._rejected, rejected
+        return before is not None and rejected != before
+
+    def _note_told(self, now_ns: int, is_wrong: bool) -> None:
+        """Note that a frame says on the bus that something is wrong."""
+        if is_wrong:
+            self.told_ns.append(now_ns)
+
     def _note_state(self, now_ns: int, is_abnormal: bool) -> None:
+        self._note_told(now_ns, is_abnormal)
         if not self.states or self.states[-1][1] != is_abnormal:
             self.states.append((now_ns, is_abnormal))

@@ -158,7 +158,7 @@ def _times(case: Case, pair: Pair, effect_ns: int) -> _Times:
         fhti_s: float | None = fdti_s
         if case.expected.safe_state:
             fhti_s = max(fdti_s, min(safe)) if safe else None
-        told = [at_ns for at_ns, is_abnormal in watch.states if is_abnormal and at_ns >= effect_ns]
+        told = [at_ns for at_ns in watch.told_ns if at_ns >= effect_ns]
         told_s = (told[0] - effect_ns) / NS_PER_S if told else None
         frti_s = None if fhti_s is None else fhti_s - fdti_s
         found.append(_Times(f"{name}.{cause}", fdti_s, frti_s, fhti_s, told_s))
