@@ -7,7 +7,7 @@
 Every fault of the specification at every operating point with every law, and runs without a fault.
 Leaves results.jsonl, results.csv, campaign.json and index.html in DIR; run again, it goes on where
 it was left. With --live some of the faults meet real processes on the emulated bus as well,
-which takes five minutes more. The exit status is 1 where an acceptance fails.
+which takes four minutes more. The exit status is 1 where an acceptance fails.
 """
 
 import argparse
