@@ -30,7 +30,7 @@ from plant_emulator.steering_guard import (
     guard_wheel,
     start_guard,
 )
-from tools.batch.borrowing import borrowed_floats, borrowed_ints
+from tools.batch.borrowing import borrowed
 from tools.batch.compilation import compiled, compiled_inline
 from tools.batch.motion import borrowed_motion
 from tools.batch.steps import law_step
@@ -139,27 +139,27 @@ class Segment(NamedTuple):
 @compiled
 def _borrowed_schedule(s: Schedule) -> Schedule:
     return Schedule(
-        borrowed_ints(s.tick_ns),
-        borrowed_ints(s.tick_sample),
-        borrowed_ints(s.command_due_ns),
-        borrowed_ints(s.command_tick),
-        borrowed_ints(s.sample_ns),
-        borrowed_floats(s.noise_m),
+        borrowed(s.tick_ns),
+        borrowed(s.tick_sample),
+        borrowed(s.command_due_ns),
+        borrowed(s.command_tick),
+        borrowed(s.sample_ns),
+        borrowed(s.noise_m),
     )
 
 
 @compiled
 def _borrowed_records(r: Records) -> Records:
     return Records(
-        borrowed_floats(r.lateral_error_m),
-        borrowed_floats(r.heading_error_rad),
-        borrowed_floats(r.yaw_rate_rad_s),
-        borrowed_floats(r.wheel_angle_rad),
-        borrowed_floats(r.curvature_1_m),
-        borrowed_floats(r.measured_m),
-        borrowed_ints(r.command),
-        borrowed_floats(r.sent_rad),
-        borrowed_floats(r.law_output),
+        borrowed(r.lateral_error_m),
+        borrowed(r.heading_error_rad),
+        borrowed(r.yaw_rate_rad_s),
+        borrowed(r.wheel_angle_rad),
+        borrowed(r.curvature_1_m),
+        borrowed(r.measured_m),
+        borrowed(r.command),
+        borrowed(r.sent_rad),
+        borrowed(r.law_output),
     )
 
 

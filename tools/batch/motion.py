@@ -16,7 +16,7 @@ from plant_emulator.rig_settings import (
     VehicleSettings,
 )
 from plant_emulator.settings import PlantSettings
-from tools.batch.borrowing import borrowed_as, borrowed_floats, borrowed_ints
+from tools.batch.borrowing import borrowed
 from tools.batch.compilation import compiled
 
 _KEPT = 32
@@ -27,7 +27,6 @@ _INTERVAL = np.dtype(
         *((name, np.float64) for name in DisturbanceInterval._fields[1:]),
     ]
 )
-_borrowed_intervals = borrowed_as(_INTERVAL)
 
 
 def compiled_motion(plant: PlantSettings) -> MotionParams:
@@ -68,15 +67,15 @@ def borrowed_motion(p: MotionParams) -> MotionParams:
         p.preview_m,
         p.actuator,
         Path(
-            borrowed_floats(road.start_m),
-            borrowed_floats(road.curvature_1_m),
-            borrowed_floats(road.curvature_slope_1_m2),
+            borrowed(road.start_m),
+            borrowed(road.curvature_1_m),
+            borrowed(road.curvature_slope_1_m2),
             road.pose,
             road.length_m,
             road.lap_turn_rad,
             road.closed,
         ),
-        _borrowed_intervals(p.intervals),
-        borrowed_floats(p.table),
-        borrowed_ints(p.first_rows),
+        borrowed(p.intervals),
+        borrowed(p.table),
+        borrowed(p.first_rows),
     )

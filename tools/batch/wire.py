@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from controller.law_interface import History, LawInput, Link, VehicleReading
 from plant_emulator.propagation import LinearState
 from plant_emulator.steering_guard import GuardState, is_overruled
-from tools.batch.borrowing import borrowed_floats, borrowed_ints
+from tools.batch.borrowing import borrowed
 from tools.batch.compilation import compiled, compiled_inline
 
 
@@ -102,22 +102,22 @@ def law_input(
 @compiled
 def _borrowed(w: Wire) -> Wire:
     return Wire(
-        borrowed_ints(w.error_sample),
-        borrowed_ints(w.echo_sample),
-        borrowed_ints(w.vehicle_sample),
-        borrowed_ints(w.is_vehicle_stale),
-        borrowed_floats(w.delay_ns),
-        borrowed_ints(w.is_measured),
-        borrowed_ints(w.has_error),
-        borrowed_ints(w.has_echo),
-        borrowed_ints(w.applied_tick),
-        borrowed_floats(w.heading_noise_rad),
-        borrowed_floats(w.yaw_rate_noise_rad_s),
-        borrowed_floats(w.measured_heading_rad),
-        borrowed_floats(w.measured_yaw_rate_rad_s),
-        borrowed_floats(w.measured_curvature_1_m),
-        borrowed_ints(w.is_overruled),
-        borrowed_floats(w.wheel_rad),
+        borrowed(w.error_sample),
+        borrowed(w.echo_sample),
+        borrowed(w.vehicle_sample),
+        borrowed(w.is_vehicle_stale),
+        borrowed(w.delay_ns),
+        borrowed(w.is_measured),
+        borrowed(w.has_error),
+        borrowed(w.has_echo),
+        borrowed(w.applied_tick),
+        borrowed(w.heading_noise_rad),
+        borrowed(w.yaw_rate_noise_rad_s),
+        borrowed(w.measured_heading_rad),
+        borrowed(w.measured_yaw_rate_rad_s),
+        borrowed(w.measured_curvature_1_m),
+        borrowed(w.is_overruled),
+        borrowed(w.wheel_rad),
         w.speed_m_s,
         w.heading_resolution_rad,
         w.yaw_rate_resolution_rad_s,
@@ -204,10 +204,10 @@ def _borrowed_of_type(wire: Any) -> Any:
 
         return as_it_is
 
-    def borrowed(wire: Any) -> Any:
+    def uncounted(wire: Any) -> Any:
         return _borrowed(wire)
 
-    return borrowed
+    return uncounted
 
 
 @overload(record_wire)

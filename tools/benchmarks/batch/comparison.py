@@ -2,6 +2,7 @@
 
 import ctypes
 import shutil
+import statistics
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -29,6 +30,7 @@ SHORT_S = 12.0
 """Of a run that python-control simulates: half a second of ours would be minutes of its."""
 REPETITIONS_OF_OTHERS = 3
 REPETITIONS_BESIDE_C = 21
+CHART_REPETITIONS = 5
 DELAY_S = 0.08
 
 
@@ -170,18 +172,18 @@ def _ratios(
 
 
 def seconds_of_runs(counts: Sequence[int], lengths_s: Sequence[float]) -> dict[str, list[float]]:
-    """Return the time of so many runs of a minute, and of ten runs of such lengths [s]."""
+    """Return the time of so many runs of a minute, and of ten runs of such lengths [s]: medians."""
     plant, controller = pair_settings(NETWORKS["80 ms"])
     plan = plan_run(plant, controller)
     by_count = [
-        1e-6 * _each_us(lambda: run_batch(plant, controller, plan), count) * count
+        1e-6 * _median_us(lambda: run_batch(plant, controller, plan), count) * count
         for count in counts
     ]
     by_length = []
     for length_s in lengths_s:
         longer, _ = pair_settings(NETWORKS["80 ms"], length_s)
         its = plan_run(longer, controller)
-        each_us = _each_us(partial(run_batch, longer, controller, its), 10)
+        each_us = _median_us(partial(run_batch, longer, controller, its), 10)
         by_length.append(1e-5 * each_us)
     return {"by_count": by_count, "by_length": by_length}
 
@@ -197,6 +199,10 @@ def _turn_by_turn(works: Sequence[Callable[[], object]]) -> list[list[float]]:
 
 def _quotients(ones: Sequence[float], others: Sequence[float]) -> list[float]:
     return [one / other for one, other in zip(ones, others, strict=True)]
+
+
+def _median_us(work: Callable[[], object], count: int) -> float:
+    return statistics.median(_each_us(work, count) for _ in range(CHART_REPETITIONS))
 
 
 def _each_us(work: Callable[[], object], count: int) -> float:
