@@ -148,7 +148,7 @@ class LinkMemory:
         delay_ns = delay_of(self._params, self._delay, self._echo.sample)
         return Link(tick, error, self._echo.sample, delay_ns, is_recent)
 
-    def sensor_period_report(self) -> Mapping[str, Any]:
+    def sensor_period(self) -> Mapping[str, Any]:
         """Return how the sensors' period agrees with its setting, ready for JSON.
 
         ``times_wrong``  how often it was found to be another

@@ -221,17 +221,13 @@ class ControllerNode:
             "round_trip": durations_report(self._round_trip.statistics.summary()),
             "sample_age": durations_report(self._sample_age.summary()),
             "stale": self._safety.went_stale,
-            "sensor_period": self._sensor_period(),
+            "sensor_period": self._memory.sensor_period() if self._design.looks_back else None,
             "delay": self._delay.report(self._last_tick_ns, self._period_ns / NS_PER_S),
             "accepted": self._reception.accepted,
             "lost": self._reception.lost,
             "rejected": self._reception.rejected,
             "resynchronised": self._reception.resynchronised,
         }
-
-    def _sensor_period(self) -> Mapping[str, Any] | None:
-        """Return how the sensors keep to the setting, for the laws that take their time from it."""
-        return self._memory.sensor_period_report() if self._design.looks_back else None
 
     @property
     def _failure(self) -> str:
