@@ -27,10 +27,12 @@ from runtime.emulated_bus.protocol import (
     HELLO,
     MAGIC,
     Answer,
+    BusOff,
     Filter,
     Hello,
     ProtocolError,
     check_frame,
+    pack_bus_off,
     pack_filters,
     pack_frame,
     unpack_answer,
@@ -68,6 +70,9 @@ def fuzz_protocol(data: bytes) -> None:
             request = unpack_request(record, raw)
             if isinstance(request, Frame):
                 again = unpack_request(record, pack_frame(record, request))
+                promise(again == request, f"{request} becomes {again}")
+            if isinstance(request, BusOff):
+                again = unpack_request(record, pack_bus_off(record, request))
                 promise(again == request, f"{request} becomes {again}")
 
 
