@@ -65,6 +65,8 @@ def comparison_lines(comparison: Comparison) -> list[str]:
     ]
     for what, results in _told(comparison):
         lines += [f"  {what}: {one.name} ({one.verdict})" for one in results[:_NAMES_SHOWN]]
+        if len(results) > _NAMES_SHOWN:
+            lines.append(f"  {what}: and {len(results) - _NAMES_SHOWN} more")
     return lines
 
 
@@ -199,12 +201,13 @@ def _points_table(spec: CampaignSettings) -> Table:
 
 def _comparison_section(comparison: Comparison) -> Section:
     rows = [
-        [Cell(what), Cell(one.name), Cell(str(one.verdict))]
+        [Cell(what), Cell(one.name), Cell(str(one.verdict)), number(in_ms(one.fhti_s))]
         for what, results in _told(comparison)
         for one in results[:_FAILED_SHOWN]
     ]
     summary = comparison_lines(comparison)[0]
-    tables = [Table(("group", "run", "verdict now"), rows)]
+    summary += f"; up to {_FAILED_SHOWN} runs of a group are named"
+    tables = [Table(("group", "run", "verdict now", "FHTI now [ms]"), rows)]
     return Section(
         "Beside the earlier campaign", [summary[0].upper() + summary[1:] + "."], tables=tables
     )
