@@ -45,7 +45,7 @@ from runtime.node import NEVER_NS, NS_PER_S
 from runtime.settings import SettingsError, load_settings
 from runtime.virtual_time import VirtualTimeExecutor
 from tests.running_program import running, wait_until
-from tools import inject_faults
+from tools import fault_campaign, inject_faults
 from tools.campaign.node_faults import NodeFault, with_node_fault
 from tools.campaign.scenario import controller_settings_of
 from tools.campaign.specification import NodeFaultKind
@@ -353,12 +353,12 @@ def test_a_killed_process_is_killed_once_and_what_comes_later_is_told(
 # A live pair
 
 
-def test_a_live_pair_refuses_spoofed_commands_and_holds_while_the_plant_is_paused(
+def test_a_live_pair_refuses_spoofed_commands_holds_while_the_plant_is_paused_and_sees_bus_off(
     tmp_path: Path,
 ) -> None:
-    with launched_broker() as address:
+    with launched_broker(["--allow-bus-off"]) as address:
         bus = ["-i", "emulated", "-c", "can0", "--bus-kwargs", f"address={address}"]
-        plant_options = [*bus, "--set", "duration_s=600"]
+        plant_options = ["--set", "duration_s=600", "--reconnect", *bus]
         with (
             running("plant_emulator", plant_options, tmp_path / "plant.json") as plant,
             running(
@@ -366,15 +366,18 @@ def test_a_live_pair_refuses_spoofed_commands_and_holds_while_the_plant_is_pause
             ) as controller,
         ):
             pause = f"pause,onset_s=0.7,duration_s=0.6,pid={plant.pid}"
-            words = ["spoof,duration_s=0.5", pause]
+            off = "bus_off,onset_s=1.5,duration_s=0.2,of=plant"
+            words = ["spoof,duration_s=0.5", pause, off]
             report = tmp_path / "injector.json"
             injector = [sys.executable, "-m", "tools.inject_faults", *words, *bus]
             done = subprocess.run(
                 [*injector, "--report", str(report)], capture_output=True, text=True, check=True
             )
+            plant.wait_for("the bus is back after")
             assert plant.interrupt() == 0
             assert controller.interrupt() == 0
     assert "spoof: begins" in done.stdout
+    assert plant.report()["connection"]["error_frames"] == {"bus_off": 1, "restarted": 1}
     assert [line for line in done.stdout.splitlines() if "frames sent" in line]
     # Whether its counter fits or not, some are refused: the spoofed ones, or the true ones.
     assert sum(plant.report()["node"]["rejected"].values()) > 0
@@ -658,3 +661,39 @@ def test_a_pause_shows_a_node_on_its_own_clock_what_a_jump_does(jump_s: float) -
     assert jumped["rejected"] == paused["rejected"] == {}
     # What waited for the paused one is fresh when it goes on; the other one has nothing so young.
     assert (jumped["holds"], paused["holds"]) == (int(jump_s > 0.135), 0)
+
+
+def test_the_campaign_runs_the_live_one_too_and_fails_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = tmp_path / "spec.toml"
+    spec.write_text(
+        "motion_s = 1.5\nonset_s = 0.5\nfault_s = 0.5\ngolden_seeds = 1\nresidual_frames = 1000\n"
+        "memory_s = 0\n"
+        'laws = ["practical_pd"]\n[[points]]\nname = "nominal"\n[[cases]]\nkind = "duplicate"\n'
+        'messages = ["STEERING_COMMAND"]\nmagnitudes = [1.0]\n'
+    )
+    passed = Outcome(
+        "golden",
+        {},
+        {PLANT: Telling(None, None), CONTROLLER: Telling(None, None)},
+        Vehicle(0.1, 0.1, 0.1, 0.1, "APPLYING"),
+        {PLANT: 0, CONTROLLER: 0},
+        [],
+        [],
+    )
+    asked: list[Path] = []
+
+    def run_live(folder: Path, _seed: int) -> list[Outcome]:
+        asked.append(folder)
+        return [passed._replace(mistakes=["something"] * (len(asked) > 1))]
+
+    monkeypatch.setattr(fault_campaign, "run_live_campaign", run_live)
+    words = [str(spec), "--out", str(tmp_path / "out"), "--processes", "1"]
+    without = fault_campaign.main(words)
+    assert "Live runs" not in (tmp_path / "out" / "index.html").read_text()
+    assert fault_campaign.main([*words, "--live"]) == without
+    assert asked == [tmp_path / "out" / "live"]
+    assert "Live runs" in (tmp_path / "out" / "index.html").read_text()
+    assert fault_campaign.main([*words, "--live"]) == fault_campaign.FAILED
+    assert "golden: something" in (tmp_path / "out" / "campaign.json").read_text()
