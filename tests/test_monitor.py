@@ -221,7 +221,7 @@ def test_the_screen_shows_signals_with_units_modes_and_counts(entries: list[LogE
         "20.00 ms",
         "m/s",
         "1/m",
-        "refused: 0; foreign 0; error frames 0; plant: lost 0 refused 0",
+        "refused: 0; foreign 0; error frames 0; lost/refused: plant 0/0, controller 0/0",
         "q quit",
         "0:00:20",
     ):
@@ -240,7 +240,7 @@ def test_what_stays_away_is_said(entries: list[LogEntry]) -> None:
     for now_ns, _, frame in entries:
         watch.on_frame(frame, now_ns)
     text = text_of(watch.view(entries[-1].time_ns + 3 * NS))
-    assert text.count("stays away") == 7
+    assert text.count("stays away") == 8
     assert "0 frames/s" in text
 
 

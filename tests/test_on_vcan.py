@@ -235,6 +235,7 @@ def test_cantools_decodes_every_frame_that_candump_shows(run: Run) -> None:
         "STEERING_STATUS",
         "VEHICLE_STATE",
         "CONTROLLER_STATUS",
+        "CONTROLLER_SAFETY",
         "DELAY_STATUS",
         "PLANT_STATUS",
     }

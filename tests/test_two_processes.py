@@ -13,6 +13,7 @@ import pytest
 
 from controller.settings import ControllerSettings
 from dbc.messages import (
+    ControllerSafety,
     ControllerStatus,
     Decoded,
     DelayStatus,
@@ -108,6 +109,7 @@ def recorded(folder: Path, first_run: PairResult) -> Recorded:
         (SteeringStatus, 0.01),
         (VehicleState, 0.02),
         (ControllerStatus, 0.1),
+        (ControllerSafety, 0.1),
         (DelayStatus, 0.1),
         (PlantStatus, 0.1),
     ],

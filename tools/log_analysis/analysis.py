@@ -11,6 +11,7 @@ from dbc.messages import (
     CAN_IDS,
     CYCLE_TIMES_MS,
     MESSAGE_TYPES,
+    ControllerSafety,
     ControllerStatus,
     LatencyConfig,
     LateralError,
@@ -110,6 +111,8 @@ class LogAnalysis:
         self._mode: tuple[Mode, int] | None = None
         self._laws: dict[str, None] = {}
         self._skipped_ticks = _modular(ControllerStatus, "skipped_ticks")
+        self._controller_lost = _modular(ControllerSafety, "lost")
+        self._controller_rejected = _modular(ControllerSafety, "rejected")
         self._plant_lost = _modular(PlantStatus, "lost")
         self._plant_rejected = _modular(PlantStatus, "rejected")
 
@@ -155,6 +158,8 @@ class LogAnalysis:
             "modes_s": {mode.name: self._modes_ns[mode] / NS_PER_S for mode in Mode},
             "laws": list(self._laws),
             "skipped_ticks": self._skipped_ticks.advanced,
+            "controller_lost": self._controller_lost.advanced,
+            "controller_rejected": self._controller_rejected.advanced,
             "plant_lost": self._plant_lost.advanced,
             "plant_rejected": self._plant_rejected.advanced,
             "latency_configs": self._configs,
@@ -202,6 +207,9 @@ class LogAnalysis:
         if isinstance(message, ControllerStatus):
             self._skipped_ticks.take(message.skipped_ticks)
             self._laws[Law(message.law).name] = None
+        elif isinstance(message, ControllerSafety):
+            self._controller_lost.take(message.lost)
+            self._controller_rejected.take(message.rejected)
         elif isinstance(message, PlantStatus):
             self._plant_lost.take(message.lost)
             self._plant_rejected.take(message.rejected)

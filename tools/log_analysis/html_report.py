@@ -171,6 +171,8 @@ def _refused(figures: Mapping[str, Any]) -> str:
         ("error frames", str(figures["error_frames"])),
         ("dropped by the latency lines, by the plant's own count", str(figures["plant_lost"])),
         ("refused by the plant, by its own count", str(figures["plant_rejected"])),
+        ("lost to the controller, by its own count", str(figures["controller_lost"])),
+        ("refused by the controller, by its own count", str(figures["controller_rejected"])),
         ("samples that the plant seems to have skipped", _skipped(figures)),
         ("control periods skipped, by the controller's own count", str(figures["skipped_ticks"])),
         ("times that run backwards", str(figures["times_backwards"])),

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from rich.text import Text
 
-from dbc.messages import EchoState, EstimateState
+from dbc.messages import ControllerFault, EchoState, EstimateState, Freshness
 from tools.monitor_view.latency_keys import LatencyChoice
 from tools.monitor_view.watch import MessageView, Spread, Strip, View
 
@@ -34,7 +34,7 @@ def screen_lines(
     strip_width = max(width, WIDTH_MIN) - 60
     lines = [_title(view, bus, width), _state(view)]
     lines += _signals(view, strip_width, blocks)
-    lines += [Text(), *_latency(view, strip_width, blocks)]
+    lines += _latency(view, strip_width, blocks)
     lines += [Text(_HEAD, style="bold"), *(_message(row) for row in view.messages)]
     lines += [_refused(view), _choice(choice, sent), Text(_KEYS, style="dim")]
     for line in lines:
@@ -100,7 +100,8 @@ def _state(view: View) -> Text:
     skipped = "-" if view.controller is None else str(view.controller.skipped_ticks)
     actuator = "not heard" if view.actuator is None else view.actuator.name
     text = Text("controller ").append(mode, style=_MODE_STYLES.get(mode, "bold"))
-    text.append(f"{law}, {skipped} ticks skipped   actuator ").append(actuator, style="bold")
+    text.append(f"{law}, {skipped} ticks skipped").append(_alarms(view), style="bold red")
+    text.append("   actuator ").append(actuator, style="bold")
     return text.append(f"   {view.frames_per_s:.0f} frames/s")
 
 
@@ -220,12 +221,28 @@ def _message(row: MessageView) -> Text:
 def _refused(view: View) -> Text:
     ids = ",".join(f"{can_id:X}" for can_id in view.foreign_ids[:4])
     more = ",.." if len(view.foreign_ids) > 4 else ""
-    plant = view.plant
-    counted = "" if plant is None else f"; plant: lost {plant.lost} refused {plant.rejected}"
+    told = (("plant", view.plant), ("controller", view.safety))
+    counts = ", ".join(f"{name} {one.lost}/{one.rejected}" for name, one in told if one is not None)
+    counted = f"; lost/refused: {counts}" if counts else ""
     return Text(
         f"refused: {_causes(view.refused)}; foreign {view.foreign_frames}"
         f"{f' ({ids}{more})' if ids else ''}; error frames {view.error_frames}{counted}"
     )
+
+
+def _alarms(view: View) -> str:
+    """Return what the controller says is wrong: stale messages, and a fault of its own."""
+    safety = view.safety
+    if safety is None:
+        return ""
+    ages = {
+        "LATERAL_ERROR": safety.lateral_error_freshness,
+        "STEERING_STATUS": safety.steering_status_freshness,
+        "VEHICLE_STATE": safety.vehicle_state_freshness,
+    }
+    stale = "".join(f", {name} stale" for name, age in ages.items() if age is Freshness.STALE)
+    has_fault = safety.fault is not ControllerFault.NONE
+    return stale + (f", fault {safety.fault.name}" if has_fault else "")
 
 
 def _causes(refused: Mapping[str, int]) -> str:

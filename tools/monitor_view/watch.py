@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dbc.messages import (
     CYCLE_TIMES_MS,
     MESSAGE_TYPES,
+    ControllerSafety,
     ControllerStatus,
     DelayStatus,
     LateralError,
@@ -82,6 +83,7 @@ class View(NamedTuple):
     steering: SteeringStatus | None
     vehicle: VehicleState | None
     controller: ControllerStatus | None
+    safety: ControllerSafety | None
     delay: DelayStatus | None
     plant: PlantStatus | None
     mode: Mode | None
@@ -163,7 +165,7 @@ class BusWatch:
         error, command = newest.get(LateralError), newest.get(SteeringCommand)
         steering, vehicle = newest.get(SteeringStatus), newest.get(VehicleState)
         controller, plant = newest.get(ControllerStatus), newest.get(PlantStatus)
-        delay = newest.get(DelayStatus)
+        delay, safety = newest.get(DelayStatus), newest.get(ControllerSafety)
         return View(
             elapsed_s=(now_ns - self._start_ns) / NS_PER_S,
             frames=self._frames,
@@ -173,6 +175,7 @@ class BusWatch:
             steering=steering if isinstance(steering, SteeringStatus) else None,
             vehicle=vehicle if isinstance(vehicle, VehicleState) else None,
             controller=controller if isinstance(controller, ControllerStatus) else None,
+            safety=safety if isinstance(safety, ControllerSafety) else None,
             delay=delay if isinstance(delay, DelayStatus) else None,
             plant=plant if isinstance(plant, PlantStatus) else None,
             mode=controller.mode if isinstance(controller, ControllerStatus) else None,
