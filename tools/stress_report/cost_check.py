@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
 from runtime.settings import SettingsError
-from tools.demo_figures import COLOURS
+from tools.demo_figures import MANY_COLOURS
 from tools.stress_report.axes import StudyAxes
 from tools.stress_report.break_points import latency_overrides
 from tools.stress_report.expected_cost import ExpectedCost, expected_cost
@@ -67,7 +67,7 @@ def draw_checks(study: StudyRecord, checks: list[CostCheck]) -> Figure:
     panels = figure.subplots(lines, columns, sharex=True, squeeze=False)
     for check, panel in zip(shown, panels.T.flat, strict=False):
         assert check.expected is not None  # noqa: S101 - for the type checker
-        colour = COLOURS[check.controller % len(COLOURS)]
+        colour = MANY_COLOURS[check.controller % len(MANY_COLOURS)]
         time_s = check.expected.time_s
         panel.plot(
             time_s,

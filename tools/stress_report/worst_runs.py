@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from controller.settings import limits_of
 from tools.batch.engine import BatchRun, run_batch
-from tools.demo_figures import COLOURS
+from tools.demo_figures import MANY_COLOURS
 from tools.stress.verdict import Verdict
 from tools.stress_report.results import VERDICTS, Rows, StudyRecord, case_of, read_overrides
 
@@ -59,7 +59,7 @@ def draw_worst(study: StudyRecord, found: list[WorstRun]) -> Figure:
     grid = figure.subfigures(lines, 2, squeeze=False)
     for rank, (worst, part) in enumerate(zip(found, grid.flat, strict=False), start=1):
         above, below = part.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
-        colour = COLOURS[worst.controller % len(COLOURS)]
+        colour = MANY_COLOURS[worst.controller % len(MANY_COLOURS)]
         above.plot(worst.run.time_s, worst.run.lateral_error_m, color=colour, lw=0.9)
         below.plot(worst.run.tick_s, worst.run.sent_rad, color="0.25", lw=0.6)
         for limit_rad in (-worst.steer_rad_max, worst.steer_rad_max):
