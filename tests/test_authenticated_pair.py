@@ -14,6 +14,7 @@ from dbc.messages import (
     CAN_IDS,
     ControllerSafety,
     ControllerStatus,
+    Decoded,
     DelayStatus,
     Direction,
     LatencyConfig,
@@ -22,6 +23,7 @@ from dbc.messages import (
     Mode,
     PlantStatus,
     SteeringCommand,
+    decode,
     encode,
 )
 from dbc.secured_frame import CONTROLLER, PLANT, Refused, plain
@@ -204,6 +206,24 @@ def test_with_different_keys_nothing_moves_and_both_say_why() -> None:
     refused = pair.controller_end.refused
     assert refused["forged"] == 80  # status messages
     assert set(refused) == {"forged", "unsynchronised"}
+
+
+def test_refusals_of_authentication_are_told_on_the_bus_and_kept_apart_in_the_reports() -> None:
+    pair = Pair(*ends(controller_key=OTHER_KEY))
+    assert pair.controller_end is not None
+    assert pair.plant_end is not None
+    told = [decode(plain(heard.frame)) for heard in pair.heard]
+    messages = [one.message for one in told if isinstance(one, Decoded)]
+    by_controller = [one.rejected for one in messages if isinstance(one, ControllerSafety)]
+    by_plant = [one.rejected for one in messages if isinstance(one, PlantStatus)]
+    for rejected, modulus, end in (
+        (by_controller, 4096, pair.controller_end),
+        (by_plant, 64, pair.plant_end),
+    ):
+        # All but those since the last frame that told of them.
+        assert 0 <= (sum(end.refused.values()) - rejected[-1]) % modulus < 20
+        assert len(set(rejected)) > 30
+        assert end.node.report()["rejected"] == {}
 
 
 def test_a_plant_with_a_key_and_a_controller_without_both_say_what_they_refuse() -> None:
