@@ -184,6 +184,8 @@ def _data_id(message: Message) -> int | None:
     """The E2E Data ID of ``message``, None if it is not protected."""
     attributes = message.dbc.attributes if message.dbc else {}
     if "E2EDataId" not in attributes:
+        if not HEADER_BITS.keys().isdisjoint(message.signal_tree):
+            raise ValueError("has signals of E2E profile 5 but no attribute E2EDataId")
         return None
     for name, place in HEADER_BITS.items():
         signal = message.get_signal_by_name(name)

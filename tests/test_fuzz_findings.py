@@ -122,7 +122,10 @@ def test_an_enumeration_that_the_dbc_makes_wider_than_ours_is_refused_when_it_is
         codecs_of(parse_database(wider), MESSAGE_TYPES.items())
 
 
-@pytest.mark.parametrize("text", ["", "\0", DBC[: len(DBC) // 3], DBC.replace("0.00001", "0")])
+@pytest.mark.parametrize(
+    "text",
+    ["", "\0", DBC[: len(DBC) // 3], DBC[: DBC.index("BA_DEF_")], DBC.replace("0.00001", "0")],
+)
 def test_a_damaged_dbc_is_told_in_one_line(text: str) -> None:
     with pytest.raises(ContractError) as raised:
         codecs_of(parse_database(text), MESSAGE_TYPES.items())
