@@ -121,8 +121,8 @@ def step_functions() -> tuple[Callable[..., Any], ...]:
 def register_steps() -> None:
     """Let compiled functions call the step functions."""
     for function in _STEP_FUNCTIONS:
-        # The entry for callers in C, which nobody needs, takes an eighth of all compiling.
-        register_jitable(forceinline=True, no_cfunc_wrapper=True)(function)
+        # The entries for callers in C and in Python, which nobody needs, take long to compile.
+        register_jitable(forceinline=True, no_cfunc_wrapper=True, no_cpython_wrapper=True)(function)
 
 
 def law_step(params: Any, state: Any, seen: LawInput) -> Any:
