@@ -74,7 +74,8 @@ def execute(
             for future in done:
                 take(future.result())
     finally:
-        pool.shutdown(cancel_futures=True)
+        with _ctrl_c_held():  # a second one would leave processes that nobody ends
+            pool.shutdown(cancel_futures=True)
 
 
 def _leave_ctrl_c() -> None:
@@ -84,7 +85,7 @@ def _leave_ctrl_c() -> None:
 
 @contextmanager
 def _ctrl_c_held() -> Iterator[None]:
-    """Let Ctrl-C wait; what is started meanwhile does not get it before it leaves it alone."""
+    """Let Ctrl-C wait; what is started meanwhile leaves it alone before it can get it."""
     if not hasattr(signal, "pthread_sigmask"):  # as on Windows
         yield
         return
