@@ -207,7 +207,7 @@ def test_the_list_has_every_kind_with_its_range(capsys: pytest.CaptureFixture[st
 # What is sent
 
 
-@pytest.mark.parametrize("kind", FRAME_KINDS)
+@pytest.mark.parametrize("kind", sorted(FRAME_KINDS))
 def test_the_same_seed_sends_the_same_frames_at_the_same_times(kind: LiveKind) -> None:
     recording = recording_of([(index * 1_000_000, Frame(index, b"")) for index in range(50)])
     text = f"{kind},onset_s=0.02,duration_s=0.1"

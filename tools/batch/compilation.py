@@ -28,6 +28,8 @@ finite ends a run, and a limit that is infinite is none."""
 _VERSIONS_KEPT = 4
 """Versions of the sources whose code stays on disk: several megabytes each."""
 _ROOT = Path(__file__).resolve().parents[2]
+_njit: Any = numba.njit
+"""Its type does not know the options that leave out entries for callers, which take long to compile."""
 
 
 def compiled(function: Any) -> Any:
@@ -46,6 +48,11 @@ def compiled_fastmath(function: Any) -> Any:
     return _compiled(function.py_func, "never", _FASTMATH)
 
 
+def compiled_inside(function: Any) -> Any:
+    """Compile a function for compiled ones that call it, without an entry from Python either."""
+    return _njit(nogil=True, no_cfunc_wrapper=True, no_cpython_wrapper=True)(function)
+
+
 def compiled_inline(function: Any) -> Any:
     """Compile a function as a part of those that call it: for the innermost of a loop."""
     return _compiled(function, "always")
@@ -59,8 +66,12 @@ def _compiled(
         # Read when decorating. On disk both kinds would be taken for the same function.
         own = folder / "fastmath" if fastmath else folder
         numba.config.CACHE_DIR = str(own)  # type: ignore[attr-defined]
-    return numba.njit(
-        nogil=True, cache=folder is not None, inline=inline, fastmath=set(fastmath) or False
+    return _njit(
+        nogil=True,
+        cache=folder is not None,
+        inline=inline,
+        fastmath=set(fastmath) or False,
+        no_cfunc_wrapper=True,
     )(function)
 
 

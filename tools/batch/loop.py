@@ -31,7 +31,7 @@ from plant_emulator.steering_guard import (
     start_guard,
 )
 from tools.batch.borrowing import borrowed
-from tools.batch.compilation import compiled, compiled_inline
+from tools.batch.compilation import compiled, compiled_inline, compiled_inside
 from tools.batch.motion import borrowed_motion
 from tools.batch.steps import law_step
 from tools.batch.wire import borrowed_wire, law_input, on_wire, record_wire
@@ -136,7 +136,7 @@ class Segment(NamedTuple):
     is_recovery: bool
 
 
-@compiled
+@compiled_inside
 def _borrowed_schedule(s: Schedule) -> Schedule:
     return Schedule(
         borrowed(s.tick_ns),
@@ -148,7 +148,7 @@ def _borrowed_schedule(s: Schedule) -> Schedule:
     )
 
 
-@compiled
+@compiled_inside
 def _borrowed_records(r: Records) -> Records:
     return Records(
         borrowed(r.lateral_error_m),

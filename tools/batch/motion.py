@@ -17,7 +17,7 @@ from plant_emulator.rig_settings import (
 )
 from plant_emulator.settings import PlantSettings
 from tools.batch.borrowing import borrowed
-from tools.batch.compilation import compiled
+from tools.batch.compilation import compiled_inside
 
 _KEPT = 32
 """Motions kept for the next run with the same rig: about 2 MB each."""
@@ -58,7 +58,7 @@ def _road(settings: PathSettings) -> Path:
     return path._replace(**arrays, pose=())
 
 
-@compiled
+@compiled_inside
 def borrowed_motion(p: MotionParams) -> MotionParams:
     """Return the parameters with borrowed arrays."""
     road = p.path

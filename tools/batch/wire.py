@@ -19,7 +19,7 @@ from controller.law_interface import History, LawInput, Link, VehicleReading
 from plant_emulator.propagation import LinearState
 from plant_emulator.steering_guard import GuardState, is_overruled
 from tools.batch.borrowing import borrowed
-from tools.batch.compilation import compiled, compiled_inline
+from tools.batch.compilation import compiled_inline, compiled_inside
 
 
 class NoWire(NamedTuple):
@@ -99,7 +99,7 @@ def law_input(
     raise NotImplementedError("for compiled code")
 
 
-@compiled
+@compiled_inside
 def _borrowed(w: Wire) -> Wire:
     return Wire(
         borrowed(w.error_sample),
@@ -129,7 +129,7 @@ def _borrowed(w: Wire) -> Wire:
     )
 
 
-@compiled
+@compiled_inside
 def _in_one_turn(angle_rad: float) -> float:
     """Return ``math.remainder(angle_rad, math.tau)``, which does not compile; all here is exact."""
     rest_rad = float(np.fmod(angle_rad, math.tau))
@@ -140,7 +140,7 @@ def _in_one_turn(angle_rad: float) -> float:
     return rest_rad
 
 
-@compiled
+@compiled_inside
 def _record(w: Wire, sample: int, z: LinearState, guard: GuardState) -> None:
     heading_rad = _in_one_turn(z.heading_error_rad + w.heading_noise_rad[sample])
     yaw_rate_rad_s = z.yaw_rate_rad_s + w.yaw_rate_noise_rad_s[sample]
@@ -160,7 +160,7 @@ def _record(w: Wire, sample: int, z: LinearState, guard: GuardState) -> None:
         w.is_overruled[sample], w.wheel_rad[sample] = 0, 0.0
 
 
-@compiled
+@compiled_inside
 def _seen(
     w: Any, sent_rad: Any, measured_m: Any, tick: int, error_m: float, last_sent_rad: float
 ) -> LawInput:
