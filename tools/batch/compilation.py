@@ -29,7 +29,7 @@ _VERSIONS_KEPT = 4
 """Versions of the sources whose code stays on disk: several megabytes each."""
 _ROOT = Path(__file__).resolve().parents[2]
 _njit: Any = numba.njit
-"""Its type does not know the options that leave out entries for callers, which take long to compile."""
+"""Its type does not know of leaving out the entries for callers, which take long to compile."""
 
 
 def compiled(function: Any) -> Any:
