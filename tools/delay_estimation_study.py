@@ -11,7 +11,6 @@ import argparse
 import csv
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
@@ -30,6 +29,7 @@ from tools.delay_estimation_runs import (
     cases,
     run_case,
 )
+from tools.worker_processes import worker_pool
 
 PROCESSES = 2
 NAME = "delay_estimation_study"
@@ -44,7 +44,7 @@ def _run(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     todo = cases(options.laws, options.paths, options.networks, options.corners)
     results = []
-    with ProcessPoolExecutor(PROCESSES) as pool, (options.out / "runs.csv").open("w") as file:
+    with worker_pool(PROCESSES) as pool, (options.out / "runs.csv").open("w") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow([*Case._fields, *Result._fields[1:]])
         for number, result in enumerate(pool.map(_figures, todo), 1):

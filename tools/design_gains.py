@@ -14,14 +14,11 @@ written.
 """
 
 import argparse
-import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+from concurrent.futures import Future, wait
 from functools import partial
-from multiprocessing import active_children, get_context
 from pathlib import Path
 
 import numpy as np
@@ -42,13 +39,12 @@ from tools.gain_design.vehicle_file import VehicleFile
 from tools.gain_design.verification import Verification, verification_line, verify
 from tools.gain_design.virtual_check import refuse_what_the_rig_does_not_drive
 from tools.gain_design.worker import Job, SharedProgress, begin_worker, run_job, shared_progress
+from tools.worker_processes import worker_pool
 
 NAME = "design_gains"
 NO_DESIGN = 1
 WORKERS = 2
 _POLL_S = 0.2
-_ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-"""The matrices are small, and the workers share the processors already."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -105,12 +101,11 @@ def _run(options: argparse.Namespace) -> int:
     ]
     console = Console(markup=False, highlight=False, soft_wrap=True)
     _tell_demands(spec, vehicle)
-    os.environ.update(_ONE_THREAD)
     status = int(ExitStatus.OK)
     fallback: ControllerSettings | None = None
     progress = shared_progress(len(jobs))
     workers = max(1, min(WORKERS, len(jobs))) if not options.verify else WORKERS
-    with _pool(workers, progress) as pool:
+    with worker_pool(workers, begin_worker, progress) as pool:
         futures = [pool.submit(run_job, job) for job in jobs]
         _watch(console, linear_laws(spec), futures, progress)
         for future in futures:
@@ -183,21 +178,6 @@ def _design_predictor(
     print(f"  -> {options.out / name}.toml")
     held = bool(np.isfinite(design.steer_noise_rad)) and float(design.rms_m.max()) < 1.0
     return int(ExitStatus.OK) if held else NO_DESIGN
-
-
-@contextmanager
-def _pool(workers: int, progress: SharedProgress) -> Iterator[ProcessPoolExecutor]:
-    """Open the workers; an exception ends them at once instead of waiting for their laws."""
-    others = set(active_children())
-    pool = ProcessPoolExecutor(workers, get_context("spawn"), begin_worker, (progress,))
-    try:
-        yield pool
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        for child in set(active_children()) - others:
-            child.terminate()
-        raise
-    pool.shutdown()
 
 
 def _status_of(verification: Verification, status: int) -> int:

@@ -7,14 +7,10 @@ Leaves in DIR, as they come, a PNG and a CSV per picture and a JSON per figure, 
 """
 
 import argparse
-import os
-import signal
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
-from multiprocessing import active_children, get_context
 from pathlib import Path
 
 import matplotlib as mpl
@@ -27,6 +23,7 @@ from tools.demo_figures import STYLE
 from tools.paper.index_page import index_page
 from tools.paper.registry import ENTRIES, NOT_COMPUTED, Entry, entry_of, function_of, numbers_of
 from tools.paper.written import Written, read_written, write_reproduction
+from tools.worker_processes import worker_pool
 
 NAME = "reproduce_paper"
 WORKERS = 2
@@ -96,7 +93,8 @@ def reproduce_all(entries: Sequence[Entry], out: Path, console: Console) -> None
     """
     start_s = time.perf_counter()
     failures: list[BaseException] = []
-    with _pool(min(WORKERS, len(entries))) as pool, _progress(console, len(entries)) as progress:
+    workers = min(WORKERS, len(entries))
+    with worker_pool(workers) as pool, _progress(console, len(entries)) as progress:
         task = progress.add_task("", total=len(entries))
         for done, running in _run(pool, entries, out):
             progress.update(task, description=", ".join(running))
@@ -144,27 +142,6 @@ def write_index(out: Path) -> Path:
     page = index_page(written, lambda name: (out / f"{name}.png").read_bytes())
     index.write_text(page, encoding="utf-8")
     return index
-
-
-@contextmanager
-def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Open the workers; an exception ends them at once instead of waiting for their figures."""
-    # Two workers whose matrices are spread over two cores wait for each other most of the time.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    others = set(active_children())
-    pool = ProcessPoolExecutor(workers, get_context("spawn"), _leave_interrupts_to_the_parent)
-    try:
-        yield pool
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        for child in set(active_children()) - others:
-            child.terminate()
-        raise
-    pool.shutdown()
-
-
-def _leave_interrupts_to_the_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _progress(console: Console, total: int) -> Progress:

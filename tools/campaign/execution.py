@@ -5,11 +5,8 @@ where it was left, as long as no program has changed since.
 """
 
 import json
-import multiprocessing
-import signal
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from hashlib import sha256
 from importlib.resources import files
 from itertools import islice
@@ -18,6 +15,7 @@ from typing import Any, TypeVar
 
 from tools.campaign.specification import CampaignSettings
 from tools.campaign.trial import Result, Verdict
+from tools.worker_processes import worker_pool
 
 Item = TypeVar("Item")
 Done = TypeVar("Done")
@@ -52,48 +50,23 @@ def execute(
     ``work``  found by its name in the other process, as a function of a module is
     ``take``  gets what came of every item, in the order in which they are done
 
-    Raises what ``work`` raises. On Ctrl-C, and where ``take`` raises, nothing further is begun.
+    Raises what ``work`` raises. On Ctrl-C, and where ``take`` raises, what is not done is given up.
     """
     if processes <= 1:
         for item in items:
             take(work(item))
         return
-    # A fork of a process with threads may hang; spawned ones read the modules once.
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(processes, context, _leave_ctrl_c)
-    try:
+    with worker_pool(processes) as pool:
         source = iter(items)
         waiting: set[Future[Done]] = set()
         while True:
             free = processes * _WAITING_PER_PROCESS - len(waiting)
-            with _ctrl_c_held():  # all processes are started here
-                waiting |= {pool.submit(work, item) for item in islice(source, free)}
+            waiting |= {pool.submit(work, item) for item in islice(source, free)}
             if not waiting:
                 return
             done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
             for future in done:
                 take(future.result())
-    finally:
-        with _ctrl_c_held():  # a second one would leave processes that nobody ends
-            pool.shutdown(cancel_futures=True)
-
-
-def _leave_ctrl_c() -> None:
-    """Leave Ctrl-C, which every process of a terminal gets, to the process that handed out work."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-@contextmanager
-def _ctrl_c_held() -> Iterator[None]:
-    """Let Ctrl-C wait; what is started meanwhile leaves it alone before it can get it."""
-    if not hasattr(signal, "pthread_sigmask"):  # as on Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def read_results(folder: Path, spec_hash: str | None = None) -> list[Result]:

@@ -41,9 +41,9 @@ PROGRAMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "tools.closed_loop.run_threaded_nodes",
         ),
         "tools.compare_laws": ("tools.compare_laws.compare",),
-        "tools.delay_estimation_study": ("tools.delay_estimation_study.ProcessPoolExecutor",),
+        "tools.delay_estimation_study": ("tools.delay_estimation_study.worker_pool",),
         "tools.demo": ("tools.demo.open_channels",),
-        "tools.design_gains": ("tools.design_gains._pool",),
+        "tools.design_gains": ("tools.design_gains.worker_pool",),
         "tools.doctor": ("tools.doctor.examine",),
         "tools.fault_campaign": (
             "tools.fault_campaign.execute",

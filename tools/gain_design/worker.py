@@ -1,7 +1,6 @@
 """What runs in a worker process: one law from search to files."""
 
 import ctypes
-import signal
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -41,8 +40,7 @@ def shared_progress(laws: int) -> SharedProgress:
 
 
 def begin_worker(progress: SharedProgress) -> None:
-    """Keep the memory of the progress, and leave interrupts to the parent."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Keep the memory of the progress."""
     _PROGRESS[:] = [progress]
 
 
