@@ -22,7 +22,7 @@ from typing import TypeVar
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from runtime.program import ExitStatus, run_main
+from runtime.program import ExitStatus, run_main, say
 from runtime.report import write_json
 from runtime.settings import Preset, SettingsError, load_settings, preset_names
 from tools.campaign.acceptance import Finding, findings_of, memory_finding, residual_finding
@@ -154,9 +154,14 @@ def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[Result
         done[result.name] = result
         write_result(options.out, spec_hash, result)
 
-    _with_progress(
-        len(left), take, lambda taken: execute(run_trial, left, options.processes, taken)
-    )
+    try:
+        _with_progress(
+            len(left), take, lambda taken: execute(run_trial, left, options.processes, taken)
+        )
+    except KeyboardInterrupt:
+        kept = f"{len(done)} of {len(scenarios)} runs are kept in {options.out}"
+        say(NAME, f"{kept}; the same command goes on with the others", sys.stderr)
+        raise
     return [done[scenario.name] for scenario in scenarios]
 
 

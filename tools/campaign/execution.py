@@ -88,14 +88,18 @@ def read_results(folder: Path, spec_hash: str | None = None) -> list[Result]:
 def write_result(folder: Path, spec_hash: str, result: Result) -> None:
     """Add a result to those in a folder."""
     with (folder / RESULTS).open("a", encoding="utf-8") as opened:
-        opened.write(json.dumps({"specification": spec_hash, **result._asdict()}) + "\n")
+        opened.write(_line_of(spec_hash, result))
 
 
 def keep_only(folder: Path, spec_hash: str, results: Iterable[Result]) -> None:
     """Leave these results in a folder, and no others."""
-    (folder / RESULTS).unlink(missing_ok=True)
-    for result in results:
-        write_result(folder, spec_hash, result)
+    kept = folder / f"{RESULTS}.new"  # a kill meanwhile leaves those that are there
+    kept.write_text("".join(_line_of(spec_hash, result) for result in results), encoding="utf-8")
+    kept.replace(folder / RESULTS)
+
+
+def _line_of(spec_hash: str, result: Result) -> str:
+    return json.dumps({"specification": spec_hash, **result._asdict()}) + "\n"
 
 
 def _of_line(line: str) -> tuple[str, Result] | None:
