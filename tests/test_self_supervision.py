@@ -33,6 +33,7 @@ from runtime.program import ExitStatus
 from runtime.settings import SettingsError, load_settings, read_preset
 from runtime.virtual_time import VirtualTimeExecutor
 from tests.test_plant_node import MS_NS, PERIOD_NS, START_NS, Link, link
+from tools import closed_loop
 
 OVERSTEER = {
     "speed_km_h": 250,
@@ -317,3 +318,15 @@ def test_the_program_ends_with_a_report_a_line_and_a_status_of_its_own(
     written = json.loads(report.read_text())
     assert written["ended_by"] == f"safe state: {NOT_FINITE_VEHICLE}"
     assert written["node"]["failure"] == NOT_FINITE_VEHICLE
+
+
+def test_a_run_of_both_nodes_says_so_too(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    growing = [f"--plant-set=vehicle.{key}={value}" for key, value in OVERSTEER.items()]
+    push = "--plant-set=disturbance.steps=[{at_s=0.01,yaw_moment_n_m=1e6}]"
+    monkeypatch.setattr("plant_emulator.motion.LARGEST", 1e9)
+    assert closed_loop.main([*growing, push]) == ExitStatus.SAFE_STATE
+    assert f"safe state    plant emulator: {NOT_FINITE_VEHICLE}\n" in capsys.readouterr().out
+    assert closed_loop.main(["--duration", "0.1"]) == ExitStatus.OK
+    assert "safe state" not in capsys.readouterr().out

@@ -5,7 +5,8 @@
 
 Without ``--interface`` the run is in virtual time: the same settings and seed give the same run, to
 the last bit, on every machine. With ``--out DIR`` it leaves there the settings in force, the two
-reports, the plant's trace and every frame, and prints the command that makes the run again.
+reports, the plant's trace and every frame, and prints the command that makes the run again. The
+exit status is that of the two programs: 5 where one of them found a fault in itself.
 """
 
 import argparse
@@ -133,7 +134,8 @@ def _run(options: argparse.Namespace) -> int:
     width = max(len(heading) for heading, _ in lines)
     for heading, text in lines:
         print(f"{heading:{width}}  {text}")
-    return ExitStatus.OK
+    has_failed = any(report["node"]["failure"] for report in reports.values())
+    return ExitStatus.SAFE_STATE if has_failed else ExitStatus.OK
 
 
 def _plant_settings(options: argparse.Namespace) -> PlantSettings:
@@ -231,6 +233,11 @@ def _summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[s
     lines += [
         (program.replace("_", " "), f"lateness {_quantiles(reports[program]['loop']['lateness'])}")
         for program in run.loops
+    ]
+    lines += [
+        ("safe state", f"{program.replace('_', ' ')}: {report['node']['failure']}")
+        for program, report in reports.items()
+        if report["node"]["failure"]
     ]
     if run.ended_by != FINISHED:
         lines.append(("ended", f"by {run.ended_by}, before the plant had finished"))
