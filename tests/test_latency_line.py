@@ -3,8 +3,7 @@
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from itertools import count, pairwise, repeat
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -16,18 +15,7 @@ from plant_emulator.latency_line import LatencyLine
 from plant_emulator.latency_settings import LatencySettings
 from plant_emulator.streams import Channel, uniforms
 from runtime.node import NEVER_NS
-
-MS_NS = 1_000_000
-PERIOD_NS = 10 * MS_NS
-
-
-class Leaving(NamedTuple):
-    """One frame that left; ``number`` counts the frames as they were pushed."""
-
-    number: int
-    key: int
-    came_ns: int
-    left_ns: int
+from tests.pushed_frames import JITTER, MS_NS, PERIOD_NS, Leaving, injected_ns, line, run
 
 
 class Counted:
@@ -45,44 +33,6 @@ class Counted:
         return next(self._stream)
 
 
-def line(seed: int = 1, **table: Any) -> LatencyLine[int]:
-    return LatencyLine(
-        LatencySettings.model_validate(table),
-        uniforms(seed, Channel.UPLINK),
-        uniforms(seed, Channel.UPLINK_DUPLICATES),
-    )
-
-
-def run(
-    tested: LatencyLine[int], frames: int, keys: int = 1, period_ns: int = PERIOD_NS
-) -> list[Leaving]:
-    """Push frames of all keys in turn, pop whenever something is due, until the line is empty."""
-    left: list[Leaving] = []
-    came: dict[int, int] = {}
-    for number in range(frames):
-        now_ns = number * period_ns
-        pop_until(tested, now_ns, came, left)
-        came[number] = now_ns
-        tested.push(number % keys, number, now_ns, now_ns)
-    pop_until(tested, NEVER_NS - 1, came, left)
-    return left
-
-
-def pop_until(
-    tested: LatencyLine[int], until_ns: int, came: dict[int, int], left: list[Leaving]
-) -> None:
-    while tested.next_due_ns <= until_ns:
-        now_ns = tested.next_due_ns
-        popped = tested.pop_due(now_ns)
-        assert popped, "something was due, and nothing left"
-        for passage in popped:
-            assert passage.due_ns == now_ns
-            assert passage.came_ns == came[passage.item]
-            assert passage.latency_ns == now_ns - passage.came_ns
-            left.append(Leaving(passage.item, passage.key, passage.came_ns, now_ns))
-    assert tested.pop_due(until_ns) == []
-
-
 def numbers_by_key(left: Sequence[Leaving]) -> list[list[int]]:
     by_key: dict[int, list[int]] = defaultdict(list)
     for frame in left:
@@ -90,7 +40,6 @@ def numbers_by_key(left: Sequence[Leaving]) -> list[list[int]]:
     return list(by_key.values())
 
 
-JITTER: dict[str, Any] = {"model": "normal", "mean_s": 0.08, "spread_s": 0.03}
 networks = st.fixed_dictionaries(
     {
         "model": st.sampled_from([m.value for m in Distribution if m != Distribution.CONSTANT]),
@@ -217,15 +166,6 @@ def test_two_uniforms_are_taken_for_every_frame_whatever_the_network(
     assert stream.taken == 2 * frames
 
 
-def injected_ns(tested: LatencyLine[int], frames: int) -> list[int]:
-    """The latency drawn for each frame, lost ones not counted."""
-    drawn = []
-    for number in range(frames):
-        tested.push(0, number, number * PERIOD_NS, number * PERIOD_NS)
-        drawn.append(tested.latest_latency_ns)
-    return drawn
-
-
 def test_the_first_uniform_decides_the_loss_and_the_second_the_latency() -> None:
     def a_line(*numbers: float) -> LatencyLine[int]:
         table: dict[str, Any] = {"model": "uniform", "mean_s": 0.1, "spread_s": 0.01, "loss": 0.5}
@@ -309,93 +249,6 @@ def test_frames_that_come_at_one_instant_share_the_state_of_a_correlated_network
     assert len(set(latencies[:3])) == 1
     assert len(set(latencies[3:])) == 1
     assert latencies[0] != latencies[3]
-
-
-# Changes over time
-
-
-def test_a_schedule_follows_the_time_of_motion_and_not_of_the_clock() -> None:
-    table: dict[str, Any] = {
-        "schedule": [{"time_s": 0.0, "mean_s": 0.01}, {"time_s": 1.0, "mean_s": 0.02, "loss": 1.0}]
-    }
-    tested = line(**table)
-    tested.push(0, 0, 5_000_000_000, 999_999_999)
-    assert tested.latest_latency_ns == 10 * MS_NS
-    assert tested.counts.lost == 0
-    tested.push(0, 1, 5_000_000_001, 1_000_000_000)
-    assert tested.counts.lost == 1
-
-
-def test_a_ramp_of_latency_is_followed_frame_by_frame() -> None:
-    table: dict[str, Any] = {
-        "schedule": [{"time_s": 0.0, "mean_s": 0.0}, {"time_s": 1.0, "mean_s": 0.1}],
-        "schedule_shape": "ramp",
-    }
-    assert injected_ns(line(**table), 101) == [number * MS_NS for number in range(101)]
-
-
-def test_a_trace_is_played_frame_by_frame_lost_ones_included(tmp_path: Path) -> None:
-    file = tmp_path / "trace.csv"
-    file.write_text("latency_s\n0.001\n0.002\n0.003\n")
-    table: dict[str, Any] = {"trace_file": file, "loss": 0.3, "order": "as_arrives"}
-    tested = line(**table)
-    left = run(tested, 300)
-    assert tested.counts.lost > 50
-    assert all(frame.left_ns - frame.came_ns == (frame.number % 3 + 1) * MS_NS for frame in left)
-
-
-def test_a_copy_of_a_traced_frame_has_the_latency_of_the_trace(tmp_path: Path) -> None:
-    file = tmp_path / "trace.csv"
-    file.write_text("latency_s\n0.1\n0.2\n")
-    table: dict[str, Any] = {"trace_file": file, "duplicates": 1.0, "order": "as_arrives"}
-    left = run(line(**table), 10)
-    assert len(left) == 20
-    assert all(
-        frame.left_ns - frame.came_ns == (frame.number % 2 + 1) * 100 * MS_NS for frame in left
-    )
-
-
-def test_a_trace_over_time_follows_the_time_of_motion(tmp_path: Path) -> None:
-    file = tmp_path / "trace.csv"
-    file.write_text("time_s,latency_s\n0,0.001\n0.02,0.002\n")
-    assert injected_ns(line(trace_file=file), 4) == [MS_NS, MS_NS, 2 * MS_NS, 2 * MS_NS]
-
-
-@pytest.mark.parametrize("before", ["plain", "schedule", "trace"])
-def test_reconfiguring_changes_the_next_frame_and_no_earlier_one(
-    tmp_path: Path, before: str
-) -> None:
-    file = tmp_path / "trace.csv"
-    file.write_text("latency_s\n0.05\n")
-    table: dict[str, dict[str, Any]] = {
-        "plain": {"mean_s": 0.05},
-        "schedule": {"schedule": [{"time_s": 0.0, "mean_s": 0.05}]},
-        "trace": {"trace_file": file},
-    }
-    tested = line(**table[before])
-    tested.push(0, 0, 0, 0)
-    tested.reconfigure(Distribution.CONSTANT, 0.07, 0.0, 0.0)
-    tested.push(1, 1, 0, 0)
-    assert [p.latency_ns for p in tested.pop_due(NEVER_NS - 1)] == [50 * MS_NS, 70 * MS_NS]
-    tested.reconfigure(Distribution.CONSTANT, 0.07, 0.0, 1.0)
-    tested.push(0, 2, 0, 0)
-    assert tested.counts.lost == 1
-
-
-def test_reconfiguring_keeps_the_place_in_the_stream() -> None:
-    plain = injected_ns(line(**JITTER), 20)
-    tested = line(model="gamma", mean_s=0.5, spread_s=0.1, loss=0.5)
-    injected_ns(tested, 10)
-    tested.reconfigure(Distribution.NORMAL, 0.08, 0.03, 0.0)
-    assert injected_ns(tested, 10) == plain[10:]
-
-
-def test_bursts_stay_bursts_when_the_loss_is_reconfigured() -> None:
-    tested = line(burst_frames=20.0)
-    tested.reconfigure(Distribution.CONSTANT, 0.0, 0.0, 0.2)
-    numbers = [frame.number for frame in run(tested, 20_000)]
-    bursts = sum(1 for a, b in pairwise(numbers) if b > a + 1)
-    assert tested.counts.lost / bursts == pytest.approx(20.0, rel=0.25)
 
 
 # Bounds
