@@ -35,6 +35,8 @@ settings.register_profile("explore", derandomize=False)
 settings.load_profile("same_examples")
 
 _PROCESSES = "ends programs with SIGINT, or asks them through Unix sockets"
+_SIGNALS = "halts or kills a process with signals, or makes pipes"
+_STEPS = "steps a broker with Unix sockets"
 NEEDS_LINUX = {
     "test_bus_opening": "has files stand for Linux's network interfaces",
     "test_host": "asks Linux for real-time rights",
@@ -48,14 +50,19 @@ NEEDS_POSIX = {
     "test_closed_loop_tool": _PROCESSES,
     "test_demo": _PROCESSES,
     "test_emulated_bus": _PROCESSES,
-    "test_emulated_bus_broker": "steps a broker with Unix sockets",
+    "test_emulated_bus_addresses": _PROCESSES,
+    "test_emulated_bus_broker": _STEPS,
+    "test_emulated_bus_leaving": _STEPS,
     "test_emulated_bus_program": _PROCESSES,
-    "test_monitor": "needs pseudo-terminals",
+    "test_monitor_on_terminal": "needs pseudo-terminals",
     "test_on_vcan": _PROCESSES,
     "test_on_vcan_latency": _PROCESSES,
     "test_plant_program": _PROCESSES,
     "test_program": _PROCESSES,
-    "test_recording": _PROCESSES,
+    "test_program_ends": _PROCESSES,
+    "test_recording": _SIGNALS,
+    "test_recording_kills": _SIGNALS,
+    "test_recording_programs": _PROCESSES,
     "test_report": "makes pipes and links in the file system",
     "test_soak": "looks for processes in /proc",
     "test_slcan": "needs pseudo-terminals",

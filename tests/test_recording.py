@@ -1,64 +1,32 @@
-"""``--record``: every format holds what went through the port, and nothing holds up the program."""
+"""``--record``: every format holds what went through the port, and what it lacks is counted."""
 
-import json
 import os
 import signal
-import subprocess
 import sys
 import time
 from base64 import b64encode
-from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
 from importlib.util import find_spec
-from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
-import can
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-import plant_emulator.program as plant_program
 import runtime.recording
 from runtime.candump import CandumpReader
-from runtime.emulated_bus.launch import launched_broker
-from runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
+from runtime.frame import ERROR, Frame
 from runtime.message import frame_of
-from runtime.program import ExitStatus
 from runtime.real_time import Received
-from runtime.recording import (
-    LEFT_OUT,
-    SUFFIXES,
-    Recording,
-    RecordingFigures,
-    RecordingPort,
-    recording_obstacle,
-)
-from runtime.recording_file import HELD_NS, SYNC_NS, Sync, _ordered, _Record
-from tests.running_program import ORDINARY, running, wait_until
-from tools.log_analysis.log_file import LogError, open_log
-from tools.vcan_backends.guard import descendants
+from runtime.recording import LEFT_OUT, SUFFIXES, Recording, RecordingFigures, RecordingPort
+from tests.recorded_frames import FRAMES, messages_in
+from tools.log_analysis.log_file import open_log
 
-Capture = pytest.CaptureFixture[str]
 NEEDS_ASAMMDF = pytest.mark.skipif(
     find_spec("asammdf") is None, reason="asammdf is not installed (the extra mf4)"
 )
 FORMATS = [
     pytest.param(suffix, marks=NEEDS_ASAMMDF if suffix == ".mf4" else ()) for suffix in SUFFIXES
 ]
-FRAMES = (
-    Frame(0x100, bytes(range(8))),
-    Frame(0x7FF, b""),
-    Frame(0x1ABCDEF0, b"\x01", EXTENDED),
-    Frame(0x123, b"", REMOTE),
-    Frame(0x124, bytes(range(12)), FD),
-    Frame(0x040, bytes(8), ERROR),
-)
 PERIOD_NS = 10_000_000
 TEXT = (".log", ".asc", ".csv", ".trc")
-KILLED_FRAMES = 1000
 
 
 def record(path: Path, frames: list[Frame] | tuple[Frame, ...]) -> RecordingFigures:
@@ -67,11 +35,6 @@ def record(path: Path, frames: list[Frame] | tuple[Frame, ...]) -> RecordingFigu
     for index, frame in enumerate(frames):
         recording.take(frame, start_ns + index * PERIOD_NS, index % 2)
     return recording.close()
-
-
-def messages_in(path: Path) -> list[can.Message]:
-    with can.LogReader(path) as reader:
-        return list(reader)
 
 
 def known(frame: Frame) -> Frame:
@@ -233,160 +196,6 @@ def test_a_full_disk_is_told_and_the_frames_are_counted(tmp_path: Path) -> None:
     assert figures.dropped >= 1
 
 
-KILLED = """
-import os, signal, sys, time
-from pathlib import Path
-from runtime.frame import Frame
-from runtime.recording import Recording
-
-recording = Recording(Path(sys.argv[1]), "vcan0")
-for index in range(1000):
-    recording.take(Frame(index, bytes(8)), time.monotonic_ns(), 0)
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
-@pytest.mark.parametrize("suffix", [".log", ".blf", ".db"])
-def test_a_program_that_is_killed_leaves_a_complete_file(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"run{suffix}"
-    killed = subprocess.run([sys.executable, "-c", KILLED, str(path)], check=False)
-    assert killed.returncode == -signal.SIGKILL
-
-    def is_complete() -> bool:
-        if suffix == ".blf" and int.from_bytes(path.read_bytes()[32:36], "little") < 1000:
-            return False  # its header counts the frames when it is closed
-        with suppress(Exception):  # it is still being written
-            return len(messages_in(path)) == 1000
-        return False
-
-    wait_until(is_complete, f"1000 frames in {path}")
-
-
-@pytest.mark.parametrize("suffix", TEXT)
-def test_after_a_pause_the_file_holds_everything_and_the_recorder_may_be_killed(
-    tmp_path: Path, suffix: str
-) -> None:
-    path = tmp_path / f"run{suffix}"
-    recording = Recording(path, "vcan0")
-    start_ns = time.monotonic_ns()
-    for index in range(KILLED_FRAMES):
-        recording.take(Frame(0x100, index.to_bytes(8, "big")), start_ns + index * PERIOD_NS, 0)
-    last = (KILLED_FRAMES - 1).to_bytes(8, "big")
-    wait_until(lambda: last in written(path), f"the last of {KILLED_FRAMES} frames in {path}")
-    os.kill(recording._recorder.pid, signal.SIGKILL)
-    figures = recording.close()
-    assert figures.failure == "the recorder was ended before it could finish the file"
-    assert written(path) == [index.to_bytes(8, "big") for index in range(KILLED_FRAMES)]
-
-
-def test_killed_while_frames_come_the_recorder_leaves_all_that_was_there_in_order(
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "run.log"
-    recording = Recording(path, "vcan0")
-    start_ns = time.monotonic_ns()
-    taken = 0
-    seen = 0
-    while seen < KILLED_FRAMES:
-        for _ in range(100):
-            recording.take(Frame(0x100, taken.to_bytes(8, "big")), start_ns + taken * 10_000, 0)
-            taken += 1
-        seen = path.read_text().count("\n")
-    os.kill(recording._recorder.pid, signal.SIGKILL)
-    recording.close()
-    payloads = written(path)
-    assert len(payloads) >= seen
-    assert payloads == [index.to_bytes(8, "big") for index in range(len(payloads))]
-
-
-BOTH_KILLED = """
-import os, signal, sys, time
-from pathlib import Path
-from runtime.frame import Frame
-from runtime.recording import Recording
-
-path = Path(sys.argv[1])
-recording = Recording(path, "vcan0")
-start_ns = time.monotonic_ns()
-for index in range(1000):
-    recording.take(Frame(0x100, index.to_bytes(8, "big")), start_ns + index * 10_000_000, 0)
-while path.read_text().count("\\n") < 990:  # all but what is held
-    time.sleep(0.01)
-os.kill(recording._recorder.pid, signal.SIGKILL)
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-def test_program_and_recorder_killed_together_leave_all_but_the_last_tenth_of_a_second(
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "run.log"
-    killed = subprocess.run([sys.executable, "-c", BOTH_KILLED, str(path)], check=False)
-    assert killed.returncode == -signal.SIGKILL
-    payloads = written(path)
-    assert len(payloads) >= 990
-    assert payloads == [index.to_bytes(8, "big") for index in range(len(payloads))]
-
-
-@given(
-    st.lists(
-        st.lists(st.integers(0, 5 * HELD_NS), max_size=5),
-        max_size=10,
-    )
-)
-def test_nothing_is_held_but_the_newest_tenth_of_a_second_and_nothing_after_a_pause(
-    reads: list[list[int]],
-) -> None:
-    records = [
-        [_Record(time_ns, 100 * read + n, FRAMES[0], True) for n, time_ns in enumerate(times)]
-        for read, times in enumerate(reads)
-    ]
-    fed: list[_Record] = []
-
-    def feed() -> Iterator[list[_Record]]:
-        for read in records:
-            fed.extend(read)
-            yield read
-
-    given_out: list[_Record] = []
-    for read, ripe in zip(records, ordered := _ordered(feed()), strict=False):
-        given_out += ripe
-        held = set(fed) - set(given_out)
-        newest_ns = max((item.time_ns for item in fed), default=0)
-        assert all(item.time_ns > newest_ns - HELD_NS for item in held)
-        assert read or not held
-    for ripe in ordered:
-        given_out += ripe
-    assert sorted(given_out) == sorted(fed)
-
-
-def test_what_was_written_reaches_the_disk_at_most_twice_a_second_and_not_for_nothing() -> None:
-    now_ns, synced = 0, []
-
-    def disk(descriptor: int) -> None:
-        nonlocal now_ns
-        synced.append((descriptor, now_ns))
-        now_ns += SYNC_NS // 5  # it takes its time
-        raise OSError("a pipe has no disk")
-
-    sync = Sync(7, disk, lambda: now_ns)
-    while now_ns < 10 * SYNC_NS:
-        sync.after_write(1)
-        now_ns += SYNC_NS // 50
-    assert all(descriptor == 7 for descriptor, _ in synced)
-    times = [at_ns for _, at_ns in synced]
-    distances = [after - before for before, after in pairwise(times)]
-    assert min(distances) >= SYNC_NS + SYNC_NS // 5
-    assert max(distances) <= SYNC_NS + SYNC_NS // 5 + SYNC_NS // 50
-    count = len(synced)
-    sync.after_write(1)
-    for _ in range(100):
-        now_ns += SYNC_NS
-        sync.after_write(0)
-    assert len(synced) == count + 1
-
-
 @pytest.mark.parametrize("suffix", TEXT)
 def test_a_torn_last_line_is_no_frame(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
@@ -414,160 +223,7 @@ def test_the_reader_of_candump_s_logs_knows_a_torn_last_line_too() -> None:
     assert len(list(CandumpReader([line.strip(), line.strip()]))) == 2  # no file: there are no ends
 
 
-def written(path: Path) -> list[bytes]:
-    """Payloads of all frames that can be read in a text log, which may have no end."""
-    payloads: list[bytes] = []
-    with suppress(LogError):  # there is no frame yet
-        payloads.extend(logged.frame.data for logged in open_log(path))
-    return payloads
-
-
 def is_line_of(frame: Frame, line: bytes) -> bool:
     """Whether a line of some format holds the frame's payload."""
     spelled = {frame.data.hex(), frame.data.hex(" "), b64encode(frame.data).decode()}
     return any(text.encode() in line.lower() or text.encode() in line for text in spelled)
-
-
-# What a user may get wrong
-
-
-def test_names_that_are_no_recordings_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert [recording_obstacle(Path(f"run{s.upper()}")) for s in SUFFIXES if s != ".mf4"] == [
-        ""
-    ] * 6
-    assert "run.txt: records as .log, .asc" in recording_obstacle(Path("run.txt"))
-    monkeypatch.setattr(runtime.recording, "find_spec", lambda _name: None)
-    assert "pip install 'steer-by-wire-emulator[mf4]'" in recording_obstacle(Path("run.mf4"))
-
-
-@pytest.mark.parametrize("name", ["run.txt", "run", "nowhere/run.log"])
-def test_a_bad_name_ends_a_program_with_one_clear_line_and_status_2(
-    tmp_path: Path, capsys: Capture, name: str
-) -> None:
-    with pytest.raises(SystemExit) as ended:
-        plant_program.main(["--record", str(tmp_path / name)])
-    assert ended.value.code == ExitStatus.SETTINGS
-    assert "argument --record: " in capsys.readouterr().err.splitlines()[-1]
-
-
-@pytest.fixture
-def run_plant(
-    tmp_path: Path, request: pytest.FixtureRequest
-) -> Callable[..., tuple[int, dict[str, Any]]]:
-    def run(*options: str) -> tuple[int, dict[str, Any]]:
-        report = tmp_path / "report.json"
-        bus = ["-i", "virtual", "-c", request.node.name, "--duration", "0.3", *ORDINARY]
-        status = plant_program.main([*bus, "--report", str(report), *options])
-        return status, json.loads(report.read_text())
-
-    return run
-
-
-def test_a_report_says_what_was_recorded(
-    run_plant: Callable[..., tuple[int, dict[str, Any]]],
-    tmp_path: Path,
-    capsys: Capture,
-) -> None:
-    path = tmp_path / "run.blf"
-    status, report = run_plant("--record", str(path))
-    assert status == ExitStatus.OK
-    sent = report["loop"]["frames_sent"]
-    assert report["recording"] == {
-        "file": str(path), "frames": sent, "dropped": 0, "left_out": 0, "failure": ""
-    }  # fmt: skip
-    assert len(messages_in(path)) == sent
-    assert f"{sent} frames recorded in {path}" in capsys.readouterr().out
-
-
-def test_without_the_option_nothing_is_recorded(
-    run_plant: Callable[..., tuple[int, dict[str, Any]]],
-) -> None:
-    status, report = run_plant()
-    assert (status, report["recording"]) == (ExitStatus.OK, None)
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
-def test_a_recording_that_fails_leaves_the_report_and_status_4(
-    run_plant: Callable[..., tuple[int, dict[str, Any]]],
-    tmp_path: Path,
-    capsys: Capture,
-) -> None:
-    path = tmp_path / "run.log"
-    path.symlink_to("/dev/full")
-    status, report = run_plant("--record", str(path))
-    assert status == ExitStatus.OUTPUT
-    assert report["recording"]["failure"] == "No space left on device"
-    assert f"error: {path}: No space left on device" in capsys.readouterr().err
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="finds the recorder in /proc")
-def test_ctrl_c_ends_a_program_whose_recording_cannot_be_opened_and_its_recorder(
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "run.log"
-    os.mkfifo(path)  # opening it waits for somebody who reads
-    options = ["-i", "virtual", "-c", "0", "--record", str(path)]
-    # A shell has programs in the background ignore Ctrl-C, and they would inherit that.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    with subprocess.Popen(
-        [sys.executable, "-m", "controller", *options], stderr=subprocess.PIPE, text=True
-    ) as program:
-        try:
-            signal.signal(signal.SIGINT, before)
-            wait_until(lambda: any(map(is_recording, descendants(program.pid))), "a recorder")
-            (recorder,) = descendants(program.pid)
-            program.send_signal(signal.SIGINT)
-            _, said = program.communicate(timeout=30.0)
-        finally:
-            program.kill()
-    assert program.returncode == ExitStatus.INTERRUPTED
-    assert said.splitlines()[-1] == "steering-controller: error: interrupted"
-    assert not Path(f"/proc/{recorder}").exists()
-
-
-def is_recording(pid: int) -> bool:
-    """Whether a recorder has come to where it ignores SIGINT, just before it opens the file."""
-    with suppress(OSError):
-        status = Path(f"/proc/{pid}/status").read_text()
-        ignored = int(status.partition("SigIgn:")[2].split()[0], 16)
-        return bool(ignored & 1 << signal.SIGINT - 1)
-    return False
-
-
-# Two programs
-
-
-@pytest.fixture
-def broker() -> Iterator[str]:
-    with launched_broker() as address:
-        yield address
-
-
-def test_both_programs_record_the_same_frames_and_keep_them_on_ctrl_c(
-    broker: str, tmp_path: Path
-) -> None:
-    bus = ["-i", "emulated", "-c", "can0", "--bus-kwargs", f"address={broker}"]
-    logs = {"plant_emulator": tmp_path / "plant.asc", "controller": tmp_path / "controller.log"}
-    log = logs["controller"]
-    sent, received = {}, {}
-    with ExitStack() as stack:
-        programs = {
-            name: stack.enter_context(
-                running(name, [*bus, "--record", str(path)], tmp_path / f"{name}.json")
-            )
-            for name, path in logs.items()
-        }
-        # Text is handed to the operating system as it comes, so it can be looked at meanwhile.
-        wait_until(lambda: log.read_text().count(" T\n") > 60, f"commands in {log}")
-        for name, program in programs.items():
-            assert program.interrupt() == ExitStatus.OK
-            report = program.report()
-            messages = messages_in(logs[name])
-            sent[name] = [frame_of(message) for message in messages if not message.is_rx]
-            received[name] = [frame_of(message) for message in messages if message.is_rx]
-            assert len(messages) == report["recording"]["frames"]
-            assert len(sent[name]) == report["loop"]["frames_sent"]
-            assert len(received[name]) == report["loop"]["frames_received"]
-    assert not Counter(received["controller"]) - Counter(sent["plant_emulator"])
-    assert not Counter(received["plant_emulator"]) - Counter(sent["controller"])
-    assert len(received["plant_emulator"]) > 50
