@@ -1,7 +1,6 @@
 """The controller node against a stand-in for the plant, over a link that the test moves."""
 
 import math
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -13,29 +12,23 @@ from controller.design import LawDesign
 from controller.law_interface import LawInput, LawOutput
 from controller.node import STATUS_PERIOD_NS, ControllerNode
 from controller.round_trip import IN_FLIGHT_MAX, RoundTrip
-from controller.settings import ControllerSettings
 from dbc.messages import (
     CAN_IDS,
     ControllerSafety,
     ControllerStatus,
-    Decoded,
     DelayStatus,
     LateralError,
     Law,
-    Message,
     Mode,
     SteeringCommand,
     SteeringStatus,
     SteeringStatusCode,
-    decode,
     encode,
     encode_not_available,
 )
 from runtime.frame import Frame
+from tests.controller_link import MS_NS, PERIOD_NS, START_NS, Link, controller_settings
 
-MS_NS = 1_000_000
-PERIOD_NS = 10 * MS_NS
-START_NS = 7 * MS_NS
 VEHICLE = {
     "kind": "vehicle",
     "virtual_mass_kg": 2000.0,
@@ -47,63 +40,6 @@ VEHICLE = {
     "preview_distance_m": 1.912,
     "speed_m_s": 5.0 / 3.6,
 }
-PD = {
-    "proportional_gain_rad_m": 1.0,
-    "derivative_gain_rad_s_m": 0.9,
-    "derivative_filter_rad_s": 5.0,
-}
-SUPERVISION = {
-    "measurement_timeout_ms": 50.0,
-    "hold_ms": 100.0,
-    "ramp_rad_s": 1.0,
-    "recovery_frames": 3,
-}
-
-
-def controller_settings(**tables: Any) -> ControllerSettings:
-    return ControllerSettings.model_validate(
-        {"law": "pd", "pd": PD, "supervision": SUPERVISION, **tables}
-    )
-
-
-class Link:
-    """Carries frames at once and keeps the typed messages that came out, with their times."""
-
-    def __init__(self, node: ControllerNode) -> None:
-        self.node = node
-        self.sent: list[tuple[int, Message, int]] = []
-        self.counters: dict[type[Message], int] = {}
-        self.now_ns = START_NS
-
-    def deliver(self, message: Message, skip: int = 0) -> None:
-        """Hand a message over as its sender would, after ``skip`` frames that got lost."""
-        counter = self.counters.get(type(message), 0) + skip
-        self.counters[type(message)] = counter + 1
-        assert self.node.on_frame(encode(message, counter % 256), self.now_ns) == ()
-
-    def tick_until(self, until_ns: int) -> None:
-        """Tick at every deadline before ``until_ns``, exactly on time."""
-        while self.node.deadline_ns < until_ns:
-            self.now_ns = self.node.deadline_ns
-            self.keep(self.node.on_tick(self.now_ns))
-        self.now_ns = until_ns
-
-    def keep(self, frames: Sequence[Frame]) -> None:
-        for frame in frames:
-            decoded = decode(frame)
-            assert isinstance(decoded, Decoded)
-            self.sent.append((self.now_ns, decoded.message, decoded.counter))
-
-    def drive(self, periods: int, lateral_error_m: float | None) -> None:
-        """Pass some periods, with a measurement just before each tick, or without any."""
-        for _ in range(periods):
-            if lateral_error_m is not None:
-                self.deliver(LateralError(lateral_error_m, 0.0))
-            self.tick_until(self.now_ns + PERIOD_NS)
-
-    @property
-    def commands(self) -> list[SteeringCommand]:
-        return [message for _, message, _ in self.sent if isinstance(message, SteeringCommand)]
 
 
 def link(**tables: Any) -> Link:

@@ -21,7 +21,7 @@ from dbc.messages import (
     VehicleState,
     encode,
 )
-from tests.test_controller_node import Link, controller_settings
+from tests.controller_link import Link, controller_settings
 
 MS_NS = 1_000_000
 PERIOD_NS = 10 * MS_NS
