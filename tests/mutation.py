@@ -91,13 +91,18 @@ def survivors(module: ModuleType, is_killed: Callable[[ModuleType], bool]) -> tu
     return alive, count
 
 
-def fails_with(test_module: ModuleType, mutant: ModuleType, without: str) -> bool:
+def fails_with(
+    test_module: ModuleType, mutant: ModuleType, without: str, *helpers: ModuleType
+) -> bool:
     """Return whether a test of ``test_module`` fails with ``mutant`` as its ``tested``.
 
     ``without``  the test that asks this
+    ``helpers``  modules beside it that the tests use, with the same ``tested``
     """
-    original = vars(test_module)["tested"]
-    vars(test_module)["tested"] = mutant
+    modules = (test_module, *helpers)
+    originals = [vars(module)["tested"] for module in modules]
+    for module in modules:
+        vars(module)["tested"] = mutant
     try:
         for name, function in inspect.getmembers(test_module, inspect.isfunction):
             if name.startswith("test_") and name != without:
@@ -106,7 +111,8 @@ def fails_with(test_module: ModuleType, mutant: ModuleType, without: str) -> boo
     except Exception:
         return True
     finally:
-        vars(test_module)["tested"] = original
+        for module, original in zip(modules, originals, strict=True):
+            vars(module)["tested"] = original
     return False
 
 

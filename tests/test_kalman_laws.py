@@ -17,7 +17,7 @@ from plant_emulator.settings import PlantSettings
 from runtime.frame import Frame
 from runtime.settings import SettingsError, load_settings, read_preset
 from runtime.virtual_time import VirtualTimeExecutor
-from tests.test_batch import assert_same_as_nodes
+from tests.compiled_runs import assert_same_as_nodes
 
 KALMAN = "pd.derivative=kalman"
 

@@ -13,9 +13,9 @@ from plant_emulator.faults import with_faults
 from plant_emulator.node import PlantNode
 from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, read_preset
-from tests.test_batch import assert_same_as_nodes, controller_settings, plant_settings
-from tests.test_link import MS, PERIOD_NS, Wire, driven
-from tests.test_plant_node import START_NS, link
+from tests.compiled_runs import assert_same_as_nodes, controller_settings, plant_settings
+from tests.fed_memory import MS, PERIOD_NS, Wire, driven
+from tests.plant_link import START_NS, link
 from tools.virtual_pair import run_virtual_nodes
 
 ONSET_S = 6.0

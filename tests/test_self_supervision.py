@@ -32,7 +32,7 @@ from runtime.frame import Frame
 from runtime.program import ExitStatus
 from runtime.settings import SettingsError, load_settings, read_preset
 from runtime.virtual_time import VirtualTimeExecutor
-from tests.test_plant_node import MS_NS, PERIOD_NS, START_NS, Link, link
+from tests.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 from tools import closed_loop
 
 OVERSTEER = {

@@ -9,7 +9,7 @@ from controller import program
 from controller.node import ControllerNode
 from controller.sensor_rate import NO_RATE, RateState, rate_step
 from plant_emulator.node import PlantNode
-from tests.test_batch import assert_same_as_nodes, controller_settings, plant_settings
+from tests.compiled_runs import assert_same_as_nodes, controller_settings, plant_settings
 from tools.virtual_pair import run_virtual_nodes
 
 MS = 1_000_000

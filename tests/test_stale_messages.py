@@ -14,9 +14,9 @@ from controller.settings import ControllerSettings
 from dbc.messages import CAN_IDS, Mode, VehicleState
 from plant_emulator.node import PlantNode
 from runtime.frame import Frame
-from tests.test_batch import assert_same_as_nodes
-from tests.test_batch import controller_settings as preset
-from tests.test_batch import plant_settings as plant
+from tests.compiled_runs import assert_same_as_nodes
+from tests.compiled_runs import controller_settings as preset
+from tests.compiled_runs import plant_settings as plant
 from tools.batch.plan import plan_run
 from tools.batch.wire_plan import plan_wire
 from tools.virtual_pair import run_virtual_nodes

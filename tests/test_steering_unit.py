@@ -27,8 +27,8 @@ from plant_emulator.program import PRESETS
 from plant_emulator.settings import PlantSettings
 from plant_emulator.steering_unit import followed
 from runtime.settings import SettingsError, load_settings, preset_names, read_preset
-from tests.test_plant_node import MS_NS, PERIOD_NS, START_NS, Link, link
-from tests.test_steering_guard import Guarded
+from tests.driven_guard import Guarded
+from tests.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 from tools.batch.engine import run_batch
 from tools.virtual_pair import run_virtual_nodes
 
