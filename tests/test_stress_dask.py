@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("distributed", reason="dask.distributed is not installed (extra dask)")
 
-from tests.test_stress_runs import complete, make_scenarios, never, open_store
+from tests.small_study import complete, make_scenarios, never, open_store
 from tools.stress.dask_runner import dask_workers
 from tools.stress.runner import run_study
 
