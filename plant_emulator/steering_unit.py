@@ -59,6 +59,7 @@ class SteeringUnit:
         self._entered: Counter[str] = Counter()
         self._ignored = 0
         self._recoveries = 0
+        self._heard_ns = NEVER_NS
         self._longest_silence_ns = 0
         self._safe_state_at_ns = NEVER_NS
         self._safe_state_cause = ""
@@ -89,9 +90,8 @@ class SteeringUnit:
         """Take a command that arrives; returns whether it sets the target."""
         before = self._state
         self._state, is_followed = guard_command(self._params, before, steer_rad, now_ns)
-        if before.mode != GuardMode.NO_COMMAND:
-            silence_ns = now_ns - before.arrived_ns
-            self._longest_silence_ns = max(self._longest_silence_ns, silence_ns)
+        self._note_silence(now_ns)
+        self._heard_ns = now_ns
         if is_followed:
             self._recoveries += before.mode in (GuardMode.HOLDING, GuardMode.FALLBACK)
             self._count_intervention()
@@ -116,6 +116,7 @@ class SteeringUnit:
         """Compare the measured wheel with the target."""
         before = self._state
         self._state = guard_wheel(self._params, before, wheel_rad, now_ns)
+        self._note_silence(now_ns)  # one that lasts is known as far as the wheel is
         self._note_mode(before, now_ns, "the wheel does not follow")
 
     def on_own_fault(self, cause: str, now_ns: int) -> None:
@@ -148,7 +149,7 @@ class SteeringUnit:
 
         ``interventions``      targets that a limit has changed, by the limit that decided
         ``ignored_commands``   that arrived while no command was followed
-        ``longest_silence_s``  between two commands that arrived
+        ``longest_silence_s``  after a command that arrived: to the next, or to the newest sample
         ``safe_state``         why and when, none otherwise
         """
         at_ns = self._safe_state_at_ns
@@ -165,6 +166,11 @@ class SteeringUnit:
             if is_safe
             else None,
         }
+
+    def _note_silence(self, now_ns: int) -> None:
+        if self._heard_ns != NEVER_NS:
+            silence_ns = now_ns - self._heard_ns
+            self._longest_silence_ns = max(self._longest_silence_ns, silence_ns)
 
     def _note_mode(self, before: GuardState, now_ns: int, cause: str) -> None:
         if self._state.mode == before.mode:
