@@ -63,6 +63,14 @@ def test_no_module_grows_beyond_a_screenful_of_screens() -> None:
     assert {name: lines for name, lines in lengths.items() if lines > FILE_LINES_MAX} == {}
 
 
+def test_tests_share_by_modules_that_are_no_tests() -> None:
+    """Whoever imports a test module makes its fixtures and cases its own, and runs them twice."""
+    imported = re.compile(r"^\s*(?:from|import) tests(?:\.| import )test_", re.MULTILINE)
+    files = sorted((ROOT / "tests").glob("*.py"))
+    assert files
+    assert [file.name for file in files if imported.search(file.read_text(encoding="utf-8"))] == []
+
+
 def test_live_programs_import_nothing_heavy() -> None:
     """Start-up time is a promise: the live processes do without numba, scipy and matplotlib."""
     code = (
