@@ -2,9 +2,9 @@
 
     python -m tools.compare_laws [--out DIR] [--step-ms 25] [--seeds 3]
 
-Leaves in DIR comparison.csv, a line for each law, network and delay, and comparison.png; prints the
-worst RMS over the uncertainty box at a few delays, and the first delay at which a law does not hold
-the path.
+Leaves in DIR comparison.csv, a line for each law, network and delay, comparison.png, and
+comparison.md, the tables of docs/predictor.md; prints the worst RMS over the uncertainty box at a
+few delays, and the first delay at which a law does not hold the path.
 """
 
 import argparse
@@ -20,19 +20,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemaining
 
 from runtime.program import ExitStatus, run_main
 from tools.law_comparison.picture import draw_comparison
-from tools.law_comparison.runs import (
-    BROKEN_M,
-    NETWORKS,
-    SETTLED_S,
-    Cell,
-    breaks_at_s,
-    compare,
-    contestants_of,
-)
+from tools.law_comparison.runs import Cell, compare
+from tools.law_comparison.tables import markdown_lines, table_lines
 
 NAME = "compare_laws"
 DELAY_MS_MAX = 600
-TOLD_MS = (0, 100, 200, 300, 400, 500, 600)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -73,37 +65,13 @@ def _run(options: argparse.Namespace) -> int:
         )
     _write(cells, options.out / "comparison.csv")
     draw_comparison(cells).savefig(options.out / "comparison.png", dpi=110)
+    markdown = "\n".join([*markdown_lines(cells), ""])
+    (options.out / "comparison.md").write_text(markdown, encoding="utf-8")
     for line in table_lines(cells):
         print(line)
     elapsed_s = time.perf_counter() - begin_s
-    print(
-        f"\n{elapsed_s:.0f} s; {options.out / 'comparison.csv'}, {options.out / 'comparison.png'}"
-    )
+    print(f"\n{elapsed_s:.0f} s; comparison.csv, comparison.png and comparison.md in {options.out}")
     return ExitStatus.OK
-
-
-def table_lines(cells: Sequence[Cell]) -> list[str]:
-    """Return the table: settled RMS [mm] at some delays, and where each law breaks."""
-    told = [ms for ms in TOLD_MS if any(round(1e3 * cell.delay_s) == ms for cell in cells)]
-    lines = []
-    for key, network in NETWORKS.items():
-        lines += ["", f"{network.title}: worst RMS over the box from {SETTLED_S:g} s on [mm]"]
-        lines.append(f"{'delay [ms]':24}" + "".join(f"{ms:>9}" for ms in told) + "   breaks at")
-        for one in contestants_of(network):
-            own = [cell for cell in cells if (cell.network, cell.contestant) == (key, one.label)]
-            by_ms = {round(1e3 * cell.delay_s): cell for cell in own}
-            broken_s = breaks_at_s(own)
-            lines.append(
-                f"{one.label:24}"
-                + "".join(f"{_in_mm(by_ms[ms].settled_rms_m):>9}" for ms in told)
-                + ("   -" if broken_s is None else f"   {1e3 * broken_s:.0f} ms")
-            )
-    lines.append(f"\nbreaks at: first delay with more than {1e3 * BROKEN_M:g} mm; ! is beyond that")
-    return lines
-
-
-def _in_mm(rms_m: float) -> str:
-    return "!" if rms_m > BROKEN_M else f"{1e3 * rms_m:.2f}"
 
 
 def _write(cells: Sequence[Cell], path: Path) -> None:

@@ -1,4 +1,7 @@
-"""The figure of the comparison: worst RMS over delay, a panel for each network."""
+"""The figure of the comparison: worst RMS over delay, a panel for each network.
+
+Of the six places of the grid the last is the legend's.
+"""
 
 from collections.abc import Sequence
 
@@ -26,8 +29,8 @@ _TOP_M = 3.0
 def draw_comparison(cells: Sequence[Cell]) -> Figure:
     """Return the figure."""
     with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
-        figure = Figure(figsize=(12.0, 8.6))
-        panels = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
+        figure = Figure(figsize=(12.0, 12.4))
+        *panels, beside = figure.subplots(3, 2, sharex=True, sharey=True).ravel()
         for panel, (key, network) in zip(panels, NETWORKS.items(), strict=True):
             for one, (colour, dashes, marker) in zip(CONTESTANTS, _LINES, strict=True):
                 own = [
@@ -55,10 +58,12 @@ def draw_comparison(cells: Sequence[Cell]) -> Figure:
             fontsize=8.5,
             color="0.35",
         )
-        for panel in panels[2:]:
+        for panel in panels[-2:]:
             panel.set_xlabel("mean latency of the commands [ms]")
+            panel.tick_params(labelbottom=True)
         for panel in panels[::2]:
             panel.set_ylabel(f"worst RMS error from {SETTLED_S:g} s on [mm]")
-        handles, labels = panels[3].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=5)
+        handles, labels = panels[-1].get_legend_handles_labels()
+        beside.set_axis_off()
+        beside.legend(handles, labels, loc="center left", fontsize=12.0)
         return figure

@@ -3,6 +3,10 @@
 RMS of the lateral error, worst over the corners of SAE 2018-01-1086, Figure 2 (4 and 7 km/h, 1600
 and 5000 kg), on an ellipse of 60 by 30 m, which begins where it bends most. The latency is that of
 the commands; where it is random, all laws meet the same draws.
+
+What a jitter does depends on the order of arrival. Where the newest command wins, the one that acts
+has overtaken others and is younger than the mean; in order, as on one wire behind a queue, a late
+command holds up all behind it, and the one that acts is older than the mean.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -84,6 +88,10 @@ def _jittery(delay_s: float) -> list[str]:
     ]
 
 
+def _jittery_in_order(delay_s: float) -> list[str]:
+    return [*_jittery(delay_s), "latency.downlink.order=in_order"]
+
+
 def _lossy(delay_s: float) -> list[str]:
     return [*_constant(delay_s), "latency.downlink.loss=0.05", "latency.uplink.loss=0.05"]
 
@@ -95,7 +103,8 @@ def _lagging(delay_s: float) -> list[str]:
 NETWORKS: Mapping[str, Network] = MappingProxyType(
     {
         "constant": Network("constant delay", _constant),
-        "jitter": Network("standard deviation 30 % of the mean", _jittery, is_random=True),
+        "jitter": Network("standard deviation 30 %, newest wins", _jittery, is_random=True),
+        "in_order": Network("standard deviation 30 %, in order", _jittery_in_order, is_random=True),
         "loss": Network("5 % lost, both ways", _lossy, is_random=True),
         "lag": Network(f"constant, behind an actuator lag of {LAG_S:g} s", _lagging, has_lag=True),
     }
