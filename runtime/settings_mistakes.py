@@ -55,7 +55,11 @@ def explain(
                  nearest table above it comes from
     """
     mistakes = error.errors(include_url=False)
-    return [_explain_one(mistake, schema, data, sources) for mistake in mistakes]
+    return [
+        _explain_one(mistake, schema, data, sources)
+        for mistake in mistakes
+        if not _is_consequence(mistake)
+    ]
 
 
 def hint(name: str, known: Iterable[str], prefix: str = "") -> str:
@@ -75,6 +79,13 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def _is_consequence(mistake: ErrorDetails) -> bool:
+    """Whether a list is called too short for its elements that are mistakes themselves."""
+    value, context = mistake["input"], mistake.get("ctx", {})
+    is_list = isinstance(value, list) and mistake["type"] == "too_short"
+    return is_list and len(value) >= context["min_length"]
 
 
 def _explain_one(

@@ -1,17 +1,19 @@
 """What a campaign runs: cases of faults, operating points, laws, and the times of each run."""
 
+from collections import Counter
+from collections.abc import Iterable
 from enum import StrEnum
 from typing import Annotated, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from dbc.messages import MESSAGE_TYPES
 from plant_emulator.fault_settings import (
-    MAGNITUDES,
     MESSAGES_OF,
     SIGNAL_FAULTS,
     FaultDirection,
     FaultKind,
+    FaultSettings,
     quantities_of,
 )
 from runtime.settings import Settings
@@ -33,12 +35,21 @@ class NodeFaultKind(StrEnum):
 
 
 CONTROLLER, PLANT, BUS = "controller", "plant", "bus"
+SEED_MAX = 2**31
+MEMORY_S_MIN = 10.0
+"""A tenth of it is there to get warm."""
+
+
+def _printable(text: str) -> str:
+    if not text.isprintable():  # it stands in tables, pages and lines of results
+        raise ValueError("must be printable")
+    return text
 
 
 class PointSettings(Settings):
     """One `[[points]]`: an operating point."""
 
-    name: Annotated[str, Field(min_length=1, max_length=60)]
+    name: Annotated[str, Field(min_length=1, max_length=60), AfterValidator(_printable)]
     speed_km_h: float = Field(5.0, ge=0.5, le=250.0)
     virtual_mass_kg: float = Field(2000.0, ge=100.0, le=100_000.0)
     downlink_ms: float = Field(0.0, ge=0.0, le=1000.0)
@@ -60,21 +71,29 @@ class CaseSettings(Settings):
 
     @model_validator(mode="after")
     def _can_be(self) -> Self:
-        what, low, high, _ = MAGNITUDES[self.kind]
-        for magnitude in self.magnitudes:
-            if not low <= magnitude <= high:
-                raise ValueError(
-                    f"magnitudes of {self.kind} ({what}) must be {low:g} to {high:g},"
-                    f" not {magnitude:g}"
-                )
         known = [name for name in MESSAGE_TYPES if name != "LATENCY_CONFIG"]
         for message in self.messages:
             if message not in known:
                 raise ValueError(f"messages must be of {', '.join(known)}, not {message!r}")
-            fields = quantities_of(MESSAGE_TYPES[message])
-            if self.signal is not None and self.signal not in fields:
-                raise ValueError(f"signal of {message} must be {' or '.join(fields)}")
+            if self.kind in SIGNAL_FAULTS and not quantities_of(MESSAGE_TYPES[message]):
+                raise ValueError(f"{self.kind} needs a quantity, and {message} has none")
+            for magnitude in self.magnitudes:
+                self._refuse_what_is_no_fault(message, magnitude)
         return self
+
+    def _refuse_what_is_no_fault(self, message: str, magnitude: float) -> None:
+        signal = self.signal_of(message) if self.kind in SIGNAL_FAULTS else self.signal
+        try:
+            FaultSettings(
+                kind=self.kind,
+                direction=direction_of(message),
+                message=message,
+                signal=signal,
+                magnitude=magnitude,
+            )
+        except ValidationError as error:
+            said = error.errors(include_url=False)[0]["msg"]
+            raise ValueError(said.removeprefix("Value error, ")) from error
 
     def signal_of(self, message: str) -> str | None:
         """Return the signal that is wrong; None where the kind is not of signals."""
@@ -88,7 +107,9 @@ class NodeCaseSettings(Settings):
 
     kind: NodeFaultKind
     nodes: tuple[str, ...] = Field(min_length=1, max_length=3)
-    magnitudes: tuple[Annotated[float, Field(gt=0.0, le=10.0)], ...] = (1.0,)
+    magnitudes: tuple[Annotated[float, Field(gt=0.0, le=10.0)], ...] = Field(
+        (1.0,), min_length=1, max_length=50
+    )
 
     @model_validator(mode="after")
     def _can_be(self) -> Self:
@@ -106,7 +127,7 @@ class NodeCaseSettings(Settings):
 class CampaignSettings(Settings):
     """A campaign."""
 
-    seed: Annotated[int, Field(ge=0, le=2**31)] = 1
+    seed: Annotated[int, Field(ge=0, le=SEED_MAX)] = 1
     ftti_ms: float = Field(150.0, ge=20.0, le=10_000.0)
     """Fault tolerant time interval: detection and reaction together are to be within it."""
     motion_s: float = Field(6.5, ge=1.0, le=600.0)
@@ -119,7 +140,8 @@ class CampaignSettings(Settings):
     residual_frames: Annotated[int, Field(ge=1000, le=100_000_000)] = 2_000_000
     """Frames corrupted at random beside the runs, to count how many have a CRC that fits."""
     memory_s: float = Field(600.0, ge=0.0, le=100_000.0)
-    """How long a pair with faults runs beside them, to count what it holds; 0: none does."""
+    """How long a pair with faults runs beside them, to count what it holds: 10 s or more; 0: none
+    does."""
     laws: tuple[str, ...] = Field(("practical_pd_ddob",), min_length=1, max_length=20)
     """Presets of the controller."""
     points: tuple[PointSettings, ...] = Field((PointSettings(name="nominal"),), min_length=1)
@@ -130,10 +152,29 @@ class CampaignSettings(Settings):
     def _leaves_time(self) -> Self:
         if self.onset_s + self.fault_s >= self.motion_s:
             raise ValueError("motion_s must be longer than onset_s and fault_s together")
-        names = [point.name for point in self.points]
-        if len(set(names)) < len(names):
-            raise ValueError("points must have different names")
+        if 0.0 < self.memory_s < MEMORY_S_MIN:
+            least = f"0 or from {MEMORY_S_MIN:g} on"
+            raise ValueError(f"memory_s must be {least}, not {self.memory_s:g}")
+        _refuse_twice("points", (point.name for point in self.points))
+        _refuse_twice("laws", self.laws)
+        _refuse_twice("cases", _names_of(self.cases))
+        _refuse_twice("node_cases", _names_of(self.node_cases))
         return self
+
+
+def _names_of(tables: Iterable[CaseSettings | NodeCaseSettings]) -> Iterable[str]:
+    """Yield what runs and rows of tables are told apart by."""
+    for table in tables:
+        places = table.messages if isinstance(table, CaseSettings) else table.nodes
+        for place in places:
+            for magnitude in table.magnitudes:
+                yield f"{table.kind} {magnitude:g} {place}"
+
+
+def _refuse_twice(what: str, names: Iterable[str]) -> None:
+    name, count = next(iter(Counter(names).most_common(1)), ("", 0))
+    if count > 1:
+        raise ValueError(f"{what} must differ: {name!r} is there {count} times")
 
 
 def direction_of(message: str) -> FaultDirection:
