@@ -1,9 +1,16 @@
-"""Judges whether a node keeps its rate, by its own timer: too many overruns are a fault of its own.
+"""Judges whether a node keeps its rate, by its own timer: that it does not is a fault of its own.
 
 A tick overruns when at least one period has passed unserved before it was done with: the timer
-skips it. One stall is one overrun, however long it lasts; what that does to measurements and to the
-peer is judged by their ages. A node that overruns in ever so many of its ticks is too slow for its
-rate, or its host is, and no age shows that.
+skips it. What a stall does to measurements and to the peer is judged by their ages. Two things no
+age shows, and each has its bound:
+
+    overruns         one stall is one overrun, however long: of the last ticks, so many
+    missed periods   of the last periods, so many; a stall counts as ``stall_periods_max`` at most,
+                     in what was missed and in what is looked back at
+
+The first finds a node that is too slow for its rate, the second one that its host leaves too little
+time. A process that is stopped for seconds, or a machine that sleeps for an hour, is neither: it is
+one stall, and goes on.
 
 The time is the timer's, so this is the same in virtual time, and in real time whatever made the
 node late.
@@ -23,28 +30,85 @@ def _word_or_number(value: Any) -> str:
     return "word" if isinstance(value, str) else "number"
 
 
-class OverrunSettings(Settings):
-    """How many overruns are borne.
+_MOST = 10_000
+_Bound = Annotated[
+    Annotated[int, Field(ge=0, le=_MOST), Tag("number")] | Annotated[Literal["off"], Tag("word")],
+    Discriminator(_word_or_number),
+]
+_Count = Annotated[int, Field(ge=1, le=_MOST)]
 
-    ``overruns_max``  among the last ``window_ticks``; 0 bears none, "off" bears all
-    ``window_ticks``  how many ticks are looked back at
+
+class OverrunSettings(Settings):
+    """How many overruns and missed periods are borne; 0 bears none, "off" bears all.
+
+    ``overruns_max``        among the last ``window_ticks``
+    ``window_ticks``        how many ticks are looked back at
+    ``missed_periods_max``  among the last ``window_periods``
+    ``window_periods``      how many periods are looked back at, served or missed
+    ``stall_periods_max``   as how many one stall counts at most; above ``missed_periods_max``, one
+                            long stall is a fault
     """
 
-    overruns_max: Annotated[
-        Annotated[int, Field(ge=0, le=10_000), Tag("number")]
-        | Annotated[Literal["off"], Tag("word")],
-        Discriminator(_word_or_number),
-    ] = 50
-    window_ticks: Annotated[int, Field(ge=1, le=10_000)] = 100
+    overruns_max: _Bound = 50
+    window_ticks: _Count = 100
+    missed_periods_max: _Bound = 500
+    window_periods: _Count = 1000
+    stall_periods_max: _Count = 250
+
+
+class MissedPeriods:
+    """Counts the missed ones among the last periods; as in OverrunSettings, ValueError outside."""
+
+    def __init__(self, missed_max: int, window_periods: int, stall_max: int) -> None:
+        if missed_max < 0 or window_periods < 1 or stall_max < 1:
+            raise ValueError(
+                f"{missed_max} of {window_periods} periods, {stall_max} of a stall, cannot be "
+                "allowed"
+            )
+        self._missed_max = missed_max
+        self._window = window_periods
+        self._stall_max = stall_max
+        self._periods = 0
+        self._stalls: deque[tuple[int, int]] = deque()
+        """Those that reach into the window: when they ended [periods], as how many they count."""
+        self._missed = 0
+
+    def on_tick(self, missed: int) -> str:
+        """Note a tick and how many periods were missed with it; returns why that is too many."""
+        self._periods += 1
+        if missed:
+            counted = min(missed, self._stall_max)
+            self._periods += counted
+            self._missed += counted
+            self._stalls.append((self._periods, counted))
+        elif not self._stalls:
+            return ""
+        begin = self._periods - self._window
+        while self._stalls and self._stalls[0][0] <= begin:
+            self._missed -= self._stalls.popleft()[1]
+        in_window = self._missed
+        if self._stalls:
+            end, counted = self._stalls[0]
+            in_window -= max(0, begin - (end - counted))
+        if in_window <= self._missed_max:
+            return ""
+        return (
+            f"{in_window} of the last {min(self._periods, self._window)} periods were missed, a "
+            f"stall counted as {self._stall_max} at most, allowed are {self._missed_max} of "
+            f"{self._window}"
+        )
 
 
 class OverrunSupervision:
-    """Counts the overruns of one periodic activity.
+    """Counts the overruns of one periodic activity, and what it misses.
 
     ``overruns_max``, ``window_ticks``  as in OverrunSettings; ValueError outside their ranges
+    ``missed``                          judges the periods missed; None: all are borne
     """
 
-    def __init__(self, overruns_max: int, window_ticks: int) -> None:
+    def __init__(
+        self, overruns_max: int, window_ticks: int, missed: MissedPeriods | None = None
+    ) -> None:
         if overruns_max < 0 or window_ticks < 1:
             raise ValueError(f"{overruns_max} overruns of {window_ticks} ticks cannot be allowed")
         self._overruns_max = overruns_max
@@ -52,6 +116,7 @@ class OverrunSupervision:
         self._overruns = 0
         self._total = 0
         self._worst = 0
+        self._missed = missed
         self._skipped_before = 0
         self._failure = ""
 
@@ -61,7 +126,12 @@ class OverrunSupervision:
         window_ticks = settings.window_ticks
         # No more of the ticks can overrun than there are.
         overruns_max = window_ticks if settings.overruns_max == "off" else settings.overruns_max
-        return cls(overruns_max, window_ticks)
+        missed = None
+        if settings.missed_periods_max != "off":
+            missed = MissedPeriods(
+                settings.missed_periods_max, settings.window_periods, settings.stall_periods_max
+            )
+        return cls(overruns_max, window_ticks, missed)
 
     @property
     def failure(self) -> str:
@@ -80,17 +150,24 @@ class OverrunSupervision:
 
     def on_tick(self, timer: PeriodicTimer) -> bool:
         """Note the tick that ``timer`` has advanced for; returns whether the rate is kept."""
-        has_overrun = timer.skipped > self._skipped_before
+        missed = timer.skipped - self._skipped_before
         self._skipped_before = timer.skipped
+        has_overrun = missed > 0
         if len(self._window) == self._window.maxlen:
             self._overruns -= self._window[0]
         self._window.append(has_overrun)
         self._overruns += has_overrun
         self._total += has_overrun
         self._worst = max(self._worst, self._overruns)
-        if self._overruns > self._overruns_max and not self._failure:
-            self._failure = (
-                f"{self._overruns} of the last {len(self._window)} ticks overran, "
-                f"allowed are {self._overruns_max} of {self._window.maxlen}"
-            )
+        too_many_missed = "" if self._missed is None else self._missed.on_tick(missed)
+        if not self._failure:
+            self._failure = self._too_many_overruns() or too_many_missed
         return not self._failure
+
+    def _too_many_overruns(self) -> str:
+        if self._overruns <= self._overruns_max:
+            return ""
+        return (
+            f"{self._overruns} of the last {len(self._window)} ticks overran, "
+            f"allowed are {self._overruns_max} of {self._window.maxlen}"
+        )
