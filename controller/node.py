@@ -22,7 +22,13 @@ from controller.link_memory import LinkMemory
 from controller.modes import Supervisor
 from controller.round_trip import RoundTrip
 from controller.safety_status import SafetyFacts, SafetyStatus
-from controller.settings import ControllerSettings, age_limits_of, limits_of, supervision_of
+from controller.settings import (
+    ControllerSettings,
+    age_limits_of,
+    limits_of,
+    resync_ns_of,
+    supervision_of,
+)
 from dbc.messages import (
     CAN_IDS,
     ControllerFault,
@@ -112,6 +118,7 @@ class ControllerNode:
             RECEIVED,
             settings.supervision.max_counter_jump,
             settings.supervision.recovery_frames,
+            resync_ns_of(settings),
         )
         self._unauthenticated = 0
         self._safety = SafetyStatus()
@@ -152,7 +159,7 @@ class ControllerNode:
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Take a frame; the answer to a measurement waits for the next tick."""
-        received = self._reception.take(frame)
+        received = self._reception.take(frame, now_ns)
         if isinstance(received, LateralError):
             self._on_measurement(received, now_ns)
         elif isinstance(received, SteeringStatus):

@@ -150,6 +150,16 @@ def age_limits_of(settings: ControllerSettings) -> AgeLimits:
     )
 
 
+def resync_ns_of(settings: ControllerSettings) -> int:
+    """Return after what silence of a message a new start of its sender may be believed [ns].
+
+    Longer than any age limit and the tick that acts on it: a stream of measurements that does not
+    go on from the last is steered by after a hold and the run that ends it, or not at all.
+    """
+    limits = (limit_ns for limit_ns in age_limits_of(settings) if limit_ns != NO_LIMIT_NS)
+    return max(limits) + settings.period_ns + 1
+
+
 def limits_of(settings: ControllerSettings) -> SteerLimits:
     """Return the bounds of one command."""
     step_rad_max = settings.limits.steer_rate_rad_s_max * settings.period_ns / NS_PER_S

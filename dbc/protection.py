@@ -50,19 +50,26 @@ class SequenceCheck:
     The first frame is accepted. After that a frame is accepted if it is newer than the newest
     accepted one by 1 to ``max_jump`` (forward, modulo 256). A sender that restarted, or fell silent
     for long, counts on from anywhere: after ``resync_run`` refused frames in a row whose counters
-    step by exactly one, the next that steps by one is accepted.
+    step by exactly one, the next that steps by one is accepted, but not before ``resync_ns`` have
+    passed since the newest accepted frame. With the time after which the receiver stops to act on
+    that frame, nobody is led from one stream of counters to another without having held first.
 
     ``max_jump``    1 to 127, so that newer and older by the same amount stay distinguishable
     ``resync_run``  1 or more
+    ``resync_ns``   0 or more [ns]; 0 for who acts on nothing
     """
 
-    def __init__(self, max_jump: int, resync_run: int) -> None:
+    def __init__(self, max_jump: int, resync_run: int, resync_ns: int = 0) -> None:
         if not 1 <= max_jump <= COUNTERS // 2 - 1:
             raise ValueError(f"max_jump = {max_jump}: allowed is 1 to {COUNTERS // 2 - 1}")
         if resync_run < 1:
             raise ValueError(f"resync_run = {resync_run}: allowed is 1 or more")
+        if resync_ns < 0:
+            raise ValueError(f"resync_ns = {resync_ns}: allowed is 0 or more")
         self._max_jump = max_jump
         self._resync_run = resync_run
+        self._resync_ns = resync_ns
+        self._accepted_ns = 0
         self._newest: int | None = None
         self._last_refused: int | None = None
         self._run = 0
@@ -88,25 +95,27 @@ class SequenceCheck:
         """How often a run of refused frames was believed to be a sender's new start."""
         return self._resynchronised
 
-    def check(self, counter: int) -> SequenceResult:
-        """Judge the frame that carries ``counter`` (0 to 255)."""
+    def check(self, counter: int, now_ns: int = 0) -> SequenceResult:
+        """Judge the frame that carries ``counter`` (0 to 255) and arrives at ``now_ns``."""
         if self._newest is None:
-            return self._accept(counter)
+            return self._accept(counter, now_ns)
         forward = (counter - self._newest) % COUNTERS
         if 1 <= forward <= self._max_jump:
             self._lost += forward - 1
-            return self._accept(counter)
+            return self._accept(counter, now_ns)
         steps_by_one = self._last_refused == (counter - 1) % COUNTERS
-        if steps_by_one and self._run >= self._resync_run:
+        is_silent = now_ns - self._accepted_ns >= self._resync_ns
+        if steps_by_one and is_silent and self._run >= self._resync_run:
             self._resynchronised += 1
-            return self._accept(counter)
+            return self._accept(counter, now_ns)
         self._run = self._run + 1 if steps_by_one else 1
         self._last_refused = counter
         if forward == 0:
             return SequenceResult.REPEATED
         return SequenceResult.TOO_FAR if forward < COUNTERS // 2 else SequenceResult.OUT_OF_ORDER
 
-    def _accept(self, counter: int) -> SequenceResult:
+    def _accept(self, counter: int, now_ns: int) -> SequenceResult:
         self._newest = counter
+        self._accepted_ns = now_ns
         self._run = 0
         return SequenceResult.ACCEPTED

@@ -32,15 +32,20 @@ class Reception:
     ``message_types``  what is received
     ``max_jump``       see SequenceCheck; each type has its own
     ``resync_run``     see SequenceCheck
+    ``resync_ns``      see SequenceCheck [ns]
     """
 
     def __init__(
-        self, message_types: Collection[type[Message]], max_jump: int, resync_run: int
+        self,
+        message_types: Collection[type[Message]],
+        max_jump: int,
+        resync_run: int,
+        resync_ns: int = 0,
     ) -> None:
         self._checks = {
             CAN_IDS[message_type]: None
             if message_type is LatencyConfig  # sent by hand, so it has no counter
-            else SequenceCheck(max_jump, resync_run)
+            else SequenceCheck(max_jump, resync_run, resync_ns)
             for message_type in message_types
         }
         self._accepted = self._refused = 0
@@ -79,8 +84,13 @@ class Reception:
             raise ValueError(f"no counter of {message_type.__name__} was accepted")
         return check.newest
 
-    def take(self, frame: Frame) -> Message | Rejection | SequenceResult | Refused | None:
-        """Judge one frame: its message, the cause of its refusal, or None if not received here."""
+    def take(
+        self, frame: Frame, now_ns: int = 0
+    ) -> Message | Rejection | SequenceResult | Refused | None:
+        """Judge one frame: its message, the cause of its refusal, or None if not received here.
+
+        ``now_ns``  when it arrived; who sets no ``resync_ns`` need not tell
+        """
         if frame.can_id not in self._checks:
             return None
         if frame.flags & FD and is_secured(frame):  # who has the key shows us the classic frame
@@ -90,7 +100,7 @@ class Reception:
             return self._refuse(decoded)
         check = self._checks[frame.can_id]
         if check is not None:
-            result = check.check(decoded.counter)
+            result = check.check(decoded.counter, now_ns)
             if result is not SequenceResult.ACCEPTED:
                 return self._refuse(result)
         self._accepted += 1

@@ -8,7 +8,7 @@ instant:
 2. the control unit acts on commands that stay away (``plant_emulator.steering_guard``)
 3. the sensors sample, and their messages enter the uplink
 4. messages leave the uplink for the bus
-5. PLANT_STATUS is sent
+5. PLANT_STATUS is sent: the rig's own word, which takes no way through the uplink
 
 A tick that comes late therefore changes when frames leave, not how the vehicle moves: the motion is
 advanced from event to event, and a command acts from the instant it was due.
@@ -49,7 +49,7 @@ from plant_emulator.path import Path
 from plant_emulator.plant_report import line_report, motion_report
 from plant_emulator.plant_samples import PlantSample, RunningFigures
 from plant_emulator.propagation import LinearState
-from plant_emulator.safety_settings import design_guard
+from plant_emulator.safety_settings import design_guard, resync_ns_of
 from plant_emulator.self_supervision import (
     NOT_FINITE_COMMAND,
     NOT_FINITE_VEHICLE,
@@ -57,6 +57,7 @@ from plant_emulator.self_supervision import (
 )
 from plant_emulator.sensors import Readings, with_noise
 from plant_emulator.settings import PlantSettings
+from plant_emulator.status_telling import StatusTelling
 from plant_emulator.steering_unit import SteeringUnit
 from plant_emulator.streams import Channel, uniforms
 from runtime.frame import Frame
@@ -66,7 +67,6 @@ from runtime.periodic import PeriodicTimer
 RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig)
 """What the plant receives."""
 VEHICLE_STATE_PERIOD_NS = 20_000_000
-STATUS_PERIOD_NS = 100_000_000
 SAMPLES_MAX = 1_000_000
 """Samples kept for a trace: nearly three hours at 100 Hz."""
 _COUNTERS = 256
@@ -112,7 +112,7 @@ class PlantNode:
         self._duration_ns = settings.duration_ns
         self._motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
         self._sensor_timer = PeriodicTimer(start_ns, settings.sensor_period_ns)
-        self._status_timer = PeriodicTimer(start_ns, STATUS_PERIOD_NS)
+        self._telling = StatusTelling(start_ns)
         self._samples_per_state = max(1, VEHICLE_STATE_PERIOD_NS // settings.sensor_period_ns)
         seed = settings.seed
         self._downlink: LatencyLine[SteeringCommand] = LatencyLine(
@@ -129,7 +129,12 @@ class PlantNode:
         self._noise = Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s)
         self._is_noisy = any(self._noise)
         self._noise_uniforms = uniforms(seed, Channel.SENSOR_NOISE)
-        self._reception = Reception(RECEIVED, settings.max_counter_jump, settings.resync_frames)
+        self._reception = Reception(
+            RECEIVED,
+            settings.max_counter_jump,
+            settings.resync_frames,
+            resync_ns_of(settings.safety),
+        )
         self._unauthenticated = 0
         self._command: Passage[SteeringCommand] | None = None
         self._uplink_latency_s = math.nan
@@ -168,7 +173,7 @@ class PlantNode:
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Judge a frame; a command enters the downlink."""
-        received = self._reception.take(frame)
+        received = self._reception.take(frame, now_ns)
         if isinstance(received, SteeringCommand):
             if self._motion_start_ns == NEVER_NS:
                 self._motion_start_ns = now_ns
@@ -192,9 +197,7 @@ class PlantNode:
             sample_ns = self._sensor_timer.deadline_ns
             measured_ns = self._uplink.next_due_ns
             guard_ns = self._guard_ns()
-            due_ns = min(
-                command_ns, guard_ns, sample_ns, measured_ns, self._status_timer.deadline_ns
-            )
+            due_ns = min(command_ns, guard_ns, sample_ns, measured_ns, self._telling.deadline_ns)
             if due_ns > now_ns:
                 self._deadline_ns = due_ns
                 return frames
@@ -209,8 +212,10 @@ class PlantNode:
                     frames.append(released.item)
                     self._uplink_latency_s = released.latency_ns * 1e-9
             else:
-                self._status_timer.advance(now_ns)
-                frames.append(self._encode(self._status()))
+                status = self._status()
+                self._telling.on_telling(status.safety, due_ns, now_ns)
+                frames.append(self._encode(status))
+            self._telling.on_state(self._unit.safety, due_ns)
 
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON.

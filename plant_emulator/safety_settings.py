@@ -128,6 +128,15 @@ def design_guard(
     )
 
 
+def resync_ns_of(settings: SafetySettings) -> int:
+    """Return after what silence of the commands a new start of their sender may be believed [ns].
+
+    Longer than the one that is held after; 0 where none is.
+    """
+    silence_ns = _silence_ns(settings.ftti_ms)
+    return 0 if silence_ns == OFF_NS else silence_ns + 1
+
+
 def _silence_ns(ftti_ms: Limit) -> int:
     if ftti_ms == OFF:
         return OFF_NS

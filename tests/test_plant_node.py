@@ -116,9 +116,9 @@ def test_a_bad_command_starts_nothing() -> None:
 def test_every_fault_of_a_command_is_counted_by_its_cause() -> None:
     tested = link()
 
-    def send(counter: int, **changes: Any) -> None:
+    def send(counter: int, at_ns: int = START_NS, **changes: Any) -> None:
         frame = encode(SteeringCommand(0.1, counter, Mode.ACTIVE), counter % 256)
-        tested.node.on_frame(frame._replace(**changes), START_NS)
+        tested.node.on_frame(frame._replace(**changes), at_ns)
 
     send(0)
     send(1, data=encode(LateralError(0.0, 0.0), 1).data)
@@ -141,7 +141,7 @@ def test_every_fault_of_a_command_is_counted_by_its_cause() -> None:
         "wrong_length": 1,
     }
     for counter in range(121, 127):
-        send(counter)
+        send(counter, at_ns=START_NS + 150 * MS_NS)
     assert tested.node.report()["resynchronised"] == 1
 
 

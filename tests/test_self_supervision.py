@@ -253,7 +253,7 @@ def test_a_command_that_is_no_number_never_reaches_the_wheel(
     tested = steering(link())
     monkeypatch.setattr(
         "dbc.reception.Reception.take",
-        lambda _self, _frame: SteeringCommand(math.nan, 51, Mode.ACTIVE),
+        lambda _self, _frame, _now_ns: SteeringCommand(math.nan, 51, Mode.ACTIVE),
     )
     tested.node.on_frame(Frame(CAN_IDS[SteeringCommand], b""), START_NS + 51 * PERIOD_NS)
     finish(tested)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.modes import Supervisor
-from controller.settings import ControllerSettings, SupervisionSettings, supervision_of
+from controller.settings import ControllerSettings, resync_ns_of, supervision_of
 from dbc.messages import Mode
 from dbc.protection import COUNTERS, SequenceCheck, SequenceResult
 from plant_emulator.node import VEHICLE_STATE_PERIOD_NS
@@ -69,6 +69,14 @@ class Arrivals(NamedTuple):
     sample: IntArray
 
 
+class Believing(NamedTuple):
+    """What the controller believes of counters: as ``dbc.protection.SequenceCheck`` has it."""
+
+    max_jump: int
+    resync_run: int
+    resync_ns: int
+
+
 class NothingArrivesError(ValueError):
     """No measurement reaches the controller, so that it never steers and the run never ends."""
 
@@ -81,9 +89,8 @@ def plan_run(plant: PlantSettings, controller: ControllerSettings) -> Plan:
     sensor_ns, period_ns = plant.sensor_period_ns, controller.period_ns
     samples = -(-(motion_start_ns + plant.duration_ns) // sensor_ns) + 1
     end_ns = (samples - 1) * sensor_ns
-    arrivals = arrivals_of(
-        Uplink.LATERAL_ERROR, plant, controller.supervision, samples, motion_start_ns
-    )
+    believing = believing_of(controller)
+    arrivals = arrivals_of(Uplink.LATERAL_ERROR, plant, believing, samples, motion_start_ns)
     tick_ns = np.arange(first_tick_ns, end_ns + 1, period_ns)
     in_use = np.searchsorted(arrivals.arrival_ns, tick_ns, side="right") - 1
     commands = Frames(
@@ -114,15 +121,22 @@ def plan_run(plant: PlantSettings, controller: ControllerSettings) -> Plan:
     )
 
 
+def believing_of(controller: ControllerSettings) -> Believing:
+    """Return what a controller believes."""
+    table = controller.supervision
+    return Believing(table.max_counter_jump, table.recovery_frames, resync_ns_of(controller))
+
+
 def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:
     """Return the tick at which the controller stops waiting."""
     timeout_ns = supervision_of(controller).measurement_timeout_ns
     period_ns, samples = controller.period_ns, 1
+    believing = believing_of(controller)
     while samples <= SAMPLES_WITHOUT_ARRIVAL_MAX:
         # Frames that come after the start have another time of motion, but none of them is first.
         start_ns = NEVER_NS if plant.start_on_first_command else 0
         arrival_ns = arrivals_of(
-            Uplink.LATERAL_ERROR, plant, controller.supervision, samples, start_ns
+            Uplink.LATERAL_ERROR, plant, believing, samples, start_ns
         ).arrival_ns
         tick_ns = -(-arrival_ns // period_ns) * period_ns
         known_ns = (samples - 1) * plant.sensor_period_ns  # later ones may overtake beyond that
@@ -138,7 +152,7 @@ def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:
 def arrivals_of(
     message: Uplink,
     plant: PlantSettings,
-    supervision: SupervisionSettings,
+    believing: Believing,
     samples: int,
     motion_start_ns: int,
 ) -> Arrivals:
@@ -154,19 +168,19 @@ def arrivals_of(
     up = passages(
         plant.latency.uplink, plant.seed, Channel.UPLINK, Channel.UPLINK_DUPLICATES, frames
     )
-    believed = _believed(
-        supervision, sample[up.frame] // (every if message is Uplink.VEHICLE_STATE else 1)
-    )
+    number = sample[up.frame] // (every if message is Uplink.VEHICLE_STATE else 1)
+    believed = _believed(believing, number, up.due_ns)
     return Arrivals(up.due_ns[believed], sample[up.frame][believed])
 
 
-def _believed(supervision: SupervisionSettings, number: IntArray) -> NDArray[np.bool_]:
+def _believed(believing: Believing, number: IntArray, arrival_ns: IntArray) -> NDArray[np.bool_]:
     """Return which frames of a message the check of their counters accepts, as they arrive."""
     steps = np.diff(number)
-    if ((steps >= 1) & (steps <= supervision.max_counter_jump)).all():
+    if ((steps >= 1) & (steps <= believing.max_jump)).all():
         return np.ones(len(number), dtype=np.bool_)
-    check = SequenceCheck(supervision.max_counter_jump, supervision.recovery_frames)
-    results = [check.check(counter) for counter in (number % COUNTERS).tolist()]
+    check = SequenceCheck(*believing)
+    arrivals = zip((number % COUNTERS).tolist(), arrival_ns.tolist(), strict=True)
+    results = [check.check(counter, now_ns) for counter, now_ns in arrivals]
     return np.array([result is SequenceResult.ACCEPTED for result in results])
 
 

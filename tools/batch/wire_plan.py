@@ -14,7 +14,7 @@ from controller.design import link_of
 from controller.freshness import AgeLimits
 from controller.link import NO_DELAY, DelayState, LinkParams, delay_of, delay_step
 from controller.link_memory import E2E_COUNTERS, RING_SIZE
-from controller.settings import ControllerSettings, SupervisionSettings, age_limits_of
+from controller.settings import ControllerSettings, age_limits_of
 from dbc.messages import LateralError, SteeringStatus, VehicleState, limits, resolutions
 from plant_emulator.safety_settings import design_guard
 from plant_emulator.settings import PlantSettings
@@ -23,7 +23,7 @@ from plant_emulator.steering_unit import followed
 from plant_emulator.streams import Channel, first_uniforms
 from tools.batch.compilation import compiled
 from tools.batch.network import FloatArray, IntArray, normal_scores
-from tools.batch.plan import Arrivals, Plan, Uplink, arrivals_of
+from tools.batch.plan import Arrivals, Believing, Plan, Uplink, arrivals_of, believing_of
 from tools.batch.sensor_rate import wrong_at
 from tools.batch.wire import Wire, on_wire
 
@@ -73,7 +73,7 @@ def plan_wire(
     """Lay down the wire of one run. Raises UnclearSampleError."""
     link = _link(
         plant_network(plant),
-        controller.supervision,
+        believing_of(controller),
         link_of(controller),
         age_limits_of(controller),
         _Ticks(plan),
@@ -123,7 +123,7 @@ def plant_network(plant: PlantSettings) -> PlantSettings:
 @lru_cache(maxsize=_KEPT)
 def _link(
     plant: PlantSettings,
-    supervision: SupervisionSettings,
+    believing: Believing,
     params: LinkParams,
     limits_ns: AgeLimits,
     ticks: _Ticks,
@@ -131,8 +131,7 @@ def _link(
     plan = ticks.plan
     samples = len(plan.sample_ns)
     errors, echoes, states = (
-        arrivals_of(message, plant, supervision, samples, plan.motion_start_ns)
-        for message in Uplink
+        arrivals_of(message, plant, believing, samples, plan.motion_start_ns) for message in Uplink
     )
     _refuse_unclear(errors, echoes, params)
     errors, echoes = _rising(errors), _rising(echoes)
