@@ -25,7 +25,7 @@ from runtime.settings import SettingsError
 from runtime.virtual_time import VirtualTimeExecutor
 from tests.running_program import running, wait_until
 from tools import inject_faults
-from tools.campaign.node_faults import NodeFault, with_node_fault
+from tools.campaign.node_faults import NodeFault, with_node_faults
 from tools.campaign.scenario import controller_settings_of
 from tools.campaign.specification import NodeFaultKind
 from tools.live_faults.bus_off import BusOffFault
@@ -154,7 +154,7 @@ def struck_in_virtual_time(kind: NodeFaultKind, jump_s: float) -> dict[str, Any]
     """The controller's report after 3 s, struck after 1 s."""
     controller = ControllerNode(controller_settings_of("practical_pd"), 0)
     fault = NodeFault(kind, "controller", 1.0, jump_s, jump_s)
-    struck = with_node_fault(controller, "controller", fault)
+    struck = with_node_faults(controller, "controller", [fault])
     plant = PlantNode(PlantSettings(duration_s=60.0), 0)
     VirtualTimeExecutor([plant, struck], BusModel(BITRATE_BIT_S)).run(3 * NS_PER_S)
     return dict(controller.report())

@@ -6,11 +6,14 @@
 
 Every fault of the specification at every operating point with every law, and runs without a fault.
 Leaves results.jsonl, results.csv, campaign.json and index.html in DIR; run again, it goes on where
-it was left. With --live some of the faults meet real processes on the emulated bus as well,
-which takes four minutes more. The exit status is 1 where an acceptance fails.
+it was left. A folder with results of another specification, or of programs that have changed since,
+is refused. With --live some of the faults meet real processes on the emulated bus as well, which
+takes four minutes more. Random walks print what they find, and the command that runs it again. The
+exit status is 1 where an acceptance or a walk fails.
 """
 
 import argparse
+import shlex
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -29,9 +32,10 @@ from tools.campaign.acceptance import Finding, findings_of, memory_finding, resi
 from tools.campaign.comparison import compare
 from tools.campaign.execution import (
     RESULTS,
+    Stored,
     execute,
     keep_only,
-    read_results,
+    read_stored,
     specification_hash,
     write_result,
 )
@@ -46,7 +50,7 @@ from tools.campaign.presentation import (
 )
 from tools.campaign.residual import measure_residual
 from tools.campaign.scenario import controller_settings_of, scenarios_of
-from tools.campaign.specification import CampaignSettings
+from tools.campaign.specification import SEED_MAX, CampaignSettings
 from tools.campaign.trial import Result, run_trial
 from tools.campaign.walks import WALK_FAULTS_MAX, Walk, walk_all, walk_lines
 from tools.campaign_live.presentation import live_finding
@@ -54,6 +58,7 @@ from tools.campaign_live.program import run_live_campaign
 
 NAME = "fault_campaign"
 FAILED = 1
+OUT = Path("out/faults")
 WALKS_MAX = 1_000_000
 R = TypeVar("R")
 
@@ -67,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("spec", nargs="?", type=Path, metavar="SPEC.toml", help="in its place")
     parser.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE")
-    parser.add_argument("--out", type=Path, default=Path("out/faults"), metavar="DIR")
+    parser.add_argument("--out", type=Path, metavar="DIR", help=f"default: {OUT}")
     parser.add_argument("--compare", type=Path, metavar="EARLIER", help="its DIR")
     parser.add_argument(
         "--live", action="store_true", help="also on real processes, with their logs in DIR/live"
@@ -77,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--random-walks",
         type=_up_to(WALKS_MAX),
         metavar="N",
-        help=f"instead: N seeded sequences of up to {WALK_FAULTS_MAX} faults each",
+        help=f"instead: N sequences of up to {WALK_FAULTS_MAX} faults, of this seed and the next",
     )
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
@@ -102,11 +107,10 @@ def _run(options: argparse.Namespace) -> int:
     for law in spec.laws:
         if law not in known:
             raise SettingsError(f"laws: {law!r} is no preset; known: {', '.join(known)}")
-    earlier = None if options.compare is None else read_results(options.compare)
-    if earlier == []:
-        raise SettingsError(f"--compare: no results in {options.compare / RESULTS}")
     if options.random_walks is not None:
         return _walk(spec, options)
+    options.out = options.out or OUT
+    earlier = None if options.compare is None else _earlier(options.compare)
     begin_s = time.perf_counter()
     results = _results(spec, options)
     residual = residual_finding(measure_residual(spec.residual_frames, spec.seed))
@@ -141,10 +145,17 @@ def _run(options: argparse.Namespace) -> int:
 
 def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[Result]:
     """Return the result of every run of the campaign, those that were there before included."""
-    options.out.mkdir(parents=True, exist_ok=True)
     scenarios = list(scenarios_of(spec))
     spec_hash = specification_hash(spec)
-    done = {result.name: result for result in read_results(options.out, spec_hash)}
+    stored = read_stored(options.out, spec_hash)
+    if stored.others:
+        raise SettingsError(
+            f"{options.out / RESULTS}: has {stored.others} results of another specification, or of"
+            " programs that have changed since; give --out another folder, or remove this one"
+        )
+    _tell_what_is_left_out(options.out, stored)
+    options.out.mkdir(parents=True, exist_ok=True)
+    done = {result.name: result for _, result in stored.results}
     keep_only(options.out, spec_hash, done.values())
     left = [scenario for scenario in scenarios if scenario.name not in done]
     if done:
@@ -165,9 +176,34 @@ def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[Result
     return [done[scenario.name] for scenario in scenarios]
 
 
+def _earlier(folder: Path) -> list[Result]:
+    """Return the results of an earlier campaign."""
+    stored = read_stored(folder)
+    if not stored.results:
+        where = f"--compare: {folder / RESULTS}"
+        raise SettingsError(f"{where}: has no whole result; give an earlier campaign's --out")
+    _tell_what_is_left_out(folder, stored)
+    return [result for _, result in stored.results]
+
+
+def _tell_what_is_left_out(folder: Path, stored: Stored) -> None:
+    if stored.not_whole:
+        what = f"{stored.not_whole} lines that are no whole results are left out"
+        say(NAME, f"{folder / RESULTS}: {what}", sys.stderr)
+
+
 def _walk(spec: CampaignSettings, options: argparse.Namespace) -> int:
     """Run the random walks; a failing one ends in its shortest failing sequence."""
     count: int = options.random_walks
+    for name in ("out", "compare", "live"):
+        if getattr(options, name):
+            raise SettingsError(
+                f"--{name}: is nothing for --random-walks, which print what they find"
+            )
+    if not (spec.cases or spec.node_cases):
+        raise SettingsError("--random-walks: there are no cases and no node_cases to draw from")
+    if spec.seed + count - 1 > SEED_MAX:
+        raise SettingsError(f"--random-walks: seed + N must be up to {SEED_MAX + 1}")
     walks: list[Walk] = []
     try:
         _with_progress(
@@ -175,8 +211,22 @@ def _walk(spec: CampaignSettings, options: argparse.Namespace) -> int:
         )
     finally:  # on Ctrl-C too: what was found is not lost
         if walks:
-            print("\n".join(walk_lines(walks)))
+            print("\n".join(walk_lines(walks, _again(options))))
     return FAILED if any(walk.failure for walk in walks) else ExitStatus.OK
+
+
+def _again(options: argparse.Namespace) -> str:
+    """Return the command that runs one walk of the same specification again."""
+    words = [
+        "python",
+        "-m",
+        f"tools.{NAME}",
+        *([] if options.spec is None else [str(options.spec)]),
+    ]
+    for override in options.overrides:
+        if override.partition("=")[0].strip() != "seed":
+            words += ["--set", override]
+    return f"{shlex.join(words)} --random-walks 1"
 
 
 def _with_progress(

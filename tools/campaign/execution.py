@@ -1,18 +1,22 @@
 """Runs scenarios or walks on processes, and keeps every result the moment it is there.
 
 Results are one JSON object a line. A campaign that is run again with the same specification goes on
-where it was left, as long as no program has changed since.
+where it was left, as long as no program has changed since; a folder with results of another one is
+refused, so that none are lost. A line that is not whole, as of a run that was killed, is left out.
 """
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from hashlib import sha256
 from importlib.resources import files
 from itertools import islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from runtime.settings import SettingsError
 from tools.campaign.specification import CampaignSettings
 from tools.campaign.trial import Result, Verdict
 from tools.worker_processes import worker_pool
@@ -23,6 +27,22 @@ RESULTS = "results.jsonl"
 _WAITING_PER_PROCESS = 4
 _JUDGED = ("controller", "dbc", "plant_emulator", "runtime", "tools.campaign")
 _SOURCES = (".py", ".toml", ".dbc")
+_LINE_BYTES_MAX = 1 << 20
+_WHOLE_MAX = 1 << 53
+_FIELDS = TypeAdapter(Result, config=ConfigDict(strict=True, allow_inf_nan=False))
+
+
+class Stored(NamedTuple):
+    """What a folder holds.
+
+    ``results``   each with its specification's hash
+    ``others``    lines of specifications other than the one that was asked for, whole or not
+    ``not_whole`` lines that are left out
+    """
+
+    results: list[tuple[str, Result]]
+    others: int
+    not_whole: int
 
 
 def specification_hash(spec: CampaignSettings) -> str:
@@ -70,19 +90,29 @@ def execute(
 
 
 def read_results(folder: Path, spec_hash: str | None = None) -> list[Result]:
-    """Return the results in a folder; those of ``spec_hash`` alone, if it is given.
+    """Return the results in a folder; those of ``spec_hash`` alone, if it is given."""
+    stored = read_stored(folder, spec_hash)
+    return [result for told, result in stored.results if spec_hash in (None, told)]
 
-    A line that is not whole, as of a run that was killed, is left out.
-    """
+
+def read_stored(folder: Path, spec_hash: str | None = None) -> Stored:
+    """Return all that a folder holds; raises SettingsError, and OSError."""
     file = folder / RESULTS
+    stored = Stored([], 0, 0)
     if not file.exists():
-        return []
-    results = []
-    for line in file.read_text(encoding="utf-8").splitlines():
-        kept = _of_line(line)
-        if kept is not None and spec_hash in (None, kept[0]):
-            results.append(kept[1])
-    return results
+        return stored
+    if not file.is_file():  # a folder cannot be read, and a device may have no end
+        raise SettingsError(f"{file}: is no file")
+    others = not_whole = 0
+    for line in _lines(file):
+        told, result = _of_line(line)
+        if result is not None:
+            stored.results.append((told, result))
+        if told and spec_hash not in (None, told):
+            others += 1
+        elif result is None:
+            not_whole += 1
+    return stored._replace(others=others, not_whole=not_whole)
 
 
 def write_result(folder: Path, spec_hash: str, result: Result) -> None:
@@ -102,11 +132,39 @@ def _line_of(spec_hash: str, result: Result) -> str:
     return json.dumps({"specification": spec_hash, **result._asdict()}) + "\n"
 
 
-def _of_line(line: str) -> tuple[str, Result] | None:
+def _lines(file: Path) -> Iterator[bytes]:
+    with file.open("rb") as opened:
+        while line := opened.readline(_LINE_BYTES_MAX):
+            if line.strip():
+                yield line
+
+
+def _of_line(line: bytes) -> tuple[str, Result | None]:
+    """Return a line's hash, empty where there is none, and its result, None if it is not whole."""
     try:
-        record: dict[str, Any] = json.loads(line)
-        spec_hash = str(record.pop("specification"))
-        result = Result(**record)
-        return spec_hash, result._replace(verdict=Verdict(result.verdict))
-    except (ValueError, KeyError, TypeError, AttributeError):
-        return None
+        record: Any = json.loads(line)
+    except (ValueError, RecursionError):  # of UnicodeDecodeError too
+        return "", None
+    told = record.pop("specification", "") if isinstance(record, dict) else ""
+    if not (isinstance(told, str) and told):
+        return "", None
+    try:
+        result = _FIELDS.validate_python(record)
+        result = result._replace(verdict=Verdict(result.verdict))
+    except (ValidationError, ValueError):
+        return told, None
+    return told, result if _can_be_told([*result]) else None
+
+
+def _can_be_told(value: Any) -> bool:
+    """Whether tables and figures can be made of it."""
+    match value:
+        case str():
+            return value.isprintable()
+        case int():
+            return 0 <= value <= _WHOLE_MAX
+        case list():
+            return all(map(_can_be_told, value))
+        case dict():
+            return _can_be_told([*value, *value.values()])
+    return True

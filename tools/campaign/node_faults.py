@@ -118,10 +118,15 @@ class JumpingClock:
         return now_ns + self._ahead_ns
 
 
-def with_node_fault(node: ReportingNode, name: str, fault: NodeFault | None) -> ReportingNode:
-    """Return the node with the fault, if it is this node's."""
-    if fault is None or fault.node != name:
-        return node
-    if fault.kind is NodeFaultKind.CLOCK_JUMP:
-        return JumpingClock(node, fault.window_ns[0], round(fault.magnitude * NS_PER_S))
-    return Stricken(node, fault)
+def with_node_faults(node: ReportingNode, name: str, faults: Sequence[NodeFault]) -> ReportingNode:
+    """Return the node with those of the faults that are this node's."""
+    own = [fault for fault in faults if fault.node == name]
+    jumps = [fault for fault in own if fault.kind is NodeFaultKind.CLOCK_JUMP]
+    # Inside: its pauses have no clock of their own. The later of two jumps is around the earlier,
+    # whose onset it would else bring forward.
+    for jump in sorted(jumps, key=lambda fault: fault.onset_s):
+        node = JumpingClock(node, jump.window_ns[0], round(jump.magnitude * NS_PER_S))
+    for fault in own:
+        if fault.kind is not NodeFaultKind.CLOCK_JUMP:
+            node = Stricken(node, fault)
+    return node

@@ -1,5 +1,6 @@
 """The pair of a run: both nodes watched, the plant behind the fault stage, the bus between them."""
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -14,7 +15,7 @@ from runtime.bus_model import BusModel
 from runtime.node import NEVER_NS, NS_PER_S
 from runtime.virtual_time import VirtualTimeExecutor
 from tools.campaign.detectability import MECHANISM_OF, is_unheard
-from tools.campaign.node_faults import with_node_fault
+from tools.campaign.node_faults import NodeFault, with_node_faults
 from tools.campaign.observation import Watch, bounds_of
 from tools.campaign.scenario import Case, Scenario, controller_settings_of, plant_settings_of
 from tools.campaign.specification import CONTROLLER, PLANT, NodeFaultKind
@@ -41,12 +42,16 @@ class Pair(NamedTuple):
     bus: BabbledBus
 
 
-def make_pair(scenario: Scenario) -> Pair:
-    """Return the pair of a run, not yet run."""
+def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
+    """Return the pair of a run, not yet run.
+
+    ``further``  faults of nodes beside that of the case; of all, one may be a babbling node
+    """
     case = scenario.case
+    node_faults = [*further] if case.node_fault is None else [case.node_fault, *further]
     plant = plant_settings_of(scenario, case.faults)
     controller = _controller_settings(scenario.law)
-    onset_ns = onset_ns_of(case)
+    onset_ns = min([onset_ns_of(case), *(fault.window_ns[0] for fault in further)])
     bounds = bounds_of(plant, controller)
     wanted = [cause for cause, by in MECHANISM_OF.items() if by in case.expected.mechanisms]
     kinds = {fault.kind for fault in case.faults}
@@ -57,7 +62,7 @@ def make_pair(scenario: Scenario) -> Pair:
 
     def watched(node: Any, name: str, peer_sent: set[Any] | None) -> Watch:
         own = wanted if case.receiver in (name, "both") else ()
-        struck = with_node_fault(node, name, case.node_fault)
+        struck = with_node_faults(node, name, node_faults)
         seen_from = peer_sent if is_corrupting else None
         return Watch(struck, bounds, onset_ns, own, case.expected.safe_state, seen_from)
 
@@ -67,9 +72,9 @@ def make_pair(scenario: Scenario) -> Pair:
     plant_watch = watched(node, PLANT, controller_watch.sent)
     plant_watch.sent = sent_by_plant
     start_ns, stop_ns = NEVER_NS, NEVER_NS
-    fault = case.node_fault
-    if fault is not None and fault.kind is NodeFaultKind.BABBLING:
-        start_ns, stop_ns = fault.window_ns
+    for fault in node_faults:
+        if fault.kind is NodeFaultKind.BABBLING:
+            start_ns, stop_ns = fault.window_ns
     model = BusModel(scenario.spec.bitrate_bit_s, queue_limit=QUEUE_LIMIT)
     bus = BabbledBus(model, BABBLER_ID, start_ns, stop_ns)
     edge = FaultyNode(plant_watch, case.faults, scenario.seed)

@@ -107,7 +107,7 @@ class NodeCaseSettings(Settings):
 
     kind: NodeFaultKind
     nodes: tuple[str, ...] = Field(min_length=1, max_length=3)
-    magnitudes: tuple[Annotated[float, Field(gt=0.0, le=10.0)], ...] = Field(
+    magnitudes: tuple[Annotated[float, Field(ge=0.001, le=10.0)], ...] = Field(
         (1.0,), min_length=1, max_length=50
     )
 
