@@ -68,9 +68,10 @@ CONTESTANTS = (
 
 
 class Network(NamedTuple):
-    """Overrides of the plant for a mean latency [s]."""
+    """Overrides of the plant for a mean latency [s]; ``short`` is the title of a column."""
 
     title: str
+    short: str
     overrides: Callable[[float], Sequence[str]]
     has_lag: bool = False
     is_random: bool = False
@@ -102,11 +103,23 @@ def _lagging(delay_s: float) -> list[str]:
 
 NETWORKS: Mapping[str, Network] = MappingProxyType(
     {
-        "constant": Network("constant delay", _constant),
-        "jitter": Network("standard deviation 30 %, newest wins", _jittery, is_random=True),
-        "in_order": Network("standard deviation 30 %, in order", _jittery_in_order, is_random=True),
-        "loss": Network("5 % lost, both ways", _lossy, is_random=True),
-        "lag": Network(f"constant, behind an actuator lag of {LAG_S:g} s", _lagging, has_lag=True),
+        "constant": Network("constant delay", "constant", _constant),
+        "jitter": Network(
+            "standard deviation 30 %, newest wins", "± 30 %, newest wins", _jittery, is_random=True
+        ),
+        "in_order": Network(
+            "standard deviation 30 %, in order",
+            "± 30 %, in order",
+            _jittery_in_order,
+            is_random=True,
+        ),
+        "loss": Network("5 % lost, both ways", "5 % lost", _lossy, is_random=True),
+        "lag": Network(
+            f"constant, behind an actuator lag of {LAG_S:g} s",
+            f"lag {LAG_S:g} s",
+            _lagging,
+            has_lag=True,
+        ),
     }
 )
 

@@ -13,7 +13,7 @@ from tools.law_comparison.runs import (
 )
 
 TOLD_MS = (0, 100, 200, 300, 400, 500, 600)
-COMPACT_MS = (200, 300, 400, 500)
+COMPACT_MS = (100, 200, 300, 400, 500)
 CellsByMs = Mapping[int, Cell]
 
 
@@ -56,9 +56,9 @@ def markdown_lines(cells: Sequence[Cell]) -> list[str]:
     return [
         *_markdown(["RMS [mm] at", *(f"{ms} ms" for ms in told)], full),
         "",
-        *_markdown(["breaks at [ms]", *(one.title for one in NETWORKS.values())], breaks),
+        *_markdown(["breaks at [ms]", *(one.short for one in NETWORKS.values())], breaks),
         "",
-        *_markdown([f"RMS [mm] at {delays} ms", *(one.title for _, one in others)], beside),
+        *_markdown([f"RMS [mm] at {delays} ms", *(one.short for _, one in others)], beside),
     ]
 
 
