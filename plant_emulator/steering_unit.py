@@ -136,11 +136,17 @@ class SteeringUnit:
             return SteeringStatusCode.LIMITED
         return SteeringStatusCode.APPLYING
 
-    def take_state(self) -> SafetyState:
-        """Return what PLANT_STATUS says: LIMITING for any intervention since it was asked last."""
+    @property
+    def safety(self) -> SafetyState:
+        """What PLANT_STATUS would say now: LIMITING for any intervention since it was taken."""
         state = _STATES[self.mode]
         if state is SafetyState.NORMAL and self._limited_since_told:
             state = SafetyState.LIMITING
+        return state
+
+    def take_state(self) -> SafetyState:
+        """Return what PLANT_STATUS says."""
+        state = self.safety
         self._limited_since_told = False
         return state
 

@@ -77,9 +77,11 @@ def test_silence_is_acted_upon_and_told_within_the_fault_tolerant_time() -> None
     report = tested.node.report()["safety"]
     assert (report["mode"], report["holdings"], report["fallbacks"]) == ("fallback", 1, 1)
     told = [(now_ns - DEAD_NS, m.safety) for now_ns, m in tested.messages(PlantStatus)]
+    # At once, and then at five cycles.
+    assert next(at for at, state in told if state is SafetyState.HOLDING) == 140 * MS_NS
     assert [state for at, state in told if 140 * MS_NS <= at < 640 * MS_NS] == [
         SafetyState.HOLDING
-    ] * 5
+    ] * 6
     assert told[-1][1] is SafetyState.FALLBACK
 
 

@@ -13,6 +13,7 @@ from dbc.messages import (
     Mode,
     PlantStatus,
     Rejection,
+    SafetyState,
     SteeringCommand,
     SteeringStatus,
     SteeringStatusCode,
@@ -34,6 +35,7 @@ _ABNORMAL_CODES = (
     SteeringStatusCode.FALLBACK,
     SteeringStatusCode.SAFE_STATE,
 )
+_ABNORMAL_SAFETY = (SafetyState.HOLDING, SafetyState.FALLBACK, SafetyState.SAFE_STATE)
 
 
 class Bounds(NamedTuple):
@@ -189,7 +191,8 @@ class Watch:
             is_wrong = Freshness.STALE in ages or message.fault is not ControllerFault.NONE
             self._note_told(now_ns, is_wrong or self._has_refused(message.rejected))
         elif isinstance(message, PlantStatus):
-            self._note_told(now_ns, self._has_refused(message.rejected))
+            is_wrong = message.safety in _ABNORMAL_SAFETY
+            self._note_told(now_ns, is_wrong or self._has_refused(message.rejected))
 
     def _check_step(self, command: SteeringCommand) -> None:
         """Hold the change since the last command that got out against the rate limit."""

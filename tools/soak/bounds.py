@@ -6,7 +6,8 @@
     C(k)  one frame of k, of the greatest length that its stuff bits can give it
     n     how many frames of a message may be ready at once
 
-with the interval to the next frame in each. For n = 1 it is the first step of the response-time
+with the interval to the next frame in each. PLANT_STATUS, sent in between where SAFETY changes, may
+follow itself at once and has n + 1; CONTROLLER_SAFETY keeps a control period between two. For n = 1 it is the first step of the response-time
 analysis of Davis, Burns, Bril and Lukkien, Controller Area Network (CAN) schedulability analysis:
 refuted, revisited and revised, Real-Time Systems 35, 2007, and the last one too as long as the sum
 is below every period. A program or a bus that is held up breaks n = 1: what should have been a
@@ -15,9 +16,11 @@ period apart then comes at once.
 
 from collections.abc import Collection, Mapping
 
+from dbc.messages import CAN_IDS, PlantStatus
 from runtime.frame_length import INTERMISSION_BITS
 from runtime.node import NS_PER_S
 
+_AT_CHANGES_TOO = CAN_IDS[PlantStatus]
 _PAYLOAD_BYTES = 8
 _UNSTUFFED_BITS = 10
 """CRC delimiter, acknowledge and end of frame, which get no stuff bits."""
@@ -42,7 +45,8 @@ def delay_bounds_ns(
     The 11-bit identifiers are of classic frames; the lowest one has the highest priority.
     """
     frame_ns = longest_frame_ns(bitrate_bit_s)
-    return {
-        can_id: (1 + at_once * higher + at_once - 1) * frame_ns
-        for higher, can_id in enumerate(sorted(can_ids))
-    }
+    bounds_ns, frames = {}, 1
+    for can_id in sorted(can_ids):
+        frames += at_once + (can_id == _AT_CHANGES_TOO)
+        bounds_ns[can_id] = (frames - 1) * frame_ns
+    return bounds_ns

@@ -1,0 +1,54 @@
+"""When PLANT_STATUS is due: every cycle, and in between where SAFETY differs from what was told.
+
+    at once        it goes from what commands decide to HOLDING, FALLBACK or SAFE_STATE, or further
+                   on in this order: a fault that has to be told within the fault tolerant time
+    at intervals   any other change, INTERVAL_NS after the last PLANT_STATUS at the earliest, or a
+                   flapping network would be answered by as many frames
+
+That nothing has been limited since the last PLANT_STATUS is no change: it waits for the cycle, and
+so do latencies, losses and refusals.
+"""
+
+from dbc.messages import SafetyState
+from runtime.node import NEVER_NS
+from runtime.periodic import PeriodicTimer
+
+PERIOD_NS = 100_000_000
+INTERVAL_NS = 20_000_000
+"""As CONTROLLER_SAFETY, which the other side tells its own changes with."""
+_NO_MORE_LIMITING = (SafetyState.LIMITING, SafetyState.NORMAL)
+_BY_COMMANDS = (SafetyState.NORMAL, SafetyState.LIMITING)
+
+
+class StatusTelling:
+    """Knows what SAFETY was told last and when; ``start_ns`` is that of the first cycle [ns]."""
+
+    def __init__(self, start_ns: int) -> None:
+        self._timer = PeriodicTimer(start_ns, PERIOD_NS)
+        self._told: SafetyState | None = None
+        self._told_ns = 0
+        self._change_ns = NEVER_NS
+
+    @property
+    def deadline_ns(self) -> int:
+        """When PLANT_STATUS is due next [ns]."""
+        return min(self._timer.deadline_ns, self._change_ns)
+
+    def on_state(self, state: SafetyState, time_ns: int) -> None:
+        """Take what SAFETY would be now."""
+        told = self._told
+        if told is None:  # the first cycle is still to come
+            return
+        if state is told or (told, state) == _NO_MORE_LIMITING:
+            self._change_ns = NEVER_NS
+        elif state not in _BY_COMMANDS and state > told:
+            self._change_ns = min(self._change_ns, time_ns)
+        elif self._change_ns == NEVER_NS:
+            self._change_ns = max(time_ns, self._told_ns + INTERVAL_NS)
+
+    def on_telling(self, state: SafetyState, time_ns: int, now_ns: int) -> None:
+        """Note that PLANT_STATUS, due at ``time_ns``, tells a state."""
+        if self._timer.deadline_ns <= time_ns:
+            self._timer.advance(now_ns)
+        self._told, self._told_ns = state, time_ns
+        self._change_ns = NEVER_NS
