@@ -139,7 +139,7 @@ def test_what_waited_for_the_bus_is_bounded(starved: VirtualSoak) -> None:
         delay_ns
         for delays_ns in starved.delays_ns.values()
         for delay_ns in delays_ns
-        if delay_ns > 10 * NS_PER_MS
+        if delay_ns > 100 * NS_PER_MS  # what comes afterwards waits until these are sent
     ]
     assert len(old) == 2 * QUEUE_LIMIT
     assert starved.refused > 0
