@@ -24,7 +24,9 @@ EXAMPLES = {
     "log": 120,
     "plant": 60,
     "protocol": 600,
+    "results": 100,
     "settings": 150,
+    "specification": 60,
     "trace": 40,
     "waypoints": 25,
 }

@@ -19,7 +19,7 @@ from typing import Any
 
 NAMES = (
     "authentication", "broker", "bus_client", "candump", "command_line", "contract", "controller",
-    "log", "plant", "protocol", "settings", "trace", "waypoints",
+    "log", "plant", "protocol", "results", "settings", "specification", "trace", "waypoints",
 )  # fmt: skip
 """Of ``tools.fuzz.targets``, which is not to be imported before atheris can instrument it."""
 PACKAGES = ("controller", "dbc", "plant_emulator", "runtime", "tools")

@@ -8,6 +8,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -32,6 +33,11 @@ from plant_emulator.settings import PlantSettings
 from plant_emulator.waypoints import waypoint_path
 from runtime.node import NS_PER_MS, Node
 from runtime.settings import Settings, SettingsError, load_settings, preset_names, read_preset
+from runtime.virtual_time import VirtualTimeExecutor
+from tools.campaign.pair import make_pair
+from tools.campaign.scenario import Scenario, controller_settings_of, scenarios_of
+from tools.campaign.specification import CampaignSettings
+from tools.campaign.walks import WALK_FAULTS_MAX, draw_walk
 from tools.fuzz.choices import Choices
 from tools.fuzz.node_targets import CommandLimits, Outgoing
 from tools.fuzz.promises import promise
@@ -43,6 +49,9 @@ ENTRIES_MAX = 6
 """Settings that one input changes."""
 MOTION_NS = 300 * NS_PER_MS
 STEP_NS = 10 * NS_PER_MS
+BEGUN_MAX = 2
+"""Runs of one campaign that are begun, and one more."""
+_SCENARIOS_MAX = 300
 _EXPONENT_MAX = 40
 
 
@@ -64,7 +73,8 @@ def fuzz_settings(data: bytes) -> None:
         names = preset_names(subject.preset_package)
         preset = read_preset(subject.preset_package, choices.pick(names))
     overrides = [
-        f"{_key(choices, leaves)}={_value(choices)}" for _ in range(choices.integer(0, ENTRIES_MAX))
+        f"{_key(choices, leaves)}={toml_value(choices)}"
+        for _ in range(choices.integer(0, ENTRIES_MAX))
     ]
     with TemporaryDirectory() as folder:
         file = Path(folder) / "fuzzed.toml"
@@ -72,7 +82,7 @@ def fuzz_settings(data: bytes) -> None:
             file.write_bytes(choices.rest())
         else:
             lines = [
-                f"{_key(choices, leaves)} = {_value(choices)}"
+                f"{_key(choices, leaves)} = {toml_value(choices)}"
                 for _ in range(choices.integer(0, ENTRIES_MAX))
             ]
             file.write_text("\n".join(lines), encoding="utf-8", errors="replace")
@@ -138,6 +148,7 @@ def subjects() -> Sequence[Subject]:
         Subject(StudySettings, None, lambda _settings: None),
         Subject(VehicleFile, None, lambda settings: settings.box),
         Subject(Specification, None, lambda _settings: None),
+        Subject(CampaignSettings, "tools.campaign", begin_campaign),
     )
 
 
@@ -163,7 +174,7 @@ def _key(choices: Choices, leaves: Sequence[str]) -> str:
     return choices.text(12) if choices.chance(16) else choices.pick(leaves)
 
 
-def _value(choices: Choices) -> str:
+def toml_value(choices: Choices) -> str:
     """Return a value as TOML has it, or something like it."""
     kind = choices.integer(0, 11)
     if kind < 4:
@@ -177,7 +188,7 @@ def _value(choices: Choices) -> str:
     if kind == 8:
         return choices.pick(("true", "false", "1979-05-27", "07:32:00", "{}", "[]", "[[]]", '""'))
     if kind == 9:
-        return f"[{', '.join(_value(choices) for _ in range(choices.integer(0, 3)))}]"
+        return f"[{', '.join(toml_value(choices) for _ in range(choices.integer(0, 3)))}]"
     if kind == 10:
         return f"{{ {choices.text(5)} = {choices.integer(0, 9)} }}"
     return choices.text()
@@ -201,6 +212,24 @@ def _table(choices: Choices, header: str) -> bytes:
         cells = [f"{choices.number():.17g}" for _ in range(columns)]
         lines.append(",".join(cells) if not choices.chance(8) else choices.text())
     return "\n".join(lines).encode("utf-8", errors="surrogateescape")
+
+
+def begin_campaign(spec: CampaignSettings) -> None:
+    """Begin some runs of a campaign; raises SettingsError for a law that there is not."""
+    for law in spec.laws:
+        controller_settings_of(law)
+    scenarios = [*islice(scenarios_of(spec), _SCENARIOS_MAX)]
+    names = {scenario.name for scenario in scenarios}
+    promise(len(names) == len(scenarios), "two runs have one name")
+    for scenario in (*scenarios[-BEGUN_MAX:], *scenarios[:1]):
+        _begin(scenario)
+    walk = draw_walk(spec, spec.seed)
+    promise(len(walk.faults) <= WALK_FAULTS_MAX, f"a walk of {len(walk.faults)} faults")
+
+
+def _begin(scenario: Scenario) -> None:
+    pair = make_pair(scenario)
+    VirtualTimeExecutor((pair.edge, pair.controller), pair.bus).run(5 * STEP_NS)
 
 
 def _run_controller(settings: ControllerSettings) -> None:

@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from tools.fuzz.authentication_target import fuzz_authentication
 from tools.fuzz.bus_targets import fuzz_broker, fuzz_bus_client, fuzz_protocol
+from tools.fuzz.campaign_targets import fuzz_results, fuzz_specification
 from tools.fuzz.command_lines import fuzz_command_line
 from tools.fuzz.contract_targets import fuzz_contract
 from tools.fuzz.log_targets import fuzz_candump, fuzz_log
@@ -27,7 +28,9 @@ TARGETS: Mapping[str, Callable[[bytes], None]] = MappingProxyType(
         "log": fuzz_log,
         "plant": fuzz_plant,
         "protocol": fuzz_protocol,
+        "results": fuzz_results,
         "settings": fuzz_settings,
+        "specification": fuzz_specification,
         "trace": fuzz_trace,
         "waypoints": fuzz_waypoints,
     }

@@ -1,0 +1,166 @@
+"""Any specification of a fault campaign, and any bytes as the results of an earlier one.
+
+A specification is refused as settings are, or every run of it can be made and begins.
+Of results what is whole is read, and all tables, pages and comparisons can be made of it; it is
+read as the same when it has been written again.
+"""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from dbc.messages import MESSAGE_TYPES
+from plant_emulator.fault_settings import FaultKind
+from runtime.settings import Settings, load_settings
+from tools.campaign.acceptance import findings_of
+from tools.campaign.comparison import compare
+from tools.campaign.execution import RESULTS, keep_only, read_stored
+from tools.campaign.grouping import group
+from tools.campaign.presentation import (
+    campaign_page,
+    comparison_lines,
+    finding_lines,
+    table_lines,
+    write_csv,
+)
+from tools.campaign.specification import (
+    CampaignSettings,
+    CaseSettings,
+    NodeCaseSettings,
+    NodeFaultKind,
+    PointSettings,
+)
+from tools.campaign.trial import Result, Verdict
+from tools.fuzz.choices import Choices
+from tools.fuzz.promises import promise
+from tools.fuzz.settings_targets import begin_campaign, settled, toml_value
+
+TABLES_MAX = 3
+LINES_MAX = 8
+_TABLES: Sequence[tuple[str, type[Settings]]] = (
+    ("points", PointSettings),
+    ("cases", CaseSettings),
+    ("node_cases", NodeCaseSettings),
+)
+_WORDS: Sequence[str] = (
+    *FaultKind, *NodeFaultKind, *MESSAGE_TYPES, "all", "controller", "plant", "bus", "steer_rad",
+    "lateral_error_m", "practical_pd", "", "a\nb",
+)  # fmt: skip
+_WHOLE = Result(
+    name="golden | a | b | 1",
+    kind="golden",
+    where="",
+    magnitude=0.0,
+    point="a",
+    law="b",
+    seed=1,
+    expected="none",
+    why="no fault",
+    changed=[],
+    detected_by="",
+    fdti_s=None,
+    frti_s=None,
+    fhti_s=None,
+    told_s=None,
+    recovery_s=0.0,
+    lateral_error_peak_m=0.02,
+    steer_rate_peak_rad_s=0.05,
+    counts={"plant.lost": 1},
+    corrupted=0,
+    corrupted_accepted=0,
+    bus_refused=0,
+    unsafe="",
+    verdict=Verdict.PASSED,
+)
+_CHANGED: Sequence[Callable[[Choices], Any]] = (
+    Choices.number,
+    lambda choices: choices.text().encode("utf-8", errors="replace").decode(),
+    lambda choices: choices.integer(-(2**70), 2**70),
+    lambda choices: choices.pick((None, True, [], {}, [1, "a"], {"plant.lost": None}, [[]])),
+    lambda choices: choices.pick([*Verdict]),
+    lambda choices: [choices.integer(0, 9) for _ in range(choices.integer(0, 3))],
+)
+
+
+def fuzz_specification(data: bytes) -> None:
+    """Read a specification whose tables are partly right, and begin runs of what is accepted."""
+    choices = Choices(data)
+    lines = [
+        f"{choices.pick(sorted(CampaignSettings.model_fields))} = {toml_value(choices)}"
+        for _ in range(choices.integer(0, TABLES_MAX))
+    ]
+    for _ in range(choices.integer(0, TABLES_MAX)):
+        name, model = choices.pick(_TABLES)
+        lines += [f"[[{name}]]", *_table(choices, model)]
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "fuzzed.toml"
+        file.write_text("\n".join(lines), encoding="utf-8", errors="replace")
+        spec = settled(lambda: load_settings(CampaignSettings, file=file), (str(file), "settings"))
+    if spec is not None:
+        settled(lambda: begin_campaign(spec), ("preset ",))
+
+
+def fuzz_results(data: bytes) -> None:
+    """Read results, and do with them whatever a campaign does."""
+    choices = Choices(data)
+    with TemporaryDirectory() as inside:
+        earlier, now = Path(inside) / "earlier", Path(inside) / "now"
+        for place in (earlier, now):
+            place.mkdir()
+            lines = [_line(choices) for _ in range(choices.integer(0, LINES_MAX))]
+            (place / RESULTS).write_bytes(b"\n".join(lines))
+        before, stored = read_stored(earlier), read_stored(now, "a")
+        results = [result for _, result in stored.results]
+        keep_only(now, "a", results)
+        again = [result for _, result in read_stored(now, "a").results]
+        promise(again == results, f"{results} become {again}")
+        write_csv(now / "results.csv", results)
+    _present([result for _, result in before.results], results)
+
+
+def _present(earlier: Sequence[Result], results: Sequence[Result]) -> None:
+    """Make all that is printed and written of results."""
+    comparison, groups = compare(earlier, results), group(results)
+    findings = findings_of(results, 150.0)
+    lines = [*table_lines(groups), *finding_lines(findings), *comparison_lines(comparison)]
+    for line in lines:
+        promise(not line or line.isprintable(), f"not printable: {line!r}")
+    campaign_page(CampaignSettings(), results, groups, findings, comparison, [])
+
+
+def _line(choices: Choices) -> bytes:
+    """Return a line of results: noise, or a whole one with some fields changed."""
+    if choices.chance(48):
+        return choices.raw(choices.integer(0, 40))
+    record: dict[str, Any] = {"specification": choices.pick(("a", "b")), **_WHOLE._asdict()}
+    for _ in range(choices.integer(0, 3)):
+        record[choices.pick([*record])] = choices.pick(_CHANGED)(choices)
+    if choices.chance(16):
+        del record[choices.pick([*record])]
+    line = json.dumps(record).encode()
+    return line[: choices.integer(0, len(line))] if choices.chance(16) else line
+
+
+def _table(choices: Choices, model: type[Settings]) -> list[str]:
+    """Return the lines of one table; in three of four cases a value is of the kind it should be."""
+    lines = []
+    for key, field in model.model_fields.items():
+        if not field.is_required() and choices.chance(128):
+            continue
+        lines.append(
+            f"{key} = {_value(choices, key) if choices.chance(224) else toml_value(choices)}"
+        )
+    return lines
+
+
+def _value(choices: Choices, key: str) -> str:
+    if key == "magnitudes":
+        numbers = [choices.pick((1.0, 0.5, 3, 0.02, 0.3, choices.number())) for _ in range(2)]
+        return repr(numbers[: choices.integer(1, 2)])
+    if key in ("messages", "nodes"):
+        return json.dumps([choices.pick(_WORDS) for _ in range(choices.integer(1, 2))])
+    if key in ("kind", "name", "signal"):
+        return json.dumps(choices.pick(_WORDS))
+    return repr(choices.pick((1.0, 5.0, 100.0, 1000, 0.5, 250.0, 100_000.0, choices.number())))
