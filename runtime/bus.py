@@ -158,6 +158,11 @@ class BusPort:
         """What it was made of."""
         return self._bus
 
+    @property
+    def takes_fd(self) -> bool:
+        """Whether it was opened for CAN FD frames."""
+        return self._bus.protocol is not can.CanProtocol.CAN_20
+
     def recv(self, timeout_s: float) -> Received | None:
         """Return the next frame, or None when none comes within ``timeout_s`` [s].
 

@@ -21,13 +21,15 @@ from functools import partial
 from pathlib import Path
 
 from dbc.messages import CAN_IDS, SteeringCommand
-from runtime.bus import add_bus_arguments, shutting_down
+from runtime.bus import BusPort, add_bus_arguments, shutting_down
+from runtime.frame import FD
 from runtime.node import NS_PER_S
 from runtime.option_types import output_file
-from runtime.port import open_port
+from runtime.port import ClosablePort, open_port
 from runtime.program import ExitStatus, StopRequest, run_main, say
 from runtime.report import write_json
 from runtime.settings import SettingsError
+from runtime.socketcan import SocketCanPort
 from tools.live_faults.bus_off import BusOffFault
 from tools.live_faults.frames import FrameSource, Timed, frame_source, recording_of
 from tools.live_faults.injection import Action, Deed, Injection
@@ -95,6 +97,7 @@ def _run(options: argparse.Namespace) -> int:
             opened = open_port(options, _HEARD)
             stack.enter_context(shutting_down(opened.port))
             port, where = opened.port, opened.description
+            _refuse_fd_on_a_classic_bus(options, recording, port)
         else:
             where = "no bus"
         stack.enter_context(stop.on_signals())
@@ -163,6 +166,18 @@ def _recording(options: argparse.Namespace, faults: Sequence[LiveFault]) -> list
     if not found:
         raise SettingsError(f"{options.recording}: has error frames only")
     return found
+
+
+def _refuse_fd_on_a_classic_bus(
+    options: argparse.Namespace, recording: Sequence[Timed], port: ClosablePort
+) -> None:
+    """Raise SettingsError where a replay would end at its first CAN FD frame."""
+    has_fd = any(one.frame.flags & FD for one in recording)
+    if has_fd and isinstance(port, BusPort | SocketCanPort) and not port.takes_fd:
+        raise SettingsError(
+            f"{options.recording}: has CAN FD frames, and the bus takes classic ones only;"
+            " give --fd, if it can carry them"
+        )
 
 
 def _sources(
