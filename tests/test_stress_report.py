@@ -23,12 +23,11 @@ from tools.stress_report.break_points import (
     HELD_SHARE,
     STEP_NS,
     break_points,
-    held_bound,
     largest_held,
-    median_interval,
 )
 from tools.stress_report.comparison import comparisons
 from tools.stress_report.heat_maps import heat_maps
+from tools.stress_report.order_statistics import held_bound, median_interval
 from tools.stress_report.report import PAGE, write
 from tools.stress_report.results import VERDICTS, Rows, StudyRecord, read_rows, read_study
 from tools.stress_report.worst_runs import worst_runs
@@ -168,6 +167,10 @@ def made_rows(rms_m: list[float], verdicts: list[Verdict], controllers: int) -> 
         peak_m=np.array(rms_m),
         duration_s=np.ones(count),
         latency_mean_s=np.zeros(count),
+        steer_rms_rad=np.array(rms_m) / 10.0,
+        steer_rate_rms_rad_s=np.array(rms_m),
+        limited_share=np.zeros(count),
+        by_nodes=np.zeros(count, dtype=np.int64),
         factors={
             "mean_s": np.zeros(count),
             "jitter": np.zeros(count),

@@ -34,6 +34,7 @@ from tools.stress.runner import estimate, run_study
 from tools.stress.scenario import Scenarios
 from tools.stress.store import CHUNK_RUNS, Store
 from tools.stress.study import load_study
+from tools.stress.verdict import short_windows
 from tools.stress.workers import Threads, Workers
 
 NAME = "stress_latency"
@@ -101,6 +102,9 @@ def _run(options: argparse.Namespace) -> int:
     store = Store(options.out or Path("out/stress") / scenarios.study.settings.name, scenarios)
     for line in _sizes(scenarios):
         console.print(line)
+    warning = short_windows(scenarios.study.settings.verdict, scenarios.shortest_s)
+    if warning:
+        console.print(f"warning: {warning}")
     if options.dry_run:
         _print_estimate(console, scenarios, _threads(options))
         return ExitStatus.OK

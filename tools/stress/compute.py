@@ -2,7 +2,8 @@
 
 Everything that runs can share is made once and kept: the network of a run belongs to all the runs
 that differ only in law, vehicle or path; controllers, vehicles and paths are kept where they are
-made. What is left a run is the compiled loop and the compiled figures, which need no lock.
+made. What is left a run is the compiled loop and the compiled figures, which need no lock; and for
+a run that the loop has no answer to, the two nodes (``tools.stress.exact_run``).
 """
 
 from collections import OrderedDict
@@ -15,8 +16,10 @@ from numpy.typing import NDArray
 
 from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
-from tools.batch.engine import Outcome, run_batch
+from runtime.settings import SettingsError
+from tools.batch.engine import Outcome
 from tools.batch.plan import NothingArrivesError, Plan, plan_run
+from tools.stress.exact_run import NodeRun, StoppedError, run_exactly
 from tools.stress.figures import (
     COLUMNS,
     COUNTS,
@@ -88,22 +91,49 @@ class Computer:
                 known, case = index, self.scenarios.case(index)
                 plant = self.scenarios.plant(case)
             controller = self.scenarios.controller(case, controllers[place])
-            ends[done] = RUN_ENDS.index(self.one(plant, controller, figures[done]))
+            try:
+                end = self.one(plant, controller, figures[done], should_stop)
+            except StoppedError:
+                break
+            except SettingsError as error:
+                raise SettingsError(*(f"run {run}: {line}" for line in error.mistakes)) from error
+            except Exception as error:
+                error.add_note(f"run {run} of the study")
+                raise
+            ends[done] = RUN_ENDS.index(end)
             done += 1
         return Computed(np.array(ids[:done], dtype=np.int64), ends[:done], figures[:done])
 
-    def one(self, plant: PlantSettings, controller: ControllerSettings, row: FloatArray) -> RunEnd:
-        """Write what is computed of one run into ``row``, shape (len(COLUMNS),)."""
+    def one(
+        self,
+        plant: PlantSettings,
+        controller: ControllerSettings,
+        row: FloatArray,
+        should_stop: Callable[[], bool] = lambda: False,
+    ) -> RunEnd:
+        """Write what is computed of one run into ``row``, shape (len(COLUMNS),).
+
+        Raises StoppedError where it should stop, which only a run of the nodes asks.
+        """
         try:
             network = self.network(plant, controller)
         except NothingArrivesError:
             row[-len(COUNTS) :] = 0.0
             return RunEnd.NO_START
-        run = run_batch(plant, controller, network.plan, fastmath=self.scenarios.study.fastmath)
-        known = network.latency.get(len(run.time_s))
+        run = run_exactly(
+            plant,
+            controller,
+            network.plan,
+            fastmath=self.scenarios.study.fastmath,
+            should_stop=should_stop,
+        )
+        by_nodes = isinstance(run, NodeRun)
+        known = None if by_nodes else network.latency.get(len(run.time_s))
         if known is None:
+            known = latency_figures(run.downlink_latency_s)
+        if not by_nodes:
             # The commands in effect follow from the network and from how long the run is.
-            known = network.latency[len(run.time_s)] = latency_figures(run.downlink_latency_s)
+            network.latency[len(run.time_s)] = known
         rules = rules_of(self.scenarios.study.settings.verdict, plant, controller)
         take_figures(
             rules, run.time_s, run.lateral_error_m, run.sent_rad, known, row[: -len(COUNTS)]
@@ -117,6 +147,7 @@ class Computer:
             _acted(plan, ticks, taken),
             network.losses.commands(ticks),
             network.losses.measurements(taken),
+            by_nodes,
         )
         return _ENDS[run.outcome]
 

@@ -68,7 +68,8 @@ class DaskWorkers:
         error = future.exception() if future.status == "error" else None
         if isinstance(error, SettingsError):
             raise error
-        raise OSError(f"{self.description} have failed: {error or future.status}")
+        told = ": ".join([*getattr(error, "__notes__", ()), str(error or future.status)])
+        raise OSError(f"{self.description} have failed: {told}")
 
 
 @contextmanager

@@ -13,7 +13,8 @@ Of its end: the last two windows of ``window_s`` each are fitted by straight lin
 
 so that what the path asks of the law, which changes slowly, is in the lines and what the loop does
 by itself in e. ``mean_m`` and ``mean_before_m`` are m of the last window and of the one before;
-``drift_m_s`` = (m − m_before)/window; the amplitudes are √2 times the RMS of e.
+``drift_m_s`` = (m − m_before)/window; the amplitudes are √2 times the RMS of e. The peaks of the
+two windows are those of y itself. A run too short for two windows is one window for its peak.
 
 An oscillation is told from noise by its half periods: e crosses zero and goes beyond 0.3 of the
 amplitude on the other side. ``oscillation_rad_s`` is π over the mean of the half periods that lie
@@ -61,6 +62,9 @@ class Figures(NamedTuple):
     amplitude_before_m: float
     oscillation_rad_s: float
     irregularity: float
+    end_peak_m: float
+    """The largest error in the last window, either way."""
+    end_peak_before_m: float
     steer_rms_rad: float
     steer_peak_rad: float
     steer_rate_rms_rad_s: float
@@ -70,10 +74,18 @@ class Figures(NamedTuple):
     latency_p99_s: float
 
 
-COUNTS = ("samples", "commands_sent", "commands_acted", "downlink_lost", "uplink_lost")
+COUNTS = (
+    "samples",
+    "commands_sent",
+    "commands_acted",
+    "downlink_lost",
+    "uplink_lost",
+    "by_nodes",
+)
 COLUMNS = (*Figures._fields, *COUNTS)
 """Columns of what is computed; the counts are whole numbers: samples since the start of motion,
-commands sent, those that reached the actuator, and frames that each direction lost."""
+commands sent, those that reached the actuator, frames that each direction lost, and whether (1) the
+two nodes computed the run instead of the compiled loop."""
 
 
 class LatencyFigures(NamedTuple):
@@ -170,7 +182,7 @@ def _figures(rules: Any, time_s: Any, error_m: Any, sent_rad: Any, row: Any) -> 
         if magnitude > rules.settling_band_m:
             outside = k
     row[1] = math.sqrt(square / samples)
-    row[2] = peak
+    row[2] = row[12] = peak
     row[3] = error_m[samples - 1]
     if outside < 0:
         row[4] = 0.0
@@ -193,6 +205,8 @@ def _end(rules: Any, error_m: Any, row: Any) -> None:
     row[5], row[6] = last[0], before[0]
     row[7] = (last[0] - before[0]) / (window * rules.sensor_period_s)
     row[8], row[9] = last[2], before[2]
+    row[12] = _peak(error_m, middle, window)
+    row[13] = _peak(error_m, first, window)
     level = _HYSTERESIS * min(last[2], before[2])
     halves, total, square = 0, 0.0, 0.0
     # One after the other: between the two lines there is a step, which is no crossing.
@@ -205,6 +219,15 @@ def _end(rules: Any, error_m: Any, row: Any) -> None:
         mean = total / halves
         row[10] = math.pi / (mean * rules.sensor_period_s)
         row[11] = math.sqrt(max(square / halves - mean * mean, 0.0)) / mean
+
+
+@compiled
+def _peak(error_m: Any, first: Any, window: Any) -> Any:
+    """Return the largest magnitude in a window."""
+    peak = 0.0
+    for k in range(first, first + window):
+        peak = max(peak, abs(error_m[k]))
+    return peak
 
 
 @compiled
@@ -268,7 +291,7 @@ def _effort(rules: Any, sent_rad: Any, row: Any) -> None:
         peak = max(peak, abs(value))
         if abs(value) >= angle_rad or abs(step) >= step_rad:
             limited += 1
-    row[12] = math.sqrt(square / len(sent_rad))
-    row[13] = peak
-    row[14] = math.sqrt(step_square / len(sent_rad)) / rules.control_period_s
-    row[15] = limited / len(sent_rad)
+    row[14] = math.sqrt(square / len(sent_rad))
+    row[15] = peak
+    row[16] = math.sqrt(step_square / len(sent_rad)) / rules.control_period_s
+    row[17] = limited / len(sent_rad)

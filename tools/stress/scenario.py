@@ -6,11 +6,13 @@ it is 0 the model becomes constant.
 """
 
 import json
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
+from controller.design import design_law
 from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
 from runtime.settings import Settings, SettingsError
@@ -21,6 +23,7 @@ from tools.stress.study import Study
 
 FRACTION = ".spread_fraction"
 FRACTION_MAX = 100.0
+DESIGNED_MAX = 100
 CHECKED_MAX = 20_000
 """Scenarios whose settings are checked before a study starts; the rest when they are run."""
 
@@ -63,6 +66,8 @@ class Scenarios:
             for replicate in range(min(replicates, 1000))
         ]
         self._controllers: dict[tuple[str, str], ControllerSettings] = {}
+        self.shortest_s = math.inf
+        """The shortest run that ``check`` has met."""
 
     def case(self, index: int) -> Case:
         """Return one case; the id of its first run is ``index`` times the controllers."""
@@ -125,19 +130,36 @@ class Scenarios:
             raise SettingsError(*dict.fromkeys(mistakes)) from error
 
     def check(self) -> None:
-        """Check the scenarios, of a very long study as many as is quick; raises SettingsError."""
+        """Check the scenarios, of a very long study as many as is quick; raises SettingsError.
+
+        Of the controllers the first DESIGNED_MAX are designed, so that one that has no gains is
+        refused before anything is run.
+        """
         self._check_keys()
         self._check_fractions()
         cases = self.study.cases
         seen = set()
+        designed: set[ControllerSettings] = set()
         stride = max(1, cases // CHECKED_MAX)
         for index in (*range(0, cases, stride), cases - 1):
             case = self.case(index)
             if case.point not in seen:
                 seen.add(case.point)
-                self.plant(case)
+                self.shortest_s = min(self.shortest_s, self.plant(case).duration_s)
                 for name in self.controllers:
-                    self.controller(case, name)
+                    controller = self.controller(case, name)
+                    if controller not in designed and len(designed) < DESIGNED_MAX:
+                        designed.add(controller)
+                        self._check_design(controller, name)
+
+    def _check_design(self, controller: ControllerSettings, name: str) -> None:
+        """Refuse a controller without gains."""
+        try:
+            design_law(controller)
+        except SettingsError as error:
+            raise SettingsError(
+                *(f"{self.study.file}: controller {name}: {line}" for line in error.mistakes)
+            ) from error
 
     def _check_keys(self) -> None:
         """Refuse keys that belong to neither program."""

@@ -75,6 +75,7 @@ class Study(NamedTuple):
                 "plant": self.plant,
                 "controllers": self.controllers,
                 "fastmath": self.fastmath,
+                "columns": COLUMNS,
                 # What the keys and shorthands of the factors come to in this version.
                 "levels": [
                     [factor.name, list(factor.keys), [level.label for level in factor.levels or ()]]

@@ -9,14 +9,7 @@ the largest multiple of STEP_NS that holds, found by galloping from the one of t
 bisecting; it takes for granted that what holds a latency holds shorter ones, of which the heat maps
 are the proof. One seed draws the same uniforms for every latency and every law.
 
-With the break-points of n seeds in order, b_(1) ≤ ... ≤ b_(n), whatever their distribution:
-
-    P(b_(r) is at most its q-quantile) = P(Bin(n, q) ≥ r)
-
-so b_(r) with the largest r for which P(Bin(n, 1 - share) ≤ r - 1) ≤ 1 - CONFIDENCE is a bound: at
-b_(r) at least ``share`` of all seeds hold, with that confidence. (That is the bound of Clopper and
-Pearson: with 29 seeds of which all hold at b_(1), share ≥ 0.05^(1/29) = 0.90.) The interval for the
-median comes from the same law at q = 1/2.
+Bounds over seeds are order statistics (``tools.stress_report.order_statistics``).
 """
 
 import math
@@ -33,6 +26,7 @@ from tools.stress.scenario import Scenarios
 from tools.stress.verdict import RUN_ENDS, Verdict, verdicts
 from tools.stress_report.axes import Axis, StudyAxes, is_share
 from tools.stress_report.monte_carlo import seeds
+from tools.stress_report.order_statistics import held_bound, median_interval
 from tools.stress_report.results import Rows, StudyRecord, case_of, read_overrides
 
 SEEDS = 29
@@ -45,13 +39,17 @@ LATENCY_NS_MAX = 2 * NS_PER_S
 GROUPS_MAX = 2
 CANDIDATES_MAX = 8
 JITTERS_MAX = 6
+NODE_RUNS_MAX = 5
+"""Runs by the nodes, of a law at a jitter, after which its search ends: they take seconds each."""
 _THREADS = 2
 
 
 class BreakPoint(NamedTuple):
     """Break-point of a law at one jitter [s]; -1 where not even no latency is held.
 
-    ``by_seed_s``    in ascending order; LATENCY_NS_MAX stands for that and more
+    ``by_seed_s``    in ascending order; LATENCY_NS_MAX stands for that and more; empty, and the
+                     rest NaN, where the search would have needed more than NODE_RUNS_MAX runs of
+                     the nodes
     ``held_s``       at least HELD_SHARE of all seeds hold here, with CONFIDENCE; NaN where there
                      are too few seeds to say
     ``low_s``, ``high_s``   interval of the median, with CONFIDENCE
@@ -98,26 +96,6 @@ def break_points(
         return [point for points in pool.map(of_jitter, by_jitter) for point in points]
 
 
-def held_bound(ascending: tuple[float, ...], share: float, confidence: float) -> float:
-    """Return where at least ``share`` of all seeds hold, with ``confidence``; NaN if unknown."""
-    from scipy.stats import binom
-
-    ranks = np.arange(1, len(ascending) + 1)
-    fits = binom.cdf(ranks - 1, len(ascending), 1.0 - share) <= 1.0 - confidence
-    return ascending[int(np.count_nonzero(fits)) - 1] if fits[0] else math.nan
-
-
-def median_interval(ascending: tuple[float, ...], confidence: float) -> tuple[float, float]:
-    """Return an interval that holds the median with ``confidence``; infinite for too few."""
-    from scipy.stats import binom
-
-    count = len(ascending)
-    rank = int(binom.ppf(0.5 * (1.0 - confidence), count, 0.5))
-    while rank > 0 and 2.0 * binom.cdf(rank - 1, count, 0.5) > 1.0 - confidence:
-        rank -= 1
-    return (ascending[rank - 1], ascending[count - rank]) if rank else (-math.inf, math.inf)
-
-
 def largest_held(holds: Callable[[int], bool], guess: int, largest: int) -> int:
     """Return the largest number from 0 to ``largest`` that holds, -1 if none does.
 
@@ -137,26 +115,44 @@ def largest_held(holds: Callable[[int], bool], guess: int, largest: int) -> int:
     return low
 
 
+class _TooManyNodesError(Exception):
+    """A search needs more runs of the nodes than it may have."""
+
+
 class _Search:
     """Searches at one jitter, with the networks that the laws share."""
 
     def __init__(self, scenarios: Scenarios, axes: StudyAxes) -> None:
         self._computer = Computer(scenarios)
         self._axes = axes
+        self._by_nodes = [0] * len(scenarios.controllers)
 
     def break_points(self, group: list[_Conditions], run_seeds: list[int]) -> list[BreakPoint]:
         """Return the break-point of each law."""
-        group = [self._first_to_break(conditions, run_seeds[0]) for conditions in group]
-        found: list[list[int]] = [[] for _ in group]
+        searched = list(group)
+        found: list[list[int] | None] = [[] for _ in group]
         for seed in run_seeds:
             # The laws one after the other: they break at latencies near each other, and share
             # the networks of those.
-            for conditions, steps in zip(group, found, strict=True):
-                if steps and self._is_fixed(conditions):
-                    steps.append(steps[0])
+            for place, steps in enumerate(found):
+                if steps is None:
                     continue
-                steps.append(self._edge(conditions, seed, steps[-1] if steps else conditions.guess))
-        return [_break_point(c, steps) for c, steps in zip(group, found, strict=True)]
+                try:
+                    if not steps:
+                        searched[place] = self._first_to_break(searched[place], seed)
+                    steps.append(self._next(searched[place], seed, steps))
+                except _TooManyNodesError:
+                    found[place] = None
+        return [
+            _not_searched(conditions) if steps is None else _break_point(conditions, steps)
+            for conditions, steps in zip(searched, found, strict=True)
+        ]
+
+    def _next(self, conditions: _Conditions, seed: int, steps: list[int]) -> int:
+        """Return the break-point with a further seed, of which some are known."""
+        if steps and self._is_fixed(conditions):
+            return steps[0]
+        return self._edge(conditions, seed, steps[-1] if steps else conditions.guess)
 
     def _first_to_break(self, conditions: _Conditions, seed: int) -> _Conditions:
         """Return the conditions with those overrides only under which the law breaks first."""
@@ -196,6 +192,9 @@ class _Search:
         plant = scenarios.plant(case)
         settings = scenarios.controller(case, scenarios.controllers[controller])
         end = RUN_ENDS.index(self._computer.one(plant, settings, row))
+        self._by_nodes[controller] += int(row[COLUMNS.index("by_nodes")])
+        if self._by_nodes[controller] > NODE_RUNS_MAX:
+            raise _TooManyNodesError
         rules = scenarios.study.settings.verdict
         return verdicts(rules, np.array([end]), row[None, :])[0] is Verdict.HOLDS
 
@@ -257,6 +256,10 @@ def _worst(rows: Rows, axes: StudyAxes, here: Any) -> tuple[list[int], int]:
     places = axes.mean.place[bad] if len(bad) else [len(axes.mean.values) - 1]
     guess_s = axes.mean.values[int(np.min(places))]
     return runs, int(guess_s * NS_PER_S) // STEP_NS
+
+
+def _not_searched(conditions: _Conditions) -> BreakPoint:
+    return BreakPoint(conditions.controller, conditions.jitter, (), *[math.nan] * 4)
 
 
 def _break_point(conditions: _Conditions, steps: list[int]) -> BreakPoint:

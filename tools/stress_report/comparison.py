@@ -8,7 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tools.stress_report.results import Rows, StudyRecord
+from tools.stress_report.results import FloatArray, IntArray, Rows, StudyRecord
+
+
+class Effort(NamedTuple):
+    """What runs ask of the steering: medians over them."""
+
+    steer_rms_rad: float
+    steer_rate_rms_rad_s: float
+    limited_share: float
 
 
 class Comparison(NamedTuple):
@@ -17,6 +25,7 @@ class Comparison(NamedTuple):
     ``only_it``, ``only_reference``  pairs of runs in which only the one or the other holds
     ``low``, ``median``, ``high``    of the ratios: 10th, 50th, 90th percentile
     ``better``                       share of the ratios below 1
+    ``effort``                       of all its runs, those that do not hold too
     """
 
     controller: int
@@ -31,6 +40,7 @@ class Comparison(NamedTuple):
     better: float
     rms_median_m: float
     rms_worst_held_m: float
+    effort: Effort
 
 
 def comparisons(study: StudyRecord, rows: Rows) -> list[Comparison]:
@@ -64,4 +74,17 @@ def _comparison(study: StudyRecord, rows: Rows, place: int) -> Comparison:
         better=float(np.mean(ratios < 1.0)) if len(ratios) else math.nan,
         rms_median_m=float(np.median(held_m)) if len(held_m) else math.nan,
         rms_worst_held_m=float(held_m.max()) if len(held_m) else math.nan,
+        effort=effort(rows, it),
     )
+
+
+def effort(rows: Rows, chosen: IntArray) -> Effort:
+    """Return the effort of some rows, given as indices."""
+    columns = (rows.steer_rms_rad, rows.steer_rate_rms_rad_s, rows.limited_share)
+    return Effort(*(median(column[chosen]) for column in columns))
+
+
+def median(values: FloatArray) -> float:
+    """Return the median of what is known; NaN where nothing is."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else math.nan

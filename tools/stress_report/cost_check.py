@@ -16,6 +16,7 @@ from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
 from runtime.settings import SettingsError
 from tools.demo_figures import MANY_COLOURS
+from tools.stress.exact_run import NOT_COMPILED
 from tools.stress_report.axes import StudyAxes
 from tools.stress_report.break_points import latency_overrides
 from tools.stress_report.expected_cost import ExpectedCost, expected_cost
@@ -30,43 +31,49 @@ _THREADS = 2
 
 
 class CostCheck(NamedTuple):
-    """One law in one cell; ``refused`` says why there is no expected cost."""
+    """One law in one cell."""
 
     controller: int
     conditions: str
-    expected: ExpectedCost | None
+    expected: ExpectedCost
     on_grid: MonteCarloCost
     off_grid: MonteCarloCost
-    refused: str
 
     @property
     def standard_errors(self) -> float:
         """How far the two are from each other, in standard errors."""
-        assert self.expected is not None  # noqa: S101 - for the type checker
         off_m2 = self.expected.mean_square_m2 - self.on_grid.mean_square_m2
         return off_m2 / self.on_grid.standard_error_m2 if self.on_grid.standard_error_m2 else 0.0
 
 
-def cost_checks(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[CostCheck]:
+class CostChecks(NamedTuple):
+    """``left_out`` says which laws and cells are not compared, and why."""
+
+    checks: list[CostCheck]
+    left_out: list[str]
+
+
+def cost_checks(study: StudyRecord, rows: Rows, axes: StudyAxes) -> CostChecks:
     """Return the checks of all laws in some cells that all of them hold; computes their runs."""
     cells = _cells(rows, axes)
     overrides = read_overrides(study, [run for _, _, run in cells])
-    return [
-        check
-        for jitter, mean, run in cells
-        for check in _checks(study, axes, jitter, mean, overrides[run])
-    ]
+    found = CostChecks([], [])
+    for jitter, mean, run in cells:
+        for each in _checks(study, axes, jitter, mean, overrides[run]):
+            if isinstance(each, CostCheck):
+                found.checks.append(each)
+            elif each not in found.left_out:
+                found.left_out.append(each)
+    return found
 
 
 def draw_checks(study: StudyRecord, checks: list[CostCheck]) -> Figure:
     """Draw the spread of the lateral error over seeds, from the propagation and from the runs."""
-    shown = [check for check in checks if check.expected is not None]
-    columns = len({check.conditions for check in shown})
-    lines = -(-len(shown) // columns)
+    columns = len({check.conditions for check in checks})
+    lines = -(-len(checks) // columns)
     figure = Figure(figsize=(6.2 * columns + 0.6, 1.9 * lines + 1.0))
     panels = figure.subplots(lines, columns, sharex=True, squeeze=False)
-    for check, panel in zip(shown, panels.T.flat, strict=False):
-        assert check.expected is not None  # noqa: S101 - for the type checker
+    for check, panel in zip(checks, panels.T.flat, strict=False):
         colour = MANY_COLOURS[check.controller % len(MANY_COLOURS)]
         time_s = check.expected.time_s
         panel.plot(
@@ -88,6 +95,8 @@ def draw_checks(study: StudyRecord, checks: list[CostCheck]) -> Figure:
         panel.set_ylabel("deviation [mm]", fontsize=9)
         panel.set_ylim(bottom=0.0)
         panel.legend(loc="upper right", fontsize=8.5, ncols=2)
+    for panel in panels.T.flat[len(checks) :]:
+        panel.set_visible(False)
     for panel in panels[-1]:
         panel.set_xlabel("time [s]")
     return figure
@@ -118,33 +127,68 @@ def _all_hold(rows: Rows, axes: StudyAxes, jitter: int, mean: int) -> bool:
 
 def _checks(
     study: StudyRecord, axes: StudyAxes, jitter: int, mean: int, overrides: dict[str, Any]
-) -> list[CostCheck]:
-    """Return the checks of all laws in one cell, under the conditions of one of its runs."""
+) -> list[CostCheck | str]:
+    """Return the check of each law in one cell, under the conditions of one of its runs; or why
+    there is none.
+    """
     mean_s = axes.mean.values[mean]
     case = case_of(overrides | latency_overrides(axes, jitter, mean_s))
     plant = study.scenarios.plant(case)
     plant = plant.model_copy(update={"duration_s": min(plant.duration_s, DURATION_S_MAX)})
-    controllers = [study.scenarios.controller(case, name) for name in study.names]
-    run_seeds = seeds(int(study.sampling["seed"]), RUNS)
-    on_grid, off_grid = (
-        monte_carlo_costs(plant, controllers, run_seeds, is_on_grid=is_on_grid)
-        for is_on_grid in (True, False)
-    )
     line = plant.latency.downlink
     text = f"{1e3 * line.mean_s:.3g} ± {1e3 * line.spread_s:.3g} ms"
+    controllers = [study.scenarios.controller(case, name) for name in study.names]
+    found: dict[int, CostCheck | str] = {}
+    expected: dict[int, ExpectedCost] = {}
     with ThreadPoolExecutor(_THREADS) as pool:
-        answers = pool.map(partial(_expected, plant), controllers)
-        return [
-            CostCheck(place, text, expected, on_grid[place], off_grid[place], refused)
-            for place, (expected, refused) in enumerate(answers)
-        ]
+        for place, answer in enumerate(pool.map(partial(_expected, plant), controllers)):
+            if isinstance(answer, str):
+                found[place] = f"{study.names[place]}: {answer}"
+            else:
+                expected[place] = answer
+    for place, costs in _costs(study, plant, controllers, list(expected)).items():
+        if isinstance(costs, str):
+            found[place] = f"{study.names[place]} at {text}: {costs}"
+        else:
+            found[place] = CostCheck(place, text, expected[place], *costs)
+    return [found[place] for place in sorted(found)]
 
 
-def _expected(
-    plant: PlantSettings, controller: ControllerSettings
-) -> tuple[ExpectedCost | None, str]:
+def _costs(
+    study: StudyRecord,
+    plant: PlantSettings,
+    controllers: list[ControllerSettings],
+    places: list[int],
+) -> dict[int, tuple[MonteCarloCost, MonteCarloCost] | str]:
+    """Return the costs of runs of some laws, on and off the grid, or why they say nothing."""
+    run_seeds = seeds(int(study.sampling["seed"]), RUNS)
+    found: dict[int, tuple[MonteCarloCost, MonteCarloCost] | str] = {}
+
+    def costs(of: list[int], *, is_on_grid: bool) -> dict[int, MonteCarloCost]:
+        laws = [controllers[place] for place in of]
+        made = monte_carlo_costs(plant, laws, run_seeds, is_on_grid=is_on_grid)
+        return dict(zip(of, made, strict=True))
+
+    try:
+        on_grid = costs(places, is_on_grid=True)
+        linear = [place for place in places if not on_grid[place].limited]
+        off_grid = costs(linear, is_on_grid=False)
+    except NOT_COMPILED as error:
+        return dict.fromkeys(places, str(error))
+    for place, cost in on_grid.items():
+        if cost.limited:
+            found[place] = (
+                f"{cost.limited} of {RUNS} runs met a limit of the command, and a linear "
+                "covariance says nothing about those"
+            )
+        else:
+            found[place] = (cost, off_grid[place])
+    return found
+
+
+def _expected(plant: PlantSettings, controller: ControllerSettings) -> ExpectedCost | str:
     """Return the expected cost, or why there is none."""
     try:
-        return expected_cost(plant, controller), ""
+        return expected_cost(plant, controller)
     except SettingsError as error:
-        return None, str(error)
+        return str(error)

@@ -25,12 +25,14 @@ FloatArray = NDArray[np.float64]
 HATCHES = {
     "unstable, left the range, or no start": "xxx",
     "limit cycle": "///",
-    "drifts away": "...",
+    "drifts, left the road, or off the path": "...",
+    "decays, but too slowly": "\\\\\\",
 }
 _FAMILIES = (
     (Verdict.NO_START, Verdict.LEFT_RANGE, Verdict.UNSTABLE),
     (Verdict.LIMIT_CYCLE,),
-    (Verdict.DRIFTS,),
+    (Verdict.DRIFTS, Verdict.LEFT_ROAD, Verdict.OFF_PATH),
+    (Verdict.DECAYS,),
 )
 _COLUMNS = 2
 _TEXT_CELLS_MAX = 130
@@ -143,7 +145,7 @@ def _draw(
                 for label, hatch in shown
             ],
             loc="outside upper center",
-            ncols=3,
+            ncols=2,
             title="hatched: at least one run does not hold; the worst of them",
             title_fontsize=9,
             fontsize=9,

@@ -19,6 +19,7 @@ th { border-bottom: 2px solid #999; }
 td.number { text-align: right; font-variant-numeric: tabular-nums; }
 section { margin-top: 2.2rem; padding-top: 1rem; border-top: 1px solid #bbb; }
 img { max-width: 100%; height: auto; display: block; margin: .8rem 0 0; }
+summary { cursor: pointer; color: #444; }
 code { font-size: .85rem; overflow-wrap: anywhere; }
 .caption { color: #444; font-size: .92rem; max-width: 62rem; }
 @media print { body { margin: 0; max-width: none; font-size: 11px; }
@@ -27,10 +28,14 @@ code { font-size: .85rem; overflow-wrap: anywhere; }
 
 
 class Cell(NamedTuple):
-    """A cell of a table: a number stands to the right, a command in its own type."""
+    """A cell of a table: a number stands to the right, a command in its own type.
+
+    ``folded``  what is shown only where the reader opens it, below the text
+    """
 
     text: str
     kind: str = "text"
+    folded: str = ""
 
 
 class Table(NamedTuple):
@@ -103,6 +108,8 @@ def _table(table: Table) -> str:
 
 def _cell(cell: Cell) -> str:
     text = escape(cell.text)
+    if cell.folded:
+        text += f"<details><summary>all of them</summary>{escape(cell.folded)}</details>"
     if cell.kind == "code":
         return f"<td><code>{text}</code></td>"
     return f'<td class="number">{text}</td>' if cell.kind == "number" else f"<td>{text}</td>"

@@ -14,6 +14,7 @@ from tools.stress_report.break_points import SEEDS, break_points
 from tools.stress_report.comparison import comparisons
 from tools.stress_report.cost_check import cost_checks, draw_checks
 from tools.stress_report.heat_maps import draw_held, draw_rms, heat_maps
+from tools.stress_report.level_section import level_sections
 from tools.stress_report.page import Picture, Section, page
 from tools.stress_report.results import Rows, StudyRecord, read_rows, read_study
 from tools.stress_report.sections import (
@@ -21,9 +22,9 @@ from tools.stress_report.sections import (
     comparison_section,
     cost_section,
     map_section,
-    study_section,
     worst_section,
 )
+from tools.stress_report.settings_section import study_section
 from tools.stress_report.worst_runs import draw_worst, worst_runs
 
 PAGE = "report.html"
@@ -43,6 +44,7 @@ def write(folder: Path, break_point_seeds: int = SEEDS) -> Path:
         _maps(study, rows, axes),
         _break_points(study, rows, axes, break_point_seeds),
         comparison_section(study, comparisons(study, rows)),
+        *level_sections(study, rows),
         _worst(study, rows),
         _costs(study, rows, axes),
     ]
@@ -77,12 +79,13 @@ def _worst(study: StudyRecord, rows: Rows) -> Section:
 
 
 def _costs(study: StudyRecord, rows: Rows, axes: StudyAxes) -> Section:
-    checks = cost_checks(study, rows, axes)
-    has_some = any(check.expected is not None for check in checks)
+    found = cost_checks(study, rows, axes)
     pictures = (
-        [_save(study, "expected_cost", lambda: draw_checks(study, checks))] if has_some else []
+        [_save(study, "expected_cost", lambda: draw_checks(study, found.checks))]
+        if found.checks
+        else []
     )
-    return cost_section(study, checks, pictures)
+    return cost_section(study, found, pictures)
 
 
 def _save(study: StudyRecord, name: str, draw: Callable[[], Figure]) -> Picture:

@@ -27,7 +27,10 @@ IntArray = NDArray[np.int64]
 
 VERDICTS = tuple(Verdict)
 HOLDS = VERDICTS.index(Verdict.HOLDS)
-_NUMBERS = ("rms_m", "peak_m", "duration_s", "latency_mean_s")
+_NUMBERS = (
+    *("rms_m", "peak_m", "duration_s", "latency_mean_s"),
+    *("steer_rms_rad", "steer_rate_rms_rad_s", "limited_share", "by_nodes"),
+)
 
 
 class FactorRecord(NamedTuple):
@@ -92,6 +95,10 @@ class Rows(NamedTuple):
     peak_m: FloatArray
     duration_s: FloatArray
     latency_mean_s: FloatArray
+    steer_rms_rad: FloatArray
+    steer_rate_rms_rad_s: FloatArray
+    limited_share: FloatArray
+    by_nodes: IntArray
     factors: Mapping[str, NDArray[Any]]
 
     @property

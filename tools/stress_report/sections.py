@@ -1,11 +1,7 @@
 """The words and tables of the page, section by section."""
 
-import json
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
-
-import numpy as np
+from collections.abc import Sequence
 
 from tools.stress_report.axes import StudyAxes
 from tools.stress_report.break_points import (
@@ -14,49 +10,17 @@ from tools.stress_report.break_points import (
     GROUPS_MAX,
     HELD_SHARE,
     LATENCY_NS_MAX,
+    NODE_RUNS_MAX,
     STEP_NS,
     BreakPoint,
 )
-from tools.stress_report.comparison import Comparison
-from tools.stress_report.cost_check import DURATION_S_MAX, RUNS, CostCheck
+from tools.stress_report.comparison import Comparison, Effort
+from tools.stress_report.cost_check import DURATION_S_MAX, RUNS, CostChecks
 from tools.stress_report.page import Cell, Picture, Section, Table, number
-from tools.stress_report.results import VERDICTS, FactorRecord, Rows, StudyRecord
+from tools.stress_report.results import Rows, StudyRecord
 from tools.stress_report.worst_runs import WorstRun, conditions
 
-_LABELS_SHOWN = 16
-
-
-def study_section(study: StudyRecord, rows: Rows) -> Section:
-    """Return what was run, and what became of it."""
-    sampling, runs = study.sampling, len(rows.id)
-    size = f"{runs:,} runs" if runs == study.runs else f"{runs:,} of {study.runs:,} runs so far"
-    texts = {
-        "Size": f"{size}: {len(study.names)} controllers, {sampling['replicates']:,} replicates",
-        "Points": f"{study.runs // len(study.names) // sampling['replicates']:,}, "
-        f"{sampling['kind']}",
-        "Seed": f"{sampling['seed']}; all controllers meet the same networks",
-        "Arithmetic": "reordered and fused (--fastmath); worst runs and break-points are exact"
-        if study.fastmath
-        else "that of the nodes, to the last bit",
-        "Controllers": ", ".join(study.names),
-        **{f"Factor {factor.name}": _factor(factor) for factor in study.factors},
-        "Verdict": _flat(study.verdict),
-        "Base of the plant": _flat(study.plant),
-    }
-    settings = Table(
-        ("Setting", "Value"), [(Cell(name), Cell(text)) for name, text in texts.items()]
-    )
-    counts = np.zeros((len(study.names), len(VERDICTS)), dtype=np.int64)
-    np.add.at(counts, (rows.controller, rows.verdict), 1)
-    verdicts = Table(
-        ("Controller", *map(str, VERDICTS)),
-        [
-            (Cell(name), *(number(f"{count:,}") for count in line))
-            for name, line in zip(study.names, counts.tolist(), strict=True)
-        ],
-    )
-    title = study.title or "Latency and jitter, law by law"
-    return Section(title, (), tables=(settings, verdicts))
+EFFORT_HEADINGS = ("steer RMS [mrad]", "steer rate RMS [mrad/s]", "periods at a limit [%]")
 
 
 def map_section(axes: StudyAxes, pictures: Sequence[Picture]) -> Section:
@@ -83,7 +47,7 @@ def break_point_section(
     """Return the break-points."""
     if not points:
         return Section("Break-points", ("The study varies no mean latency: there are none.",))
-    seeds = len(points[0].by_seed_s)
+    seeds = max(len(point.by_seed_s) for point in points)
     share, sure = f"{100 * HELD_SHARE:g} %", f"{100 * CONFIDENCE:g} %"
     rows = [
         (
@@ -91,8 +55,8 @@ def break_point_section(
             number(axes.jitter.labels[point.jitter]),
             number(_latency(point.held_s)),
             number(_latency(point.median_s)),
-            number(f"{_latency(point.low_s)} to {_latency(point.high_s)}"),
-            number(f"{_latency(point.by_seed_s[0])} to {_latency(point.by_seed_s[-1])}"),
+            number(_from_to(point.low_s, point.high_s)),
+            number(_from_to(*(point.by_seed_s[:1] + point.by_seed_s[-1:]))),
         )
         for point in sorted(points, key=lambda point: (point.controller, point.jitter))
     ]
@@ -122,8 +86,19 @@ def break_point_section(
             f"{100 * (1.0 - CONFIDENCE) ** (1.0 / seeds):.0f} % of all seeds do, {sure} sure). The "
             "search takes for granted that a law that holds a latency holds shorter ones; see the "
             "maps. A slow instability that the length of a run does not show counts as held.",
+            *_not_searched(study, points),
         ),
     )
+
+
+def _not_searched(study: StudyRecord, points: Sequence[BreakPoint]) -> list[str]:
+    names = sorted({study.names[point.controller] for point in points if not point.by_seed_s})
+    if not names:
+        return []
+    return [
+        f"Not searched where a dash stands ({', '.join(names)}): more than {NODE_RUNS_MAX} of the "
+        "runs can only be made by the nodes, which takes seconds each."
+    ]
 
 
 def comparison_section(study: StudyRecord, found: Sequence[Comparison]) -> Section:
@@ -135,11 +110,12 @@ def comparison_section(study: StudyRecord, found: Sequence[Comparison]) -> Secti
             number(f"{one.held:,} of {one.runs:,} ({100 * one.held / max(one.runs, 1):.1f} %)"),
             number(f"{one.only_it:,}"),
             number(f"{one.only_reference:,}"),
-            number(_ratio(one.median)),
-            number(f"{_ratio(one.low)} to {_ratio(one.high)}"),
+            number(ratio(one.median)),
+            number(f"{ratio(one.low)} to {ratio(one.high)}"),
             number("-" if math.isnan(one.better) else f"{100 * one.better:.1f} %"),
-            number(_millimetres(one.rms_median_m)),
-            number(_millimetres(one.rms_worst_held_m)),
+            number(millimetres(one.rms_median_m)),
+            number(millimetres(one.rms_worst_held_m)),
+            *effort_cells(one.effort),
         )
         for one in found
     ]
@@ -151,15 +127,17 @@ def comparison_section(study: StudyRecord, found: Sequence[Comparison]) -> Secti
         "RMS ratio, median",
         "10 to 90 % of ratios",
         "better in",
-        "median RMS [mm]",
-        "largest RMS held [mm]",
+        "RMS held, median [mm]",
+        "RMS held, largest [mm]",
+        *EFFORT_HEADINGS,
     )
     return Section(
         f"Against {reference}",
         (
             f"Each run is compared with the run of {reference} under the same conditions and on "
             "the same network (common random numbers). Ratios are of those pairs in which both "
-            "hold the path: below 1 the law is better.",
+            "hold the path: below 1 the law is better. The steer's columns are medians over all "
+            "runs of a law, those that do not hold too.",
         ),
         tables=(Table(headings, rows),),
     )
@@ -194,35 +172,27 @@ def worst_section(
     )
 
 
-def cost_section(
-    study: StudyRecord, checks: Sequence[CostCheck], pictures: Sequence[Picture]
-) -> Section:
+def cost_section(study: StudyRecord, found: CostChecks, pictures: Sequence[Picture]) -> Section:
     """Return the expected cost beside the runs."""
     title = "Expected cost, two ways"
-    if not checks:
-        return Section(title, ("No cell with jitter is held by all laws: nothing to compare.",))
+    left_out = [f"Left out: {text}." for text in found.left_out]
+    if not found.checks:
+        none = "" if left_out else "No cell with jitter is held by all laws: nothing to compare."
+        return Section(title, (none,) if none else (), notes=left_out)
     rows = []
-    for check in checks:
+    for check in found.checks:
         on, off, expected = check.on_grid, check.off_grid, check.expected
         change = 100.0 * (off.mean_square_m2 / on.mean_square_m2 - 1.0)
-        cells = ["-", "-", "-"]
-        if expected is not None:
-            cells = [
-                f"{1e6 * expected.mean_square_m2:.6g}",
-                f"{check.standard_errors:+.1f}",
-                f"{1e6 * math.sqrt(expected.variance_m4):.3g}",
-            ]
         rows.append(
             (
                 Cell(study.names[check.controller]),
                 Cell(check.conditions),
-                number(cells[0]),
+                number(f"{1e6 * expected.mean_square_m2:.6g}"),
                 number(f"{1e6 * on.mean_square_m2:.6g} ± {1e6 * on.standard_error_m2:.2g}"),
-                number(cells[1]),
-                number(cells[2]),
+                number(f"{check.standard_errors:+.1f}"),
+                number(f"{1e6 * math.sqrt(expected.variance_m4):.3g}"),
                 number(f"{1e6 * math.sqrt(on.variance_m4):.3g}"),
                 number(f"{change:+.2f} %"),
-                number(f"{on.limited} of {RUNS}"),
             )
         )
     headings = (
@@ -234,12 +204,10 @@ def cost_section(
         "deviation of J, propagated [mm²]",
         "of the runs [mm²]",
         "J off the grid",
-        "runs at a limit",
     )
-    reasons = sorted({f"No expected cost: {check.refused}" for check in checks if check.refused})
     duration_s = float(study.plant["duration_s"])
     if duration_s > DURATION_S_MAX:
-        reasons.append(f"Only the first {DURATION_S_MAX:g} s of {duration_s:g} s are compared.")
+        left_out.append(f"Only the first {DURATION_S_MAX:g} s of {duration_s:g} s are compared.")
     return Section(
         title,
         (
@@ -248,36 +216,19 @@ def cost_section(
             "the Markov chain of the age of the newest command that has arrived (as Jitterbug "
             f"does), and is compared with {RUNS} runs of the batch engine, which share nothing "
             "with it but the numbers of law and vehicle. Latencies are rounded up to control "
-            "periods in both, for which the propagation is exact; the last but one column says "
-            "what the runs give without rounding. Runs at a limit are not linear.",
+            "periods in both, for which the propagation is exact; the last column says what the "
+            "runs give without rounding. A law any of whose runs meets a limit is left out.",
             "The picture shows the deviation of the lateral error over seeds: what jitter alone "
             "does to it.",
         ),
         pictures,
         (Table(headings, rows),),
-        tuple(reasons),
+        left_out,
     )
 
 
-def _factor(factor: FactorRecord) -> str:
-    keys = ", ".join(factor.keys)
-    labels = [f"{label:g}" if isinstance(label, float) else str(label) for label in factor.labels]
-    if not labels:
-        return f"{keys}: drawn"
-    shown = labels if len(labels) <= _LABELS_SHOWN else [*labels[:8], "...", *labels[-3:]]
-    return f"{keys}: {', '.join(shown)}"
-
-
-def _flat(tables: Mapping[str, Any], path: str = "") -> str:
-    """Return tables in one line, without what is empty."""
-    texts = []
-    for key, value in tables.items():
-        if isinstance(value, dict):
-            inner = _flat(value, f"{path}{key}.")
-            texts += [inner] if inner else []
-        elif value not in ([], None):
-            texts.append(f"{path}{key} = {json.dumps(value) if isinstance(value, list) else value}")
-    return "; ".join(texts)
+def _from_to(*ends_s: float) -> str:
+    return " to ".join(map(_latency, ends_s)) if ends_s else "-"
 
 
 def _latency(seconds: float) -> str:
@@ -288,9 +239,25 @@ def _latency(seconds: float) -> str:
     return f"≥ {1e3 * seconds:.0f}" if seconds * 1e9 >= LATENCY_NS_MAX else f"{1e3 * seconds:.0f}"
 
 
-def _ratio(value: float) -> str:
+def effort_cells(effort: Effort) -> tuple[Cell, Cell, Cell]:
+    """Return what a law asks of the steering, under EFFORT_HEADINGS."""
+    return (
+        number(three_digits(1e3 * effort.steer_rms_rad)),
+        number(three_digits(1e3 * effort.steer_rate_rms_rad_s)),
+        number(three_digits(100.0 * effort.limited_share)),
+    )
+
+
+def three_digits(value: float) -> str:
+    """Return a figure that may be unknown, with three digits."""
+    return "-" if math.isnan(value) else f"{value:.3g}"
+
+
+def ratio(value: float) -> str:
+    """Return a ratio that may be unknown."""
     return "-" if math.isnan(value) else f"{value:.3f}"
 
 
-def _millimetres(value_m: float) -> str:
-    return "-" if math.isnan(value_m) else f"{1e3 * value_m:.3g}"
+def millimetres(value_m: float) -> str:
+    """Return a length that may be unknown, in millimetres."""
+    return three_digits(1e3 * value_m)

@@ -1,0 +1,115 @@
+"""Levels of the factors that are no network: what a derivative, a noise or a corner changes.
+
+    q = RMS at a level / RMS at the first level     run by run, law by law, all else the same
+
+Every run is paired with that of the same law, replicate (so the same network, noise and seed) and
+levels of all other factors. Only factors with a few levels are compared; of one that is drawn, or
+has a network in it, the heat maps and break-points speak.
+"""
+
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from tools.stress_report.axes import LATENCY
+from tools.stress_report.comparison import Effort, effort, median
+from tools.stress_report.results import FactorRecord, IntArray, Rows, StudyRecord
+
+LEVELS_MAX = 12
+CELLS_MAX = 120
+"""Rows of the table of all combinations; more of them are no table that anyone reads."""
+
+
+class Ratios(NamedTuple):
+    """One law at one level against the first level: medians over pairs, 1 at the first itself."""
+
+    controller: int
+    level: str
+    error: float
+    steer: float
+    steer_rate: float
+
+
+class Condition(NamedTuple):
+    """One law under one combination of levels; the figures are medians over its runs."""
+
+    controller: int
+    levels: tuple[str, ...]
+    runs: int
+    held: int
+    rms_m: float
+    effort: Effort
+
+
+def compared_factors(study: StudyRecord) -> list[FactorRecord]:
+    """Return the factors that are compared level by level."""
+    return [
+        factor
+        for factor in study.factors
+        if 2 <= len(factor.labels) <= LEVELS_MAX
+        and not any(key.startswith(LATENCY) for key in factor.keys)
+    ]
+
+
+def level_ratios(study: StudyRecord, rows: Rows, factor: FactorRecord) -> list[Ratios]:
+    """Return what the levels of a factor change, law by law."""
+    rest = _same_but_for(study, rows, factor)
+    found = []
+    for controller in range(len(study.names)):
+        own = rows.controller == controller
+        first = np.flatnonzero(own & _is_at(rows, factor, factor.labels[0]))
+        for label in factor.labels:
+            at = np.flatnonzero(own & _is_at(rows, factor, label))
+            _, here, there = np.intersect1d(rest[at], rest[first], return_indices=True)
+            one, other = at[here], first[there]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                ratios = [
+                    median(column[one] / column[other])
+                    for column in (rows.rms_m, rows.steer_rms_rad, rows.steer_rate_rms_rad_s)
+                ]
+            found.append(Ratios(controller, str(label), *ratios))
+    return found
+
+
+def conditions_by_level(
+    study: StudyRecord, rows: Rows, factors: list[FactorRecord]
+) -> list[Condition]:
+    """Return every law under every combination of levels; none where they are too many."""
+    combinations = list(product(*(factor.labels for factor in factors)))
+    if not factors or len(combinations) * len(study.names) > CELLS_MAX:
+        return []
+    found = []
+    for controller in range(len(study.names)):
+        for labels in combinations:
+            chosen = rows.controller == controller
+            for factor, label in zip(factors, labels, strict=True):
+                chosen &= _is_at(rows, factor, label)
+            at = np.flatnonzero(chosen)
+            if len(at):
+                found.append(
+                    Condition(
+                        controller,
+                        tuple(map(str, labels)),
+                        len(at),
+                        int(np.count_nonzero(rows.holds[at])),
+                        median(rows.rms_m[at]),
+                        effort(rows, at),
+                    )
+                )
+    return found
+
+
+def _is_at(rows: Rows, factor: FactorRecord, label: object) -> IntArray:
+    column = rows.factors[factor.name]
+    return np.asarray(column == (str(label) if column.dtype == object else label))
+
+
+def _same_but_for(study: StudyRecord, rows: Rows, factor: FactorRecord) -> IntArray:
+    """Return a number of each row that is the same where all but the factor is."""
+    key = rows.case % int(study.sampling["replicates"])
+    for other in study.factors:
+        if other.name != factor.name:
+            _, place = np.unique(rows.factors[other.name], return_inverse=True)
+            _, key = np.unique(key * (int(place.max()) + 1) + place, return_inverse=True)
+    return np.asarray(key, dtype=np.int64)
