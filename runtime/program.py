@@ -9,6 +9,7 @@ import argparse
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -61,7 +62,7 @@ class ExitStatus(IntEnum):
     SAFE_STATE = 5
     """The node has found a fault in itself, and has gone to its safe state for good."""
     INTERRUPTED = 130
-    """By Ctrl-C outside of a run; a run that is interrupted ends with OK and its report."""
+    """By Ctrl-C or SIGTERM outside of a run; one that is interrupted ends with OK and a report."""
 
 
 class ReportingNode(Node, Protocol):
@@ -303,10 +304,24 @@ def _run_in_real_time(
     return node, _Run(ended_by, failure, executor.figures, connection.figures, host)
 
 
+@contextmanager
+def interrupted_by_sigterm() -> Iterator[None]:
+    """Let SIGTERM end what is in the block as Ctrl-C does, so that it leaves nothing behind."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals are for the main thread
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def run_main(name: str, main: Callable[[], int]) -> int:
     """Call ``main``; turns what a user can cause into one line on standard error and a status."""
     try:
-        status = main()
+        with interrupted_by_sigterm():
+            status = main()
         print(end="", flush=True)
         return status
     except SettingsError as error:

@@ -24,7 +24,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
-from runtime.program import ExitStatus
+from runtime.program import ExitStatus, interrupted_by_sigterm
 from runtime.settings import Preset, SettingsError, dump_toml, load_settings, read_preset
 from tools.demo_bus import Channels, open_channels
 from tools.demo_figures import LawTraces, draw_all
@@ -48,7 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parse(arguments)
     console = Console(markup=False)  # [mm] is a unit
     try:
-        _demo(options, console)
+        with interrupted_by_sigterm():
+            _demo(options, console)
     except (SettingsError, argparse.ArgumentError) as error:
         print(f"demo: error: {error}", file=sys.stderr)
         return ExitStatus.SETTINGS

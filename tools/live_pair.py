@@ -3,13 +3,13 @@
 import json
 import signal
 import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import can
 
+from runtime.attached import Lifeline
 from tools.trace import Trace
 
 STOP_TIMEOUT_S = 10.0
@@ -81,7 +81,8 @@ class LivePair:
     """Two running programs and their recorder; use it as a context manager.
 
     Leaving the block ends the programs with SIGINT, so that their reports are written whatever
-    ended the block, and kills what does not end.
+    ended the block, and kills what does not end. They end in order with this process too, however
+    that is ended; what it records itself is then as far as it was written.
     """
 
     def __init__(
@@ -98,6 +99,7 @@ class LivePair:
         }
         self._files = files
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._lifeline: Lifeline | None = None
         self._listener: can.BusABC | None = None
         self._recorder: can.Notifier | None = None
 
@@ -106,9 +108,10 @@ class LivePair:
         listener = self._bus.open()
         writer = can.CanutilsLogWriter(self._files.candump_log, channel=self._bus.channel)
         self._listener, self._recorder = listener, can.Notifier(listener, [writer])
+        self._lifeline = line = Lifeline()
         try:
             for program in self._options:
-                self._processes[program] = self._start(program)
+                self._processes[program] = self._start(program, line)
         except BaseException:
             self.stop()
             raise
@@ -139,6 +142,9 @@ class LivePair:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+        if self._lifeline is not None:
+            self._lifeline.close()
+            self._lifeline = None
         if self._recorder is not None:
             self._recorder.stop()
             self._recorder = None
@@ -157,17 +163,11 @@ class LivePair:
             Trace.read(self._files.plant_trace),
         )
 
-    def _start(self, program: str) -> subprocess.Popen[bytes]:
+    def _start(self, program: str, line: Lifeline) -> subprocess.Popen[bytes]:
         report = str(self._files.report(program))
-        command = [sys.executable, "-m", program, *self._bus.options, "--report", report]
+        arguments = [*self._bus.options, "--report", report, *self._options[program]]
         with self._files.output(program).open("wb") as output:
-            return subprocess.Popen(
-                [*command, *self._options[program]],
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,  # Ctrl-C reaches us alone, and we end them in order
-            )
+            return line.start(program, arguments, output)
 
     def _complaint(self, program: str, code: int) -> str:
         printed = self._files.output(program).read_text(encoding="utf-8", errors="replace")

@@ -1,12 +1,16 @@
 """Runs a broker of one's own as a child process, for programs that bring their bus along."""
 
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from subprocess import PIPE
 from typing import IO
+
+from runtime.attached import lifeline
+
+AFTER_S = 1.0
+"""How long the broker outlasts a program that was ended: its clients end before their bus."""
 
 
 @contextmanager
@@ -15,22 +19,20 @@ def launched_broker(options: Sequence[str] = (), log: IO[str] | None = None) -> 
 
     ``log``  what takes its statistics and complaints; standard error unless given
 
-    Yields its address, a socket in a private directory, when clients can connect. The broker ends
-    with this process too, in whatever way that ends. Raises RuntimeError when it does not start;
-    it has said why on standard error.
+    Yields its address, a socket in a private directory, when clients can connect. The broker and
+    the directory end with this process too, in whatever way that ends. Raises RuntimeError when it
+    does not start; it has said why on standard error.
     """
-    with tempfile.TemporaryDirectory(prefix="emulated-can-bus-") as directory:
+    with tempfile.TemporaryDirectory(prefix="emulated-can-bus-") as directory, lifeline() as line:
         address = str(Path(directory) / "socket")
-        command = [sys.executable, "-m", "runtime.emulated_bus", "--address", address]
-        broker = subprocess.Popen(  # noqa: S603 the command is our own
-            [*command, "--end-with-stdin", *options],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=log,
-            start_new_session=True,  # Ctrl-C is for this process; the clients end before the bus.
+        arguments = ["--address", address, *options]
+        broker = line.start(
+            "runtime.emulated_bus", arguments, PIPE, log, after_s=AFTER_S, remove=Path(directory)
         )
-        # Popen's block ends with closing the broker's standard input and waiting for its end.
-        with broker:
+        with broker:  # ends with waiting for it
             if broker.stdout is None or not broker.stdout.readline():
                 raise RuntimeError("the broker of the emulated bus has not started")
-            yield address
+            try:
+                yield address
+            finally:
+                broker.terminate()

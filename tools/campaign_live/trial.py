@@ -67,7 +67,10 @@ def run_trial(case: LiveCase, folder: Path, seed: int, recording: Path) -> Trial
     for old in folder.iterdir():
         if old.suffix in (".log", ".json", ".txt"):
             old.unlink()
-    with tempfile.TemporaryDirectory(prefix="campaign-") as private, Crew(folder) as crew:
+    with (
+        tempfile.TemporaryDirectory(prefix="campaign-") as private,
+        Crew(folder, Path(private)) as crew,
+    ):
         socket, key = Path(private) / "socket", Path(private) / "key"
         if case.with_key:
             write_key(key)

@@ -3,17 +3,21 @@
 import json
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
 
+from runtime.attached import Lifeline
 from tools.soak.memory import children_of
 
 START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 60.0
 """How long a process may take to begin, and to write what it has to; a busy machine needs it."""
+ABORT_TIMEOUT_S = 5.0
+"""How long each may take when the run is given up."""
+_AFTER_S = {"recorder": 1.0, "broker": 2.0}
+"""By how much these outlast a tool that was ended: they end after those that use them."""
 _POLL_S = 0.02
 _LISTENING, _READY = "listening at", "ready"
 
@@ -25,12 +29,17 @@ class SoakError(Exception):
 class Crew:
     """Processes by their names; use it as a context manager, which leaves none behind.
 
+    They end in order with this process too, however that is ended.
+
     ``folder``   where each writes what it prints (NAME.txt) and its report (NAME.json)
+    ``private``  folder of the broker's socket, removed with this process
     ``address``  of the broker
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, private: Path) -> None:
         self._folder = folder
+        self._private = private
+        self._lifeline = Lifeline()
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._asked: set[str] = set()
         self.address = ""
@@ -39,10 +48,17 @@ class Crew:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for process in reversed(self._processes.values()):
-            if process.poll() is None:
-                process.kill()
-                process.wait()
+        try:
+            for name, process in reversed(self._processes.items()):
+                if process.poll() is None:
+                    self.interrupt(name)
+                    try:
+                        process.wait(ABORT_TIMEOUT_S)
+                    finally:
+                        process.kill()
+                        process.wait()
+        finally:
+            self._lifeline.close()
 
     def path(self, name: str, suffix: str) -> Path:
         """Return the file of a process."""
@@ -62,12 +78,12 @@ class Crew:
     def _start(self, name: str, module: str, arguments: Sequence[str], sign: str) -> None:
         printed = self.path(name, ".txt")
         with printed.open("wb") as output:
-            process = subprocess.Popen(
-                [sys.executable, "-m", module, *arguments],
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,  # Ctrl-C reaches us alone, and we end them in order
+            process = self._lifeline.start(
+                module,
+                arguments,
+                output,
+                after_s=_AFTER_S.get(name, 0.0),
+                remove=self._private if name == "broker" else None,
             )
         self._processes[name] = process
         until_s = time.monotonic() + START_TIMEOUT_S

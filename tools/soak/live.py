@@ -65,7 +65,10 @@ def run_live_soak(
 ) -> LiveSoak:
     """Run it and read what it left in ``folder``; raises SoakError."""
     folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="soak-") as private, Crew(folder) as crew:
+    with (
+        tempfile.TemporaryDirectory(prefix="soak-") as private,
+        Crew(folder, Path(private)) as crew,
+    ):
         tell("starting broker, recorder, plant and controller")
         _start(crew, plan, Path(private) / "socket")
         time.sleep(plan.settle_s)

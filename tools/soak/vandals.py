@@ -89,7 +89,10 @@ def _run(options: argparse.Namespace) -> int:
 
 def measure(name: str, kinds: Sequence[str], duration_s: float, level: int) -> Cost:
     """Run a broker, two good clients and vandals of ``kinds``; raises SoakError."""
-    with tempfile.TemporaryDirectory(prefix="vandals-") as folder, Crew(Path(folder)) as crew:
+    with (
+        tempfile.TemporaryDirectory(prefix="vandals-") as folder,
+        Crew(Path(folder), Path(folder)) as crew,
+    ):
         crew.start_broker(Path(folder) / "socket", ["--priority", str(level)])
         broker = crew.pids()["broker"]
         filters: Any = [{"can_id": GOOD_ID, "can_mask": 0x7FF, "extended": False}]
