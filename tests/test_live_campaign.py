@@ -40,11 +40,12 @@ from tools.campaign_live.presentation import live_finding, live_section, outcome
 from tools.campaign_live.trial import Trial, plant_settings, write_excerpt, write_key
 from tools.live_faults.kinds import LiveKind, parse_fault
 
+HELD: dict[str, Any] = {"holdings": 0, "interventions": {}}
 PLANT_NODE: dict[str, Any] = {
     "rejected": {},
     "lost_on_the_bus": 0,
     "skipped_samples": 0,
-    "safety": {"holdings": 0, "interventions": {}},
+    "safety": HELD,
 }
 CONTROLLER_NODE: dict[str, Any] = {"rejected": {}, "holds": 0, "lost": 0, "skipped_ticks": 0}
 
@@ -83,6 +84,18 @@ def test_only_who_was_killed_may_end_so_and_a_golden_run_counts_nothing() -> Non
     assert list(mistakes_of(golden, {PLANT: {"lost": 1}})) == [f"{PLANT} counts {{'lost': 1}}"]
     stalled = {PLANT: {"skipped": 3}}
     assert list(mistakes_of(golden, stalled)) == [], "by the machine"
+
+
+@pytest.mark.parametrize("holds", [0, 1])
+def test_who_wakes_first_may_hold_and_both_know_what_they_have_missed(holds: int) -> None:
+    plant = report_of({**PLANT_NODE, "skipped_samples": 99, "safety": {**HELD, "holdings": 1}})
+    controller = report_of({**CONTROLLER_NODE, "skipped_ticks": 99, "holds": holds})
+    noticed = {PLANT: counts_of(plant), CONTROLLER: counts_of(controller)}
+    trial = trial_of("both clocks jump 1 s")
+    assert list(mistakes_of(trial, noticed)) == []
+    assert list(mistakes_of(trial, {**noticed, CONTROLLER: {}})), "its timer cannot miss it"
+    unseen = {**noticed, PLANT: {"skipped": 99}}
+    assert list(mistakes_of(trial, unseen)) == [f"{PLANT} has not noticed it"]
 
 
 def test_a_program_may_end_by_bus_off_only_where_that_is_expected() -> None:
