@@ -3,7 +3,8 @@
     mode         the wheel's target                                  until
     NO_COMMAND   straight                                            the first command
     FOLLOWING    the newest command, within the safety limits        silence: HOLDING
-    HOLDING      the last one                                        ``hold_ns`` later: FALLBACK
+    HOLDING      the last one; the newest again, faded, as they come recovery, or ``hold_ns`` of
+                                                                     silence: FALLBACK
     FALLBACK     ramps to zero, or is kept                           recovery
     SAFE_STATE   as FALLBACK, whatever arrives                       the end of the run
 
@@ -13,12 +14,17 @@ silence there, and so is a controller that died: the unit cannot tell them apart
 know earlier than its network tells it. A latency that rises by 200 ms at once is a silence of
 200 ms.
 
-HOLDING ends with the next command: nothing was lost but time, and a network with jitter, whose
-newer commands overtake, has such gaps all the time; to wait for a run in each would add to its
-delay. FALLBACK ends with ``recovery_frames`` commands in a row without such a silence between them.
-The difference between the target and the first command followed is then added to it and fades out
-at the ramp rate, so that nothing jumps. SAFE_STATE is entered where the wheel does not
-follow its target, where the plant has found a fault in itself, or by the override, and stays.
+Recovery are ``recovery_frames`` commands in a row, without such a silence or a refused frame
+between them. Nothing jumps: the difference between the target and the first command followed
+is added to it and fades out at the ramp rate. After FALLBACK that is the command which ends it. In
+HOLDING it is the first that comes, since a network with jitter, whose newer commands overtake, has
+such gaps all the time, and to wait for a run in each would add to its delay. A further silence
+before the recovery starts the run anew, and the fade from where it is then.
+
+The clock of ``hold_ns`` stands while the newest command is younger than ``silence_ns``, and runs
+when it is not, or is the first after a refused frame. No command sets it back but the one that ends
+HOLDING: single commands now and then end in FALLBACK. SAFE_STATE is entered where the wheel does
+not follow its target, where the plant has found a fault in itself, or by the override, and stays.
 
 Every target, of ramps too, passes the safety limiter. Times count from the start of motion.
 """
@@ -56,9 +62,9 @@ _NO_COMMAND, _FOLLOWING, _HOLDING, _FALLBACK, _SAFE_STATE = map(int, GuardMode)
 class GuardParams(NamedTuple):
     """When commands are stale, and what then.
 
-    ``silence_ns``       longest time between two commands; OFF_NS: any
-    ``hold_ns``          from HOLDING to FALLBACK
-    ``recovery_frames``  commands in a row that end FALLBACK
+    ``silence_ns``       time without a command that is silence; OFF_NS: none is
+    ``hold_ns``          of silence from HOLDING to FALLBACK
+    ``recovery_frames``  commands in a row that end either
     ``ramp_rad_s``       of the fade after a recovery
     ``ramp_step_rad``    of the ramp to zero, every RAMP_PERIOD_NS; 0: the target is kept
     ``override_ns``      from when on SAFE_STATE is ordered; OFF_NS: never
@@ -78,7 +84,7 @@ class GuardState(NamedTuple):
 
     ``arrived_ns``   when the newest command arrived
     ``deadline_ns``  when `guard_timer` is due next
-    ``good_run``     commands in a row towards recovery
+    ``good_run``     commands in a row towards recovery, the newest included; 0 after a refused one
     ``fade_rad``     what is added to the command
     """
 
@@ -102,18 +108,23 @@ def guard_command(
     if x.mode == _SAFE_STATE:
         return x, False
     silence_ns = time_ns - x.arrived_ns
-    if x.mode == _FALLBACK:
-        good_run = x.good_run + 1 if silence_ns <= p.silence_ns else 1
-        if good_run < p.recovery_frames:
-            return GuardState(x.mode, x.limiter, time_ns, x.deadline_ns, good_run, 0.0), False
-        wanted_rad = x.limiter.steer_rad
-        fade_rad = x.limiter.steer_rad - steer_rad
-    else:
-        fade_rad = _towards_zero(x.fade_rad, p.ramp_rad_s * (silence_ns * 1e-9))
-        wanted_rad = steer_rad + fade_rad
+    heard_ns = min(silence_ns, p.silence_ns)
+    good_run = x.good_run + 1 if silence_ns < p.silence_ns else 1
+    mode, deadline_ns = x.mode, x.deadline_ns
+    if mode <= _FOLLOWING or good_run >= p.recovery_frames:
+        mode, good_run = _FOLLOWING, 0
+        deadline_ns = min(time_ns + p.silence_ns, p.override_ns)
+    elif mode == _FALLBACK:
+        return GuardState(mode, x.limiter, time_ns, deadline_ns, good_run, 0.0), False
+    elif x.good_run > 0:
+        deadline_ns = min(deadline_ns + heard_ns, p.override_ns)
+    fade_rad = _towards_zero(x.fade_rad, p.ramp_rad_s * (heard_ns * 1e-9))
+    wanted_rad = steer_rad + fade_rad
+    if x.mode == _FALLBACK or (x.mode == _HOLDING and silence_ns >= p.silence_ns):
+        wanted_rad = x.limiter.steer_rad + (fade_rad - x.fade_rad)
+        fade_rad = wanted_rad - steer_rad
     limiter, _ = limit_steer(p.limiter, x.limiter, wanted_rad, time_ns)
-    deadline_ns = min(time_ns + p.silence_ns, p.override_ns)
-    return GuardState(_FOLLOWING, limiter, time_ns, deadline_ns, 0, fade_rad), True
+    return GuardState(mode, limiter, time_ns, deadline_ns, good_run, fade_rad), True
 
 
 def guard_timer(p: GuardParams, x: GuardState, time_ns: int) -> tuple[GuardState, bool]:
@@ -123,7 +134,7 @@ def guard_timer(p: GuardParams, x: GuardState, time_ns: int) -> tuple[GuardState
         mode = _SAFE_STATE
     elif mode == _FOLLOWING:
         until_ns = min(time_ns + p.hold_ns, p.override_ns)
-        return GuardState(_HOLDING, x.limiter, x.arrived_ns, until_ns, 0, x.fade_rad), False
+        return GuardState(_HOLDING, x.limiter, x.arrived_ns, until_ns, 1, x.fade_rad), False
     elif mode == _HOLDING:
         mode = _FALLBACK
     target_rad = _towards_zero(x.limiter.steer_rad, p.ramp_step_rad)
@@ -152,7 +163,7 @@ def guard_fault(x: GuardState, time_ns: int) -> GuardState:
 
 
 def is_overruled(x: GuardState) -> bool:
-    """Whether the target is not the newest command as it is: kept, led back, faded or limited."""
+    """Whether the target is not the newest command as it is: held, led back, faded or limited."""
     if x.mode == _FOLLOWING:
         return x.fade_rad != 0.0 or x.limiter.cause != 0
     return x.mode > _FOLLOWING

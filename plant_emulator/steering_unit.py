@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from dbc.messages import SafetyState, SteeringStatusCode
 from plant_emulator.safety_limiter import Cause
@@ -34,18 +34,27 @@ _CODES = {
 }
 
 
-def followed(p: GuardParams, arrivals_ns: Iterable[int]) -> list[bool]:
-    """Return which of the commands that arrive at these times are followed, if the wheel follows.
+class Answer(NamedTuple):
+    """Whether a command is followed, and what decides about the target from it on."""
 
-    It depends on nothing but the times, so it can be known before a run.
+    is_followed: bool
+    mode: int
+
+
+def answers_to(p: GuardParams, commands: Iterable[tuple[int, bool]]) -> list[Answer]:
+    """Return the guard's answers to commands, if the wheel follows.
+
+    They depend on nothing but times, so they can be known before a run.
+
+    ``commands``  when each arrives [ns], and whether it is sent at that instant: the timer is first
     """
     x = start_guard(p)
     answers = []
-    for time_ns in arrivals_ns:
-        while x.deadline_ns < time_ns:
+    for time_ns, is_sent_then in commands:
+        while x.deadline_ns < time_ns + is_sent_then:
             x, _ = guard_timer(p, x, x.deadline_ns)
         x, is_followed = guard_command(p, x, 0.0, time_ns)
-        answers.append(is_followed)
+        answers.append(Answer(is_followed, x.mode))
     return answers
 
 
@@ -93,7 +102,8 @@ class SteeringUnit:
         self._note_silence(now_ns)
         self._heard_ns = now_ns
         if is_followed:
-            self._recoveries += before.mode in (GuardMode.HOLDING, GuardMode.FALLBACK)
+            is_back = self.mode is GuardMode.FOLLOWING
+            self._recoveries += is_back and before.mode in (GuardMode.HOLDING, GuardMode.FALLBACK)
             self._count_intervention()
         else:
             self._ignored += 1

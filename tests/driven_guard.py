@@ -68,3 +68,13 @@ class Guarded:
 
     def _note(self, now_ns: int) -> None:
         self.log.append((now_ns / MS_NS, self.mode, self.target))
+
+
+def steady(
+    guarded: Guarded, steer_rad: float, first_ms: float = 0.0, last_ms: float = 100.0
+) -> None:
+    """Commands every 10 ms."""
+    time_ms = first_ms
+    while time_ms <= last_ms:
+        assert guarded.command(time_ms, steer_rad)
+        time_ms += 10.0

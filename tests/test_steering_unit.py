@@ -25,7 +25,7 @@ from plant_emulator.node import PlantNode
 from plant_emulator.plant_samples import PlantSample
 from plant_emulator.program import PRESETS
 from plant_emulator.settings import PlantSettings
-from plant_emulator.steering_unit import followed
+from plant_emulator.steering_unit import answers_to
 from runtime.settings import SettingsError, load_settings, preset_names, read_preset
 from tests.driven_guard import Guarded
 from tests.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
@@ -38,7 +38,10 @@ def test_which_commands_are_followed_is_known_from_their_times() -> None:
     times_ms = [0.0, 140.0, 280.0 + 1e-6, 281.0, 420.0, 600.0, 610.0, 699.0, 700.0, 710.0]
     expected = [guarded.command(time_ms, 0.25) for time_ms in times_ms]
     assert expected == [True, True, True, True, True, False, True, True, True, False]
-    assert followed(guarded.p, [round(t * MS_NS) for t in times_ms]) == expected
+    assert [
+        answer.is_followed
+        for answer in answers_to(guarded.p, [(round(t * MS_NS), False) for t in times_ms])
+    ] == expected
 
 
 # In the plant

@@ -18,8 +18,8 @@ from controller.settings import ControllerSettings, age_limits_of
 from dbc.messages import LateralError, SteeringStatus, VehicleState, limits, resolutions
 from plant_emulator.safety_settings import design_guard
 from plant_emulator.settings import PlantSettings
-from plant_emulator.steering_guard import OFF_NS
-from plant_emulator.steering_unit import followed
+from plant_emulator.steering_guard import OFF_NS, GuardMode
+from plant_emulator.steering_unit import answers_to
 from plant_emulator.streams import Channel, first_uniforms
 from tools.batch.compilation import compiled
 from tools.batch.network import FloatArray, IntArray, normal_scores
@@ -53,6 +53,15 @@ class _Link(NamedTuple):
     applied_tick: IntArray
     heading_noise_rad: FloatArray
     yaw_rate_noise_rad_s: FloatArray
+
+
+class _Steering(NamedTuple):
+    """Of the commands that come through, the indices of those that set the wheel's target, and
+    whether commands decide about it from each of them on.
+    """
+
+    followed: IntArray
+    is_in_control: NDArray[np.bool_]
 
 
 class _Ticks(NamedTuple):
@@ -135,9 +144,9 @@ def _link(
     )
     _refuse_unclear(errors, echoes, params)
     errors, echoes = _rising(errors), _rising(echoes)
-    chosen = _followed(plant, plan)
-    echoed = _echoed_ticks(plan, chosen, echoes)
-    is_ignoring = _is_ignoring(plant, plan, chosen, echoes)
+    steering = _steering(plant, plan)
+    echoed = _echoed_ticks(plan, steering.followed, echoes)
+    is_ignoring = _is_ignoring(plant, plan, steering, echoes)
     delay_ns = _delays(params, limits_ns.steering_status_ns, echoes, echoed, is_ignoring)
     newest_echo = _newest(echoes, plan.tick_ns)
     newest_state = _newest(states, plan.tick_ns)
@@ -208,14 +217,18 @@ def _at(values: Any, index: IntArray, none: float = -1) -> Any:
     return np.append(values, np.array(none, dtype=values.dtype))[index]
 
 
-def _followed(plant: PlantSettings, plan: Plan) -> IntArray:
-    """Return which of the commands that come through set the wheel's target, as indices."""
+def _steering(plant: PlantSettings, plan: Plan) -> _Steering:
+    """Return what the steering makes of the commands that come through."""
     guard = design_guard(plant.safety, plant.vehicle, plant.actuator)
     motion_ns = plan.command_due_ns - plan.motion_start_ns
-    is_quiet = len(motion_ns) > 0 and np.diff(motion_ns).max(initial=0) > guard.silence_ns
+    is_quiet = len(motion_ns) > 0 and np.diff(motion_ns).max(initial=0) >= guard.silence_ns
     if not is_quiet and guard.override_ns == OFF_NS:
-        return np.arange(len(motion_ns))
-    return np.flatnonzero(followed(guard, motion_ns.tolist()))
+        every = np.arange(len(motion_ns))
+        return _Steering(every, np.ones(len(every), dtype=np.bool_))
+    is_sent_then = plan.tick_ns[plan.command_tick] == plan.command_due_ns
+    commands = zip(motion_ns.tolist(), is_sent_then.tolist(), strict=True)
+    is_followed, mode = np.array(answers_to(guard, commands), dtype=np.int64).reshape(-1, 2).T
+    return _Steering(np.flatnonzero(is_followed), mode == GuardMode.FOLLOWING)
 
 
 def refuse_lost_wheel(plant: PlantSettings, plan: Plan, command: IntArray) -> None:
@@ -227,7 +240,7 @@ def refuse_lost_wheel(plant: PlantSettings, plan: Plan, command: IntArray) -> No
     if not len(command):
         return
     last_ns = plan.sample_ns[len(command) - 1]
-    chosen = _followed(plant, plan)
+    chosen = _steering(plant, plan).followed
     due_ns, sent_ns = plan.command_due_ns[chosen], plan.tick_ns[plan.command_tick[chosen]]
     in_effect = chosen[(due_ns <= last_ns) & (sent_ns < last_ns)]
     if len(in_effect) and command[-1] != in_effect[-1]:
@@ -240,17 +253,17 @@ def refuse_lost_wheel(plant: PlantSettings, plan: Plan, command: IntArray) -> No
 
 def _echoed_ticks(plan: Plan, followed_commands: IntArray, echoes: Arrivals) -> IntArray:
     """Return the tick whose command each echo names, -1 for none or one that is forgotten."""
-    through = _followed_before(plan, followed_commands, echoes)
+    through = _come_before(plan, followed_commands, echoes)
     tick = _at(plan.command_tick[followed_commands], through - 1)
     newest = np.searchsorted(plan.tick_ns, echoes.arrival_ns, side="left") - 1
     return np.where(newest - tick < RING_SIZE, tick, -1)
 
 
-def _followed_before(plan: Plan, followed_commands: IntArray, echoes: Arrivals) -> IntArray:
-    """Return how many commands have been followed when the sample of each echo is taken."""
+def _come_before(plan: Plan, commands: IntArray, echoes: Arrivals) -> IntArray:
+    """Return how many of some commands have come when the sample of each echo is taken."""
     sample_ns = plan.sample_ns[echoes.sample]
-    command_tick = plan.command_tick[followed_commands]
-    due_ns = plan.command_due_ns[followed_commands]
+    command_tick = plan.command_tick[commands]
+    due_ns = plan.command_due_ns[commands]
     through = np.searchsorted(due_ns, sample_ns, side="right")
     sent_ns = _at(plan.tick_ns[command_tick], np.arange(-1, len(command_tick)))
     # What is sent at the instant of a sample acts after it, even without any latency.
@@ -260,16 +273,16 @@ def _followed_before(plan: Plan, followed_commands: IntArray, echoes: Arrivals) 
 
 
 def _is_ignoring(
-    plant: PlantSettings, plan: Plan, followed_commands: IntArray, echoes: Arrivals
+    plant: PlantSettings, plan: Plan, steering: _Steering, echoes: Arrivals
 ) -> NDArray[np.bool_]:
-    """Return whether the steering follows no command, by its own word, in each echo."""
+    """Return whether commands do not decide, by the steering's own word, in each echo."""
     guard = design_guard(plant.safety, plant.vehicle, plant.actuator)
     sample_ns = plan.sample_ns[echoes.sample]
-    due_ns = plan.command_due_ns[followed_commands]
-    newest = _followed_before(plan, followed_commands, echoes) - 1
-    is_silent = (newest >= 0) & (sample_ns - _at(due_ns, newest) >= guard.silence_ns)
+    newest = _come_before(plan, np.arange(len(plan.command_due_ns)), echoes) - 1
+    is_silent = sample_ns - _at(plan.command_due_ns, newest) >= guard.silence_ns
+    is_held = (newest >= 0) & (is_silent | ~_at(steering.is_in_control, newest, 1))
     is_ordered = sample_ns - plan.motion_start_ns >= guard.override_ns
-    return np.asarray(is_silent | is_ordered)
+    return np.asarray(is_held | is_ordered)
 
 
 def _held(sample: IntArray, tick: IntArray, samples: int) -> IntArray:

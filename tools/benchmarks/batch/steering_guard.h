@@ -83,25 +83,28 @@ static int guard_command(const GuardParams *p, Guard *x, double steer_rad, int64
 {
     if (x->mode == SAFE_STATE)
         return 0;
-    int64_t silence_ns = time_ns - x->arrived_ns;
-    double wanted_rad;
+    int64_t silence_ns = time_ns - x->arrived_ns, heard_ns = earlier(silence_ns, p->silence_ns);
+    int64_t run_before = x->good_run, mode_before = x->mode;
     x->arrived_ns = time_ns;
-    if (x->mode == FALLBACK) {
-        x->good_run = silence_ns <= p->silence_ns ? x->good_run + 1 : 1;
-        if (x->good_run < p->recovery_frames) {
-            x->fade_rad = 0.0;
-            return 0;
-        }
-        wanted_rad = x->steer_rad;
-        x->fade_rad = x->steer_rad - steer_rad;
-    } else {
-        x->fade_rad = towards_zero(x->fade_rad, p->ramp_rad_s * ((double)silence_ns * 1e-9));
-        wanted_rad = steer_rad + x->fade_rad;
+    x->good_run = silence_ns < p->silence_ns ? run_before + 1 : 1;
+    if (mode_before <= FOLLOWING || x->good_run >= p->recovery_frames) {
+        x->mode = FOLLOWING;
+        x->good_run = 0;
+        x->deadline_ns = earlier(time_ns + p->silence_ns, p->override_ns);
+    } else if (mode_before == FALLBACK) {
+        x->fade_rad = 0.0;
+        return 0;
+    } else if (run_before > 0) {
+        x->deadline_ns = earlier(x->deadline_ns + heard_ns, p->override_ns);
     }
+    double fade_rad = towards_zero(x->fade_rad, p->ramp_rad_s * ((double)heard_ns * 1e-9));
+    double wanted_rad = steer_rad + fade_rad;
+    if (mode_before == FALLBACK || (mode_before == HOLDING && silence_ns >= p->silence_ns)) {
+        wanted_rad = x->steer_rad + (fade_rad - x->fade_rad);
+        fade_rad = wanted_rad - steer_rad;
+    }
+    x->fade_rad = fade_rad;
     limit_steer(p, x, wanted_rad, time_ns);
-    x->deadline_ns = earlier(time_ns + p->silence_ns, p->override_ns);
-    x->mode = FOLLOWING;
-    x->good_run = 0;
     return 1;
 }
 
@@ -113,7 +116,7 @@ static int guard_timer(const GuardParams *p, Guard *x, int64_t time_ns)
     } else if (x->mode == FOLLOWING) {
         x->deadline_ns = earlier(time_ns + p->hold_ns, p->override_ns);
         x->mode = HOLDING;
-        x->good_run = 0;
+        x->good_run = 1;
         return 0;
     } else if (x->mode == HOLDING) {
         x->mode = FALLBACK;
