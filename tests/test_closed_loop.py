@@ -5,6 +5,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -37,6 +38,7 @@ from runtime.frame import Frame
 from runtime.node import NEVER_NS, Node
 from runtime.settings import load_settings, read_preset
 from runtime.virtual_time import VirtualTimeExecutor
+from tools.batch.engine import Outcome, run_batch
 from tools.virtual_pair import run_virtual_pair
 
 MS_NS = 1_000_000
@@ -258,11 +260,15 @@ def test_the_practical_presets_hold_every_corner_with_and_without_latency(
     """Far from the steering limits, and still at the end: of a limit cycle neither is true."""
     downlink = LatencySettings(mean_s=downlink_ms * 1e-3)
     for vehicle in CORNERS:
-        result = run(plant_settings(15.0, downlink, vehicle=vehicle), preset(f"practical_{law}"))
-        errors_m = [abs(sample.lateral_error_m) for sample in result.plant.samples]
-        assert max(errors_m) < 0.12
-        assert max(errors_m[-500:]) < 0.1
-        assert result.controller.report()["peak_steer_rad"] < 0.3
+        # Compiled, which is the same to the last bit, and takes a thousandth of the time.
+        result = run_batch(
+            plant_settings(15.0, downlink, vehicle=vehicle), preset(f"practical_{law}")
+        )
+        assert result.outcome is Outcome.COMPLETE
+        errors_m = np.abs(result.lateral_error_m)
+        assert errors_m.max() < 0.12
+        assert errors_m[-500:].max() < 0.1
+        assert np.abs(result.sent_rad).max() < 0.3
 
 
 def test_all_laws_meet_the_identical_latencies() -> None:
