@@ -14,6 +14,7 @@ import pytest
 from runtime.attached import Lifeline, lifeline
 from runtime.program import ExitStatus
 from tests.running_program import PATIENCE_S, wait_until
+from tools.soak import crew
 
 ROOT = str(Path(__file__).resolve().parents[1])
 NEEDS_SIGNALS = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
@@ -155,3 +156,47 @@ def test_a_sibling_does_not_hold_the_pipe(tmp_path: Path) -> None:
         assert one.poll() is two.poll() is None
         line.close()
         assert one.wait(PATIENCE_S) == two.wait(PATIENCE_S) == 7
+
+
+STUBBORN = """
+import signal, time
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+print("ready", flush=True)
+time.sleep(3600.0)
+"""
+POLITE = """
+import signal, sys, time
+from pathlib import Path
+signal.signal(signal.SIGINT, signal.default_int_handler)
+print("ready", flush=True)
+try:
+    time.sleep(3600.0)
+except KeyboardInterrupt:
+    Path(sys.argv[1]).touch()
+"""
+
+
+@NEEDS_SIGNALS
+@pytest.mark.usefixtures("environment")
+def test_a_crew_that_is_given_up_ends_in_order_and_who_does_not_is_killed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(crew, "ABORT_TIMEOUT_S", 0.3)
+    for name, code in (("stubborn", STUBBORN), ("polite", POLITE)):
+        (tmp_path / f"{name}.py").write_text(code, encoding="utf-8")
+    pids: dict[str, int] = {}
+
+    def give_up() -> None:
+        with crew.Crew(tmp_path, tmp_path) as running:
+            running.start("first", "polite", [str(tmp_path / "first")])
+            running.start("second", "stubborn", [])
+            running.start("third", "polite", [str(tmp_path / "third")])
+            pids.update(running.pids())
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        give_up()
+    assert (tmp_path / "first").exists()
+    assert (tmp_path / "third").exists()
+    assert len(pids) == 3
+    assert all(is_gone(pid)() for pid in pids.values())

@@ -25,7 +25,7 @@ from runtime.bus import BusError, socketcan_obstacle
 from runtime.emulated_bus.launch import launched_broker
 from runtime.host import StealClock
 from runtime.option_types import output_file, seconds
-from runtime.program import ExitStatus
+from runtime.program import ExitStatus, interrupted_by_sigterm
 from runtime.report import write_json
 from tools.benchmarks.bus.allocations import tick_memory
 from tools.benchmarks.bus.c_programs import CompileError, compile_all
@@ -77,7 +77,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark; returns the exit status, which does not depend on the figures."""
     options = _parse(arguments)
     try:
-        _benchmark(options)
+        with interrupted_by_sigterm():
+            _benchmark(options)
     except (BusError, CompileError, ProcessError) as error:
         print(f"{NAME}: error: {error}", file=sys.stderr)
         return ExitStatus.BUS

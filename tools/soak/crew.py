@@ -5,6 +5,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -52,11 +53,10 @@ class Crew:
             for name, process in reversed(self._processes.items()):
                 if process.poll() is None:
                     self.interrupt(name)
-                    try:
+                    with suppress(subprocess.TimeoutExpired):
                         process.wait(ABORT_TIMEOUT_S)
-                    finally:
-                        process.kill()
-                        process.wait()
+                    process.kill()
+                    process.wait()
         finally:
             self._lifeline.close()
 

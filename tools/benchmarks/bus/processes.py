@@ -87,8 +87,8 @@ def interrupt(role: Role, process: subprocess.Popen[bytes], folder: Path) -> Non
 
 
 def python(module: str, *options: str) -> list[str]:
-    """Return the command that runs a module."""
-    return [sys.executable, "-m", module, *options]
+    """Return the command that runs a module, which ends with this process, however that ends."""
+    return [sys.executable, "-m", "runtime.attached", module, *options]
 
 
 def _wait_until_ready(role: Role, process: subprocess.Popen[bytes], folder: Path) -> None:
