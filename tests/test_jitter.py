@@ -30,8 +30,8 @@ from controller.transfer_function import Factor, TransferFunction
 from plant_emulator.latency import gamma_quantile, uniform_quantile
 from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, read_preset
+from tools.batch.engine import run_batch
 from tools.trace import FloatArray
-from tools.virtual_pair import run_virtual_pair
 
 MS_NS = 1_000_000
 PERIOD_S = 0.01
@@ -230,7 +230,7 @@ def steer_envelope_rad(chosen: ControllerSettings, mean_ms: int, spread_ms: int)
             "disturbance.steps=[{at_s=1,side_force_n=20000},{at_s=1.5,side_force_n=0}]",
         ],
     )
-    angle_rad = run_virtual_pair(plant, chosen, None).trace.wheel_angle_rad
+    angle_rad = run_batch(plant, chosen).wheel_angle_rad
     return np.asarray(np.abs(angle_rad[:4000]).reshape(40, 100).max(axis=1))
 
 

@@ -1,4 +1,4 @@
-"""The set of stable delays: by hand, against eigenvalues, and against runs in virtual time."""
+"""The set of stable delays: by hand, against eigenvalues, and against runs."""
 
 import math
 from itertools import pairwise
@@ -24,9 +24,9 @@ from controller.settings import ControllerSettings
 from controller.transfer_function import Factor, TransferFunction
 from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, read_preset
+from tools.batch.engine import run_batch
 from tools.trace import FloatArray
 from tools.unguarded import UNGUARDED
-from tools.virtual_pair import run_virtual_pair
 
 MS_NS = 1_000_000
 INTEGRATOR = TransferFunction(-1, (Factor(0.0, 0.0, 1.0),), ())
@@ -233,8 +233,8 @@ def steer_rad(boundary: Boundary) -> tuple[FloatArray, FloatArray]:
         ],
     )
     unguarded = plant.model_copy(update={"safety": UNGUARDED})
-    trace = run_virtual_pair(unguarded, boundary.settings, None).trace
-    return trace.time_s, trace.wheel_angle_rad
+    run = run_batch(unguarded, boundary.settings)
+    return run.time_s, run.wheel_angle_rad
 
 
 def growth_1_s(time_s: FloatArray, angle_rad: FloatArray) -> float:
