@@ -79,12 +79,12 @@ class SafetySettings(Settings):
     ] = 150.0
     """Fault tolerant time interval: silence is acted upon, and told, within it."""
     hold_ms: float = Field(500.0, ge=0.0, le=60_000.0)
-    """How long the last target is held before the fallback."""
+    """How much silence is held through before the fallback."""
     fallback: Fallback = Fallback.RAMP_TO_ZERO
     ramp_rad_s: float = Field(0.2, ge=0.001, le=10.0)
-    """Of the fallback, and of the fade after a recovery."""
+    """Of the fallback, and of the fade after a silence."""
     recovery_frames: int = Field(5, ge=1, le=100)
-    """Commands in a row that end the fallback; a hold ends with the next one."""
+    """Commands in a row that end the hold or the fallback."""
     override_at_s: float | None = Field(None, ge=0.0, le=1e6)
     """From this time of motion on the safe state is ordered."""
 
