@@ -12,6 +12,7 @@ and hands out the others a file at a time, so that what a file prepares is prepa
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -28,6 +29,11 @@ from hypothesis import settings
 # The analysis multiplies thousands of small matrices, for which more threads only wait for each
 # other: on a busy machine it takes ten times as long. To be said before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# Who starts the suite in the background may have told it to ignore Ctrl-C, and programs that the
+# tests end by it would ignore it too.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # One commit, one answer: the same examples in every run. For new ones: --hypothesis-profile=explore
 settings.register_profile("same_examples", derandomize=True)
