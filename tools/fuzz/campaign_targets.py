@@ -7,6 +7,7 @@ read as the same when it has been written again.
 
 import json
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -25,6 +26,7 @@ from tools.campaign.presentation import (
     table_lines,
     write_csv,
 )
+from tools.campaign.scenario import scenarios_of
 from tools.campaign.specification import (
     CampaignSettings,
     CaseSettings,
@@ -32,7 +34,7 @@ from tools.campaign.specification import (
     NodeFaultKind,
     PointSettings,
 )
-from tools.campaign.trial import Result, Verdict
+from tools.campaign.trial import Result, Verdict, run_trial
 from tools.fuzz.choices import Choices
 from tools.fuzz.promises import promise
 from tools.fuzz.settings_targets import begin_campaign, settled, toml_value
@@ -48,32 +50,6 @@ _WORDS: Sequence[str] = (
     *FaultKind, *NodeFaultKind, *MESSAGE_TYPES, "all", "controller", "plant", "bus", "steer_rad",
     "lateral_error_m", "practical_pd", "", "a\nb",
 )  # fmt: skip
-_WHOLE = Result(
-    name="golden | a | b | 1",
-    kind="golden",
-    where="",
-    magnitude=0.0,
-    point="a",
-    law="b",
-    seed=1,
-    expected="none",
-    why="no fault",
-    changed=[],
-    detected_by="",
-    fdti_s=None,
-    frti_s=None,
-    fhti_s=None,
-    told_s=None,
-    recovery_s=0.0,
-    lateral_error_peak_m=0.02,
-    steer_rate_peak_rad_s=0.05,
-    counts={"plant.lost": 1},
-    corrupted=0,
-    corrupted_accepted=0,
-    bus_refused=0,
-    unsafe="",
-    verdict=Verdict.PASSED,
-)
 _CHANGED: Sequence[Callable[[Choices], Any]] = (
     Choices.number,
     lambda choices: choices.text().encode("utf-8", errors="replace").decode(),
@@ -82,6 +58,13 @@ _CHANGED: Sequence[Callable[[Choices], Any]] = (
     lambda choices: choices.pick([*Verdict]),
     lambda choices: [choices.integer(0, 9) for _ in range(choices.integer(0, 3))],
 )
+
+
+@lru_cache
+def whole_result() -> Result:
+    """Return the result of a short run without a fault."""
+    spec = CampaignSettings(motion_s=1.0, onset_s=0.5, fault_s=0.1)
+    return run_trial(next(iter(scenarios_of(spec))))
 
 
 def fuzz_specification(data: bytes) -> None:
@@ -134,7 +117,7 @@ def _line(choices: Choices) -> bytes:
     """Return a line of results: noise, or a whole one with some fields changed."""
     if choices.chance(48):
         return choices.raw(choices.integer(0, 40))
-    record: dict[str, Any] = {"specification": choices.pick(("a", "b")), **_WHOLE._asdict()}
+    record: dict[str, Any] = {"specification": choices.pick(("a", "b")), **whole_result()._asdict()}
     for _ in range(choices.integer(0, 3)):
         record[choices.pick([*record])] = choices.pick(_CHANGED)(choices)
     if choices.chance(16):
