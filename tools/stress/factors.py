@@ -47,12 +47,14 @@ class Factor(NamedTuple):
 
     ``levels``    in order; None where ``quantile`` is given
     ``quantile``  from u in (0, 1) to a value of the keys
+    ``is_endless``  whether values as small or as large as can be may be drawn
     """
 
     name: str
     keys: tuple[str, ...]
     levels: tuple[Level, ...] | None
     quantile: Callable[[float], float] | None
+    is_endless: bool = False
 
     def at(self, u: float) -> Level:
         """Return the level at the quantile u; of levels in a list each is equally likely."""
@@ -94,7 +96,9 @@ def make_factors(settings: FactorSettings, is_grid: bool, where: str) -> list[Fa
                 f"{where}: factor {name} has a distribution, which a grid has no points for: give "
                 "values or a range, or choose latin_hypercube or sobol in [sampling]"
             )
-        return [Factor(name, keys, None, quantile_of(settings.distribution))]
+        drawn = settings.distribution
+        is_endless = isinstance(drawn, Normal) and (drawn.low is None or drawn.high is None)
+        return [Factor(name, keys, None, quantile_of(drawn), is_endless)]
     return [_ranged(settings, name, keys, is_grid, where)]
 
 

@@ -1,9 +1,11 @@
 """Runs a study from where it is to its end, or as far as it may."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
 from typing import NamedTuple
 
+from controller.design import design_law
 from tools.stress.compute import Computer
 from tools.stress.scenario import Scenarios
 from tools.stress.store import Store
@@ -13,6 +15,8 @@ BLOCK_RUNS = 64
 """Runs handed to a worker at once: some tens of milliseconds."""
 FLUSH_S = 10.0
 """How often what is computed is written though its chunk is not complete: what a crash may cost."""
+KINDS_OF = 200
+"""Controllers looked at for kinds of laws that an estimate has not compiled yet."""
 TRIALS_MAX, TRIAL_RUNS, TRIALS_S = 16, 160, 3.0
 """How many stretches of how many runs an estimate is made of, and how long they may take."""
 
@@ -63,19 +67,40 @@ def estimate(scenarios: Scenarios, clock_s: Callable[[], float] = time.perf_coun
     """Measure a few stretches of the study, in which runs share what they share in the study."""
     computer = Computer(scenarios)
     runs = scenarios.study.runs
-    # The first of each controller compiles, and is not counted.
-    computer.compute(list(range(len(scenarios.controllers))), _never)
+    # The golden ratio spreads any number of places evenly.
+    places = [0.618033988749895 * (place + 1) % 1.0 for place in range(TRIALS_MAX)]
+    firsts = [int(max(runs - TRIAL_RUNS, 0) * place) for place in places]
+    stretches = [range(first, min(first + TRIAL_RUNS, runs)) for first in firsts]
+    # The first run of each kind of law compiles, and is not counted.
+    computer.compute(_one_of_each_kind(scenarios, stretches), _never)
     begin_s = clock_s()
     done = 0
-    for place in range(TRIALS_MAX):
-        # The golden ratio spreads any number of places evenly.
-        first = int(max(runs - TRIAL_RUNS, 0) * (0.618033988749895 * (place + 1) % 1.0))
-        ids = range(first, min(first + TRIAL_RUNS, runs))
+    for ids in stretches:
         computer.compute(list(ids), _never)
         done += len(ids)
         if clock_s() - begin_s > TRIALS_S or done >= runs:
             break
     return Estimate(done, (clock_s() - begin_s) / done)
+
+
+def _one_of_each_kind(scenarios: Scenarios, stretches: Sequence[range]) -> list[int]:
+    """Return a run of each kind of parameters a law may have: one is compiled for each."""
+    kinds: dict[object, int] = {}
+    seen: set[int] = set()
+    for run in chain.from_iterable(stretches):
+        index, place = divmod(run, len(scenarios.controllers))
+        controller = scenarios.controller(scenarios.case(index), scenarios.controllers[place])
+        if id(controller) not in seen and len(seen) < KINDS_OF:
+            seen.add(id(controller))
+            kinds.setdefault(_kind(design_law(controller).params), run)
+    return sorted(kinds.values())
+
+
+def _kind(params: object) -> object:
+    """Return the types of nested parameters, as the compiler sees them."""
+    if isinstance(params, tuple):
+        return (type(params), *map(_kind, params))
+    return type(params)
 
 
 def _blocks(chunks: Iterable[list[int]]) -> Iterator[Block]:

@@ -192,8 +192,18 @@ class Scenarios:
         try:
             self.checked(case, name)
         except SettingsError as error:
-            return error
+            return SettingsError(*map(self._with_hint, error.mistakes))
         return SettingsError(f"{self.study.file}: settings {case.overrides} cannot be used")
+
+    def _with_hint(self, mistake: str) -> str:
+        """Say where a value comes from that nobody has written: a distribution without an end."""
+        for factor in self.study.design.factors:
+            if factor.is_endless and f": factor {factor.name}: " in mistake:
+                return (
+                    f"{mistake}; drawn from a normal distribution without an end: give it low "
+                    "and high within what is allowed"
+                )
+        return mistake
 
 
 def pair_of_row(identity: Mapping[str, Any], row: Mapping[str, Any]) -> Pair:

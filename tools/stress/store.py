@@ -27,6 +27,7 @@ from runtime.settings import SettingsError
 from tools.stress.compute import Computed
 from tools.stress.figures import COLUMNS, COUNTS
 from tools.stress.scenario import Scenarios
+from tools.stress.stored import check_columns, read_columns, read_json
 from tools.stress.verdict import RUN_ENDS, verdicts
 
 IntArray = NDArray[np.int64]
@@ -48,6 +49,7 @@ class Store:
         self._chunk_runs = chunk_runs
         self._open: dict[int, _Chunk] = {}
         self._schema = self._make_schema()
+        self._types = dict(zip(self._schema.names, self._schema.types, strict=True))
 
     @property
     def results(self) -> Path:
@@ -60,14 +62,15 @@ class Store:
         return self.results.exists()
 
     def open(self, text: str) -> None:
-        """Make the folder, or go on in it; raises SettingsError if it holds another study.
+        """Make the folder, or go on in it; raises SettingsError if it holds another study, or what
+        is there of this one is damaged.
 
         ``text``  of the study file, kept beside the results
         """
         identity = self._scenarios.study.identity
         file = self.folder / "study.json"
         if file.exists():
-            _refuse_another(self.folder, file.read_text(encoding="utf-8"), identity)
+            _refuse_another(self.folder, read_json(file), identity)
         elif self.results.exists() or self._chunks.exists():
             raise SettingsError(
                 f"{self.folder}: holds results, but no study.json that says of what; "
@@ -75,6 +78,9 @@ class Store:
             )
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.is_complete:
+            rows = check_columns(self.results, self._types)
+            if rows != self._runs:
+                raise SettingsError(f"{self.results}: has {rows} rows, not {self._runs}; remove it")
             shutil.rmtree(self._chunks, ignore_errors=True)
         else:
             self._chunks.mkdir(exist_ok=True)
@@ -88,7 +94,7 @@ class Store:
         files = set(self._chunks.glob("*.parquet")) if self._chunks.exists() else set()
         # A part may be left beside the chunk that it has become.
         files -= {self._part(int(file.stem)) for file in files if file.stem.isdigit()}
-        return sum(int(self._parquet.read_metadata(file).num_rows) for file in files)
+        return sum(check_columns(file, self._types) for file in files)
 
     def missing(self) -> Iterator[list[int]]:
         """Yield the ids that are not stored yet, chunk by chunk, in order."""
@@ -126,7 +132,9 @@ class Store:
         def write(place: Path) -> None:
             with self._parquet.ParquetWriter(place, self._schema, compression="zstd") as writer:
                 for number in range(-(-self._runs // self._chunk_runs)):
-                    writer.write_table(self._parquet.read_table(self._file(number)))
+                    table = read_columns(self._file(number), self._types)
+                    self._places(self._file(number), number, table)
+                    writer.write_table(table)
 
         _write(self.results, write)
         shutil.rmtree(self._chunks)
@@ -136,7 +144,7 @@ class Store:
         number = run // self._chunk_runs
         for file in (self.results, self._file(number), self._part(number)):
             if file.exists():
-                table = self._parquet.read_table(file, filters=[("id", "=", run)])
+                table = read_columns(file, self._types, [("id", "=", run)])
                 if table.num_rows:
                     found: dict[str, Any] = table.to_pylist()[0]
                     return found
@@ -154,18 +162,29 @@ class Store:
             size = min(self._chunk_runs, self._runs - number * self._chunk_runs)
             chunk = _Chunk(size)
             if self._part(number).exists():
-                chunk.take(self._read(self._part(number)), number * self._chunk_runs)
+                chunk.take(self._read(self._part(number), number), number * self._chunk_runs)
                 chunk.is_new = False
             self._open[number] = chunk
         return self._open[number]
 
-    def _read(self, file: Path) -> Computed:
-        table = self._parquet.read_table(file, columns=["id", "ended_by", *COLUMNS])
+    def _read(self, file: Path, number: int) -> Computed:
+        table = read_columns(file, self._types)
+        ids = self._places(file, number, table)
         ends = [RUN_ENDS.index(end) for end in table["ended_by"].to_pylist()]
         figures = [table[name].to_numpy().astype(np.float64) for name in COLUMNS]
-        return Computed(
-            table["id"].to_numpy(), np.array(ends, dtype=np.int64), np.column_stack(figures)
-        )
+        return Computed(ids, np.array(ends, dtype=np.int64), np.column_stack(figures))
+
+    def _places(self, file: Path, number: int, table: Any) -> IntArray:
+        """Return the ids of the rows of a chunk; raises SettingsError for rows that are not its."""
+        ids: IntArray = table["id"].to_numpy()
+        first = number * self._chunk_runs
+        last = min(first + self._chunk_runs, self._runs) - 1
+        is_own = len(ids) == len(np.unique(ids)) and np.all((first <= ids) & (ids <= last))
+        if not is_own or not set(table["ended_by"].to_pylist()) <= {*map(str, RUN_ENDS)}:
+            raise SettingsError(
+                f"{file}: holds other rows than of runs {first} to {last}; remove it"
+            )
+        return ids
 
     def _write_chunk(self, file: Path, number: int, chunk: "_Chunk") -> None:
         done = np.flatnonzero(chunk.is_done)
@@ -211,7 +230,7 @@ class Store:
         fields += [("controller", text), ("law", text)]
         for factor in self._scenarios.study.design.factors:
             labels = [level.label for level in factor.levels or ()]
-            fields.append((factor.name, real if _are_numbers(labels) else text))
+            fields.append((factor.name, real if are_numbers(labels) else text))
         fields += [("verdict", text), ("ended_by", text)]
         fields += [(name, whole if name in COUNTS else real) for name in COLUMNS]
         return arrow.schema([*fields, ("overrides", text)])
@@ -235,7 +254,8 @@ class _Chunk:
         self.is_new = True
 
 
-def _are_numbers(labels: Sequence[Any]) -> bool:
+def are_numbers(labels: Sequence[Any]) -> bool:
+    """Whether the column of a factor with these labels is one of numbers."""
     return all(isinstance(label, int | float) and not isinstance(label, bool) for label in labels)
 
 
@@ -246,11 +266,7 @@ def _write(file: Path, write: Any) -> None:
     os.replace(beside, file)
 
 
-def _refuse_another(folder: Path, stored: str, wanted: str) -> None:
-    try:
-        old = json.loads(stored)
-    except ValueError:
-        old = {}
+def _refuse_another(folder: Path, old: Any, wanted: str) -> None:
     new = json.loads(wanted)
     different = [key for key in new if not isinstance(old, dict) or old.get(key) != new[key]]
     if different:

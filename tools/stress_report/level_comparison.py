@@ -75,8 +75,11 @@ def level_ratios(study: StudyRecord, rows: Rows, factor: FactorRecord) -> list[R
 def conditions_by_level(
     study: StudyRecord, rows: Rows, factors: list[FactorRecord]
 ) -> list[Condition]:
-    """Return every law under every combination of levels; none where they are too many."""
-    combinations = list(product(*(factor.labels for factor in factors)))
+    """Return every law under every combination of levels, those of the first factor beside each
+    other; none where they are too many.
+    """
+    turned = product(*(factor.labels for factor in reversed(factors)))
+    combinations = [tuple(reversed(labels)) for labels in turned]
     if not factors or len(combinations) * len(study.names) > CELLS_MAX:
         return []
     found = []

@@ -44,28 +44,17 @@ def level_sections(study: StudyRecord, rows: Rows) -> list[Section]:
 
 
 def _ratios(study: StudyRecord, rows: Rows, factor: FactorRecord) -> Table:
-    first, others = factor.labels[0], factor.labels[1:]
-    found = {
-        (one.controller, one.level): (one.error, one.steer, one.steer_rate)
-        for one in level_ratios(study, rows, factor)
-    }
-    headings = (
-        "Controller",
-        *(
-            f"{what}, {label} / {first}"
-            for what in ("RMS error", "steer RMS", "steer rate RMS")
-            for label in others
-        ),
-    )
+    first = str(factor.labels[0])
     cells = [
         (
-            Cell(name),
-            *(
-                number(ratio(found[controller, str(label)][place]))
-                for place in range(3)
-                for label in others
-            ),
+            Cell(study.names[one.controller]),
+            Cell(f"{one.level} / {first}"),
+            number(ratio(one.error)),
+            number(ratio(one.steer)),
+            number(ratio(one.steer_rate)),
         )
-        for controller, name in enumerate(study.names)
+        for one in level_ratios(study, rows, factor)
+        if one.level != first
     ]
+    headings = ("Controller", factor.name, "RMS error", "steer RMS", "steer rate RMS")
     return Table(headings, cells)

@@ -16,7 +16,7 @@ table { border-collapse: collapse; margin: .8rem 0; font-size: .9rem; }
 th, td { text-align: left; vertical-align: top; padding: .25rem .7rem;
          border-bottom: 1px solid #ddd; }
 th { border-bottom: 2px solid #999; }
-td.number { text-align: right; font-variant-numeric: tabular-nums; }
+td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 section { margin-top: 2.2rem; padding-top: 1rem; border-top: 1px solid #bbb; }
 img { max-width: 100%; height: auto; display: block; margin: .8rem 0 0; }
 summary { cursor: pointer; color: #444; }

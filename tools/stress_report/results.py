@@ -16,8 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.settings import SettingsError
+from tools.stress.figures import COUNTS
 from tools.stress.sampling import Design
-from tools.stress.scenario import Case, Scenarios
+from tools.stress.scenario import Case, Pair, Scenarios
+from tools.stress.store import are_numbers
+from tools.stress.stored import overrides_of, read_columns, read_json
 from tools.stress.study import Study
 from tools.stress.study_file import StudySettings
 from tools.stress.verdict import Verdict
@@ -27,6 +30,7 @@ IntArray = NDArray[np.int64]
 
 VERDICTS = tuple(Verdict)
 HOLDS = VERDICTS.index(Verdict.HOLDS)
+_CAUSE_LENGTH_MAX = 160
 _NUMBERS = (
     *("rms_m", "peak_m", "duration_s", "latency_mean_s"),
     *("steer_rms_rad", "steer_rate_rms_rad_s", "limited_share", "by_nodes"),
@@ -111,7 +115,7 @@ def read_study(folder: Path) -> StudyRecord:
     """Return what the results in a folder follow from; raises SettingsError."""
     file = folder / "study.json"
     try:
-        record = json.loads(file.read_text(encoding="utf-8"))
+        record = read_json(file)
         settings = StudySettings.model_validate(
             {
                 "name": record["name"],
@@ -120,17 +124,17 @@ def read_study(folder: Path) -> StudyRecord:
                 "verdict": record["verdict"],
             }
         )
-        factors = tuple(
-            FactorRecord(name, tuple(keys), tuple(labels))
-            for name, keys, labels in record["levels"]
-        )
-        plant, controllers = record["plant"], record["controllers"]
+        factors = tuple(_factor(*level) for level in record["levels"])
+        plant, controllers = _settings(record["plant"], record["controllers"])
+    except SettingsError:
+        raise
     except OSError as error:
         raise SettingsError(
             f"{file}: cannot be read: {error.strerror}; give the folder of a study's results"
         ) from error
-    except (ValueError, KeyError, TypeError) as error:
-        raise SettingsError(f"{file}: is not the record of a study: {error}") from error
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        cause = " ".join(str(error).split())[:_CAUSE_LENGTH_MAX]
+        raise SettingsError(f"{file}: is not the record of a study: {cause}") from error
     scenarios = Scenarios(Study(str(file), settings, plant, controllers, Design((), 1, None)))
     points = settings.sampling.count or int(np.prod([len(f.labels) for f in factors], initial=1))
     return StudyRecord(
@@ -139,8 +143,8 @@ def read_study(folder: Path) -> StudyRecord:
         title=_title(folder),
         plant=plant,
         controllers=controllers,
-        sampling=record["sampling"],
-        verdict=record["verdict"],
+        sampling=settings.sampling.model_dump(mode="json"),
+        verdict=settings.verdict.model_dump(mode="json"),
         factors=factors,
         scenarios=scenarios,
         runs=points * settings.sampling.replicates * len(controllers),
@@ -148,17 +152,40 @@ def read_study(folder: Path) -> StudyRecord:
     )
 
 
+def _settings(plant: object, controllers: Mapping[str, object]) -> tuple[Any, dict[str, Any]]:
+    """Return the tables of the plant and of each controller, checked; raises ValueError."""
+    checked: dict[str, Any] = {}
+    for name, tables in controllers.items():
+        text = json.dumps({"plant": plant, "controller": tables})
+        pair = Pair.model_validate_json(text, strict=True)
+        dumped = pair.model_dump(mode="json", exclude_none=True)
+        plant, checked[name] = dumped["plant"], dumped["controller"]
+    return plant, checked
+
+
+def _factor(name: object, keys: object, labels: object) -> FactorRecord:
+    """Return a factor of the record; raises TypeError for what is none."""
+    if not (isinstance(name, str) and isinstance(keys, list) and isinstance(labels, list)):
+        raise TypeError("a factor is a name, keys and labels")
+    if not all(isinstance(key, str) for key in keys):
+        raise TypeError("the keys of a factor are texts")
+    if not all(isinstance(label, str | int | float) for label in labels):
+        raise TypeError("the labels of a factor are texts and numbers")
+    return FactorRecord(name, tuple(keys), tuple(labels))
+
+
 def read_rows(study: StudyRecord) -> Rows:
     """Return the columns of the rows there are, sorted by id; raises SettingsError for none."""
     names = [factor.name for factor in study.factors]
-    texts = ["controller", "verdict"]
-    table = _table(study.folder, ["id", *texts, *_NUMBERS, *names])
+    table = _table(study.folder, _types(study))
     run = table["id"]
+    if len(np.unique(run)) < len(run) or np.any((run < 0) | (run >= study.runs)):
+        raise SettingsError(f"{study.folder}: holds rows of runs that this study does not have")
     rows = Rows(
         id=run,
         case=run // len(study.names),
-        controller=_places(table["controller"], study.names),
-        verdict=_places(table["verdict"], [str(verdict) for verdict in VERDICTS]),
+        controller=_places(study, table, "controller", study.names),
+        verdict=_places(study, table, "verdict", [str(verdict) for verdict in VERDICTS]),
         **{name: table[name] for name in _NUMBERS},
         factors={name: table[name] for name in names},
     )
@@ -169,15 +196,14 @@ def read_rows(study: StudyRecord) -> Rows:
 
 def read_overrides(study: StudyRecord, runs: Sequence[int]) -> dict[int, dict[str, Any]]:
     """Return what sets each of these runs apart from the base of the study, by dotted key."""
-    from pyarrow import parquet
+    import pyarrow as pa
 
+    types = {"id": pa.int64(), "overrides": pa.string()}
     found: dict[int, dict[str, Any]] = {}
     for file in _files(study.folder):
-        table = parquet.read_table(
-            file, columns=["id", "overrides"], filters=[("id", "in", list(runs))]
-        )
+        table = read_columns(file, types, [("id", "in", list(runs))])
         texts = zip(table["id"].to_pylist(), table["overrides"].to_pylist(), strict=True)
-        found |= {run: json.loads(text) for run, text in texts}
+        found |= {run: overrides_of(text, f"{file}: run {run}") for run, text in texts}
     return found
 
 
@@ -186,19 +212,24 @@ def case_of(overrides: Mapping[str, Any]) -> Case:
     return Case(0, 0, int(overrides["plant.seed"]), (), overrides)
 
 
-def _table(folder: Path, columns: list[str]) -> dict[str, NDArray[Any]]:
+def _types(study: StudyRecord) -> dict[str, Any]:
+    """Return the columns that are read, and their types."""
+    import pyarrow as pa
+
+    types = {"id": pa.int64(), "controller": pa.string(), "verdict": pa.string()}
+    types |= {name: pa.int64() if name in COUNTS else pa.float64() for name in _NUMBERS}
+    for factor in study.factors:
+        types[factor.name] = pa.float64() if are_numbers(factor.labels) else pa.string()
+    return types
+
+
+def _table(folder: Path, types: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     """Return columns as arrays, sorted by id; texts as objects that share their strings."""
     import pyarrow as pa
-    from pyarrow import parquet
 
-    files = _files(folder)
-    try:
-        tables = [parquet.read_table(file, columns=columns) for file in files]
-    except (pa.ArrowException, OSError) as error:
-        raise SettingsError(f"{folder}: results cannot be read: {error}") from error
-    table = pa.concat_tables(tables).sort_by("id")
+    table = pa.concat_tables([read_columns(file, types) for file in _files(folder)]).sort_by("id")
     arrays: dict[str, NDArray[Any]] = {}
-    for name in columns:
+    for name in types:
         column = table[name]
         if pa.types.is_string(column.type):
             coded = column.combine_chunks().dictionary_encode()
@@ -217,9 +248,15 @@ def _files(folder: Path) -> list[Path]:
     return files
 
 
-def _places(words: NDArray[Any], known: Sequence[str]) -> IntArray:
+def _places(
+    study: StudyRecord, table: Mapping[str, NDArray[Any]], column: str, known: Sequence[str]
+) -> IntArray:
     place = {word: index for index, word in enumerate(known)}
-    return np.array([place[word] for word in words.tolist()], dtype=np.int64)
+    words = table[column].tolist()
+    strange = sorted({*words} - place.keys())
+    if strange:
+        raise SettingsError(f"{study.folder}: no {column} of this study: {strange[0][:60]!r}")
+    return np.array([place[word] for word in words], dtype=np.int64)
 
 
 def _title(folder: Path) -> str:
@@ -228,5 +265,5 @@ def _title(folder: Path) -> str:
 
     try:
         return str(tomllib.loads((folder / "study.toml").read_text(encoding="utf-8"))["title"])
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError, KeyError, RecursionError):
         return ""

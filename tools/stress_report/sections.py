@@ -107,7 +107,7 @@ def comparison_section(study: StudyRecord, found: Sequence[Comparison]) -> Secti
     rows = [
         (
             Cell(study.names[one.controller]),
-            number(f"{one.held:,} of {one.runs:,} ({100 * one.held / max(one.runs, 1):.1f} %)"),
+            number(f"{one.held:,} ({100 * one.held / max(one.runs, 1):.1f} %)"),
             number(f"{one.only_it:,}"),
             number(f"{one.only_reference:,}"),
             number(ratio(one.median)),
@@ -250,7 +250,7 @@ def effort_cells(effort: Effort) -> tuple[Cell, Cell, Cell]:
 
 def three_digits(value: float) -> str:
     """Return a figure that may be unknown, with three digits."""
-    return "-" if math.isnan(value) else f"{value:.3g}"
+    return "-" if math.isnan(value) else f"{float(f'{value:.3g}'):,g}"
 
 
 def ratio(value: float) -> str:
