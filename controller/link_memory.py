@@ -27,7 +27,8 @@ IGNORING = frozenset(
         SteeringStatusCode.SAFE_STATE,
     }
 )
-"""The steering follows no command: of the delay an echo then says only how long none has come."""
+"""The steering was without commands, and may be still: an echo is of the last one before, of which
+it says only how long none has come, or of the first ones after."""
 OVERRULED = IGNORING | {SteeringStatusCode.LIMITED_BY_SAFETY}
 """The wheel's target is not the command that the echo names."""
 

@@ -34,6 +34,7 @@ def test_the_c_program_gives_the_same_bits(network: str, tmp_path: Path) -> None
     [
         ("mean_s=0.05", "loss=0.3", "burst_frames=40"),
         ("mean_s=0.05", "loss=0.6", "burst_frames=120"),
+        ("loss=0.85",),  # single commands, and gaps of just 140 ms
     ],
 )
 def test_the_c_program_guards_the_steering_to_the_same_bits(
