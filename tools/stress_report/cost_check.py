@@ -5,6 +5,7 @@ they differ by more than a few standard errors, one of them is wrong. Compared i
 the propagation is exact; the runs off the grid say what rounding up changes.
 """
 
+import math
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, NamedTuple
@@ -21,7 +22,7 @@ from tools.stress_report.axes import StudyAxes
 from tools.stress_report.break_points import latency_overrides
 from tools.stress_report.expected_cost import ExpectedCost, expected_cost
 from tools.stress_report.monte_carlo import MonteCarloCost, monte_carlo_costs, seeds
-from tools.stress_report.results import Rows, StudyRecord, case_of, read_overrides
+from tools.stress_report.results import IntArray, Rows, StudyRecord, case_of, read_overrides
 
 RUNS = 50
 DURATION_S_MAX = 20.0
@@ -41,29 +42,38 @@ class CostCheck(NamedTuple):
 
     @property
     def standard_errors(self) -> float:
-        """How far the two are from each other, in standard errors."""
+        """How far the two are from each other, in standard errors; NaN where nothing is random."""
         off_m2 = self.expected.mean_square_m2 - self.on_grid.mean_square_m2
-        return off_m2 / self.on_grid.standard_error_m2 if self.on_grid.standard_error_m2 else 0.0
+        return (
+            off_m2 / self.on_grid.standard_error_m2 if self.on_grid.standard_error_m2 else math.nan
+        )
+
+
+class LeftOut(NamedTuple):
+    """A law in a cell that is not compared."""
+
+    what: str
+    reason: str
 
 
 class CostChecks(NamedTuple):
-    """``left_out`` says which laws and cells are not compared, and why."""
+    """``left_out`` says which laws and cells are not compared, by the reason."""
 
     checks: list[CostCheck]
-    left_out: list[str]
+    left_out: dict[str, list[str]]
 
 
 def cost_checks(study: StudyRecord, rows: Rows, axes: StudyAxes) -> CostChecks:
     """Return the checks of all laws in some cells that all of them hold; computes their runs."""
     cells = _cells(rows, axes)
     overrides = read_overrides(study, [run for _, _, run in cells])
-    found = CostChecks([], [])
+    found = CostChecks([], {})
     for jitter, mean, run in cells:
         for each in _checks(study, axes, jitter, mean, overrides[run]):
             if isinstance(each, CostCheck):
                 found.checks.append(each)
-            elif each not in found.left_out:
-                found.left_out.append(each)
+            else:
+                found.left_out.setdefault(each.reason, []).append(each.what)
     return found
 
 
@@ -116,8 +126,16 @@ def _cells(rows: Rows, axes: StudyAxes) -> list[tuple[int, int, int]]:
     found = []
     for mean in sorted({means[0], means[-1]} if means else ()):
         here = (axes.jitter.place == jitter) & (axes.mean.place == mean)
-        found.append((jitter, mean, int(rows.id[np.argmax(here)])))
+        found.append((jitter, mean, _calmest(rows, np.flatnonzero(here))))
     return found
+
+
+def _calmest(rows: Rows, here: IntArray) -> int:
+    """Return a run of the conditions under which the laws meet their limits least."""
+    cases, place = np.unique(rows.case[here], return_inverse=True)
+    limited = np.zeros(len(cases))
+    np.maximum.at(limited, place, np.nan_to_num(rows.limited_share[here], nan=1.0))
+    return int(rows.id[here[np.argmax(place == np.argmin(limited))]])
 
 
 def _all_hold(rows: Rows, axes: StudyAxes, jitter: int, mean: int) -> bool:
@@ -127,7 +145,7 @@ def _all_hold(rows: Rows, axes: StudyAxes, jitter: int, mean: int) -> bool:
 
 def _checks(
     study: StudyRecord, axes: StudyAxes, jitter: int, mean: int, overrides: dict[str, Any]
-) -> list[CostCheck | str]:
+) -> list[CostCheck | LeftOut]:
     """Return the check of each law in one cell, under the conditions of one of its runs; or why
     there is none.
     """
@@ -138,17 +156,17 @@ def _checks(
     line = plant.latency.downlink
     text = f"{1e3 * line.mean_s:.3g} ± {1e3 * line.spread_s:.3g} ms"
     controllers = [study.scenarios.controller(case, name) for name in study.names]
-    found: dict[int, CostCheck | str] = {}
+    found: dict[int, CostCheck | LeftOut] = {}
     expected: dict[int, ExpectedCost] = {}
     with ThreadPoolExecutor(_THREADS) as pool:
         for place, answer in enumerate(pool.map(partial(_expected, plant), controllers)):
             if isinstance(answer, str):
-                found[place] = f"{study.names[place]}: {answer}"
+                found[place] = LeftOut(f"{study.names[place]} at {text}", answer)
             else:
                 expected[place] = answer
     for place, costs in _costs(study, plant, controllers, list(expected)).items():
         if isinstance(costs, str):
-            found[place] = f"{study.names[place]} at {text}: {costs}"
+            found[place] = LeftOut(f"{study.names[place]} at {text}", costs)
         else:
             found[place] = CostCheck(place, text, expected[place], *costs)
     return [found[place] for place in sorted(found)]

@@ -175,13 +175,16 @@ def worst_section(
 def cost_section(study: StudyRecord, found: CostChecks, pictures: Sequence[Picture]) -> Section:
     """Return the expected cost beside the runs."""
     title = "Expected cost, two ways"
-    left_out = [f"Left out: {text}." for text in found.left_out]
+    left_out = [
+        f"Left out: {', '.join(what)}: {reason}." for reason, what in found.left_out.items()
+    ]
     if not found.checks:
         none = "" if left_out else "No cell with jitter is held by all laws: nothing to compare."
         return Section(title, (none,) if none else (), notes=left_out)
     rows = []
     for check in found.checks:
         on, off, expected = check.on_grid, check.off_grid, check.expected
+        errors = check.standard_errors
         change = 100.0 * (off.mean_square_m2 / on.mean_square_m2 - 1.0)
         rows.append(
             (
@@ -189,7 +192,7 @@ def cost_section(study: StudyRecord, found: CostChecks, pictures: Sequence[Pictu
                 Cell(check.conditions),
                 number(f"{1e6 * expected.mean_square_m2:.6g}"),
                 number(f"{1e6 * on.mean_square_m2:.6g} ± {1e6 * on.standard_error_m2:.2g}"),
-                number(f"{check.standard_errors:+.1f}"),
+                number("-" if math.isnan(errors) else f"{errors:+.1f}"),
                 number(f"{1e6 * math.sqrt(expected.variance_m4):.3g}"),
                 number(f"{1e6 * math.sqrt(on.variance_m4):.3g}"),
                 number(f"{change:+.2f} %"),
