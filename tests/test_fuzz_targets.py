@@ -24,9 +24,9 @@ EXAMPLES = {
     "log": 120,
     "plant": 60,
     "protocol": 600,
-    "results": 100,
+    "results": 40,
     "settings": 150,
-    "specification": 60,
+    "specification": 40,
     "trace": 40,
     "waypoints": 25,
 }
