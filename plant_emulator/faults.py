@@ -10,7 +10,7 @@ first onset, a run is what it is without faults, bit for bit.
 The onsets' clock starts with the first STEERING_COMMAND that reaches the edge, as motion does.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
 from dbc.messages import CAN_IDS, SteeringCommand
@@ -36,6 +36,9 @@ class FaultStage:
     ``settings``  what it does and when
     ``seed``      of the run
     ``place``     in the list of faults: which stream it draws from, unless the settings say
+
+    ``on_change`` may be set to be told of each frame that did not go on as it came, and of what
+    went on in its place.
     """
 
     def __init__(self, settings: FaultSettings, seed: int, place: int) -> None:
@@ -48,6 +51,7 @@ class FaultStage:
         self._onset_ns = round(settings.onset_s * NS_PER_S)
         self._end_ns = self._onset_ns + round(settings.duration_s * NS_PER_S)
         self._changed = 0
+        self.on_change: Callable[[Frame, Sequence[Frame]], None] | None = None
         self.first_ns: int | None = None
         self.last_ns: int | None = None
 
@@ -79,6 +83,8 @@ class FaultStage:
                 self._changed += 1
                 self.first_ns = now_ns if self.first_ns is None else self.first_ns
                 self.last_ns = now_ns
+                if self.on_change is not None:
+                    self.on_change(frame, out)
         elif since_ns < self._onset_ns:
             memory.before[frame.can_id] = frame
         if memory.held and out:

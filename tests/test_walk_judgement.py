@@ -7,6 +7,7 @@ import pytest
 
 from plant_emulator.fault_settings import FaultKind, FaultSettings
 from runtime.node import NS_PER_S
+from tools.campaign.detectability import Sight
 from tools.campaign.node_faults import NodeFault
 from tools.campaign.specification import CampaignSettings, NodeFaultKind, PointSettings
 from tools.campaign.walk_judgement import RECOVERY_S, judge_walk
@@ -58,7 +59,10 @@ def said(
         ]
     )
     pair: Any = SimpleNamespace(
-        plant=watch("plant", plant), controller=watch("controller", controller), edge=edge
+        plant=watch("plant", plant),
+        controller=watch("controller", controller),
+        edge=edge,
+        sight=Sight(0.14, 0.7),
     )
     return judge_walk(pair, faults, point, round(END_S * NS_PER_S))
 

@@ -104,7 +104,7 @@ def _run(options: argparse.Namespace) -> int:
     default = Preset("default", text) if options.spec is None else None
     spec = load_settings(CampaignSettings, default, options.spec, options.overrides)
     known = preset_names("controller.presets")
-    for law in spec.laws:
+    for law in (*spec.laws, *(law for point in spec.points for law in point.laws)):
         if law not in known:
             raise SettingsError(f"laws: {law!r} is no preset; known: {', '.join(known)}")
     if options.random_walks is not None:
@@ -252,7 +252,7 @@ def _with_progress(
 
 
 def _status(findings: Sequence[Finding]) -> int:
-    return ExitStatus.OK if all(one.holds for one in findings) else FAILED
+    return ExitStatus.OK if all(one.holds is not False for one in findings) else FAILED
 
 
 if __name__ == "__main__":

@@ -18,20 +18,28 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
 
+from controller.freshness import NO_LIMIT_NS
 from controller.node import RECEIVED as CONTROLLER_RECEIVES
+from controller.settings import ControllerSettings, age_limits_of
 from dbc.messages import MESSAGE_TYPES
+from plant_emulator.fault_effects import BURST_CHANCE, REORDER_CHANCE
 from plant_emulator.fault_settings import ALL, FaultKind, FaultSettings
 from plant_emulator.node import RECEIVED as PLANT_RECEIVES
+from plant_emulator.safety_settings import design_guard
+from plant_emulator.settings import PlantSettings
+from runtime.node import NS_PER_S
 from tools.campaign.node_faults import NodeFault
 from tools.campaign.specification import NodeFaultKind
 
-AGE_LIMIT_S = 0.14
-"""The longer one of the two nodes' default age limits: what lasts longer is silence for both."""
-BURST_SILENT_FRAMES = 15
-"""A burst of so many frames at 100 Hz is longer than either age limit."""
-LIMITER_RAD = 0.7
-"""The safety limiter's default bound on the angle."""
 PERIOD_S = 0.01
+LAW_RAD_MAX = 0.2
+"""What a law is taken to want at the most, if the limiter leaves it as much."""
+NO_EFFECT_CHANCE_MAX = 1e-4
+"""A fault whose chance to change nothing is larger may do so."""
+PERIODS_OF: Mapping[str, int] = MappingProxyType(
+    {"LATERAL_ERROR": 1, "STEERING_COMMAND": 1, "STEERING_STATUS": 1, ALL: 1, "VEHICLE_STATE": 2}
+)
+"""Control periods from a frame to the next; ten for the messages for watching."""
 CONTROLS = frozenset({"LATERAL_ERROR", "STEERING_COMMAND", ALL})
 """Messages without which there is nothing left to act on."""
 STREAMS = CONTROLS | {"STEERING_STATUS", "VEHICLE_STATE"}
@@ -78,35 +86,67 @@ MECHANISM_OF: Mapping[str, Mechanism] = MappingProxyType(
 """Which mechanism a count in a node's report belongs to."""
 
 
+class Sight(NamedTuple):
+    """How far the mechanisms of a pair see, by its settings.
+
+    ``age_limit_s``     the longest of both nodes' age limits: what lasts longer is silence for both
+    ``limiter_rad``     largest command that the safety limiter lets through, at this speed
+    """
+
+    age_limit_s: float
+    limiter_rad: float
+
+
 class Expectation(NamedTuple):
     """What is expected of a fault.
 
-    ``mechanisms``  that can see it; none: it is not detectable
-    ``safe_state``  whether the receiver has to leave control, as it has nothing left to act on
-    ``why``         in a line
+    ``mechanisms``   that can see it; none: it is not detectable
+    ``safe_state``   whether the receiver has to leave control, as it has nothing left to act on
+    ``why``          in a line
+    ``is_followed``  whether false frames may be accepted after it has been detected, as no receiver
+                     can tell them from true ones
+    ``may_be_idle``  whether it may come to nothing: by chance, or as its magnitude is none
     """
 
     mechanisms: tuple[Mechanism, ...]
     safe_state: bool
     why: str
+    is_followed: bool = False
+    may_be_idle: bool = False
+
+
+def sight_of(plant: PlantSettings, controller: ControllerSettings) -> Sight:
+    """Return how far the mechanisms of a pair see."""
+    guard = design_guard(plant.safety, plant.vehicle, plant.actuator)
+    ages = (age for age in age_limits_of(controller) if age != NO_LIMIT_NS)
+    return Sight(
+        max(guard.silence_ns, *ages) / NS_PER_S,
+        min(row.reach_rad for row in guard.limiter.rows),
+    )
 
 
 _E2E, _RANGE = (Mechanism.E2E,), (Mechanism.RANGE,)
 _FRESHNESS = (Mechanism.FRESHNESS,)
+_PAYLOAD_BITS = 64
 _EITHER = (Mechanism.E2E, Mechanism.FRESHNESS)
 _TELLING = "a plausible value, valid CRC and counter: one source, nothing to compare it with"
 
 
-def expect_fault(fault: FaultSettings) -> Expectation:
+def expect_fault(fault: FaultSettings, sight: Sight) -> Expectation:
     """Return what is expected of a fault of the stage at the plant's edge."""
+    expected = _expect(fault, sight)
+    return expected._replace(may_be_idle=no_effect_chance(fault) > NO_EFFECT_CHANCE_MAX)
+
+
+def _expect(fault: FaultSettings, sight: Sight) -> Expectation:
     if is_unheard(fault):
         return Expectation((), False, "no node receives this message: nothing may change")
     is_stream, is_control = fault.message in STREAMS, fault.message in CONTROLS
     magnitude = fault.magnitude
     match fault.kind:
         case FaultKind.DROP if magnitude >= 1.0:
-            return _silence(fault, is_stream, is_control)
-        case FaultKind.BURST_LOSS if magnitude >= BURST_SILENT_FRAMES and is_stream:
+            return _silence(fault, sight, is_stream, is_control)
+        case FaultKind.BURST_LOSS if PERIOD_S * magnitude > sight.age_limit_s and is_stream:
             return Expectation(_EITHER, is_control, "a burst longer than the age limit")
         case FaultKind.DROP | FaultKind.BURST_LOSS:
             return Expectation(_E2E, False, "the counter jumps")
@@ -114,7 +154,9 @@ def expect_fault(fault: FaultSettings) -> Expectation:
             return Expectation(_E2E, False, "a counter comes twice")
         case FaultKind.REORDER:
             return Expectation(_E2E, False, "the counter jumps, then goes back")
-        case FaultKind.DELAY_SPIKE if is_stream and min(magnitude, fault.duration_s) > AGE_LIMIT_S:
+        case FaultKind.DELAY_SPIKE if (
+            is_stream and min(magnitude, fault.duration_s) > sight.age_limit_s
+        ):
             return Expectation(
                 _FRESHNESS, is_control, "nothing arrives for longer than the age limit"
             )
@@ -130,16 +172,21 @@ def expect_fault(fault: FaultSettings) -> Expectation:
         case FaultKind.WRONG_IDENTIFIER:
             return _moved(fault, is_control)
         case FaultKind.SPOOF:
-            return Expectation(_E2E, False, "the true sender's counter then comes twice")
+            why = "the true sender's counter then comes twice"
+            return Expectation(_E2E, False, why, is_followed=True)
         case FaultKind.REPLAY:
-            return Expectation(_E2E, False, "the counter goes back")
+            is_long = fault.duration_s > sight.age_limit_s + PERIOD_S
+            why = "the counter goes back; what goes on so is a new start, after a hold"
+            return Expectation(_E2E, is_control and is_long, why, is_followed=True)
         case FaultKind.OUT_OF_RANGE:
             silent = is_control and magnitude >= 1.0
             return Expectation(_RANGE, silent, "a raw value outside the range")
-        case FaultKind.OFFSET if _beats_limiter(fault, magnitude):
-            return Expectation((Mechanism.LIMITER,), False, "beyond the limiter's angle")
-        case FaultKind.NOISE if _beats_limiter(fault, 0.25 * magnitude):
-            return Expectation((Mechanism.LIMITER,), False, "often beyond the limiter's angle")
+        case FaultKind.OFFSET if _beats_limiter(fault, sight, magnitude):
+            why = "beyond what the limiter lets through"
+            return Expectation((Mechanism.LIMITER,), False, why, is_followed=True)
+        case FaultKind.NOISE if _beats_limiter(fault, sight, 0.25 * magnitude):
+            why = "often beyond what the limiter lets through"
+            return Expectation((Mechanism.LIMITER,), False, why, is_followed=True)
         case _:
             return Expectation((), False, _TELLING)
 
@@ -149,25 +196,54 @@ def is_unheard(fault: FaultSettings) -> bool:
     return fault.message in UNHEARD and fault.kind is not FaultKind.WRONG_IDENTIFIER
 
 
-def expect_node_fault(fault: NodeFault) -> Expectation:
+def expect_node_fault(fault: NodeFault, sight: Sight) -> Expectation:
     """Return what is expected of a fault of a node."""
     if fault.kind is NodeFaultKind.CLOCK_JUMP:
         supervision = (Mechanism.SELF_SUPERVISION,)
-        if fault.magnitude > AGE_LIMIT_S:
+        if fault.magnitude > sight.age_limit_s:
             both = (Mechanism.SELF_SUPERVISION, Mechanism.FRESHNESS)
             return Expectation(both, True, "ticks missed, and its measurement looks old")
         if fault.magnitude > 2.0 * PERIOD_S:
             return Expectation(supervision, False, "ticks missed")
         return Expectation((), False, "less than two periods")
-    if fault.duration_s <= AGE_LIMIT_S and fault.kind is not NodeFaultKind.KILLED:
+    if fault.duration_s <= sight.age_limit_s and fault.kind is not NodeFaultKind.KILLED:
         return Expectation((), False, "shorter than the age limit")
     return Expectation(_FRESHNESS, True, "its peer hears nothing")
 
 
-def _silence(fault: FaultSettings, is_stream: bool, is_control: bool) -> Expectation:
+def no_effect_chance(fault: FaultSettings) -> float:
+    """Return the probability that a fault changes no frame at all, by what it draws.
+
+    1 for a value that is none (an offset of 0), and for the speed, which is stuck anyway.
+    """
+    magnitude = fault.magnitude
+    frames = int(fault.duration_s / PERIOD_S / PERIODS_OF.get(fault.message, 10))
+    match fault.kind:
+        case FaultKind.BURST_LOSS:
+            spared = 1.0 - BURST_CHANCE
+        case FaultKind.REORDER:
+            spared = 1.0 - REORDER_CHANCE
+        case FaultKind.BIT_FLIPS:
+            spared = (1.0 - magnitude) ** _PAYLOAD_BITS
+        case FaultKind.WRONG_LENGTH:
+            spared = float(magnitude >= _PAYLOAD_BITS / 8)
+        case FaultKind.SCALE:
+            spared = float(magnitude == 1.0)
+        case FaultKind.OFFSET | FaultKind.DRIFT | FaultKind.NOISE | FaultKind.DELAY_SPIKE:
+            spared = float(magnitude == 0.0)
+        case FaultKind.STUCK:
+            spared = float(fault.signal == "speed_m_s")
+        case FaultKind.SPOOF | FaultKind.REPLAY:
+            spared = 0.0
+        case _:  # a share of the frames
+            spared = 1.0 - min(magnitude, 1.0)
+    return float(max(spared, 0.0) ** frames) if frames else 1.0
+
+
+def _silence(fault: FaultSettings, sight: Sight, is_stream: bool, is_control: bool) -> Expectation:
     if not is_stream:
         return Expectation((), False, "this message has no age limit")
-    if fault.duration_s <= AGE_LIMIT_S:
+    if fault.duration_s <= sight.age_limit_s:
         return Expectation((), False, "shorter than the age limit, and then a counter that jumps")
     return Expectation(_FRESHNESS, is_control, "nothing arrives")
 
@@ -179,6 +255,7 @@ def _moved(fault: FaultSettings, is_control: bool) -> Expectation:
     return Expectation(_E2E, is_control, "the CRC is that of another identifier")
 
 
-def _beats_limiter(fault: FaultSettings, value_rad: float) -> bool:
+def _beats_limiter(fault: FaultSettings, sight: Sight, value_rad: float) -> bool:
     """Whether a command that is wrong by so much is beyond the bound, whatever the law wants."""
-    return fault.message == "STEERING_COMMAND" and abs(value_rad) >= LIMITER_RAD + 0.2
+    wanted_rad = min(LAW_RAD_MAX, sight.limiter_rad)
+    return fault.message == "STEERING_COMMAND" and abs(value_rad) >= sight.limiter_rad + wanted_rad

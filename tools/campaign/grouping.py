@@ -1,4 +1,4 @@
-"""Results by case: one row for each fault and magnitude, over all operating points and laws."""
+"""Results by case: a row for each fault and magnitude, over all operating points and laws."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -10,6 +10,8 @@ from tools.campaign.trial import FAILURES, Result
 class Group(NamedTuple):
     """The runs of one case; times are the longest, None where there is none.
 
+    ``frti_s``     where control has to be left; ``safe_state`` says whether
+    ``accepted``   share of the false frames that were accepted; None where there were none
     ``recovered``  how many of the runs were in control at the end
     """
 
@@ -23,7 +25,10 @@ class Group(NamedTuple):
     failures: int
     detected_by: str
     counted: str
+    safe_state: bool
+    accepted: float | None
     fdti_s: float | None
+    frti_s: float | None
     fhti_s: float | None
     told_s: float | None
     recovered: int
@@ -33,10 +38,13 @@ class Group(NamedTuple):
 
 
 def group(results: Iterable[Result]) -> list[Group]:
-    """Return a row for each case, in the order in which they first come."""
-    cases: dict[tuple[str, str, float], list[Result]] = {}
-    for result in results:
-        cases.setdefault((result.kind, result.where, result.magnitude), []).append(result)
+    """Return a row for each case, in the order in which they first come.
+
+    What a limiter sees depends on the speed: a case is two where it is seen at some points only.
+    """
+    cases: dict[tuple[str, str, float, str], list[Result]] = {}
+    for one in results:
+        cases.setdefault((one.kind, one.where, one.magnitude, one.expected), []).append(one)
     return [_row(runs) for runs in cases.values()]
 
 
@@ -45,6 +53,7 @@ def _row(runs: Sequence[Result]) -> Group:
     verdicts = Counter(run.verdict for run in runs)
     causes = Counter(run.detected_by.split(".")[-1] for run in runs if run.detected_by)
     counted = Counter(cause.split(".")[-1] for run in runs for cause in run.counts)
+    false_frames = sum(run.false_frames for run in runs)
     recovered = [run.recovery_s for run in runs if run.recovery_s is not None]
     return Group(
         kind=first.kind,
@@ -57,7 +66,10 @@ def _row(runs: Sequence[Result]) -> Group:
         failures=sum(run.verdict in FAILURES for run in runs),
         detected_by=", ".join(cause for cause, _ in causes.most_common(2)),
         counted=", ".join(cause for cause, _ in counted.most_common(3)),
+        safe_state=first.safe_state,
+        accepted=sum(run.false_accepted for run in runs) / false_frames if false_frames else None,
         fdti_s=_longest(run.fdti_s for run in runs),
+        frti_s=_longest(run.frti_s for run in runs if run.safe_state),
         fhti_s=_longest(run.fhti_s for run in runs),
         told_s=_longest(run.told_s for run in runs),
         recovered=len(recovered),
@@ -69,6 +81,11 @@ def _row(runs: Sequence[Result]) -> Group:
 
 def _longest(times_s: Iterable[float | None]) -> float | None:
     return max((time_s for time_s in times_s if time_s is not None), default=None)
+
+
+def in_percent(share: float | None) -> str:
+    """Return a share as the tables have it."""
+    return "-" if share is None else f"{100.0 * share:.0f}"
 
 
 def in_ms(time_s: float | None) -> str:

@@ -1,11 +1,13 @@
 """Watches a node from outside: what its own counts say and when, and what it puts on the bus."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from controller.settings import ControllerSettings, limits_of
 from dbc.messages import (
+    CAN_IDS,
     ControllerFault,
     ControllerSafety,
     Decoded,
@@ -27,6 +29,7 @@ from runtime.program import ReportingNode
 SAFE_CAUSES = ("silence", "failure", "safe_state")
 """Counts that rise when a node leaves control."""
 _STALE_WITHOUT_HOLD = ("steering_status", "vehicle_state")
+_COMMAND_ID = CAN_IDS[SteeringCommand]
 _COMMAND_COUNTERS = 1 << 16
 _RESOLUTION_RAD = resolutions(SteeringCommand)["steer_rad"]
 _ABNORMAL_MODES = (Mode.HOLDING, Mode.SAFE_STOP)
@@ -35,7 +38,14 @@ _ABNORMAL_CODES = (
     SteeringStatusCode.FALLBACK,
     SteeringStatusCode.SAFE_STATE,
 )
-_ABNORMAL_SAFETY = (SafetyState.HOLDING, SafetyState.FALLBACK, SafetyState.SAFE_STATE)
+_TOLD_CODES = (*_ABNORMAL_CODES, SteeringStatusCode.LIMITED_BY_SAFETY)
+"""What says that something is wrong; the wheel that is limited, or faded in, is under control."""
+_TOLD_SAFETY = (
+    SafetyState.LIMITING,
+    SafetyState.HOLDING,
+    SafetyState.FALLBACK,
+    SafetyState.SAFE_STATE,
+)
 
 
 class Bounds(NamedTuple):
@@ -81,6 +91,10 @@ class Watch:
     ``wanted``    causes of which one has to be seen, and then one that leaves control if
                   ``until_safe``, before its counts are left alone
     ``peer_sent`` filled by the peer's watch: frames in their true form; others are corrupted
+
+    ``expect_false`` announces frames that a fault has made of others. ``commands`` and ``statuses``
+    are what it has sent, ``started_ns`` when it was handed the first command, ``false_ns`` when it
+    has accepted a false frame [ns].
     """
 
     def __init__(
@@ -109,6 +123,12 @@ class Watch:
         self.told_ns: list[int] = []
         self._rejected: int | None = None
         self._last_command: SteeringCommand | None = None
+        self._false: Counter[Frame] = Counter()
+        self.false_frames = 0
+        self.false_ns: list[int] = []
+        self.commands: list[tuple[int, SteeringCommand]] = []
+        self.statuses: list[tuple[int, SteeringStatus]] = []
+        self.started_ns: int | None = None
 
     @property
     def deadline_ns(self) -> int:
@@ -123,13 +143,20 @@ class Watch:
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Hand over a frame, and see what the node says."""
         self._begin(now_ns)
-        if self._peer_sent is None or frame in self._peer_sent:
+        if frame.can_id == _COMMAND_ID and self.started_ns is None:
+            self.started_ns = now_ns
+        is_false = self._false[frame] > 0
+        is_corrupted = self._peer_sent is not None and frame not in self._peer_sent
+        if not is_false and not is_corrupted:
             answers = self.node.on_frame(frame, now_ns)
         else:
             accepted = self.node.report()["accepted"]
             answers = self.node.on_frame(frame, now_ns)
-            self.corrupted += 1
-            self.corrupted_accepted += self.node.report()["accepted"] - accepted
+            is_accepted = self.node.report()["accepted"] > accepted
+            self._false[frame] -= is_false
+            self.false_ns += [now_ns] * (is_false and is_accepted)
+            self.corrupted += is_corrupted
+            self.corrupted_accepted += is_corrupted and is_accepted
         self._look(now_ns)
         return self._noted(answers, now_ns)
 
@@ -139,6 +166,12 @@ class Watch:
         sent = self.node.on_tick(now_ns)
         self._look(now_ns)
         return self._noted(sent, now_ns)
+
+    def expect_false(self, frames: Iterable[Frame]) -> None:
+        """Note frames on the way to the node that are not what their sender has sent now."""
+        for frame in frames:
+            self._false[frame] += 1
+            self.false_frames += 1
 
     def report(self) -> Mapping[str, Any]:
         """Return the node's report."""
@@ -181,17 +214,20 @@ class Watch:
             if abs(message.steer_rad) > self._bounds.command_rad:
                 self.invalid.append(f"command of {message.steer_rad:g} rad")
             self._check_step(message)
+            self.commands.append((now_ns, message))
             self._note_state(now_ns, message.mode in _ABNORMAL_MODES)
         elif isinstance(message, SteeringStatus):
             if abs(message.wheel_angle_rad) > self._bounds.wheel_rad:
                 self.invalid.append(f"wheel at {message.wheel_angle_rad:g} rad")
+            self.statuses.append((now_ns, message))
+            self._note_told(now_ns, message.status in _TOLD_CODES)
             self._note_state(now_ns, message.status in _ABNORMAL_CODES)
         elif isinstance(message, ControllerSafety):
             ages = message[2:5]
             is_wrong = Freshness.STALE in ages or message.fault is not ControllerFault.NONE
-            self._note_told(now_ns, is_wrong or self._has_refused(message.rejected))
+            self._note_told(now_ns, is_wrong or self._has_refused(message.rejected + message.lost))
         elif isinstance(message, PlantStatus):
-            is_wrong = message.safety in _ABNORMAL_SAFETY
+            is_wrong = message.safety in _TOLD_SAFETY
             self._note_told(now_ns, is_wrong or self._has_refused(message.rejected))
 
     def _check_step(self, command: SteeringCommand) -> None:
@@ -205,7 +241,7 @@ class Watch:
             self.invalid.append(f"command steps by {change_rad:g} rad in {steps} periods")
 
     def _has_refused(self, rejected: int) -> bool:
-        """Whether a status tells of more frames refused than the one before."""
+        """Whether a status tells of more frames refused, or missed, than the one before."""
         before, self._rejected = self._rejected, rejected
         return before is not None and rejected != before
 

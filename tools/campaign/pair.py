@@ -1,22 +1,24 @@
 """The pair of a run: both nodes watched, the plant behind the fault stage, the bus between them."""
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings
-from plant_emulator.fault_settings import SIGNAL_FAULTS, FaultKind
+from plant_emulator.fault_settings import SIGNAL_FAULTS, FaultDirection, FaultKind
 from plant_emulator.faults import FaultyNode
 from plant_emulator.motion_design import MotionParams
 from plant_emulator.node import PlantNode, motion_params
 from plant_emulator.settings import PlantSettings
 from runtime.bus_model import BusModel
+from runtime.frame import Frame
 from runtime.node import NEVER_NS, NS_PER_S
 from runtime.virtual_time import VirtualTimeExecutor
-from tools.campaign.detectability import MECHANISM_OF, is_unheard
+from tools.campaign.detectability import MECHANISM_OF, Sight, is_unheard, sight_of
 from tools.campaign.node_faults import NodeFault, with_node_faults
 from tools.campaign.observation import Watch, bounds_of
+from tools.campaign.recovery import Way, way_of
 from tools.campaign.scenario import Case, Scenario, controller_settings_of, plant_settings_of
 from tools.campaign.specification import CONTROLLER, PLANT, NodeFaultKind
 from tools.soak.babbling import BabbledBus
@@ -29,6 +31,14 @@ _CORRUPTING = frozenset({FaultKind.BIT_FLIPS, FaultKind.WRONG_LENGTH, FaultKind.
 """What breaks a frame's protection."""
 _FORGING = SIGNAL_FAULTS | {FaultKind.OUT_OF_RANGE}
 """What makes frames that nobody has sent, with a valid protection."""
+_FALSIFYING = frozenset(FaultKind) - {
+    FaultKind.DROP,
+    FaultKind.BURST_LOSS,
+    FaultKind.DUPLICATE,
+    FaultKind.REORDER,
+    FaultKind.DELAY_SPIKE,
+}
+"""What hands the receiver other frames than were sent now; the others lose, double or delay."""
 _PARAMS_KEPT = 64
 
 
@@ -40,6 +50,8 @@ class Pair(NamedTuple):
     plant: Watch
     controller: Watch
     bus: BabbledBus
+    sight: Sight
+    way: Way
 
 
 def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
@@ -50,7 +62,7 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
     case = scenario.case
     node_faults = [*further] if case.node_fault is None else [case.node_fault, *further]
     plant = plant_settings_of(scenario, case.faults)
-    controller = _controller_settings(scenario.law)
+    controller = _within(_controller_settings(scenario.law), scenario.spec.ftti_ms)
     onset_ns = min([onset_ns_of(case), *(fault.window_ns[0] for fault in further)])
     bounds = bounds_of(plant, controller)
     wanted = [cause for cause, by in MECHANISM_OF.items() if by in case.expected.mechanisms]
@@ -78,7 +90,13 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
     model = BusModel(scenario.spec.bitrate_bit_s, queue_limit=QUEUE_LIMIT)
     bus = BabbledBus(model, BABBLER_ID, start_ns, stop_ns)
     edge = FaultyNode(plant_watch, case.faults, scenario.seed)
-    return Pair(node, edge, plant_watch, controller_watch, bus)
+    for stage in edge.stages:
+        is_down = stage.settings.direction is FaultDirection.DOWNLINK
+        if stage.settings.kind in _FALSIFYING:
+            stage.on_change = partial(_note_false, plant_watch if is_down else controller_watch)
+    way = way_of(plant, controller, scenario.point, 1e-3 * scenario.spec.ftti_ms)
+    sight = sight_of(plant, controller)
+    return Pair(node, edge, plant_watch, controller_watch, bus, sight, way)
 
 
 def run_pair(scenario: Scenario, pair: Pair) -> None:
@@ -93,6 +111,17 @@ def onset_ns_of(case: Case) -> int:
         return case.node_fault.window_ns[0]
     # The stage's clock starts with the first command, some periods after this one.
     return min((round(fault.onset_s * NS_PER_S) for fault in case.faults), default=0)
+
+
+def _note_false(receiver: Watch, frame: Frame, out: Sequence[Frame]) -> None:
+    """Announce what goes on in the place of a frame, or beside it."""
+    receiver.expect_false(one for one in out if one != frame)
+
+
+def _within(settings: ControllerSettings, ftti_ms: float) -> ControllerSettings:
+    """Return the settings with the campaign's fault tolerant time; age limits follow from it."""
+    table = settings.supervision.model_copy(update={"fault_tolerant_time_ms": ftti_ms})
+    return settings.model_copy(update={"supervision": table})
 
 
 @lru_cache(maxsize=_PARAMS_KEPT)

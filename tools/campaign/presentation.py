@@ -6,8 +6,8 @@ from pathlib import Path
 
 from tools.campaign.acceptance import Finding
 from tools.campaign.comparison import Comparison
-from tools.campaign.grouping import Group, in_ms
-from tools.campaign.scenario import GOLDEN
+from tools.campaign.grouping import Group, in_ms, in_percent
+from tools.campaign.scenario import GOLDEN, laws_of
 from tools.campaign.specification import CampaignSettings
 from tools.campaign.trial import FAILURES, Result
 from tools.campaign_live.judgement import Outcome
@@ -18,12 +18,15 @@ _FAILED_SHOWN = 50
 _NAMES_SHOWN = 10
 _DEFINITIONS = (
     "FDTI runs from the fault's first effect on its receiver to the first count of an expected "
-    "cause in that receiver's own report; FRTI from there until it leaves control, and is zero "
-    "where refusing the frame is the reaction; FHTI is their sum. What the plant sees behind its "
-    "latency line (silence, limiter) counts from when the effect has come out of it, with the "
-    "latency of the last command that did. Told: until the node sends the first frame that says "
-    "so. Recovery: from the fault's end until both nodes are in control again. Times are the "
-    "longest of all runs, in milliseconds.",
+    "cause in that receiver's own report; FRTI from there until it leaves control, where nothing "
+    "is left to act on; FHTI is their sum. Elsewhere the reaction is to refuse the frame at once, "
+    "or there is none. Accepted: of the frames that the fault has made of true ones, or put beside "
+    "them, the share that the receiver accepted; with a verdict of 'detected, followed' it went on "
+    "to accept them after it had seen the fault. What the plant sees behind its latency line "
+    "(silence, limiter) counts from when the effect has come out of it, with the latency of the "
+    "last command that did. Told: until the node sends the first frame that says so. Recovery: "
+    "from the fault's end until both nodes are in control again. Times are the longest of all "
+    "runs, in milliseconds, shares in percent.",
     "Which mechanism can detect a fault is decided by what the fault is, before any run. A fault "
     "that is not detectable shows a receiver nothing that differs from a sound sender; its "
     "deviation says what that costs.",
@@ -34,12 +37,15 @@ def table_lines(groups: Sequence[Group]) -> list[str]:
     """Return the table for a terminal: a line for each case."""
     lines = [
         f"{'fault':17} {'of':17} {'magn.':>6} {'runs':>4}  {'can be seen by':19} "
-        f"{'FDTI':>5} {'FHTI':>5} {'told':>5} {'recov':>6} {'dev.':>6} {'rate':>6}  verdicts",
-        f"{'':66}{'[ms]':>5} {'[ms]':>5} {'[ms]':>5} {'[ms]':>6} {'[m]':>6} {'[rad/s]':>7}",
+        f"{'FDTI':>5} {'FRTI':>5} {'FHTI':>5} {'told':>5} {'acc.':>4} {'recov':>6} {'dev.':>6} "
+        f"{'rate':>6}  verdicts",
+        f"{'':68}{'[ms]':>5} {'[ms]':>5} {'[ms]':>5} {'[ms]':>5} {'[%]':>4} {'[ms]':>6} "
+        f"{'[m]':>6} {'[rad/s]':>7}",
     ]
     lines += [
         f"{one.kind:17} {one.where:17} {one.magnitude:6g} {one.runs:4}  {one.expected:19.19} "
-        f"{in_ms(one.fdti_s):>5} {in_ms(one.fhti_s):>5} {in_ms(one.told_s):>5} "
+        f"{in_ms(one.fdti_s):>5} {in_ms(one.frti_s):>5} {in_ms(one.fhti_s):>5} "
+        f"{in_ms(one.told_s):>5} {in_percent(one.accepted):>4} "
         f"{_recovery(one):>6} {one.lateral_error_peak_m:6.3f} {one.steer_rate_peak_rad_s:6.1f}  "
         f"{one.verdicts}"
         for one in groups
@@ -50,9 +56,12 @@ def table_lines(groups: Sequence[Group]) -> list[str]:
 def finding_lines(findings: Sequence[Finding]) -> list[str]:
     """Return the findings, a line each."""
     width = max(len(one.what) for one in findings)
-    return [
-        f"{'yes' if one.holds else 'NO ':3}  {one.what:{width}}  {one.figure}" for one in findings
-    ]
+    return [f"{_held(one):3}  {one.what:{width}}  {one.figure}" for one in findings]
+
+
+def _held(finding: Finding) -> str:
+    """Return whether a finding holds; a dash where no run bears on it."""
+    return "-" if finding.holds is None else "yes" if finding.holds else "NO"
 
 
 def comparison_lines(comparison: Comparison) -> list[str]:
@@ -97,7 +106,7 @@ def campaign_page(
             [
                 f"{len(results)} runs of {spec.motion_s:g} s of motion in virtual time, {golden} "
                 f"of them without a fault: {len(groups) - (golden > 0)} cases at "
-                f"{len(spec.points)} operating points with {len(spec.laws)} laws. Each fault lasts "
+                f"{len(spec.points)} operating points, each with its laws. Each fault lasts "
                 f"{spec.fault_s:g} s; the fault tolerant time interval is {spec.ftti_ms:g} ms. "
                 f"Campaign seed {spec.seed}."
             ],
@@ -122,16 +131,14 @@ def campaign_page(
 
 
 def _findings_table(findings: Sequence[Finding]) -> Table:
-    rows = [
-        [Cell("yes" if one.holds else "NO"), Cell(one.what), Cell(one.figure)] for one in findings
-    ]
+    rows = [[Cell(_held(one)), Cell(one.what), Cell(one.figure)] for one in findings]
     return Table(("holds", "what", "figure"), rows)
 
 
 def _cases_table(groups: Sequence[Group]) -> Table:
     headings = (
-        *("fault", "of", "can be seen by", "seen by, first", "FDTI", "FHTI"),
-        *("told", "recovery", "deviation [m]", "steer rate [rad/s]", "verdicts"),
+        *("fault", "of", "can be seen by", "seen by, first", "FDTI", "FRTI", "FHTI"),
+        *("told", "accepted", "recovery", "deviation [m]", "steer rate [rad/s]", "verdicts"),
     )
     rows = [
         [
@@ -140,8 +147,10 @@ def _cases_table(groups: Sequence[Group]) -> Table:
             Cell(one.expected),
             Cell(one.detected_by or one.counted),
             number(in_ms(one.fdti_s)),
+            number(in_ms(one.frti_s)),
             number(in_ms(one.fhti_s)),
             number(in_ms(one.told_s)),
+            number(in_percent(one.accepted)),
             number(_recovery(one)),
             number(f"{one.lateral_error_peak_m:.3f}"),
             number(f"{one.steer_rate_peak_rad_s:.1f}"),
@@ -172,7 +181,11 @@ def _failed_table(failed: Sequence[Result]) -> Table:
             Cell(str(one.verdict)),
             number(in_ms(one.fdti_s)),
             number(in_ms(one.fhti_s)),
-            Cell(one.unsafe or ", ".join(f"{cause} {n}" for cause, n in one.counts.items())),
+            Cell(
+                one.unsafe
+                or one.jumps
+                or ", ".join(f"{cause} {n}" for cause, n in one.counts.items())
+            ),
         ]
         for one in failed[:_FAILED_SHOWN]
     ]
@@ -189,12 +202,14 @@ def _points_table(spec: CampaignSettings) -> Table:
             number(f"{point.uplink_ms:g}"),
             number(f"{point.jitter_ms:g}"),
             number(f"{point.noise_m:g}"),
+            Cell("ellipse" if point.path is None else point.path.kind.replace("_", " ")),
+            Cell(", ".join(laws_of(spec, point))),
         ]
         for point in spec.points
     ]
     headings = (
         *("point", "speed [km/h]", "mass [kg]", "downlink [ms]", "uplink [ms]"),
-        *("uplink jitter [ms]", "noise [m]"),
+        *("jitter [ms]", "noise [m]", "path", "laws"),
     )
     return Table(headings, rows)
 

@@ -11,9 +11,11 @@ from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, read_preset
 from tools.campaign.detectability import (
     Expectation,
+    Sight,
     expect_fault,
     expect_node_fault,
     is_unheard,
+    sight_of,
 )
 from tools.campaign.node_faults import NodeFault
 from tools.campaign.specification import (
@@ -73,16 +75,28 @@ class Scenario(NamedTuple):
 def scenarios_of(spec: CampaignSettings) -> Iterator[Scenario]:
     """Yield every run of a campaign, golden ones first."""
     for point in spec.points:
-        for law in spec.laws:
+        for law in laws_of(spec, point):
             for number in range(spec.golden_seeds):
                 seed = _seed(spec, f"{point.name}{law}", number)
                 yield Scenario(golden_case(), point, law, seed, spec)
     for point in spec.points:
-        for law in spec.laws:
+        for law in laws_of(spec, point):
             yield from _faulty(spec, point, law)
 
 
+def laws_of(spec: CampaignSettings, point: PointSettings) -> Sequence[str]:
+    """Return the laws that are driven at an operating point."""
+    return point.laws or spec.laws
+
+
+def scenario_sight(spec: CampaignSettings, point: PointSettings, law: str) -> Sight:
+    """Return how far the mechanisms of the pairs of some runs see."""
+    plant = plant_settings_of(Scenario(golden_case(), point, law, 0, spec), ())
+    return sight_of(plant, controller_settings_of(law, spec.ftti_ms))
+
+
 def _faulty(spec: CampaignSettings, point: PointSettings, law: str) -> Iterator[Scenario]:
+    sight = scenario_sight(spec, point, law)
     for case_table in spec.cases:
         for message in case_table.messages:
             for magnitude in case_table.magnitudes:
@@ -98,14 +112,14 @@ def _faulty(spec: CampaignSettings, point: PointSettings, law: str) -> Iterator[
                 )
                 if is_unheard(fault):  # held against the first golden run
                     seed = _seed(spec, f"{point.name}{law}", 0)
-                yield Scenario(case_of_fault(fault), point, law, seed, spec)
+                yield Scenario(case_of_fault(fault, sight), point, law, seed, spec)
     for node_table in spec.node_cases:
         for node in node_table.nodes:
             for magnitude in node_table.magnitudes:
                 seed = _seed(spec, f"{node_table.kind}{node}{magnitude}{point.name}{law}", 0)
                 onset_s = _onset_s(spec, seed)
                 node_fault = NodeFault(node_table.kind, node, onset_s, spec.fault_s, magnitude)
-                yield Scenario(case_of_node_fault(node_fault), point, law, seed, spec)
+                yield Scenario(case_of_node_fault(node_fault, sight), point, law, seed, spec)
 
 
 def golden_case() -> Case:
@@ -113,7 +127,7 @@ def golden_case() -> Case:
     return Case(GOLDEN, "", 0.0, _BOTH, (), None, Expectation((), False, "no fault"))
 
 
-def case_of_fault(fault: FaultSettings) -> Case:
+def case_of_fault(fault: FaultSettings, sight: Sight) -> Case:
     """Return the case of one fault of the stage at the plant's edge."""
     receiver = PLANT if fault.direction == "downlink" else CONTROLLER
     return Case(
@@ -123,11 +137,11 @@ def case_of_fault(fault: FaultSettings) -> Case:
         receiver,
         (fault,),
         None,
-        expect_fault(fault),
+        expect_fault(fault, sight),
     )
 
 
-def case_of_node_fault(fault: NodeFault) -> Case:
+def case_of_node_fault(fault: NodeFault, sight: Sight) -> Case:
     """Return the case of one fault of a node; its peer is to see it."""
     receiver = {CONTROLLER: PLANT, PLANT: CONTROLLER, BUS: _BOTH}[fault.node]
     if fault.kind is NodeFaultKind.CLOCK_JUMP:
@@ -139,7 +153,7 @@ def case_of_node_fault(fault: NodeFault) -> Case:
         receiver,
         (),
         fault,
-        expect_node_fault(fault),
+        expect_node_fault(fault, sight),
     )
 
 
@@ -151,6 +165,7 @@ def plant_settings_of(scenario: Scenario, faults: Sequence[FaultSettings]) -> Pl
         f"vehicle.speed_km_h={point.speed_km_h}",
         f"vehicle.virtual_mass_kg={point.virtual_mass_kg}",
         f"sensor_noise.lateral_error_m={point.noise_m}",
+        f"safety.ftti_ms={spec.ftti_ms}",
     ]
     for line, mean_ms in (("downlink", point.downlink_ms), ("uplink", point.uplink_ms)):
         overrides.append(f"latency.{line}.mean_s={1e-3 * mean_ms}")
@@ -161,12 +176,21 @@ def plant_settings_of(scenario: Scenario, faults: Sequence[FaultSettings]) -> Pl
                 f"latency.{line}.order=in_order",
             ]
     settings = load_settings(PlantSettings, None, None, overrides)
-    return settings.model_copy(update={"faults": tuple(faults)})
+    further: dict[str, object] = {"faults": tuple(faults)}
+    if point.path is not None:
+        further["path"] = point.path
+    return settings.model_copy(update=further)
 
 
-def controller_settings_of(law: str) -> ControllerSettings:
-    """Return the settings of a preset; raises SettingsError for one that there is not."""
-    return load_settings(ControllerSettings, read_preset("controller.presets", law), None, [])
+def controller_settings_of(law: str, ftti_ms: float | None = None) -> ControllerSettings:
+    """Return the settings of a preset; raises SettingsError for one that there is not.
+
+    ``ftti_ms``  the fault tolerant time, from which the age limits follow that the preset leaves
+                 open; none: the preset's
+    """
+    overrides = [] if ftti_ms is None else [f"supervision.fault_tolerant_time_ms={ftti_ms}"]
+    preset = read_preset("controller.presets", law)
+    return load_settings(ControllerSettings, preset, None, overrides)
 
 
 def _onset_s(spec: CampaignSettings, seed: int) -> float:

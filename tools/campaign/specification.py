@@ -16,6 +16,7 @@ from plant_emulator.fault_settings import (
     FaultSettings,
     quantities_of,
 )
+from plant_emulator.rig_settings import PathSettings
 from runtime.settings import Settings
 
 
@@ -58,6 +59,10 @@ class PointSettings(Settings):
     """Standard deviation of both latencies; frames stay in order."""
     noise_m: float = Field(0.0, ge=0.0, le=1.0)
     """Standard deviation of the noise of the lateral error."""
+    path: PathSettings | None = None
+    """As the plant's `[path]`; none: its ellipse, which bends as walking speed allows."""
+    laws: tuple[str, ...] = Field((), max_length=20)
+    """Presets of the controller in place of the campaign's, as those for road speed."""
 
 
 class CaseSettings(Settings):

@@ -1,18 +1,17 @@
 """One run of a campaign: the pair in virtual time with a fault, watched and judged."""
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from enum import StrEnum
 from itertools import pairwise
 from typing import NamedTuple
 
 from plant_emulator.plant_samples import PlantSample
 from runtime.node import NS_PER_S
-from tools.campaign.detectability import MECHANISM_OF, Mechanism
-from tools.campaign.observation import SAFE_CAUSES, Watch
 from tools.campaign.pair import Pair, make_pair, onset_ns_of, run_pair
+from tools.campaign.recovery import command_returns, wheel_moves, wheel_returns
 from tools.campaign.scenario import GOLDEN, Case, Scenario
-from tools.campaign.specification import CONTROLLER, PLANT
+from tools.campaign.specification import BUS, CONTROLLER, PLANT, NodeFaultKind
+from tools.campaign.timing import times_of
 from tools.campaign.unheard import is_as_golden, is_heard_by_nobody
 
 
@@ -22,19 +21,40 @@ class Verdict(StrEnum):
     PASSED = "passed"
     NOT_DETECTABLE = "not detectable"
     """As classified beforehand; whether it was seen all the same is told beside it."""
+    FOLLOWED = "detected, followed"
+    """As classified beforehand: seen in time, but false frames went on being accepted, as nothing
+    tells them from true ones."""
+    NO_CHANCE = "no chance"
+    """The fault changed nothing, as its draws may have it, by what was classified beforehand."""
     NO_EFFECT = "no effect"
-    """The fault changed nothing: its chance never came."""
+    """The fault changed nothing, and should have."""
     MISSED = "missed"
     LATE = "late"
+    EARLY = "before the onset"
+    """Something was counted before the fault had any effect."""
     FALSE_ALARM = "false alarm"
     UNSAFE = "unsafe"
+    BELIEVED = "believed"
+    """False frames were accepted after the detection that the receiver can tell from true ones."""
+    NOT_RECOVERED = "not recovered"
+    """A node was not in control again, or too late, although its peer lived."""
+    JUMPED = "jumped"
+    """The command or the wheel stepped further on the way back than limits and fades allow."""
     DISTURBED = "disturbed"
     """A fault where no node listens, and yet the run is not the one without it."""
 
 
+_JUMPS_TOLD = 2
+_KEEPING_COMMANDS = ((NodeFaultKind.PAUSED, PLANT), (NodeFaultKind.BABBLING, BUS))
+"""Where commands wait, in a socket or for the bus, and then come all at once."""
 FAILURES = (
     Verdict.MISSED,
     Verdict.LATE,
+    Verdict.EARLY,
+    Verdict.NO_EFFECT,
+    Verdict.BELIEVED,
+    Verdict.NOT_RECOVERED,
+    Verdict.JUMPED,
     Verdict.FALSE_ALARM,
     Verdict.UNSAFE,
     Verdict.DISTURBED,
@@ -47,12 +67,19 @@ class Result(NamedTuple):
     ``changed``      frames that each fault of the stage changed, lost, added or kept
     ``detected_by``   node and count that saw the fault first, of the expected mechanisms
     ``fdti_s``        from the fault's first effect on the receiver to that count
-    ``frti_s``        from there to the receiver's leaving control; 0 where refusing is enough
+    ``frti_s``        from there to the receiver's leaving control, where it has to; else 0 where
+                      frames are refused, None where false ones go on being accepted
     ``told_s``        from the first effect to the first frame sent that says so
     ``counts``        what either node counted after the onset
     ``corrupted``     frames delivered that nobody has sent so; ``corrupted_accepted`` of them
     ``as_golden``     of a fault where no node listens: whether motion and commands are, bit for
                       bit, those of the run without it
+    ``safe_state``    whether the receiver has to leave control
+    ``false_frames``  that the fault made of others, or put beside them; ``false_accepted`` of them,
+                      and ``false_after`` of these after the detection
+    ``recovery_allowed_s``  by the settings; None where nobody has to recover
+    ``command_return_rad``, ``wheel_return_rad``  largest steps at the returns into control
+    ``jumps``         steps that are more than limits and fades allow
     """
 
     name: str
@@ -80,6 +107,19 @@ class Result(NamedTuple):
     unsafe: str
     verdict: str
     as_golden: bool | None = None
+    safe_state: bool = False
+    false_frames: int = 0
+    false_accepted: int = 0
+    false_after: int = 0
+    recovery_allowed_s: float | None = None
+    command_return_rad: float | None = None
+    wheel_return_rad: float | None = None
+    jumps: str = ""
+
+    @property
+    def label(self) -> str:
+        """What goes wrong, in a line."""
+        return f"{self.kind} {self.magnitude:g} {self.where}"
 
 
 def run_trial(scenario: Scenario) -> Result:
@@ -99,12 +139,14 @@ def _result(scenario: Scenario, pair: Pair) -> Result:
         for name, watch in ((PLANT, pair.plant), (CONTROLLER, pair.controller))
         for cause, count in watch.counted().items()
     }
-    times = _times(case, pair, effect_ns)
+    times, detected_ns = times_of(case, pair, effect_ns)
+    false_ns = [*pair.plant.false_ns, *pair.controller.false_ns]
+    back = _way_back(scenario, pair, effect_ns)
     unsafe = "; ".join(dict.fromkeys([*pair.plant.invalid, *pair.controller.invalid]))
     as_golden = is_as_golden(scenario, pair) if is_heard_by_nobody(case) else None
     is_idle = case.kind != GOLDEN and case.node_fault is None and not any(changed)
     samples = _after(pair.plant_node.samples, effect_ns)
-    return Result(
+    result = Result(
         name=scenario.name,
         kind=case.kind,
         where=case.where,
@@ -116,7 +158,7 @@ def _result(scenario: Scenario, pair: Pair) -> Result:
         why=case.expected.why,
         changed=changed,
         **times._asdict(),
-        recovery_s=_recovery_s(scenario, pair, effect_ns),
+        recovery_s=back.recovery_s,
         lateral_error_peak_m=max((abs(one.lateral_error_m) for one in samples), default=0.0),
         steer_rate_peak_rad_s=_steer_rate_peak(samples),
         counts=counts,
@@ -124,101 +166,109 @@ def _result(scenario: Scenario, pair: Pair) -> Result:
         corrupted_accepted=pair.plant.corrupted_accepted + pair.controller.corrupted_accepted,
         bus_refused=pair.bus.refused,
         unsafe=unsafe,
-        verdict=_verdict(scenario, times, counts, unsafe, is_idle, as_golden),
+        verdict=Verdict.PASSED,
         as_golden=as_golden,
+        safe_state=case.expected.safe_state,
+        false_frames=pair.plant.false_frames + pair.controller.false_frames,
+        false_accepted=len(false_ns),
+        false_after=sum(detected_ns is not None and at_ns > detected_ns for at_ns in false_ns),
+        recovery_allowed_s=back.allowed_s,
+        command_return_rad=back.command_rad,
+        wheel_return_rad=back.wheel_rad,
+        jumps=back.jumps,
+    )
+    if result.false_after and not case.expected.safe_state:
+        result = result._replace(frti_s=None, fhti_s=None)
+    return result._replace(verdict=verdict_of(case, result, 1e-3 * scenario.spec.ftti_ms, is_idle))
+
+
+def verdict_of(case: Case, result: Result, ftti_s: float, is_idle: bool) -> Verdict:
+    """Judge a run; the first that holds, the worst first.
+
+    ``is_idle``  whether the fault changed no frame
+    """
+    if result.unsafe:
+        return Verdict.UNSAFE
+    if case.kind == GOLDEN:
+        return Verdict.FALSE_ALARM if result.counts else Verdict.PASSED
+    if is_idle:
+        return Verdict.NO_CHANCE if case.expected.may_be_idle else Verdict.NO_EFFECT
+    if result.as_golden is not None and (result.counts or not result.as_golden):
+        return Verdict.DISTURBED
+    failure = _late(result, ftti_s) if case.expected.mechanisms else None
+    failure = failure or _bad_return(result)
+    if failure is not None:
+        return failure
+    if not case.expected.mechanisms:
+        return Verdict.NOT_DETECTABLE
+    # What passes a CRC by chance is judged by how often it does, over all runs.
+    if result.false_after and not case.expected.is_followed and not result.corrupted_accepted:
+        return Verdict.BELIEVED
+    return Verdict.FOLLOWED if result.false_after else Verdict.PASSED
+
+
+def _late(result: Result, ftti_s: float) -> Verdict | None:
+    """Return what is wrong with when a detectable fault was seen, and control left."""
+    if result.fdti_s is None or (result.safe_state and result.fhti_s is None):
+        return Verdict.MISSED
+    if result.fdti_s < 0.0:
+        return Verdict.EARLY
+    slowest_s = result.fdti_s if result.fhti_s is None else result.fhti_s
+    return Verdict.LATE if slowest_s > ftti_s else None
+
+
+def _bad_return(result: Result) -> Verdict | None:
+    allowed_s, recovery_s = result.recovery_allowed_s, result.recovery_s
+    if allowed_s is not None and (recovery_s is None or recovery_s > allowed_s):
+        return Verdict.NOT_RECOVERED
+    return Verdict.JUMPED if result.jumps else None
+
+
+class _WayBack(NamedTuple):
+    recovery_s: float | None
+    allowed_s: float | None
+    command_rad: float | None
+    wheel_rad: float | None
+    jumps: str
+
+
+def _way_back(scenario: Scenario, pair: Pair, effect_ns: int) -> _WayBack:
+    """Return how both nodes came back into control after the fault, and what they may take."""
+    case, way = scenario.case, pair.way
+    own = case.node_fault
+    is_kept_up = own is not None and (own.kind, own.node) in _KEEPING_COMMANDS
+    backlog_s = scenario.spec.fault_s if is_kept_up else 0.0
+    commands = list(command_returns(way, pair.controller.commands))
+    wheel = list(wheel_returns(way, pair.plant.statuses, pair.controller.commands, backlog_s))
+    steps = [*commands, *wheel]
+    if "intervention" not in pair.plant.counted():  # what a limit lets go again is no fade
+        steps += wheel_moves(way, pair.plant.statuses)
+    jumps = [
+        f"{step.what} by {step.step_rad:.4f} rad, allowed {step.allowed_rad:.4f}"
+        for step in steps
+        if step.is_jump
+    ]
+    is_dead = own is not None and own.kind is NodeFaultKind.KILLED
+    return _WayBack(
+        _recovery_s(pair, effect_ns, _end_ns(scenario, pair, effect_ns)),
+        None if is_dead or case.kind == GOLDEN else way.recovery_s,
+        max((step.step_rad for step in commands), default=None),
+        max((step.step_rad for step in wheel), default=None),
+        "; ".join(jumps[:_JUMPS_TOLD]),
     )
 
 
-class _Times(NamedTuple):
-    detected_by: str
-    fdti_s: float | None
-    frti_s: float | None
-    fhti_s: float | None
-    told_s: float | None
+def _end_ns(scenario: Scenario, pair: Pair, effect_ns: int) -> int:
+    """Return when a fault is over: with its last effect, as a burst may outlast its end [ns]."""
+    fault = scenario.case.node_fault
+    if fault is not None and fault.kind is NodeFaultKind.CLOCK_JUMP:
+        return effect_ns  # it takes no time
+    last_ns = max((stage.last_ns or 0 for stage in pair.edge.stages), default=0)
+    return max(effect_ns + round(scenario.spec.fault_s * NS_PER_S), last_ns)
 
 
-def _times(case: Case, pair: Pair, effect_ns: int) -> _Times:
-    """Return when the receiver saw the fault, the slower of two; what the plant sees behind its
-    latency line counts from when the fault's first effect came out of it.
-    """
-    found: list[_Times] = []
-    for name, watch in ((PLANT, pair.plant), (CONTROLLER, pair.controller)):
-        if case.receiver not in (name, "both") or not case.expected.mechanisms:
-            continue
-        late_ns = _downlink_latency_ns(pair) if name == PLANT else 0
-        seen = _since(watch, case.expected.mechanisms, effect_ns, late_ns)
-        if not seen:
-            return _Times("", None, None, None, None)
-        fdti_s, cause = min(seen)
-        safe = [
-            since_s
-            for since_s, one in _since(watch, None, effect_ns, late_ns)
-            if one in SAFE_CAUSES
-        ]
-        fhti_s: float | None = fdti_s
-        if case.expected.safe_state:
-            fhti_s = max(fdti_s, min(safe)) if safe else None
-        told = [at_ns for at_ns in watch.told_ns if at_ns >= effect_ns]
-        told_s = (told[0] - effect_ns) / NS_PER_S if told else None
-        frti_s = None if fhti_s is None else fhti_s - fdti_s
-        found.append(_Times(f"{name}.{cause}", fdti_s, frti_s, fhti_s, told_s))
-    if not found:
-        return _Times("", None, None, None, None)
-    return max(found, key=lambda times: float("inf") if times.fhti_s is None else times.fhti_s)
-
-
-def _downlink_latency_ns(pair: Pair) -> int:
-    """Return the latency of the command in effect when the plant saw the fault [ns]."""
-    seen = [pair.plant.first_seen_ns.get(cause) for cause in ("silence", "intervention")]
-    seen_ns = min((at_ns for at_ns in seen if at_ns is not None), default=0)
-    for sample in reversed(pair.plant_node.samples):
-        if sample.time_s <= seen_ns / NS_PER_S and not math.isnan(sample.downlink_latency_s):
-            return round(sample.downlink_latency_s * NS_PER_S)
-    return 0
-
-
-def _since(
-    watch: Watch, mechanisms: Sequence[Mechanism] | None, effect_ns: int, late_ns: int
-) -> list[tuple[float, str]]:
-    """Return how long after the effect each cause was first counted [s]."""
-    seen = []
-    for cause, at_ns in watch.first_seen_ns.items():
-        mechanism = MECHANISM_OF.get(cause)
-        if mechanism is None or (mechanisms is not None and mechanism not in mechanisms):
-            continue
-        # What acts behind the latency line learns of it one latency later.
-        behind_line = mechanism in (Mechanism.FRESHNESS, Mechanism.LIMITER)
-        seen.append(((at_ns - effect_ns - (late_ns if behind_line else 0)) / NS_PER_S, cause))
-    return seen
-
-
-def _verdict(
-    scenario: Scenario,
-    times: _Times,
-    counts: Mapping[str, int],
-    unsafe: str,
-    is_idle: bool,
-    as_golden: bool | None,
-) -> Verdict:
-    case, ftti_s = scenario.case, 1e-3 * scenario.spec.ftti_ms
-    if unsafe:
-        return Verdict.UNSAFE
-    if case.kind == GOLDEN:
-        return Verdict.FALSE_ALARM if counts else Verdict.PASSED
-    if is_idle:
-        return Verdict.NO_EFFECT
-    if as_golden is not None and (counts or not as_golden):
-        return Verdict.DISTURBED
-    if not case.expected.mechanisms:
-        return Verdict.NOT_DETECTABLE
-    if times.fdti_s is None or times.fhti_s is None:
-        return Verdict.MISSED
-    return Verdict.LATE if times.fhti_s > ftti_s else Verdict.PASSED
-
-
-def _recovery_s(scenario: Scenario, pair: Pair, effect_ns: int) -> float | None:
+def _recovery_s(pair: Pair, effect_ns: int, end_ns: int) -> float | None:
     """Return how long after the fault's end either node left control last [s]; None: for good."""
-    end_ns = effect_ns + round(scenario.spec.fault_s * NS_PER_S)
     recovered_ns = end_ns
     for watch in (pair.plant, pair.controller):
         states = [(at_ns, bad) for at_ns, bad in watch.states if at_ns >= effect_ns]

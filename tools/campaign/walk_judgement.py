@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from plant_emulator.fault_settings import FaultKind, FaultSettings
 from runtime.node import NEVER_NS, NS_PER_S
-from tools.campaign.detectability import AGE_LIMIT_S, MECHANISM_OF, Mechanism
+from tools.campaign.detectability import MECHANISM_OF, Mechanism
 from tools.campaign.node_faults import NodeFault
 from tools.campaign.observation import Watch
 from tools.campaign.pair import Pair
@@ -90,7 +90,7 @@ def _unseen(
         own = met.case.node_fault
         if any(met.span.meets(span) for span, by in others if by != own):
             continue
-        if expected != (Mechanism.FRESHNESS,) or met.silence_s > AGE_LIMIT_S:
+        if expected != (Mechanism.FRESHNESS,) or met.silence_s > pair.sight.age_limit_s:
             mechanisms.update(expected)
     seen = {MECHANISM_OF.get(cause) for cause in watch.counted()}
     return f"the {name} counted nothing" if mechanisms and not mechanisms & seen else ""
@@ -124,10 +124,10 @@ def _kept_ns(fault: FaultSettings) -> int:
     return round(fault.magnitude * NS_PER_S) if fault.kind is FaultKind.DELAY_SPIKE else 0
 
 
-def _noticed_ns(point: PointSettings) -> int:
+def _noticed_ns(pair: Pair, point: PointSettings) -> int:
     """Return how long after an effect it must have been noticed [ns]."""
     latency_ms = point.downlink_ms + point.uplink_ms + 2.0 * JITTER_SIGMAS * point.jitter_ms
-    return round((AGE_LIMIT_S + 1e-3 * latency_ms) * NS_PER_S)
+    return round((pair.sight.age_limit_s + 1e-3 * latency_ms) * NS_PER_S)
 
 
 def _met_stages(pair: Pair, point: PointSettings) -> Iterator[_Met]:
@@ -135,12 +135,12 @@ def _met_stages(pair: Pair, point: PointSettings) -> Iterator[_Met]:
         if stage.first_ns is None or stage.last_ns is None:
             continue
         fault = stage.settings
-        end_ns = stage.last_ns + _kept_ns(fault) + _noticed_ns(point)
+        end_ns = stage.last_ns + _kept_ns(fault) + _noticed_ns(pair, point)
         silence_s = fault.duration_s - _shortened_s(pair, point)
         if fault.kind is FaultKind.DELAY_SPIKE:  # its own delay does not shorten it
             silence_s = min(fault.magnitude, fault.duration_s) + fault.magnitude
             silence_s -= _shortened_s(pair, point)
-        yield _Met(case_of_fault(fault), _Span(stage.first_ns, end_ns), silence_s)
+        yield _Met(case_of_fault(fault, pair.sight), _Span(stage.first_ns, end_ns), silence_s)
 
 
 def _shortened_s(pair: Pair, point: PointSettings) -> float:
@@ -154,9 +154,9 @@ def _met_nodes(pair: Pair, faults: Sequence[NodeFault], point: PointSettings) ->
     for fault in faults:
         onset_ns, end_ns = fault.window_ns
         is_killed = fault.kind is NodeFaultKind.KILLED
-        until_ns = (onset_ns if is_killed else end_ns) + _noticed_ns(point)
+        until_ns = (onset_ns if is_killed else end_ns) + _noticed_ns(pair, point)
         silence_s = math.inf if is_killed else fault.duration_s - _shortened_s(pair, point)
-        yield _Met(case_of_node_fault(fault), _Span(onset_ns, until_ns), silence_s)
+        yield _Met(case_of_node_fault(fault, pair.sight), _Span(onset_ns, until_ns), silence_s)
 
 
 def _away(name: str, faults: Sequence[NodeFault]) -> Iterator[tuple[_Span, NodeFault]]:

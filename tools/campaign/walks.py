@@ -20,7 +20,7 @@ from tools.campaign.detectability import Expectation
 from tools.campaign.execution import execute
 from tools.campaign.node_faults import NodeFault
 from tools.campaign.pair import make_pair, run_pair
-from tools.campaign.scenario import PERIOD_S, Case, Scenario
+from tools.campaign.scenario import PERIOD_S, Case, Scenario, laws_of
 from tools.campaign.specification import (
     CampaignSettings,
     CaseSettings,
@@ -89,7 +89,8 @@ def draw_walk(spec: CampaignSettings, seed: int) -> Walk:
         faults.append(fault)
         if fault.kind is NodeFaultKind.BABBLING:  # a second one would find no room on the bus
             tables = [table for table in tables if table.kind is not NodeFaultKind.BABBLING]
-    return Walk(seed, draw.choice(spec.points), draw.choice(spec.laws), tuple(faults))
+    point = draw.choice(spec.points)
+    return Walk(seed, point, draw.choice(laws_of(spec, point)), tuple(faults))
 
 
 def shorten(
