@@ -8,7 +8,7 @@ Every fault of the specification at every operating point with every law, and ru
 Leaves results.jsonl, results.csv, campaign.json and index.html in DIR; run again, it goes on where
 it was left. A folder with results of another specification, or of programs that have changed since,
 is refused. With --live some of the faults meet real processes on the emulated bus as well, which
-takes four minutes more. Random walks print what they find, and the command that runs it again. The
+takes seven minutes more. Random walks print what they find, and the command that runs it again. The
 exit status is 1 where an acceptance or a walk fails.
 """
 
