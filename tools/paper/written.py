@@ -12,6 +12,8 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
+from pydantic import ConfigDict, TypeAdapter
+
 from runtime.settings import SettingsError
 from tools.paper.result import Comparison, Picture, Reproduction, Verdict
 
@@ -26,6 +28,9 @@ class Written(NamedTuple):
     comparisons: tuple[Comparison, ...]
     verdict: Verdict
     why: str
+
+
+_RECORD = TypeAdapter(Written, config=ConfigDict(strict=True))
 
 
 def write_reproduction(reproduction: Reproduction, folder: Path) -> Written:
@@ -76,14 +81,8 @@ def _summary(folder: Path, key: str) -> Path:
 
 def _read(file: Path) -> Written:
     try:
-        record = json.loads(file.read_text(encoding="utf-8"))
-        comparisons = tuple(Comparison(**comparison) for comparison in record["comparisons"])
-        return Written(**record)._replace(
-            comparisons=comparisons,
-            pictures=tuple(record["pictures"]),
-            verdict=Verdict(record["verdict"]),
-        )
-    except (ValueError, TypeError, KeyError) as error:
+        return _RECORD.validate_json(file.read_bytes())
+    except ValueError as error:
         raise SettingsError(
             f"{file}: is not a summary of this program; delete it, or choose another --out"
         ) from error
