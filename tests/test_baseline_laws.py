@@ -126,7 +126,6 @@ def test_a_law_that_reads_the_yaw_rate_is_not_taken_for_a_linear_one() -> None:
 
 def test_the_check_says_what_can_be_said_of_each() -> None:
     assert "stable at     0.00 to " in check_text(preset("practical_smith"))
-    assert "not\n# analysed as a linear loop" in check_text(preset("practical_pd", SET_POINT))
     fed = preset("practical_pd", (*FEED_FORWARD, "rate_hz=50"))
     assert "feed-forward of the curve is outside" in check_text(fed)
 

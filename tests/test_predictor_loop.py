@@ -6,18 +6,19 @@ from functools import cache
 import numpy as np
 import pytest
 
+from controller.analysis import check
 from controller.analysis.check import check_text
 from controller.analysis.looking_back import Rig
 from controller.analysis.predictor_loop import PredictorLoop, stable_constant_delays
 from controller.analysis.sampled_loop import SampledLoop
+from controller.analysis.stable_delays import stable_delays
 from controller.analysis.uncertainty import paper_box
 from controller.design import design_law, link_of
 from controller.nominal_model import NominalVehicle, steer_to_lateral_error
 from controller.settings import ControllerSettings
-from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, read_preset
-from tools.batch.engine import BatchRun, Outcome, run_batch
-from tools.unguarded import UNGUARDED
+from tests.straight_runs import PUSH, decay_1_s, run_straight
+from tools.batch.engine import BatchRun
 
 MS = 1_000_000
 PREDICTOR = ("law=predictor", "predictor.horizon_s_max=1.0", "nominal_model.virtual_mass_kg=3400")
@@ -39,42 +40,9 @@ def loop_of(
 
 
 def run(
-    overrides: tuple[str, ...],
-    vehicle: NominalVehicle,
-    lag_s: float,
-    delay_ns: int,
-    *more: str,
+    overrides: tuple[str, ...], vehicle: NominalVehicle, lag_s: float, delay_ns: int, *more: str
 ) -> BatchRun:
-    """Run on a straight path after a push that is over at 1.5 s."""
-    settings = (
-        "duration_s=60",
-        'path={kind="straight"}',
-        f"vehicle.speed_km_h={3.6 * vehicle.speed_m_s!r}",
-        f"vehicle.virtual_mass_kg={vehicle.virtual_mass_kg!r}",
-        f"actuator.lag_s={lag_s}",
-        f"latency.downlink.mean_s={delay_ns * 1e-9!r}",
-        *more,
-    )
-    preset = read_preset("plant_emulator.presets", "paper_nominal")
-    plant = load_settings(PlantSettings, preset, None, settings)
-    done = run_batch(plant.model_copy(update={"safety": UNGUARDED}), controller(*overrides))
-    assert done.outcome is Outcome.COMPLETE
-    return done
-
-
-PUSH = (
-    "disturbance.steps=[{at_s=0.5, steering_offset_rad=0.05}, {at_s=1.5, steering_offset_rad=0.0}]"
-)
-
-
-def decay_1_s(done: BatchRun, first_s: float, last_s: float, window_s: float = 6.0) -> float:
-    """Return how fast the envelope of the error falls, by a straight line through its logarithm."""
-    starts_s = np.arange(first_s, last_s, window_s)
-    peaks = [
-        np.abs(done.lateral_error_m[(done.time_s >= at) & (done.time_s < at + window_s)]).max()
-        for at in starts_s
-    ]
-    return -float(np.polyfit(starts_s, np.log(peaks), 1)[0])
+    return run_straight(controller(*overrides), vehicle, lag_s, delay_ns, *more)
 
 
 # Where the slowest mode is alone, and slow enough to be seen over the quantisation of the wire.
@@ -166,7 +134,6 @@ def test_periods_of_their_own_are_one_period_together(
     vehicle = paper_box().nominal
     other = loop_of((*law, *overrides), vehicle)
     assert other.period_ns == 20 * MS
-    assert not other.has_transfer_function
     expected = loop_of(law, vehicle).decay_1_s(100 * MS)
     assert other.decay_1_s(100 * MS) == pytest.approx(expected, rel=0.15)
 
@@ -202,3 +169,23 @@ def test_the_check_of_the_filtered_derivative_says_where_it_ends() -> None:
 
 def test_the_check_of_periods_without_a_common_multiple_says_so() -> None:
     assert "Not analysed: control period" in check_text(controller(*PREDICTOR, "rate_hz=99"))
+
+
+def test_the_check_of_the_predictor_tells_what_its_fallback_survives(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of two gains for the same fallback it tells two margins, those of the law alone."""
+    monkeypatch.setattr(check, "SHOWN_DELAYS_MS", ())
+    monkeypatch.setattr(check, "stable_constant_delays", lambda _loop, _limit_ns: ())
+    margins_ms = []
+    for gain in ("1.2", "2.0"):
+        overrides = (*PREDICTOR, "rate_hz=50", f"pd.proportional_gain_rad_m={gain}")
+        settings = controller(*overrides)
+        alone = controller(*overrides, "law=pd_ddob")
+        assert alone.model is not None
+        loop = SampledLoop(design_law(alone), alone.model, alone.period_ns)
+        last_ns = stable_delays(loop)[0].last_ns
+        text = check_text(settings).split("without echoes, the law is pd_ddob")[1]
+        assert f"delay margin  {last_ns // 10_000 / 100:.2f} ms" in text
+        margins_ms.append(last_ns / MS)
+    assert abs(margins_ms[0] - margins_ms[1]) > 10.0

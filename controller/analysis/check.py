@@ -4,7 +4,7 @@ The text as a whole is a settings file again: all but the settings are TOML comm
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,10 @@ from controller.analysis.stable_delays import (
 from controller.design import design_law, link_of
 from controller.law_settings import VehicleModelSettings
 from controller.laws import LawName
+from controller.link import LinkParams
 from controller.nominal_model import NominalVehicle
 from controller.settings import ControllerSettings
+from dbc.messages import CYCLE_TIMES_MS, VehicleState
 from runtime.node import NS_PER_MS, NS_PER_S
 from runtime.settings import dump_toml
 
@@ -55,6 +57,9 @@ def _analysis(settings: ControllerSettings) -> Iterator[str]:
     design, period_ns = design_law(settings), settings.period_ns
     if settings.law is LawName.PREDICTOR or settings.pd.derivative == "kalman":
         yield from _filter_analysis(settings)
+        return
+    if settings.law is LawName.DELAYED_SET_POINT:
+        yield from _set_point_analysis(settings)
         return
     if design.commands_read is None:
         yield "The law reads more than the lateral error and its own commands, and is therefore not"
@@ -103,8 +108,48 @@ def _filter_analysis(settings: ControllerSettings) -> Iterator[str]:
     yield "The law has a filter that looks back. Analysed with a constant latency of the commands,"
     yield f"none of the measurements, and every echo there, at {vehicle.speed_m_s:.4g} m/s."
     yield ""
+    yield from _looking_back(lambda: PredictorLoop(design_law(settings), link, Rig(vehicle)), link)
+    yield ""
+    if settings.law is LawName.PREDICTOR and settings.predictor is not None:
+        horizon_s = settings.predictor.horizon_s_max
+        yield f"Beyond {horizon_s:g} s, and without echoes, the law is pd_ddob, with a"
+        fallback = design_law(settings.model_copy(update={"law": LawName.PD_DDOB}))
+        if settings.model is not None:
+            loop = SampledLoop(fallback, settings.model, settings.period_ns)
+            yield from _delays(stable_delays(loop))
+        yield "around the nominal plant: --law pd_ddob --check tells more."
+    else:
+        yield "Without echoes the derivative is the filtered difference."
+    yield "Latency that varies is for simulation: python -m tools.stress_latency."
+
+
+def _set_point_analysis(settings: ControllerSettings) -> Iterator[str]:
+    """Return the analysis of the delayed set point, which reads the yaw rate too."""
+    link, model, table = link_of(settings), settings.nominal_model, settings.delayed_set_point
+    if not isinstance(model, VehicleModelSettings) or table is None:  # refused by the settings
+        return
+    vehicle, design = NominalVehicle(**model.model_dump(exclude={"kind"})), design_law(settings)
+    sensor_ns = link.sensor_period_ns
+    cycle_ns = CYCLE_TIMES_MS[VehicleState] * NS_PER_MS
+    state_ns = sensor_ns * max(1, cycle_ns // sensor_ns)
+    delay = "measured by echoes" if table.delay_s is None else f"set, {table.delay_s:g} s"
+    yield "The law reads lateral error and yaw rate. Analysed with a constant latency of the"
+    yield f"commands, none of the measurements, a VEHICLE_STATE every {state_ns / NS_PER_MS:g} ms,"
+    yield f"at {vehicle.speed_m_s:.4g} m/s; the delay of the set point is {delay}."
+    yield "The curve of the map is outside the loop."
+    yield ""
+    repeated = int(design.params.request_periods)
+    yield from _looking_back(
+        lambda: PredictorLoop(design, link, Rig(vehicle), state_ns, repeated), link
+    )
+    yield ""
+    yield "Latency that varies is for simulation: python -m tools.stress_latency."
+
+
+def _looking_back(make_loop: Callable[[], PredictorLoop], link: LinkParams) -> Iterator[str]:
+    """Return poles, sensitivity and stable delays of a law that looks back."""
     try:
-        loop = PredictorLoop(design_law(settings), link, Rig(vehicle))
+        loop = make_loop()
     except ValueError as error:
         yield f"Not analysed: {error}."
         return
@@ -119,13 +164,6 @@ def _filter_analysis(settings: ControllerSettings) -> Iterator[str]:
     limit_ns = min(DELAY_NS_MAX, FILTER_PERIODS_MAX * link.period_ns)
     yield "Constant delay between command and wheel angle:"
     yield from _delays(stable_constant_delays(loop, limit_ns), limit_ns)
-    yield ""
-    if settings.law is LawName.PREDICTOR and settings.predictor is not None:
-        yield f"Beyond {settings.predictor.horizon_s_max:g} s, and without echoes, the law is"
-        yield "pd_ddob: --law pd_ddob --check analyses that."
-    else:
-        yield "Without echoes the derivative is the filtered difference."
-    yield "Latency that varies is for simulation: python -m tools.stress_latency."
 
 
 def _noise_and_sensitivity(loop: PredictorLoop, delay_ns: int) -> str:
@@ -133,8 +171,6 @@ def _noise_and_sensitivity(loop: PredictorLoop, delay_ns: int) -> str:
     if decay_1_s <= SLOWEST_DECAY_1_S:
         return f"NOT STABLE, its slowest mode {_decay_in_words(decay_1_s)}"
     noise = f"{loop.noise_gain_rad_m(delay_ns):.4g} rad"
-    if not loop.has_transfer_function:
-        return noise
     return f"sensitivity at most {loop.peak_sensitivity(delay_ns):.4g}, {noise}"
 
 

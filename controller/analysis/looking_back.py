@@ -3,20 +3,20 @@
 At a constant latency every instant is known before: when samples are taken, ticks run and commands
 act, which of them the echo names, and what the controller has seen of it all. ``Signals`` moves the
 vehicle exactly from event to event, in the order of ``tools.batch.loop``: commands that are due,
-samples, the tick, and its command if there is no latency. ``unit_answers`` has what a tick makes of
-it from the law's own step function, by unit vectors.
+samples, the tick, and its command if there is no latency. What a tick makes of it, is told by
+``controller.analysis.unit_answers``.
+
+Beside lateral and heading errors a law may read the yaw rate of VEHICLE_STATE, which the plant
+tells with some of its samples only; between two of them the law has the last one.
 """
 
-from collections.abc import Callable, Iterator
-from math import ceil
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.design import LawDesign
 from controller.held_input import held_over
-from controller.law_interface import NO_VEHICLE, History, LawInput, Link
 from controller.link import LinkParams
 from controller.nominal_model import NominalVehicle
 from runtime.node import NS_PER_S
@@ -24,9 +24,6 @@ from runtime.node import NS_PER_S
 Matrix = NDArray[np.float64]
 
 BETA, R, PSI, Y, WHEEL = range(5)
-_RING = 4096
-_SETTLED_NS = 1_500_000_000
-"""A law that waits for its filter to settle has it then."""
 
 
 class Rig(NamedTuple):
@@ -42,7 +39,10 @@ class Rig(NamedTuple):
 
 
 class Timing(NamedTuple):
-    """When what happens, in the period that begins with ``first_tick`` and ``first_sample``."""
+    """When what happens, in the period that begins with ``first_tick`` and ``first_sample``.
+
+    ``samples_per_state``  from one VEHICLE_STATE to the next; 0: the law does not read it
+    """
 
     link: LinkParams
     delay_ns: int
@@ -51,6 +51,7 @@ class Timing(NamedTuple):
     first_sample: int
     ticks: int
     samples: int
+    samples_per_state: int = 0
 
     @property
     def end_ns(self) -> int:
@@ -70,12 +71,23 @@ class Timing(NamedTuple):
         """Return the newest sample that has come at a tick."""
         return (tick * self.link.period_ns - self.uplink_ns) // self.link.sensor_period_ns
 
+    def states_known(self, tick: int, before_sample: int) -> range:
+        """Return the samples with a VEHICLE_STATE, from the newest that has come at a tick on."""
+        if self.samples_per_state == 0:
+            return range(0)
+        newest = self.newest_sample(tick) // self.samples_per_state * self.samples_per_state
+        return range(newest, before_sample, self.samples_per_state)
+
     def applied_tick(self, sample: int) -> int:
         """Return the tick whose command is in effect at a sample."""
         sample_ns = sample * self.link.sensor_period_ns
         if self.delay_ns == 0:  # the sample is taken before the tick
             return -(-sample_ns // self.link.period_ns) - 1
         return (sample_ns - self.delay_ns) // self.link.period_ns
+
+    def acting_tick(self, time_ns: int) -> int:
+        """Return the tick whose command acts from a time on."""
+        return (time_ns - self.delay_ns) // self.link.period_ns
 
     def echoed_delay_ns(self) -> float:
         """Return the delay that a long row of echoes shows."""
@@ -90,64 +102,82 @@ class Timing(NamedTuple):
 class LoopMatrices(NamedTuple):
     """x ↦ A x + B w over one common multiple of the periods; steer of every tick = C x + D w.
 
+    And x ↦ A x + E v, with p = F x + G v: what is added to the commands that begin to act, and what
+    acts then; of what began to act before, and still does, x has the last.
+
     ``w``  noise of the lateral errors of its samples [m]
+    ``v``  added behind the law, where it does not know of it [rad]
     """
 
     a: Matrix
     b: Matrix
     c: Matrix
     d: Matrix
+    e: Matrix
+    f: Matrix
+    g: Matrix
 
 
 class Signals:
-    """Everything in the loop, each a row over the state at the beginning and the noise."""
+    """Everything in the loop, each a row over the state at the beginning, the noise and v."""
 
-    def __init__(
-        self, timing: Timing, plant: tuple[Matrix, Matrix], law_floats: int, drive: float
-    ) -> None:
-        self._timing, self._drive = timing, drive
+    def __init__(self, timing: Timing, plant: tuple[Matrix, Matrix], law_floats: int) -> None:
+        self._timing = timing
         self._a, self._b = plant
         self._now_ns = timing.first_tick * timing.link.period_ns
         self._tick, self._sample = timing.first_tick, timing.first_sample
         known = timing.newest_sample(self._tick - 1)
         ticks = range(timing.applied_tick(known), self._tick)
         samples = range(known, self._sample)
-        vehicle = len(self._b)
-        self._order = vehicle + law_floats + len(ticks) + 2 * len(samples)
-        rows = iter(np.eye(self._order + timing.samples)[: self._order])
+        states = timing.states_known(self._tick - 1, self._sample)
+        acting = timing.acting_tick(self._now_ns)
+        vehicle, held = len(self._b), (timing.delay_ns % timing.link.period_ns > 0)
+        self._order = vehicle + law_floats + len(ticks) + 2 * len(samples) + len(states) + held
+        columns = np.eye(self._order + timing.samples + timing.ticks)
+        rows, added = iter(columns[: self._order]), columns[self._order + timing.samples :]
         self._vehicle = np.array([next(rows) for _ in range(vehicle)])
         self._law = np.array([next(rows) for _ in range(law_floats)])
         self._commands = {tick: next(rows) for tick in ticks}
         self._errors = {sample: (next(rows), next(rows)) for sample in samples}
+        self._yaw_rates = {sample: next(rows) for sample in states}
+        self._added = {acting: next(rows)} if held else {}
+        self._begins = range(acting + held, acting + held + timing.ticks)
+        self._added |= dict(zip(self._begins, added, strict=True))
         self._steers: list[Matrix] = []
+        self._acts: dict[int, Matrix] = {}
 
     def move_to(self, time_ns: int) -> None:
         """Move the vehicle on, under each command that is in effect on the way."""
         delay_ns, period_ns = self._timing.delay_ns, self._timing.link.period_ns
         while self._now_ns < time_ns:
-            tick = (self._now_ns - delay_ns) // period_ns
+            tick = self._timing.acting_tick(self._now_ns)
             until_ns = min(time_ns, (tick + 1) * period_ns + delay_ns)
             transition, input_gain = held_over(
                 self._a, self._b, (until_ns - self._now_ns) / NS_PER_S
             )
-            command = self._drive * self._commands[tick]
-            self._vehicle = transition @ self._vehicle + np.outer(input_gain, command)
+            self._acts[tick] = self._commands[tick] + self._added[tick]
+            self._vehicle = transition @ self._vehicle + np.outer(input_gain, self._acts[tick])
             self._now_ns = until_ns
 
     def take_sample(self) -> None:
-        """Measure, with noise."""
+        """Measure, with noise of the lateral error."""
+        timing = self._timing
         noise = np.zeros(self._vehicle.shape[1])
-        noise[self._order + self._sample - self._timing.first_sample] = 1.0
+        noise[self._order + self._sample - timing.first_sample] = 1.0
         self._errors[self._sample] = (self._vehicle[Y] + noise, self._vehicle[PSI].copy())
+        if timing.samples_per_state and self._sample % timing.samples_per_state == 0:
+            self._yaw_rates[self._sample] = self._vehicle[R].copy()
         self._sample += 1
 
     def decide(self, answer: Callable[[Timing, int], Matrix]) -> None:
         """Let the law have its tick."""
         ticks, samples = told_at(self._timing, self._tick)
+        states = self._timing.states_known(self._tick, self._sample)[:1]
         told = [
             *self._law,
             *(self._commands[tick] for tick in ticks),
             *(row for sample in samples for row in self._errors[sample]),
+            *(self._yaw_rates[sample] for sample in states),
         ]
         after = answer(self._timing, self._tick) @ np.array(told)
         self._law, steer = after[:-1], after[-1]
@@ -156,93 +186,37 @@ class Signals:
         self._tick += 1
 
     def matrices(self) -> LoopMatrices:
-        """Return the state at the end and the steers on the way, over state and noise."""
+        """Return the state at the end, and the steers and what acts on the way."""
         known = self._timing.newest_sample(self._tick - 1)
         ticks = range(self._timing.applied_tick(known), self._tick)
+        states = self._timing.states_known(self._tick - 1, self._sample)
+        acting = self._timing.acting_tick(self._now_ns)
         rows = [
             *self._vehicle,
             *self._law,
             *(self._commands[tick] for tick in ticks),
             *(row for sample in range(known, self._sample) for row in self._errors[sample]),
+            *(self._yaw_rates[sample] for sample in states),
+            *([self._added[acting]] if acting in self._added else []),
         ]
         end, steers = np.array(rows), np.array(self._steers)
-        order = self._order
-        return LoopMatrices(end[:, :order], end[:, order:], steers[:, :order], steers[:, order:])
+        acts = np.array([self._acts[tick] for tick in self._begins])
+        order, noisy = self._order, self._order + self._timing.samples
+        return LoopMatrices(
+            end[:, :order],
+            end[:, order:noisy],
+            steers[:, :order],
+            steers[:, order:noisy],
+            end[:, noisy:],
+            acts[:, :order],
+            acts[:, noisy:],
+        )
 
 
 def told_at(timing: Timing, tick: int) -> tuple[range, range]:
     """Return the commands and the samples that a law with a filter reads at a tick."""
     known = timing.newest_sample(tick - 1)
     return range(timing.applied_tick(known), tick), range(known, timing.newest_sample(tick) + 1)
-
-
-def unit_answers(design: LawDesign, params: Any, timing: Timing, tick: int) -> Matrix:
-    """Return law and steer after a tick, by what the law was before and is told."""
-    wire = _Wire(timing)
-    rest = _settled_at_rest(design, params, wire, tick)
-    ticks, samples = told_at(timing, tick)
-    floats = floats_in(rest)
-    columns = []
-    for unit in range(floats):
-        state = _filled(rest, iter([1.0 if index == unit else 0.0 for index in range(floats)]))
-        columns.append(design.step(params, state, wire.seen(tick)))
-    numbers = [(wire.sent_rad, number) for number in ticks]
-    for sample in samples:
-        numbers += [(wire.lateral_error_m, sample), (wire.heading_error_rad, sample)]
-    for ring, number in numbers:
-        ring[number % _RING] = 1.0
-        columns.append(design.step(params, rest, wire.seen(tick)))
-        ring[number % _RING] = 0.0
-    return np.array([[*_leaves(state), output.steer_rad] for state, output in columns]).T
-
-
-def _settled_at_rest(design: LawDesign, params: Any, wire: "_Wire", tick: int) -> Any:
-    """Return the state before a tick of a law that has seen nothing but zeros for long enough."""
-    rest: Any = None
-    for periods in (1, ceil(_SETTLED_NS / wire.period_ns)):
-        rest = design.initial_state(0.0)
-        for before in range(tick - periods, tick):
-            rest, _ = design.step(params, rest, wire.seen(before))
-        if all(_truths(rest)):  # it predicts, or takes its derivative from the filter
-            break
-    return rest
-
-
-class _Wire:
-    """What a law is told, all of it zero but for what is set in the rings."""
-
-    def __init__(self, timing: Timing) -> None:
-        self._timing, self._delay_ns = timing, timing.echoed_delay_ns()
-        self.period_ns = timing.link.period_ns
-        self.sent_rad = [0.0] * _RING
-        self.lateral_error_m = [0.0] * _RING
-        self.heading_error_rad = [0.0] * _RING
-        applied = [-1] * _RING
-        last = timing.first_sample + timing.samples
-        for sample in range(max(0, last - _RING + 1), last + 1):
-            applied[sample % _RING] = timing.applied_tick(sample)
-        self._history = History(
-            _RING - 1,
-            _RING - 1,
-            self.sent_rad,
-            self.lateral_error_m,
-            self.heading_error_rad,
-            [True] * _RING,
-            applied,
-            [False] * _RING,
-            [0.0] * _RING,
-        )
-
-    def seen(self, tick: int) -> LawInput:
-        """Return what the law is told at a tick."""
-        newest = self._timing.newest_sample(tick)
-        return LawInput(
-            self.lateral_error_m[newest % _RING],
-            self.sent_rad[(tick - 1) % _RING],
-            NO_VEHICLE,
-            Link(tick, newest, newest, self._delay_ns, True),
-            self._history,
-        )
 
 
 def continuous_rig(rig: Rig) -> tuple[Matrix, Matrix]:
@@ -261,34 +235,3 @@ def continuous_rig(rig: Rig) -> tuple[Matrix, Matrix]:
         return a[:WHEEL, :WHEEL], a[:WHEEL, WHEEL]
     a[WHEEL, WHEEL], b[WHEEL] = -1.0 / rig.actuator_lag_s, 1.0 / rig.actuator_lag_s
     return a, b
-
-
-def _leaves(nested: Any) -> Iterator[float]:
-    """Return the floats of a law's state; whole numbers and truth values are not its own."""
-    if isinstance(nested, tuple):
-        for member in nested:
-            yield from _leaves(member)
-    elif isinstance(nested, float):
-        yield nested
-
-
-def _truths(nested: Any) -> Iterator[bool]:
-    """Return the truth values of a law's state."""
-    if isinstance(nested, tuple):
-        for member in nested:
-            yield from _truths(member)
-    elif isinstance(nested, bool):
-        yield nested
-
-
-def floats_in(nested: Any) -> int:
-    """Return how many floats a law's state holds."""
-    return sum(1 for _ in _leaves(nested))
-
-
-def _filled(form: Any, values: Iterator[float]) -> Any:
-    """Return a state of the same types, its floats replaced."""
-    if isinstance(form, tuple):
-        members = [_filled(member, values) for member in form]
-        return type(form)(*members) if hasattr(form, "_fields") else tuple(members)
-    return next(values) if isinstance(form, float) else form

@@ -2,7 +2,9 @@
 
 With a constant latency the echo shows a constant delay, every measurement comes, and the predictor,
 or a law with dy/dt from the Kalman filter, is a linear system that repeats itself from one common
-multiple of control and sensor period to the next. Its state at the beginning of a multiple is
+multiple of control and sensor period to the next; so is the delayed set point, whose periods are
+that of VEHICLE_STATE and of the requests it remembers too. Its state at the beginning of a multiple
+is
 
     x = (vehicle and wheel, law and filter, commands sent, measurements on their way)
 
@@ -10,8 +12,10 @@ and what becomes of it is exact (``controller.analysis.looking_back``). Left out
 quantisation and jitter, and what a step does when echoes come and go.
 
     stability          every eigenvalue of x ↦ A x, that command and error have a part in, decays
-    peak sensitivity   max |det(zI - A₀)/det(zI - A)| on the unit circle, A₀ the loop cut at the
-                       vehicle's command: 1/(1 + L) without a transfer function
+    peak sensitivity   largest gain on the unit circle from what is added to the vehicle's commands
+                       to the commands that act, G + F (zI - A)⁻¹ E: where the loop repeats itself
+                       from tick to tick |1/(1 + L)|, else the largest singular value over all its
+                       ticks, which is the same for a loop that does
     noise gain         RMS of the steer for white noise of 1 m on every lateral error,
                        from P = A P Aᵀ + B Bᵀ
 """
@@ -31,9 +35,7 @@ from controller.analysis.looking_back import (
     Timing,
     Y,
     continuous_rig,
-    floats_in,
     told_at,
-    unit_answers,
 )
 from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S
 from controller.analysis.stable_delays import (
@@ -42,6 +44,7 @@ from controller.analysis.stable_delays import (
     SCAN_STEP_NS,
     DelayInterval,
 )
+from controller.analysis.unit_answers import floats_in, unit_answers
 from controller.design import LawDesign
 from controller.link import LinkParams
 from runtime.node import NS_PER_S
@@ -61,16 +64,28 @@ class PredictorLoop:
 
     ``design``  the law, its parameters those of the vehicle's speed
     ``link``    periods of controller and sensors
+    ``state_period_ns``  of VEHICLE_STATE, a multiple of the sensors', if the law reads its yaw rate
+    ``ticks_repeated``   after how many ticks the law does the same again, if it counts them
 
     Raises ValueError where the two periods have no common multiple within 40 of either.
     """
 
-    def __init__(self, design: LawDesign, link: LinkParams, rig: Rig) -> None:
+    def __init__(
+        self,
+        design: LawDesign,
+        link: LinkParams,
+        rig: Rig,
+        state_period_ns: int | None = None,
+        ticks_repeated: int = 1,
+    ) -> None:
         self.rig = rig
         self._design, self._link = design, link
         speed_m_s = rig.vehicle.speed_m_s
         self._params = design.params if design.params_at is None else design.params_at(speed_m_s)
-        self.period_ns = math.lcm(link.period_ns, link.sensor_period_ns)
+        sample_ns = link.sensor_period_ns
+        self._samples_per_state = 0 if state_period_ns is None else state_period_ns // sample_ns
+        state_ns = sample_ns if state_period_ns is None else state_period_ns
+        self.period_ns = math.lcm(link.period_ns * ticks_repeated, sample_ns, state_ns)
         if max(self.period_ns // link.period_ns, self.period_ns // link.sensor_period_ns) > (
             _TICKS_MAX
         ):
@@ -81,13 +96,10 @@ class PredictorLoop:
         self._plant = continuous_rig(rig)
         self._answers: dict[tuple[Any, ...], Matrix] = {}
 
-    def matrices(self, delay_ns: int, drive: float = 1.0) -> LoopMatrices:
-        """Return the loop with a constant latency ≥ 0 of the commands.
-
-        ``drive``  share of each command that the vehicle gets; 0 cuts the loop open
-        """
+    def matrices(self, delay_ns: int) -> LoopMatrices:
+        """Return the loop with a constant latency ≥ 0 of the commands."""
         timing = self._timing(delay_ns)
-        signals = Signals(timing, self._plant, floats_in(self._design.initial_state(0.0)), drive)
+        signals = Signals(timing, self._plant, floats_in(self._design.initial_state(0.0)))
         for time_ns in timing.instants():
             signals.move_to(time_ns)
             if time_ns % self._link.sensor_period_ns == 0:
@@ -115,29 +127,25 @@ class PredictorLoop:
         """Whether every mode decays."""
         return self.decay_1_s(delay_ns) > SLOWEST_DECAY_1_S
 
-    @property
-    def has_transfer_function(self) -> bool:
-        """Whether controller and sensors share one period, so that a sensitivity is defined."""
-        return self._link.period_ns == self._link.sensor_period_ns
-
     def peak_sensitivity(self, delay_ns: int) -> float:
-        """Return the largest |1/(1 + L)|. Raises ValueError where the periods differ."""
-        if not self.has_transfer_function:
-            raise ValueError("the loop is no transfer function where the two periods differ")
-        closed, kept = self._kept(delay_ns)
-        cut = self.matrices(delay_ns, drive=0.0).a
+        """Return the largest gain from what is added to the commands to what acts."""
+        loop, kept = self.matrices(delay_ns), self._kept(delay_ns)[1]
+        # What began to act before is in the last state, if there is any: no other acts on it.
+        kept = np.union1d(kept, [len(loop.a) - 1])
+        a, e, f = loop.a[np.ix_(kept, kept)], loop.e[kept], loop.f[:, kept]
         nyquist_rad_s = math.pi * NS_PER_S / self.period_ns
-        omega_rad_s = np.geomspace(_OMEGA_RAD_S_MIN, nyquist_rad_s, _FREQUENCIES)
-        z = np.exp(1j * omega_rad_s * self.period_ns / NS_PER_S)[:, None, None]
-        identity = np.eye(len(kept))
-        logs = [np.linalg.slogdet(z * identity - a[np.ix_(kept, kept)])[1] for a in (cut, closed)]
-        return float(np.exp((logs[0] - logs[1]).max()))
+        peak = 0.0
+        for omega_rad_s in np.geomspace(_OMEGA_RAD_S_MIN, nyquist_rad_s, _FREQUENCIES):
+            z = np.exp(1j * omega_rad_s * self.period_ns / NS_PER_S)
+            gains = loop.g + f @ np.linalg.solve(z * np.eye(len(kept)) - a, e)
+            peak = max(peak, float(np.linalg.norm(gains, 2)))
+        return peak
 
     def noise_gain_rad_m(self, delay_ns: int) -> float:
         """Return the RMS of the steer for white noise of 1 m; infinite where it grows."""
         if self.decay_1_s(delay_ns) <= 0.0:
             return math.inf
-        (a, b, c, d), kept = self.matrices(delay_ns), self._kept(delay_ns)[1]
+        (a, b, c, d, *_), kept = self.matrices(delay_ns), self._kept(delay_ns)[1]
         a, b, c = a[np.ix_(kept, kept)], b[kept], c[:, kept]
         covariance = b @ b.T
         for _ in range(_DOUBLINGS):
@@ -159,6 +167,7 @@ class PredictorLoop:
             start_ns // link.sensor_period_ns,
             self.period_ns // link.period_ns,
             self.period_ns // link.sensor_period_ns,
+            self._samples_per_state,
         )
 
     def _kept(self, delay_ns: int) -> tuple[Matrix, NDArray[np.intp]]:
@@ -167,12 +176,8 @@ class PredictorLoop:
         The observers of a fallback only listen, and a difference that fades does so by itself.
         """
         a = self.matrices(delay_ns).a
-        acts = (a != 0.0) | np.eye(len(a), dtype=bool)
-        while True:
-            further = (acts.astype(np.int64) @ acts) > 0
-            if (further == acts).all():
-                return a, np.flatnonzero(acts[Y] & acts[:, Y])
-            acts = further
+        acts = a != 0.0
+        return a, np.flatnonzero(_reached_from(Y, acts) & _reached_from(Y, acts.T))
 
     def _answer(self, timing: Timing, tick: int) -> Matrix:
         """Return what a tick makes of law, commands and measurements, kept for the next delay."""
@@ -180,8 +185,19 @@ class PredictorLoop:
         applied = tuple(timing.applied_tick(sample) for sample in samples)
         key = (tick - timing.first_tick, timing.echoed_delay_ns(), ticks, samples, applied)
         if key not in self._answers:
-            self._answers[key] = unit_answers(self._design, self._params, timing, tick)
+            speed_m_s = self.rig.vehicle.speed_m_s
+            self._answers[key] = unit_answers(self._design, self._params, timing, tick, speed_m_s)
         return self._answers[key]
+
+
+def _reached_from(start: int, acts: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return what a state acts on, itself among it; ``acts[i, j]``: j acts on i at once."""
+    reached: NDArray[np.bool_] = np.arange(len(acts)) == start
+    while True:
+        further = reached | acts[:, reached].any(axis=1)
+        if (further == reached).all():
+            return reached
+        reached = further
 
 
 def stable_constant_delays(

@@ -1,0 +1,135 @@
+"""What a tick of a law that looks back makes of what it is told, by unit vectors.
+
+The law's own step function is asked, once for every float of its state and for everything that it
+reads: a law that is linear at a constant latency has told all of itself then.
+"""
+
+from collections.abc import Iterator
+from math import ceil
+from typing import Any
+
+import numpy as np
+
+from controller.analysis.looking_back import Matrix, Timing, told_at
+from controller.design import LawDesign
+from controller.law_interface import History, LawInput, Link, VehicleReading
+
+_RING = 4096
+_SETTLED_NS = 1_500_000_000
+"""A law that waits for its filter to settle has it then."""
+
+
+def unit_answers(
+    design: LawDesign, params: Any, timing: Timing, tick: int, speed_m_s: float
+) -> Matrix:
+    """Return law and steer after a tick, by what the law was before and is told.
+
+    What a law counts, and is not 0 at rest, is taken off again.
+    """
+    wire = _Wire(timing, speed_m_s)
+    rest = _settled_at_rest(design, params, wire, timing, tick)
+    ticks, samples = told_at(timing, tick)
+    at_rest = list(_leaves(rest))
+    answers = [design.step(params, rest, wire.seen(tick))]
+    for unit in range(len(at_rest)):
+        moved = iter([*at_rest[:unit], at_rest[unit] + 1.0, *at_rest[unit + 1 :]])
+        answers.append(design.step(params, _filled(rest, moved), wire.seen(tick)))
+    numbers = [(wire.sent_rad, number) for number in ticks]
+    for sample in samples:
+        numbers += [(wire.lateral_error_m, sample), (wire.heading_error_rad, sample)]
+    for ring, number in numbers:
+        ring[number % _RING] = 1.0
+        answers.append(design.step(params, rest, wire.seen(tick)))
+        ring[number % _RING] = 0.0
+    if timing.samples_per_state:
+        answers.append(design.step(params, rest, wire.seen(tick, 1.0)))
+    rest_rows, *rows = [[*_leaves(state), output.steer_rad] for state, output in answers]
+    columns: Matrix = np.array(rows) - np.array(rest_rows)
+    return columns.T
+
+
+def _settled_at_rest(
+    design: LawDesign, params: Any, wire: "_Wire", timing: Timing, tick: int
+) -> Any:
+    """Return the state before a tick of a law that has seen nothing but zeros for long enough.
+
+    It began with the first tick of a common multiple, as all do that count the periods.
+    """
+    rest: Any = None
+    for periods in (1, ceil(_SETTLED_NS / wire.period_ns)):
+        rest = design.initial_state(0.0)
+        first = (tick - periods) // timing.ticks * timing.ticks
+        for before in range(first, tick):
+            rest, _ = design.step(params, rest, wire.seen(before))
+        if all(_truths(rest)):  # it predicts, or takes its derivative from the filter
+            break
+    return rest
+
+
+class _Wire:
+    """What a law is told, all of it zero but for what is set in the rings."""
+
+    def __init__(self, timing: Timing, speed_m_s: float) -> None:
+        self._speed_m_s = speed_m_s
+        self._timing, self._delay_ns = timing, timing.echoed_delay_ns()
+        self.period_ns = timing.link.period_ns
+        self.sent_rad = [0.0] * _RING
+        self.lateral_error_m = [0.0] * _RING
+        self.heading_error_rad = [0.0] * _RING
+        applied = [-1] * _RING
+        last = timing.first_sample + timing.samples
+        for sample in range(max(0, last - _RING + 1), last + 1):
+            applied[sample % _RING] = timing.applied_tick(sample)
+        self._history = History(
+            _RING - 1,
+            _RING - 1,
+            self.sent_rad,
+            self.lateral_error_m,
+            self.heading_error_rad,
+            [True] * _RING,
+            applied,
+            [False] * _RING,
+            [0.0] * _RING,
+        )
+
+    def seen(self, tick: int, yaw_rate_rad_s: float = 0.0) -> LawInput:
+        """Return what the law is told at a tick."""
+        newest = self._timing.newest_sample(tick)
+        return LawInput(
+            self.lateral_error_m[newest % _RING],
+            self.sent_rad[(tick - 1) % _RING],
+            VehicleReading(self._speed_m_s, yaw_rate_rad_s, 0.0),
+            Link(tick, newest, newest, self._delay_ns, True),
+            self._history,
+        )
+
+
+def _leaves(nested: Any) -> Iterator[float]:
+    """Return the floats of a law's state; whole numbers and truth values are not its own."""
+    if isinstance(nested, tuple):
+        for member in nested:
+            yield from _leaves(member)
+    elif isinstance(nested, float):
+        yield nested
+
+
+def _truths(nested: Any) -> Iterator[bool]:
+    """Return the truth values of a law's state."""
+    if isinstance(nested, tuple):
+        for member in nested:
+            yield from _truths(member)
+    elif isinstance(nested, bool):
+        yield nested
+
+
+def floats_in(nested: Any) -> int:
+    """Return how many floats a law's state holds."""
+    return sum(1 for _ in _leaves(nested))
+
+
+def _filled(form: Any, values: Iterator[float]) -> Any:
+    """Return a state of the same types, its floats replaced."""
+    if isinstance(form, tuple):
+        members = [_filled(member, values) for member in form]
+        return type(form)(*members) if hasattr(form, "_fields") else tuple(members)
+    return next(values) if isinstance(form, float) else form
