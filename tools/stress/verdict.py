@@ -80,7 +80,9 @@ class VerdictRules(Settings):
     """Of each of the two windows at the end of a run; at most a quarter of it."""
     settling_band_m: float = Field(0.1, gt=0.0, le=100.0)
     off_path_m: float = Field(0.25, gt=0.0, le=100.0)
-    """A calm PD has offsets up to 0.18 m, as it is meant to; this is half as much again."""
+    """PD leaves up to 0.16 m of bends and lasting disturbances, as it is meant to; this is half as
+    much again.
+    """
     road_m: float = Field(1.75, gt=0.0, le=100.0)
     """Half a lane of 3.5 m."""
     amplitude_m: float = Field(0.02, gt=0.0, le=100.0)

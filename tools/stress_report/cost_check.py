@@ -209,4 +209,4 @@ def _expected(plant: PlantSettings, controller: ControllerSettings) -> ExpectedC
     try:
         return expected_cost(plant, controller)
     except SettingsError as error:
-        return str(error)
+        return "; ".join(error.mistakes)

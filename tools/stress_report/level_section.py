@@ -18,13 +18,13 @@ def level_sections(study: StudyRecord, rows: Rows) -> list[Section]:
     names = ", ".join(factor.name for factor in factors)
     tables = [_ratios(study, rows, factor) for factor in factors]
     paragraphs = [
-        f"What {names} make of each law. Ratios are medians over pairs of runs of the same law, on "
+        f"What the levels of {names} make of each law. Ratios are medians over pairs of runs of the same law, on "
         "the same network, noise and all else, which differ in that factor alone: below 1 the "
         "level has less than the first one. Runs that do not hold are among them."
     ]
     conditions = conditions_by_level(study, rows, factors)
     if conditions:
-        paragraphs.append("The last table has medians over all runs of a combination.")
+        paragraphs.append("The last table has medians over all runs of a combination, whatever their network.")
         headings = (
             *("Controller", *(factor.name for factor in factors), "runs held", "RMS [mm]"),
             *EFFORT_HEADINGS,
