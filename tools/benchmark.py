@@ -20,6 +20,7 @@ from typing import Any
 from rich.console import Console
 
 from runtime.host import StealClock
+from runtime.option_types import output_file
 from tools.benchmarks.loop import controller_node_line, frame_lines, law_lines, virtual_time_lines
 from tools.benchmarks.measurement import Line, calibration
 from tools.benchmarks.startup import StartupError, heavy_modules, startup_lines
@@ -31,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="benchmark", description=(__doc__ or "").splitlines()[0], allow_abbrev=False
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures too")
+    parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
     options = parser.parse_args(arguments)
     try:
         _benchmark(options.json)

@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from runtime.host import StealClock
+from runtime.option_types import output_file
 from tools.benchmarks.batch.c_pair import MissingCompilerError
 from tools.benchmarks.batch.comparison import (
     line_of_threads,
@@ -45,8 +46,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="benchmark_batch", description=(__doc__ or "").splitlines()[0], allow_abbrev=False
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures too")
-    parser.add_argument("--chart", type=Path, metavar="FILE.png", help="time against runs")
+    parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
+    parser.add_argument("--chart", type=output_file, metavar="FILE.png", help="time against runs")
     options = parser.parse_args(arguments)
     try:
         _benchmark(options.json, options.chart)
