@@ -12,6 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from controller.control_sample import ControlSample
 from controller.delay_settings import delay_estimation_of
 from controller.delay_watch import DelayWatch, EchoDelay
 from controller.design import design_law, link_of
@@ -64,24 +65,6 @@ LAW_FAILURES_MAX = 1
 _COMMAND_COUNTERS = 1 << 16
 _E2E_COUNTERS = 1 << 8
 _STATUS_LIMITS = limits(ControllerStatus)
-
-
-class ControlSample(NamedTuple):
-    """One control period with a command, for plots.
-
-    ``time_ns``          when the tick ran [ns]
-    ``lateral_error_m``  the newest measurement [m]
-    ``sample_age_ns``    since that measurement arrived [ns]
-    ``law_output``       of this period; the last one while the law is not ACTIVE
-    ``sent_steer_rad``   the command, after limits [rad]
-    """
-
-    time_ns: int
-    mode: Mode
-    lateral_error_m: float
-    sample_age_ns: int
-    law_output: LawOutput
-    sent_steer_rad: float
 
 
 class Measurement(NamedTuple):

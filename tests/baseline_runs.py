@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 
+from controller.control_sample import ControlSample
 from controller.law_settings import VehicleModelSettings
-from controller.node import ControllerNode, ControlSample
+from controller.node import ControllerNode
 from controller.settings import ControllerSettings
 from plant_emulator.node import PlantNode
 from plant_emulator.settings import PlantSettings

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from controller.control_sample import ControlSample
 from controller.design import FADE_RAD_S, design_law
 from controller.law_interface import LawInput, VehicleReading
-from controller.node import ControllerNode, ControlSample
+from controller.node import ControllerNode
 from controller.settings import ControllerSettings
 from dbc.messages import CAN_IDS, Mode, VehicleState
 from plant_emulator.node import PlantNode

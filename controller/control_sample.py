@@ -1,0 +1,24 @@
+"""What the controller did in one period, for plots."""
+
+from typing import NamedTuple
+
+from controller.law_interface import LawOutput
+from dbc.messages import Mode
+
+
+class ControlSample(NamedTuple):
+    """One control period with a command, for plots.
+
+    ``time_ns``          when the tick ran [ns]
+    ``lateral_error_m``  the newest measurement [m]
+    ``sample_age_ns``    since that measurement arrived [ns]
+    ``law_output``       of this period; the last one while the law is not ACTIVE
+    ``sent_steer_rad``   the command, after limits [rad]
+    """
+
+    time_ns: int
+    mode: Mode
+    lateral_error_m: float
+    sample_age_ns: int
+    law_output: LawOutput
+    sent_steer_rad: float
