@@ -32,7 +32,10 @@ class Ratios(NamedTuple):
 
 
 class Condition(NamedTuple):
-    """One law under one combination of levels; the figures are medians over its runs."""
+    """One law under one combination of levels; the figures are medians over its runs.
+
+    ``..._by_latency``  RMS of error and steer at each mean latency; empty where it was not asked
+    """
 
     controller: int
     levels: tuple[str, ...]
@@ -40,6 +43,8 @@ class Condition(NamedTuple):
     held: int
     rms_m: float
     effort: Effort
+    rms_by_latency_m: tuple[float, ...]
+    steer_by_latency_rad: tuple[float, ...]
 
 
 def compared_factors(study: StudyRecord) -> list[FactorRecord]:
@@ -73,11 +78,17 @@ def level_ratios(study: StudyRecord, rows: Rows, factor: FactorRecord) -> list[R
 
 
 def conditions_by_level(
-    study: StudyRecord, rows: Rows, factors: list[FactorRecord]
+    study: StudyRecord,
+    rows: Rows,
+    factors: list[FactorRecord],
+    latency: IntArray | None = None,
 ) -> list[Condition]:
     """Return every law under every combination of levels, those of the first factor beside each
     other; none where they are too many.
+
+    ``latency``  the place of each row's mean latency, to have the figures by it too
     """
+    places = [] if latency is None else np.unique(latency).tolist()
     turned = product(*(factor.labels for factor in reversed(factors)))
     combinations = [tuple(reversed(labels)) for labels in turned]
     if not factors or len(combinations) * len(study.names) > CELLS_MAX:
@@ -89,6 +100,7 @@ def conditions_by_level(
             for factor, label in zip(factors, labels, strict=True):
                 chosen &= _is_at(rows, factor, label)
             at = np.flatnonzero(chosen)
+            by_latency = [at[latency[at] == place] for place in places if latency is not None]
             if len(at):
                 found.append(
                     Condition(
@@ -98,6 +110,8 @@ def conditions_by_level(
                         int(np.count_nonzero(rows.holds[at])),
                         median(rows.rms_m[at]),
                         effort(rows, at),
+                        tuple(median(rows.rms_m[few]) for few in by_latency),
+                        tuple(median(rows.steer_rms_rad[few]) for few in by_latency),
                     )
                 )
     return found

@@ -44,7 +44,7 @@ def write(folder: Path, break_point_seeds: int = SEEDS) -> Path:
         _maps(study, rows, axes),
         _break_points(study, rows, axes, break_point_seeds),
         comparison_section(study, comparisons(study, rows)),
-        *level_sections(study, rows),
+        *level_sections(study, rows, axes),
         _worst(study, rows),
         _costs(study, rows, axes),
     ]
