@@ -6,10 +6,11 @@ read as the same when it has been written again.
 """
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from typing import Any
 
 from dbc.messages import MESSAGE_TYPES
@@ -46,10 +47,16 @@ _TABLES: Sequence[tuple[str, type[Settings]]] = (
     ("cases", CaseSettings),
     ("node_cases", NodeCaseSettings),
 )
-_WORDS: Sequence[str] = (
-    *FaultKind, *NodeFaultKind, *MESSAGE_TYPES, "all", "controller", "plant", "bus", "steer_rad",
-    "lateral_error_m", "practical_pd", "", "a\nb",
-)  # fmt: skip
+_WORDS: Mapping[str, Sequence[str]] = MappingProxyType(
+    {
+        "messages": (*MESSAGE_TYPES, "all"),
+        "nodes": ("controller", "plant", "bus"),
+        "signal": ("steer_rad", "lateral_error_m", "", "counter"),
+        "name": ("a", "b", "a\nb"),
+        "laws": ("practical_pd", "practical_predictor", "none"),
+    }
+)
+"""What stands in a field, and something that does not."""
 _CHANGED: Sequence[Callable[[Choices], Any]] = (
     Choices.number,
     lambda choices: choices.text().encode("utf-8", errors="replace").decode(),
@@ -72,7 +79,7 @@ def fuzz_specification(data: bytes) -> None:
     choices = Choices(data)
     lines = [
         f"{choices.pick(sorted(CampaignSettings.model_fields))} = {toml_value(choices)}"
-        for _ in range(choices.integer(0, TABLES_MAX))
+        for _ in range(choices.integer(0, TABLES_MAX) if choices.chance(64) else 0)
     ]
     for _ in range(choices.integer(0, TABLES_MAX)):
         name, model = choices.pick(_TABLES)
@@ -127,23 +134,24 @@ def _line(choices: Choices) -> bytes:
 
 
 def _table(choices: Choices, model: type[Settings]) -> list[str]:
-    """Return the lines of one table; in three of four cases a value is of the kind it should be."""
+    """Return the lines of one table, whose values are mostly of the kind that they should be."""
     lines = []
     for key, field in model.model_fields.items():
-        if not field.is_required() and choices.chance(128):
-            continue
-        lines.append(
-            f"{key} = {_value(choices, key) if choices.chance(224) else toml_value(choices)}"
-        )
+        if field.is_required() or choices.chance(64):
+            value = _value(choices, model, key) if choices.chance(248) else toml_value(choices)
+            lines.append(f"{key} = {value}")
     return lines
 
 
-def _value(choices: Choices, key: str) -> str:
+def _value(choices: Choices, model: type[Settings], key: str) -> str:
+    words = _WORDS.get(key, ())
+    if key == "kind":
+        words = (*FaultKind,) if model is CaseSettings else (*NodeFaultKind,)
     if key == "magnitudes":
         numbers = [choices.pick((1.0, 0.5, 3, 0.02, 0.3, choices.number())) for _ in range(2)]
         return repr(numbers[: choices.integer(1, 2)])
-    if key in ("messages", "nodes"):
-        return json.dumps([choices.pick(_WORDS) for _ in range(choices.integer(1, 2))])
-    if key in ("kind", "name", "signal"):
-        return json.dumps(choices.pick(_WORDS))
+    if key in ("messages", "nodes", "laws"):
+        return json.dumps([choices.pick(words) for _ in range(choices.integer(1, 2))])
+    if words:
+        return json.dumps(choices.pick(words))
     return repr(choices.pick((1.0, 5.0, 100.0, 1000, 0.5, 250.0, 100_000.0, choices.number())))
