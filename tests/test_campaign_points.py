@@ -77,6 +77,11 @@ def test_a_path_that_is_none_is_told_in_one_line() -> None:
         spec_of('points=[{name="a", path={kind="spiral"}}]')
 
 
+def test_a_law_that_a_point_has_twice_is_told_in_one_line() -> None:
+    with pytest.raises(SettingsError, match="laws of 'a' must differ"):
+        spec_of('points=[{name="a", laws=["highway_pd", "highway_pd"]}]')
+
+
 def test_a_fault_whose_chance_to_do_nothing_is_known_may_do_nothing() -> None:
     def chance(kind: str, magnitude: float, message: str = "LATERAL_ERROR") -> float:
         case = f'cases=[{{kind="{kind}", messages=["{message}"], magnitudes=[{magnitude}]}}]'
