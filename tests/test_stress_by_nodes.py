@@ -24,7 +24,14 @@ from tools.stress.replay import replay
 from tools.stress.runner import run_study
 from tools.stress.store import Store
 from tools.stress.workers import Threads
-from tools.stress_report.report import write
+from tools.stress_report import break_points as break_points_module
+from tools.stress_report.axes import study_axes
+from tools.stress_report.break_point_picture import draw_break_points
+from tools.stress_report.page import page
+from tools.stress_report.results import read_rows, read_study
+from tools.stress_report.sections import break_point_section
+from tools.stress_report.settings_section import study_section
+from tools.stress_report.worst_runs import worst_runs
 from tools.virtual_pair import make_virtual_pair
 
 LOST = """
@@ -80,7 +87,7 @@ def test_a_run_that_is_not_compiled_is_that_of_the_nodes(
     assert np.isfinite([found["rms_m"], found["steer_rms_rad"], found["latency_mean_s"]]).all()
 
 
-def test_a_study_with_such_runs_is_whole_replays_and_has_a_report(tmp_path: Path) -> None:
+def test_a_study_with_such_runs_is_whole_replays_and_is_reported(tmp_path: Path) -> None:
     scenarios = make_scenarios(tmp_path, LOST)
     stores = []
     for name, threads in (("one", 1), ("two", 2)):
@@ -96,9 +103,33 @@ def test_a_study_with_such_runs_is_whole_replays_and_has_a_report(tmp_path: Path
     made = replay(one, Computer(scenarios), 3)
     assert made.stored is not None
     assert made.differences == []
-    assert "1 runs, which the compiled loop has no answer to" in write(one.folder, 1).read_text(
-        encoding="utf-8"
-    )
+    study = read_study(one.folder)
+    rows = read_rows(study)
+    text = page("lost", [study_section(study, rows)])
+    assert "1: the compiled loop has no answer to these" in text
+    (again,) = [worst for worst in worst_runs(study, rows) if worst.id == 3]
+    assert again.again_rms_m == pytest.approx(rows.rms_m[3], rel=1e-12)
+
+
+def test_a_search_for_a_break_point_ends_where_the_nodes_would_take_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = LOST.replace("values = [0.0, 0.08]", "values = [0.08]")
+    text += '[[factors]]\nkey = "plant.latency.downlink.mean_s"\nvalues = [0.0, 0.05]\n'
+    scenarios = make_scenarios(tmp_path, text)
+    store = Store(tmp_path / "out", scenarios)
+    store.open(text)
+    assert run_study(store, Threads(scenarios, 1), lambda _: None, never)
+    study = read_study(store.folder)
+    rows = read_rows(study)
+    axes = study_axes(study, rows)
+    monkeypatch.setattr(break_points_module, "NODE_RUNS_MAX", 0)
+    pd, predictor = break_points_module.break_points(study, rows, axes, 2)
+    assert len(pd.by_seed_s) == 2
+    assert predictor.by_seed_s == ()
+    section = break_point_section(study, axes, [pd, predictor], [])
+    assert any("Not searched" in note and "practical_predictor" in note for note in section.notes)
+    draw_break_points([pd, predictor], axes, study.names)
 
 
 @pytest.mark.parametrize(

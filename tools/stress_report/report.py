@@ -80,11 +80,8 @@ def _worst(study: StudyRecord, rows: Rows) -> Section:
 
 def _costs(study: StudyRecord, rows: Rows, axes: StudyAxes) -> Section:
     found = cost_checks(study, rows, axes)
-    pictures = (
-        [_save(study, "expected_cost", lambda: draw_checks(study, found.checks))]
-        if found.checks
-        else []
-    )
+    shown = [check for check in found.checks if check.is_random]
+    pictures = [_save(study, "expected_cost", lambda: draw_checks(study, shown))] if shown else []
     return cost_section(study, found, pictures)
 
 

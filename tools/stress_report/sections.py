@@ -193,8 +193,10 @@ def cost_section(study: StudyRecord, found: CostChecks, pictures: Sequence[Pictu
                 number(f"{1e6 * expected.mean_square_m2:.6g}"),
                 number(f"{1e6 * on.mean_square_m2:.6g} ± {1e6 * on.standard_error_m2:.2g}"),
                 number("-" if math.isnan(errors) else f"{errors:+.1f}"),
-                number(f"{1e6 * math.sqrt(expected.variance_m4):.3g}"),
-                number(f"{1e6 * math.sqrt(on.variance_m4):.3g}"),
+                *(
+                    number(three_digits(1e6 * math.sqrt(m4) if check.is_random else math.nan))
+                    for m4 in (expected.variance_m4, on.variance_m4)
+                ),
                 number(f"{change:+.2f} %"),
             )
         )
@@ -222,7 +224,9 @@ def cost_section(study: StudyRecord, found: CostChecks, pictures: Sequence[Pictu
             "periods in both, for which the propagation is exact; the last column says what the "
             "runs give without rounding. A law any of whose runs meets a limit is left out.",
             "The picture shows the deviation of the lateral error over seeds: what jitter alone "
-            "does to it.",
+            "does to it."
+            if pictures
+            else "Nothing is random in these cells, so that only the means can be compared.",
         ),
         pictures,
         (Table(headings, rows),),

@@ -34,9 +34,9 @@ def study_section(study: StudyRecord, rows: Rows) -> Section:
     }
     by_nodes = int(np.count_nonzero(rows.by_nodes))
     if by_nodes:
-        texts["By the nodes"] = (
-            f"{by_nodes:,} runs, which the compiled loop has no answer to, are computed by the two "
-            "nodes in virtual time"
+        texts["Runs by the nodes"] = (
+            f"{by_nodes:,}: the compiled loop has no answer to these; the two nodes computed them "
+            "in virtual time"
         )
     settings = Table(
         ("Setting", "Value"),
