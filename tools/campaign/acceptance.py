@@ -141,7 +141,7 @@ def _smooth(faulty: Sequence[Result]) -> Finding:
     figure = (
         f"{len(command)} runs with a return of the controller, {len(wheel)} of the steering; "
         f"largest step of the command then {max(command, default=0.0):.5f} rad, of the wheel "
-        f"{max(wheel, default=0.0):.5f} rad"
+        f"{max(wheel, default=0.0):.5f} rad beside what commands that come at once do"
     )
     if jumped:
         figure += f"; {len(jumped)} runs jump{_first(jumped)}: {jumped[0].jumps}"

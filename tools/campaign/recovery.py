@@ -71,11 +71,22 @@ class Way(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A change from one period to the next, and how much of it is allowed [rad]."""
+    """A change from one period to the next, and how much of it is allowed [rad].
+
+    ``by_commands_rad``  of what is allowed: by commands that came besides
+    ``is_return``        whether it is the first after a hold
+    """
 
     what: str
     step_rad: float
     allowed_rad: float
+    by_commands_rad: float = 0.0
+    is_return: bool = True
+
+    @property
+    def own_rad(self) -> float:
+        """What these commands do not explain [rad]."""
+        return max(0.0, self.step_rad - self.by_commands_rad)
 
     @property
     def is_jump(self) -> bool:
@@ -110,55 +121,59 @@ def command_returns(way: Way, commands: Sequence[tuple[int, SteeringCommand]]) -
             yield Step("command", abs(now.steer_rad - before.steer_rad), allowed_rad)
 
 
-def wheel_returns(
+def wheel_steps(
     way: Way,
     told: Sequence[tuple[int, SteeringStatus]],
     sent: Sequence[tuple[int, SteeringCommand]],
     backlog_s: float,
 ) -> Iterator[Step]:
-    """Yield the step of the wheel at each first command that is followed again after a silence.
+    """Yield the steps of the wheel from the first time on that it was held.
 
-    Where more commands come at once than one, those that follow the first move it by themselves.
+    A return is the first command that is followed after a fallback, or after a silence. With any
+    other command the fade moves by as much as the time since the one before allows.
 
     ``told``       the plant's own messages, and when they left it [ns]
     ``sent``       the commands, and when they were sent [ns]
     ``backlog_s``  for how long commands may have waited before the plant was handed them
     """
-    was_fading = False
-    for (_, earlier), (before_ns, before), (now_ns, now) in zip(
-        told, told[1:], told[2:], strict=False
-    ):
-        if earlier.status not in HELD_CODES:
-            was_fading = earlier.status is SteeringStatusCode.LIMITED_BY_SAFETY
-        is_silent = earlier.applied_counter == before.applied_counter
-        if before.status not in HELD_CODES or not is_silent:
-            continue
-        if now.applied_counter == before.applied_counter:
-            continue
-        from_ns = before_ns - round((way.latency_s + way.period_s + backlog_s) * NS_PER_S)
-        steers = [command.steer_rad for at_ns, command in sent if from_ns < at_ns <= now_ns]
-        window_s = (now_ns - from_ns) / NS_PER_S - backlog_s
-        is_crowd = way.spread_s > 0.0 or len(steers) > math.ceil(window_s / way.period_s)
-        by_commands_rad = sum(abs(b - a) for a, b in pairwise(steers)) if is_crowd else 0.0
-        fade_s = way.period_s + (way.age_limit_s if was_fading else way.period_s)
-        allowed_rad = by_commands_rad + way.ramp_rad_s * fade_s + _ON_WIRE_RAD
-        yield Step("wheel", abs(now.wheel_angle_rad - before.wheel_angle_rad), allowed_rad)
-
-
-def wheel_moves(way: Way, told: Sequence[tuple[int, SteeringStatus]]) -> Iterator[Step]:
-    """Yield the steps of the wheel from the first one held on, but those of its returns.
-
-    With a command its fade moves by as much as the time since the one before allows.
-    """
-    was_held, changed_ns = False, 0
+    was_held = was_fading = False
+    changed_ns = told[0][0] if told else 0
     for (before_ns, before), (now_ns, now) in pairwise(told):
-        was_held = was_held or before.status in HELD_CODES
+        if before.status in HELD_CODES:
+            was_held = True
+        else:
+            was_fading = before.status is SteeringStatusCode.LIMITED_BY_SAFETY
         forward = (now.applied_counter - before.applied_counter) % _COUNTERS
         passed = min(forward, _COUNTERS - forward)
-        since_s = (now_ns - (changed_ns if passed else before_ns)) / NS_PER_S + way.spread_s
+        since_s = (now_ns - (changed_ns if passed else before_ns)) / NS_PER_S
         changed_ns = now_ns if passed else changed_ns
-        if not was_held or (before.status in HELD_CODES and passed):
+        if not was_held:
             continue
-        fade_s = way.period_s + max(way.period_s, min(since_s, way.age_limit_s))
-        allowed_rad = passed * way.command_step_rad + way.ramp_rad_s * fade_s + _ON_WIRE_RAD
-        yield Step("wheel", abs(now.wheel_angle_rad - before.wheel_angle_rad), allowed_rad)
+        is_silent = since_s > way.age_limit_s + way.period_s + way.spread_s
+        is_return = before.status in HELD_CODES and is_silent and passed > 0
+        if is_return:
+            from_ns = before_ns - round((way.latency_s + way.period_s + backlog_s) * NS_PER_S)
+            by_commands_rad = _crowd_rad(way, sent, from_ns, now_ns, backlog_s)
+            fade_s = way.period_s + (way.age_limit_s if was_fading else way.period_s)
+        else:
+            by_commands_rad = passed * way.command_step_rad
+            lasted_s = min(since_s + way.spread_s, way.age_limit_s)
+            fade_s = way.period_s + max(way.period_s, lasted_s)
+        allowed_rad = by_commands_rad + way.ramp_rad_s * fade_s + _ON_WIRE_RAD
+        step_rad = abs(now.wheel_angle_rad - before.wheel_angle_rad)
+        yield Step("wheel", step_rad, allowed_rad, by_commands_rad, is_return)
+
+
+def _crowd_rad(
+    way: Way,
+    sent: Sequence[tuple[int, SteeringCommand]],
+    from_ns: int,
+    to_ns: int,
+    backlog_s: float,
+) -> float:
+    """Return by how much commands differ that may have come at the same time; 0 for one alone."""
+    steers = [command.steer_rad for at_ns, command in sent if from_ns < at_ns <= to_ns]
+    window_s = (to_ns - from_ns) / NS_PER_S - backlog_s
+    if way.spread_s > 0.0 or len(steers) > math.ceil(window_s / way.period_s):
+        return sum(abs(b - a) for a, b in pairwise(steers))
+    return 0.0

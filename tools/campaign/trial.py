@@ -8,7 +8,7 @@ from typing import NamedTuple
 from plant_emulator.plant_samples import PlantSample
 from runtime.node import NS_PER_S
 from tools.campaign.pair import Pair, make_pair, onset_ns_of, run_pair
-from tools.campaign.recovery import command_returns, wheel_moves, wheel_returns
+from tools.campaign.recovery import command_returns, wheel_steps
 from tools.campaign.scenario import GOLDEN, Case, Scenario
 from tools.campaign.specification import BUS, CONTROLLER, PLANT, NodeFaultKind
 from tools.campaign.timing import times_of
@@ -78,7 +78,8 @@ class Result(NamedTuple):
     ``false_frames``  that the fault made of others, or put beside them; ``false_accepted`` of them,
                       and ``false_after`` of these after the detection
     ``recovery_allowed_s``  by the settings; None where nobody has to recover
-    ``command_return_rad``, ``wheel_return_rad``  largest steps at the returns into control
+    ``command_return_rad``, ``wheel_return_rad``  largest steps at the returns into control, without
+                      what commands do that come at the same time as the first
     ``jumps``         steps that are more than limits and fades allow
     """
 
@@ -239,13 +240,13 @@ def _way_back(scenario: Scenario, pair: Pair, effect_ns: int) -> _WayBack:
     is_kept_up = own is not None and (own.kind, own.node) in _KEEPING_COMMANDS
     backlog_s = scenario.spec.fault_s if is_kept_up else 0.0
     commands = list(command_returns(way, pair.controller.commands))
-    wheel = list(wheel_returns(way, pair.plant.statuses, pair.controller.commands, backlog_s))
-    steps = [*commands, *wheel]
-    if "intervention" not in pair.plant.counted():  # what a limit lets go again is no fade
-        steps += wheel_moves(way, pair.plant.statuses)
+    told = pair.plant.statuses
+    wheel = list(wheel_steps(way, told, pair.controller.commands, backlog_s))
+    if "intervention" in pair.plant.counted():  # what a limit lets go again is no fade
+        wheel = [step for step in wheel if step.is_return]
     jumps = [
         f"{step.what} by {step.step_rad:.4f} rad, allowed {step.allowed_rad:.4f}"
-        for step in steps
+        for step in (*commands, *wheel)
         if step.is_jump
     ]
     is_dead = own is not None and own.kind is NodeFaultKind.KILLED
@@ -253,7 +254,7 @@ def _way_back(scenario: Scenario, pair: Pair, effect_ns: int) -> _WayBack:
         _recovery_s(pair, effect_ns, _end_ns(scenario, pair, effect_ns)),
         None if is_dead or case.kind == GOLDEN else way.recovery_s,
         max((step.step_rad for step in commands), default=None),
-        max((step.step_rad for step in wheel), default=None),
+        max((step.own_rad for step in wheel if step.is_return), default=None),
         "; ".join(jumps[:_JUMPS_TOLD]),
     )
 
