@@ -63,6 +63,7 @@ def case(text: str) -> str:
         ('node_cases=[{kind="clock_jump",nodes=["controller"],magnitudes=[1e-10]}]', "1e-10"),
         ('node_cases=[{kind="killed",nodes=["plant"],magnitudes=[]}]', "magnitudes"),
         ('laws=["practical_pd","practical_pd"]', "laws must differ"),
+        ('points=[{name="a",laws=["x","x"]}]', "laws of a must differ: 'x' is there 2 times"),
         ('points=[{name="a\\tb"}]', "must be printable"),
         ("memory_s=9.9", "memory_s must be 0 or from 10 on, not 9.9"),
     ],
