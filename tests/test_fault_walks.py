@@ -185,6 +185,17 @@ def test_what_is_nothing_for_walks_is_refused_in_one_line(
     assert told in error
 
 
+def test_a_file_that_a_point_names_and_that_is_not_there_is_no_failing_walk(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    missing = tmp_path / "none.csv"
+    point = f'points=[{{name="a", path={{kind="waypoints", file="{missing}"}}}}]'
+    assert main(["--set", point, "--random-walks", "1", "--processes", "1"]) == 2
+    assert capsys.readouterr().err.splitlines() == [
+        f"fault_campaign: error: {missing}: cannot be read: No such file or directory"
+    ]
+
+
 def test_failures_end_with_status_one_and_ctrl_c_keeps_what_was_found(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

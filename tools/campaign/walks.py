@@ -16,6 +16,7 @@ from typing import NamedTuple, TypeVar
 
 from plant_emulator.fault_settings import FaultKind, FaultSettings
 from runtime.node import NS_PER_S
+from runtime.settings import SettingsError
 from tools.campaign.detectability import Expectation
 from tools.campaign.execution import execute
 from tools.campaign.node_faults import NodeFault
@@ -120,6 +121,8 @@ def failure_of(spec: CampaignSettings, walk: Walk, faults: Sequence[WalkFault]) 
         pair = make_pair(scenario, nodes)
         run_pair(scenario, pair)
         return judge_walk(pair, nodes, walk.point, round(motion_s * NS_PER_S))
+    except SettingsError:  # a file that the point names, which is the user's to mend
+        raise
     except Exception as error:
         return f"raised {type(error).__name__}: {error}"
 
