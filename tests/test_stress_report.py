@@ -115,7 +115,7 @@ def test_a_folder_without_results_is_refused_in_one_line(
     assert __main__.main([str(tmp_path)]) == 2
     assert "give the folder of a study's results" in capsys.readouterr().err
     (tmp_path / "study.json").write_text("{}", encoding="utf-8")
-    with pytest.raises(SettingsError, match="is not the record of a study"):
+    with pytest.raises(SettingsError, match="is not the record of a study of this version"):
         write_report(tmp_path)
 
 
