@@ -38,7 +38,9 @@ def test_a_designed_predictor_says_what_is_measured_anew(
     assert spec.predictor is not None
     with ThreadPoolExecutor(2) as pool:
         design = describe_predictor(pool, spec, spec.predictor, box, settings)
-    said = re.findall(r"^#   (RMS error|jitter|noise) +(.*)$", text.text, re.MULTILINE)
+    said = re.findall(
+        r"^#   (RMS error|jitter|noise|without echoes) +(.*)$", text.text, re.MULTILINE
+    )
     assert said == list(predictor_figures(spec, spec.predictor, design))
 
 

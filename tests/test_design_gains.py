@@ -142,7 +142,11 @@ def test_the_evolution_follows_a_ridge_and_a_demand_to_the_minimum(
 
 @pytest.mark.parametrize(
     ("family", "law"),
-    [*(("practical", law) for law in PAPER_LAWS), ("practical_long_delay", LawName.PD_DDOB)],
+    [
+        *(("practical", law) for law in PAPER_LAWS),
+        ("practical_long_delay", LawName.PD_DDOB),
+        ("practical_half_second", LawName.PD_DDOB),
+    ],
 )
 def test_a_designed_preset_says_what_is_measured_anew(family: str, law: LawName) -> None:
     """All of the file but the jitter, which takes long in virtual time."""

@@ -16,8 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from controller.analysis.sampled_loop import SampledLoop
+from controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns, stable_delays
+from controller.design import design_law
 from controller.law_settings import EstimatorSettings, PredictorSettings
 from controller.laws import LawName
+from controller.nominal_model import steer_to_lateral_error
 from controller.settings import ControllerSettings
 from plant_emulator.latency_settings import LatencySettings
 from plant_emulator.rig_settings import SensorNoiseSettings
@@ -52,6 +56,8 @@ class PredictorDesign(NamedTuple):
     ``settled_rms_m``    the same without the first seconds
     ``steer_noise_rad``  standard deviation of what the noise adds to the steer
     ``jitter_rms_m``     worst path and corner of each jitter of the specification, settled
+    ``fallback_up_to_ns``  constant delay up to which every corner is stable with the pd_ddob that
+                         takes over without echoes; at most DELAY_NS_MAX of the analysis
     """
 
     settings: ControllerSettings
@@ -61,6 +67,7 @@ class PredictorDesign(NamedTuple):
     settled_rms_m: FloatArray
     steer_noise_rad: float
     jitter_rms_m: tuple[float, ...]
+    fallback_up_to_ns: int
 
 
 class _Run(NamedTuple):
@@ -121,7 +128,20 @@ def describe_predictor(
         np.array([max(run.settled_rms_m for run in column) for column in runs]),
         _steer_noise_rad(pool, spec, table, vehicle, settings, runs[-1]),
         tuple(max(run.settled_rms_m for run in column) for column in jitters),
+        _fallback_up_to_ns(vehicle, settings),
     )
+
+
+def _fallback_up_to_ns(vehicle: VehicleFile, settings: ControllerSettings) -> int:
+    """Return up to which constant delay the pd_ddob is stable at every corner."""
+    design = design_law(settings.model_copy(update={"law": LawName.PD_DDOB}))
+    margins = (
+        delay_margin_ns(
+            stable_delays(SampledLoop(design, steer_to_lateral_error(one), settings.period_ns))
+        )
+        for one in vehicle.box.vertices()
+    )
+    return min(DELAY_NS_MAX if margin is None else margin for margin in margins)
 
 
 def _cost(

@@ -94,6 +94,10 @@ def predictor_figures(
         f"{1e2 * table.lateral_error_noise_m:g} cm add {design.steer_noise_rad:.2g} rad of steer,"
         f" limit {table.steer_noise_rad_max:g}",
     )
+    yield (
+        "without echoes",
+        f"pd_ddob, stable up to a constant delay of {design.fallback_up_to_ns // NS_PER_MS} ms",
+    )
 
 
 def _commented(comments: Sequence[str], settings: ControllerSettings) -> str:

@@ -56,6 +56,7 @@ CONTESTANTS = (
     Contestant("PD+CDOB", "practical_pd_cdob"),
     Contestant("PD+DDOB", "practical_pd_ddob"),
     Contestant("PD+DDOB, long delay", "practical_long_delay_pd_ddob"),
+    Contestant("PD+DDOB, half a second", "practical_half_second_pd_ddob"),
     Contestant("Smith predictor", "practical_smith"),
     Contestant("delayed set point", "practical_delayed_set_point"),
     Contestant("predictor", "practical_predictor"),
