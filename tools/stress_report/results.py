@@ -134,7 +134,9 @@ def read_study(folder: Path) -> StudyRecord:
         ) from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         cause = " ".join(str(error).split())[:_CAUSE_LENGTH_MAX]
-        raise SettingsError(f"{file}: is not the record of a study: {cause}") from error
+        raise SettingsError(
+            f"{file}: is not the record of a study of this version: {cause}"
+        ) from error
     scenarios = Scenarios(Study(str(file), settings, plant, controllers, Design((), 1, None)))
     points = settings.sampling.count or int(np.prod([len(f.labels) for f in factors], initial=1))
     return StudyRecord(
