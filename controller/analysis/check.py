@@ -117,7 +117,8 @@ def _filter_analysis(settings: ControllerSettings) -> Iterator[str]:
         if settings.model is not None:
             loop = SampledLoop(fallback, settings.model, settings.period_ns)
             yield from _delays(stable_delays(loop))
-        yield "around the nominal plant: --law pd_ddob --check tells more."
+        yield "around the nominal plant. A heavier vehicle, or a faster one, bears less delay; --law"
+        yield "pd_ddob --check tells more."
     else:
         yield "Without echoes the derivative is the filtered difference."
     yield "Latency that varies is for simulation: python -m tools.stress_latency."
