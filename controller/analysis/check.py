@@ -61,10 +61,6 @@ def _analysis(settings: ControllerSettings) -> Iterator[str]:
     if settings.law is LawName.DELAYED_SET_POINT:
         yield from _set_point_analysis(settings)
         return
-    if design.commands_read is None:
-        yield "The law reads more than the lateral error and its own commands, and is therefore not"
-        yield "analysed as a linear loop: run it against the plant emulator."
-        return
     if settings.feed_forward is not None:
         yield "The feed-forward of the curve is outside the loop: it changes none of what follows."
         yield ""
@@ -117,7 +113,7 @@ def _filter_analysis(settings: ControllerSettings) -> Iterator[str]:
         if settings.model is not None:
             loop = SampledLoop(fallback, settings.model, settings.period_ns)
             yield from _delays(stable_delays(loop))
-        yield "around the nominal plant. A heavier vehicle, or a faster one, bears less delay; --law"
+        yield "around the nominal plant. A heavier or a faster vehicle bears less delay; --law"
         yield "pd_ddob --check tells more."
     else:
         yield "Without echoes the derivative is the filtered difference."
