@@ -13,7 +13,7 @@ body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff;
        max-width: 76rem; margin: 2rem auto; padding: 0 1.5rem; }
 h1 { line-height: 1.2; } h2 { margin: 0 0 .3rem; font-size: 1.25rem; }
 table { border-collapse: collapse; margin: .8rem 0; font-size: .9rem; }
-th, td { text-align: left; vertical-align: top; padding: .25rem .7rem;
+th, td { text-align: left; vertical-align: top; padding: .25rem .5rem;
          border-bottom: 1px solid #ddd; }
 th { border-bottom: 2px solid #999; }
 td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
