@@ -78,7 +78,7 @@ def test_a_path_that_is_none_is_told_in_one_line() -> None:
 
 
 def test_a_law_that_a_point_has_twice_is_told_in_one_line() -> None:
-    with pytest.raises(SettingsError, match="laws of 'a' must differ"):
+    with pytest.raises(SettingsError, match="laws of a must differ"):
         spec_of('points=[{name="a", laws=["highway_pd", "highway_pd"]}]')
 
 
