@@ -362,6 +362,19 @@ def test_results_of_programs_that_have_changed_are_none_of_these(
     assert specification_hash(spec) != before
 
 
+def test_results_on_waypoints_that_have_changed_are_none_of_these(tmp_path: Path) -> None:
+    road = tmp_path / "road.csv"
+    spec = load_settings(
+        CampaignSettings,
+        overrides=[f'points=[{{name="road",path={{kind="waypoints",file="{road}"}}}}]'],
+    )
+    road.write_text("x_m,y_m\n0,0\n9,0\n")
+    before = specification_hash(spec)
+    assert specification_hash(spec) == before
+    road.write_text("x_m,y_m\n0,0\n9,1\n")
+    assert specification_hash(spec) != before
+
+
 def test_a_node_that_does_not_look_at_counters_fails_the_campaign(
     monkeypatch: pytest.MonkeyPatch, spec: CampaignSettings
 ) -> None:

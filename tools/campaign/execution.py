@@ -8,6 +8,7 @@ refused, so that none are lost. A line that is not whole, as of a run that was k
 import json
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import suppress
 from hashlib import sha256
 from importlib.resources import files
 from itertools import islice
@@ -16,6 +17,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
+from plant_emulator.rig_settings import WaypointSettings
 from runtime.settings import SettingsError
 from tools.campaign.specification import CampaignSettings
 from tools.campaign.trial import Result, Verdict
@@ -48,10 +50,14 @@ class Stored(NamedTuple):
 def specification_hash(spec: CampaignSettings) -> str:
     """Return what tells one specification, of one state of the programs, from another.
 
-    Results of programs that have changed since are no results of these.
+    Results of programs, or of files of waypoints, that have changed since are no results of these.
     """
     text = spec.model_dump_json(exclude={"residual_frames", "memory_s"})  # no run depends on them
     told = sha256(text.encode())
+    for point in spec.points:
+        if isinstance(point.path, WaypointSettings):
+            with suppress(OSError):  # refused where the path is made
+                told.update(point.path.file.read_bytes())
     for package in _JUDGED:
         for file in sorted(Path(str(files(package))).rglob("*")):
             if file.suffix in _SOURCES:
