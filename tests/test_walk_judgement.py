@@ -6,9 +6,12 @@ from typing import Any
 import pytest
 
 from plant_emulator.fault_settings import FaultKind, FaultSettings
+from plant_emulator.settings import PlantSettings
 from runtime.node import NS_PER_S
 from tools.campaign.detectability import Sight
 from tools.campaign.node_faults import NodeFault
+from tools.campaign.recovery import way_of
+from tools.campaign.scenario import controller_settings_of
 from tools.campaign.specification import CampaignSettings, NodeFaultKind, PointSettings
 from tools.campaign.walk_judgement import RECOVERY_S, judge_walk
 from tools.campaign.walks import Walk, WalkFault, failure_of
@@ -63,8 +66,9 @@ def said(
         controller=watch("controller", controller),
         edge=edge,
         sight=Sight(0.14, 0.7),
+        way=way_of(PlantSettings(), controller_settings_of("practical_pd"), point, 0.15),
     )
-    return judge_walk(pair, faults, point, round(END_S * NS_PER_S))
+    return judge_walk(pair, faults, round(END_S * NS_PER_S))
 
 
 def of(kind: NodeFaultKind, node: str, onset_s: float, duration_s: float = 0.5) -> NodeFault:

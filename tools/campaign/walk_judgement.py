@@ -23,13 +23,12 @@ from tools.campaign.node_faults import NodeFault
 from tools.campaign.observation import Watch
 from tools.campaign.pair import Pair
 from tools.campaign.scenario import Case, case_of_fault, case_of_node_fault
-from tools.campaign.specification import BUS, CONTROLLER, PLANT, NodeFaultKind, PointSettings
+from tools.campaign.specification import BUS, CONTROLLER, PLANT, NodeFaultKind
 
 RECOVERY_S = 3.5
 """Time after the last fault in which all has to be well again."""
 SETTLING_S = 1.0
 """How long a node that was away may take until it acts on commands as before."""
-JITTER_SIGMAS = 6.0
 _PEER = {PLANT: CONTROLLER, CONTROLLER: PLANT}
 
 
@@ -54,7 +53,7 @@ class _Met(NamedTuple):
     silence_s: float
 
 
-def judge_walk(pair: Pair, faults: Sequence[NodeFault], point: PointSettings, end_ns: int) -> str:
+def judge_walk(pair: Pair, faults: Sequence[NodeFault], end_ns: int) -> str:
     """Return why a run that is over fails; empty where it does not.
 
     ``faults``  of nodes; those of the stage are in the pair
@@ -67,21 +66,19 @@ def judge_walk(pair: Pair, faults: Sequence[NodeFault], point: PointSettings, en
     if accepted:
         return f"{accepted} corrupted frames accepted"
     for name, watch in watches.items():
-        failure = _unseen(name, watch, pair, faults, point)
+        failure = _unseen(name, watch, pair, faults)
         failure = failure or _out_of_place(name, watch, pair, faults, end_ns)
         if failure:
             return failure
     return ""
 
 
-def _unseen(
-    name: str, watch: Watch, pair: Pair, faults: Sequence[NodeFault], point: PointSettings
-) -> str:
+def _unseen(name: str, watch: Watch, pair: Pair, faults: Sequence[NodeFault]) -> str:
     """Say that a node met detectable faults and counted nothing they can be seen by."""
     away = [*_away(name, faults)]
     all_away = [*away, *_away(_PEER[name], faults)]
     mechanisms: set[Mechanism] = set()
-    for met in (*_met_stages(pair, point), *_met_nodes(pair, faults, point)):
+    for met in (*_met_stages(pair), *_met_nodes(pair, faults)):
         if met.case.receiver not in (name, "both"):
             continue
         expected = met.case.expected.mechanisms
@@ -124,38 +121,37 @@ def _kept_ns(fault: FaultSettings) -> int:
     return round(fault.magnitude * NS_PER_S) if fault.kind is FaultKind.DELAY_SPIKE else 0
 
 
-def _noticed_ns(pair: Pair, point: PointSettings) -> int:
+def _noticed_ns(pair: Pair) -> int:
     """Return how long after an effect it must have been noticed [ns]."""
-    latency_ms = point.downlink_ms + point.uplink_ms + 2.0 * JITTER_SIGMAS * point.jitter_ms
-    return round((pair.sight.age_limit_s + 1e-3 * latency_ms) * NS_PER_S)
+    return round((pair.sight.age_limit_s + pair.way.latency_s) * NS_PER_S)
 
 
-def _met_stages(pair: Pair, point: PointSettings) -> Iterator[_Met]:
+def _met_stages(pair: Pair) -> Iterator[_Met]:
     for stage in pair.edge.stages:
         if stage.first_ns is None or stage.last_ns is None:
             continue
         fault = stage.settings
-        end_ns = stage.last_ns + _kept_ns(fault) + _noticed_ns(pair, point)
-        silence_s = fault.duration_s - _shortened_s(pair, point)
+        end_ns = stage.last_ns + _kept_ns(fault) + _noticed_ns(pair)
+        silence_s = fault.duration_s - _shortened_s(pair)
         if fault.kind is FaultKind.DELAY_SPIKE:  # its own delay does not shorten it
             silence_s = min(fault.magnitude, fault.duration_s) + fault.magnitude
-            silence_s -= _shortened_s(pair, point)
+            silence_s -= _shortened_s(pair)
         yield _Met(case_of_fault(fault, pair.sight), _Span(stage.first_ns, end_ns), silence_s)
 
 
-def _shortened_s(pair: Pair, point: PointSettings) -> float:
+def _shortened_s(pair: Pair) -> float:
     """Return by how much late frames may shorten a silence [s]."""
     faults = [stage.settings for stage in pair.edge.stages]
     delays_s = [one.magnitude for one in faults if one.kind is FaultKind.DELAY_SPIKE]
-    return sum(delays_s) + JITTER_SIGMAS * 1e-3 * point.jitter_ms
+    return sum(delays_s) + pair.way.spread_s
 
 
-def _met_nodes(pair: Pair, faults: Sequence[NodeFault], point: PointSettings) -> Iterator[_Met]:
+def _met_nodes(pair: Pair, faults: Sequence[NodeFault]) -> Iterator[_Met]:
     for fault in faults:
         onset_ns, end_ns = fault.window_ns
         is_killed = fault.kind is NodeFaultKind.KILLED
-        until_ns = (onset_ns if is_killed else end_ns) + _noticed_ns(pair, point)
-        silence_s = math.inf if is_killed else fault.duration_s - _shortened_s(pair, point)
+        until_ns = (onset_ns if is_killed else end_ns) + _noticed_ns(pair)
+        silence_s = math.inf if is_killed else fault.duration_s - _shortened_s(pair)
         yield _Met(case_of_node_fault(fault, pair.sight), _Span(onset_ns, until_ns), silence_s)
 
 

@@ -120,7 +120,7 @@ def failure_of(spec: CampaignSettings, walk: Walk, faults: Sequence[WalkFault]) 
     try:
         pair = make_pair(scenario, nodes)
         run_pair(scenario, pair)
-        return judge_walk(pair, nodes, walk.point, round(motion_s * NS_PER_S))
+        return judge_walk(pair, nodes, round(motion_s * NS_PER_S))
     except SettingsError:  # a file that the point names, which is the user's to mend
         raise
     except Exception as error:
