@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from enum import IntEnum
 from pathlib import Path
 from types import FrameType
@@ -305,16 +305,21 @@ def _run_in_real_time(
 
 
 @contextmanager
-def interrupted_by_sigterm() -> Iterator[None]:
-    """Let SIGTERM end what is in the block as Ctrl-C does, so that it leaves nothing behind."""
+def handled(number: int, handler: Any) -> Iterator[None]:
+    """Let ``handler`` take a signal in the block, as far as that is in the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield  # signals are for the main thread
         return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    before = signal.signal(number, handler)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(number, before)
+
+
+def interrupted_by_sigterm() -> AbstractContextManager[None]:
+    """Let SIGTERM end what is in the block as Ctrl-C does, so that it leaves nothing behind."""
+    return handled(signal.SIGTERM, signal.default_int_handler)
 
 
 def run_main(name: str, main: Callable[[], int]) -> int:

@@ -26,8 +26,9 @@ from runtime.emulated_bus.protocol import (
     pack_frame,
 )
 from runtime.frame import EXTENDED, FD, REMOTE, Frame
+from tests.broker_program import PATIENCE_S, client, message, receive
+from tests.broker_program import stack as stack
 
-PATIENCE_S = 20.0
 STAMP_RESOLUTION_S = 1e-6
 """python-can's time stamps are floats: a quarter of a microsecond in this century."""
 
@@ -44,18 +45,6 @@ def fd_address() -> Iterator[str]:
         yield address
 
 
-@pytest.fixture
-def stack() -> Iterator[ExitStack]:
-    with ExitStack() as opened:
-        yield opened
-
-
-def client(stack: ExitStack, address: str, **options: Any) -> can.BusABC:
-    bus = can.Bus(interface="emulated", address=address, ignore_config=True, **options)
-    stack.callback(bus.shutdown)
-    return bus
-
-
 def raw_client(stack: ExitStack, address: str, hello: Hello) -> socket.socket:
     """A client that may misbehave: its socket, after the broker's welcome."""
     connection = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
@@ -64,16 +53,6 @@ def raw_client(stack: ExitStack, address: str, hello: Hello) -> socket.socket:
     connection.sendall(hello.pack())
     assert len(connection.recv(ANSWER.size, socket.MSG_WAITALL)) == ANSWER.size
     return connection
-
-
-def message(can_id: int, data: bytes = b"") -> can.Message:
-    return can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
-
-
-def receive(bus: can.BusABC) -> can.Message:
-    received = bus.recv(PATIENCE_S)
-    assert received is not None, "a frame was lost"
-    return received
 
 
 # Time on the wire

@@ -7,7 +7,6 @@ does. Workers need this package in the same version; waypoint and trace files un
 import importlib
 import json
 import signal
-import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import lru_cache
@@ -15,6 +14,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from runtime.program import handled
 from runtime.settings import SettingsError
 from tools.stress.compute import Computed, Computer
 from tools.stress.sampling import make_design
@@ -87,7 +87,9 @@ def dask_workers(study: Study, address: str | None, workers: int | None) -> Iter
         ) from error
     with ExitStack() as stack:
         if address is None:
-            with _deaf_children():
+            # Deaf to Ctrl-C, which a terminal sends to all: they finish what they have in hand, and
+            # the study ends them.
+            with handled(signal.SIGINT, signal.SIG_IGN):
                 cluster = distributed.LocalCluster(
                     n_workers=workers, threads_per_worker=1, dashboard_address=None
                 )
@@ -101,22 +103,6 @@ def dask_workers(study: Study, address: str | None, workers: int | None) -> Iter
                 raise SettingsError(f"--scheduler {address}: nobody answers there") from error
             description = f"the workers of {address}"
         yield DaskWorkers(client, study, description)
-
-
-@contextmanager
-def _deaf_children() -> Iterator[None]:
-    """Let processes that are started in the block ignore Ctrl-C, which a terminal sends to all.
-
-    They finish what they have in hand, and the study ends them.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def compute_block(payload: str, ids: Sequence[int]) -> tuple[Any, Any, Any]:
