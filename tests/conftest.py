@@ -48,6 +48,7 @@ NEEDS_LINUX = {
     "test_host": "asks Linux for real-time rights",
     "test_port": "has files stand for Linux's network interfaces",
     "test_socketcan": "sets SocketCAN's own options",
+    "test_uml_on_amx": "only Linux runs User Mode Linux",
     "test_with_vcan": "only Linux has SocketCAN",
 }
 """Test modules that are for Linux only, and why."""

@@ -17,6 +17,7 @@ from typing import NamedTuple
 from runtime.bus import BusError, add_bus_arguments, check_openable, choose_bus
 from runtime.host import RealTimeRequest, real_time
 from runtime.report import DISTRIBUTION
+from tools.vcan_backends import xstate
 from tools.vcan_backends.__main__ import backends
 from tools.vcan_backends.request import Request, missing_programs
 
@@ -186,7 +187,23 @@ def _ways_to_vcan() -> list[Finding]:
     if not any(way.ok for way in ways):
         advice = "sudo apt-get install user-mode-linux kmod can-utils iproute2"
         ways[-1] = ways[-1]._replace(advice=advice)
-    return ways
+    return [*ways, find_uml_library()]
+
+
+def find_uml_library() -> Finding:
+    """Say whether User Mode Linux needs its library here, and has it."""
+    from tools.vcan_backends import uml  # for Linux only
+
+    name = "uml's library"
+    if not xstate.is_needed(uml.cpuinfo()):
+        return Finding(name, True, "not needed: a processor without AMX")
+    if xstate.is_kept():
+        return Finding(name, True, f"for processors with AMX: {xstate.kept_file()}")
+    if missing := xstate.obstacle():
+        return Finding(name, False, missing, f"sudo apt-get install {xstate.PACKAGES}")
+    return Finding(
+        name, True, f"for processors with AMX: {xstate.COMPILER} compiles it when needed"
+    )
 
 
 def _choice() -> Finding:

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
+from tools.vcan_backends import xstate
 from tools.vcan_backends.guard import Launch, execute, start_guard
 from tools.vcan_backends.request import BackendError, Request, link_commands, missing_programs
 from tools.vcan_backends.supervision import TIMEOUT_STATUS, supervise
@@ -45,8 +46,10 @@ def obstacle(request: Request) -> str:
         return f"no program {', '.join(missing)} (apt-get install {packages})"
     if platform.machine() not in FINIT_MODULE:
         return f"there is none for {platform.machine()}"
-    if "User Mode Linux" in CPUS.read_text(encoding="utf-8", errors="replace"):
+    if "User Mode Linux" in cpuinfo():
         return "this is one"
+    if xstate.is_needed(cpuinfo()) and (missing := xstate.obstacle()):
+        return missing
     try:
         _modules(request)
         _memory_folder(request)
@@ -57,12 +60,30 @@ def obstacle(request: Request) -> str:
 
 def run(request: Request, timeout_s: float | None) -> int:
     """Run the command; returns its exit status. Raises BackendError when it does not boot."""
-    folder = _make_folder(request)
-    environment = {**os.environ, "TMPDIR": str(_memory_folder(request))}
+    if xstate.is_needed(cpuinfo()):
+        return _run(request, timeout_s, xstate.library())
+    try:
+        return _run(request, timeout_s)
+    except BackendError as error:
+        if xstate.SYMPTOM not in str(error):
+            raise
+        if missing := xstate.obstacle():
+            raise BackendError(f"{error}; {missing}") from error
+    return _run(request, timeout_s, xstate.library())
+
+
+def _run(request: Request, timeout_s: float | None, preloaded: bytes = b"") -> int:
+    """Boot once; ``preloaded`` is a library for the kernel alone."""
+    folder, memory_folder = _make_folder(request), _memory_folder(request)
+    environment = {**os.environ, "TMPDIR": str(memory_folder)}
     guest_in, to_guest = os.pipe()
     guest_stdin, to_stdin = os.pipe()
     from_guest, guest_out = os.pipe()
-    theirs = (guest_in, guest_stdin, guest_out)
+    theirs = [guest_in, guest_stdin, guest_out]
+    if preloaded:
+        theirs.append(_unnamed_file(preloaded, memory_folder))
+        libraries = [f"/proc/self/fd/{theirs[-1]}", os.environ.get("LD_PRELOAD", "")]
+        environment["LD_PRELOAD"] = ":".join(filter(None, libraries))
     kernel = _kernel_command(request, folder, guest_in, guest_out, guest_stdin)
     with tempfile.TemporaryFile() as said:
 
@@ -78,21 +99,30 @@ def run(request: Request, timeout_s: float | None) -> int:
         patience.start()
         with raw_terminal():
             status = supervise(guard, timeout_s, streams.pass_on, streams.selector)
+        patience.cancel()
         if status == TIMEOUT_STATUS:
             return status
         said.seek(0)
-        return streams.finish(status, _last_line(said.read()))
+        return streams.finish(status, last_words(said.read()))
+
+
+def _unnamed_file(content: bytes, folder: Path) -> int:
+    """Return a descriptor of a file that is in no folder; ``folder`` is one to be executed from."""
+    with tempfile.TemporaryFile(dir=folder) as file:
+        file.write(content)
+        file.flush()
+        return os.dup(file.fileno())
 
 
 def _become(
-    kernel: Sequence[str], environment: dict[str, str], lines: Sequence[int], said: int
+    kernel: Sequence[str], environment: dict[str, str], inherited: Sequence[int], said: int
 ) -> NoReturn:
     """Become the kernel, in a session of its own: Ctrl-C is for the command, which gets it from us.
 
-    ``said``  takes what the kernel prints itself
+    ``said``  takes what the kernel prints
     """
     os.setsid()
-    for descriptor in lines:
+    for descriptor in inherited:
         os.set_inheritable(descriptor, True)
     with open(os.devnull, "rb") as nothing:
         os.dup2(nothing.fileno(), 0)
@@ -115,6 +145,7 @@ def _kernel_command(
         "rw",
         "quiet",
         "con=null",
+        "con0=null,fd:1",
         f"ssl0=fd:{line_in},fd:{line_out}",
         f"ssl1=fd:{stdin},null",
         f"init={folder / 'python'}",
@@ -214,6 +245,13 @@ def _memory_folder(request: Request) -> Path:
     )
 
 
-def _last_line(said: bytes) -> str:
-    lines = said.decode(errors="replace").splitlines()
-    return next((line.strip() for line in reversed(lines) if line.strip()), "")
+def last_words(said: bytes) -> str:
+    """Return the end of what a kernel has said: of a panic, its cause and not the call trace."""
+    before, panic, trace = said.decode(errors="replace").partition("Kernel panic")
+    lines = (before + panic + trace.partition("\n")[0]).splitlines()
+    return "; ".join([line.strip() for line in lines if line.strip()][-2:])
+
+
+def cpuinfo() -> str:
+    """Return what the kernel says of the processors."""
+    return CPUS.read_text(encoding="utf-8", errors="replace")

@@ -56,7 +56,7 @@ class Streams:
         self._unpacker = Unpacker()
         self._waiting: deque[LineFrame] = deque()
         self._ready = False
-        self._failure = ""
+        self._failure = self._given_up = ""
         self._status: int | None = None
         self._interrupted = 0
         self.selector = selectors.DefaultSelector()
@@ -75,7 +75,7 @@ class Streams:
     def give_up(self, after_s: float) -> None:
         """End a kernel that has not booted by now; ``after_s`` is for the complaint."""
         if not self._ready:
-            self._failure = f"it has not booted within {after_s:g} s"
+            self._given_up = f" within {after_s:g} s"
             self._guard.end()
 
     def finish(self, kernel_status: int, last_words: str) -> int:
@@ -92,9 +92,10 @@ class Streams:
             return 128 + self._interrupted
         if self._failure:
             raise BackendError(f"User Mode Linux: {self._failure}")
-        when = "ended while the command ran" if self._ready else "has not booted"
+        when = "ended while the command ran" if self._ready else f"has not booted{self._given_up}"
         raise BackendError(
-            f"User Mode Linux {when} (status {kernel_status}): {last_words or 'it said nothing'}"
+            f"User Mode Linux {when} (status {kernel_status}); "
+            f"its last words: {last_words or 'none'}"
         )
 
     def _read(self) -> None:
