@@ -48,8 +48,8 @@ def obstacle(request: Request) -> str:
         return f"there is none for {platform.machine()}"
     if "User Mode Linux" in cpuinfo():
         return "this is one"
-    if xstate.is_needed(cpuinfo()) and (missing := xstate.obstacle()):
-        return missing
+    if xstate.is_needed(cpuinfo()) and (why := xstate.obstacle()):
+        return why
     try:
         _modules(request)
         _memory_folder(request)
