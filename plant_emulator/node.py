@@ -113,7 +113,8 @@ class PlantNode:
         self._motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
         self._sensor_timer = PeriodicTimer(start_ns, settings.sensor_period_ns)
         self._telling = StatusTelling(start_ns)
-        self._samples_per_state = max(1, VEHICLE_STATE_PERIOD_NS // settings.sensor_period_ns)
+        samples_per_state = max(1, VEHICLE_STATE_PERIOD_NS // settings.sensor_period_ns)
+        self._state_timer = PeriodicTimer(start_ns, samples_per_state * settings.sensor_period_ns)
         seed = settings.seed
         self._downlink: LatencyLine[SteeringCommand] = LatencyLine(
             settings.latency.downlink,
@@ -206,7 +207,8 @@ class PlantNode:
             elif guard_ns == due_ns:
                 self._guard(due_ns)
             elif sample_ns == due_ns:
-                self._sense(due_ns, self._sensor_timer.advance(now_ns))
+                self._sensor_timer.advance(now_ns)
+                self._sense(due_ns)
             elif measured_ns == due_ns:
                 for released in self._uplink.pop_due(due_ns):
                     frames.append(released.item)
@@ -282,7 +284,7 @@ class PlantNode:
             self._advance(due_ns)
             self._motion.command(self._unit.target_rad)
 
-    def _sense(self, time_ns: int, index: int) -> None:
+    def _sense(self, time_ns: int) -> None:
         """Sample the vehicle and put the messages into the uplink."""
         motion_ns = self._advance(time_ns)
         self._own.on_sample(self._sensor_timer, time_ns)
@@ -303,7 +305,8 @@ class PlantNode:
             self._encode_error(readings),
             self._encode(self._steering_status(z.wheel_rad)),
         ]
-        if index % self._samples_per_state == 0:
+        if time_ns >= self._state_timer.deadline_ns:  # also where the sample at it was skipped
+            self._state_timer.advance(time_ns)
             frames.append(self._encode(self._vehicle_state(readings, z.curvature_1_m)))
         for frame in frames:
             self._uplink.push(frame.can_id, frame, time_ns, motion_ns)

@@ -21,7 +21,7 @@ from dbc.messages import (
     encode_not_available,
 )
 from plant_emulator.motion import Motion
-from plant_emulator.node import motion_params
+from plant_emulator.node import VEHICLE_STATE_PERIOD_NS, motion_params
 from plant_emulator.settings import PlantSettings
 from tests.plant_link import MS_NS, NORMAL, PERIOD_NS, START_NS, link, seen, steered
 
@@ -207,6 +207,20 @@ def test_a_tick_that_misses_samples_skips_them_and_not_the_motion() -> None:
         assert sample[:7] == pytest.approx(
             by_time[sample.time_s][:7], rel=1e-9, abs=1e-14, nan_ok=True
         )
+
+
+def test_vehicle_state_keeps_its_rate_and_phase_whichever_samples_are_skipped() -> None:
+    """Its share of the samples served was none, where only those between its own are."""
+    tested = link(path={"kind": "straight"})
+    for step in range(100):
+        tested.tick(START_NS + step * VEHICLE_STATE_PERIOD_NS)
+    assert tested.node.report()["skipped_samples"] == 99
+    assert len(tested.messages(LateralError)) == 100
+    assert len(tested.messages(VehicleState)) == 99  # the second sample was that of 10 ms
+    punctual_ns = tested.node.deadline_ns
+    tested.tick_until(punctual_ns + 6 * PERIOD_NS)
+    states_ns = [at for at, _ in tested.messages(VehicleState) if at >= punctual_ns]
+    assert [(at - START_NS) % VEHICLE_STATE_PERIOD_NS for at in states_ns] == [PERIOD_NS, 0, 0, 0]
 
 
 def test_the_deadline_is_always_that_of_the_next_thing_due() -> None:
