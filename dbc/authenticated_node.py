@@ -9,36 +9,25 @@ is told that there was one, so that it can say so on the bus.
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from dbc.authentication import Authentication
 from dbc.messages import CAN_IDS
-from dbc.reception import CountingNode
 from dbc.secured_frame import Refused
 from runtime.frame import Frame
+from runtime.node import N, Wrapper
 
-N = TypeVar("N", bound=CountingNode)
 _OUR_IDS = frozenset(CAN_IDS.values())
 
 
-class AuthenticatedNode(Generic[N]):
+class AuthenticatedNode(Wrapper[N]):
     """Runs ``node`` as one end of an authenticated connection."""
 
     def __init__(self, node: N, authentication: Authentication) -> None:
-        self.node = node
+        super().__init__(node)
         self._authentication = authentication
         self._verified = 0
         self._refused = Counter[str]()
-
-    @property
-    def deadline_ns(self) -> int:
-        """When the node wants its next tick [ns]."""
-        return self.node.deadline_ns
-
-    @property
-    def finished(self) -> bool:
-        """Whether the node has done all it was asked to do."""
-        return self.node.finished
 
     @property
     def refused(self) -> Mapping[str, int]:

@@ -7,23 +7,14 @@ is counted by cause.
 
 from collections import Counter
 from collections.abc import Collection, Mapping
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from dbc.messages import CAN_IDS, LatencyConfig, Message, Rejection, decode
 from dbc.protection import SequenceCheck, SequenceResult
 from dbc.secured_frame import Refused, is_secured
 from runtime.frame import FD, Frame
-from runtime.program import ReportingNode
 
 _Cause = TypeVar("_Cause", Rejection, SequenceResult, Refused)
-
-
-class CountingNode(ReportingNode, Protocol):
-    """A node that counts what was refused before it came there."""
-
-    def on_unauthenticated(self) -> None:
-        """Note that a frame was refused."""
-        ...
 
 
 class Reception:

@@ -7,15 +7,12 @@ import argparse
 import sys
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import TypeVar
 
 from dbc.messages import CAN_IDS, Message
-from dbc.reception import CountingNode
 from dbc.secured_frame import End, Refused
+from runtime.node import N
 from runtime.program import ExitStatus, run_node, say
 from runtime.settings import Settings
-
-N = TypeVar("N", bound=CountingNode)
 
 NOBODY = "classic CAN authenticates nobody: whoever is on the bus can steer (see --key-file)"
 """What a program says on start when it has no key."""

@@ -11,7 +11,7 @@ The onsets' clock starts with the first STEERING_COMMAND that reaches the edge, 
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from dbc.messages import CAN_IDS, SteeringCommand
 from plant_emulator.fault_effects import EFFECTS, FaultMemory, overtake
@@ -23,10 +23,8 @@ from plant_emulator.fault_settings import (
 )
 from plant_emulator.streams import Channel, uniforms
 from runtime.frame import Frame
-from runtime.node import NEVER_NS, NS_PER_S
-from runtime.program import ReportingNode
+from runtime.node import NEVER_NS, NS_PER_S, N, Wrapper
 
-N = TypeVar("N", bound=ReportingNode)
 _COMMAND_ID = CAN_IDS[SteeringCommand]
 
 
@@ -117,7 +115,7 @@ class FaultStage:
             recorded.popleft()
 
 
-class FaultyNode(Generic[N]):
+class FaultyNode(Wrapper[N]):
     """Runs ``node`` with faults on the way to and from it.
 
     ``faults``    of both directions, in the order in which frames meet them
@@ -128,7 +126,7 @@ class FaultyNode(Generic[N]):
     def __init__(
         self, node: N, faults: Sequence[FaultSettings], seed: int, start_ns: int | None = None
     ) -> None:
-        self.node = node
+        super().__init__(node)
         self.stages = [FaultStage(fault, seed, place) for place, fault in enumerate(faults)]
         self._down = self._of(FaultDirection.DOWNLINK)
         self._up = self._of(FaultDirection.UPLINK)
@@ -141,11 +139,6 @@ class FaultyNode(Generic[N]):
         for stage in self.stages:
             deadline_ns = min(deadline_ns, stage.next_due_ns)
         return deadline_ns
-
-    @property
-    def finished(self) -> bool:
-        """Whether the node has done all it was asked to do."""
-        return self.node.finished
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Let the node have what the downlink's faults leave of a frame."""

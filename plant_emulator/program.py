@@ -44,7 +44,7 @@ def _run(options: argparse.Namespace) -> int:
             PlantNode(settings, start_ns, params, samples_max), settings.faults, settings.seed
         ),
         RECEIVED,
-        partial(_conclude, options),
+        lambda node: _conclude(options, node),
     )
 
 

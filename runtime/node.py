@@ -16,8 +16,8 @@ Rules a node keeps:
 3. Nothing on the wire can make it raise.
 """
 
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any, Generic, Protocol, TypeVar
 
 from runtime.frame import Frame
 
@@ -48,3 +48,59 @@ class Node(Protocol):
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
         """Do all that is due at ``now_ns``; return the frames to send."""
         ...
+
+
+class ReportingNode(Node, Protocol):
+    """A node of a program: it can say what it has seen, and is told what was kept from it."""
+
+    def on_unauthenticated(self) -> None:
+        """Note that a frame was refused before it came here."""
+        ...
+
+    def report(self) -> Mapping[str, Any]:
+        """Figures of the run so far; numbers, texts, and mappings of them.
+
+        ``failure``  may be there, and is why the node can be trusted no longer: it does not keep
+                     its rate, or what it computed was no number. Such a node goes to its safe
+                     state, says so on the bus, stays there, and has then ``finished``
+        """
+        ...
+
+
+N = TypeVar("N", bound=ReportingNode)
+
+
+class Wrapper(ReportingNode, Generic[N]):
+    """Does as ``node`` does; whoever stands around a node overrides what is to be different.
+
+    It names the protocol as its base, so that mypy refuses to make a wrapper that lacks a part.
+    """
+
+    def __init__(self, node: N) -> None:
+        self.node = node
+
+    @property
+    def deadline_ns(self) -> int:
+        """When the node wants its next tick [ns]."""
+        return self.node.deadline_ns
+
+    @property
+    def finished(self) -> bool:
+        """Whether the node has done all it was asked to do."""
+        return self.node.finished
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        """Let the node have a frame."""
+        return self.node.on_frame(frame, now_ns)
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        """Let the node do what is due."""
+        return self.node.on_tick(now_ns)
+
+    def on_unauthenticated(self) -> None:
+        """Let the node know that a frame was refused before it came here."""
+        self.node.on_unauthenticated()
+
+    def report(self) -> Mapping[str, Any]:
+        """Return the node's report."""
+        return self.node.report()

@@ -16,12 +16,12 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from enum import IntEnum
 from pathlib import Path
 from types import FrameType
-from typing import Any, NamedTuple, Protocol, TextIO, TypeVar
+from typing import Any, NamedTuple, TextIO, TypeVar
 
 from runtime.bus import BusError, add_bus_arguments, shutting_down
 from runtime.connection import Connection, ConnectionFigures
 from runtime.host import RealTimeRequest, StealClock, real_time
-from runtime.node import NEVER_NS, NS_PER_S, NS_PER_US, Node
+from runtime.node import NEVER_NS, NS_PER_S, NS_PER_US, N
 from runtime.option_types import (
     SPIN_US_MAX,
     output_file,
@@ -65,20 +65,6 @@ class ExitStatus(IntEnum):
     """By Ctrl-C or SIGTERM outside of a run; one that is interrupted ends with OK and a report."""
 
 
-class ReportingNode(Node, Protocol):
-    """A node that can say what it has seen."""
-
-    def report(self) -> Mapping[str, Any]:
-        """Figures of the run so far; numbers, texts, and mappings of them.
-
-        ``failure``  may be there, and is why the node can be trusted no longer: it does not keep
-                     its rate, or what it computed was no number. Such a node goes to its safe
-                     state, says so on the bus, stays there, and has then ``finished``
-        """
-        ...
-
-
-N = TypeVar("N", bound=ReportingNode)
 S = TypeVar("S", bound=Settings)
 
 

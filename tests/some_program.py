@@ -55,6 +55,8 @@ class Probe:
         self._on_tick_do()
         return self._sends
 
+    def on_unauthenticated(self) -> None: ...
+
     def report(self) -> Mapping[str, Any]:
         self._on_report_do()
         return {"rms_m": float("nan"), "counts": {"lost": 2}}

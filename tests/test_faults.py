@@ -49,6 +49,8 @@ class Sink:
     def on_tick(self, now_ns: int) -> Sequence[Frame]:  # noqa: ARG002
         return ()
 
+    def on_unauthenticated(self) -> None: ...
+
     def report(self) -> dict[str, Any]:
         return {}
 

@@ -8,12 +8,11 @@ import pytest
 
 from controller.node import ControllerNode
 from plant_emulator.node import PlantNode
-from runtime.node import NS_PER_MS, NS_PER_S
+from runtime.node import NS_PER_MS, NS_PER_S, ReportingNode
 from tools.fuzz.choices import Choices
 from tools.fuzz.node_targets import (
     CONTROLLERS,
     PLANTS,
-    ReportingNode,
     controller_settings,
     plant_settings,
 )

@@ -1,12 +1,11 @@
 """Faults of a whole node in virtual time: killed, paused, bus-off, a clock that jumps."""
 
 from collections import deque
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 from runtime.frame import Frame
-from runtime.node import NEVER_NS, NS_PER_S
-from runtime.program import ReportingNode
+from runtime.node import NEVER_NS, NS_PER_S, ReportingNode, Wrapper
 from tools.campaign.specification import NodeFaultKind
 
 SOCKET_FRAMES_MAX = 1000
@@ -31,11 +30,11 @@ class NodeFault(NamedTuple):
         return onset_ns, onset_ns + round(self.duration_s * NS_PER_S)
 
 
-class Stricken:
+class Stricken(Wrapper[ReportingNode]):
     """A node that is killed, paused or off the bus from and to a time."""
 
     def __init__(self, node: ReportingNode, fault: NodeFault) -> None:
-        self.node = node
+        super().__init__(node)
         self._kind = fault.kind
         self._onset_ns, self._end_ns = fault.window_ns
         self._waiting: deque[Frame] = deque()
@@ -47,11 +46,6 @@ class Stricken:
         if self._kind is NodeFaultKind.BUS_OFF or deadline_ns < self._onset_ns:
             return deadline_ns
         return max(deadline_ns, self._end_ns)
-
-    @property
-    def finished(self) -> bool:
-        """Whether the node has finished."""
-        return self.node.finished
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Take a frame, unless it is stricken."""
@@ -66,10 +60,6 @@ class Stricken:
         sent = [*self._catch_up(now_ns), *self.node.on_tick(now_ns)]
         return () if self._onset_ns <= now_ns < self._end_ns else sent
 
-    def report(self) -> Mapping[str, Any]:
-        """Return the node's report."""
-        return self.node.report()
-
     def _catch_up(self, now_ns: int) -> Sequence[Frame]:
         """Take what has waited."""
         answers = [
@@ -79,11 +69,11 @@ class Stricken:
         return answers
 
 
-class JumpingClock:
+class JumpingClock(Wrapper[ReportingNode]):
     """A node whose clock goes ahead by ``jump_ns`` at ``onset_ns``."""
 
     def __init__(self, node: ReportingNode, onset_ns: int, jump_ns: int) -> None:
-        self.node = node
+        super().__init__(node)
         self._onset_ns = onset_ns
         self._jump_ns = jump_ns
         self._ahead_ns = 0
@@ -94,11 +84,6 @@ class JumpingClock:
         deadline_ns = self.node.deadline_ns - self._ahead_ns
         return deadline_ns if self._ahead_ns else min(deadline_ns, self._onset_ns)
 
-    @property
-    def finished(self) -> bool:
-        """Whether the node has finished."""
-        return self.node.finished
-
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Take a frame at the time that its own clock shows."""
         return self.node.on_frame(frame, self._shown_ns(now_ns))
@@ -107,10 +92,6 @@ class JumpingClock:
         """Do what is due by its own clock."""
         shown_ns = self._shown_ns(now_ns)
         return self.node.on_tick(shown_ns) if self.node.deadline_ns <= shown_ns else ()
-
-    def report(self) -> Mapping[str, Any]:
-        """Return the node's report."""
-        return self.node.report()
 
     def _shown_ns(self, now_ns: int) -> int:
         if now_ns >= self._onset_ns:

@@ -24,7 +24,7 @@ from dbc.messages import (
 )
 from plant_emulator.settings import PlantSettings
 from runtime.frame import Frame
-from runtime.program import ReportingNode
+from runtime.node import ReportingNode, Wrapper
 
 SAFE_CAUSES = ("silence", "failure", "safe_state")
 """Counts that rise when a node leaves control."""
@@ -84,7 +84,7 @@ def counts_of(report: Mapping[str, Any]) -> dict[str, int]:
     return counts
 
 
-class Watch:
+class Watch(Wrapper[ReportingNode]):
     """Stands in the place of a node, and notes what it does.
 
     ``onset_ns``  from when on its counts are looked at after every frame and tick [ns]
@@ -106,7 +106,7 @@ class Watch:
         until_safe: bool,
         peer_sent: Collection[Frame] | None,
     ) -> None:
-        self.node = node
+        super().__init__(node)
         self._bounds = bounds
         self._onset_ns = onset_ns
         self._wanted = frozenset(wanted)
@@ -129,16 +129,6 @@ class Watch:
         self.commands: list[tuple[int, SteeringCommand]] = []
         self.statuses: list[tuple[int, SteeringStatus]] = []
         self.started_ns: int | None = None
-
-    @property
-    def deadline_ns(self) -> int:
-        """When the node wants its next tick [ns]."""
-        return self.node.deadline_ns
-
-    @property
-    def finished(self) -> bool:
-        """Whether the node has finished."""
-        return self.node.finished
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Hand over a frame, and see what the node says."""
@@ -172,10 +162,6 @@ class Watch:
         for frame in frames:
             self._false[frame] += 1
             self.false_frames += 1
-
-    def report(self) -> Mapping[str, Any]:
-        """Return the node's report."""
-        return self.node.report()
 
     def counted(self) -> dict[str, int]:
         """Return how far each count has risen since the onset, those that have."""

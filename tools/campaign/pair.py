@@ -13,7 +13,7 @@ from plant_emulator.node import PlantNode, motion_params
 from plant_emulator.settings import PlantSettings
 from runtime.bus_model import BusModel
 from runtime.frame import Frame
-from runtime.node import NEVER_NS, NS_PER_S
+from runtime.node import NEVER_NS, NS_PER_S, ReportingNode
 from runtime.virtual_time import VirtualTimeExecutor
 from tools.campaign.detectability import MECHANISM_OF, Sight, is_unheard, sight_of
 from tools.campaign.node_faults import NodeFault, with_node_faults
@@ -72,7 +72,7 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
     is_corrupting = bool(kinds & _CORRUPTING) and not kinds & _FORGING
     is_corrupting = is_corrupting and not all(map(is_unheard, case.faults))
 
-    def watched(node: Any, name: str, peer_sent: set[Any] | None) -> Watch:
+    def watched(node: ReportingNode, name: str, peer_sent: set[Any] | None) -> Watch:
         own = wanted if case.receiver in (name, "both") else ()
         struck = with_node_faults(node, name, node_faults)
         seen_from = peer_sent if is_corrupting else None

@@ -10,9 +10,8 @@ The report can be written as JSON, and no figure in it is infinite.
 
 import json
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import lru_cache
-from typing import Any, Protocol
 
 from controller.node import RECEIVED as CONTROLLER_RECEIVES
 from controller.node import ControllerNode
@@ -39,7 +38,7 @@ from plant_emulator.node import RECEIVED as PLANT_RECEIVES
 from plant_emulator.node import PlantNode, motion_params
 from plant_emulator.settings import PlantSettings
 from runtime.frame import Frame
-from runtime.node import NS_PER_S, Node
+from runtime.node import NS_PER_S, Node, ReportingNode
 from runtime.settings import load_settings, read_preset
 from tools.fuzz.choices import Choices
 from tools.fuzz.promises import promise
@@ -76,14 +75,6 @@ PLANTS = (
     ),
 )  # fmt: skip
 """What is set on top of the defaults."""
-
-
-class ReportingNode(Node, Protocol):
-    """A node with a report."""
-
-    def report(self) -> Mapping[str, Any]:
-        """Return the figures so far."""
-        ...
 
 
 def fuzz_controller(data: bytes) -> None:

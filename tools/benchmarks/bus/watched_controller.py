@@ -26,7 +26,7 @@ from controller.node import RECEIVED, ControllerNode
 from controller.settings import ControllerSettings
 from dbc.messages import CAN_IDS, LateralError
 from runtime.frame import Frame
-from runtime.node import NEVER_NS
+from runtime.node import NEVER_NS, Wrapper
 from runtime.option_types import output_file
 from runtime.program import load_program_settings, make_parser, run_main, run_node
 from tools.benchmarks.bus.measurements import measurements
@@ -72,51 +72,37 @@ class Watch:
         self._seen += phase == "start"
 
 
-class AtRate:
+class AtRate(Wrapper[ControllerNode]):
     """``node`` as it is, watched.
 
     ``feed``  measurements that it is handed in turn, one before each tick
     """
 
     def __init__(self, node: ControllerNode, feed: Sequence[Frame] = ()) -> None:
-        self._node = node
+        super().__init__(node)
         self._feed = feed
         self._watch = Watch()
         self.ticks = array("q")
 
-    @property
-    def deadline_ns(self) -> int:
-        """When the next tick is due [ns]."""
-        return self._node.deadline_ns
-
-    @property
-    def finished(self) -> bool:
-        """As the node."""
-        return self._node.finished
-
-    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        """Take a frame."""
-        return self._node.on_frame(frame, now_ns)
-
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
         """Tick, and keep when."""
         self._watch.tick()
-        self.ticks.append(self._node.deadline_ns)
+        self.ticks.append(self.node.deadline_ns)
         self.ticks.append(now_ns)
         if self._feed:
-            self._node.on_frame(self._feed[len(self.ticks) // 2 % len(self._feed)], now_ns)
-        return self._node.on_tick(now_ns)
+            self.node.on_frame(self._feed[len(self.ticks) // 2 % len(self._feed)], now_ns)
+        return self.node.on_tick(now_ns)
 
     def report(self) -> Mapping[str, Any]:
         """Return what the node and the watch have to report."""
-        return {**self._node.report(), **self._watch.report()}
+        return {**self.node.report(), **self._watch.report()}
 
 
-class AtOnce:
+class AtOnce(Wrapper[ControllerNode]):
     """``node``, its time running on by one period with each measurement."""
 
     def __init__(self, node: ControllerNode) -> None:
-        self._node = node
+        super().__init__(node)
         self._watch = Watch()
         self.ticks = array("q")
 
@@ -125,21 +111,16 @@ class AtOnce:
         """Never: only a measurement makes it tick."""
         return NEVER_NS
 
-    @property
-    def finished(self) -> bool:
-        """As the node."""
-        return self._node.finished
-
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Take a frame; a measurement is answered by the command that it leads to."""
-        due_ns = self._node.deadline_ns
-        self._node.on_frame(frame, due_ns)
+        due_ns = self.node.deadline_ns
+        self.node.on_frame(frame, due_ns)
         if frame.can_id != _MEASUREMENT_ID:
             return ()
         self._watch.tick()
         self.ticks.append(now_ns)
         self.ticks.append(now_ns)
-        return self._node.on_tick(due_ns)
+        return self.node.on_tick(due_ns)
 
     def on_tick(self, _now_ns: int) -> Sequence[Frame]:
         """Is never due."""
@@ -147,7 +128,7 @@ class AtOnce:
 
     def report(self) -> Mapping[str, Any]:
         """Return what the node and the watch have to report."""
-        return {**self._node.report(), **self._watch.report()}
+        return {**self.node.report(), **self._watch.report()}
 
 
 ANSWERS: dict[str, Callable[[ControllerNode], AtRate | AtOnce]] = {
@@ -173,7 +154,7 @@ def _run(options: argparse.Namespace) -> int:
         options,
         settings,
         lambda start_ns: answer(ControllerNode(settings, start_ns)),
-        partial(_write_ticks, options.ticks),
+        lambda node: _write_ticks(options.ticks, node),
         [CAN_IDS[message_type] for message_type in RECEIVED],
     )
 
