@@ -53,8 +53,7 @@ from runtime.frame import Frame
 from runtime.node import NS_PER_S
 from runtime.overruns import OverrunSupervision
 from runtime.periodic import PeriodicTimer
-from runtime.report import durations_report
-from runtime.statistics import DurationStatistics
+from runtime.statistics import DurationStatistics, durations_report
 
 STATUS_PERIOD_NS = 100_000_000
 """Cycle of CONTROLLER_STATUS, CONTROLLER_SAFETY and DELAY_STATUS."""

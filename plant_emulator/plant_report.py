@@ -5,7 +5,7 @@ from typing import Any
 
 from plant_emulator.latency_line import LatencyLine
 from plant_emulator.plant_samples import RunningFigures
-from runtime.report import durations_report
+from runtime.statistics import durations_report
 
 
 def motion_report(figures: RunningFigures, motion_ns: int) -> Mapping[str, Any]:

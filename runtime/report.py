@@ -14,7 +14,7 @@ from runtime.host import HostAnswer
 from runtime.node import NS_PER_S
 from runtime.real_time import LoopFigures
 from runtime.settings import Settings
-from runtime.statistics import DurationSummary
+from runtime.statistics import durations_report
 
 DISTRIBUTION = "steer-by-wire-emulator"
 
@@ -72,17 +72,6 @@ def host_report(answers: Sequence[HostAnswer], steal_fraction: float | None) -> 
     return {
         "answers": [answer._asdict() for answer in answers],
         "steal_fraction": steal_fraction,
-    }
-
-
-def durations_report(summary: DurationSummary) -> dict[str, float]:
-    """Return a summary of durations in seconds."""
-    return {
-        "samples": summary.samples,
-        "mean_s": summary.mean_ns / NS_PER_S,
-        "p50_s": summary.p50_ns / NS_PER_S,
-        "p99_s": summary.p99_ns / NS_PER_S,
-        "max_s": summary.max_ns / NS_PER_S,
     }
 
 

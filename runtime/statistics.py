@@ -9,6 +9,8 @@ exact. The same durations give the same figures, in whatever order they come.
 from collections import defaultdict
 from typing import NamedTuple
 
+from runtime.node import NS_PER_S
+
 _BIN_BITS = 8
 """Leading bits of a duration that choose its bin."""
 _LEADING_MASK = (1 << _BIN_BITS) - 1
@@ -22,6 +24,17 @@ class DurationSummary(NamedTuple):
     p50_ns: int
     p99_ns: int
     max_ns: int
+
+
+def durations_report(summary: DurationSummary) -> dict[str, float]:
+    """Return a summary of durations in seconds."""
+    return {
+        "samples": summary.samples,
+        "mean_s": summary.mean_ns / NS_PER_S,
+        "p50_s": summary.p50_ns / NS_PER_S,
+        "p99_s": summary.p99_ns / NS_PER_S,
+        "max_s": summary.max_ns / NS_PER_S,
+    }
 
 
 class DurationStatistics:

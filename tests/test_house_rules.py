@@ -71,6 +71,22 @@ def test_tests_share_by_modules_that_are_no_tests() -> None:
     assert [file.name for file in files if imported.search(file.read_text(encoding="utf-8"))] == []
 
 
+def test_a_node_loads_no_bus_and_nothing_heavy() -> None:
+    """What our modules import is a contract of the import linter; this is what then is loaded.
+
+    Not all of it is ours: cantools, which reads the DBC, is a command line too (argparse), and has
+    a tester that brings python-can, which is left out here. pydantic brings socket.
+    """
+    code = (
+        "import sys, types; sys.modules['cantools.tester'] = types.ModuleType('cantools.tester');"
+        "import controller.node, plant_emulator.node;"
+        "unwanted = 'can asyncio multiprocessing scipy numba matplotlib rich'.split();"
+        "print([m for m in (*unwanted, 'runtime.bus', 'runtime.program') if m in sys.modules])"
+    )
+    result = run(sys.executable, "-c", code)
+    assert result.stdout.strip() == "[]", result.stdout + result.stderr
+
+
 def test_live_programs_import_nothing_heavy() -> None:
     """Start-up time is a promise: the live processes do without numba, scipy and matplotlib."""
     code = (

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from runtime.real_time import LoopFigures
-from runtime.report import durations_report, loop_report, write_json
-from runtime.statistics import DurationSummary
+from runtime.report import loop_report, write_json
+from runtime.statistics import DurationSummary, durations_report
 
 SUMMARY = DurationSummary(
     samples=2, mean_ns=1_500_000.0, p50_ns=1_000_000, p99_ns=2_000_000, max_ns=2_000_000

@@ -7,8 +7,7 @@ from rich import box
 from rich.table import Table
 
 from runtime.node import NS_PER_MS
-from runtime.report import durations_report
-from runtime.statistics import DurationSummary
+from runtime.statistics import DurationSummary, durations_report
 from tools.host_probe.probe import REAL_TIME, Measured, Probe
 from tools.host_probe.round_trip import RoundTrip
 from tools.host_probe.verdict import RULE, is_kept, judged, rate_kept_hz
