@@ -85,8 +85,10 @@ def test_a_law_that_a_point_has_twice_is_told_in_one_line() -> None:
 def test_a_fault_whose_chance_to_do_nothing_is_known_may_do_nothing() -> None:
     def chance(kind: str, magnitude: float, message: str = "LATERAL_ERROR") -> float:
         case = f'cases=[{{kind="{kind}", messages=["{message}"], magnitudes=[{magnitude}]}}]'
-        scenario = list(scenarios_of(spec_of(case)))[-1]
-        expected = no_effect_chance(scenario.case.faults[0])
+        spec = spec_of(case)
+        scenario = list(scenarios_of(spec))[-1]
+        sight = scenario_sight(spec, scenario.point, scenario.law)
+        expected = no_effect_chance(scenario.case.faults[0], sight)
         assert scenario.case.expected.may_be_idle == (expected > 1e-4)
         return expected
 

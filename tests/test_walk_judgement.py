@@ -65,7 +65,7 @@ def said(
         plant=watch("plant", plant),
         controller=watch("controller", controller),
         edge=edge,
-        sight=Sight(0.14, 0.7),
+        sight=Sight(0.14, 0.7, 0.01, 0.01, 100),
         way=way_of(PlantSettings(), controller_settings_of("practical_pd"), point, 0.15),
     )
     return judge_walk(pair, faults, round(END_S * NS_PER_S))

@@ -20,26 +20,26 @@ from typing import NamedTuple
 
 from controller.freshness import NO_LIMIT_NS
 from controller.node import RECEIVED as CONTROLLER_RECEIVES
+from controller.node import STATUS_PERIOD_NS
 from controller.settings import ControllerSettings, age_limits_of
 from dbc.messages import MESSAGE_TYPES
+from dbc.protection import COUNTERS
 from plant_emulator.fault_effects import BURST_CHANCE, REORDER_CHANCE
-from plant_emulator.fault_settings import ALL, FaultKind, FaultSettings
+from plant_emulator.fault_settings import ALL, FaultDirection, FaultKind, FaultSettings
 from plant_emulator.node import RECEIVED as PLANT_RECEIVES
+from plant_emulator.node import VEHICLE_STATE_PERIOD_NS
 from plant_emulator.safety_settings import design_guard
 from plant_emulator.settings import PlantSettings
 from runtime.node import NS_PER_S
 from tools.campaign.node_faults import NodeFault
 from tools.campaign.specification import NodeFaultKind
 
-PERIOD_S = 0.01
 LAW_RAD_MAX = 0.2
 """What a law is taken to want at the most, if the limiter leaves it as much."""
 NO_EFFECT_CHANCE_MAX = 1e-4
 """A fault whose chance to change nothing is larger may do so."""
-PERIODS_OF: Mapping[str, int] = MappingProxyType(
-    {"LATERAL_ERROR": 1, "STEERING_COMMAND": 1, "STEERING_STATUS": 1, ALL: 1, "VEHICLE_STATE": 2}
-)
-"""Control periods from a frame to the next; ten for the messages for watching."""
+WATCHING_PERIOD_S = STATUS_PERIOD_NS / NS_PER_S
+"""Cycle of the messages for watching."""
 CONTROLS = frozenset({"LATERAL_ERROR", "STEERING_COMMAND", ALL})
 """Messages without which there is nothing left to act on."""
 STREAMS = CONTROLS | {"STEERING_STATUS", "VEHICLE_STATE"}
@@ -91,11 +91,16 @@ class Sight(NamedTuple):
 
     ``age_limit_s``     the longest of both nodes' age limits: what lasts longer is silence for both
     ``limiter_rad``     largest command that the safety limiter lets through, at this speed
+    ``control_period_s``, ``sensor_period_s``  of the commands and of the measurements
+    ``counter_jump_max``  how far a counter may go on at once, for either node
     ``jitters_down``    whether a silence of the commands on the bus may be shorter at the actuator
     """
 
     age_limit_s: float
     limiter_rad: float
+    control_period_s: float
+    sensor_period_s: float
+    counter_jump_max: int
     jitters_down: bool = False
 
 
@@ -124,6 +129,9 @@ def sight_of(plant: PlantSettings, controller: ControllerSettings) -> Sight:
     return Sight(
         max(guard.silence_ns, *ages) / NS_PER_S,
         min(row.reach_rad for row in guard.limiter.rows),
+        controller.period_ns / NS_PER_S,
+        plant.sensor_period_ns / NS_PER_S,
+        max(plant.max_counter_jump, controller.supervision.max_counter_jump),
         plant.latency.downlink.spread_s > 0.0,
     )
 
@@ -138,18 +146,18 @@ _TELLING = "a plausible value, valid CRC and counter: one source, nothing to com
 def expect_fault(fault: FaultSettings, sight: Sight) -> Expectation:
     """Return what is expected of a fault of the stage at the plant's edge."""
     expected = _expect(fault, sight)
-    return expected._replace(may_be_idle=no_effect_chance(fault) > NO_EFFECT_CHANCE_MAX)
+    return expected._replace(may_be_idle=no_effect_chance(fault, sight) > NO_EFFECT_CHANCE_MAX)
 
 
 def _expect(fault: FaultSettings, sight: Sight) -> Expectation:
     if is_unheard(fault):
         return Expectation((), False, "no node receives this message: nothing may change")
     is_stream, is_control = fault.message in STREAMS, fault.message in CONTROLS
-    magnitude = fault.magnitude
+    magnitude, period_s = fault.magnitude, period_s_of(fault, sight)
     match fault.kind:
         case FaultKind.DROP if magnitude >= 1.0:
             return _silence(fault, sight, is_stream, is_control)
-        case FaultKind.BURST_LOSS if PERIOD_S * magnitude > sight.age_limit_s and is_stream:
+        case FaultKind.BURST_LOSS if period_s * magnitude > sight.age_limit_s and is_stream:
             return Expectation(_EITHER, is_control, "a burst longer than the age limit")
         case FaultKind.DROP | FaultKind.BURST_LOSS:
             return Expectation(_E2E, False, "the counter jumps")
@@ -178,7 +186,11 @@ def _expect(fault: FaultSettings, sight: Sight) -> Expectation:
             why = "the true sender's counter then comes twice"
             return Expectation(_E2E, False, why, is_followed=True)
         case FaultKind.REPLAY:
-            is_long = fault.duration_s > sight.age_limit_s + PERIOD_S
+            # Counters turn over and go on: old ones look like those after some that were lost, or
+            # are refused until they have come as far as the newest that was accepted.
+            behind = round(magnitude / period_s) % COUNTERS
+            refused_s = behind * period_s if COUNTERS - behind > sight.counter_jump_max else 0.0
+            is_long = min(fault.duration_s, refused_s) > sight.age_limit_s + period_s
             why = "the counter goes back; what goes on so is a new start, after a hold"
             # As it goes on when the bus was silent for the age limit, jitter may hide the silence.
             is_hidden = sight.jitters_down and fault.message == "STEERING_COMMAND"
@@ -209,7 +221,7 @@ def expect_node_fault(fault: NodeFault, sight: Sight) -> Expectation:
         if fault.magnitude > sight.age_limit_s:
             both = (Mechanism.SELF_SUPERVISION, Mechanism.FRESHNESS)
             return Expectation(both, True, "ticks missed, and its measurement looks old")
-        if fault.magnitude > 2.0 * PERIOD_S:
+        if fault.magnitude > 2.0 * sight.control_period_s:
             return Expectation(supervision, False, "ticks missed")
         return Expectation((), False, "less than two periods")
     if fault.duration_s <= sight.age_limit_s and fault.kind is not NodeFaultKind.KILLED:
@@ -217,13 +229,25 @@ def expect_node_fault(fault: NodeFault, sight: Sight) -> Expectation:
     return Expectation(_FRESHNESS, True, "its peer hears nothing")
 
 
-def no_effect_chance(fault: FaultSettings) -> float:
+def period_s_of(fault: FaultSettings, sight: Sight) -> float:
+    """Return the time from one frame that a fault acts on to the next [s]."""
+    if fault.message in UNHEARD:
+        return WATCHING_PERIOD_S
+    if fault.direction is FaultDirection.DOWNLINK:
+        return sight.control_period_s
+    if fault.message == "VEHICLE_STATE":
+        samples = max(1, VEHICLE_STATE_PERIOD_NS // round(sight.sensor_period_s * NS_PER_S))
+        return samples * sight.sensor_period_s
+    return sight.sensor_period_s
+
+
+def no_effect_chance(fault: FaultSettings, sight: Sight) -> float:
     """Return the probability that a fault changes no frame at all, by what it draws.
 
     1 for a value that is none (an offset of 0), and for the speed, which is stuck anyway.
     """
     magnitude = fault.magnitude
-    frames = int(fault.duration_s / PERIOD_S / PERIODS_OF.get(fault.message, 10))
+    frames = int(fault.duration_s / period_s_of(fault, sight))
     match fault.kind:
         case FaultKind.BURST_LOSS:
             spared = 1.0 - BURST_CHANCE

@@ -3,7 +3,7 @@
 At the latest, whatever the settings under test say:
 
     the fault is over, and the counters may go on elsewhere      the FTTI
-    a run of refused frames, then a run of good ones, ticks      RUN_FRAMES control periods
+    a run of refused frames, then a run of good ones, ticks      RUN_FRAMES of the longer period
     what tells it comes through both latency lines               latencies, and their spread
 
 and on the way, from one sample or period to the next:
@@ -58,6 +58,7 @@ class Way(NamedTuple):
     ``age_limit_s``       of the commands
     ``latency_s``         of both ways together, with its spread
     ``spread_s``          of one latency: with any, several commands may come through at once
+    ``sensor_period_s``   from one of the plant's own messages to the next
     """
 
     recovery_s: float
@@ -67,7 +68,8 @@ class Way(NamedTuple):
     age_limit_s: float
     latency_s: float
     spread_s: float
-    period_s: float
+    control_period_s: float
+    sensor_period_s: float
 
 
 class Step(NamedTuple):
@@ -98,18 +100,20 @@ def way_of(
     plant: PlantSettings, controller: ControllerSettings, point: PointSettings, ftti_s: float
 ) -> Way:
     """Return what the settings allow."""
-    period_s = controller.period_ns / NS_PER_S
+    control_period_s = controller.period_ns / NS_PER_S
+    sensor_period_s = plant.sensor_period_ns / NS_PER_S
     table = controller.supervision
     latency_s = 1e-3 * (point.downlink_ms + point.uplink_ms + 2.0 * SIGMAS * point.jitter_ms)
     return Way(
-        recovery_s=ftti_s + RUN_FRAMES * period_s + latency_s,
-        command_fade_rad=table.ramp_rad_s * period_s,
+        recovery_s=ftti_s + RUN_FRAMES * max(control_period_s, sensor_period_s) + latency_s,
+        command_fade_rad=table.ramp_rad_s * control_period_s,
         command_step_rad=limits_of(controller).step_rad_max,
         ramp_rad_s=plant.safety.ramp_rad_s,
         age_limit_s=plant_resync_ns_of(plant.safety) / NS_PER_S,
         latency_s=latency_s,
         spread_s=SIGMAS * 1e-3 * point.jitter_ms,
-        period_s=period_s,
+        control_period_s=control_period_s,
+        sensor_period_s=sensor_period_s,
     )
 
 
@@ -149,16 +153,20 @@ def wheel_steps(
         changed_ns = now_ns if passed else changed_ns
         if not was_held:
             continue
-        is_silent = since_s > way.age_limit_s + way.period_s + way.spread_s
+        is_silent = since_s > way.age_limit_s + way.sensor_period_s + way.spread_s
         is_return = before.status in HELD_CODES and is_silent and passed > 0
         if is_return:
-            from_ns = before_ns - round((way.latency_s + way.period_s + backlog_s) * NS_PER_S)
-            by_commands_rad = _crowd_rad(way, sent, from_ns, now_ns, backlog_s)
-            fade_s = way.period_s + (way.age_limit_s if was_fading else way.period_s)
+            back_s = way.latency_s + way.control_period_s + backlog_s
+            from_ns = before_ns - round(back_s * NS_PER_S)
+            # Behind the first command further ones may be followed before the next sample.
+            further = math.ceil(way.sensor_period_s / way.control_period_s) - 1
+            by_commands_rad = further * way.command_step_rad
+            by_commands_rad += _crowd_rad(way, sent, from_ns, now_ns, backlog_s)
+            fade_s = way.sensor_period_s + (way.age_limit_s if was_fading else way.control_period_s)
         else:
             by_commands_rad = passed * way.command_step_rad
             lasted_s = min(since_s + way.spread_s, way.age_limit_s)
-            fade_s = way.period_s + max(way.period_s, lasted_s)
+            fade_s = way.sensor_period_s + max(way.control_period_s, lasted_s)
         allowed_rad = by_commands_rad + way.ramp_rad_s * fade_s + _ON_WIRE_RAD
         step_rad = abs(now.wheel_angle_rad - before.wheel_angle_rad)
         yield Step("wheel", step_rad, allowed_rad, by_commands_rad, is_return)
@@ -174,6 +182,6 @@ def _crowd_rad(
     """Return by how much commands differ that may have come at the same time; 0 for one alone."""
     steers = [command.steer_rad for at_ns, command in sent if from_ns < at_ns <= to_ns]
     window_s = (to_ns - from_ns) / NS_PER_S - backlog_s
-    if way.spread_s > 0.0 or len(steers) > math.ceil(window_s / way.period_s):
+    if way.spread_s > 0.0 or len(steers) > math.ceil(window_s / way.control_period_s):
         return sum(abs(b - a) for a, b in pairwise(steers))
     return 0.0

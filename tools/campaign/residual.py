@@ -8,7 +8,6 @@ E2E profile 5 has a CRC of 16 bits: of frames with random errors in more than th
 is the bound in a run. Here CRCs alone are judged, so that both sides of the figure are a test.
 """
 
-import math
 import random
 from typing import NamedTuple
 
@@ -51,18 +50,13 @@ def measure_residual(frames: int, seed: int = 1) -> Residual:
 
 def exceeds(accepted: int, corrupted: int) -> bool:
     """Whether so many were accepted that the CRC's residual probability does not explain it."""
-    return 1.0 - _at_most(accepted - 1, corrupted * RESIDUAL) < IMPROBABLE
+    from scipy.special import pdtrc
+
+    return accepted > 0 and float(pdtrc(accepted - 1, corrupted * RESIDUAL)) < IMPROBABLE
 
 
 def falls_short(accepted: int, corrupted: int) -> bool:
     """Whether so few were accepted that the errors cannot have been random."""
-    return _at_most(accepted, corrupted * RESIDUAL) < IMPROBABLE
+    from scipy.special import pdtr
 
-
-def _at_most(count: int, expected: float) -> float:
-    """Return the Poisson distribution's probability of ``count`` or fewer."""
-    term, below = math.exp(-expected), 0.0
-    for number in range(count + 1):
-        below += term
-        term *= expected / (number + 1)
-    return below
+    return float(pdtr(accepted, corrupted * RESIDUAL)) < IMPROBABLE

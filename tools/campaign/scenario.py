@@ -29,7 +29,6 @@ from tools.campaign.specification import (
 )
 
 GOLDEN = "golden"
-PERIOD_S = 0.01
 _BOTH = "both"
 
 
@@ -106,7 +105,7 @@ def _faulty(spec: CampaignSettings, point: PointSettings, law: str) -> Iterator[
                     direction=direction_of(message),
                     message=message,
                     signal=case_table.signal_of(message),
-                    onset_s=_onset_s(spec, seed),
+                    onset_s=_onset_s(spec, sight, seed),
                     duration_s=spec.fault_s,
                     magnitude=magnitude,
                 )
@@ -117,7 +116,7 @@ def _faulty(spec: CampaignSettings, point: PointSettings, law: str) -> Iterator[
         for node in node_table.nodes:
             for magnitude in node_table.magnitudes:
                 seed = _seed(spec, f"{node_table.kind}{node}{magnitude}{point.name}{law}", 0)
-                onset_s = _onset_s(spec, seed)
+                onset_s = _onset_s(spec, sight, seed)
                 node_fault = NodeFault(node_table.kind, node, onset_s, spec.fault_s, magnitude)
                 yield Scenario(case_of_node_fault(node_fault, sight), point, law, seed, spec)
 
@@ -193,10 +192,10 @@ def controller_settings_of(law: str, ftti_ms: float | None = None) -> Controller
     return load_settings(ControllerSettings, preset, None, overrides)
 
 
-def _onset_s(spec: CampaignSettings, seed: int) -> float:
+def _onset_s(spec: CampaignSettings, sight: Sight, seed: int) -> float:
     """Draw where in a control period the fault begins."""
     drawn = random.Random(seed).random()  # noqa: S311 no secret
-    return round(spec.onset_s + PERIOD_S * drawn, 6)
+    return round(spec.onset_s + sight.control_period_s * drawn, 6)
 
 
 def _seed(spec: CampaignSettings, text: str, number: int) -> int:

@@ -17,6 +17,8 @@ from tools.campaign.scenario import Case, Scenario, golden_case
 
 _COMMAND_ID = CAN_IDS[SteeringCommand]
 _GOLDEN_KEPT = 32
+UNHINDERED_BIT_S = 1_000_000_000
+"""A frame takes less than a microsecond."""
 
 
 def is_heard_by_nobody(case: Case) -> bool:
@@ -25,12 +27,24 @@ def is_heard_by_nobody(case: Case) -> bool:
 
 
 def is_as_golden(scenario: Scenario, pair: Pair) -> bool:
-    """Whether a run that is over moved as the run without a fault does."""
-    return _digest(pair) == _golden(scenario._replace(case=golden_case()))
+    """Whether a run that is over moved as the run without a fault does.
+
+    A frame that is on the wire holds up the others, which at high rates is all that a message for
+    watching may do to them: such runs are the same on a bus where no frame has to wait.
+    """
+    golden = scenario._replace(case=golden_case())
+    return _digest(pair) == _digest_of(golden) or (
+        _digest_of(_unhindered(scenario)) == _digest_of(_unhindered(golden))
+    )
+
+
+def _unhindered(scenario: Scenario) -> Scenario:
+    spec = scenario.spec.model_copy(update={"bitrate_bit_s": UNHINDERED_BIT_S})
+    return scenario._replace(spec=spec)
 
 
 @lru_cache(_GOLDEN_KEPT)
-def _golden(scenario: Scenario) -> str:
+def _digest_of(scenario: Scenario) -> str:
     pair = make_pair(scenario)
     run_pair(scenario, pair)
     return _digest(pair)

@@ -17,11 +17,11 @@ from typing import NamedTuple, TypeVar
 from plant_emulator.fault_settings import FaultKind, FaultSettings
 from runtime.node import NS_PER_S
 from runtime.settings import SettingsError
-from tools.campaign.detectability import Expectation
+from tools.campaign.detectability import Expectation, Sight, period_s_of
 from tools.campaign.execution import execute
 from tools.campaign.node_faults import NodeFault
 from tools.campaign.pair import make_pair, run_pair
-from tools.campaign.scenario import PERIOD_S, Case, Scenario, laws_of
+from tools.campaign.scenario import Case, Scenario, laws_of, scenario_sight
 from tools.campaign.specification import (
     CampaignSettings,
     CaseSettings,
@@ -39,8 +39,6 @@ DURATION_S_MAX = 1.5
 MOTION_S = LAST_S + DURATION_S_MAX + RECOVERY_S
 """Where no fault outlasts its end."""
 _WALK = "walk"
-_BURST_PERIODS = 2.0
-"""A frame of a burst may take so many periods: its message may also come every other one."""
 WalkFault = FaultSettings | NodeFault
 T = TypeVar("T")
 
@@ -113,7 +111,8 @@ def failure_of(spec: CampaignSettings, walk: Walk, faults: Sequence[WalkFault]) 
     """Run a walk with these faults; returns why it fails, empty where it does not."""
     stage = tuple(fault for fault in faults if isinstance(fault, FaultSettings))
     nodes = [fault for fault in faults if isinstance(fault, NodeFault)]
-    motion_s = max([MOTION_S, *(_over_s(fault) + RECOVERY_S for fault in stage)])
+    sight = scenario_sight(spec, walk.point, walk.law)
+    motion_s = max([MOTION_S, *(_over_s(fault, sight) + RECOVERY_S for fault in stage)])
     longer = spec.model_copy(update={"motion_s": motion_s})
     case = Case(_WALK, "", 0.0, "both", stage, None, Expectation((), False, _WALK))
     scenario = Scenario(case, walk.point, walk.law, walk.seed, longer)
@@ -180,9 +179,9 @@ def _draw_fault(
     )
 
 
-def _over_s(fault: FaultSettings) -> float:
+def _over_s(fault: FaultSettings, sight: Sight) -> float:
     """Return when a fault of the stage has no effect any more [s]."""
     end_s = fault.onset_s + fault.duration_s
     if fault.kind is FaultKind.BURST_LOSS:
-        return end_s + fault.magnitude * _BURST_PERIODS * PERIOD_S
+        return end_s + fault.magnitude * period_s_of(fault, sight)
     return end_s + fault.magnitude if fault.kind is FaultKind.DELAY_SPIKE else end_s
