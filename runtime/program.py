@@ -18,6 +18,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple, TextIO, TypeVar
 
+import can
+
 from runtime.bus import BusError, add_bus_arguments, shutting_down
 from runtime.connection import Connection, ConnectionFigures
 from runtime.host import RealTimeRequest, StealClock, real_time
@@ -317,7 +319,7 @@ def run_main(name: str, main: Callable[[], int]) -> int:
         return status
     except SettingsError as error:
         lines, status = str(error).splitlines(), ExitStatus.SETTINGS
-    except BusError as error:
+    except (BusError, can.CanError) as error:
         lines, status = [str(error)], ExitStatus.BUS
     except BrokenPipeError:
         # Nobody reads on, as after "| head"; that is no mistake.

@@ -75,6 +75,28 @@ def test_a_bad_setting_is_one_line_and_status_2(
     assert "allowed" in error
 
 
+def test_an_output_that_cannot_be_written_is_one_line_and_status_4(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    assert demo.main(["--out", str(tmp_path / "file")]) == 4
+    folder = tmp_path / "file" / "pd"
+    assert capsys.readouterr().err == f"demo: error: {folder}: Not a directory\n"
+
+
+def test_an_error_that_names_no_file_says_what_it_is(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was "error: None: None", and status 2."""
+
+    def fail(_arguments: object) -> None:
+        raise OSError("cannot write mode RGBA as PNG")
+
+    monkeypatch.setattr(demo, "_plant_settings", fail)
+    assert demo.main(["--out", str(tmp_path)]) == 4
+    assert capsys.readouterr().err == "demo: error: cannot write mode RGBA as PNG\n"
+
+
 def test_missing_interfaces_are_named_with_the_command_that_makes_them(tmp_path: Path) -> None:
     names = [f"law{index}" for index in range(40)]  # nobody has vcan39
     with (

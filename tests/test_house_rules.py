@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -52,6 +53,28 @@ def test_no_file_names_a_registry_or_a_path_of_one_machine() -> None:
         if forbidden.search(line)
     ]
     assert found == []
+
+
+def test_every_tool_ends_in_the_one_way_that_knows_each_exit_status() -> None:
+    tools = [path for path in (ROOT / "tools").glob("*.py") if "def main(" in path.read_text()]
+    assert len(tools) > 10
+    assert [path.name for path in tools if "return run_main(" not in path.read_text()] == []
+
+
+def test_every_extra_that_is_named_is_there_to_install() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    # In pip's brackets, or in words: (the extra mf4), the extra `secoc`.
+    named = re.compile(r"(?:steer-by-wire-emulator|'\.)\[([a-z0-9,]+)\]|\bextra `?([a-z0-9]+)[`)]")
+    found = {
+        (extra, str(path.relative_to(ROOT)))
+        for path in tracked_text_files()
+        if path.suffix in {".py", ".md"} and path != Path(__file__)
+        for one in named.finditer(path.read_text(encoding="utf-8"))
+        for extra in (one[1] or one[2]).split(",")
+    }
+    assert {"multicast", "mf4", "secoc", "parquet"} <= {extra for extra, _ in found}
+    extras = project["optional-dependencies"]
+    assert sorted((extra, file) for extra, file in found if extra not in extras) == []
 
 
 def test_no_module_grows_beyond_a_screenful_of_screens() -> None:

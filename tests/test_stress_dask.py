@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("distributed", reason="dask.distributed is not installed (extra dask)")
+pytest.importorskip("distributed", reason="dask.distributed is not installed (the extra cluster)")
 
 from tests.small_study import complete, make_scenarios, never, open_store
 from tools.stress.dask_runner import dask_workers

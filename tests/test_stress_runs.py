@@ -307,3 +307,22 @@ def test_the_program_says_sizes_runs_and_replays(
     assert "the study has runs 0 to 47" in capsys.readouterr().err
     assert stress_latency.main(["none.toml"]) == ExitStatus.SETTINGS
     assert "none.toml: cannot be read" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("of_live", "of_both"),
+    [(ExitStatus.OK, stress_latency.DIFFERENT), (ExitStatus.INTERRUPTED, ExitStatus.INTERRUPTED)],
+)
+def test_a_live_run_after_a_replay_that_differs_does_not_make_it_right(
+    whole: Store, monkeypatch: pytest.MonkeyPatch, of_live: int, of_both: int
+) -> None:
+    def differing(store: Store, computer: Computer, run: int) -> replay.Replay:
+        made = replay.replay(store, computer, run)
+        assert made.stored is not None
+        return made._replace(stored=dict(made.stored) | {"rms_m": 0.0})
+
+    monkeypatch.setattr(stress_latency, "replay", differing)
+    monkeypatch.setattr(stress_latency, "_live", lambda *_: of_live)
+    study = whole.folder.parent / "study.toml"
+    words = [str(study), "--out", str(whole.folder), "--replay", "1", "--live", "emulated"]
+    assert stress_latency.main(words) == of_both

@@ -14,13 +14,16 @@ import os
 import platform
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
+from runtime.bus import BusError
 from runtime.host import StealClock
 from runtime.option_types import output_file
+from runtime.program import ExitStatus, run_main
 from tools.benchmarks.loop import controller_node_line, frame_lines, law_lines, virtual_time_lines
 from tools.benchmarks.measurement import Line, calibration
 from tools.benchmarks.startup import StartupError, heavy_modules, startup_lines
@@ -34,12 +37,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
     options = parser.parse_args(arguments)
+    return run_main("benchmark", partial(_run, options))
+
+
+def _run(options: argparse.Namespace) -> int:
     try:
         _benchmark(options.json)
-    except (StartupError, OSError) as error:
-        print(f"benchmark: error: {error}", file=sys.stderr)
-        return 3
-    return 0
+    except StartupError as error:
+        raise BusError(str(error)) from error
+    return ExitStatus.OK
 
 
 def _benchmark(json_file: Path | None) -> None:

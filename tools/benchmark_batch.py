@@ -14,13 +14,16 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from matplotlib.figure import Figure
 from rich.console import Console
 
+from runtime.bus import BusError
 from runtime.host import StealClock
 from runtime.option_types import output_file
+from runtime.program import ExitStatus, run_main
 from tools.benchmarks.batch.c_pair import MissingCompilerError
 from tools.benchmarks.batch.comparison import (
     line_of_threads,
@@ -49,12 +52,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
     parser.add_argument("--chart", type=output_file, metavar="FILE.png", help="time against runs")
     options = parser.parse_args(arguments)
+    return run_main("benchmark_batch", partial(_run, options))
+
+
+def _run(options: argparse.Namespace) -> int:
     try:
         _benchmark(options.json, options.chart)
-    except (MissingCompilerError, OSError) as error:
-        print(f"benchmark_batch: error: {error}", file=sys.stderr)
-        return 3
-    return 0
+    except MissingCompilerError as error:
+        raise BusError(str(error)) from error
+    return ExitStatus.OK
 
 
 def _benchmark(json_file: Path | None, chart: Path | None) -> None:

@@ -15,6 +15,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,7 +26,7 @@ from runtime.bus import BusError, socketcan_obstacle
 from runtime.emulated_bus.launch import launched_broker
 from runtime.host import StealClock
 from runtime.option_types import output_file, seconds
-from runtime.program import ExitStatus, interrupted_by_sigterm
+from runtime.program import ExitStatus, run_main
 from runtime.report import write_json
 from tools.benchmarks.bus.allocations import tick_memory
 from tools.benchmarks.bus.c_programs import CompileError, compile_all
@@ -75,19 +76,14 @@ class _Runs(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark; returns the exit status, which does not depend on the figures."""
-    options = _parse(arguments)
+    return run_main(NAME, partial(_run, _parse(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
     try:
-        with interrupted_by_sigterm():
-            _benchmark(options)
-    except (BusError, CompileError, ProcessError) as error:
-        print(f"{NAME}: error: {error}", file=sys.stderr)
-        return ExitStatus.BUS
-    except OSError as error:
-        print(f"{NAME}: error: {error.filename}: {error.strerror}", file=sys.stderr)
-        return ExitStatus.OUTPUT
-    except KeyboardInterrupt:
-        print(f"{NAME}: error: interrupted", file=sys.stderr)
-        return ExitStatus.INTERRUPTED
+        _benchmark(options)
+    except (CompileError, ProcessError) as error:
+        raise BusError(str(error)) from error
     return ExitStatus.OK
 
 

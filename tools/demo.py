@@ -14,18 +14,18 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import can
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
-from runtime.program import ExitStatus, interrupted_by_sigterm
-from runtime.settings import Preset, SettingsError, dump_toml, load_settings, read_preset
+from runtime.program import ExitStatus, run_main
+from runtime.settings import Preset, dump_toml, load_settings, read_preset
 from tools.demo_bus import Channels, open_channels
 from tools.demo_figures import LawTraces, draw_all
 from tools.demo_summary import LawFigures, figures_of, summary_json, summary_table
@@ -45,24 +45,7 @@ GRACE_S = 30.0
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the demo; returns the exit status."""
-    options = _parse(arguments)
-    console = Console(markup=False)  # [mm] is a unit
-    try:
-        with interrupted_by_sigterm():
-            _demo(options, console)
-    except (SettingsError, argparse.ArgumentError) as error:
-        print(f"demo: error: {error}", file=sys.stderr)
-        return ExitStatus.SETTINGS
-    except OSError as error:
-        print(f"demo: error: {error.filename}: {error.strerror}", file=sys.stderr)
-        return ExitStatus.SETTINGS
-    except (PairError, can.CanError) as error:
-        print(f"demo: error: {error}", file=sys.stderr)
-        return ExitStatus.BUS
-    except KeyboardInterrupt:
-        print(f"demo: interrupted; what the pairs wrote is in {options.out}", file=sys.stderr)
-        return ExitStatus.INTERRUPTED
-    return ExitStatus.OK
+    return run_main("demo", partial(_demo, _parse(arguments)))
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -87,7 +70,8 @@ def _duration(text: str) -> float:
     return seconds
 
 
-def _demo(options: argparse.Namespace, console: Console) -> None:
+def _demo(options: argparse.Namespace) -> int:
+    console = Console(markup=False)  # [mm] is a unit
     plant_settings = _plant_settings(options)
     controllers = {
         label: load_settings(ControllerSettings, read_preset("controller.presets", preset))
@@ -110,6 +94,7 @@ def _demo(options: argparse.Namespace, console: Console) -> None:
         live = _run_live(channels, files, plant_settings.duration_s, console)
     virtual = _run_virtual(plant_settings, controllers, files, console)
     _present(options.out, console, plant_settings, channels, live, virtual)
+    return ExitStatus.OK
 
 
 def _plant_settings(options: argparse.Namespace) -> PlantSettings:

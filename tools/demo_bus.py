@@ -1,6 +1,5 @@
 """The best bus this machine has, with a channel of its own for every pair."""
 
-import argparse
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import NamedTuple
 
 from runtime.bus import socketcan_obstacle
 from runtime.emulated_bus.launch import launched_broker
+from runtime.settings import SettingsError
 from tools.live_pair import Bus
 from tools.virtual_pair import BITRATE_BIT_S
 
@@ -27,13 +27,12 @@ def open_channels(wanted: str, names: Sequence[str], log: Path) -> Iterator[Chan
                 machine has them all, else emulated
     ``log``     where the emulated bus says what it carried
 
-    Raises argparse.ArgumentError when socketcan is wanted and an interface is missing.
+    Raises SettingsError when socketcan is wanted and an interface is missing.
     """
     interfaces = [f"vcan{index}" for index in range(len(names))]
     missing = [name for name in interfaces if socketcan_obstacle(name)]
     if wanted == "socketcan" and missing:
-        raise argparse.ArgumentError(
-            None,
+        raise SettingsError(
             f"no CAN interface {', '.join(missing)}; make them with: sudo modprobe vcan; for i in "
             f"{' '.join(missing)}; do sudo ip link add $i type vcan; sudo ip link set $i up; done",
         )

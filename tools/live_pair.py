@@ -10,13 +10,14 @@ from typing import Any, NamedTuple, Self
 import can
 
 from runtime.attached import Lifeline
+from runtime.bus import BusError
 from tools.trace import Trace
 
 STOP_TIMEOUT_S = 10.0
 """How long a program may take to write its report; a stalled machine needs seconds."""
 
 
-class PairError(Exception):
+class PairError(BusError):
     """A program of the pair failed; the text is one line for the user."""
 
 

@@ -11,13 +11,14 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from functools import partial
 from pathlib import Path
 
 import matplotlib as mpl
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from runtime.program import ExitStatus
+from runtime.program import ExitStatus, run_main
 from runtime.settings import SettingsError
 from tools.demo_figures import STYLE
 from tools.paper.index_page import index_page
@@ -31,21 +32,14 @@ WORKERS = 2
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Reproduce what is asked for; returns the exit status."""
-    options = _parse(arguments)
+    return run_main(NAME, partial(_reproduce, _parse(arguments)))
+
+
+def _reproduce(options: argparse.Namespace) -> int:
     console = Console(markup=False, highlight=False, soft_wrap=True)
-    try:
-        entries = selected(options.figure, options.table, everything=options.all)
-        options.out.mkdir(parents=True, exist_ok=True)
-        reproduce_all(entries, options.out, console)
-    except SettingsError as error:
-        print(f"{NAME}: error: {error}", file=sys.stderr)
-        return ExitStatus.SETTINGS
-    except OSError as error:
-        print(f"{NAME}: error: {error.filename}: {error.strerror}", file=sys.stderr)
-        return ExitStatus.OUTPUT
-    except KeyboardInterrupt:
-        print(f"{NAME}: interrupted; what was finished is in {options.out}", file=sys.stderr)
-        return ExitStatus.INTERRUPTED
+    entries = selected(options.figure, options.table, everything=options.all)
+    options.out.mkdir(parents=True, exist_ok=True)
+    reproduce_all(entries, options.out, console)
     return ExitStatus.OK
 
 

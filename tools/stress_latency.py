@@ -19,13 +19,10 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-import can
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from runtime.bus import BusError
 from runtime.program import ExitStatus, StopRequest, run_main
-from tools.live_pair import PairError
 from tools.stress.compute import Computer
 from tools.stress.dask_runner import dask_workers
 from tools.stress.live import live_line, open_bus, run_live, subset
@@ -113,7 +110,8 @@ def _run(options: argparse.Namespace) -> int:
     with stop.on_signals():
         if options.replay is not None or options.live:
             status = _replay(options, console, store, Computer(scenarios))
-            return _live(options, console, store, scenarios, stop) if options.live else status
+            live = _live(options, console, store, scenarios, stop) if options.live else status
+            return live or status
         with _workers(options, scenarios) as workers:
             is_complete = _compute(console, store, workers, scenarios.study.runs, stop)
     if not is_complete:
@@ -236,18 +234,15 @@ def _live(
     folder = store.folder / "live"
     folder.mkdir(parents=True, exist_ok=True)
     console.print(f"live: {len(ids)} runs on {options.live}, in real time; study -> live")
-    try:
-        with open_bus(options.live, folder) as bus:
-            done = run_live(
-                Computer(scenarios),
-                ids,
-                bus,
-                folder,
-                lambda one: console.print(live_line(one)),
-                stop,
-            )
-    except (PairError, can.CanError) as error:
-        raise BusError(str(error)) from error
+    with open_bus(options.live, folder) as bus:
+        done = run_live(
+            Computer(scenarios),
+            ids,
+            bus,
+            folder,
+            lambda one: console.print(live_line(one)),
+            stop,
+        )
     same = sum(one.study["verdict"] == one.live["verdict"] for one in done)
     console.print(f"live: {same} of {len(done)} verdicts are the same; {folder / 'live.json'}")
     return ExitStatus.INTERRUPTED if stop() else ExitStatus.OK

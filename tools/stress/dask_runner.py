@@ -83,7 +83,7 @@ def dask_workers(study: Study, address: str | None, workers: int | None) -> Iter
     except ImportError as error:
         raise SettingsError(
             "--scheduler and --workers need dask.distributed: pip install "
-            "'steer-by-wire-emulator[tools,parquet,dask]'"
+            "'steer-by-wire-emulator[tools,parquet,cluster]'"
         ) from error
     with ExitStack() as stack:
         if address is None:
