@@ -137,7 +137,7 @@ class Supervisor:
         self._arrival_ns = now_ns
 
     def on_rejection(self) -> None:
-        """Note a measurement that was refused: the run of good ones is over."""
+        """Note a measurement that came damaged: the run of good ones is over."""
         self._good_run = 0
 
     def on_own_fault(self) -> None:

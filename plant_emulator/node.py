@@ -33,6 +33,7 @@ from dbc.messages import (
     LateralError,
     Message,
     PlantStatus,
+    Rejection,
     SteeringCommand,
     SteeringStatus,
     VehicleState,
@@ -182,8 +183,8 @@ class PlantNode:
             self._deadline_ns = min(self._deadline_ns, self._downlink.next_due_ns)
         elif isinstance(received, LatencyConfig):
             self._reconfigure(received)
-        elif received is not None and frame.can_id == _COMMAND_ID:
-            self._unit.on_refusal()
+        elif isinstance(received, Rejection) and frame.can_id == _COMMAND_ID:
+            self._unit.on_rejection()
         return ()
 
     def on_unauthenticated(self) -> None:

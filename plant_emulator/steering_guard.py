@@ -14,7 +14,7 @@ silence there, and so is a controller that died: the unit cannot tell them apart
 know earlier than its network tells it. A latency that rises by 200 ms at once is a silence of
 200 ms.
 
-Recovery are ``recovery_frames`` commands in a row, without such a silence or a refused frame
+Recovery are ``recovery_frames`` commands in a row, without such a silence or a damaged frame
 between them. Nothing jumps: the difference between the target and the first command followed
 is added to it and fades out at the ramp rate. After FALLBACK that is the command which ends it. In
 HOLDING it is the first that comes, since a network with jitter, whose newer commands overtake, has
@@ -22,7 +22,7 @@ such gaps all the time, and to wait for a run in each would add to its delay. A 
 before the recovery starts the run anew, and the fade from where it is then.
 
 The clock of ``hold_ns`` stands while the newest command is younger than ``silence_ns``, and runs
-when it is not, or is the first after a refused frame. No command sets it back but the one that ends
+when it is not, or is the first after a damaged frame. No command sets it back but the one that ends
 HOLDING: single commands now and then end in FALLBACK. SAFE_STATE is entered where the wheel does
 not follow its target, where the plant has found a fault in itself, or by the override, and stays.
 
@@ -84,7 +84,7 @@ class GuardState(NamedTuple):
 
     ``arrived_ns``   when the newest command arrived
     ``deadline_ns``  when `guard_timer` is due next
-    ``good_run``     commands in a row towards recovery, the newest included; 0 after a refused one
+    ``good_run``     commands in a row towards recovery, the newest included; 0 after a damaged one
     ``fade_rad``     what is added to the command
     """
 

@@ -109,8 +109,8 @@ class SteeringUnit:
             self._ignored += 1
         return is_followed
 
-    def on_refusal(self) -> None:
-        """Start the run of good commands anew: one has come that is none."""
+    def on_rejection(self) -> None:
+        """Note a command that came damaged: the run of good ones is over."""
         self._state = self._state._replace(good_run=0)
 
     def on_timer(self, now_ns: int) -> bool:

@@ -136,6 +136,23 @@ def test_recovery_needs_a_run_of_good_frames() -> None:
     ]
 
 
+@pytest.mark.parametrize("ahead", [0, -3, 120])
+def test_frames_refused_for_their_counter_alone_leave_the_run_of_good_ones(ahead: int) -> None:
+    plant = link()
+    plant.drive(10, 0.1)
+    plant.drive(30, None)
+    for _ in range(3):
+        plant.drive(1, 0.1)
+        counter = (plant.counters[LateralError] - 1 + ahead) % 256
+        plant.node.on_frame(encode(LateralError(0.5, 0.0), counter), plant.now_ns)
+    assert sum(plant.node.report()["rejected"].values()) == 3
+    assert [command.mode for command in plant.commands[-3:]] == [
+        Mode.SAFE_STOP,
+        Mode.SAFE_STOP,
+        Mode.ACTIVE,
+    ]
+
+
 @pytest.mark.parametrize("law", ["pd", "pd_dob", "pd_cdob", "pd_ddob"])
 @pytest.mark.parametrize("outage_periods", [8, 25, 200])
 def test_recovery_makes_no_jump(law: str, outage_periods: int) -> None:

@@ -150,6 +150,22 @@ def test_a_refused_command_starts_the_run_of_good_ones_anew() -> None:
     assert tested.node.report()["safety"]["ignored_commands"] == 7
 
 
+@pytest.mark.parametrize("ahead", [0, -3, 120])
+def test_commands_refused_for_their_counter_alone_leave_the_run_of_good_ones(ahead: int) -> None:
+    """Repeated, out of order, too far: a network that doubles every command must not end it."""
+    tested = silent(safety={"hold_ms": 100.0})
+    back_ns = START_NS + 100 * PERIOD_NS
+    for step in range(12):
+        now_ns = back_ns + step * PERIOD_NS
+        tested.command(now_ns, 0.0)
+        counter = (tested.counter - 1 + ahead) % 256
+        tested.node.on_frame(encode(SteeringCommand(0.5, 0, Mode.ACTIVE), counter), now_ns)
+    tested.tick_until(back_ns + 12 * PERIOD_NS)
+    report = tested.node.report()
+    assert sum(report["rejected"].values()) == 12
+    assert report["safety"]["ignored_commands"] == 4
+
+
 def test_commands_of_a_controller_that_stops_safely_are_followed() -> None:
     tested = link()
     tested.tick_until(START_NS)
