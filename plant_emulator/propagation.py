@@ -10,12 +10,15 @@ and z(t + dt) = exp(M dt) z(t) without any step-size error. A time step is writt
 base 4096, dt = (coarse·4096 + fine) ns, and exp(M·digit) is tabulated for every value of each
 digit, so that any step up to 16.8 ms costs two table rows; longer ones take several coarse rows.
 
-One row is the entries of exp(M dt) that are neither 0 nor 1, in the order of `ENTRIES`. The inner
-step is scalar + and × in a fixed order: no other arithmetic, so compiled it gives the same bits.
+One row is the entries of exp(M dt) that are neither 0 nor 1, in the order of `ENTRIES`. Tables and
+inner step are + and × in a fixed order and no other arithmetic, so that compiled and on any
+processor they give the same bits: a library's matrix product adds in an order of its own on each.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from functools import reduce
+from operator import add
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +51,17 @@ ENTRIES: tuple[tuple[int, int], ...] = (
 )
 """(row, column) in exp(M dt) of the 32 numbers of a table row."""
 
+_FACTORS = tuple(
+    tuple(
+        (left, right)
+        for left, (above, inner) in enumerate(ENTRIES)
+        for right, (at, beside) in enumerate(ENTRIES)
+        if (above, inner, beside) == (row, at, column)
+    )
+    for row, column in ENTRIES
+)
+"""Of each entry of a product of two such matrices: which entries of both it is the sum of."""
+
 
 class LinearState(NamedTuple):
     """z: the vehicle's state and everything that drives it until the next event."""
@@ -76,13 +90,20 @@ def augmented_matrix(p: VehicleParams, wheel_settling_1_s: float) -> Matrix:
     return m
 
 
-def _growth(m: Matrix) -> Matrix:
+def _product(g: Sequence[Any], h: Sequence[Any]) -> list[Any]:
+    """Return the `ENTRIES` of G H from those of both, floats or arrays."""
+    return [
+        reduce(add, [g[left] * h[right] for left, right in factors]) if factors else 0.0
+        for factors in _FACTORS
+    ]
+
+
+def _growth(m: Sequence[float]) -> list[float]:
     """Return exp(m) − 1 of a matrix whose norm is far below 1, by its Taylor series."""
-    term = m
-    growth = m
+    term = growth = list(m)
     for order in range(2, 9):
-        term = term @ m / order
-        growth = growth + term
+        term = [value / order for value in _product(term, m)]
+        growth = [value + more for value, more in zip(growth, term, strict=True)]
     return growth
 
 
@@ -93,21 +114,26 @@ def transition_table(m: Matrix) -> NDArray[np.float64]:
     where (1 + G)(1 + H) − 1 = G + H + G H, or the 1 would swallow what a nanosecond changes.
     Raises ValueError for an M so fast that exp(M dt) overflows within 17 ms.
     """
-    rows, columns = np.array(ENTRIES).T
-    diagonal = np.where(rows == columns, 1.0, 0.0)
-    digits = []
-    doubled = _growth(m / NS_PER_S)
+    columns = np.zeros((len(ENTRIES), TABLE_ROWS))
+    doubled = _growth([float(m[entry]) / NS_PER_S for entry in ENTRIES])
     with np.errstate(over="ignore", invalid="ignore"):
-        for _ in ("fine digit", "coarse digit"):
-            growth = np.zeros((1, *m.shape))
-            for _ in range(DIGIT_BITS):
-                growth = np.concatenate((growth, growth + doubled + growth @ doubled))
-                doubled = doubled + doubled + doubled @ doubled
-            entries = growth[:, rows, columns] + diagonal
-            if not np.isfinite(entries).all():
-                raise ValueError("the vehicle's motion overflows within 17 ms")
-            digits.append(entries)
-    return np.ascontiguousarray(np.concatenate(digits))  # indexing has left it by columns
+        for first in (0, DIGIT_VALUES):
+            for known in (1 << bit for bit in range(DIGIT_BITS)):
+                growth = columns[:, first : first + known]
+                further = columns[:, first + known : first + 2 * known]
+                np.add(growth, np.array(doubled)[:, np.newaxis], out=further)
+                for row, more in zip(further, _product(list(growth), doubled), strict=True):
+                    row += more
+                doubled = [
+                    value + value + more
+                    for value, more in zip(doubled, _product(doubled, doubled), strict=True)
+                ]
+    for entry, (row, column) in enumerate(ENTRIES):
+        if row == column:
+            columns[entry] += 1.0
+    if not np.isfinite(columns).all():
+        raise ValueError("the vehicle's motion overflows within 17 ms")
+    return np.ascontiguousarray(columns.T)
 
 
 def table_rows(table: NDArray[np.float64]) -> list[Row]:
