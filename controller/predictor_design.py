@@ -19,15 +19,13 @@ from math import log
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controller.estimator import VehicleGains
 from controller.held_input import held_over
 from controller.law_settings import EstimatorSettings, VehicleModelSettings
-from controller.riccati import feedback_gain, filter_gain
+from controller.matrix_arithmetic import Matrix
+from controller.riccati import UnsolvableError, feedback_gain, filter_gain
 from runtime.settings import SettingsError
-
-Matrix = NDArray[np.float64]
 
 BETA, R, PSI, Y, RHO, D, DELTA = range(7)
 _SPEEDS_PER_DOUBLING = 8
@@ -78,19 +76,13 @@ def design_schedule(
     low, high = settings.speed_m_s_min, settings.speed_m_s_max
     steps = max(1, round(_SPEEDS_PER_DOUBLING * log(high / low, 2.0)))
     speeds = [low * (high / low) ** (step / steps) for step in range(steps + 1)]
-    gains = []
-    for speed_m_s in speeds:
-        try:
-            gains.append(
-                _gains(
-                    settings, vehicle, speed_m_s, period_s, sensor_period_s, steer_per_error_rad_m
-                )
-            )
-        except (ValueError, np.linalg.LinAlgError) as error:
-            raise SettingsError(
-                f"[estimator] has no gains at {speed_m_s:.4g} m/s: {error}; take noise and walks"
-                " nearer to their defaults, or another range of speeds"
-            ) from error
+    try:
+        gains = _gains(settings, vehicle, speeds, period_s, sensor_period_s, steer_per_error_rad_m)
+    except UnsolvableError as error:
+        raise SettingsError(
+            f"[estimator] has no gains at {speeds[error.place]:.4g} m/s: {error}; take noise and"
+            " walks nearer to their defaults, or another range of speeds"
+        ) from error
     return GainSchedule(speeds, gains)
 
 
@@ -98,10 +90,22 @@ def sampled_vehicle(
     settings: EstimatorSettings, vehicle: VehicleModelSettings, speed_m_s: float, period_s: float
 ) -> SampledVehicle:
     """Return the vehicle over a period of a held command."""
-    a, b = _continuous(vehicle, speed_m_s, settings.actuator_lag_s)
+    f, g = _sampled(settings, vehicle, [speed_m_s], period_s)
+    return SampledVehicle(f[0], g[0])
+
+
+def _sampled(
+    settings: EstimatorSettings,
+    vehicle: VehicleModelSettings,
+    speeds_m_s: Sequence[float],
+    period_s: float,
+) -> SampledVehicle:
+    """Return the same for each of some speeds, shapes (speeds, 7, 7) and (speeds, 7)."""
+    models = [_continuous(vehicle, speed, settings.actuator_lag_s) for speed in speeds_m_s]
+    a, b = map(np.array, zip(*models, strict=True))
     f, g = held_over(a, b, period_s)
     if settings.actuator_lag_s == 0.0:
-        f[DELTA], f[:, DELTA], g[DELTA] = 0.0, 0.0, 1.0
+        f[:, DELTA], f[:, :, DELTA], g[:, DELTA] = 0.0, 0.0, 1.0
     return SampledVehicle(f, g)
 
 
@@ -123,68 +127,63 @@ def noise_covariances(settings: EstimatorSettings, sensor_period_s: float) -> tu
 def _gains(
     settings: EstimatorSettings,
     vehicle: VehicleModelSettings,
-    speed_m_s: float,
+    speeds_m_s: Sequence[float],
     period_s: float,
     sensor_period_s: float,
     steer_per_error_rad_m: float | None,
-) -> VehicleGains:
-    f, g = sampled_vehicle(settings, vehicle, speed_m_s, sensor_period_s)
+) -> list[VehicleGains]:
+    """Return the gains at each speed; raises UnsolvableError."""
+    f, g = _sampled(settings, vehicle, speeds_m_s, sensor_period_s)
     q, r = noise_covariances(settings, sensor_period_s)
     measured = np.eye(len(_FILTERED))[list(_MEASURED)]
-    k = filter_gain(f[np.ix_(_FILTERED, _FILTERED)], measured, q, r)
-    feedback: Sequence[float] = (0.0,) * 7
+    k = filter_gain(f[:, : len(_FILTERED), : len(_FILTERED)], measured, q, r)
+    feedback = np.zeros((len(speeds_m_s), 7))
     if steer_per_error_rad_m is not None:
-        feedback = _feedback(settings, vehicle, speed_m_s, period_s, steer_per_error_rad_m)
+        feedback = _feedback(settings, vehicle, speeds_m_s, period_s, steer_per_error_rad_m)
     columns = (BETA, R, D, DELTA)
     path = (BETA, R, RHO, D, DELTA)
-    return VehicleGains(
-        *map(
-            float,
-            (
-                *(*f[BETA, columns], g[BETA]),
-                *(*f[R, columns], g[R]),
-                *(*f[PSI, path], g[PSI]),
-                *(*f[Y, (BETA, R, PSI, RHO, D, DELTA)], g[Y]),
-                *(f[DELTA, DELTA], g[DELTA]),
-                *k.ravel(),
-                *feedback,
-            ),
-        )
+    entries = (
+        *((BETA, columns), (R, columns), (PSI, path)),
+        *((Y, (BETA, R, PSI, RHO, D, DELTA)), (DELTA, (DELTA,))),
     )
+    model = [part for row, of in entries for part in (f[:, row, of], g[:, row, np.newaxis])]
+    table = np.concatenate([*model, k.reshape(len(k), -1), feedback], axis=1)
+    return [VehicleGains(*row) for row in table.tolist()]
 
 
 def _feedback(
     settings: EstimatorSettings,
     vehicle: VehicleModelSettings,
-    speed_m_s: float,
+    speeds_m_s: Sequence[float],
     period_s: float,
     steer_per_error_rad_m: float,
-) -> Sequence[float]:
-    """Return the feedback of β, r, Δψ, y and δ, and the feed-forward of ρ and d."""
-    f, g = sampled_vehicle(settings, vehicle, speed_m_s, period_s)
+) -> Matrix:
+    """Return the feedback of β, r, Δψ, y and δ, and the feed-forward of ρ and d, (speeds, 7)."""
+    f, g = _sampled(settings, vehicle, speeds_m_s, period_s)
     has_lag = settings.actuator_lag_s > 0.0
     states = [*_FREE, DELTA] if has_lag else list(_FREE)
     weight = np.zeros((len(states), len(states)))
-    weight[Y, Y] = steer_per_error_rad_m**2
-    k = feedback_gain(f[np.ix_(states, states)], g[states, None], weight, np.eye(1))[0]
-    curvature = _steady_state(vehicle, speed_m_s)
-    of_wheel = float(k[-1]) if has_lag else 0.0
-    held = [*curvature[list(_FREE)], curvature[DELTA]][: len(states)]
+    weight[Y, Y] = steer_per_error_rad_m * steer_per_error_rad_m
+    system = f[:, states][:, :, states]
+    k = feedback_gain(system, g[:, states, np.newaxis], weight, np.eye(1))[:, 0]
+    held = np.array([_steady_state(vehicle, speed_m_s) for speed_m_s in speeds_m_s])
+    of_wheel = k[:, 4] if has_lag else np.zeros(len(k))
     # u = u_ss - k (x - x_ss), and a steering offset is met by its opposite, wheel and all.
-    by_curvature = curvature[DELTA] + k @ held
-    return (*k[:4], of_wheel, by_curvature, -1.0 - of_wheel)
+    by_curvature = held[:, DELTA].copy()
+    for place, state in enumerate(states):
+        by_curvature += k[:, place] * held[:, state]
+    return np.column_stack((k[:, :4], of_wheel, by_curvature, -1.0 - of_wheel))
 
 
-def _steady_state(vehicle: VehicleModelSettings, speed_m_s: float) -> Matrix:
+def _steady_state(vehicle: VehicleModelSettings, speed_m_s: float) -> Sequence[float]:
     """Return the state that holds the vehicle on a path of curvature 1/m, in the order above."""
-    a, b = _continuous(vehicle, speed_m_s, 0.0)
-    unknown = (BETA, R, PSI, DELTA)
-    equations = np.column_stack([a[:4][:, [BETA, R, PSI]], b[:4]])
-    solution = np.linalg.solve(equations, -a[:4, RHO])
-    state = np.zeros(7)
-    state[list(unknown)] = solution
-    state[RHO] = 1.0
-    return state
+    a, b = (m.tolist() for m in _continuous(vehicle, speed_m_s, 0.0))
+    yaw_rate = speed_m_s
+    determinant = a[BETA][BETA] * b[R] - a[R][BETA] * b[BETA]
+    side_slip = yaw_rate * (b[BETA] * a[R][R] - b[R] * a[BETA][R]) / determinant
+    wheel = yaw_rate * (a[R][BETA] * a[BETA][R] - a[BETA][BETA] * a[R][R]) / determinant
+    heading_error = -side_slip - vehicle.preview_distance_m
+    return side_slip, yaw_rate, heading_error, 0.0, 1.0, 0.0, wheel
 
 
 def _continuous(

@@ -5,54 +5,68 @@
 Each step doubles the horizon (structure-preserving doubling algorithm: Anderson, Second-order
 convergent algorithms for the steady-state Riccati equation, Int. J. Control 28, 1978), so that a
 random walk as slow as hours settles in some twenty steps. Design time only; scipy is not for live
-programs.
+programs. All matrices may be stacks, shape (..., n, m), of which each is one system.
 """
 
 import numpy as np
-from numpy.typing import NDArray
+
+from controller.matrix_arithmetic import Matrix, contracts, product, quotient, transposed
 
 _DOUBLINGS = 60
 _SETTLED = 1e-13
 
-Matrix = NDArray[np.float64]
+
+class UnsolvableError(ValueError):
+    """There is no stabilising solution; ``place`` is that of the first such system in the stack."""
+
+    def __init__(self, place: int) -> None:
+        super().__init__("the Riccati equation has no stabilising solution for these settings")
+        self.place = place
 
 
 def solve_riccati(a: Matrix, b: Matrix, q: Matrix, r: Matrix) -> Matrix:
-    """Return the stabilising X, shape (n, n), of A (n, n), B (n, m), Q (n, n) and R (m, m).
+    """Return the stabilising X, shape (..., n, n), of A (n, n), B (n, m), Q (n, n) and R (m, m).
 
-    Raises ValueError where the doubling does not settle: what cannot be steered grows by itself.
+    Raises UnsolvableError where the doubling does not settle: what cannot be steered grows by
+    itself.
     """
-    identity = np.eye(len(a))
-    transition, acting = a, b @ np.linalg.solve(r, b.T)
-    g, h = acting, q
-    with np.errstate(over="ignore", invalid="ignore"):  # of what does not settle
+    identity = np.broadcast_to(np.eye(a.shape[-1]), a.shape)
+    with np.errstate(all="ignore"):  # of what does not settle
+        transition, acting = a, product(b, quotient(r, transposed(b)))
+        g, h = acting, np.broadcast_to(q, a.shape)
+        settled_h = np.full(a.shape, np.nan)
         for _ in range(_DOUBLINGS):
-            inverse = np.linalg.inv(identity + g @ h)
-            after = h + a.T @ h @ inverse @ a
-            g = g + a @ inverse @ g @ a.T
-            a = a @ inverse @ a
-            change = float(np.abs(after - h).max())
-            h = 0.5 * (after + after.T)
-            if not np.isfinite(h).all() or not np.isfinite(g).all():
+            inverse = quotient(identity + product(g, h), identity)
+            whole = product(inverse, a)
+            after = h + product(product(transposed(a), h), whole)
+            g = g + product(product(product(a, inverse), g), transposed(a))
+            a = product(a, whole)
+            change = np.abs(after - h).max(axis=(-1, -2))
+            h = 0.5 * (after + transposed(after))
+            has_settled = change <= _SETTLED * np.abs(h).max(axis=(-1, -2))
+            is_new = has_settled & np.isnan(settled_h[..., 0, 0]) & np.isfinite(g).all(axis=(-1, -2))
+            settled_h = np.where(is_new[..., None, None], h, settled_h)
+            if not np.isnan(settled_h).any():
                 break
-            if change <= _SETTLED * float(np.abs(h).max()):
-                closed = np.linalg.solve(identity + acting @ h, transition)
-                if np.abs(np.linalg.eigvals(closed)).max() < 1.0:
-                    return h
-                break  # what grows costs nothing, and is left to grow
-    raise ValueError("the Riccati equation has no stabilising solution for these settings")
+        closed = quotient(identity + product(acting, settled_h), transition)
+        # What grows costs nothing, and is left to grow.
+        is_solved = contracts(closed, _DOUBLINGS)
+    if not is_solved.all():
+        raise UnsolvableError(int(np.argmin(is_solved)))
+    return settled_h
 
 
 def feedback_gain(a: Matrix, b: Matrix, q: Matrix, r: Matrix) -> Matrix:
-    """Return K, shape (m, n), of u = -K x that costs least in xᵀ Q x + uᵀ R u."""
-    x = solve_riccati(a, b, q, r)
-    return np.asarray(np.linalg.solve(r + b.T @ x @ b, b.T @ x @ a), dtype=np.float64)
+    """Return K, shape (..., m, n), of u = -K x that costs least in xᵀ Q x + uᵀ R u."""
+    forward = product(transposed(b), solve_riccati(a, b, q, r))
+    return quotient(r + product(forward, b), product(forward, a))
 
 
 def filter_gain(a: Matrix, h: Matrix, q: Matrix, r: Matrix) -> Matrix:
-    """Return K, shape (n, m), of x ← x + K (z - H x) after the measurement, once it has settled.
+    """Return K, (..., n, m), of x ← x + K (z - H x) after the measurement, once it has settled.
 
     ``q`` and ``r`` are the covariances of the state's noise over a period and of the measurement.
     """
-    p = solve_riccati(a.T, h.T, q, r)
-    return np.asarray(np.linalg.solve(r + h @ p @ h.T, h @ p).T, dtype=np.float64)
+    p = solve_riccati(transposed(a), transposed(h), q, r)
+    seen = product(h, p)
+    return transposed(quotient(r + product(seen, transposed(h)), seen))

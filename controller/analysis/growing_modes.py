@@ -179,7 +179,7 @@ class GrowingModes:
         """Return log(p z^(-n) / q), mod 2πj, and its derivatives by angle and by delay [1/ns]."""
         periods, rest_ns = np.divmod(delay_ns, self._period_ns)
         new_s = (self._period_ns - rest_ns) / NS_PER_S
-        new = np.array([self._held_for(time_s) for time_s in new_s]).reshape(-1, len(self._c))
+        new = held_over(self._a, self._b, new_s)[1]
         rate = new @ self._a.T + self._b  # d(new)/d(new_s)
         old = self._whole - new
 

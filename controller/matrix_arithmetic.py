@@ -1,0 +1,55 @@
+"""Products, quotients and powers of small matrices, of + − × ÷ in a fixed order.
+
+What a law is designed from has to have the same bits on every processor. Behind numpy's ``@`` and
+``linalg`` a library adds in an order of its own on each kind; each number here is one operation of
+two others, which IEEE 754 rounds in one way. A stack of matrices, shape (..., n, m), costs hardly
+more than one.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Matrix = NDArray[np.float64]
+
+
+def product(a: Matrix, b: Matrix) -> Matrix:
+    """Return A B, shapes (..., n, k) and (..., k, m)."""
+    total: Matrix = a[..., :, :1] * b[..., :1, :]
+    for k in range(1, a.shape[-1]):
+        total = total + a[..., :, k : k + 1] * b[..., k : k + 1, :]
+    return total
+
+
+def transposed(a: Matrix) -> Matrix:
+    """Return Aᵀ."""
+    return np.swapaxes(a, -1, -2)
+
+
+def quotient(a: Matrix, b: Matrix) -> Matrix:
+    """Return A⁻¹ B by elimination with pivots, shapes (n, n) or (..., n, n), and (..., n, m).
+
+    Of a singular A the result is not finite.
+    """
+    order = a.shape[-1]
+    rows = np.concatenate((np.broadcast_to(a, (*b.shape[:-1], order)), b), axis=-1)
+    rows = rows.reshape(-1, order, rows.shape[-1])
+    each = np.arange(len(rows))
+    for k in range(order):
+        pivot = k + np.abs(rows[:, k:, k]).argmax(axis=1)
+        rows[each, k], rows[each, pivot] = rows[each, pivot], rows[each, k]
+        rows[:, k] /= rows[:, k, k : k + 1].copy()
+        share = rows[:, :, k : k + 1].copy()
+        share[:, k] = 0.0
+        rows -= share * rows[:, k : k + 1]
+    return rows[:, :, order:].reshape(b.shape)
+
+
+def contracts(a: Matrix, squarings: int) -> NDArray[np.bool_]:
+    """Whether A^(2^squarings) or a power before it has norm < 1/2: all eigenvalues are below 1."""
+    has_shrunk = np.zeros(a.shape[:-2], dtype=np.bool_)
+    for _ in range(squarings):
+        has_shrunk |= np.abs(a).sum(axis=-1).max(axis=-1) < 0.5
+        if has_shrunk.all():
+            break
+        a = product(a, a)
+    return has_shrunk
