@@ -6,12 +6,13 @@ so one lap of the interpolated curvature turns by the curve's own 2π.
 """
 
 from collections.abc import Callable
+from math import atan2
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from plant_emulator.path import Path, Pose
+from plant_emulator.path import GAUSS_NODES, GAUSS_WEIGHTS, Path, Pose
 
 Floats = npt.NDArray[np.float64]
 
@@ -63,7 +64,7 @@ def path_along(curve: Curve, knots: Floats, *, closed: bool) -> Path:
         pieces *= 2
         if pieces > _PIECES_MAX:
             raise ValueError(_TOO_SHARP)
-    heading = np.unwrap(np.arctan2(points.dy, points.dx))[::2]
+    heading = np.unwrap(list(map(atan2, points.dy.tolist(), points.dx.tolist())))[::2]
     curvature = curvature[::2]
     step_m = lengths.total_m / pieces
     turn = 0.5 * step_m * (curvature[1:] + curvature[:-1])
@@ -101,12 +102,13 @@ def path_along(curve: Curve, knots: Floats, *, closed: bool) -> Path:
 
 def _curvature(points: CurvePoints) -> Floats:
     cross: Floats = points.dx * points.ddy - points.dy * points.ddx
-    return cross / _speed(points) ** 3
+    square: Floats = points.dx * points.dx + points.dy * points.dy
+    return cross / (square * np.sqrt(square))
 
 
 def _speed(points: CurvePoints) -> Floats:
     """Return the arc length per unit of the parameter."""
-    speed: Floats = np.hypot(points.dx, points.dy)
+    speed: Floats = np.sqrt(points.dx * points.dx + points.dy * points.dy)
     return speed
 
 
@@ -115,8 +117,6 @@ class _ArcLength:
 
     def __init__(self, curve: Curve, knots: Floats) -> None:
         self._curve = curve
-        nodes, weights = np.polynomial.legendre.leggauss(5)
-        self._nodes, self._weights = 0.5 * (nodes + 1.0), 0.5 * weights
         fractions = np.arange(_CELLS_PER_KNOT) / _CELLS_PER_KNOT
         inner = (knots[:-1, np.newaxis] + np.diff(knots)[:, np.newaxis] * fractions).ravel()
         self._cells = np.append(inner, knots[-1])
@@ -140,6 +140,6 @@ class _ArcLength:
     def _between(self, start: Floats, end: Floats) -> Floats:
         """Return the arc lengths from ``start`` to ``end``, each within one cell."""
         length = np.zeros_like(start)
-        for node, weight in zip(self._nodes, self._weights, strict=True):
+        for node, weight in zip(GAUSS_NODES, GAUSS_WEIGHTS, strict=True):
             length = length + weight * _speed(self._curve(start + node * (end - start)))
         return length * (end - start)

@@ -15,14 +15,14 @@ from collections.abc import Sequence
 from math import ceil, cos, sin
 from typing import NamedTuple
 
-_GAUSS_NODES = (
+GAUSS_NODES = (
     0.04691007703066800,
     0.23076534494715845,
     0.5,
     0.76923465505284155,
     0.95308992296933200,
 )
-_GAUSS_WEIGHTS = (
+GAUSS_WEIGHTS = (
     0.11846344252809454,
     0.23931433524968324,
     0.28444444444444444,
@@ -117,7 +117,7 @@ def along_clothoid(start: Pose, curvature_1_m: float, slope_1_m2: float, length_
     part_m = length_m / parts
     x, y = start.x_m, start.y_m
     for part in range(parts):
-        for node, weight in zip(_GAUSS_NODES, _GAUSS_WEIGHTS, strict=True):
+        for node, weight in zip(GAUSS_NODES, GAUSS_WEIGHTS, strict=True):
             s = (part + node) * part_m
             heading = start.heading_rad + s * (curvature_1_m + 0.5 * slope_1_m2 * s)
             x += weight * part_m * cos(heading)

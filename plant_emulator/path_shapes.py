@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from plant_emulator.circular import cos_and_sin
 from plant_emulator.curve import CurvePoints, Floats, path_along
 from plant_emulator.path import Path, Pose, along_clothoid
 from plant_emulator.rig_settings import (
@@ -75,9 +76,9 @@ def ellipse(semi_major_axis_m: float, semi_minor_axis_m: float) -> Path:
     a, b = semi_major_axis_m, semi_minor_axis_m
 
     def curve(t: Floats) -> CurvePoints:
-        x, y = a * np.cos(t), b * np.sin(t)
-        dx, dy = -a * np.sin(t), b * np.cos(t)
-        return CurvePoints(x, y, dx, dy, -x, -y)
+        cos, sin = cos_and_sin(t)
+        x, y = a * cos, b * sin
+        return CurvePoints(x, y, -a * sin, b * cos, -x, -y)
 
     return path_along(curve, np.linspace(0.0, 2.0 * math.pi, 65), closed=True)
 

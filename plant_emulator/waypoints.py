@@ -31,7 +31,7 @@ def waypoint_path(file: FilePath, *, closed: bool) -> Path:
     if closed and points[0] != points[-1]:
         points = [*points, points[0]]
     xy = np.array(points)
-    chords = np.hypot(*np.diff(xy, axis=0).T)
+    chords = np.sqrt(np.square(np.diff(xy, axis=0)).sum(axis=1))
     if chords.min() < DISTANCE_MIN_M:
         number = int(np.argmin(chords)) + 2
         raise SettingsError(

@@ -30,9 +30,10 @@ from plant_emulator.rig_settings import (
 )
 from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, preset_names, read_preset
-from tools.gain_design.design import design
 from tools.gain_design.evolution import evolve
+from tools.gain_design.search import find
 from tools.gain_design.specification import Specification
+from tools.gain_design.study import make_study
 from tools.gain_design.vehicle_file import VehicleFile
 from tools.stress.runner import run_study
 from tools.stress.scenario import Scenarios
@@ -47,8 +48,9 @@ SPEEDS_M_S = (0.7, 1.4, 9.0, 30.0)
 RUN = """
 duration_s = 1.0
 sensor_noise = {{ lateral_error_m = 0.005 }}
-disturbance.steps = [{{ at_s = 0.3, steering_offset_rad = 0.02, friction = 0.7 }}]
-actuator = {{ lag_s = 0.1, rate_limit_rad_s = 0.5 }}
+path = {{ kind = "circle", radius_m = 30.0 }}
+disturbance.steps = [{{ at_s = 0.3, steering_offset_rad = 0.02 }}]
+actuator = {{ lag_s = 0.1 }}
 [latency.downlink]
 model = "{down}"
 mean_s = 0.03
@@ -75,11 +77,11 @@ margin_ms = 50
 settling_1_s = 0.3
 bandwidth_rad_s = 5
 [course]
-duration_s = 5
+duration_s = 3
 paths = [{ kind = "circle", radius_m = 30 }]
 [search]
 starts = 1
-generations = 10
+generations = 2
 """
 
 
@@ -159,8 +161,9 @@ def search(folder: Path) -> Iterator[tuple[str, str]]:
     vehicle = load_settings(
         VehicleFile, None, ROOT / "tools" / "gain_design" / "paper_vehicle.toml"
     )
-    found = design(spec, vehicle, LawName.PD, lambda *_: None)
-    yield "designed gains", digest(found.settings.model_dump(mode="json"))
+    coarse = make_study(spec, vehicle, fine=False)
+    found = find(coarse, coarse, LawName.PD, lambda *_: None)
+    yield "designed gains", digest(found.candidate.values())
     random = np.random.default_rng(7)
     evolution = evolve(lambda x: float((x[1:] ** 2).max()), np.zeros(4), np.ones(4), 14, random)
     yield "evolution", digest([one.best.tolist() for one in islice(evolution, 30)])

@@ -19,6 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.matrix_arithmetic import product
+from tools.gain_design.principal_axes import principal_axes
+
 FloatArray = NDArray[np.float64]
 
 
@@ -48,7 +51,7 @@ class Generation(NamedTuple):
 def constants(dimensions: int, points: int) -> Constants:
     """Return Hansen's defaults (table 1, without negative weights)."""
     n, half = float(dimensions), points // 2
-    weights = math.log((points + 1) / 2.0) - np.log(np.arange(1, half + 1))
+    weights = np.array([math.log((points + 1) / 2.0 / place) for place in range(1, half + 1)])
     weights = weights / weights.sum()
     mass = float(1.0 / np.square(weights).sum())
     c_sigma = (mass + 2.0) / (n + mass + 5.0)
@@ -82,23 +85,24 @@ def evolve(
     covariance = np.diag(np.square(deviation))
     path_sigma, path = np.zeros_like(mean), np.zeros_like(mean)
     best, best_cost, number = mean, math.inf, 0
+    variances, basis = principal_axes(covariance)
     while True:
         number += 1
-        variances, basis = np.linalg.eigh(covariance)
         scales = np.sqrt(np.maximum(variances, 0.0))
-        steps = random.standard_normal((points, len(mean))) * scales @ basis.T
+        steps = product(random.standard_normal((points, len(mean))) * scales, basis.T)
         samples = mean + sigma * steps
         costs = np.array([cost(sample) for sample in samples])
         order = np.argsort(costs, kind="stable")
         if costs[order[0]] < best_cost:
             best, best_cost = samples[order[0]], float(costs[order[0]])
         chosen = steps[order[: len(c.weights)]]
-        step = c.weights @ chosen
+        step = product(c.weights[np.newaxis], chosen)[0]
         mean = mean + sigma * step
-        whitened = basis @ ((basis.T @ step) / np.maximum(scales, 1e-300))
+        along = product(step[np.newaxis], basis) / np.maximum(scales, 1e-300)
+        whitened = product(along, basis.T)[0]
         path_sigma = (1.0 - c.c_sigma) * path_sigma
         path_sigma += math.sqrt(c.c_sigma * (2.0 - c.c_sigma) * c.mass) * whitened
-        size = float(np.linalg.norm(path_sigma))
+        size = math.sqrt(float(np.square(path_sigma).sum()))
         expected = math.sqrt(1.0 - (1.0 - c.c_sigma) ** (2 * number)) * c.length
         follows = size / expected < 1.4 + 2.0 / (len(mean) + 1.0)
         path = (1.0 - c.c_path) * path
@@ -110,8 +114,9 @@ def evolve(
         covariance = (
             kept * covariance
             + c.c_one * np.outer(path, path)
-            + c.c_mu * (chosen.T * c.weights) @ chosen
+            + c.c_mu * product(chosen.T * c.weights, chosen)
         )
         sigma *= math.exp(min(1.0, c.c_sigma / c.d_sigma * (size / c.length - 1.0)))
-        spread = sigma * math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
+        variances, basis = principal_axes(covariance)
+        spread = sigma * math.sqrt(float(variances.max()))
         yield Generation(number, number * points, best, best_cost, spread)

@@ -87,7 +87,7 @@ def design_predictor(
 
     ``progress``  told how much of the search is done, and its best cost [m]
     """
-    start = np.log(list(_START.values()))
+    start = np.array([math.log(value) for value in _START.values()])
     random = np.random.default_rng(spec.search.seed)
     points = spec.search.points_per_parameter * len(start)
     best, judged = start, 0
