@@ -44,7 +44,9 @@ def solve_riccati(a: Matrix, b: Matrix, q: Matrix, r: Matrix) -> Matrix:
             change = np.abs(after - h).max(axis=(-1, -2))
             h = 0.5 * (after + transposed(after))
             has_settled = change <= _SETTLED * np.abs(h).max(axis=(-1, -2))
-            is_new = has_settled & np.isnan(settled_h[..., 0, 0]) & np.isfinite(g).all(axis=(-1, -2))
+            is_new = (
+                has_settled & np.isnan(settled_h[..., 0, 0]) & np.isfinite(g).all(axis=(-1, -2))
+            )
             settled_h = np.where(is_new[..., None, None], h, settled_h)
             if not np.isnan(settled_h).any():
                 break

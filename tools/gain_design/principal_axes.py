@@ -25,9 +25,7 @@ def principal_axes(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     pairs = [(p, q) for p in range(order) for q in range(p + 1, order)]
     for _ in range(_SWEEPS_MAX):
         turned = [
-            (p, q)
-            for p, q in pairs
-            if abs(c[p][q]) > _ROTATED_MIN * sqrt(abs(c[p][p] * c[q][q]))
+            (p, q) for p, q in pairs if abs(c[p][q]) > _ROTATED_MIN * sqrt(abs(c[p][p] * c[q][q]))
         ]
         if not turned:
             break
