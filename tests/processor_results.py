@@ -109,7 +109,7 @@ def motions() -> Iterator[tuple[str, str]]:
     for name in preset_names(PLANTS):
         plant = load_settings(PlantSettings, read_preset(PLANTS, name))
         motion = design_motion_arrays(plant.vehicle, plant.actuator, path, plant.disturbance)
-        yield f"tables of {name}", digest(memoryview(motion.table).tobytes())
+        yield f"tables of {name}", digest(np.asarray(motion.table).tobytes())
 
 
 def paths(folder: Path) -> Iterator[tuple[str, str]]:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from controller.riccati import Matrix, feedback_gain, filter_gain, solve_riccati
+from controller.matrix_arithmetic import Matrix
+from controller.riccati import feedback_gain, filter_gain, solve_riccati
 
 SYSTEMS = range(12)
 

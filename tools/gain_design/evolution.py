@@ -102,7 +102,7 @@ def evolve(
         whitened = product(along, basis.T)[0]
         path_sigma = (1.0 - c.c_sigma) * path_sigma
         path_sigma += math.sqrt(c.c_sigma * (2.0 - c.c_sigma) * c.mass) * whitened
-        size = math.sqrt(float(np.square(path_sigma).sum()))
+        size = math.hypot(*path_sigma)
         expected = math.sqrt(1.0 - (1.0 - c.c_sigma) ** (2 * number)) * c.length
         follows = size / expected < 1.4 + 2.0 / (len(mean) + 1.0)
         path = (1.0 - c.c_path) * path
