@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -241,6 +242,17 @@ def test_a_census_finds_what_is_lost_reordered_and_late(tmp_path: Path) -> None:
     assert (count.is_same, count.lost, count.reordered) == (False, 3, 1)
 
 
+def test_a_census_finds_what_was_taken_with_gaps(tmp_path: Path) -> None:
+    """A node that comes later and goes earlier than the other takes a run of what it sends."""
+    times_ns = [NS_PER_S + n * 10 * NS_PER_MS for n in range(6)]
+    write_log(tmp_path / "bus.log", [(t, command(n), "R") for n, t in enumerate(times_ns)])
+    bus = read_bus_log(tmp_path / "bus.log", LOWEST_PRIORITY_IDS, BITRATE_BIT_S)
+    for taken, is_run, missed in (([1, 2, 3], True, 0), ([1, 3, 4], False, 1), ([], True, 0)):
+        write_log(tmp_path / "own.log", [(times_ns[n], command(n), "R") for n in taken])
+        (count,) = count_messages(bus, [tmp_path / "own.log"], BITRATE_BIT_S)
+        assert (count.taken, count.is_run, count.missed) == (len(taken), is_run, missed)
+
+
 def test_a_census_finds_what_the_recorder_has_missed(tmp_path: Path) -> None:
     numbers = [0, 1, 2, 5, 6]
     frames = [babble(LOWEST_PRIORITY_ID, number) for number in numbers]
@@ -316,9 +328,29 @@ def test_the_babbling_node_and_the_pair_were_there(live: LiveSoak) -> None:
     assert {"broker", "recorder", "recorder: file writer", "babbler"} <= set(live.memory)
 
 
+def with_loops(run: LiveSoak, controller: dict[str, Any], plant: dict[str, Any]) -> LiveSoak:
+    """The same run with other figures of the two loops."""
+    changed = {"steering-controller": controller, "plant-emulator": plant}
+    reports = {
+        name: {**run.reports[name], "loop": {**run.reports[name]["loop"], **loop}}
+        for name, loop in changed.items()
+    }
+    return run._replace(reports={**run.reports, **reports})
+
+
+def with_refused(run: LiveSoak, count: int) -> LiveSoak:
+    """The same run with ``count`` frames of the controller for which there was no room."""
+    return with_loops(run, {"frames_refused": count}, {"frames_refused": 0})
+
+
+def with_first(run: LiveSoak, **changed: object) -> LiveSoak:
+    """The same run but for the first message."""
+    first, *rest = run.messages
+    return run._replace(messages=[first._replace(**changed), *rest])  # type: ignore[arg-type]
+
+
 def test_every_finding_can_fail(live: LiveSoak) -> None:
     """A verdict that nothing turns is none."""
-    first, second, *rest = live.messages
     broker = live.reports["broker"]
     channel = broker["channels"]["can0"]
     late = {**channel["arbitration_delay"]}
@@ -330,12 +362,9 @@ def test_every_finding_can_fail(live: LiveSoak) -> None:
 
     spoilt = {
         "bus full": live._replace(bus=live.bus._replace(load=0.99)),
-        "no frame of the pair lost or reordered": live._replace(
-            messages=[first._replace(is_same=False), second, *rest]
-        ),
-        "none missed by its receiver": live._replace(
-            messages=[first, second._replace(missed=1), *rest]
-        ),
+        "room for every frame": with_refused(live, 1),
+        "no frame of the pair lost or reordered": with_first(live, is_same=False),
+        "none missed by its receiver": with_first(live, is_run=False),
         "priority kept": with_broker(
             channels={"can0": {**channel, "arbitration_delay": late}},
         ),
@@ -353,6 +382,23 @@ def test_every_finding_can_fail(live: LiveSoak) -> None:
         assert not findings(run_spoilt)[what].holds, what
 
 
+def test_a_frame_without_room_takes_its_counter_with_it_and_is_no_frame_lost(
+    live: LiveSoak,
+) -> None:
+    """Where a stalled machine does not run the broker, the sockets of the programs fill up."""
+    lost, missed = "no frame of the pair lost or reordered", "none missed by its receiver"
+    whole = live._replace(messages=[one._replace(lost=0, missed=0) for one in live.messages])
+    for count in (0, 1, 6):
+        gone = with_first(with_refused(whole, count), lost=count, missed=count)
+        assert findings(gone)["room for every frame"].holds is (count == 0)
+        assert findings(gone)[lost].holds
+        assert findings(gone)[missed].holds
+        assert not findings(with_first(gone, lost=count + 1))[lost].holds
+        assert not findings(with_first(gone, reordered=1))[lost].holds
+        assert not findings(with_first(gone, missed=count + 1))[missed].holds
+        assert not findings(with_first(gone, disordered=1))[missed].holds
+
+
 def test_priority_is_judged_by_the_stalls_that_were_measured(live: LiveSoak) -> None:
     broker = live.reports["broker"]
     channel = broker["channels"]["can0"]
@@ -362,7 +408,7 @@ def test_priority_is_judged_by_the_stalls_that_were_measured(live: LiveSoak) -> 
             can_id: {"p99_s": 0.0, "max_s": max_s if can_id == "100" else 0.0}
             for can_id in channel["arbitration_delay"]
         }
-        loop = {"loop": {"lateness": {"max_s": 0.0}}}
+        punctual = {"lateness": {"max_s": 0.0}}
         reports = {
             **live.reports,
             "broker": {
@@ -370,10 +416,9 @@ def test_priority_is_judged_by_the_stalls_that_were_measured(live: LiveSoak) -> 
                 "lateness": {"max_s": stall_s},
                 "channels": {"can0": {**channel, "arbitration_delay": delays}},
             },
-            "steering-controller": loop,
-            "plant-emulator": loop,
         }
-        return findings(live._replace(reports=reports))["priority kept"].holds
+        run = with_loops(live._replace(reports=reports), punctual, punctual)
+        return findings(run)["priority kept"].holds
 
     assert kept(269e-6, 0.0)
     assert not kept(271e-6, 0.0)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.running_program import wait_until
 from tools.worker_processes import worker_pool
 
 PATIENCE_S = 60.0
@@ -55,10 +56,7 @@ def test_workers_end_with_their_parent(end: signal.Signals, tmp_path: Path) -> N
     assert all(_is_there(pid) for pid in workers)
     parent.send_signal(end)
     parent.communicate(timeout=PATIENCE_S)
-    given_up_s = time.monotonic() + PATIENCE_S
-    while any(_is_there(pid) for pid in workers) and time.monotonic() < given_up_s:
-        time.sleep(0.02)
-    assert not any(_is_there(pid) for pid in workers)
+    wait_until(lambda: not any(map(_is_there, workers)), "the workers' end")
 
 
 def _fail_beside_work(children: list[BaseProcess]) -> None:
@@ -74,5 +72,6 @@ def test_an_exception_ends_what_the_workers_do() -> None:
     with pytest.raises(ZeroDivisionError):
         _fail_beside_work(children)
     (worker,) = set(children) - before
-    worker.join(PATIENCE_S)
+    # The pool's own thread waits for it, too: a join that comes second returns without the status.
+    wait_until(lambda: worker.exitcode is not None, "the worker's end")
     assert worker.exitcode == -signal.SIGTERM

@@ -56,6 +56,7 @@ class MessageCount(NamedTuple):
     ``lost``       counters that are missing on the bus
     ``reordered``  frames on the bus whose counter does not go forward
     ``taken``      by the node at the other end
+    ``is_run``     whether that is a part of what was on the bus, without a gap
     ``missed``     counters that are missing there, ``disordered`` that do not go forward
     ``waited``     from handing over to start of frame
     """
@@ -68,6 +69,7 @@ class MessageCount(NamedTuple):
     lost: int
     reordered: int
     taken: int
+    is_run: bool
     missed: int
     disordered: int
     waited: DurationSummary
@@ -129,16 +131,20 @@ def count_messages(bus: BusLog, own_logs: Sequence[Path], bitrate_bit_s: int) ->
         on_bus = bus.control.get(can_id, ())
         lost, reordered = gaps(_counters(on_bus))
         missed, disordered = gaps(_counters(taken))
+        frames_sent, frames_on_bus, frames_taken = (
+            [frame for _, frame in timed] for timed in (sent, on_bus, taken)
+        )
         counts.append(
             MessageCount(
                 NAMES.get(can_id, f"{can_id:03X}"),
                 can_id,
                 len(sent),
                 len(on_bus),
-                [frame for _, frame in sent] == [frame for _, frame in on_bus],
+                frames_sent == frames_on_bus,
                 lost,
                 reordered,
                 len(taken),
+                _is_run(frames_taken, frames_on_bus),
                 missed,
                 disordered,
                 _waited(sent, on_bus, bitrate_bit_s),
@@ -157,6 +163,12 @@ def gaps(counters: Sequence[int]) -> tuple[int, int]:
         else:
             backwards += 1
     return missing, backwards
+
+
+def _is_run(part: Sequence[Frame], whole: Sequence[Frame]) -> bool:
+    """Whether ``part`` is in ``whole`` without a gap."""
+    length = len(part)
+    return any(whole[at : at + length] == part for at in range(len(whole) - length + 1))
 
 
 def mode_changes(sent: Mapping[int, Sequence[Timed]]) -> Iterator[tuple[int, Mode, float]]:

@@ -30,7 +30,8 @@ def load_findings(run: LiveSoak) -> Iterator[Finding]:
     load, stall_s = run.bus.load, run.reports["broker"]["lateness"]["max_s"]
     figure = f"load {100 * load:.3f} %; the broker was held up for {1e3 * stall_s:.1f} ms at most"
     yield Finding("bus full", load >= LOAD_MIN, figure)
-    yield _nothing_lost(run.messages)
+    yield _room_for_all(run)
+    yield _nothing_lost(run)
     yield _nothing_missed(run.messages)
     yield _priority_kept(run)
     modes = [mode for _, mode, _ in run.modes]
@@ -80,24 +81,34 @@ def bounds_ns(run: LiveSoak, at_once: int = 1) -> dict[int, int]:
     return dict(delay_bounds_ns(sorted(run.bus.control), run.plan.bitrate_bit_s, at_once))
 
 
-def _nothing_lost(messages: list[MessageCount]) -> Finding:
-    lost = sum(message.lost for message in messages)
-    reordered = sum(message.reordered for message in messages)
-    differ = [message.name for message in messages if not message.is_same]
-    sent = sum(message.sent for message in messages)
+def _room_for_all(run: LiveSoak) -> Finding:
+    """Where the broker is not run for long, the sockets of those that send fill up."""
+    refused = _refused(run)
+    return Finding("room for every frame", not refused, f"{refused} frames found no room")
+
+
+def _nothing_lost(run: LiveSoak) -> Finding:
+    """What found no room was never handed over, but has taken its counter."""
+    lost = sum(message.lost for message in run.messages)
+    reordered = sum(message.reordered for message in run.messages)
+    differ = [message.name for message in run.messages if not message.is_same]
+    sent = sum(message.sent for message in run.messages)
     figure = f"{sent} sent, {lost} counters missing on the bus, {reordered} out of order"
     if differ:
         figure += f"; what was sent is not what was on the bus: {', '.join(differ)}"
-    return Finding(
-        "no frame of the pair lost or reordered", not (lost or reordered or differ), figure
-    )
+    holds = lost <= _refused(run) and not (reordered or differ)
+    return Finding("no frame of the pair lost or reordered", holds, figure)
+
+
+def _refused(run: LiveSoak) -> int:
+    return sum(run.reports[name]["loop"]["frames_refused"] for name in (CONTROLLER, PLANT))
 
 
 def _handed_over_is_on_bus(run: LiveSoak) -> Finding:
     """What a full queue refused is lost, and its counter with it; nothing else may be."""
     differ = [message.name for message in run.messages if not message.is_same]
-    refused = sum(run.reports[name]["loop"]["frames_refused"] for name in (CONTROLLER, PLANT))
     oldest_s = max(message.waited.max_ns for message in run.messages) * 1e-9
+    refused = _refused(run)
     figure = f"{refused} frames found no room; the oldest that was sent had waited {oldest_s:.2f} s"
     if differ:
         figure += f"; not as handed over: {', '.join(differ)}"
@@ -109,7 +120,11 @@ def _nothing_missed(messages: list[MessageCount]) -> Finding:
     disordered = sum(message.disordered for message in messages)
     taken = sum(message.taken for message in messages)
     figure = f"{taken} taken, {missed} counters missing, {disordered} out of order"
-    return Finding("none missed by its receiver", not (missed or disordered), figure)
+    left_out = [message.name for message in messages if not message.is_run]
+    if left_out:
+        figure += f"; what was taken is not what was on the bus: {', '.join(left_out)}"
+    beyond = any(message.missed > message.lost for message in messages)
+    return Finding("none missed by its receiver", not (beyond or disordered or left_out), figure)
 
 
 def _priority_kept(run: LiveSoak) -> Finding:
