@@ -30,6 +30,7 @@ from dbc.messages import (
 )
 from runtime.candump import CandumpReader
 from runtime.frame import FD, Frame
+from tests.running_program import UNSUPERVISED
 from tools.live_pair import Bus, LivePair, PairFiles, PairResult
 
 pytestmark = pytest.mark.vcan
@@ -51,9 +52,9 @@ PHASE_COMMANDS = 120
 PLANT_OPTIONS = [
     "--preset", "paper_nominal", "--set", "duration_s=600",
     "--set", "path.kind=ellipse", "--set", "path.semi_major_axis_m=20",
-    "--set", "path.semi_minor_axis_m=10",
+    "--set", "path.semi_minor_axis_m=10", *UNSUPERVISED,
 ]  # fmt: skip
-CONTROLLER_OPTIONS = ["--preset", "practical_pd"]
+CONTROLLER_OPTIONS = ["--preset", "practical_pd", *UNSUPERVISED]
 LOGGED = f"{CHANNEL},000:400,{MARK_ID:X}:7FF"
 """Without the flood, which would fill the buffer of candump's socket."""
 

@@ -29,11 +29,10 @@ from plant_emulator.program import main
 from runtime.emulated_bus.launch import launched_broker
 from runtime.frame import Frame
 from runtime.program import ExitStatus
+from tests.running_program import ORDINARY, UNSUPERVISED
 
 Capture = pytest.CaptureFixture[str]
 PATIENCE_S = 20.0
-ORDINARY = ("--priority", "0", "--no-memory-lock")
-"""Asks the host for nothing, so that the test does not depend on what it grants."""
 NOTICE = f"plant-emulator: {NOBODY}\n"
 """What every run on classic CAN says on standard error, once."""
 
@@ -46,7 +45,7 @@ def on_bus(address: str) -> list[str]:
 def started(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Run the program until the end of the block at the latest; begins when it is ready."""
     program = subprocess.Popen(
-        [sys.executable, "-m", "plant_emulator", *ORDINARY, *arguments],
+        [sys.executable, "-m", "plant_emulator", *ORDINARY, *UNSUPERVISED, *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
