@@ -157,6 +157,8 @@ def test_both_programs_record_the_same_frames_and_keep_them_on_ctrl_c(
         }
         # Text is handed to the operating system as it comes, so it can be looked at meanwhile.
         wait_until(lambda: log.read_text().count(" T\n") > 60, f"commands in {log}")
+        taken = logs["plant_emulator"]
+        wait_until(lambda: taken.read_text().count(" Rx ") > 50, f"commands in {taken}")
         for name, program in programs.items():
             assert program.interrupt() == ExitStatus.OK
             report = program.report()
