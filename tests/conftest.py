@@ -26,6 +26,8 @@ from typing import IO, Any
 import pytest
 from hypothesis import settings
 
+from tests.last_line import last_line
+
 # The analysis multiplies thousands of small matrices, for which more threads only wait for each
 # other: on a busy machine it takes ten times as long. To be said before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -92,6 +94,13 @@ REPORTS_DESCRIPTOR = 3
 """Where the pytest inside writes its reports: pytest itself redirects standard output."""
 INSIDE = "VCAN_TEST_REPORTS"
 _TOGETHER = "vcan"
+LONGEST = (
+    "test_design_gains", "test_batch", "test_stress_runs", "test_stress_report", "test_house_rules",
+    "test_with_vcan", "test_soak", "test_two_processes", "test_controller_program",
+    "test_stale_messages", "test_stress_levels", "test_stress_dask", "test_slcan",
+    "test_reference_table", "test_fault_campaign", "test_closed_loop", "test_reproduce_paper",
+)  # fmt: skip
+"""Modules that take long, handed out first, so that all workers come to their ends together."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -166,7 +175,7 @@ class _Outside:
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         if self._is_worker:
-            items.sort(key=lambda item: (not _has_marked(item.path), _is_marked(item)))
+            items.sort(key=_turn)
         else:
             items.sort(key=_is_marked)
 
@@ -192,9 +201,14 @@ class _Outside:
         hook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
         return True
 
-    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+    @pytest.hookimpl(wrapper=True, tryfirst=True)
+    def pytest_sessionfinish(self, session: pytest.Session) -> Iterator[None]:
         if self._is_worker:
             session.config.workeroutput[_TOGETHER] = (self._ran, self._backend)  # type: ignore[attr-defined]
+        yield
+        reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+        if reporter is not None and not self._is_worker:
+            reporter.write_line(last_line(reporter.stats))
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node: Any) -> None:
@@ -268,6 +282,13 @@ class _Outside:
 
 def _is_marked(item: pytest.Item) -> bool:
     return item.get_closest_marker("vcan") is not None
+
+
+def _turn(item: pytest.Item) -> tuple[bool, bool, int]:
+    """Return the place of a test where there are workers."""
+    name = item.path.stem
+    place = LONGEST.index(name) if name in LONGEST else len(LONGEST)
+    return not _has_marked(item.path), _is_marked(item), place
 
 
 @cache
