@@ -11,8 +11,10 @@ STAMP := $(VENV)/.installed
 demo: $(STAMP)
 	$(BIN)/python -m tools.demo --out out/demo
 
+# Three processes for two cores, since many tests wait for programs. These are started by the hundred,
+# so that what Python compiles is kept, also where the environment says otherwise.
 test: $(STAMP)
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 3 --dist loadfile
 
 benchmark: $(STAMP)
 	$(BIN)/python -m tools.benchmark

@@ -6,7 +6,7 @@ the host's vcan0, in a network namespace, or in User Mode Linux. Their reports c
 as if they had run here. Where none of these can be had they are skipped with the reason. A pytest
 that was started by ``tools/with_vcan`` runs them itself.
 
-On two cores, ``-n 2 --dist loadfile`` (pytest-xdist) has one worker begin with the files of these,
+On two cores, ``-n 3 --dist loadfile`` (pytest-xdist) has one worker begin with the files of these,
 and hands out the others a file at a time, so that what a file prepares is prepared once.
 """
 
@@ -207,7 +207,7 @@ class _Outside:
             session.config.workeroutput[_TOGETHER] = (self._ran, self._backend)  # type: ignore[attr-defined]
         yield
         reporter = session.config.pluginmanager.get_plugin("terminalreporter")
-        if reporter is not None and not self._is_worker:
+        if reporter is not None and not (self._is_worker or session.config.option.collectonly):
             reporter.write_line(last_line(reporter.stats))
 
     @pytest.hookimpl(optionalhook=True)

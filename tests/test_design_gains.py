@@ -18,6 +18,7 @@ from controller.nominal_model import steer_to_lateral_error
 from controller.settings import ControllerSettings
 from runtime.settings import load_settings, read_preset
 from tools import design_gains
+from tools.batch.engine import Outcome, run_batch
 from tools.gain_design.candidate import (
     KEYS,
     SETTINGS_KEYS,
@@ -36,7 +37,7 @@ from tools.gain_design.search import Found, neighbours
 from tools.gain_design.specification import Specification
 from tools.gain_design.study import Judgement, judge_candidate, make_study
 from tools.gain_design.vehicle_file import VehicleFile
-from tools.gain_design.virtual_check import constant_drives, drive, jitter_drives
+from tools.gain_design.virtual_check import constant_drives, drive, jitter_drives, plant_settings
 
 ROOT = Path(__file__).resolve().parent.parent
 SHIPPED = ROOT / "tools" / "gain_design"
@@ -204,11 +205,14 @@ def test_the_ddob_preset_keeps_its_rms_in_virtual_time(delay_ms: int) -> None:
     settings = load_settings(
         ControllerSettings, read_preset("controller.presets", "practical_pd_ddob")
     )
+    # Compiled, which tests/test_batch.py holds to be bit for bit the two nodes.
     runs = [
-        drive(asked) for asked in constant_drives(spec, vehicle, settings, [delay_ms * 1_000_000])
+        run_batch(plant_settings(asked), settings)
+        for asked in constant_drives(spec, vehicle, settings, [delay_ms * 1_000_000])
     ]
-    assert 0.004 < max(run.rms_m for run in runs) < RMS_M_MAX
-    assert max(run.steer_rad for run in runs) < 0.3
+    assert all(run.outcome is Outcome.COMPLETE for run in runs)
+    assert 0.004 < max(run.lateral_error_rms_m for run in runs) < RMS_M_MAX
+    assert max(np.abs(run.sent_rad).max() for run in runs) < 0.3
 
 
 # Searching
@@ -242,16 +246,9 @@ def test_no_step_of_a_parameter_makes_a_design_better(designed: Design, tmp_path
         assert judgement.violation > 0.0 or judgement.objective >= best
 
 
-def test_a_tighter_demand_costs_tracking_and_the_same_one_the_same(
-    designed: Design, tmp_path: Path
-) -> None:
-    vehicle, sources = shipped_vehicle(), ("vehicle.toml", "spec.toml")
-    spec = small_spec(tmp_path)
-    again = design(spec, vehicle, LawName.PD, nobody)
-    texts = {preset_text(spec, vehicle, found, sources) for found in (designed, again)}
-    assert len(texts) == 1
+def test_a_tighter_demand_costs_tracking(designed: Design, tmp_path: Path) -> None:
     tight = design(
-        small_spec(tmp_path, "noise_gain_rad_m_max=1"), vehicle, LawName.PD, nobody
+        small_spec(tmp_path, "noise_gain_rad_m_max=1"), shipped_vehicle(), LawName.PD, nobody
     ).found.judgement
     assert tight.objective > 1.5 * designed.found.judgement.objective
 
@@ -307,20 +304,25 @@ def test_a_specification_without_a_design_is_refused_naming_the_demand_in_the_wa
 
 
 def test_the_program_leaves_a_preset_and_a_picture_and_says_why(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    designed: Design, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    small_spec(tmp_path)
+    spec = small_spec(tmp_path)
+    (tmp_path / "small.toml").write_text(SMALL.replace("duration_s = 10", "duration_s = 12"))
     out, pictures = tmp_path / "presets", tmp_path / "pictures"
     status = design_gains.main(
         [
             str(PAPER_VEHICLE),
             *("--spec", str(tmp_path / "small.toml")),
             *("--out", str(out), "--pictures", str(pictures)),
-            *("--verify", "--set", "d_stability.settling_1_s=0.31"),
+            *("--verify", "--set", "course.duration_s=10"),
         ]
     )
     printed = capsys.readouterr()
     assert status == 0, printed.err
+    sources = (PAPER_VEHICLE.name, "small.toml")
+    # The same demands give the same preset, also in another process.
+    text = preset_text(spec, shipped_vehicle(), designed, sources)
+    assert (out / "small_pd.toml").read_text(encoding="utf-8") == text
     settings = load_settings(ControllerSettings, None, out / "small_pd.toml")
     assert settings.law is LawName.PD
     assert (pictures / "small_pd.png").stat().st_size > 20_000
