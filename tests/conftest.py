@@ -95,10 +95,10 @@ REPORTS_DESCRIPTOR = 3
 INSIDE = "VCAN_TEST_REPORTS"
 _TOGETHER = "vcan"
 LONGEST = (
-    "test_design_gains", "test_batch", "test_stress_runs", "test_stress_report", "test_house_rules",
-    "test_with_vcan", "test_soak", "test_two_processes", "test_controller_program",
-    "test_stale_messages", "test_stress_levels", "test_stress_dask", "test_slcan",
-    "test_reference_table", "test_fault_campaign", "test_closed_loop", "test_reproduce_paper",
+    "test_house_rules", "test_design_gains", "test_batch", "test_controller_program", "test_soak",
+    "test_two_processes", "test_stress_runs", "test_stress_report", "test_stale_messages",
+    "test_stress_levels", "test_stress_dask", "test_slcan", "test_reference_table",
+    "test_fault_campaign", "test_closed_loop", "test_tracking", "test_reproduce_paper",
 )  # fmt: skip
 """Modules that take long, handed out first, so that all workers come to their ends together."""
 

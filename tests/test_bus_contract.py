@@ -17,7 +17,7 @@ from runtime.emulated_bus.launch import launched_broker
 from runtime.message import frame_of, message_of
 from runtime.socketcan import SocketCanPort
 
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 """How long a frame that must come is waited for."""
 
 OpenClient = Callable[..., can.BusABC]

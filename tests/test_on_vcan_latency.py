@@ -18,6 +18,7 @@ from controller.settings import ControllerSettings
 from plant_emulator.latency_settings import BothLatencySettings, LatencySettings
 from plant_emulator.settings import PlantSettings
 from runtime.settings import dump_toml, load_settings, read_preset
+from tests.running_program import UNSUPERVISED
 from tools.live_pair import Bus, LivePair, PairFiles, PairResult
 from tools.vcan_backends.request import program_path
 from tools.virtual_pair import run_virtual_pair
@@ -31,7 +32,11 @@ ATTEMPTS = 3
 RMS_TOLERANCE = 0.1
 LATENCY_EFFECT_MIN = 0.15
 """How much of RMS the latency adds at least: else the comparison would prove nothing."""
-CONTROLLER = load_settings(ControllerSettings, read_preset("controller.presets", "practical_pd"))
+CONTROLLER = load_settings(
+    ControllerSettings,
+    read_preset("controller.presets", "practical_pd"),
+    overrides=UNSUPERVISED[1::2],
+)
 
 
 class Pairs(NamedTuple):
@@ -46,6 +51,7 @@ def plant_settings(latency_s: float) -> PlantSettings:
     """
     overrides = [
         f"duration_s={DURATION_S}",
+        *UNSUPERVISED[1::2],
         "path.kind=straight",
         "vehicle.speed_km_h=15",
         "disturbance.steps=[{at_s=3,steering_offset_rad=0.05},{at_s=3.3,steering_offset_rad=0}]",

@@ -32,7 +32,7 @@ from runtime.program import ExitStatus
 from tests.running_program import ORDINARY, UNSUPERVISED
 
 Capture = pytest.CaptureFixture[str]
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 NOTICE = f"plant-emulator: {NOBODY}\n"
 """What every run on classic CAN says on standard error, once."""
 

@@ -45,7 +45,7 @@ ATTEMPTS = 3
 LATENESS_S_MAX = 5e-3
 STEAL_MAX = 0.02
 
-UNSUPERVISED = OverrunSettings(overruns_max="off", missed_periods_max="off")
+BEAR_ALL = OverrunSettings(overruns_max="off", missed_periods_max="off")
 """A node of a busy machine misses most of its periods, and would end for that in its safe state."""
 PLANT = PlantSettings(
     duration_s=DURATION_S,
@@ -53,11 +53,11 @@ PLANT = PlantSettings(
     latency=BothLatencySettings(
         downlink=LatencySettings(mean_s=DOWNLINK_S), uplink=LatencySettings(mean_s=UPLINK_S)
     ),
-    overruns=UNSUPERVISED,
+    overruns=BEAR_ALL,
 )
 CONTROLLER = load_settings(
     ControllerSettings, read_preset("controller.presets", "practical_pd_ddob")
-).model_copy(update={"overruns": UNSUPERVISED})
+).model_copy(update={"overruns": BEAR_ALL})
 
 
 def drive(folder: Path) -> PairResult:
