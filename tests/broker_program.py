@@ -12,7 +12,7 @@ from typing import Any
 import can
 import pytest
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 
 
 @pytest.fixture

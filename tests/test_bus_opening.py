@@ -17,7 +17,7 @@ from runtime.emulated_bus.launch import launched_broker
 from runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from runtime.real_time import Received
 
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 
 
 @pytest.fixture(autouse=True)

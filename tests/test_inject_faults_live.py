@@ -14,12 +14,13 @@ import can
 import pytest
 
 from controller.node import ControllerNode
-from dbc.messages import CAN_IDS, SteeringCommand
+from dbc.messages import CAN_IDS, Decoded, Mode, SteeringCommand, decode
 from plant_emulator.node import PlantNode
 from plant_emulator.settings import PlantSettings
 from runtime.bus import BusPort
 from runtime.bus_model import BusModel
 from runtime.emulated_bus.launch import launched_broker
+from runtime.message import frame_of
 from runtime.node import NS_PER_S
 from runtime.settings import SettingsError
 from runtime.virtual_time import VirtualTimeExecutor
@@ -82,6 +83,23 @@ def test_a_killed_process_is_killed_once_and_what_comes_later_is_told(
 # A live pair
 
 
+def wait_for_control(address: str) -> None:
+    """Wait until the controller steers: one that waits yet has nothing to hold."""
+
+    def steers(message: can.Message | None) -> bool:
+        if message is None or message.arbitration_id != COMMAND_ID:
+            return False
+        decoded = decode(frame_of(message))
+        return (
+            isinstance(decoded, Decoded)
+            and isinstance(decoded.message, SteeringCommand)
+            and decoded.message.mode is Mode.ACTIVE
+        )
+
+    with can.Bus(interface="emulated", channel="can0", address=address) as bus:
+        wait_until(lambda: steers(bus.recv(1.0)), "a command in ACTIVE")
+
+
 def test_a_live_pair_refuses_spoofed_commands_holds_while_the_plant_is_paused_and_sees_bus_off(
     tmp_path: Path,
 ) -> None:
@@ -94,6 +112,7 @@ def test_a_live_pair_refuses_spoofed_commands_holds_while_the_plant_is_paused_an
                 "controller", [*bus, "--preset", "practical_pd"], tmp_path / "controller.json"
             ) as controller,
         ):
+            wait_for_control(address)
             pause = f"pause,onset_s=0.7,duration_s=0.6,pid={plant.pid}"
             off = "bus_off,onset_s=1.5,duration_s=0.2,of=plant"
             words = ["spoof,duration_s=0.5", pause, off]

@@ -27,7 +27,7 @@ from tests.slcan_adapter import AdapterBus
 pytestmark = pytest.mark.vcan
 
 CHANNEL = "vcan0"
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 _TIOCSETD, _N_SLCAN, _SIOCGIFNAME = 0x5423, 17, 0x8910
 ADAPTER = 0
 WARNING, PASSIVE, BUS_OFF, ACTIVE = b"sw110120", b"sp150140", b"sb256256", b"sa000000"

@@ -13,8 +13,8 @@ from runtime.attached import Lifeline
 from runtime.bus import BusError
 from tools.trace import Trace
 
-STOP_TIMEOUT_S = 10.0
-"""How long a program may take to write its report; a stalled machine needs seconds."""
+STOP_TIMEOUT_S = 60.0
+"""How long a program may take to write its report; a busy machine needs it."""
 
 
 class PairError(BusError):
