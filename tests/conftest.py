@@ -75,6 +75,7 @@ NEEDS_POSIX = {
     "test_recording_programs": _PROCESSES,
     "test_report": "makes pipes and links in the file system",
     "test_soak": "looks for processes in /proc",
+    "test_soak_live": "looks for processes in /proc",
     "test_slcan": "needs pseudo-terminals",
     "test_socketcan_on_vcan": "needs pseudo-terminals",
     "test_two_processes": _PROCESSES,
@@ -95,9 +96,10 @@ REPORTS_DESCRIPTOR = 3
 INSIDE = "VCAN_TEST_REPORTS"
 _TOGETHER = "vcan"
 LONGEST = (
-    "test_house_rules", "test_design_gains", "test_batch", "test_controller_program", "test_soak",
-    "test_two_processes", "test_stress_runs", "test_stress_report", "test_stale_messages",
-    "test_stress_levels", "test_stress_dask", "test_slcan", "test_reference_table",
+    "test_house_rules", "test_design_gains", "test_batch", "test_controller_program",
+    "test_soak_live", "test_two_processes", "test_stress_runs", "test_stress_report",
+    "test_stale_messages", "test_stress_levels", "test_stress_dask", "test_slcan",
+    "test_reference_table",
     "test_fault_campaign", "test_closed_loop", "test_tracking", "test_reproduce_paper",
 )  # fmt: skip
 """Modules that take long, handed out first, so that all workers come to their ends together."""
