@@ -5,8 +5,8 @@ from typing import Annotated
 from pydantic import Field
 
 from controller.delay_estimation import DelayEstimationParams
-from controller.law_settings import NominalModelSettings, VehicleModelSettings
 from controller.nominal_model import NominalVehicle
+from controller.shared_settings import NominalModelSettings, VehicleModelSettings
 from runtime.node import NS_PER_MS, NS_PER_S
 from runtime.settings import Settings
 

@@ -18,34 +18,33 @@ they were designed with.
 from collections.abc import Callable
 from functools import partial
 from math import exp, expm1
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from controller.baseline_design import delayed_set_point_params, smith_params, steady_steer
 from controller.cdob import CdobParams
 from controller.dob import DobParams
 from controller.feed_forward import (
     FeedForwardParams,
+    SteadySteer,
     feed_forward_at_rest,
     feed_forward_step,
 )
-from controller.kalman_laws import DerivativeParams
-from controller.law_interface import LawInput, LawOutput
-from controller.law_settings import (
-    CdobSettings,
-    DobSettings,
-    LawSettings,
-    PdSettings,
-    VehicleModelSettings,
+from controller.kalman_derivative import (
+    DerivativeParams,
+    KalmanParams,
+    kalman_at_rest,
+    kalman_step,
 )
-from controller.laws import KALMAN_LAWS, LAWS, LawName
+from controller.law_record import LawStep, LookingBack, Schedule
 from controller.link import LinkParams
-from controller.paper_laws import PdCdobParams, PdDdobParams, PdDobParams
 from controller.pd import PdParams
-from controller.predictor import PredictorParams, predictor_after_hold
 from controller.predictor_design import design_schedule
 from controller.sections import IDENTITY, Cascade2, Cascade3, Section
+from controller.shared_settings import CdobSettings, DobSettings, PdSettings, VehicleModelSettings
 from controller.transfer_function import Factor, TransferFunction
 from runtime.node import NS_PER_MS, NS_PER_S
+
+if TYPE_CHECKING:
+    from controller.law_settings import LawSettings
 
 FADE_RAD_S = 0.2
 """How fast the difference between two laws fades when one takes over from the other, and what a law
@@ -68,62 +67,48 @@ class LawDesign(NamedTuple):
                        the law starts anew
     ``commands_read``  how many of its last commands a law reads that is linear, from the lateral
                        error and them alone; None for a law that is not, or reads more
+    ``looking_back``   analysis of a law that is linear at a constant latency only
     """
 
     params: Any
     initial_state: Callable[[float], Any]
-    step: Callable[[Any, Any, LawInput], tuple[Any, LawOutput]]
+    step: LawStep
     params_at: Callable[[float], Any] | None = None
     looks_back: bool = False
     commands_read: int | None = 1
     recovered_state: Callable[[Any, float], Any] | None = None
+    looking_back: LookingBack | None = None
 
 
-def design_law(settings: LawSettings) -> LawDesign:
-    """Return the law of the settings, discretised at their rate.
+def design_law(settings: "LawSettings") -> LawDesign:
+    """Return the law of the settings, discretised at their rate, with what is put around it.
 
     ``step(params, state, LawInput) -> (state, LawOutput)``.
     """
-    if settings.feed_forward is not None:
-        return _with_feed_forward(settings, settings.feed_forward.gain)
-    law, period_s = LAWS[settings.law], 1.0 / settings.rate_hz
-    params: Any
-    if settings.law is LawName.PREDICTOR:
-        schedule = design_predictor(settings)
-        params = schedule(0.0)
-        at_rest = partial(law.at_rest, params)
-        return LawDesign(
-            params,
-            at_rest,
-            law.step,
-            schedule,
-            looks_back=True,
-            commands_read=None,
-            recovered_state=partial(predictor_after_hold, params),
-        )
-    if settings.law is LawName.SMITH:
-        smith = _given(settings.smith)
-        compensation = _compensation(_given(settings.model), smith.washout_rad_s, period_s)
-        params = smith_params(smith, design_pd(settings.pd, period_s), compensation, period_s)
-        at_rest = partial(law.at_rest, params)
-        commands_read = int(params.delay_ticks) + 2
-        return LawDesign(params, at_rest, law.step, looks_back=True, commands_read=commands_read)
-    if settings.law is LawName.DELAYED_SET_POINT:
-        table, steady = _given(settings.delayed_set_point), steady_steer(_vehicle(settings))
-        pd, link = design_pd(settings.pd, period_s), link_of(settings)
-        params = delayed_set_point_params(table, pd, steady, link, period_s, FADE_RAD_S * period_s)
-        at_rest = partial(law.at_rest, params)
-        return LawDesign(params, at_rest, law.step, looks_back=True, commands_read=None)
+    law = settings.law_record
+    designed = law.design(settings)
+    params_at = designed.at if isinstance(designed, Schedule) else None
+    params = designed if params_at is None else params_at(0.0)
+    design = LawDesign(
+        params,
+        partial(law.at_rest, params),
+        law.step,
+        params_at,
+        law.looks_back,
+        None if law.commands_read is None else law.commands_read(params),
+        None if law.after_hold is None else partial(law.after_hold, params),
+        None if law.looking_back is None else law.looking_back(settings, params),
+    )
     if settings.pd.derivative == "kalman":
-        return design_kalman_law(settings)
-    params = design_params(settings)
-    return LawDesign(params, partial(law.at_rest, params), law.step)
+        design = _with_kalman_derivative(design, settings)
+    if settings.feed_forward is not None:
+        design = _with_feed_forward(design, settings, settings.feed_forward.gain)
+    return design
 
 
-def _with_feed_forward(settings: LawSettings, gain: float) -> LawDesign:
-    """Return the law of the settings, the steer for the curve added to its own."""
-    law = design_law(settings.model_copy(update={"feed_forward": None}))
-    steady, params_at = steady_steer(_vehicle(settings), gain), law.params_at
+def _with_feed_forward(law: LawDesign, settings: "LawSettings", gain: float) -> LawDesign:
+    """Return a law, the steer for the curve added to its own."""
+    steady, params_at = steady_steer(vehicle_of(settings), gain), law.params_at
     fade_step_rad = FADE_RAD_S / settings.rate_hz
 
     def at(speed_m_s: float) -> FeedForwardParams:
@@ -139,57 +124,19 @@ def _with_feed_forward(settings: LawSettings, gain: float) -> LawDesign:
     )
 
 
-def design_predictor(settings: LawSettings) -> Callable[[float], PredictorParams]:
-    """Return the predictor's parameters as a function of the speed [m/s].
-
-    Raises SettingsError where there is no gain at one of the speeds.
-    """
-    table = _given(settings.predictor)
-    period_s, sensor_period_s = 1.0 / settings.rate_hz, settings.link.sensor_period_s
-    gains = design_schedule(
-        settings.estimator,
-        _vehicle(settings),
-        period_s,
-        sensor_period_s,
-        table.steer_per_error_rad_m,
-    )
-    link = link_of(settings)
-    fallback = design_ddob(settings)
-    fade_step_rad = FADE_RAD_S * period_s
-    horizon_samples_max = table.horizon_s_max / sensor_period_s
-    settling_samples = round(FILTER_SETTLES_S / sensor_period_s)
-
-    def at(speed_m_s: float) -> PredictorParams:
-        return PredictorParams(
-            gains.at(speed_m_s),
-            link,
-            fallback,
-            fade_step_rad,
-            horizon_samples_max,
-            settling_samples,
-        )
-
-    return at
-
-
-def design_kalman_law(settings: LawSettings) -> LawDesign:
+def _with_kalman_derivative(law: LawDesign, settings: "LawSettings") -> LawDesign:
     """Return a law whose dy/dt is the Kalman filter's.
 
     Raises SettingsError where there are no gains.
     """
-    vehicle, period_s = _vehicle(settings), 1.0 / settings.rate_hz
+    vehicle, period_s = vehicle_of(settings), settings.period_s
     gains = design_schedule(
         settings.estimator, vehicle, period_s, settings.link.sensor_period_s, None
     )
     lowest_m_s, highest_m_s = gains.speeds_m_s[0], gains.speeds_m_s[-1]
-    params_of, law = KALMAN_LAWS[settings.law]
-    filtered, pd, link = (
-        design_params(settings),
-        design_pd(settings.pd, period_s),
-        link_of(settings),
-    )
+    pd, link, params_at = design_pd(settings.pd, period_s), link_of(settings), law.params_at
 
-    def at(speed_m_s: float) -> Any:
+    def at(speed_m_s: float) -> KalmanParams:
         derivative = DerivativeParams(
             gains.at(speed_m_s),
             link,
@@ -201,24 +148,41 @@ def design_kalman_law(settings: LawSettings) -> LawDesign:
             FADE_RAD_S * period_s,
             round(FILTER_SETTLES_S / settings.link.sensor_period_s),
         )
-        return params_of(filtered, derivative)
+        return KalmanParams(law.params if params_at is None else params_at(speed_m_s), derivative)
 
     slowest = at(0.0)
-    at_rest = partial(law.at_rest, slowest)
-    return LawDesign(slowest, at_rest, law.step, at, looks_back=True, commands_read=None)
-
-
-def design_ddob(settings: LawSettings) -> PdDdobParams:
-    """Return the discrete filters of pd_ddob."""
-    period_s, model = 1.0 / settings.rate_hz, _given(settings.model)
-    return PdDdobParams(
-        design_pd(settings.pd, period_s),
-        design_dob(_given(settings.dob), model, period_s),
-        design_cdob(_given(settings.cdob), model, period_s),
+    return law._replace(
+        params=slowest,
+        params_at=at,
+        initial_state=partial(kalman_at_rest, law.initial_state, slowest.derivative),
+        step=partial(kalman_step, law.step),
+        looks_back=True,
+        commands_read=None,
+        looking_back=LookingBack(
+            filter_opening(settings), ("Without echoes the derivative is the filtered difference.",)
+        ),
     )
 
 
-def link_of(settings: LawSettings) -> LinkParams:
+def filter_opening(settings: "LawSettings") -> tuple[str, ...]:
+    """Return what is said before the analysis of a law with a Kalman filter."""
+    speed_m_s = vehicle_of(settings).speed_m_s
+    return (
+        "The law has a filter that looks back. Analysed with a constant latency of the commands,",
+        f"none of the measurements, and every echo there, at {speed_m_s:.4g} m/s.",
+    )
+
+
+def steady_steer(vehicle: VehicleModelSettings, gain: float = 1.0) -> SteadySteer:
+    """Return the steer per curvature of a vehicle, times a gain."""
+    c_f, c_r = vehicle.front_cornering_stiffness_n_rad, vehicle.rear_cornering_stiffness_n_rad
+    l_f, l_r = vehicle.front_axle_distance_m, vehicle.rear_axle_distance_m
+    wheelbase_m = l_f + l_r
+    understeer_s2_m = vehicle.virtual_mass_kg * (c_r * l_r - c_f * l_f) / (c_f * c_r * wheelbase_m)
+    return SteadySteer(gain * wheelbase_m, gain * understeer_s2_m)
+
+
+def link_of(settings: "LawSettings") -> LinkParams:
     """Return how the delay is measured."""
     table = settings.link
     return LinkParams(
@@ -228,24 +192,11 @@ def link_of(settings: LawSettings) -> LinkParams:
     )
 
 
-def _vehicle(settings: LawSettings) -> VehicleModelSettings:
+def vehicle_of(settings: "LawSettings") -> VehicleModelSettings:
+    """Return the nominal vehicle, which the settings have checked to be there."""
     if not isinstance(settings.nominal_model, VehicleModelSettings):
         raise ValueError("the law needs a [nominal_model] of kind 'vehicle'")
     return settings.nominal_model
-
-
-def design_params(settings: LawSettings) -> PdParams | PdDobParams | PdCdobParams | PdDdobParams:
-    """Return the discrete filters of a law that is the same at every speed."""
-    period_s = 1.0 / settings.rate_hz
-    pd = design_pd(settings.pd, period_s)
-    if settings.law is LawName.PD:
-        return pd
-    model = _given(settings.model)
-    if settings.law is LawName.PD_DOB:
-        return PdDobParams(pd, design_dob(_given(settings.dob), model, period_s))
-    if settings.law is LawName.PD_CDOB:
-        return PdCdobParams(pd, design_cdob(_given(settings.cdob), model, period_s))
-    return design_ddob(settings)
 
 
 def design_pd(settings: PdSettings, period_s: float) -> PdParams:
@@ -277,11 +228,11 @@ def design_cdob(settings: CdobSettings, model: TransferFunction, period_s: float
     return CdobParams(
         hold_equivalent_order_2(settings.q_cutoff_rad_s, period_s),
         _two(tustin_sections(q.times(model.inverse()), period_s)),
-        _compensation(model, settings.washout_rad_s, period_s),
+        design_compensation(model, settings.washout_rad_s, period_s),
     )
 
 
-def _compensation(
+def design_compensation(
     model: TransferFunction, washout_rad_s: float | None, period_s: float
 ) -> Cascade2:
     """Return H G_n, or G_n without a washout."""
@@ -381,7 +332,7 @@ def _three(sections: tuple[Section, ...]) -> Cascade3:
     return first, second, third
 
 
-def _given(table: _Table | None) -> _Table:
+def given(table: _Table | None) -> _Table:
     """Return a table that the settings have checked to be there for their law."""
     if table is None:
         raise ValueError("the law needs a table that the settings do not have")

@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 from controller.fading import NO_STEER, Fading, fading_step
 from controller.law_interface import LawInput, LawOutput, VehicleReading
+from controller.law_record import LawStep
 
 
 class SteadySteer(NamedTuple):
@@ -74,10 +75,7 @@ def feed_forward_at_rest(
 
 
 def feed_forward_step(
-    law_step: Callable[[Any, Any, LawInput], tuple[Any, LawOutput]],
-    p: FeedForwardParams,
-    x: FeedForwardState,
-    seen: LawInput,
+    law_step: LawStep, p: FeedForwardParams, x: FeedForwardState, seen: LawInput
 ) -> tuple[FeedForwardState, LawOutput]:
     """Advance the law inside by one period, whose step is ``law_step``, and add the curve."""
     own_rad = seen.sent_steer_rad - x.curve.steer_rad

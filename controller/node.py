@@ -36,7 +36,6 @@ from dbc.messages import (
     ControllerStatus,
     Freshness,
     LateralError,
-    Law,
     Message,
     Mode,
     Rejection,
@@ -86,7 +85,7 @@ class ControllerNode:
         self._params = self._design.params
         self._ages = Ages(age_limits_of(settings))
         self._memory = LinkMemory(link_of(settings), age_limits_of(settings))
-        self._law = Law[settings.law.name]
+        self._law = settings.law_record.number
         self._limits = limits_of(settings)
         self._period_ns = settings.period_ns
         self._ramp_step_rad = settings.supervision.ramp_rad_s * settings.period_ns / NS_PER_S

@@ -22,9 +22,9 @@ import numpy as np
 
 from controller.estimator import VehicleGains
 from controller.held_input import held_over
-from controller.law_settings import EstimatorSettings, VehicleModelSettings
 from controller.matrix_arithmetic import Matrix
 from controller.riccati import UnsolvableError, feedback_gain, filter_gain
+from controller.shared_settings import EstimatorSettings, VehicleModelSettings
 from runtime.settings import SettingsError
 
 BETA, R, PSI, Y, RHO, D, DELTA = range(7)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from controller.analysis.check import check_text
-from controller.laws import LawName
+from controller.laws import LAWS
 from controller.node import RECEIVED, ControllerNode
 from controller.settings import ControllerSettings
 from dbc.secured_frame import CONTROLLER
@@ -26,7 +26,7 @@ DEFAULT_PRESET = "practical_pd_ddob"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     parser = make_parser(NAME, "Holds a vehicle on its path at a fixed rate.", PRESETS)
-    laws = ", ".join(LawName)
+    laws = ", ".join(LAWS)
     parser.add_argument("--law", metavar="NAME", help=f"short for --set law=NAME: {laws}")
     parser.add_argument("--rate-hz", metavar="HZ", help="short for --set rate_hz=HZ: 10 to 1000")
     parser.add_argument(

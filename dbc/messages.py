@@ -78,6 +78,8 @@ class Law(IntEnum):
     PREDICTOR = 4
     SMITH = 5
     DELAYED_SET_POINT = 6
+    CUSTOM = 15
+    """Of somebody else's package."""
 
 
 class SteeringStatusCode(IntEnum):

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 from controller.control_sample import ControlSample
-from controller.law_settings import VehicleModelSettings
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings
+from controller.shared_settings import VehicleModelSettings
 from plant_emulator.node import PlantNode
 from plant_emulator.settings import PlantSettings
 from tests.compiled_runs import controller_settings as preset

@@ -133,4 +133,4 @@ def test_the_check_says_what_can_be_said_of_each() -> None:
 def test_the_plant_hears_which_law_it_is() -> None:
     for name, overrides in (("practical_smith", ()), ("practical_pd", SET_POINT)):
         node = run_nodes(rig([], 1.0), preset(name, overrides))
-        assert node.report()["law"] == preset(name, overrides).law.value
+        assert node.report()["law"] == preset(name, overrides).law

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from controller.analysis.check import check_text
-from controller.laws import LawName
 from controller.program import PRESETS, main
 from controller.settings import ControllerSettings, limits_of, supervision_of
 from dbc.messages import SteeringCommand, limits
@@ -98,7 +97,7 @@ def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(name: 
     assert ControllerSettings.model_validate(tomllib.loads(text)) == settings
     assert "# Poles of the closed loop around the nominal plant, without delay:" in text
     assert "#   delay margin  " in text
-    if settings.law in (LawName.PREDICTOR, LawName.DELAYED_SET_POINT):
+    if settings.law in ("predictor", "delayed_set_point"):
         assert "# Latency that varies is for simulation: python -m tools.stress_latency." in text
     else:
         assert "# Poles of the law alone:" in text

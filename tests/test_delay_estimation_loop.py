@@ -8,9 +8,9 @@ from pydantic import ValidationError
 
 from controller.delay_settings import DelayEstimationSettings, delay_estimation_of
 from controller.delay_watch import DelayWatch, EchoDelay
-from controller.law_settings import PaperEq19Settings
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings
+from controller.shared_settings import PaperEq19Settings
 from dbc.messages import Decoded, DelayStatus, EchoState, EstimateState, decode
 from plant_emulator.node import PlantNode
 from plant_emulator.settings import PlantSettings

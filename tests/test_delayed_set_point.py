@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controller.delayed_set_point import REQUESTS, request_before
 from controller.design import LawDesign, design_law
 from controller.law_interface import NO_LINK, LawInput, Link, VehicleReading
+from controller.laws.delayed_set_point import REQUESTS, request_before
 from tests.baseline_runs import FEED_FORWARD, SET_POINT, on_a_circle, run_nodes
 from tests.compiled_runs import controller_settings as preset
 from tests.compiled_runs import plant_settings as rig

@@ -22,9 +22,10 @@ from controller.design import (
     tustin_sections,
     washout,
 )
-from controller.law_settings import CdobSettings, DobSettings, LawSettings, PdSettings
+from controller.law_settings import LawSettings
 from controller.nominal_model import paper_eq19
 from controller.sections import Section
+from controller.shared_settings import CdobSettings, DobSettings, PdSettings
 from controller.transfer_function import TransferFunction
 
 PERIOD_S = 0.01

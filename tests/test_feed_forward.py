@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from controller.design import steady_steer
 
 from controller.analysis.sampled_loop import SampledLoop
-from controller.baseline_design import steady_steer
 from controller.design import design_law
 from controller.fading import NO_STEER
 from controller.feed_forward import curve_steer

@@ -122,7 +122,7 @@ def test_nothing_that_arrives_is_an_error_and_so_is_too_much() -> None:
 # Without jitter
 
 
-@pytest.mark.parametrize("chosen", [PD, PD_DOB, PD_CDOB, PD_DDOB], ids=lambda c: c.law.value)
+@pytest.mark.parametrize("chosen", [PD, PD_DOB, PD_CDOB, PD_DDOB], ids=lambda c: c.law)
 @pytest.mark.parametrize("delay_ms", [0, 80, 160])
 def test_a_latency_that_does_not_vary_has_the_rate_of_the_poles(
     chosen: ControllerSettings, delay_ms: int

@@ -7,8 +7,8 @@ import pytest
 
 from controller.design import design_law
 from controller.estimator import EstimatorState
-from controller.kalman_laws import KalmanPdParams, error_rate_m_s
-from controller.laws import KALMAN_LAWS, LawName
+from controller.kalman_derivative import KalmanParams, error_rate_m_s
+from controller.laws import LAWS
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings
 from dbc.messages import CAN_IDS, SteeringStatus
@@ -54,9 +54,9 @@ def is_echo(frame: Frame, _now_ns: int = 0) -> bool:
     return frame.can_id == CAN_IDS[SteeringStatus]
 
 
-@pytest.mark.parametrize("law", KALMAN_LAWS)
+@pytest.mark.parametrize("law", [name for name, law in LAWS.items() if law.takes_derivative])
 def test_without_echoes_the_derivative_is_the_filtered_difference_to_the_last_bit(
-    law: LawName,
+    law: str,
 ) -> None:
     settings = controller(f"law={law}", KALMAN)
     filtered = controller(f"law={law}")
@@ -70,7 +70,7 @@ def test_the_derivative_is_that_of_the_lateral_error() -> None:
     design = design_law(controller("law=pd", KALMAN))
     assert design.params_at is not None
     params = design.params_at(2.0)
-    assert isinstance(params, KalmanPdParams)
+    assert isinstance(params, KalmanParams)
     x = EstimatorState(0, 0.01, 0.1, 0.05, 9.0, 9.0, 9.0, 9.0)
     expected = 2.0 * 0.01 + 1.912 * 0.1 + 2.0 * 0.05
     assert error_rate_m_s(params.derivative, x) == pytest.approx(expected)

@@ -20,10 +20,10 @@ from controller.estimator import (
     model_step,
 )
 from controller.law_interface import LawInput
-from controller.law_settings import EstimatorSettings, VehicleModelSettings
 from controller.node import ControllerNode
 from controller.predictor_design import design_schedule, noise_covariances, sampled_vehicle
 from controller.settings import ControllerSettings
+from controller.shared_settings import EstimatorSettings, VehicleModelSettings
 from plant_emulator.node import PlantNode
 from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, read_preset

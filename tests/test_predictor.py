@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from controller.design import design_predictor
 from controller.estimator import (
     STARTS_ANEW_AFTER,
     EstimatorState,
@@ -17,10 +16,10 @@ from controller.estimator import (
     start_estimate,
 )
 from controller.law_interface import Link
-from controller.law_settings import EstimatorSettings, VehicleModelSettings
+from controller.laws.predictor import design_predictor, predict, steer_for
 from controller.link import LinkParams
-from controller.predictor import predict, steer_for
 from controller.predictor_design import design_schedule, sampled_vehicle
+from controller.shared_settings import EstimatorSettings, VehicleModelSettings
 from plant_emulator.propagation import LinearState, propagate, table_rows, transition_table
 from plant_emulator.propagation import augmented_matrix as emulator_matrix
 from plant_emulator.vehicle import VehicleParams
@@ -274,7 +273,7 @@ def test_an_estimate_goes_on_through_a_gap_and_begins_anew_after_a_long_one() ->
 
 @pytest.mark.parametrize("horizon", [0.0, 1.0, 2.5, 7.25])
 def test_a_prediction_is_the_model_run_on_and_linear_between_two_samples(horizon: float) -> None:
-    p = design_predictor(controller())(1.39)
+    p = design_predictor(controller()).at(1.39)
     link = Link(40, 20, 20, 30.0 * MS, True)
     x = ANY_STATE._replace(sample=20)
     states = [x]

@@ -17,10 +17,9 @@ import pytest
 
 from controller.design import design_law
 from controller.law_interface import LawInput
-from controller.law_settings import CdobSettings, DobSettings, PdSettings, VehicleModelSettings
-from controller.laws import LawName
 from controller.limits import limit_step
 from controller.settings import ControllerSettings, LimitSettings, limits_of
+from controller.shared_settings import CdobSettings, DobSettings, PdSettings, VehicleModelSettings
 from plant_emulator.latency import Distribution
 from plant_emulator.latency_line import LatencyLine
 from plant_emulator.latency_settings import BothLatencySettings, LatencySettings
@@ -55,7 +54,7 @@ MODEL = VehicleModelSettings(
 class Row(NamedTuple):
     """One line of the reference: a law, the cutoffs of its filters [rad/s], and RMS by latency."""
 
-    law: LawName
+    law: str
     derivative_filter: float
     dob: float | None
     cdob: float | None
@@ -74,7 +73,7 @@ LATENCIES: tuple[Latency, ...] = (
     (0.25, 0.0),
     (0.35, 0.0),
 )
-PD, PD_DOB, PD_CDOB, PD_DDOB = LawName.PD, LawName.PD_DOB, LawName.PD_CDOB, LawName.PD_DDOB
+PD, PD_DOB, PD_CDOB, PD_DDOB = "pd", "pd_dob", "pd_cdob", "pd_ddob"
 REFERENCE = (
     Row(PD, 20, None, None, None, (0.072, None, None, None, None, None, None)),
     Row(PD, 5, None, None, None, (0.072, 0.072, 0.072, None, 0.072, None, None)),

@@ -11,7 +11,6 @@ from controller.analysis.predictor_loop import PredictorLoop
 from controller.analysis.sampled_loop import SampledLoop
 from controller.analysis.uncertainty import paper_box
 from controller.design import design_law, link_of
-from controller.laws import LawName
 from controller.nominal_model import NominalVehicle, steer_to_lateral_error
 from tests.compiled_runs import controller_settings as preset
 from tests.straight_runs import decay_1_s, run_straight
@@ -59,7 +58,7 @@ def test_the_slowest_pole_is_the_decay_or_growth_of_a_run(
 def test_without_its_inner_loop_it_is_the_loop_of_pd(delay_ns: int) -> None:
     """Over two ticks, since the yaw rate comes with every other sample: poles are squared."""
     settings, vehicle = preset(SET_POINT, NO_INNER_LOOP), paper_box().nominal
-    pd = design_law(settings.model_copy(update={"law": LawName.PD, "delayed_set_point": None}))
+    pd = design_law(settings.model_copy(update={"law": "pd", "delayed_set_point": None}))
     classical = SampledLoop(pd, steer_to_lateral_error(vehicle), settings.period_ns)
     loop = loop_of(vehicle, *NO_INNER_LOOP)
     assert loop.period_ns == 2 * settings.period_ns

@@ -197,7 +197,7 @@ def test_an_estimate_warms_each_kind_of_law_before_the_clock_starts(
     found = estimate(scenarios, clock_s)
     warmed, begin, counted = events[:3]
     assert isinstance(warmed, list)
-    laws = [scenarios.pair(run).controller.law.value for run in warmed]
+    laws = [scenarios.pair(run).controller.law for run in warmed]
     assert sorted(laws) == ["pd", "pd_dob"]
     assert begin == "clock"
     assert counted == list(range(16))

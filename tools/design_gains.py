@@ -25,11 +25,11 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from controller.laws import LawName
+from controller.laws.predictor import FALLBACK
 from controller.settings import ControllerSettings
 from runtime.program import ExitStatus, run_main, say
 from runtime.settings import load_settings, read_preset
-from tools.gain_design.candidate import any_settings
+from tools.gain_design.candidate import KEYS, any_settings
 from tools.gain_design.design import Design, NoDesignError
 from tools.gain_design.explanation import demand_lines, reason_lines
 from tools.gain_design.predictor import design_predictor
@@ -121,17 +121,17 @@ def _run(options: argparse.Namespace) -> int:
                 verification = verify(pool, spec, vehicle, design)
                 print(verification_line(spec, design, verification))
                 status = _status_of(verification, status)
-            if design.law is LawName.PD_DDOB:
+            if design.law == FALLBACK:
                 fallback = design.settings
-    if LawName.PREDICTOR in spec.laws and spec.predictor is not None:
+    if "predictor" in spec.laws and spec.predictor is not None:
         status = max(status, _design_predictor(console, spec, vehicle, fallback, sources, options))
     print(f"\n{time.perf_counter() - begin_s:.0f} s")
     return status
 
 
-def linear_laws(spec: Specification) -> list[LawName]:
+def linear_laws(spec: Specification) -> list[str]:
     """Return the laws that are designed by the linear analysis."""
-    return [law for law in spec.laws if law is not LawName.PREDICTOR]
+    return [law for law in spec.laws if law in KEYS]
 
 
 def _design_predictor(
@@ -152,7 +152,7 @@ def _design_predictor(
     if fallback is None:
         say(NAME, "error: predictor: there is no pd_ddob for it to fall back to", sys.stderr)
         return NO_DESIGN
-    name = preset_name(spec, LawName.PREDICTOR)
+    name = preset_name(spec, "predictor")
     with Progress(
         TextColumn("predictor"),
         BarColumn(30),
@@ -195,7 +195,7 @@ def _tell_demands(spec: Specification, vehicle: VehicleFile) -> None:
 
 def _watch(
     console: Console,
-    laws: Sequence[LawName],
+    laws: Sequence[str],
     futures: Sequence[Future[Design]],
     shared: SharedProgress,
 ) -> None:
@@ -209,7 +209,7 @@ def _watch(
         transient=True,
         disable=not console.is_terminal,
     ) as bars:
-        tasks = [bars.add_task(law.value, total=1.0, best="") for law in laws]
+        tasks = [bars.add_task(law, total=1.0, best="") for law in laws]
         waiting: set[Future[Design]] = set(futures)
         while waiting:
             _, waiting = wait(waiting, timeout=_POLL_S)
@@ -223,7 +223,7 @@ def _lines(spec: Specification, design: Design, out: Path) -> Iterator[str]:
     """Yield what is printed of a design."""
     judgement = design.found.judgement
     yield ""
-    yield f"{design.law.value}  ({design.found.judged} sets of parameters judged)"
+    yield f"{design.law}  ({design.found.judged} sets of parameters judged)"
     yield from demand_lines(judgement)
     confirmation = design.found.confirmation
     if confirmation is not None:

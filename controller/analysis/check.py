@@ -19,13 +19,11 @@ from controller.analysis.stable_delays import (
     delay_margin_ns,
     stable_delays,
 )
-from controller.design import design_law, link_of
-from controller.law_settings import VehicleModelSettings
-from controller.laws import LawName
+from controller.design import LawDesign, design_law, link_of, vehicle_of
+from controller.law_record import LookingBack
 from controller.link import LinkParams
 from controller.nominal_model import NominalVehicle
 from controller.settings import ControllerSettings
-from dbc.messages import CYCLE_TIMES_MS, VehicleState
 from runtime.node import NS_PER_MS, NS_PER_S
 from runtime.settings import dump_toml
 
@@ -55,11 +53,11 @@ def _rate(settings: ControllerSettings) -> str:
 
 def _analysis(settings: ControllerSettings) -> Iterator[str]:
     design, period_ns = design_law(settings), settings.period_ns
-    if settings.law is LawName.PREDICTOR or settings.pd.derivative == "kalman":
-        yield from _filter_analysis(settings)
+    if design.looking_back is not None:
+        yield from _looking_back_analysis(settings, design, design.looking_back)
         return
-    if settings.law is LawName.DELAYED_SET_POINT:
-        yield from _set_point_analysis(settings)
+    if design.commands_read is None:
+        yield "The law is not linear: there are no poles, margins and stable delays to state."
         return
     if settings.feed_forward is not None:
         yield "The feed-forward of the curve is outside the loop: it changes none of what follows."
@@ -95,51 +93,28 @@ def _analysis(settings: ControllerSettings) -> Iterator[str]:
         yield from _jitter(loop)
 
 
-def _filter_analysis(settings: ControllerSettings) -> Iterator[str]:
-    """Return the analysis of a law with a Kalman filter, which looks back."""
-    link, model = link_of(settings), settings.nominal_model
-    if not isinstance(model, VehicleModelSettings):  # refused by the settings
-        return
+def _looking_back_analysis(
+    settings: ControllerSettings, design: LawDesign, law: LookingBack
+) -> Iterator[str]:
+    """Return the analysis of a law that is linear at a constant latency only."""
+    link, model = link_of(settings), vehicle_of(settings)
     vehicle = NominalVehicle(**model.model_dump(exclude={"kind"}))
-    yield "The law has a filter that looks back. Analysed with a constant latency of the commands,"
-    yield f"none of the measurements, and every echo there, at {vehicle.speed_m_s:.4g} m/s."
+    yield from law.opening
     yield ""
-    yield from _looking_back(lambda: PredictorLoop(design_law(settings), link, Rig(vehicle)), link)
-    yield ""
-    if settings.law is LawName.PREDICTOR and settings.predictor is not None:
-        horizon_s = settings.predictor.horizon_s_max
-        yield f"Beyond {horizon_s:g} s, and without echoes, the law is pd_ddob, with a"
-        fallback = design_law(settings.model_copy(update={"law": LawName.PD_DDOB}))
-        if settings.model is not None:
-            loop = SampledLoop(fallback, settings.model, settings.period_ns)
-            yield from _delays(stable_delays(loop))
-        yield "around the nominal plant. A heavier or a faster vehicle bears less delay; --law"
-        yield "pd_ddob --check tells more."
-    else:
-        yield "Without echoes the derivative is the filtered difference."
-    yield "Latency that varies is for simulation: python -m tools.stress_latency."
-
-
-def _set_point_analysis(settings: ControllerSettings) -> Iterator[str]:
-    """Return the analysis of the delayed set point, which reads the yaw rate too."""
-    link, model, table = link_of(settings), settings.nominal_model, settings.delayed_set_point
-    if not isinstance(model, VehicleModelSettings) or table is None:  # refused by the settings
-        return
-    vehicle, design = NominalVehicle(**model.model_dump(exclude={"kind"})), design_law(settings)
-    sensor_ns = link.sensor_period_ns
-    cycle_ns = CYCLE_TIMES_MS[VehicleState] * NS_PER_MS
-    state_ns = sensor_ns * max(1, cycle_ns // sensor_ns)
-    delay = "measured by echoes" if table.delay_s is None else f"set, {table.delay_s:g} s"
-    yield "The law reads lateral error and yaw rate. Analysed with a constant latency of the"
-    yield f"commands, none of the measurements, a VEHICLE_STATE every {state_ns / NS_PER_MS:g} ms,"
-    yield f"at {vehicle.speed_m_s:.4g} m/s; the delay of the set point is {delay}."
-    yield "The curve of the map is outside the loop."
-    yield ""
-    repeated = int(design.params.request_periods)
     yield from _looking_back(
-        lambda: PredictorLoop(design, link, Rig(vehicle), state_ns, repeated), link
+        lambda: PredictorLoop(design, link, Rig(vehicle), law.state_period_ns, law.request_periods),
+        link,
     )
     yield ""
+    if law.fallback is not None and settings.model is not None:
+        name, when = law.fallback
+        yield f"{when}, the law is {name}, with a"
+        fallback = design_law(settings.model_copy(update={"law": name}))
+        loop = SampledLoop(fallback, settings.model, settings.period_ns)
+        yield from _delays(stable_delays(loop))
+        yield "around the nominal plant. A heavier or a faster vehicle bears less delay; --law"
+        yield f"{name} --check tells more."
+    yield from law.closing
     yield "Latency that varies is for simulation: python -m tools.stress_latency."
 
 

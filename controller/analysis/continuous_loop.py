@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from controller.analysis.root_count import Polynomial, RootCount, count_roots, on_axis
 from controller.analysis.small_gain import CdobParts
 from controller.design import q_order_2, q_type_2, washout
-from controller.law_settings import CdobSettings, DobSettings, LawSettings, PdSettings
-from controller.laws import LawName
+from controller.law_settings import LawSettings
+from controller.shared_settings import CdobSettings, DobSettings, PdSettings
 from controller.transfer_function import Factor, TransferFunction
 
 _OMEGA_RAD_S = (1e-2, 1e4)
@@ -80,11 +80,12 @@ def continuous_law(settings: LawSettings) -> ContinuousLaw:
     numerator, denominator = _polynomials(pd_compensator(settings.pd))
     law = ContinuousLaw(numerator, numerator, denominator)
     model = settings.model
-    if model is None or settings.law is LawName.PD:
+    needs = settings.law_record.needs
+    if model is None:
         return law
-    if settings.cdob is not None and settings.law in {LawName.PD_CDOB, LawName.PD_DDOB}:
+    if settings.cdob is not None and "cdob" in needs:
         law = _with_cdob(law, settings.cdob, model)
-    if settings.dob is not None and settings.law in {LawName.PD_DOB, LawName.PD_DDOB}:
+    if settings.dob is not None and "dob" in needs:
         law = _with_dob(law, dob_q(settings.dob), model)
     return law
 
@@ -108,7 +109,7 @@ def cdob_parts(settings: LawSettings) -> CdobParts:
     """
     cdob, model = settings.cdob, settings.model
     if cdob is None or model is None:
-        raise ValueError(f"law = {settings.law.value!r} has no CDOB")
+        raise ValueError(f"law = {settings.law!r} has no CDOB")
     filter_h = _ONE if cdob.washout_rad_s is None else washout(cdob.washout_rad_s)
     q = filter_h.times(q_order_2(cdob.q_cutoff_rad_s))
     return CdobParts(pd_compensator(settings.pd), q, model)

@@ -28,8 +28,8 @@ from controller.analysis.delayed_d_stability import delayed_loop_satisfies
 from controller.analysis.linear_system import held_plant
 from controller.analysis.sampled_loop import SampledLoop
 from controller.design import LawDesign, design_pd
-from controller.law_settings import PdSettings
-from controller.laws import LAWS, LawName
+from controller.laws.pd import LAW as PD
+from controller.shared_settings import PdSettings
 from controller.transfer_function import Factor, TransferFunction
 from runtime.node import NS_PER_S
 
@@ -238,8 +238,7 @@ def _pd_design(
         derivative_filter_rad_s=derivative_filter_rad_s,
     )
     params = design_pd(settings, period_s)
-    law = LAWS[LawName.PD]
-    return LawDesign(params, partial(law.at_rest, params), law.step)
+    return LawDesign(params, partial(PD.at_rest, params), PD.step)
 
 
 def _with_one(gains: Floats) -> Floats:

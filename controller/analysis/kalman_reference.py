@@ -16,8 +16,8 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
-from controller.law_settings import EstimatorSettings, VehicleModelSettings
 from controller.predictor_design import PSI, Y, noise_covariances, sampled_vehicle
+from controller.shared_settings import EstimatorSettings, VehicleModelSettings
 
 Matrix = NDArray[np.float64]
 

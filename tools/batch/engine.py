@@ -38,7 +38,7 @@ from tools.batch.loop import (
 from tools.batch.motion import compiled_motion
 from tools.batch.network import FloatArray, IntArray
 from tools.batch.plan import Plan, plan_run
-from tools.batch.steps import register_steps
+from tools.batch.steps import register_law, register_steps
 from tools.batch.wire import NO_WIRE, NoWire, Wire
 from tools.batch.wire_plan import plan_wire, refuse_lost_wheel, speed_on_wire
 
@@ -223,7 +223,9 @@ def run_batch(
 
 @lru_cache(maxsize=_DESIGNS_KEPT)
 def _designed(controller: ControllerSettings) -> LawDesign:
-    return design_law(controller)
+    design = design_law(controller)
+    register_law(controller.law_record.step, design.params)
+    return design
 
 
 @lru_cache(maxsize=_DESIGNS_KEPT)

@@ -1,166 +1,145 @@
 """The step functions that compiled loops may call: the same objects that run live.
 
 ``register_jitable`` leaves a function as it is and lets numba compile it where a compiled one calls
-it. There is no second formulation of any arithmetic, so a compiled run gives the same bits.
+it. There is no second formulation of any arithmetic, so a compiled run gives the same bits. Which
+functions those are follows from what the steps call.
 """
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
+from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 from numba.extending import overload, register_jitable
 
-from controller import (
-    cdob,
-    delayed_set_point,
-    dob,
-    estimator,
-    fading,
-    feed_forward,
-    kalman_laws,
-    limits,
-    link,
-    paper_laws,
-    pd,
-    predictor,
-    sections,
-    sensor_rate,
-    smith,
-)
+from controller.feed_forward import FeedForwardParams, feed_forward_step
+from controller.kalman_derivative import KalmanParams, kalman_step
 from controller.law_interface import LawInput
-from plant_emulator import (
-    actuator,
-    loss,
-    motion,
-    path,
-    propagation,
-    safety_limiter,
-    steering_guard,
+from controller.law_record import LawStep
+from controller.laws import LAWS
+from controller.limits import limit_step, ramp_step
+from controller.link import delay_of, delay_step
+from controller.sensor_rate import rate_step
+from plant_emulator.loss import loss_step
+from plant_emulator.motion import advance_motion, command_motion, start_motion
+from plant_emulator.steering_guard import (
+    guard_command,
+    guard_timer,
+    guard_wheel,
+    is_overruled,
+    start_guard,
 )
 
-_STEP_FUNCTIONS: tuple[Callable[..., Any], ...] = (
-    sections.section_step,
-    sections.cascade_2_step,
-    sections.cascade_3_step,
-    pd.pd_step,
-    dob.dob_step,
-    cdob.cdob_step,
-    paper_laws.pd_law_step,
-    paper_laws.pd_dob_step,
-    paper_laws.pd_cdob_step,
-    paper_laws.pd_ddob_step,
-    link.delay_step,
-    link.delay_of,
-    estimator.estimator_at_rest,
-    estimator.model_step,
-    estimator.correction_step,
-    estimator.sent_at,
-    estimator._mean_command,
-    sensor_rate.rate_step,
-    estimator._acting_at,
-    estimator.command_from,
-    estimator.estimate_to,
-    estimator.start_estimate,
-    predictor._horizon,
-    predictor.predict,
-    predictor.steer_for,
-    predictor.predictor_step,
-    kalman_laws.error_rate_m_s,
-    kalman_laws._corrected,
-    kalman_laws.derivative_step,
-    kalman_laws.kalman_pd_step,
-    kalman_laws.kalman_pd_dob_step,
-    kalman_laws.kalman_pd_cdob_step,
-    kalman_laws.kalman_pd_ddob_step,
-    smith.command_at,
-    smith.smith_step,
-    feed_forward.steer_per_curvature,
-    feed_forward.curve_steer,
-    feed_forward.curve_step,
-    feed_forward.feed_forward_step,
-    delayed_set_point.delay_of_requests,
-    delayed_set_point.request_before,
-    delayed_set_point.delayed_set_point_step,
-    limits.limit_step,
-    limits.ramp_step,
-    fading.fading_step,
-    loss.loss_step,
-    propagation.propagate,
-    actuator.at_rest,
-    actuator.command_wheel,
-    actuator.end_ramp,
-    actuator._after_ramp,
-    path.next_place,
-    path.end_of_place_m,
-    motion._coast,
-    motion._move_wheel,
-    motion._enter_place,
-    motion._enter_interval,
-    motion.start_motion,
-    motion.advance_motion,
-    motion.command_motion,
-    safety_limiter.start_limiter,
-    safety_limiter.with_followed,
-    safety_limiter.limit_steer,
-    safety_limiter.watch_wheel,
-    steering_guard._towards_zero,
-    steering_guard.start_guard,
-    steering_guard.guard_command,
-    steering_guard.guard_timer,
-    steering_guard.guard_wheel,
-    steering_guard.is_overruled,
+_CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
+    limit_step,
+    ramp_step,
+    delay_of,
+    delay_step,
+    rate_step,
+    loss_step,
+    start_motion,
+    advance_motion,
+    command_motion,
+    start_guard,
+    guard_command,
+    guard_timer,
+    guard_wheel,
+    is_overruled,
 )
+_AROUND: dict[type, Callable[..., Any]] = {
+    FeedForwardParams: feed_forward_step,
+    KalmanParams: kalman_step,
+}
+"""Steps around a law's, which they are handed, by the type of their params."""
+_COMPILED_BY_NUMBA = frozenset(("numba", "numpy", *sys.stdlib_module_names))
+
+_step_of: dict[type, LawStep] = {}
 
 
 def step_functions() -> tuple[Callable[..., Any], ...]:
     """Return what ``register_steps`` registers."""
-    return _STEP_FUNCTIONS
+    laws = (law.step for law in LAWS.values())
+    return tuple(_reached((*_CALLED_BY_LOOPS, *_AROUND.values(), *laws)))
 
 
 @cache
 def register_steps() -> None:
     """Let compiled functions call the step functions."""
-    for function in _STEP_FUNCTIONS:
-        # The entries for callers in C and in Python, which nobody needs, take long to compile.
-        register_jitable(forceinline=True, no_cfunc_wrapper=True, no_cpython_wrapper=True)(function)
+    for function in step_functions():
+        _register(function)
+
+
+@cache
+def _register(function: Callable[..., Any]) -> None:
+    # The entries for callers in C and in Python, which nobody needs, take long to compile.
+    register_jitable(forceinline=True, no_cfunc_wrapper=True, no_cpython_wrapper=True)(function)
+
+
+def register_law(step: LawStep, params: Any) -> None:
+    """Have ``law_step`` call a law's step for its params, whatever is put around them."""
+    while type(params) in _AROUND:
+        params = params.law
+    for function in _reached((step,)):
+        _register(function)
+    _step_of[type(params)] = step
 
 
 def law_step(params: Any, state: Any, seen: LawInput) -> Any:
     """Advance the law that ``params`` belong to; compiled code then calls that law directly."""
-    if isinstance(params, feed_forward.FeedForwardParams):
-        inside = _STEP_OF[type(params.law)]
-        return feed_forward.feed_forward_step(inside, params, state, seen)
-    return _STEP_OF[type(params)](params, state, seen)
-
-
-_STEP_OF: dict[type, Callable[..., Any]] = {
-    pd.PdParams: paper_laws.pd_law_step,
-    paper_laws.PdDobParams: paper_laws.pd_dob_step,
-    paper_laws.PdCdobParams: paper_laws.pd_cdob_step,
-    paper_laws.PdDdobParams: paper_laws.pd_ddob_step,
-    predictor.PredictorParams: predictor.predictor_step,
-    kalman_laws.KalmanPdParams: kalman_laws.kalman_pd_step,
-    kalman_laws.KalmanPdDobParams: kalman_laws.kalman_pd_dob_step,
-    kalman_laws.KalmanPdCdobParams: kalman_laws.kalman_pd_cdob_step,
-    kalman_laws.KalmanPdDdobParams: kalman_laws.kalman_pd_ddob_step,
-    smith.SmithParams: smith.smith_step,
-    delayed_set_point.DelayedSetPointParams: delayed_set_point.delayed_set_point_step,
-}
+    if type(params) in _AROUND:
+        return _AROUND[type(params)](law_step, params, state, seen)
+    return _step_of[type(params)](params, state, seen)
 
 
 @overload(law_step)
 def _law_step_of_type(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG001
     """Choose by type, when compiling."""
-    if params.instance_class is feed_forward.FeedForwardParams:
-        inside = _STEP_OF[params.types[0].instance_class]
+    kind = params.instance_class
+    if kind in _AROUND:
+        around = _AROUND[kind]
 
-        def with_feed_forward(params: Any, state: Any, seen: Any) -> Any:
-            return feed_forward.feed_forward_step(inside, params, state, seen)
+        def around_law(params: Any, state: Any, seen: Any) -> Any:
+            return around(law_step, params, state, seen)
 
-        return with_feed_forward
-    step = _STEP_OF[params.instance_class]
+        return around_law
+    step = _step_of[kind]
 
     def of_type(params: Any, state: Any, seen: Any) -> Any:
         return step(params, state, seen)
 
     return of_type
+
+
+def _reached(functions: Iterable[Callable[..., Any]]) -> dict[Callable[..., Any], None]:
+    """Return these functions and all that they call by name, in the order in which they are met."""
+    reached: dict[Callable[..., Any], None] = {}
+    waiting = list(functions)
+    while waiting:
+        function = waiting.pop()
+        if function not in reached:
+            reached[function] = None
+            waiting += _called_by(function)
+    return reached
+
+
+def _called_by(function: Callable[..., Any]) -> Iterator[Callable[..., Any]]:
+    """Return the Python functions whose names a function knows, but for those numba has itself."""
+    if not isinstance(function, FunctionType):
+        return
+    names = sorted(set(_names_in(function.__code__)))
+    known = [function.__globals__.get(name) for name in names]
+    known += [cell.cell_contents for cell in function.__closure__ or ()]
+    for module in [value for value in known if isinstance(value, ModuleType)]:
+        known += [getattr(module, name, None) for name in names]
+    for value in known:
+        if isinstance(value, FunctionType):
+            if value.__module__.partition(".")[0] not in _COMPILED_BY_NUMBA:
+                yield value
+
+
+def _names_in(code: CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _names_in(constant)

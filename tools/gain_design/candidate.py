@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.design import LawDesign, design_law
-from controller.law_settings import CdobSettings, DobSettings, PdSettings
-from controller.laws import LawName
 from controller.nominal_model import NominalVehicle, steer_to_lateral_error
 from controller.settings import ControllerSettings
+from controller.shared_settings import CdobSettings, DobSettings, PdSettings
 from tools.gain_design.specification import Specification
 from tools.gain_design.vehicle_file import VehicleFile
 
@@ -28,10 +27,10 @@ _DIGITS = 3
 _BELOW_NYQUIST = 0.8
 
 KEYS = {
-    LawName.PD: ("k_p", "k_d", "derivative_filter"),
-    LawName.PD_DOB: ("k_p", "k_d", "derivative_filter", "dob"),
-    LawName.PD_CDOB: ("k_p", "k_d", "derivative_filter", "cdob", "washout"),
-    LawName.PD_DDOB: ("k_p", "k_d", "derivative_filter", "dob", "cdob", "washout"),
+    "pd": ("k_p", "k_d", "derivative_filter"),
+    "pd_dob": ("k_p", "k_d", "derivative_filter", "dob"),
+    "pd_cdob": ("k_p", "k_d", "derivative_filter", "cdob", "washout"),
+    "pd_ddob": ("k_p", "k_d", "derivative_filter", "dob", "cdob", "washout"),
 }
 """The free parameters of each law."""
 
@@ -49,7 +48,7 @@ SETTINGS_KEYS = {
 class Candidate(NamedTuple):
     """A law and the places of its parameters on the lattice, in the order of KEYS."""
 
-    law: LawName
+    law: str
     places: tuple[int, ...]
 
     def values(self) -> dict[str, float]:
@@ -80,7 +79,7 @@ def lattice_place(value: float) -> int:
     return place
 
 
-def values_at(law: LawName, places: NDArray[np.float64]) -> dict[str, float]:
+def values_at(law: str, places: NDArray[np.float64]) -> dict[str, float]:
     """Return the parameters between the places of the lattice, geometrically interpolated."""
     keys = KEYS[law]
     return {key: _between(place) for key, place in zip(keys, places, strict=True)}
@@ -92,7 +91,7 @@ def _between(place: float) -> float:
     return float(below * (above / below) ** (place - low))
 
 
-def bounds(law: LawName, vehicle: NominalVehicle, rate_hz: float) -> list[tuple[int, int]]:
+def bounds(law: str, vehicle: NominalVehicle, rate_hz: float) -> list[tuple[int, int]]:
     """Return between which places each parameter is searched.
 
     The gains go by the vehicle's: below its own dynamics it answers as k/s², so that K_p = ω²/k
@@ -116,7 +115,7 @@ def bounds(law: LawName, vehicle: NominalVehicle, rate_hz: float) -> list[tuple[
 
 
 def controller_settings(
-    spec: Specification, vehicle: VehicleFile, law: LawName, values: dict[str, float]
+    spec: Specification, vehicle: VehicleFile, law: str, values: dict[str, float]
 ) -> ControllerSettings:
     """Return the settings of a law with these parameters."""
     dob, cdob = values.get("dob"), values.get("cdob")
@@ -139,12 +138,12 @@ def controller_settings(
 
 def any_settings(spec: Specification, vehicle: VehicleFile) -> ControllerSettings:
     """Return settings from the middle of what is searched, of the simplest law."""
-    law = LawName.PD
+    law = "pd"
     middle = [round(sum(ends) / 2) for ends in bounds(law, vehicle.vehicle.vehicle, spec.rate_hz)]
     return controller_settings(spec, vehicle, law, Candidate(law, tuple(middle)).values())
 
 
 def designs(settings: ControllerSettings) -> tuple[LawDesign, LawDesign]:
     """Return the law, and its PD without any observer."""
-    alone = settings.model_copy(update={"law": LawName.PD, "dob": None, "cdob": None})
+    alone = settings.model_copy(update={"law": "pd", "dob": None, "cdob": None})
     return design_law(settings), design_law(alone)

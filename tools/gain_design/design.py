@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from controller.analysis.tracking import rms_m, tracking_grid
 from controller.design import design_law
-from controller.laws import LawName
 from controller.settings import ControllerSettings
 from runtime.node import NS_PER_MS
 from tools.gain_design.candidate import SETTINGS_KEYS, controller_settings
@@ -43,7 +42,7 @@ class Design(NamedTuple):
     ``jitter_rms_m``      worst corner and path of each jitter of the specification, virtual time
     """
 
-    law: LawName
+    law: str
     settings: ControllerSettings
     found: Found
     reasons: tuple[Reason, ...]
@@ -52,15 +51,15 @@ class Design(NamedTuple):
     jitter_rms_m: tuple[float, ...]
 
 
-def design(spec: Specification, vehicle: VehicleFile, law: LawName, progress: Progress) -> Design:
+def design(spec: Specification, vehicle: VehicleFile, law: str, progress: Progress) -> Design:
     """Return the law that is best by the specification; raises NoDesignError."""
     reason = why_no_gains(spec, vehicle)
     if reason is not None:
-        raise NoDesignError(f"{law.value}: {reason}")
+        raise NoDesignError(f"{law}: {reason}")
     fine = make_study(spec, vehicle, fine=True)
     found = find(make_study(spec, vehicle, fine=False), fine, law, progress)
     if not found.feasible:
-        raise NoDesignError(f"{law.value}: {_why_no_design(spec, vehicle, found, progress)}")
+        raise NoDesignError(f"{law}: {_why_no_design(spec, vehicle, found, progress)}")
     described = describe(fine, found)
     return described._replace(reasons=tuple(reasons(fine, found.candidate)))
 

@@ -37,7 +37,7 @@ def draw_design(spec: Specification, vehicle: VehicleFile, design: Design) -> Fi
     _draw_sensitivity(sensitivity, spec, vehicle, design)
     _draw_decay(stable, spec, vehicle, design)
     values = ", ".join(f"{reason.key} {reason.value:g}" for reason in design.reasons)
-    figure.suptitle(f"{spec.name}_{design.law.value}: {values}", fontsize=10.0, color="0.35")
+    figure.suptitle(f"{spec.name}_{design.law}: {values}", fontsize=10.0, color="0.35")
     return figure
 
 

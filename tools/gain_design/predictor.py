@@ -19,10 +19,10 @@ from pydantic import ValidationError
 from controller.analysis.sampled_loop import SampledLoop
 from controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns, stable_delays
 from controller.design import design_law
-from controller.law_settings import EstimatorSettings, PredictorSettings
-from controller.laws import LawName
+from controller.laws.predictor import FALLBACK, PredictorSettings
 from controller.nominal_model import steer_to_lateral_error
 from controller.settings import ControllerSettings
+from controller.shared_settings import EstimatorSettings
 from plant_emulator.latency_settings import LatencySettings
 from plant_emulator.rig_settings import SensorNoiseSettings
 from plant_emulator.settings import PlantSettings
@@ -134,7 +134,7 @@ def describe_predictor(
 
 def _fallback_up_to_ns(vehicle: VehicleFile, settings: ControllerSettings) -> int:
     """Return up to which constant delay the pd_ddob is stable at every corner."""
-    design = design_law(settings.model_copy(update={"law": LawName.PD_DDOB}))
+    design = design_law(settings.model_copy(update={"law": FALLBACK}))
     margins = (
         delay_margin_ns(
             stable_delays(SampledLoop(design, steer_to_lateral_error(one), settings.period_ns))
@@ -174,13 +174,14 @@ def _settings(
     box = {name: (low, high) for name, low, high in vehicle.box.ranges}
     speed = vehicle.vehicle.speed_m_s
     low, high = box.get("speed_m_s", (speed, speed))
+    own = PredictorSettings(
+        steer_per_error_rad_m=values.pop("steer_per_error_rad_m"),
+        horizon_s_max=table.horizon_s_max,
+    )
     return ControllerSettings(
         **fallback.model_dump(exclude={"law", "predictor", "estimator"}),
-        law=LawName.PREDICTOR,
-        predictor=PredictorSettings(
-            steer_per_error_rad_m=values.pop("steer_per_error_rad_m"),
-            horizon_s_max=table.horizon_s_max,
-        ),
+        law="predictor",
+        predictor=own,
         estimator=EstimatorSettings(
             lateral_error_noise_m=table.lateral_error_noise_m,
             heading_error_noise_rad=table.heading_error_noise_rad,

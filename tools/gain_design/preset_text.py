@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 
-from controller.laws import LawName
 from controller.settings import ControllerSettings
 from plant_emulator.rig_settings import PathSettings
 from runtime.node import NS_PER_MS
@@ -14,19 +13,19 @@ from tools.gain_design.study import Demand
 from tools.gain_design.vehicle_file import VehicleFile
 
 _TITLES = {
-    LawName.PD: "PD",
-    LawName.PD_DOB: "PD with disturbance observer",
-    LawName.PD_CDOB: "PD with communication disturbance observer",
-    LawName.PD_DDOB: "PD with double disturbance observer",
-    LawName.PREDICTOR: "Predictor",
+    "pd": "PD",
+    "pd_dob": "PD with disturbance observer",
+    "pd_cdob": "PD with communication disturbance observer",
+    "pd_ddob": "PD with double disturbance observer",
+    "predictor": "Predictor",
 }
 _NOISE_M = 0.02
 _LABEL_WIDTH = 18
 
 
-def preset_name(spec: Specification, law: LawName) -> str:
+def preset_name(spec: Specification, law: str) -> str:
     """Return what the preset of a law is called."""
-    return f"{spec.name}_{law.value}"
+    return f"{spec.name}_{law}"
 
 
 def preset_text(
@@ -57,7 +56,7 @@ def predictor_preset_text(
 ) -> str:
     """Return the TOML of a predictor's preset."""
     comments = [
-        f"{_TITLES[LawName.PREDICTOR]} for {spec.rate_hz:g} Hz and any delay from 0 to"
+        f"{_TITLES['predictor']} for {spec.rate_hz:g} Hz and any delay from 0 to"
         f" {table.delay_ms_max:g} ms, measured by the echo.",
         f"Written by tools.design_gains from {sources[0]} and {sources[1]}; do not edit.",
         "",

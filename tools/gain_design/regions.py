@@ -11,7 +11,6 @@ import numpy as np
 from controller.analysis.d_stability import DStability, d_stability
 from controller.analysis.gain_boundaries import Window
 from controller.analysis.parameter_space import GainRegion, law_region, sampled_region
-from controller.laws import LawName
 from controller.nominal_model import steer_to_lateral_error
 from controller.settings import ControllerSettings
 from runtime.node import NS_PER_MS
@@ -89,7 +88,7 @@ def _relaxed(spec: Specification) -> Iterator[tuple[str, DStability]]:
 
 
 def _any_gains(spec: Specification, vehicle: VehicleFile, demands: DStability) -> bool:
-    k_p, k_d, filters = bounds(LawName.PD, vehicle.vehicle.vehicle, spec.rate_hz)
+    k_p, k_d, filters = bounds("pd", vehicle.vehicle.vehicle, spec.rate_hz)
     window = Window(*(lattice_value(place) for place in (*k_p, *k_d)))
     return any(
         not pd_region(spec, vehicle, lattice_value(round(place)), window, demands).polygon.is_empty

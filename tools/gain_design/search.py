@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.laws import LawName
 from tools.gain_design.candidate import Candidate, bounds, values_at
 from tools.gain_design.confirmation import Confirmation, confirm
 from tools.gain_design.evolution import Generation, evolve
@@ -78,7 +77,7 @@ def cost(judgement: Judgement) -> float:
     return judgement.objective
 
 
-def find(coarse: Study, fine: Study, law: LawName, progress: Progress) -> Found:
+def find(coarse: Study, fine: Study, law: str, progress: Progress) -> Found:
     """Search the parameters of a law; deterministic for the seed of the specification."""
     lattice, judged = _Lattice(coarse), 0
     starts = coarse.spec.search.starts
@@ -104,20 +103,20 @@ def find(coarse: Study, fine: Study, law: LawName, progress: Progress) -> Found:
     return Found(best, judge_candidate(fine, best), None, judged)
 
 
-def find_any(study: Study, law: LawName, progress: Progress) -> bool:
+def find_any(study: Study, law: str, progress: Progress) -> bool:
     """Whether an evolution from the first start meets all demands of a coarse study."""
     return any(
         generation.best_cost < _INFEASIBLE for generation in _evolution(study, law, 0, progress)
     )
 
 
-def _evolved(study: Study, law: LawName, start: int, progress: Progress) -> tuple[FloatArray, int]:
+def _evolved(study: Study, law: str, start: int, progress: Progress) -> tuple[FloatArray, int]:
     """Return where on the lattice, between its places, an evolution ends, and what it took."""
     *_, last = _evolution(study, law, start, progress)
     return last.best, last.judged
 
 
-def _evolution(study: Study, law: LawName, start: int, progress: Progress) -> Iterator[Generation]:
+def _evolution(study: Study, law: str, start: int, progress: Progress) -> Iterator[Generation]:
     """Yield the generations of an evolution until it varies no more."""
     table, limits = study.spec.search, _bounds(study, law)
     low, high = limits.T
@@ -139,7 +138,7 @@ def _evolution(study: Study, law: LawName, start: int, progress: Progress) -> It
             return
 
 
-def _bounds(study: Study, law: LawName) -> FloatArray:
+def _bounds(study: Study, law: str) -> FloatArray:
     return np.array(bounds(law, study.vehicle.box.nominal, study.spec.rate_hz), dtype=np.float64)
 
 

@@ -11,7 +11,9 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, PositiveFloat, model_validator
 
 from controller.analysis.d_stability import DStability, d_stability
-from controller.laws import PAPER_LAWS, LawName
+from controller.law_settings import LawName
+from controller.laws import PAPER_LAWS
+from controller.laws.predictor import FALLBACK
 from controller.settings import LimitSettings
 from plant_emulator.rig_settings import PathSettings
 from runtime.node import NS_PER_MS, NS_PER_S
@@ -192,9 +194,9 @@ class Specification(Settings):
         """The delays to be survived behind the lag of the steering [ns]."""
         return () if self.actuator is None else self.delay.up_to_ns(self.actuator.delay_ms_max)
 
-    def rms_m_max_of(self, law: LawName) -> float | None:
+    def rms_m_max_of(self, law: str) -> float | None:
         """Return the largest RMS of a law [m]."""
-        value: float | None = getattr(self.rms_m_max, law.value)
+        value: float | None = getattr(self.rms_m_max, law)
         return value
 
     @model_validator(mode="after")
@@ -223,14 +225,14 @@ class Specification(Settings):
             raise ValueError("laws must name at least one law")
         if len(set(self.laws)) < len(self.laws):
             raise ValueError("laws names a law twice")
-        unknown = set(self.laws) - {*PAPER_LAWS, LawName.PREDICTOR}
+        unknown = set(self.laws) - {*PAPER_LAWS, "predictor"}
         if unknown:
-            names = ", ".join(sorted(law.value for law in unknown))
+            names = ", ".join(sorted(unknown))
             raise ValueError(f"laws: {names} cannot be designed here")
-        if LawName.PREDICTOR in self.laws:
+        if "predictor" in self.laws:
             if self.predictor is None:
                 raise ValueError("law 'predictor' needs the table [predictor]")
-            if self.predictor.fallback is None and LawName.PD_DDOB not in self.laws:
+            if self.predictor.fallback is None and FALLBACK not in self.laws:
                 raise ValueError(
                     "law 'predictor' needs predictor.fallback, the name of a preset, or 'pd_ddob'"
                     " among the laws"

@@ -24,7 +24,6 @@ from controller.analysis.responses import behind_lag
 from controller.analysis.sampled_loop import SampledLoop
 from controller.analysis.tracking import TrackingGrid, rms_m, track, tracking_grid
 from controller.design import LawDesign
-from controller.laws import LawName
 from controller.nominal_model import steer_to_lateral_error
 from controller.transfer_function import TransferFunction
 from runtime.node import NS_PER_MS
@@ -138,7 +137,7 @@ def judge_candidate(study: Study, candidate: Candidate) -> Judgement:
     return judge_law(study, candidate.law, candidate.values())
 
 
-def judge_law(study: Study, law: LawName, values: dict[str, float]) -> Judgement:
+def judge_law(study: Study, law: str, values: dict[str, float]) -> Judgement:
     """Judge a law with these parameters, the cheap demands first.
 
     What means nothing for an unstable loop is left out then.
@@ -222,7 +221,7 @@ def _frequency(study: Study, design: LawDesign) -> list[Demand]:
     ]
 
 
-def _runs(study: Study, design: LawDesign, law: LawName) -> list[Demand]:
+def _runs(study: Study, design: LawDesign, law: str) -> list[Demand]:
     tracking, limits = track(study.tracking, design), study.spec.limits
     largest_m = study.spec.rms_m_max_of(law)
     return [

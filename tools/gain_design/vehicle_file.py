@@ -12,7 +12,8 @@ from typing import Self
 from pydantic import model_validator
 
 from controller.analysis.uncertainty import ParameterRange, UncertaintyBox
-from controller.law_settings import (
+from controller.nominal_model import NominalVehicle, vehicle_model
+from controller.shared_settings import (
     AxleDistanceM,
     MassKg,
     PreviewDistanceM,
@@ -21,7 +22,6 @@ from controller.law_settings import (
     VehicleModelSettings,
     YawInertiaKgM2,
 )
-from controller.nominal_model import NominalVehicle, vehicle_model
 from runtime.settings import Settings
 
 _RANGES_MAX = 6

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import matplotlib as mpl
 
-from controller.laws import LawName
 from tools.demo_figures import STYLE
 from tools.gain_design.design import Design, design
 from tools.gain_design.pictures import draw_design
@@ -26,7 +25,7 @@ class Job(NamedTuple):
 
     spec: Specification
     vehicle: VehicleFile
-    law: LawName
+    law: str
     sources: tuple[str, str]
     preset_folder: str
     picture_folder: str

@@ -6,9 +6,9 @@ from matplotlib.figure import Figure
 from controller.analysis.sampled_loop import SampledLoop
 from controller.analysis.uncertainty import paper_box
 from controller.design import design_law
-from controller.law_settings import VehicleModelSettings
 from controller.nominal_model import steer_to_lateral_error
 from controller.settings import ControllerSettings
+from controller.shared_settings import VehicleModelSettings
 from plant_emulator.settings import PlantSettings
 from runtime.node import NS_PER_S
 from tools.demo_figures import COLOURS

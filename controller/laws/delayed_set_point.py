@@ -29,14 +29,26 @@ limited, errors weighed in the vehicle's motion and turned into a command at the
   is the derivative, whose gain is 0 there
 """
 
-from typing import NamedTuple
+from math import ceil
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
+from pydantic import Field
+
+from controller.design import FADE_RAD_S, design_pd, link_of, steady_steer, vehicle_of
 from controller.fading import NO_STEER, Fading, fading_step
 from controller.feed_forward import SteadySteer, curve_step, steer_per_curvature
 from controller.law_interface import LawInput, LawOutput, Link
+from controller.law_record import Law, LookingBack
 from controller.link import LinkParams
 from controller.pd import PdParams, pd_at_rest, pd_step
 from controller.sections import SectionState
+from dbc.messages import CYCLE_TIMES_MS, VehicleState
+from dbc.messages import Law as LawNumber
+from runtime.node import NS_PER_MS
+from runtime.settings import Settings
+
+if TYPE_CHECKING:
+    from controller.law_settings import LawSettings
 
 REQUESTS = 100
 """Requests remembered."""
@@ -45,6 +57,16 @@ REQUESTS_S_MIN = 1.0
 SPEED_M_S_MIN = 0.5
 """Below this a yaw rate error is taken to need the steer it needs here, which has no bound at 0."""
 _LIMITED_RAD = 1e-9
+
+
+class DelayedSetPointSettings(Settings):
+    """[delayed_set_point]: the loop of the yaw rate; the outer one is [pd]."""
+
+    delay_s: Annotated[float, Field(ge=0.0, le=2.0)] | None = None
+    """From asking for a yaw rate until it is measured; omitted: measured by the echo."""
+    proportional_gain: Annotated[float, Field(ge=0.0, le=10.0)]
+    """1: a yaw rate error is met by the steer that makes it good in the steady state."""
+    integral_gain_1_s: Annotated[float, Field(ge=0.0, le=100.0)]
 
 
 class DelayedSetPointParams(NamedTuple):
@@ -153,3 +175,51 @@ def delayed_set_point_at_rest(
         NO_STEER,
         NO_STEER,
     )
+
+
+def design_delayed_set_point(settings: "LawSettings") -> DelayedSetPointParams:
+    """Return the parameters."""
+    table, period_s = settings.table_of(DelayedSetPointSettings), settings.period_s
+    return DelayedSetPointParams(
+        design_pd(settings.pd, period_s),
+        steady_steer(vehicle_of(settings)),
+        link_of(settings),
+        table.proportional_gain,
+        table.integral_gain_1_s * period_s,
+        -1.0 if table.delay_s is None else table.delay_s / period_s,
+        float(max(1, ceil(REQUESTS_S_MIN / (period_s * REQUESTS)))),
+        FADE_RAD_S * period_s,
+    )
+
+
+def _looking_back(settings: "LawSettings", p: DelayedSetPointParams) -> LookingBack:
+    delay_s = settings.table_of(DelayedSetPointSettings).delay_s
+    delay = "measured by echoes" if delay_s is None else f"set, {delay_s:g} s"
+    sensor_ns = p.link.sensor_period_ns
+    state_ns = sensor_ns * max(1, CYCLE_TIMES_MS[VehicleState] * NS_PER_MS // sensor_ns)
+    speed_m_s = vehicle_of(settings).speed_m_s
+    return LookingBack(
+        (
+            "The law reads lateral error and yaw rate. Analysed with a constant latency of the",
+            "commands, none of the measurements, a VEHICLE_STATE every"
+            f" {state_ns / NS_PER_MS:g} ms,",
+            f"at {speed_m_s:.4g} m/s; the delay of the set point is {delay}.",
+            "The curve of the map is outside the loop.",
+        ),
+        state_period_ns=state_ns,
+        request_periods=int(p.request_periods),
+    )
+
+
+LAW = Law(
+    delayed_set_point_step,
+    delayed_set_point_at_rest,
+    design_delayed_set_point,
+    LawNumber.DELAYED_SET_POINT,
+    settings=DelayedSetPointSettings,
+    needs=("nominal_model",),
+    needs_vehicle=True,
+    looks_back=True,
+    feed_forward_refusal="takes the map's curvature by itself: leave out [feed_forward]",
+    looking_back=_looking_back,
+)

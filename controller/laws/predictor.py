@@ -14,8 +14,17 @@ which needs none; its observers run all the time. When one law follows the other
 their commands is added and fades out.
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
+from pydantic import Field
+
+from controller.design import (
+    FADE_RAD_S,
+    FILTER_SETTLES_S,
+    filter_opening,
+    link_of,
+    vehicle_of,
+)
 from controller.estimator import (
     EstimatorState,
     VehicleGains,
@@ -26,9 +35,35 @@ from controller.estimator import (
     start_estimate,
 )
 from controller.law_interface import History, LawInput, LawOutput, Link
+from controller.law_record import Fallback, Law, LookingBack, Schedule
+from controller.laws.pd_ddob import (
+    PdDdobParams,
+    PdDdobState,
+    design_ddob,
+    pd_ddob_at_rest,
+    pd_ddob_step,
+)
 from controller.limits import ramp_step
 from controller.link import LinkParams
-from controller.paper_laws import PdDdobParams, PdDdobState, pd_ddob_at_rest, pd_ddob_step
+from controller.predictor_design import design_schedule
+from dbc.messages import Law as LawNumber
+from runtime.settings import Settings
+
+if TYPE_CHECKING:
+    from controller.law_settings import LawSettings
+
+
+FALLBACK = "pd_ddob"
+"""The law that steers while the delay is not known."""
+
+
+class PredictorSettings(Settings):
+    """[predictor]: what its feedback takes for a large error, and how far ahead it looks."""
+
+    steer_per_error_rad_m: Annotated[float, Field(gt=0.0, le=100.0)] = 1.0
+    """Weight of the lateral error in the feedback's cost: this much steer is as bad as a metre."""
+    horizon_s_max: Annotated[float, Field(gt=0.0, le=2.0)] = 1.0
+    """Of prediction; beyond it the law is pd_ddob."""
 
 
 class PredictorParams(NamedTuple):
@@ -161,3 +196,61 @@ def _horizon(p: LinkParams, link: Link, sample: int) -> float:
     """Return how many samples lie between one and where the command of this tick will act."""
     acts_ns = link.tick * p.period_ns + link.delay_ns
     return acts_ns / p.sensor_period_ns - sample
+
+
+def design_predictor(settings: "LawSettings") -> Schedule:
+    """Return the parameters as a function of the speed.
+
+    Raises SettingsError where there is no gain at one of the speeds.
+    """
+    table = settings.table_of(PredictorSettings)
+    period_s, sensor_period_s = settings.period_s, settings.link.sensor_period_s
+    gains = design_schedule(
+        settings.estimator,
+        vehicle_of(settings),
+        period_s,
+        sensor_period_s,
+        table.steer_per_error_rad_m,
+    )
+    link = link_of(settings)
+    fallback = design_ddob(settings)
+    fade_step_rad = FADE_RAD_S * period_s
+    horizon_samples_max = table.horizon_s_max / sensor_period_s
+    settling_samples = round(FILTER_SETTLES_S / sensor_period_s)
+
+    def at(speed_m_s: float) -> PredictorParams:
+        return PredictorParams(
+            gains.at(speed_m_s),
+            link,
+            fallback,
+            fade_step_rad,
+            horizon_samples_max,
+            settling_samples,
+        )
+
+    return Schedule(at)
+
+
+def _looking_back(settings: "LawSettings", _params: PredictorParams) -> LookingBack:
+    horizon_s = settings.table_of(PredictorSettings).horizon_s_max
+    return LookingBack(
+        filter_opening(settings),
+        fallback=Fallback(FALLBACK, f"Beyond {horizon_s:g} s, and without echoes"),
+    )
+
+
+LAW = Law(
+    predictor_step,
+    predictor_at_rest,
+    design_predictor,
+    LawNumber.PREDICTOR,
+    settings=PredictorSettings,
+    needs=("dob", "cdob", "nominal_model"),
+    needs_vehicle=True,
+    looks_back=True,
+    feed_forward_refusal=(
+        "steers for the curvature that it estimates: leave out [feed_forward], or take another law"
+    ),
+    looking_back=_looking_back,
+    after_hold=predictor_after_hold,
+)

@@ -17,9 +17,13 @@ Without washout G_n integrates twice: what the prediction is in error by at rest
 a steering offset or a curve takes the vehicle off its path, as with the CDOB.
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
+from pydantic import Field
+
+from controller.design import design_compensation, design_pd, given
 from controller.law_interface import History, LawInput, LawOutput
+from controller.law_record import Law
 from controller.pd import PdParams, pd_at_rest, pd_step
 from controller.sections import (
     Cascade2,
@@ -28,6 +32,20 @@ from controller.sections import (
     cascade_2_at_rest,
     cascade_2_step,
 )
+from controller.shared_settings import CutoffRadS
+from dbc.messages import Law as LawNumber
+from runtime.settings import Settings
+
+if TYPE_CHECKING:
+    from controller.law_settings import LawSettings
+
+
+class SmithSettings(Settings):
+    """[smith]: the delay that the model has, and the washout (s/(s + ω_h))²."""
+
+    delay_s: Annotated[float, Field(ge=0.0, le=2.0)]
+    """From sending a command until its effect is measured, there and back; never adapted."""
+    washout_rad_s: CutoffRadS | None = None  # ω_h; omitted: no washout, the vehicle drifts
 
 
 class SmithParams(NamedTuple):
@@ -76,3 +94,32 @@ def command_at(history: History, tick: int, back: float) -> float:
 def smith_at_rest(p: SmithParams, lateral_error_m: float) -> SmithState:
     """Return the state after a constant lateral error [m] and no steering."""
     return SmithState(pd_at_rest(p.pd, lateral_error_m), cascade_2_at_rest(p.compensation, 0.0)[0])
+
+
+def design_smith(settings: "LawSettings") -> SmithParams:
+    """Return the parameters.
+
+    Tustin's rule takes a command to rise linearly over the period that it is in fact held for: the
+    compensation's answer is half a period late. That half is already in the model's delay.
+    """
+    table, period_s = settings.table_of(SmithSettings), settings.period_s
+    compensation = design_compensation(given(settings.model), table.washout_rad_s, period_s)
+    delay_ticks = max(0.0, table.delay_s / period_s - 0.5)
+    return SmithParams(design_pd(settings.pd, period_s), compensation, delay_ticks)
+
+
+def _commands_read(p: SmithParams) -> int:
+    return int(p.delay_ticks) + 2
+
+
+LAW = Law(
+    smith_step,
+    smith_at_rest,
+    design_smith,
+    LawNumber.SMITH,
+    settings=SmithSettings,
+    needs=("nominal_model",),
+    cutoffs=("washout_rad_s",),
+    looks_back=True,
+    commands_read=_commands_read,
+)

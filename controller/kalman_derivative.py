@@ -1,0 +1,154 @@
+"""dy/dt from the Kalman filter, for any law that takes a derivative. Not in SAE 2018-01-1086.
+
+    u = u_law - C (0 - y) - (K_p y + K_d ẏ),     ẏ = V β + l_s r + V Δψ
+
+The law runs as it is; of what its C(s) makes of the measured error, the derivative is replaced by
+that of the filter (``controller.estimator``) at its newest sample, without any prediction. The
+CDOB's compensation, which has no noise to speak of, stays with the filtered difference. The
+observers see the command that was sent, as always.
+
+While the filter is not told which commands act, as before the first echo or when echoes stop, and
+till it has settled after that, the filtered difference is back. The difference between the two
+fades out.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from controller.estimator import (
+    EstimatorState,
+    VehicleGains,
+    estimate_to,
+    estimator_at_rest,
+    start_estimate,
+)
+from controller.law_interface import LawInput, LawOutput
+from controller.law_record import LawStep
+from controller.limits import ramp_step
+from controller.link import LinkParams
+from controller.pd import PdParams, pd_at_rest, pd_step
+from controller.sections import SectionState
+
+
+class DerivativeParams(NamedTuple):
+    """Parameters of the derivative at one speed.
+
+    ``pd``             C(z) of the law
+    ``fade_step_rad``  how much of a difference between the two derivatives fades in one period
+    ``settling_samples``  how many samples the filter needs, from its start or a gap in the echoes
+    """
+
+    gains: VehicleGains
+    link: LinkParams
+    pd: PdParams
+    proportional_gain_rad_m: float
+    derivative_gain_rad_s_m: float
+    speed_m_s: float
+    preview_distance_m: float
+    fade_step_rad: float
+    settling_samples: int
+
+
+class DerivativeState(NamedTuple):
+    """State of the derivative.
+
+    ``settled_sample``  from this sample on the filter is believed
+    ``correction_rad``  what has been added last
+    """
+
+    estimate: EstimatorState
+    settled_sample: int
+    pd: SectionState
+    is_estimated: bool
+    correction_rad: float
+    fade_rad: float
+
+
+class KalmanParams(NamedTuple):
+    """Parameters of the law inside, and of the derivative."""
+
+    law: Any
+    derivative: DerivativeParams
+
+
+class KalmanState(NamedTuple):
+    """State of the same two."""
+
+    law: Any
+    derivative: DerivativeState
+
+
+def derivative_step(
+    p: DerivativeParams, x: DerivativeState, seen: LawInput
+) -> tuple[DerivativeState, float]:
+    """Advance one period; returns what to add to the law's command [rad]."""
+    link, history = seen.link, seen.history
+    x_pd, filtered_rad = pd_step(p.pd, x.pd, seen.lateral_error_m)
+    estimate = start_estimate(x.estimate, link, history)
+    settled_sample = x.settled_sample
+    if estimate.sample != x.estimate.sample or not link.is_measured:
+        settled_sample = max(link.error_sample, 0) + p.settling_samples
+    wanted_rad = 0.0
+    if estimate.sample >= 0:
+        known = min(link.error_sample, link.echo_sample)
+        estimate = estimate_to(p.link, p.gains, estimate, link, history, known)
+    is_estimated = link.is_measured and 0 <= settled_sample <= estimate.sample
+    if is_estimated:
+        newest = estimate_to(p.link, p.gains, estimate, link, history, link.error_sample)
+        wanted_rad = (
+            -p.proportional_gain_rad_m * seen.lateral_error_m
+            - p.derivative_gain_rad_s_m * error_rate_m_s(p, newest)
+            - filtered_rad
+        )
+    fade_rad = ramp_step(p.fade_step_rad, x.fade_rad)
+    if is_estimated != x.is_estimated:
+        fade_rad = x.correction_rad - wanted_rad
+    correction_rad = wanted_rad + fade_rad
+    return (
+        DerivativeState(estimate, settled_sample, x_pd, is_estimated, correction_rad, fade_rad),
+        correction_rad,
+    )
+
+
+def error_rate_m_s(p: DerivativeParams, x: EstimatorState) -> float:
+    """Return dy/dt of an estimate [m/s], (1)."""
+    return (
+        p.speed_m_s * (x.side_slip_rad + x.heading_error_rad)
+        + p.preview_distance_m * x.yaw_rate_rad_s
+    )
+
+
+def kalman_step(
+    law_step: LawStep, p: KalmanParams, x: KalmanState, seen: LawInput
+) -> tuple[KalmanState, LawOutput]:
+    """Advance the law inside by one period, whose step is ``law_step``, and correct its command."""
+    x_law, output = law_step(p.law, x.law, seen)
+    x_derivative, correction_rad = derivative_step(p.derivative, x.derivative, seen)
+    return (
+        KalmanState(x_law, x_derivative),
+        LawOutput(
+            output.steer_rad + correction_rad,
+            output.disturbance_rad,
+            output.network_disturbance_rad,
+            output.compensated_lateral_error_m,
+        ),
+    )
+
+
+def kalman_at_rest(
+    law_at_rest: Callable[[float], Any], p: DerivativeParams, lateral_error_m: float
+) -> KalmanState:
+    """Return the state around a law's after a constant lateral error [m] and no steering."""
+    return KalmanState(law_at_rest(lateral_error_m), derivative_at_rest(p, lateral_error_m))
+
+
+def derivative_at_rest(p: DerivativeParams, lateral_error_m: float) -> DerivativeState:
+    """Return the state of the derivative after a constant lateral error [m]."""
+    return DerivativeState(
+        estimator_at_rest(lateral_error_m),
+        -1,
+        pd_at_rest(p.pd, lateral_error_m),
+        False,
+        0.0,
+        0.0,
+    )

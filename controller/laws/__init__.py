@@ -1,0 +1,27 @@
+"""The control laws: one module each, called as the DBC calls the law, and found by that name.
+
+A law of somebody else's package is named ``package.module:ATTRIBUTE``, or by an entry point of the
+group ``steer_by_wire.laws``.
+"""
+
+from collections.abc import Mapping
+from importlib import import_module
+from types import MappingProxyType
+
+from controller.law_interface import LawInput, LawOutput
+from controller.law_record import Law
+from dbc.messages import Law as LawNumber
+
+__all__ = ["LAWS", "PAPER_LAWS", "Law", "LawInput", "LawOutput"]
+
+PAPER_LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob")
+"""Those of SAE 2018-01-1086."""
+
+
+def _own_laws() -> Mapping[str, Law]:
+    names = [number.name.lower() for number in LawNumber if number is not LawNumber.CUSTOM]
+    return {name: import_module(f"{__name__}.{name}").LAW for name in names}
+
+
+LAWS: Mapping[str, Law] = MappingProxyType(_own_laws())
+"""By the names of settings files."""

@@ -1,0 +1,33 @@
+"""Law ``pd`` of SAE 2018-01-1086: u = C(0 - y)."""
+
+from typing import TYPE_CHECKING
+
+from controller.design import design_pd
+from controller.law_interface import LawInput, LawOutput
+from controller.law_record import Law, last_command
+from controller.pd import PdParams, pd_at_rest, pd_step
+from controller.sections import SectionState
+from dbc.messages import Law as LawNumber
+
+if TYPE_CHECKING:
+    from controller.law_settings import LawSettings
+
+
+def pd_law_step(p: PdParams, x: SectionState, seen: LawInput) -> tuple[SectionState, LawOutput]:
+    """Advance one control period."""
+    x_next, steer_rad = pd_step(p, x, seen.lateral_error_m)
+    return x_next, LawOutput(steer_rad, 0.0, 0.0, seen.lateral_error_m)
+
+
+def _design(settings: "LawSettings") -> PdParams:
+    return design_pd(settings.pd, settings.period_s)
+
+
+LAW = Law(
+    pd_law_step,
+    pd_at_rest,
+    _design,
+    LawNumber.PD,
+    takes_derivative=True,
+    commands_read=last_command,
+)

@@ -1,0 +1,62 @@
+"""Law ``pd_cdob`` of SAE 2018-01-1086, Figure 6: u = C(0 - y_fb), the CDOB fed with u.
+
+The observer sees the command that was sent, after limits, and does not wind up.
+"""
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from controller.cdob import CdobParams, CdobState, cdob_at_rest, cdob_step
+from controller.design import design_cdob, design_pd, given
+from controller.law_interface import LawInput, LawOutput
+from controller.law_record import Law, last_command
+from controller.pd import PdParams, pd_at_rest, pd_step
+from controller.sections import SectionState
+from dbc.messages import Law as LawNumber
+
+if TYPE_CHECKING:
+    from controller.law_settings import LawSettings
+
+
+class PdCdobParams(NamedTuple):
+    """Parameters of pd_cdob."""
+
+    pd: PdParams
+    cdob: CdobParams
+
+
+class PdCdobState(NamedTuple):
+    """State of pd_cdob."""
+
+    pd: SectionState
+    cdob: CdobState
+
+
+def pd_cdob_step(p: PdCdobParams, x: PdCdobState, seen: LawInput) -> tuple[PdCdobState, LawOutput]:
+    """Advance one control period."""
+    x_cdob, feedback_m, network_rad = cdob_step(
+        p.cdob, x.cdob, seen.lateral_error_m, seen.sent_steer_rad
+    )
+    x_pd, steer_rad = pd_step(p.pd, x.pd, feedback_m)
+    return PdCdobState(x_pd, x_cdob), LawOutput(steer_rad, 0.0, network_rad, feedback_m)
+
+
+def pd_cdob_at_rest(p: PdCdobParams, lateral_error_m: float) -> PdCdobState:
+    """Return the state after a constant lateral error [m] and no steering."""
+    return PdCdobState(pd_at_rest(p.pd, lateral_error_m), cdob_at_rest(p.cdob, lateral_error_m))
+
+
+def _design(settings: "LawSettings") -> PdCdobParams:
+    period_s = settings.period_s
+    cdob = design_cdob(given(settings.cdob), given(settings.model), period_s)
+    return PdCdobParams(design_pd(settings.pd, period_s), cdob)
+
+
+LAW = Law(
+    pd_cdob_step,
+    pd_cdob_at_rest,
+    _design,
+    LawNumber.PD_CDOB,
+    needs=("cdob", "nominal_model"),
+    takes_derivative=True,
+    commands_read=last_command,
+)

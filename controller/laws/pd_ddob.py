@@ -1,0 +1,84 @@
+"""Law ``pd_ddob`` of SAE 2018-01-1086, Figure 13: DOB inside, CDOB outside.
+
+    u = C(0 - y_fb) - d̂,   CDOB fed with c = u + d̂
+
+Both observers see the command that was sent, after limits, and do not wind up. The CDOB is given c
+as it was sent, u_sent + d̂, which is c itself while no limit acts: fed with the c it wanted, a CDOB
+without washout leaves the path for good after one saturation.
+"""
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from controller.cdob import CdobParams, CdobState, cdob_at_rest, cdob_step
+from controller.design import design_cdob, design_dob, design_pd, given
+from controller.dob import DobParams, DobState, dob_at_rest, dob_step
+from controller.law_interface import LawInput, LawOutput
+from controller.law_record import Law, last_command
+from controller.pd import PdParams, pd_at_rest, pd_step
+from controller.sections import SectionState
+from dbc.messages import Law as LawNumber
+
+if TYPE_CHECKING:
+    from controller.law_settings import LawSettings
+
+
+class PdDdobParams(NamedTuple):
+    """Parameters of pd_ddob."""
+
+    pd: PdParams
+    dob: DobParams
+    cdob: CdobParams
+
+
+class PdDdobState(NamedTuple):
+    """State of pd_ddob; ``disturbance_rad`` is d̂ of the previous period."""
+
+    pd: SectionState
+    dob: DobState
+    cdob: CdobState
+    disturbance_rad: float
+
+
+def pd_ddob_step(p: PdDdobParams, x: PdDdobState, seen: LawInput) -> tuple[PdDdobState, LawOutput]:
+    """Advance one control period."""
+    sent_demand_rad = seen.sent_steer_rad + x.disturbance_rad
+    x_dob, disturbance_rad = dob_step(p.dob, x.dob, seen.lateral_error_m, seen.sent_steer_rad)
+    x_cdob, feedback_m, network_rad = cdob_step(
+        p.cdob, x.cdob, seen.lateral_error_m, sent_demand_rad
+    )
+    x_pd, demand_rad = pd_step(p.pd, x.pd, feedback_m)
+    return (
+        PdDdobState(x_pd, x_dob, x_cdob, disturbance_rad),
+        LawOutput(demand_rad - disturbance_rad, disturbance_rad, network_rad, feedback_m),
+    )
+
+
+def pd_ddob_at_rest(p: PdDdobParams, lateral_error_m: float) -> PdDdobState:
+    """Return the state after a constant lateral error [m] and no steering."""
+    return PdDdobState(
+        pd_at_rest(p.pd, lateral_error_m),
+        dob_at_rest(p.dob, lateral_error_m),
+        cdob_at_rest(p.cdob, lateral_error_m),
+        0.0,
+    )
+
+
+def design_ddob(settings: "LawSettings") -> PdDdobParams:
+    """Return the discrete filters."""
+    period_s, model = settings.period_s, given(settings.model)
+    return PdDdobParams(
+        design_pd(settings.pd, period_s),
+        design_dob(given(settings.dob), model, period_s),
+        design_cdob(given(settings.cdob), model, period_s),
+    )
+
+
+LAW = Law(
+    pd_ddob_step,
+    pd_ddob_at_rest,
+    design_ddob,
+    LawNumber.PD_DDOB,
+    needs=("dob", "cdob", "nominal_model"),
+    takes_derivative=True,
+    commands_read=last_command,
+)

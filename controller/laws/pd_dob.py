@@ -1,0 +1,63 @@
+"""Law ``pd_dob`` of SAE 2018-01-1086, Figure 3: u = C(0 - y) - d̂.
+
+The observer sees the command that was sent, after limits, and does not wind up.
+"""
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from controller.design import design_dob, design_pd, given
+from controller.dob import DobParams, DobState, dob_at_rest, dob_step
+from controller.law_interface import LawInput, LawOutput
+from controller.law_record import Law, last_command
+from controller.pd import PdParams, pd_at_rest, pd_step
+from controller.sections import SectionState
+from dbc.messages import Law as LawNumber
+
+if TYPE_CHECKING:
+    from controller.law_settings import LawSettings
+
+
+class PdDobParams(NamedTuple):
+    """Parameters of pd_dob."""
+
+    pd: PdParams
+    dob: DobParams
+
+
+class PdDobState(NamedTuple):
+    """State of pd_dob."""
+
+    pd: SectionState
+    dob: DobState
+
+
+def pd_dob_step(p: PdDobParams, x: PdDobState, seen: LawInput) -> tuple[PdDobState, LawOutput]:
+    """Advance one control period."""
+    x_dob, disturbance_rad = dob_step(p.dob, x.dob, seen.lateral_error_m, seen.sent_steer_rad)
+    x_pd, demand_rad = pd_step(p.pd, x.pd, seen.lateral_error_m)
+    return (
+        PdDobState(x_pd, x_dob),
+        LawOutput(demand_rad - disturbance_rad, disturbance_rad, 0.0, seen.lateral_error_m),
+    )
+
+
+def pd_dob_at_rest(p: PdDobParams, lateral_error_m: float) -> PdDobState:
+    """Return the state after a constant lateral error [m] and no steering."""
+    return PdDobState(pd_at_rest(p.pd, lateral_error_m), dob_at_rest(p.dob, lateral_error_m))
+
+
+def _design(settings: "LawSettings") -> PdDobParams:
+    period_s = settings.period_s
+    dob = design_dob(given(settings.dob), given(settings.model), period_s)
+    return PdDobParams(design_pd(settings.pd, period_s), dob)
+
+
+LAW = Law(
+    pd_dob_step,
+    pd_dob_at_rest,
+    _design,
+    LawNumber.PD_DOB,
+    needs=("dob", "nominal_model"),
+    takes_derivative=True,
+    commands_read=last_command,
+)
