@@ -78,7 +78,7 @@ class Law(IntEnum):
     PREDICTOR = 4
     SMITH = 5
     DELAYED_SET_POINT = 6
-    CUSTOM = 15
+    CUSTOM = 7
     """Of somebody else's package."""
 
 

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from controller.design import steady_steer
 
 from controller.analysis.sampled_loop import SampledLoop
-from controller.design import design_law
+from controller.design import design_law, steady_steer
 from controller.fading import NO_STEER
 from controller.feed_forward import curve_steer
 from controller.law_interface import LawInput, VehicleReading
