@@ -34,14 +34,17 @@ from controller.kalman_derivative import (
     kalman_at_rest,
     kalman_step,
 )
-from controller.law_record import LawStep, LookingBack, Schedule
+from controller.law_record import Law, LawStep, LookingBack, Schedule
 from controller.link import LinkParams
+from controller.own_law import Guard
 from controller.pd import PdParams
 from controller.predictor_design import design_schedule
 from controller.sections import IDENTITY, Cascade2, Cascade3, Section
 from controller.shared_settings import CdobSettings, DobSettings, PdSettings, VehicleModelSettings
 from controller.transfer_function import Factor, TransferFunction
+from dbc.messages import Law as LawNumber
 from runtime.node import NS_PER_MS, NS_PER_S
+from runtime.settings import SettingsError
 
 if TYPE_CHECKING:
     from controller.law_settings import LawSettings
@@ -68,6 +71,7 @@ class LawDesign(NamedTuple):
     ``commands_read``  how many of its last commands a law reads that is linear, from the lateral
                        error and them alone; None for a law that is not, or reads more
     ``looking_back``   analysis of a law that is linear at a constant latency only
+    ``mistake``        what a law of another package raised last; empty for nothing
     """
 
     params: Any
@@ -78,6 +82,7 @@ class LawDesign(NamedTuple):
     commands_read: int | None = 1
     recovered_state: Callable[[Any, float], Any] | None = None
     looking_back: LookingBack | None = None
+    mistake: Callable[[], str] = str
 
 
 def design_law(settings: "LawSettings") -> LawDesign:
@@ -86,10 +91,20 @@ def design_law(settings: "LawSettings") -> LawDesign:
     ``step(params, state, LawInput) -> (state, LawOutput)``.
     """
     law = settings.law_record
+    design = _own(law, settings) if law.number is LawNumber.CUSTOM else _alone(law, settings)
+    if settings.pd.derivative == "kalman":
+        design = _with_kalman_derivative(design, settings)
+    if settings.feed_forward is not None:
+        design = _with_feed_forward(design, settings, settings.feed_forward.gain)
+    return design
+
+
+def _alone(law: Law, settings: "LawSettings") -> LawDesign:
+    """Return a law with nothing around it."""
     designed = law.design(settings)
     params_at = designed.at if isinstance(designed, Schedule) else None
     params = designed if params_at is None else params_at(0.0)
-    design = LawDesign(
+    return LawDesign(
         params,
         partial(law.at_rest, params),
         law.step,
@@ -99,11 +114,28 @@ def design_law(settings: "LawSettings") -> LawDesign:
         None if law.after_hold is None else partial(law.after_hold, params),
         None if law.looking_back is None else law.looking_back(settings, params),
     )
-    if settings.pd.derivative == "kalman":
-        design = _with_kalman_derivative(design, settings)
-    if settings.feed_forward is not None:
-        design = _with_feed_forward(design, settings, settings.feed_forward.gain)
-    return design
+
+
+def _own(law: Law, settings: "LawSettings") -> LawDesign:
+    """Return a law of another package, which cannot end the controller by raising.
+
+    Raises SettingsError where its design fails.
+    """
+    guard = Guard(law)
+    try:
+        design = _alone(law, settings)
+    except SettingsError:
+        raise
+    except Exception as error:
+        cause = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise SettingsError(f"law = {settings.law!r}: its design fails: {cause}") from error
+    after_hold = partial(guard.after_hold, design.params)
+    return design._replace(
+        initial_state=partial(guard.at_rest, design.params),
+        step=guard.step,
+        recovered_state=None if law.after_hold is None else after_hold,
+        mistake=lambda: guard.mistake,
+    )
 
 
 def _with_feed_forward(law: LawDesign, settings: "LawSettings", gain: float) -> LawDesign:

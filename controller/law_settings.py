@@ -3,14 +3,26 @@
 Anything a filter could not be built from is refused here, naming the key.
 """
 
+import json
+from collections.abc import Mapping
 from math import pi
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
-from pydantic import BeforeValidator, Field, WithJsonSchema, create_model, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainValidator,
+    SerializeAsAny,
+    ValidationInfo,
+    WithJsonSchema,
+    create_model,
+    model_validator,
+)
 from pydantic_core import PydanticKnownError
 
 from controller.law_record import Law
 from controller.laws import LAWS
+from controller.own_law import NoLawError, find_own_law, place_of
 from controller.shared_settings import (
     CdobSettings,
     DobSettings,
@@ -27,10 +39,31 @@ from runtime.settings import Settings
 _OwnTable = TypeVar("_OwnTable", bound=Settings)
 
 
+def find_law(name: str) -> Law:
+    """Return the law of a name, ours or another package's; raises NoLawError."""
+    return LAWS[name] if name in LAWS else find_own_law(name)
+
+
 def _known_law(name: Any) -> Any:
-    if name not in LAWS:
+    if not isinstance(name, str) or (name not in LAWS and place_of(name) is None):
         raise PydanticKnownError("enum", {"expected": ", ".join(LAWS)})
+    find_law(name)
     return name
+
+
+def _own_table(value: Any, info: ValidationInfo) -> Settings | None:
+    """Return [own_law] as the law's own model has it."""
+    name = info.data.get("law")
+    kind = None if name is None or name in LAWS else find_law(name).settings
+    if kind is None:
+        if value and name is not None:
+            raise ValueError(f"law = {name!r} has no table [own_law]")
+        return None
+    if isinstance(value, kind):
+        return value
+    if info.mode == "json":
+        return kind.model_validate_json(json.dumps(value or {}), strict=True)
+    return kind.model_validate(value or {})
 
 
 LawName = Annotated[
@@ -65,6 +98,12 @@ else:  # a field for each law that has a table, called as the law
 class LawSettings(_TablesOfLaws):
     """What ``controller.design`` needs; a law's tables may be left out where the law has no use."""
 
+    own_law: Annotated[
+        SerializeAsAny[Settings] | None,
+        PlainValidator(_own_table),
+        WithJsonSchema({"type": "object"}),
+    ] = Field(default=None, validate_default=True)
+    """Of a law of another package, whose model is in its record."""
     feed_forward: FeedForwardSettings | None = None
     estimator: EstimatorSettings = EstimatorSettings()
     link: LinkSettings = LinkSettings()
@@ -73,7 +112,7 @@ class LawSettings(_TablesOfLaws):
     @property
     def law_record(self) -> Law:
         """Return the law itself."""
-        return LAWS[self.law]
+        return find_law(self.law)
 
     @property
     def period_s(self) -> float:
@@ -87,16 +126,31 @@ class LawSettings(_TablesOfLaws):
 
     def table_of(self, kind: type[_OwnTable]) -> _OwnTable:
         """Return the law's own table, which is of this kind."""
-        table = getattr(self, self.law)
+        table = getattr(self, self.law) if self.law in LAWS else self.own_law
         if not isinstance(table, kind):
             raise ValueError(f"law = {self.law!r} has no table of {kind.__name__}")
         return table
 
+    @classmethod
+    def json_schema_for(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the JSON schema, in it that of the own law which the data name."""
+        schema = cls.model_json_schema()
+        try:
+            kind = find_law(str(data.get("law"))).settings
+        except NoLawError:
+            return schema
+        if kind is not None:
+            own = kind.model_json_schema()
+            schema["$defs"] |= own.pop("$defs", {})
+            schema["properties"]["own_law"] = own
+        return schema
+
     @model_validator(mode="after")
     def _refuse_missing_tables(self) -> Self:
         law = self.law_record
-        for table in (*([] if law.settings is None else [self.law]), *law.needs):
-            if getattr(self, table) is None:
+        own = () if law.settings is None or self.law not in LAWS else (self.law,)
+        for table in (*own, *law.needs):
+            if getattr(self, table, None) is None:
                 raise ValueError(f"law = {self.law!r} needs the table [{table}]")
         if law.needs_vehicle and not isinstance(self.nominal_model, VehicleModelSettings):
             raise ValueError(f"law = {self.law!r} needs nominal_model.kind = 'vehicle'")
@@ -140,7 +194,7 @@ class LawSettings(_TablesOfLaws):
         if self.cdob is not None:
             cutoffs["cdob.q_cutoff_rad_s"] = self.cdob.q_cutoff_rad_s
             cutoffs["cdob.washout_rad_s"] = self.cdob.washout_rad_s
-        for name, law in LAWS.items():
+        for name, law in {**LAWS, "own_law": self.law_record}.items():
             if law.cutoffs and (table := getattr(self, name)) is not None:
                 cutoffs |= {f"{name}.{key}": getattr(table, key) for key in law.cutoffs}
         return cutoffs

@@ -221,7 +221,10 @@ class ControllerNode:
     def _failure(self) -> str:
         """The fault it has found in itself; once it is there it stays."""
         if self._law_failures > LAW_FAILURES_MAX:
-            return "the law's output was again no finite number after it had been started anew"
+            mistake = self._design.mistake()
+            return "the law's output was again no finite number after it had been started anew" + (
+                f": {mistake}" if mistake else ""
+            )
         return self._overruns.failure
 
     def _safety_facts(self, now_ns: int) -> SafetyFacts:

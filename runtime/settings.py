@@ -43,6 +43,11 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    @classmethod
+    def json_schema_for(cls, data: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG003
+        """Return the JSON schema that explains mistakes in ``data``."""
+        return cls.model_json_schema()
+
 
 class SettingsError(ValueError):
     """Settings that cannot be used; the text has one line for each of ``mistakes``."""
@@ -102,7 +107,7 @@ def load_settings(
         # By way of JSON, because there "strict" still means lists for tuples and words for enums.
         return model.model_validate_json(json.dumps(merged, default=str), strict=True)
     except ValidationError as error:
-        mistakes = explain(error, model.model_json_schema(), merged, sources)
+        mistakes = explain(error, model.json_schema_for(merged), merged, sources)
     more = len(mistakes) - _MISTAKES_MAX
     if more > 0:
         mistakes[_MISTAKES_MAX:] = [f"and {more} mistakes more"]

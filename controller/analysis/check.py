@@ -57,7 +57,7 @@ def _analysis(settings: ControllerSettings) -> Iterator[str]:
         yield from _looking_back_analysis(settings, design, design.looking_back)
         return
     if design.commands_read is None:
-        yield "The law is not linear: there are no poles, margins and stable delays to state."
+        yield "The law is not linear: no poles, margins or stable delays are given."
         return
     if settings.feed_forward is not None:
         yield "The feed-forward of the curve is outside the loop: it changes none of what follows."

@@ -69,7 +69,8 @@ def law_system(design: LawDesign) -> LinearSystem:
     the commands of the previous periods, as many as the law reads, the newest first: without limits
     they are those that were sent.
 
-    Raises NotLinearError for a law that reads more than the lateral error and its own commands.
+    Raises NotLinearError for a law that reads more than the lateral error and its own commands, or
+    answers with what is no number.
     """
     commands = design.commands_read
     if commands is None:
@@ -87,6 +88,8 @@ def law_system(design: LawDesign) -> LinearSystem:
         )
         columns.append([*floats_of(state), output.steer_rad, *sent_rad[:-1]])
     rows = np.array(columns).T / _UNIT
+    if not np.isfinite(rows).all():
+        raise NotLinearError("the law has no finite answer to a small error")
     a, b = rows[:, :-1], rows[:, -1]
     return LinearSystem(a, b, a[order], float(b[order]))
 

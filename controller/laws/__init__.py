@@ -9,10 +9,10 @@ from importlib import import_module
 from types import MappingProxyType
 
 from controller.law_interface import LawInput, LawOutput
-from controller.law_record import Law
+from controller.law_record import Law, last_command
 from dbc.messages import Law as LawNumber
 
-__all__ = ["LAWS", "PAPER_LAWS", "Law", "LawInput", "LawOutput"]
+__all__ = ["LAWS", "PAPER_LAWS", "Law", "LawInput", "LawOutput", "last_command"]
 
 PAPER_LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob")
 """Those of SAE 2018-01-1086."""

@@ -48,6 +48,16 @@ def compiled_fastmath(function: Any) -> Any:
     return _compiled(function.py_func, "never", _FASTMATH)
 
 
+def compiled_anew(function: Any, *, fastmath: bool = False) -> Any:
+    """Compile what ``compiled`` has returned once more, for this process alone.
+
+    For steps from files that the folder is not named after.
+    """
+    return _njit(nogil=True, no_cfunc_wrapper=True, fastmath=set(_FASTMATH) if fastmath else False)(
+        function.py_func
+    )
+
+
 def compiled_inside(function: Any) -> Any:
     """Compile a function for compiled ones that call it, without an entry from Python either."""
     return _njit(nogil=True, no_cfunc_wrapper=True, no_cpython_wrapper=True)(function)

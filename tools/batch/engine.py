@@ -15,6 +15,7 @@ import numpy as np
 from controller.design import LawDesign, design_law
 from controller.settings import ControllerSettings, limits_of
 from dbc.messages import LateralError, Mode, SteeringCommand, limits, resolutions
+from dbc.messages import Law as LawNumber
 from plant_emulator.rig_settings import ActuatorSettings, VehicleSettings
 from plant_emulator.safety_settings import SafetySettings, design_guard
 from plant_emulator.settings import PlantSettings
@@ -37,6 +38,7 @@ from tools.batch.loop import (
 )
 from tools.batch.motion import compiled_motion
 from tools.batch.network import FloatArray, IntArray
+from tools.batch.own_law import own_functions
 from tools.batch.plan import Plan, plan_run
 from tools.batch.steps import register_law, register_steps
 from tools.batch.wire import NO_WIRE, NoWire, Wire
@@ -147,8 +149,9 @@ def run_batch(
     ``fastmath``  whether operations may change order and fuse; numbers are then close to those of
                   the nodes, not the same
 
-    Raises FaultsNotCompiledError for settings with faults, NothingArrivesError where no measurement
-    would ever reach the controller, and for a law that looks back UnclearSampleError through gaps
+    Raises FaultsNotCompiledError for settings with faults, LawNotCompiledError and LawRaisedError
+    for laws of other packages that do not compile or raise, NothingArrivesError where no
+    measurement would ever reach the controller, and for a law that looks back UnclearSampleError through gaps
     of seconds and LostWheelError where the steering goes to its safe state by itself.
     """
     if plant.faults:
@@ -157,7 +160,7 @@ def run_batch(
             " or run the nodes: python -m tools.closed_loop"
         )
     register_steps()
-    loop = _FASTMATH if fastmath else _EXACT
+    loop = _loop_of(controller, fastmath=fastmath)
     plan = plan_run(plant, controller) if plan is None else plan
     law = _designed(controller)
     motion = compiled_motion(plant)
@@ -221,10 +224,18 @@ def run_batch(
     return _collected(plan, motion.speed_m_s, records, x.sample, ticks, _OUTCOMES[code])
 
 
+def _loop_of(controller: ControllerSettings, *, fastmath: bool) -> _Loop:
+    """Return the compiled functions, which a law of another package has for itself."""
+    law = controller.law_record
+    if law.number is not LawNumber.CUSTOM:
+        return _FASTMATH if fastmath else _EXACT
+    return _Loop(*own_functions(controller.law, law.step, tuple(_EXACT), fastmath))
+
+
 @lru_cache(maxsize=_DESIGNS_KEPT)
 def _designed(controller: ControllerSettings) -> LawDesign:
     design = design_law(controller)
-    register_law(controller.law_record.step, design.params)
+    register_law(controller.law, controller.law_record, design.params)
     return design
 
 

@@ -16,11 +16,13 @@ from numba.extending import overload, register_jitable
 from controller.feed_forward import FeedForwardParams, feed_forward_step
 from controller.kalman_derivative import KalmanParams, kalman_step
 from controller.law_interface import LawInput
-from controller.law_record import LawStep
+from controller.law_record import Law
 from controller.laws import LAWS
 from controller.limits import limit_step, ramp_step
 from controller.link import delay_of, delay_step
+from controller.own_law import numbers_or_none
 from controller.sensor_rate import rate_step
+from dbc.messages import Law as LawNumber
 from plant_emulator.loss import loss_step
 from plant_emulator.motion import advance_motion, command_motion, start_motion
 from plant_emulator.steering_guard import (
@@ -30,6 +32,7 @@ from plant_emulator.steering_guard import (
     is_overruled,
     start_guard,
 )
+from runtime.settings import SettingsError
 
 _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
     limit_step,
@@ -54,7 +57,12 @@ _AROUND: dict[type, Callable[..., Any]] = {
 """Steps around a law's, which they are handed, by the type of their params."""
 _COMPILED_BY_NUMBA = frozenset(("numba", "numpy", *sys.stdlib_module_names))
 
-_step_of: dict[type, LawStep] = {}
+_laws: dict[type, Law] = {}
+"""By the type of their params."""
+
+
+class ForeignParamsError(SettingsError):
+    """The params of a law do not say whose they are."""
 
 
 def step_functions() -> tuple[Callable[..., Any], ...]:
@@ -76,20 +84,29 @@ def _register(function: Callable[..., Any]) -> None:
     register_jitable(forceinline=True, no_cfunc_wrapper=True, no_cpython_wrapper=True)(function)
 
 
-def register_law(step: LawStep, params: Any) -> None:
-    """Have ``law_step`` call a law's step for its params, whatever is put around them."""
+def register_law(name: str, law: Law, params: Any) -> None:
+    """Have ``law_step`` call a law's step for its params, whatever is put around them.
+
+    Raises ForeignParamsError for params of a type that is not the law's own.
+    """
     while type(params) in _AROUND:
         params = params.law
-    for function in _reached((step,)):
+    kind = type(params)
+    if not hasattr(kind, "_fields") or _laws.get(kind, law).step is not law.step:
+        raise ForeignParamsError(
+            f"law = {name!r}: a compiled run needs params of a NamedTuple that no other law has,"
+            f" not {kind.__name__}"
+        )
+    for function in _reached((law.step, numbers_or_none)):
         _register(function)
-    _step_of[type(params)] = step
+    _laws[kind] = law
 
 
 def law_step(params: Any, state: Any, seen: LawInput) -> Any:
     """Advance the law that ``params`` belong to; compiled code then calls that law directly."""
     if type(params) in _AROUND:
         return _AROUND[type(params)](law_step, params, state, seen)
-    return _step_of[type(params)](params, state, seen)
+    return _laws[type(params)].step(params, state, seen)
 
 
 @overload(law_step)
@@ -103,12 +120,16 @@ def _law_step_of_type(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG00
             return around(law_step, params, state, seen)
 
         return around_law
-    step = _step_of[kind]
+    step = _laws[kind].step
 
     def of_type(params: Any, state: Any, seen: Any) -> Any:
         return step(params, state, seen)
 
-    return of_type
+    def of_another_package(params: Any, state: Any, seen: Any) -> Any:
+        after, output = step(params, state, seen)
+        return after, numbers_or_none(output)
+
+    return of_another_package if _laws[kind].number is LawNumber.CUSTOM else of_type
 
 
 def _reached(functions: Iterable[Callable[..., Any]]) -> dict[Callable[..., Any], None]:

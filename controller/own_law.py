@@ -1,0 +1,105 @@
+"""A law of somebody else's package: found by its name, and kept from ending the controller.
+
+It is named ``package.module:ATTRIBUTE``, or by an entry point of the group ``steer_by_wire.laws``.
+What it raises while it runs counts as an output that is no number: the controller holds the last
+command, starts the law anew once, and then stops safely.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from math import isfinite, nan
+from typing import Any
+
+from controller.law_interface import LawInput, LawOutput
+from controller.law_record import Law
+from dbc.messages import Law as LawNumber
+
+GROUP = "steer_by_wire.laws"
+"""Entry points of this group name laws."""
+
+_NO_NUMBER = LawOutput(nan, nan, nan, nan)
+
+
+class NoLawError(ValueError):
+    """There is no law of this name; the text is one line."""
+
+
+def place_of(name: str) -> str | None:
+    """Return ``package.module:ATTRIBUTE`` of a name that may be a law's, None of any other."""
+    if ":" in name:
+        return name
+    return next((found.value for found in entry_points(group=GROUP, name=name)), None)
+
+
+@cache
+def find_own_law(name: str) -> Law:
+    """Return a law of another package; raises NoLawError."""
+    place = place_of(name)
+    if place is None:
+        raise NoLawError(f"there is no law {name}")
+    module_name, _, attribute = place.partition(":")
+    try:
+        law = import_module(module_name)
+    except (Exception, SystemExit) as error:
+        cause = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise NoLawError(f"the module {module_name} cannot be imported: {cause}") from error
+    for part in attribute.split("."):
+        try:
+            law = getattr(law, part)
+        except AttributeError as error:
+            raise NoLawError(f"the module {module_name} has no {attribute}") from error
+    if not isinstance(law, Law):
+        kind = type(law).__name__
+        raise NoLawError(f"is no law but of type {kind}: it has to be a controller.laws.Law")
+    return law._replace(number=LawNumber.CUSTOM)
+
+
+class Guard:
+    """A law's functions, from which no exception comes out; ``mistake`` is the last of them."""
+
+    def __init__(self, law: Law) -> None:
+        self._law = law
+        self.mistake = ""
+
+    def step(self, params: Any, state: Any, seen: LawInput) -> tuple[Any, LawOutput]:
+        """Advance the law by one period; an output that is none has no numbers."""
+        try:
+            after, output = self._law.step(params, state, seen)
+            return after, numbers_or_none(LawOutput(*output))
+        except Exception as error:
+            self._note(error)
+            return state, _NO_NUMBER
+
+    def at_rest(self, params: Any, lateral_error_m: float) -> Any:
+        """Return the law's state at rest; None if it raises, which its step then does too."""
+        return self._state(self._law.at_rest, params, lateral_error_m)
+
+    def after_hold(self, params: Any, state: Any, lateral_error_m: float) -> Any:
+        """Return the law's state after a hold; None if it raises."""
+        if self._law.after_hold is None:
+            return self.at_rest(params, lateral_error_m)
+        return self._state(self._law.after_hold, params, state, lateral_error_m)
+
+    def _state(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        try:
+            return function(*arguments)
+        except Exception as error:
+            self._note(error)
+            return None
+
+    def _note(self, error: Exception) -> None:
+        self.mistake = f"{type(error).__name__}: {error}".splitlines()[0]
+
+
+def numbers_or_none(output: LawOutput) -> LawOutput:
+    """Return an output; one with a single field that is not finite has no numbers at all."""
+    if (
+        isfinite(output.steer_rad)
+        and isfinite(output.disturbance_rad)
+        and isfinite(output.network_disturbance_rad)
+        and isfinite(output.compensated_lateral_error_m)
+    ):
+        return output
+    return LawOutput(nan, nan, nan, nan)
