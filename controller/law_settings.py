@@ -59,11 +59,14 @@ def _own_table(value: Any, info: ValidationInfo) -> Settings | None:
         if value and name is not None:
             raise ValueError(f"law = {name!r} has no table [own_law]")
         return None
+    if value is None:
+        needs_values = any(field.is_required() for field in kind.model_fields.values())
+        return None if needs_values else kind()
     if isinstance(value, kind):
         return value
     if info.mode == "json":
-        return kind.model_validate_json(json.dumps(value or {}), strict=True)
-    return kind.model_validate(value or {})
+        return kind.model_validate_json(json.dumps(value), strict=True)
+    return kind.model_validate(value)
 
 
 LawName = Annotated[
@@ -124,9 +127,14 @@ class LawSettings(_TablesOfLaws):
         """Return G_n, or None where there is no [nominal_model]."""
         return None if self.nominal_model is None else self.nominal_model.model
 
+    @property
+    def _table(self) -> str:
+        """The name of the law's own table."""
+        return self.law if self.law in LAWS else "own_law"
+
     def table_of(self, kind: type[_OwnTable]) -> _OwnTable:
         """Return the law's own table, which is of this kind."""
-        table = getattr(self, self.law) if self.law in LAWS else self.own_law
+        table = getattr(self, self._table)
         if not isinstance(table, kind):
             raise ValueError(f"law = {self.law!r} has no table of {kind.__name__}")
         return table
@@ -148,8 +156,7 @@ class LawSettings(_TablesOfLaws):
     @model_validator(mode="after")
     def _refuse_missing_tables(self) -> Self:
         law = self.law_record
-        own = () if law.settings is None or self.law not in LAWS else (self.law,)
-        for table in (*own, *law.needs):
+        for table in (*([] if law.settings is None else [self._table]), *law.needs):
             if getattr(self, table, None) is None:
                 raise ValueError(f"law = {self.law!r} needs the table [{table}]")
         if law.needs_vehicle and not isinstance(self.nominal_model, VehicleModelSettings):

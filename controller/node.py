@@ -85,6 +85,7 @@ class ControllerNode:
         self._params = self._design.params
         self._ages = Ages(age_limits_of(settings))
         self._memory = LinkMemory(link_of(settings), age_limits_of(settings))
+        self._law_name = settings.law
         self._law = settings.law_record.number
         self._limits = limits_of(settings)
         self._period_ns = settings.period_ns
@@ -196,7 +197,7 @@ class ControllerNode:
         ``lost``        frames that never came or came too late; ``rejected`` by cause
         """
         return {
-            "law": self._law.name.lower(),
+            "law": self._law_name,
             "rate_hz": NS_PER_S / self._period_ns,
             "ticks": self._control_timer.index - self._control_timer.skipped,
             "skipped_ticks": self._control_timer.skipped,

@@ -65,15 +65,17 @@ class Guard:
 
     def step(self, params: Any, state: Any, seen: LawInput) -> tuple[Any, LawOutput]:
         """Advance the law by one period; an output that is none has no numbers."""
+        if state is None:
+            return state, _NO_NUMBER
         try:
             after, output = self._law.step(params, state, seen)
             return after, numbers_or_none(LawOutput(*output))
         except Exception as error:
             self._note(error)
-            return state, _NO_NUMBER
+            return None, _NO_NUMBER
 
     def at_rest(self, params: Any, lateral_error_m: float) -> Any:
-        """Return the law's state at rest; None if it raises, which its step then does too."""
+        """Return the law's state at rest; None, which no step goes on from, if it raises."""
         return self._state(self._law.at_rest, params, lateral_error_m)
 
     def after_hold(self, params: Any, state: Any, lateral_error_m: float) -> Any:

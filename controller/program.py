@@ -27,7 +27,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     parser = make_parser(NAME, "Holds a vehicle on its path at a fixed rate.", PRESETS)
     laws = ", ".join(LAWS)
-    parser.add_argument("--law", metavar="NAME", help=f"short for --set law=NAME: {laws}")
+    parser.add_argument(
+        "--law",
+        metavar="NAME",
+        help=f"short for --set law=NAME: {laws}, or package.module:LAW of your own",
+    )
     parser.add_argument("--rate-hz", metavar="HZ", help="short for --set rate_hz=HZ: 10 to 1000")
     parser.add_argument(
         "--check",

@@ -91,6 +91,9 @@ def _parser() -> argparse.ArgumentParser:
         f"without this and without a file: {CONTROLLER_PRESET}",
     )
     controller.add_argument(
+        "--law", metavar="NAME", help="short for --controller-set law=NAME; also package.module:LAW"
+    )
+    controller.add_argument(
         "--controller-set", action="append", default=[], metavar="TABLE.KEY=VALUE"
     )
     wire = parser.add_mutually_exclusive_group()
@@ -148,7 +151,8 @@ def _plant_settings(options: argparse.Namespace) -> PlantSettings:
 def _controller_settings(options: argparse.Namespace) -> ControllerSettings:
     name = options.controller_preset or (None if options.controller else CONTROLLER_PRESET)
     preset = read_preset(CONTROLLER_PRESETS, name) if name else None
-    return load_settings(ControllerSettings, preset, options.controller, options.controller_set)
+    overrides = [*options.controller_set, *([f"law={options.law}"] if options.law else [])]
+    return load_settings(ControllerSettings, preset, options.controller, overrides)
 
 
 def _run_in_virtual_time(

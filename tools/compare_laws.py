@@ -20,7 +20,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemaining
 
 from runtime.program import ExitStatus, run_main
 from tools.law_comparison.picture import draw_comparison
-from tools.law_comparison.runs import Cell, compare
+from tools.law_comparison.runs import Cell, compare, controller_settings, own_contestant
 from tools.law_comparison.tables import markdown_lines, table_lines
 
 NAME = "compare_laws"
@@ -40,11 +40,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--duration-s", type=float, default=60.0, choices=(20.0, 60.0, 120.0), metavar="S"
     )
+    parser.add_argument(
+        "--law",
+        action="append",
+        default=[],
+        metavar="PACKAGE.MODULE:LAW",
+        help="a law of your own, with the tables of practical_pd_ddob; repeatable",
+    )
+    parser.add_argument(
+        "--law-set",
+        action="append",
+        default=[],
+        metavar="TABLE.KEY=VALUE",
+        help="a setting of your laws, as own_law.gain=2; repeatable",
+    )
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
 def _run(options: argparse.Namespace) -> int:
     begin_s = time.perf_counter()
+    further = [own_contestant(law, options.law_set) for law in options.law]
+    for one in further:  # before anything is run
+        controller_settings(one, has_lag=False)
     options.out.mkdir(parents=True, exist_ok=True)
     console = Console(markup=False, highlight=False, soft_wrap=True)
     delays_s = [1e-3 * ms for ms in range(0, DELAY_MS_MAX + 1, options.step_ms)]
@@ -62,12 +79,13 @@ def _run(options: argparse.Namespace) -> int:
             options.seeds,
             options.duration_s,
             lambda done, of: bars.update(task, completed=done, total=of),
+            further,
         )
     _write(cells, options.out / "comparison.csv")
-    draw_comparison(cells).savefig(options.out / "comparison.png", dpi=110)
-    markdown = "\n".join([*markdown_lines(cells), ""])
+    draw_comparison(cells, further).savefig(options.out / "comparison.png", dpi=110)
+    markdown = "\n".join([*markdown_lines(cells, further), ""])
     (options.out / "comparison.md").write_text(markdown, encoding="utf-8")
-    for line in table_lines(cells):
+    for line in table_lines(cells, further):
         print(line)
     elapsed_s = time.perf_counter() - begin_s
     print(f"\n{elapsed_s:.0f} s; comparison.csv, comparison.png and comparison.md in {options.out}")

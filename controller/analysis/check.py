@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.analysis.linear_system import law_system
+from controller.analysis.linear_system import NotLinearError, law_system
 from controller.analysis.looking_back import Rig
 from controller.analysis.predictor_loop import PredictorLoop, stable_constant_delays
 from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
@@ -56,14 +56,16 @@ def _analysis(settings: ControllerSettings) -> Iterator[str]:
     if design.looking_back is not None:
         yield from _looking_back_analysis(settings, design, design.looking_back)
         return
-    if design.commands_read is None:
-        yield "The law is not linear: no poles, margins or stable delays are given."
-        return
     if settings.feed_forward is not None:
         yield "The feed-forward of the curve is outside the loop: it changes none of what follows."
         yield ""
+    try:
+        law = law_system(design)
+    except NotLinearError as error:
+        yield f"Not analysed: {error}."
+        return
     yield "Poles of the law alone:"
-    law_poles = np.linalg.eigvals(law_system(design).a).astype(np.complex128)
+    law_poles = np.linalg.eigvals(law.a).astype(np.complex128)
     yield from _poles(law_poles, period_ns)
     yield ""
     if settings.model is None:

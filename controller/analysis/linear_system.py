@@ -69,12 +69,11 @@ def law_system(design: LawDesign) -> LinearSystem:
     the commands of the previous periods, as many as the law reads, the newest first: without limits
     they are those that were sent.
 
-    Raises NotLinearError for a law that reads more than the lateral error and its own commands, or
-    answers with what is no number.
+    Raises NotLinearError for a law that is not linear in these, or answers with what is no number.
     """
     commands = design.commands_read
     if commands is None:
-        raise NotLinearError("the law reads more than the lateral error and its own commands")
+        raise NotLinearError("the law is not linear in the lateral error and its own commands")
     rest = design.initial_state(0.0)
     order = sum(1 for _ in floats_of(rest))
     columns = []

@@ -151,8 +151,8 @@ def run_batch(
 
     Raises FaultsNotCompiledError for settings with faults, LawNotCompiledError and LawRaisedError
     for laws of other packages that do not compile or raise, NothingArrivesError where no
-    measurement would ever reach the controller, and for a law that looks back UnclearSampleError through gaps
-    of seconds and LostWheelError where the steering goes to its safe state by itself.
+    measurement would ever reach the controller, and for a law that looks back UnclearSampleError
+    through gaps of seconds and LostWheelError where the steering goes to its safe state by itself.
     """
     if plant.faults:
         raise FaultsNotCompiledError(

@@ -12,6 +12,8 @@ from controller.law_record import LawStep
 from runtime.settings import SettingsError
 from tools.batch.compilation import compiled_anew
 
+_FAILED = "Failed in nopython mode pipeline"
+
 
 class LawNotCompiledError(SettingsError):
     """numba cannot compile the law."""
@@ -52,12 +54,9 @@ def own_functions(
 
 
 def _cause(error: NumbaError) -> str:
-    """Return what numba says in one line: the innermost reason, and where."""
+    """Return the innermost reason that numba gives, and where in the law it is, in one line."""
     lines = [line.strip() for line in str(error).splitlines()]
-    reasons = [line for line in lines if line and not line.startswith(_WORDLESS)]
-    places = [line for line in lines if line.startswith('File "')]
-    reason = reasons[0] if reasons else "it does not say why"
-    return f"{reason} ({places[-1].rstrip(':')})" if places else reason
-
-
-_WORDLESS = ("Failed in", "- Resolution", "Overload", "During:", "File ", "<source")
+    innermost = max((at for at, line in enumerate(lines) if _FAILED in line), default=-1) + 1
+    reason, *after = lines[innermost:] or ["it does not say why"]
+    place = next((line.rstrip(":") for line in after if line.startswith('File "')), None)
+    return reason if place is None else f"{reason} ({place})"

@@ -4,12 +4,13 @@ Of the six places of the grid the last is the legend's.
 """
 
 from collections.abc import Sequence
+from itertools import chain, cycle
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from tools.demo_figures import STYLE
-from tools.law_comparison.runs import BROKEN_M, CONTESTANTS, NETWORKS, SETTLED_S, Cell
+from tools.law_comparison.runs import BROKEN_M, CONTESTANTS, NETWORKS, SETTLED_S, Cell, Contestant
 
 _LINES = (
     ("#D55E00", "-", "o"),
@@ -24,16 +25,18 @@ _LINES = (
     ("#000000", "-", "*"),
     ("#000000", "--", ""),
 )
+_FURTHER_LINES = (("#999933", "-", "x"), ("#882255", "-", "+"))
 _TOP_M = 3.0
 
 
-def draw_comparison(cells: Sequence[Cell]) -> Figure:
+def draw_comparison(cells: Sequence[Cell], further: Sequence[Contestant] = ()) -> Figure:
     """Return the figure."""
     with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
         figure = Figure(figsize=(12.0, 12.4))
         *panels, beside = figure.subplots(3, 2, sharex=True, sharey=True).ravel()
         for panel, (key, network) in zip(panels, NETWORKS.items(), strict=True):
-            for one, (colour, dashes, marker) in zip(CONTESTANTS, _LINES, strict=True):
+            lines = chain(_LINES, cycle(_FURTHER_LINES))
+            for one, (colour, dashes, marker) in zip((*CONTESTANTS, *further), lines, strict=False):
                 own = [
                     cell for cell in cells if (cell.network, cell.contestant) == (key, one.label)
                 ]

@@ -135,9 +135,15 @@ class Cell(NamedTuple):
     settled_rms_m: float
 
 
-def contestants_of(network: Network) -> list[Contestant]:
+def own_contestant(law: str, overrides: Sequence[str]) -> Contestant:
+    """Return a law of another package, with the tables of a preset that has them all."""
+    return Contestant(law, "practical_pd_ddob", (*overrides, f"law={law}"))
+
+
+def contestants_of(network: Network, further: Sequence[Contestant] = ()) -> list[Contestant]:
     """Return who takes part: one who is told of a lag only where there is one."""
-    return [one for one in CONTESTANTS if network.has_lag or not one.told_of_lag]
+    everyone = (*CONTESTANTS, *further)
+    return [one for one in everyone if network.has_lag or not one.told_of_lag]
 
 
 def compare(
@@ -145,12 +151,13 @@ def compare(
     seeds: int,
     duration_s: float,
     progress: Callable[[int, int], None],
+    further: Sequence[Contestant] = (),
 ) -> list[Cell]:
     """Return a cell for every network, contestant and delay; ``progress`` is told runs of all."""
     asked = [
         (key, one, delay_s)
         for key, network in NETWORKS.items()
-        for one, delay_s in product(contestants_of(network), delays_s)
+        for one, delay_s in product(contestants_of(network, further), delays_s)
     ]
     cells: list[Cell] = []
     with ThreadPoolExecutor(_THREADS) as pool:

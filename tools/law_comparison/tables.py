@@ -8,6 +8,7 @@ from tools.law_comparison.runs import (
     NETWORKS,
     SETTLED_S,
     Cell,
+    Contestant,
     breaks_at_s,
     contestants_of,
 )
@@ -17,14 +18,14 @@ COMPACT_MS = (100, 200, 300, 400, 500)
 CellsByMs = Mapping[int, Cell]
 
 
-def table_lines(cells: Sequence[Cell]) -> list[str]:
+def table_lines(cells: Sequence[Cell], further: Sequence[Contestant] = ()) -> list[str]:
     """Return a table for each network: RMS [mm] at some delays, and where each law breaks."""
     told = _measured(cells, TOLD_MS)
     lines = []
     for key, network in NETWORKS.items():
         lines += ["", f"{network.title}: worst RMS over the box [mm]"]
         lines.append(f"{'delay [ms]':24}" + "".join(f"{ms:>9}" for ms in told) + "   breaks at")
-        for one in contestants_of(network):
+        for one in contestants_of(network, further):
             own = _cells_of(cells, key, one.label)
             settled = "".join(f"{_in_mm(own[ms].settled_rms_m, '!'):>9}" for ms in told)
             whole = "".join(f"{_in_mm(own[ms].rms_m, '!'):>9}" for ms in told)
@@ -39,16 +40,16 @@ def table_lines(cells: Sequence[Cell]) -> list[str]:
     ]
 
 
-def markdown_lines(cells: Sequence[Cell]) -> list[str]:
+def markdown_lines(cells: Sequence[Cell], further: Sequence[Contestant] = ()) -> list[str]:
     """Return the first network in full, where each law breaks, and the other networks."""
     told, compact = _measured(cells, TOLD_MS), _measured(cells, COMPACT_MS)
     (first, network), *others = NETWORKS.items()
     full = []
-    for one in contestants_of(network):
+    for one in contestants_of(network, further):
         own = _cells_of(cells, first, one.label)
         full.append([one.label, *(_with_whole_run(own[ms]) for ms in told)])
     breaks, beside = [], []
-    for one in CONTESTANTS:
+    for one in (*CONTESTANTS, *further):
         own_by_network = {key: _cells_of(cells, key, one.label) for key in NETWORKS}
         breaks.append([one.label, *(_breaks(own) for own in own_by_network.values())])
         beside.append([one.label, *(_some(own_by_network[key], compact) for key, _ in others)])
