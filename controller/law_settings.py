@@ -85,7 +85,10 @@ class _SharedTables(Settings):
 
 
 if TYPE_CHECKING:
-    _TablesOfLaws = _SharedTables
+
+    class _TablesOfLaws(_SharedTables):
+        pass
+
 else:  # a field for each law that has a table, called as the law
     _TablesOfLaws = create_model(
         "_TablesOfLaws",

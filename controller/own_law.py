@@ -40,6 +40,7 @@ def find_own_law(name: str) -> Law:
     if place is None:
         raise NoLawError(f"there is no law {name}")
     module_name, _, attribute = place.partition(":")
+    law: Any
     try:
         law = import_module(module_name)
     except (Exception, SystemExit) as error:
@@ -72,7 +73,7 @@ class Guard:
             return after, numbers_or_none(LawOutput(*output))
         except Exception as error:
             self._note(error)
-            return None, _NO_NUMBER
+            return state, _NO_NUMBER
 
     def at_rest(self, params: Any, lateral_error_m: float) -> Any:
         """Return the law's state at rest; None, which no step goes on from, if it raises."""

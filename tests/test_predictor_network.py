@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controller import predictor as predictor_module
 from controller.design import design_law
 from controller.law_interface import LawInput, Link
+from controller.laws import predictor as predictor_module
 from controller.link import LinkParams
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings, age_limits_of
