@@ -174,14 +174,14 @@ def _settings(
     box = {name: (low, high) for name, low, high in vehicle.box.ranges}
     speed = vehicle.vehicle.speed_m_s
     low, high = box.get("speed_m_s", (speed, speed))
-    own = PredictorSettings(
+    tables = fallback.model_dump(exclude={"law", "estimator"})
+    tables["predictor"] = PredictorSettings(
         steer_per_error_rad_m=values.pop("steer_per_error_rad_m"),
         horizon_s_max=table.horizon_s_max,
     )
     return ControllerSettings(
-        **fallback.model_dump(exclude={"law", "predictor", "estimator"}),
+        **tables,
         law="predictor",
-        predictor=own,
         estimator=EstimatorSettings(
             lateral_error_noise_m=table.lateral_error_noise_m,
             heading_error_noise_rad=table.heading_error_noise_rad,
