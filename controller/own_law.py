@@ -8,7 +8,6 @@ command, starts the law anew once, and then stops safely.
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
 from math import isfinite, nan
 from typing import Any
 
@@ -30,6 +29,9 @@ def place_of(name: str) -> str | None:
     """Return ``package.module:ATTRIBUTE`` of a name that may be a law's, None of any other."""
     if ":" in name:
         return name
+    # Not above: it imports what reads archives and mail, and who runs our laws has no use for it.
+    from importlib.metadata import entry_points
+
     return next((found.value for found in entry_points(group=GROUP, name=name)), None)
 
 

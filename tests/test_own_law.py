@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from importlib import metadata
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 
 from controller import own_law, program
 from controller.design import design_law
+from controller.laws import LawInput
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings
 from dbc.messages import ControllerStatus, Law, Mode, Rejection, decode
@@ -23,6 +25,9 @@ from tools import closed_loop, compare_laws
 from tools.batch.engine import Outcome, run_batch
 from tools.batch.own_law import LawNotCompiledError, LawRaisedError
 from tools.batch.steps import ForeignParamsError
+from tools.law_comparison import runs
+from tools.law_comparison.picture import draw_comparison
+from tools.law_comparison.tables import markdown_lines, table_lines
 from tools.stress.compute import Computer
 from tools.stress.exact_run import NodeRun, run_exactly
 from tools.stress.figures import COLUMNS
@@ -70,6 +75,19 @@ def test_compiled_it_gives_the_bits_of_the_nodes(around: Sequence[str]) -> None:
     assert_same_as_nodes(plant_settings(network), controller(OWN, *around))
 
 
+def test_a_node_runs_it_as_it_is() -> None:
+    settings = controller(OWN)
+    node, _ = run_nodes(settings)
+    law = settings.law_record
+    params, sent_rad = law.design(settings), 0.0
+    state = law.at_rest(params, node.samples[0].lateral_error_m)
+    for sample in node.samples:
+        state, output = law.step(params, state, LawInput(sample.lateral_error_m, sent_rad))
+        assert output == sample.law_output
+        sent_rad = sample.sent_steer_rad
+    assert len(node.samples) > 100
+
+
 def test_with_hardly_any_integral_it_is_nearly_pd_and_with_more_it_is_not() -> None:
     def error_m(law: str, *overrides: str) -> np.ndarray:
         return run_batch(plant_settings(()), controller(law, *overrides)).lateral_error_m
@@ -99,7 +117,7 @@ def test_its_settings_are_read_written_and_hashed(tmp_path: Path) -> None:
 
 def test_an_entry_point_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
     installed = EntryPoints([EntryPoint("integral_pd", OWN, own_law.GROUP)])
-    monkeypatch.setattr(own_law, "entry_points", installed.select)
+    monkeypatch.setattr(metadata, "entry_points", installed.select)
     own_law.find_own_law.cache_clear()
     assert design_law(controller("integral_pd")).params == design_law(controller(OWN)).params
 
@@ -234,6 +252,18 @@ def test_closed_loop_runs_it(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert "law           own_law:LAW at 100 Hz" in capsys.readouterr().out
     report = json.loads((tmp_path / "controller.json").read_text())
     assert report["settings"]["own_law"] == {"integral_gain_rad_s_m": 0.5, "tracking_time_s": 0.5}
+
+
+def test_it_takes_part_in_the_comparison(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runs, "CONTESTANTS", ())
+    further = [runs.own_contestant(OWN, ["own_law.tracking_time_s=2"])]
+    cells = runs.compare([0.1], 1, 20.0, lambda _done, _of: None, further)
+    assert {cell.contestant for cell in cells} == {OWN}
+    assert all(cell.settled_rms_m < runs.BROKEN_M for cell in cells)
+    assert sum(line.startswith(OWN) for line in table_lines(cells, further)) == len(runs.NETWORKS)
+    assert any(line.startswith(f"| {OWN} |") for line in markdown_lines(cells, further))
+    figure = draw_comparison(cells, further)
+    assert figure.axes[0].get_lines()[-2].get_label() == OWN
 
 
 def test_compare_laws_refuses_one_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,6 +7,7 @@ from functools import partial
 
 from controller.design import LawDesign, design_law
 from controller.law_interface import LawInput
+from controller.laws import LAWS
 from controller.node import ControllerNode
 from controller.settings import ControllerSettings
 from dbc.messages import (
@@ -29,11 +30,13 @@ from dbc.messages import (
 from plant_emulator.settings import PlantSettings
 from runtime.bus_model import BusModel
 from runtime.frame import Frame
-from runtime.settings import load_settings, read_preset
+from runtime.settings import load_settings, preset_names, read_preset
 from tools.benchmarks.measurement import Line, Target, timed
 from tools.virtual_pair import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
 
 STEPS = 10_000
+PRESETS = "controller.presets"
+JUDGED_LAW = "pd_ddob"
 CONTROL_STEP_TARGET_US = 5.0
 SPEED_TARGET = 200.0
 MOTION_S = 20.0
@@ -57,12 +60,13 @@ def law_lines() -> list[Line]:
     errors_m = [0.01 * math.sin(0.01 * step) for step in range(STEPS)]
     return [
         timed(
-            f"control step {law.name.lower()}",
+            f"control step {law}",
             partial(_control_often, design_law(_controller_settings(law)), errors_m),
             STEPS,
-            CONTROL_STEP_TARGET_US if law is Law.PD_DDOB else None,
+            CONTROL_STEP_TARGET_US if law == JUDGED_LAW else None,
         )
-        for law in Law
+        for law in LAWS
+        if f"practical_{law}" in preset_names(PRESETS)
     ]
 
 
@@ -78,7 +82,7 @@ def frame_lines() -> list[Line]:
 
 def controller_node_line() -> Line:
     """Time a LATERAL_ERROR frame in, a tick, and its STEERING_COMMAND frame out, with pd_ddob."""
-    node = ControllerNode(_controller_settings(Law.PD_DDOB), 0)
+    node = ControllerNode(_controller_settings(JUDGED_LAW), 0)
     frames = [
         encode(LateralError(0.01 * math.sin(0.1 * counter), 0.0), counter)
         for counter in range(COUNTERS)
@@ -103,7 +107,7 @@ def _virtual_time_line(wire: str, bitrate_bit_s: int | None) -> Line:
     factors, work_us = [], []
     for _ in range(VIRTUAL_REPETITIONS):
         pair = make_virtual_pair(
-            PlantSettings(duration_s=MOTION_S), _controller_settings(Law.PD_DDOB)
+            PlantSettings(duration_s=MOTION_S), _controller_settings(JUDGED_LAW)
         )
         bus = None if bitrate_bit_s is None else BusModel(bitrate_bit_s)
         begin_s = time.perf_counter()
@@ -140,6 +144,5 @@ def _answer_often(node: ControllerNode, frames: Sequence[Frame]) -> None:
         node.on_tick(now_ns)
 
 
-def _controller_settings(law: Law) -> ControllerSettings:
-    preset = read_preset("controller.presets", f"practical_{law.name.lower()}")
-    return load_settings(ControllerSettings, preset)
+def _controller_settings(law: str) -> ControllerSettings:
+    return load_settings(ControllerSettings, read_preset(PRESETS, f"practical_{law}"))
