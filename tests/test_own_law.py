@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from importlib import metadata
+from importlib import import_module, metadata
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
@@ -63,9 +63,7 @@ def run_nodes(
 
 
 def test_the_example_runs_and_leaves_a_picture(tmp_path: Path) -> None:
-    import own_law as example
-
-    example.main(tmp_path)
+    import_module("own_law").main(tmp_path)
     assert (tmp_path / "own_law.png").stat().st_size > 10_000
 
 
@@ -73,6 +71,17 @@ def test_the_example_runs_and_leaves_a_picture(tmp_path: Path) -> None:
 def test_compiled_it_gives_the_bits_of_the_nodes(around: Sequence[str]) -> None:
     network = ["latency.downlink.mean_s=0.08", "latency.uplink.loss=0.1", "seed=3"]
     assert_same_as_nodes(plant_settings(network), controller(OWN, *around))
+
+
+def test_what_is_put_around_our_laws_is_put_around_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    example = import_module("own_law")
+    derived = example.LAW._replace(takes_derivative=True)
+    monkeypatch.setattr(example, "DERIVED", derived, raising=False)
+    settings = controller("own_law:DERIVED", "pd.derivative=kalman", "feed_forward={}")
+    network = ["latency.downlink.mean_s=0.08"]
+    run = assert_same_as_nodes(plant_settings(network, 3.0), settings)
+    plain = run_batch(plant_settings(network, 3.0), controller(OWN, "feed_forward={}"))
+    assert (run.lateral_error_m != plain.lateral_error_m).any()
 
 
 def test_a_node_runs_it_as_it_is() -> None:

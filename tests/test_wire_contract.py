@@ -9,6 +9,7 @@ import pytest
 from cantools.database.can import Message as Definition
 from cantools.database.can.signal import Signal
 
+from controller.laws import LAWS
 from dbc.codec import MessageCodec, load_database
 from dbc.messages import (
     CAN_IDS,
@@ -16,6 +17,7 @@ from dbc.messages import (
     Direction,
     LatencyConfig,
     LatencyModel,
+    Law,
     Message,
     SteeringCommand,
     decode,
@@ -210,3 +212,10 @@ def test_the_documented_cansend_line_is_the_frame_it_says() -> None:
     frame = Frame(0x320, bytes.fromhex(example[1]))
     assert frame in found.values()
     assert decode(frame) != decode(frame._replace(data=bytes(7)))
+
+
+def test_every_law_on_the_wire_is_a_module_but_the_one_of_other_packages() -> None:
+    own = [law for law in Law if law is not Law.CUSTOM]
+    assert {name: law.number for name, law in LAWS.items()} == {
+        law.name.lower(): law for law in own
+    }
