@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from controller.design import design_law
-from controller.laws import LawName
 from controller.settings import ControllerSettings
 from plant_emulator.latency import Distribution
 from plant_emulator.motion_design import design_motion_arrays
@@ -162,7 +161,7 @@ def search(folder: Path) -> Iterator[tuple[str, str]]:
         VehicleFile, None, ROOT / "tools" / "gain_design" / "paper_vehicle.toml"
     )
     coarse = make_study(spec, vehicle, fine=False)
-    found = find(coarse, coarse, LawName.PD, lambda *_: None)
+    found = find(coarse, coarse, "pd", lambda *_: None)
     yield "designed gains", digest(found.candidate.values())
     random = np.random.default_rng(7)
     evolution = evolve(lambda x: float((x[1:] ** 2).max()), np.zeros(4), np.ones(4), 14, random)
