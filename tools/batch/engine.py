@@ -27,6 +27,7 @@ from tools.batch.loop import (
     LAW_FAILED,
     LEFT_RANGE,
     Constants,
+    Control,
     Records,
     Schedule,
     empty_records,
@@ -39,8 +40,8 @@ from tools.batch.motion import compiled_motion
 from tools.batch.network import FloatArray, IntArray
 from tools.batch.plan import Plan, plan_run
 from tools.batch.steps import register_steps
-from tools.batch.wire import NO_WIRE, NoWire, Wire
-from tools.batch.wire_plan import plan_wire, refuse_lost_wheel, speed_on_wire
+from tools.batch.wire import NOTHING_KNOWN, Known, Wire
+from tools.batch.wire_plan import plan_wire, speed_on_wire
 
 _DESIGNS_KEPT = 256
 """Laws kept for the next run with the same controller; designing one costs a tenth of a run."""
@@ -147,9 +148,8 @@ def run_batch(
     ``fastmath``  whether operations may change order and fuse; numbers are then close to those of
                   the nodes, not the same
 
-    Raises FaultsNotCompiledError for settings with faults, NothingArrivesError where no measurement
-    would ever reach the controller, and for a law that looks back UnclearSampleError through gaps
-    of seconds and LostWheelError where the steering goes to its safe state by itself.
+    Raises FaultsNotCompiledError for settings with faults, and NothingArrivesError where no
+    measurement would ever reach the controller.
     """
     if plant.faults:
         raise FaultsNotCompiledError(
@@ -161,9 +161,10 @@ def run_batch(
     plan = plan_run(plant, controller) if plan is None else plan
     law = _designed(controller)
     motion = compiled_motion(plant)
-    wire: NoWire | Wire = NO_WIRE
+    wire: Wire | None = None
+    known: Known | None = None
     if law.looks_back:
-        wire = plan_wire(plant, controller, plan, motion.speed_m_s)
+        known, wire = NOTHING_KNOWN, plan_wire(plant, controller, plan, motion.speed_m_s)
     params = law.params
     if law.params_at is not None:
         params = law.params_at(speed_on_wire(motion.speed_m_s))
@@ -182,15 +183,13 @@ def run_batch(
         if code != COMPLETE or not len(plan.tick_ns):
             return _collected(plan, motion.speed_m_s, records, samples, 0, _OUTCOMES[code])
         error_m = float(records.measured_m[plan.tick_sample[first.first_tick]])
-    state = law.initial_state(error_m)
+    control = Control(law.initial_state(error_m), 0.0, 0.0, known)
     if not others:
         samples, ticks, code = loop.run_only_segment(
-            params, motion, constants, schedule, records, wire, first, state, plan.end_ns
+            params, motion, constants, schedule, records, wire, first, control, plan.end_ns
         )
-        if law.looks_back:
-            refuse_lost_wheel(plant, plan, records.command[:samples])
         return _collected(plan, motion.speed_m_s, records, samples, ticks, _OUTCOMES[code])
-    x, sent_rad, fade_rad, ticks, code = loop.start_run(motion, constants), 0.0, 0.0, 0, COMPLETE
+    x, ticks, code = loop.start_run(motion, constants), 0, COMPLETE
     before = Mode.WAITING
     for segment in plan.segments:
         if code != COMPLETE:
@@ -198,11 +197,12 @@ def run_batch(
         if segment.mode == Mode.ACTIVE and segment is not first:
             newest_m = float(records.measured_m[plan.tick_sample[segment.first_tick]])
             if before is Mode.HOLDING and law.recovered_state is not None:
-                state = law.recovered_state(state, newest_m)
+                state = law.recovered_state(control.law_state, newest_m)
             else:
                 state = law.initial_state(newest_m)
+            control = control._replace(law_state=state)
         before = Mode(segment.mode)
-        x, state, sent_rad, fade_rad, ticks, code = loop.run_segment(
+        x, control, ticks, code = loop.run_segment(
             params,
             motion,
             constants,
@@ -211,13 +211,9 @@ def run_batch(
             wire,
             segment,
             x,
-            state,
-            sent_rad,
-            fade_rad,
+            control,
             plan.end_ns,
         )
-    if law.looks_back:
-        refuse_lost_wheel(plant, plan, records.command[: x.sample])
     return _collected(plan, motion.speed_m_s, records, x.sample, ticks, _OUTCOMES[code])
 
 

@@ -7,7 +7,6 @@ mode it is in, follows from arrivals alone too, and is asked of its own classes.
 Left out is what no control depends on: the two status messages.
 """
 
-from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +23,7 @@ from runtime.node import NEVER_NS
 from tools.batch.loop import Segment
 from tools.batch.network import FloatArray, Frames, IntArray, normal_scores, passages
 from tools.batch.steps import register_steps
+from tools.batch.wire import Uplink
 
 SAMPLES_WITHOUT_ARRIVAL_MAX = 100_000
 """Samples after which a network that lets none through is taken to be shut."""
@@ -52,14 +52,6 @@ class Plan(NamedTuple):
     segments: tuple[Segment, ...]
     motion_start_ns: int
     end_ns: int
-
-
-class Uplink(IntEnum):
-    """Messages of a sample, in the order in which they enter the uplink."""
-
-    LATERAL_ERROR = 0
-    STEERING_STATUS = 1
-    VEHICLE_STATE = 2
 
 
 class Arrivals(NamedTuple):

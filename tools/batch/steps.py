@@ -20,6 +20,7 @@ from controller import (
     kalman_laws,
     limits,
     link,
+    link_memory,
     paper_laws,
     pd,
     predictor,
@@ -36,6 +37,7 @@ from plant_emulator import (
     propagation,
     safety_limiter,
     steering_guard,
+    steering_unit,
 )
 
 _STEP_FUNCTIONS: tuple[Callable[..., Any], ...] = (
@@ -51,12 +53,21 @@ _STEP_FUNCTIONS: tuple[Callable[..., Any], ...] = (
     paper_laws.pd_ddob_step,
     link.delay_step,
     link.delay_of,
+    link.unwrapped,
+    sensor_rate.rate_step,
+    link_memory.history_of,
+    link_memory.error_step,
+    link_memory.echo_step,
+    link_memory.command_step,
+    link_memory.link_at,
+    link_memory._sample_of,
+    link_memory._tick_of,
+    link_memory._is_late,
     estimator.estimator_at_rest,
     estimator.model_step,
     estimator.correction_step,
     estimator.sent_at,
     estimator._mean_command,
-    sensor_rate.rate_step,
     estimator._acting_at,
     estimator.command_from,
     estimator.estimate_to,
@@ -109,6 +120,7 @@ _STEP_FUNCTIONS: tuple[Callable[..., Any], ...] = (
     steering_guard.guard_timer,
     steering_guard.guard_wheel,
     steering_guard.is_overruled,
+    steering_unit.status_of,
 )
 
 
