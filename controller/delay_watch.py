@@ -17,10 +17,9 @@ from typing import Any
 
 from controller.delay_estimation import DelayEstimationParams, DelayEstimator, Seen
 from controller.law_interface import VehicleReading
-from dbc.messages import DelayStatus, EchoState, EstimateState, limits
+from dbc.messages import COMMAND_COUNTERS, DelayStatus, EchoState, EstimateState, limits
 from runtime.node import NS_PER_S
 
-_COUNTERS = 1 << 16
 _IN_FLIGHT = 4096
 """Commands whose sending is remembered, as for the round trip."""
 _LIMITS = limits(DelayStatus)
@@ -49,7 +48,7 @@ class EchoDelay:
 
     def on_echo(self, applied_counter: int, now_ns: int) -> None:
         """Take the counter of the command in effect."""
-        age = (self._commands - 1 - applied_counter) % _COUNTERS
+        age = (self._commands - 1 - applied_counter) % COMMAND_COUNTERS
         if age >= min(self._commands, _IN_FLIGHT):
             return
         seen_ns = now_ns - self._sent_ns[(self._commands - 1 - age) % _IN_FLIGHT]

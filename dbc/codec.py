@@ -19,6 +19,7 @@ from dbc.signals import (
     packed_signal,
     signal_range,
 )
+from runtime.error_text import one_line
 
 FILE = "steer_by_wire.dbc"
 """The contract, beside this file."""
@@ -71,11 +72,6 @@ def parse_database(text: str) -> Database:
     if not isinstance(database, Database):
         raise ContractError(f"{FILE}: read as {type(database).__name__}")
     return database
-
-
-def one_line(error: Exception) -> str:
-    """Return the text of an error on one line, its type where it has no text."""
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 MessageT = TypeVar("MessageT", bound=tuple[Any, ...])

@@ -41,6 +41,7 @@ from dbc.messages import (
     encode_not_available,
     limits,
 )
+from dbc.protection import COUNTERS
 from dbc.reception import Reception
 from plant_emulator.latency import Distribution
 from plant_emulator.latency_line import LatencyLine, Passage
@@ -70,7 +71,6 @@ RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig)
 VEHICLE_STATE_PERIOD_NS = 20_000_000
 SAMPLES_MAX = 1_000_000
 """Samples kept for a trace: nearly three hours at 100 Hz."""
-_COUNTERS = 256
 _COMMAND_ID = CAN_IDS[SteeringCommand]
 
 _LATERAL_ERROR_RANGE = limits(LateralError)["lateral_error_m"]
@@ -141,7 +141,7 @@ class PlantNode:
         self._command: Passage[SteeringCommand] | None = None
         self._uplink_latency_s = math.nan
         self._counters: dict[type[Message], Iterator[int]] = {
-            message_type: cycle(range(_COUNTERS))
+            message_type: cycle(range(COUNTERS))
             for message_type in (LateralError, SteeringStatus, VehicleState, PlantStatus)
         }
         self._not_available = 0

@@ -22,7 +22,7 @@ from controller.analysis.loop_figures import (
 )
 from controller.analysis.responses import behind_lag
 from controller.analysis.sampled_loop import SampledLoop
-from controller.analysis.tracking import TrackingGrid, rms_m, track, tracking_grid
+from controller.analysis.tracking import TrackingGrid, track, tracking_grid
 from controller.design import LawDesign
 from controller.laws import LawName
 from controller.nominal_model import steer_to_lateral_error
@@ -167,11 +167,6 @@ def judge_law(study: Study, law: LawName, values: dict[str, float]) -> Judgement
         "noise_gain": "noise gain",
     }[study.spec.minimise]
     return _judged(study, named[objective], demands)
-
-
-def rms_by_delay_m(study: Study, design: LawDesign) -> FloatArray:
-    """Return the RMS of the lateral error, shape (paths, corners, delays) [m]."""
-    return rms_m(study.tracking, design)
 
 
 def region_loops(study: Study, design: LawDesign) -> list[tuple[SampledLoop, int]]:
