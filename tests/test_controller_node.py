@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from controller.design import LawDesign
 from controller.law_interface import LawInput, LawOutput
 from controller.node import STATUS_PERIOD_NS, ControllerNode
-from controller.round_trip import IN_FLIGHT_MAX, RoundTrip
+from controller.sent_commands import IN_FLIGHT_MAX, Echo, SentCommands
 from dbc.messages import (
     CAN_IDS,
     ControllerSafety,
@@ -258,15 +258,20 @@ def test_the_round_trip_is_from_sending_to_the_first_echo() -> None:
     assert figures["max_s"] == pytest.approx(0.2)
 
 
-def test_what_was_never_sent_or_long_ago_has_no_round_trip() -> None:
-    trip = RoundTrip()
+def test_what_was_never_sent_or_long_ago_has_no_echo() -> None:
+    commands = SentCommands()
+    assert commands.on_echo(0) is None
     for counter in range(IN_FLIGHT_MAX + 1):
-        trip.on_sent(counter, counter)
-    trip.on_echo(0, IN_FLIGHT_MAX)
-    trip.on_echo(IN_FLIGHT_MAX + 1, IN_FLIGHT_MAX)
-    assert trip.statistics.summary().samples == 0
-    trip.on_echo(1, IN_FLIGHT_MAX)
-    assert trip.statistics.summary().max_ns == IN_FLIGHT_MAX - 1
+        assert commands.next_counter == counter
+        commands.on_sent(10 * counter)
+    assert commands.on_echo(0) is None
+    assert commands.on_echo(IN_FLIGHT_MAX + 1) is None
+    assert commands.on_echo(60_000) is None
+    assert commands.on_echo(1) == Echo(10, True)
+    assert commands.on_echo(1) == Echo(10, False)
+    commands.on_sent(0)  # in the place of the one echoed
+    assert commands.on_echo(1) is None
+    assert commands.on_echo(IN_FLIGHT_MAX + 1) == Echo(0, True)
 
 
 def test_the_newest_measurement_wins_and_others_are_counted_by_cause() -> None:

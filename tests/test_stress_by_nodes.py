@@ -162,7 +162,7 @@ def test_a_law_that_fails_ends_the_run_of_the_nodes_at_that_tick(
 
     def failing(*settings: Any, **more: Any) -> Any:
         made = make_virtual_pair(*settings, **more)
-        design = made.controller._design
+        design = made.controller._law.design
         calls = count()
 
         def step(params: Any, state: Any, seen: Any) -> Any:
@@ -170,7 +170,7 @@ def test_a_law_that_fails_ends_the_run_of_the_nodes_at_that_tick(
             bad = next(calls) == 150
             return state, output._replace(steer_rad=math.nan) if bad else output
 
-        made.controller._design = design._replace(step=step)
+        made.controller._law.design = design._replace(step=step)
         return made
 
     whole = run_nodes(*pair, plan)
