@@ -180,9 +180,7 @@ class BusModel:
     def advance(self, now_ns: int) -> list[Delivery]:
         """Return the frames completed up to ``now_ns`` and not returned before, in order."""
         self._settle(now_ns * self._ticks_per_ns)
-        completed = self._completed
-        if completed:
-            self._completed = []
+        completed, self._completed = self._completed, []
         return completed
 
     def _settle(self, now_ticks: int) -> None:

@@ -121,8 +121,8 @@ class VirtualTimeExecutor:
         """Deliver and tick until nothing is left to do at ``now_ns``."""
         events = 0
         while events < EVENTS_PER_INSTANT_MAX:
-            deliveries = self._wire.advance(now_ns)
-            if deliveries:
+            if self._wire.next_event_ns <= now_ns:
+                deliveries = self._wire.advance(now_ns)
                 for delivery in deliveries:
                     self._deliver(delivery, now_ns)
                 events += len(deliveries)

@@ -201,7 +201,7 @@ def test_a_law_that_fails_is_counted_held_and_started_anew(
         return x, LawOutput(next(outputs, x), 0.0, 0.0, seen.lateral_error_m)
 
     design = LawDesign(None, lambda error_m: error_m, step)
-    monkeypatch.setattr("controller.node.design_law", lambda _settings: design)
+    monkeypatch.setattr("controller.law_runner.design_law", lambda _settings: design)
     plant = link(limits={"steer_rate_rad_s_max": 1000.0})
     plant.drive(3, 0.2)
     assert plant.commands[-1] == SteeringCommand(0.1, 2, Mode.HOLDING)
@@ -225,7 +225,7 @@ def test_a_law_that_fails_again_ends_in_the_safe_stop_for_good(
         return x, LawOutput(next(outputs, math.nan), 0.0, 0.0, seen.lateral_error_m)
 
     design = LawDesign(None, lambda error_m: error_m, step)
-    monkeypatch.setattr("controller.node.design_law", lambda _settings: design)
+    monkeypatch.setattr("controller.law_runner.design_law", lambda _settings: design)
     plant = link(limits={"steer_rate_rad_s_max": 1000.0})
     plant.drive(6, 0.2)
     assert [command.mode for command in plant.commands[2:]] == [
