@@ -132,9 +132,9 @@ def test_the_estimates_are_filterpys_with_each_measurement_at_its_own_sample(
 
     params = node._law.design.params_at
     assert params is not None
-    gains = params(node._vehicle.speed_m_s).gains
+    gains = params(node._received.vehicle.speed_m_s).gains
     reference = reference_filter(
-        settings.estimator, vehicle(), node._vehicle.speed_m_s, SENSOR_PERIOD_S
+        settings.estimator, vehicle(), node._received.vehicle.speed_m_s, SENSOR_PERIOD_S
     )
     reference.F, reference.B = model_of(gains)  # of this speed, between two of the table
     gain = np.vstack([gain_matrix(gains), np.zeros(2)])
