@@ -1,6 +1,5 @@
 """The campaign can fail: for broken programs, for runs that show nothing, for false frames."""
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
