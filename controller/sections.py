@@ -46,16 +46,20 @@ def section_step(p: Section, x: SectionState, u: float) -> tuple[SectionState, f
 
 def cascade_2_step(p: Cascade2, x: Cascade2State, u: float) -> tuple[Cascade2State, float]:
     """Advance two sections in series by one period; returns the new state and the output."""
-    x0, v = section_step(p[0], x[0], u)
-    x1, y = section_step(p[1], x[1], v)
-    return (x0, x1), y
+    (b0, b1, b2, a1, a2), (c0, c1, c2, d1, d2) = p
+    (x1, x2), (z1, z2) = x
+    v = b0 * u + x1
+    y = c0 * v + z1
+    return (
+        (b1 * u - a1 * v + x2, b2 * u - a2 * v),
+        (c1 * v - d1 * y + z2, c2 * v - d2 * y),
+    ), y
 
 
 def cascade_3_step(p: Cascade3, x: Cascade3State, u: float) -> tuple[Cascade3State, float]:
     """Advance three sections in series by one period; returns the new state and the output."""
     x0, v = section_step(p[0], x[0], u)
-    x1, w = section_step(p[1], x[1], v)
-    x2, y = section_step(p[2], x[2], w)
+    (x1, x2), y = cascade_2_step((p[1], p[2]), (x[1], x[2]), v)
     return (x0, x1, x2), y
 
 
