@@ -129,7 +129,7 @@ class MessageCodec(Generic[MessageT]):
                 return Rejection.BAD_CRC
             counter = payload[2]
         word = int.from_bytes(payload, "little")
-        values = []
+        values: list[Any] = []
         for (
             _, from_raw, resolution, shift, mask, sign, minimum, maximum, not_available, _
         ) in self._signals:  # fmt: skip

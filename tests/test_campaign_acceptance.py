@@ -143,7 +143,7 @@ def test_frozen_frames_that_are_accepted_fail(monkeypatch: pytest.MonkeyPatch) -
     def believing(reception: Reception, frame: Any, now_ns: int) -> Any:
         taken = take(reception, frame, now_ns)
         if taken is SequenceResult.REPEATED:
-            reception._accepted += 1
+            reception.accepted += 1
         return taken
 
     monkeypatch.setattr(Reception, "take", believing)
