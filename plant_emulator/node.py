@@ -42,8 +42,7 @@ from plant_emulator.network import Network
 from plant_emulator.path import Path
 from plant_emulator.plant_messages import PlantMessages
 from plant_emulator.plant_report import line_report, motion_report
-from plant_emulator.plant_samples import PlantSample, RunningFigures
-from plant_emulator.propagation import LinearState
+from plant_emulator.plant_samples import PlantSample, RunRecord
 from plant_emulator.safety_settings import design_guard, resync_ns_of
 from plant_emulator.self_supervision import (
     NOT_FINITE_COMMAND,
@@ -120,9 +119,7 @@ class PlantNode:
             Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s),
             uniforms(settings.seed, Channel.SENSOR_NOISE),
         )
-        self._figures = RunningFigures()
-        self._samples_max = samples_max
-        self._samples: list[PlantSample] = []
+        self._record = RunRecord(samples_max)
         self._finished = False
 
     @property
@@ -133,7 +130,7 @@ class PlantNode:
     @property
     def samples(self) -> Sequence[PlantSample]:
         """One sample a sensor period since the start of motion, oldest first."""
-        return self._samples
+        return self._record.samples
 
     @property
     def path(self) -> Path:
@@ -199,7 +196,7 @@ class PlantNode:
         return {
             "seed": self._seed,
             "failure": self._own.failure,
-            **motion_report(self._figures, self._motion.time_ns),
+            **motion_report(self._record.figures, self._motion.time_ns),
             "downlink": line_report(self._network.downlink),
             "uplink": line_report(self._network.uplink),
             "accepted": self._reception.accepted,
@@ -261,7 +258,7 @@ class PlantNode:
         self._unit.on_wheel(z.wheel_rad, motion_ns)
         if time_ns >= self._motion_start_ns:
             if self._motion.is_finite:
-                self._record(motion_ns, z)
+                self._record.take(self._motion, self._command, self._network.measured_latency_s)
             self._finished = motion_ns >= self._duration_ns
         if self._own.is_told(time_ns) and self._unit.has_fallen_back:
             self._finished = True
@@ -281,31 +278,6 @@ class PlantNode:
             frames.append(messages.vehicle_state(speed_m_s, readings, z.curvature_1_m))
         for frame in frames:
             self._network.uplink.push(frame.can_id, frame, time_ns, motion_ns)
-
-    def _record(self, motion_ns: int, z: LinearState) -> None:
-        """Take a sample into the figures and, while there is room, into the trace."""
-        self._figures.take(z.lateral_error_m, z.wheel_rad)
-        if len(self._samples) >= self._samples_max:
-            return
-        command_rad = latency_s = math.nan
-        if self._command is not None:
-            command_rad = self._command.item.steer_rad
-            latency_s = self._command.latency_ns * 1e-9
-        self._samples.append(
-            # By position, in the order of the fields: this runs at every sample.
-            PlantSample(
-                motion_ns * 1e-9,
-                self._motion.arc_length_m,
-                z.lateral_error_m,
-                z.heading_error_rad,
-                z.yaw_rate_rad_s,
-                command_rad,
-                z.wheel_rad,
-                latency_s,
-                self._network.measured_latency_s,
-                z.curvature_1_m,
-            )
-        )
 
     def _status(self) -> PlantStatus:
         """Return what PLANT_STATUS says, latencies as they are."""
