@@ -19,7 +19,7 @@ from plant_emulator.steering_guard import (
 )
 from runtime.node import NEVER_NS, NS_PER_S
 
-_STATES = {
+_STATES: Mapping[int, SafetyState] = {
     GuardMode.NO_COMMAND: SafetyState.NORMAL,
     GuardMode.FOLLOWING: SafetyState.NORMAL,
     GuardMode.HOLDING: SafetyState.HOLDING,
@@ -117,7 +117,7 @@ class SteeringUnit:
         self._note_silence(now_ns)
         self._heard_ns = now_ns
         if is_followed:
-            is_back = self.mode is GuardMode.FOLLOWING
+            is_back = self._state.mode == GuardMode.FOLLOWING
             self._recoveries += is_back and before.mode in (GuardMode.HOLDING, GuardMode.FALLBACK)
             self._count_intervention()
         else:
@@ -157,7 +157,7 @@ class SteeringUnit:
     @property
     def safety(self) -> SafetyState:
         """What PLANT_STATUS would say now: LIMITING for any intervention since it was taken."""
-        state = _STATES[self.mode]
+        state = _STATES[self._state.mode]
         if state is SafetyState.NORMAL and self._limited_since_told:
             state = SafetyState.LIMITING
         return state

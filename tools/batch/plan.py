@@ -184,12 +184,15 @@ def _segments(
     if (tick_ns - arrival_ns[in_use] <= supervision.measurement_timeout_ns).all():
         return (Segment(int(Mode.ACTIVE), 0, len(tick_ns), False),)
     supervisor, arrived = Supervisor(supervision, 0), 0
+    before_ns: int | None = None
     entered: list[tuple[Mode, int]] = []
     for tick, (now_ns, newest) in enumerate(zip(tick_ns.tolist(), in_use.tolist(), strict=True)):
         while arrived <= newest:
-            supervisor.on_measurement(int(arrival_ns[arrived]))
+            arrived_ns = int(arrival_ns[arrived])
+            supervisor.on_measurement(before_ns, arrived_ns)
+            before_ns = arrived_ns
             arrived += 1
-        mode = supervisor.move_on(now_ns)
+        mode = supervisor.move_on(before_ns, now_ns)
         if mode is not None:
             entered.append((mode, tick))
     ends = [first for _, first in entered[1:]] + [len(tick_ns)]
