@@ -26,6 +26,7 @@ away.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from controller.delay_filters import ERROR_WASHOUT_RAD_S, DelayFilters, design_filters
@@ -33,12 +34,11 @@ from controller.lag_fit import LEAD, LagFit, LagGrid, Peak
 from controller.law_interface import VehicleReading
 from controller.nominal_model import NominalVehicle
 from controller.sections import (
+    SectionState,
     cascade_2_at_rest,
-    cascade_2_step,
     cascade_3_at_rest,
-    cascade_3_step,
     section_at_rest,
-    section_step,
+    sections_run,
 )
 
 PAIR_S = 0.02
@@ -118,11 +118,12 @@ NOTHING_YET = DelayEstimate(False, 0.0, 0.0, None, None)
 
 
 class DelayEstimator:
-    """Watches commands and measurements, tick by tick."""
+    """Watches commands and measurements; the arithmetic is done when a new estimate is due."""
 
     def __init__(self, params: DelayEstimationParams) -> None:
         self._params = params
         self._ticks_per_pair = max(1, round(PAIR_S / params.period_s))
+        self._ticks_per_peak = _PAIRS_PER_PEAK * self._ticks_per_pair
         step_s = self._ticks_per_pair * params.period_s
         lags = math.ceil(params.delay_s_max / step_s) + LEAD + 2
         grid = LagGrid(step_s, lags, params.window_s)
@@ -131,41 +132,36 @@ class DelayEstimator:
         self._weight = self._age_s = self._error_age_s = 0.0
         self._filters: DelayFilters | None = None
         self._speed_m_s = 0.0
+        self._waiting: list[Seen] = []
         self._ticks = 0
         self._unsettled_until = 0
-        self._pairs = 0
         self._offset_m = self._error_before_m = self._error_before_that_m = 0.0
         self.estimate = NOTHING_YET
 
     def on_tick(self, seen: Seen, skipped: int = 0) -> None:
         """Take a control period, and those before it that were skipped."""
-        for _ in range(min(skipped, _SKIPPED_MAX) + 1):
-            self._take(seen)
+        self._waiting += [seen] * (min(skipped, _SKIPPED_MAX) + 1)
+        # Sooner the estimate does not change.
+        while len(self._waiting) >= (count := self._ticks_to_peak()):
+            self._take(self._waiting[:count])
+            del self._waiting[:count]
 
-    def _take(self, seen: Seen) -> None:
-        is_fresh = max(seen.error_age_s, seen.vehicle_age_s) <= _AGE_S_MAX
-        speed_m_s = seen.vehicle.speed_m_s
-        if speed_m_s < _SPEED_M_S_MIN:
-            is_fresh = False
-        elif abs(speed_m_s - self._speed_m_s) > _SPEED_CHANGE * self._speed_m_s:
-            self._design(seen)
-        if self._filters is None:
-            return
-        x_a, z_a, x_b, z_b = self._filtered(self._filters, seen)
-        if is_fresh:
-            self._weight = self._keep * self._weight + 1.0
-            self._age_s += (seen.vehicle_age_s - self._age_s) / self._weight
-            self._error_age_s += (seen.error_age_s - self._error_age_s) / self._weight
-        self._ticks += 1
-        if self._ticks % self._ticks_per_pair:
-            return
-        counts = is_fresh and self._ticks >= self._unsettled_until
-        is_settled = self._ticks * self._params.period_s >= _ERROR_SETTLING_S
-        self._by_disturbance.push(x_a, z_a, counts=counts and is_settled)
-        self._by_correlation.push(x_b, z_b, counts=counts)
-        self._pairs += 1
-        if self._pairs % _PAIRS_PER_PEAK == 0:
-            self._estimate(self._filters, is_fresh)
+    def _ticks_to_peak(self) -> int:
+        return self._ticks_per_peak - self._ticks % self._ticks_per_peak
+
+    def _take(self, block: Sequence[Seen]) -> None:
+        """Take control periods up to where a new estimate may be due."""
+        begin = 0
+        for index, (_, _, _, vehicle, _) in enumerate(block):
+            change_m_s = abs(vehicle.speed_m_s - self._speed_m_s)
+            is_other = change_m_s > _SPEED_CHANGE * self._speed_m_s
+            if is_other and vehicle.speed_m_s >= _SPEED_M_S_MIN:
+                self._filter(block[begin:index])
+                self._design(block[index])
+                begin = index
+        self._filter(block[begin:])
+        if self._filters is not None and self._ticks % self._ticks_per_peak == 0:
+            self._estimate(self._filters, _is_fresh(block[-1]))
 
     def _design(self, seen: Seen) -> None:
         """Design the filters for the present speed; the first start at rest."""
@@ -173,26 +169,54 @@ class DelayEstimator:
         speed_m_s = seen.vehicle.speed_m_s
         filters = design_filters(p.vehicle._replace(speed_m_s=speed_m_s), p.period_s)
         if filters is not None and self._filters is None:
-            self._x_yaw = cascade_3_at_rest(filters.command_to_yaw, 0.0)[0]
-            self._z_yaw = cascade_2_at_rest(filters.yaw, seen.vehicle.yaw_rate_rad_s)[0]
-            self._x_error = cascade_3_at_rest(filters.command_to_error, 0.0)[0]
-            self._z_error = self._z_curvature = self._z_low = section_at_rest(filters.error, 0.0)[0]
+            self._x_yaw: Sequence[SectionState] = cascade_3_at_rest(filters.command_to_yaw, 0.0)[0]
+            yaw_rate_rad_s = seen.vehicle.yaw_rate_rad_s
+            self._z_yaw: Sequence[SectionState] = cascade_2_at_rest(filters.yaw, yaw_rate_rad_s)[0]
+            self._x_error: Sequence[SectionState] = cascade_3_at_rest(
+                filters.command_to_error, 0.0
+            )[0]
+            at_rest: Sequence[SectionState] = (section_at_rest(filters.error, 0.0)[0],)
+            self._z_error = self._z_curvature = self._z_low = at_rest
             self._offset_m = seen.lateral_error_m
         else:
             self._unsettled_until = self._ticks + round(_SETTLING_S / p.period_s)
         self._filters, self._speed_m_s = filters, speed_m_s
 
-    def _filtered(self, f: DelayFilters, seen: Seen) -> tuple[float, float, float, float]:
-        """Return x_a, z_a, x_b, z_b."""
-        self._x_error, x_a = cascade_3_step(f.command_to_error, self._x_error, seen.steer_rad)
+    def _filter(self, block: Sequence[Seen]) -> None:
+        """Filter what was seen in control periods of one speed, and hand on the pairs in it."""
+        f = self._filters
+        if f is None or not block:
+            return
+        commands_rad = [seen.steer_rad for seen in block]
+        yaw_rates_rad_s = [seen.vehicle.yaw_rate_rad_s for seen in block]
+        curvatures_1_m = [seen.vehicle.preview_curvature_1_m for seen in block]
+        errors_m = [self._error_m(seen) for seen in block]
+        self._x_error, x_a = sections_run(f.command_to_error, self._x_error, commands_rad)
+        self._z_error, swings_m = sections_run((f.error,), self._z_error, errors_m)
+        self._z_curvature, drifts_m = sections_run(
+            (f.curvature,), self._z_curvature, curvatures_1_m
+        )
+        moved_m = [swing_m + drift_m for swing_m, drift_m in zip(swings_m, drifts_m, strict=True)]
+        self._z_low, z_a = sections_run((f.error_lowpass,), self._z_low, moved_m)
+        self._x_yaw, x_b = sections_run(f.command_to_yaw, self._x_yaw, commands_rad)
+        self._z_yaw, z_b = sections_run(f.yaw, self._z_yaw, yaw_rates_rad_s)
+        to_pair = self._ticks_per_pair - self._ticks % self._ticks_per_pair - 1
+        for index in range(to_pair, len(block), self._ticks_per_pair):
+            ticks = self._ticks + index + 1
+            counts = _is_fresh(block[index]) and ticks >= self._unsettled_until
+            is_settled = ticks * self._params.period_s >= _ERROR_SETTLING_S
+            self._by_disturbance.push(x_a[index], z_a[index], counts=counts and is_settled)
+            self._by_correlation.push(x_b[index], z_b[index], counts=counts)
+        self._ticks += len(block)
+
+    def _error_m(self, seen: Seen) -> float:
+        """Return the lateral error to filter, and take the ages of the measurements."""
         error_m = self._as_old_as_the_curvature(seen.lateral_error_m - self._offset_m)
-        self._z_error, swing_m = section_step(f.error, self._z_error, error_m)
-        curvature_1_m = seen.vehicle.preview_curvature_1_m
-        self._z_curvature, drift_m = section_step(f.curvature, self._z_curvature, curvature_1_m)
-        self._z_low, z_a = section_step(f.error_lowpass, self._z_low, swing_m + drift_m)
-        self._x_yaw, x_b = cascade_3_step(f.command_to_yaw, self._x_yaw, seen.steer_rad)
-        self._z_yaw, z_b = cascade_2_step(f.yaw, self._z_yaw, seen.vehicle.yaw_rate_rad_s)
-        return x_a, z_a, x_b, z_b
+        if _is_fresh(seen):
+            self._weight = self._keep * self._weight + 1.0
+            self._age_s += (seen.vehicle_age_s - self._age_s) / self._weight
+            self._error_age_s += (seen.error_age_s - self._error_age_s) / self._weight
+        return error_m
 
     def _as_old_as_the_curvature(self, error_m: float) -> float:
         """Return the lateral error of when the curvature was taken, up to two periods ago [m]."""
@@ -226,6 +250,12 @@ class DelayEstimator:
         self.estimate = DelayEstimate(
             is_observable, delay_s, confidence, by_disturbance, by_correlation
         )
+
+
+def _is_fresh(seen: Seen) -> bool:
+    """Whether the measurements are of now, and of a vehicle that moves."""
+    is_young = seen.error_age_s <= _AGE_S_MAX and seen.vehicle_age_s <= _AGE_S_MAX
+    return is_young and seen.vehicle.speed_m_s >= _SPEED_M_S_MIN
 
 
 def combined(one: Estimate | None, other: Estimate | None) -> Estimate | None:

@@ -16,13 +16,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from controller.delay_estimation import DelayEstimationParams, DelayEstimator, Seen
-from controller.law_interface import VehicleReading
+from controller.delay_settings import delay_estimation_of
+from controller.received import Received
+from controller.settings import ControllerSettings, age_limits_of
 from dbc.messages import DelayStatus, EchoState, EstimateState, limits
 from runtime.node import NS_PER_S
 
-_COUNTERS = 1 << 16
-_IN_FLIGHT = 4096
-"""Commands whose sending is remembered, as for the round trip."""
 _LIMITS = limits(DelayStatus)
 
 
@@ -37,26 +36,15 @@ class EchoDelay:
         self._half_period_ns = period_ns / 2
         self._averaging_ns = averaging_ns
         self._timeout_ns = timeout_ns
-        self._sent_ns = [0] * _IN_FLIGHT
-        self._commands = 0
         self._echo_ns: int | None = None
         self._mean_ns = 0.0
 
-    def on_sent(self, now_ns: int) -> None:
-        """Remember the sending of the next command."""
-        self._sent_ns[self._commands % _IN_FLIGHT] = now_ns
-        self._commands += 1
-
-    def on_echo(self, applied_counter: int, now_ns: int) -> None:
-        """Take the counter of the command in effect."""
-        age = (self._commands - 1 - applied_counter) % _COUNTERS
-        if age >= min(self._commands, _IN_FLIGHT):
-            return
-        seen_ns = now_ns - self._sent_ns[(self._commands - 1 - age) % _IN_FLIGHT]
+    def on_echo(self, sent_ns: int, now_ns: int) -> None:
+        """Take an echo of a command by when that was sent."""
         weight = 1.0
         if self._echo_ns is not None and now_ns - self._echo_ns <= self._timeout_ns:
             weight = min(1.0, (now_ns - self._echo_ns) / self._averaging_ns)
-        self._mean_ns += weight * (seen_ns - self._mean_ns)
+        self._mean_ns += weight * (now_ns - sent_ns - self._mean_ns)
         self._echo_ns = now_ns
 
     def delay_s(self, now_ns: int) -> float | None:
@@ -72,44 +60,27 @@ class DelayWatch:
     def __init__(self, params: DelayEstimationParams | None, echo: EchoDelay) -> None:
         self._estimator = None if params is None else DelayEstimator(params)
         self._echo = echo
-        self._error_ns = 0
-        self._vehicle: VehicleReading | None = None
-        self._vehicle_ns = 0
         self._period: int | None = None
         self._ticks = self._ticks_observable = 0
         self._first_observable_ticks: int | None = None
 
-    def on_sent(self, now_ns: int) -> None:
-        """Note that a command was sent."""
-        self._echo.on_sent(now_ns)
+    def on_echo(self, sent_ns: int, now_ns: int) -> None:
+        """Take an echo of a command by when that was sent."""
+        self._echo.on_echo(sent_ns, now_ns)
 
-    def on_echo(self, applied_counter: int, now_ns: int) -> None:
-        """Take the counter of the command in effect."""
-        self._echo.on_echo(applied_counter, now_ns)
-
-    def on_error(self, now_ns: int) -> None:
-        """Note that a lateral error has arrived."""
-        self._error_ns = now_ns
-
-    def on_vehicle(self, vehicle: VehicleReading, now_ns: int) -> None:
-        """Take the vehicle's motion."""
-        self._vehicle = vehicle
-        self._vehicle_ns = now_ns
-
-    def on_tick(
-        self, now_ns: int, period: int, sent_steer_rad: float, lateral_error_m: float
-    ) -> None:
+    def on_tick(self, now_ns: int, period: int, sent_steer_rad: float, received: Received) -> None:
         """Take a control period: the command in force until now, and the newest measurements."""
-        if self._estimator is None or self._vehicle is None:
+        error_ns, vehicle_ns = received.errors.arrival_ns, received.states.arrival_ns
+        if self._estimator is None or error_ns is None or vehicle_ns is None:
             return
         skipped = 0 if self._period is None else period - self._period - 1
         self._period = period
         seen = Seen(
             sent_steer_rad,
-            lateral_error_m,
-            (now_ns - self._error_ns) / NS_PER_S,
-            self._vehicle,
-            (now_ns - self._vehicle_ns) / NS_PER_S,
+            received.lateral_error_m,
+            (now_ns - error_ns) / NS_PER_S,
+            received.vehicle,
+            (now_ns - vehicle_ns) / NS_PER_S,
         )
         self._estimator.on_tick(seen, skipped)
         self._ticks += 1
@@ -160,3 +131,12 @@ class DelayWatch:
             "observable_share": self._ticks_observable / self._ticks if self._ticks else 0.0,
             "first_observable_s": None if first is None else first * period_s,
         }
+
+
+def delay_watch_of(settings: ControllerSettings) -> DelayWatch:
+    """Return what watches the delay; no law hears of it."""
+    averaging_ns = round(settings.link.delay_averaging_s * NS_PER_S)
+    return DelayWatch(
+        delay_estimation_of(settings.delay_estimation, settings.nominal_model, settings.period_ns),
+        EchoDelay(settings.period_ns, averaging_ns, age_limits_of(settings).steering_status_ns),
+    )

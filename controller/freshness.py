@@ -10,10 +10,9 @@ The limits are settings of [supervision]. What follows from a message that is st
                       makes of them fades out. Its speed, which changes slowly, stays in use
 """
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
-from dbc.messages import Freshness, LateralError, Message, SteeringStatus, VehicleState
+from dbc.messages import Freshness
 
 NO_LIMIT_NS = 1 << 62
 """The age limit of a message that never goes stale."""
@@ -27,25 +26,8 @@ class AgeLimits(NamedTuple):
     vehicle_state_ns: int
 
 
-class Ages:
-    """Keeps when a frame of each message was last accepted."""
-
-    def __init__(self, limits: AgeLimits) -> None:
-        self._limits_ns: Mapping[type[Message], int] = {
-            LateralError: limits.lateral_error_ns,
-            SteeringStatus: limits.steering_status_ns,
-            VehicleState: limits.vehicle_state_ns,
-        }
-        self._arrival_ns: dict[type[Message], int] = {}
-
-    def on_message(self, message_type: type[Message], now_ns: int) -> None:
-        """Note that a frame was accepted."""
-        self._arrival_ns[message_type] = now_ns
-
-    def freshness(self, message_type: type[Message], now_ns: int) -> Freshness:
-        """Return whether the newest frame is young enough."""
-        arrival_ns = self._arrival_ns.get(message_type)
-        if arrival_ns is None:
-            return Freshness.NEVER_SEEN
-        is_fresh = now_ns - arrival_ns <= self._limits_ns[message_type]
-        return Freshness.FRESH if is_fresh else Freshness.STALE
+def freshness(arrival_ns: int | None, limit_ns: int, now_ns: int) -> Freshness:
+    """Return whether the newest frame of a message is young enough."""
+    if arrival_ns is None:
+        return Freshness.NEVER_SEEN
+    return Freshness.FRESH if now_ns - arrival_ns <= limit_ns else Freshness.STALE

@@ -24,14 +24,21 @@ samples by a parabola), not in its arithmetic, which is a transform over the who
 """
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
+
+Values: TypeAlias = NDArray[np.float64]
+"""One of each lag."""
 BLOCK_S = 0.25
 LEAD = 2
 """How many steps of the grid lie before lag 0, so that a peak there has neighbours."""
 _BLOCKS_MIN = 4.0
 _PAIRS_MIN = 50.0
 """Pairs below which three numbers fitted leave too little to judge them by."""
+_WAITING_MAX = 50
+"""Pairs that wait to be taken together: numpy costs little more for all lags than for one."""
 
 
 class LagGrid(NamedTuple):
@@ -79,12 +86,11 @@ class LagFit:
     def clear(self) -> None:
         """Forget everything."""
         lags = self._grid.lags
-        self._x = [0.0] * (lags + 1)
-        self._sum_x = [0.0] * lags
-        self._sum_xx = [0.0] * lags
-        self._sum_xz = [0.0] * lags
+        self._x = [0.0] * (lags + 1)  # newest first
+        self._sum_x, self._sum_xx, self._sum_xz = np.zeros((3, lags))
         self._sum_z = self._sum_zz = self._weight = 0.0
-        self._waiting_z: list[float] = []
+        self._late_z: list[float] = []
+        self._waiting: list[tuple[float, bool]] = []
         self._at: tuple[int, float, float, float] | None = None  # lag, part of a step, gain, offset
         self._score = self._part = 0.0
         self._in_block = 0
@@ -92,41 +98,34 @@ class LagFit:
 
     def push(self, command: float, response: float, *, counts: bool) -> None:
         """Take a pair of values; one that does not count takes its place in time only."""
-        x = self._x
-        x.insert(0, command)
-        x.pop()
-        self._waiting_z.append(response)
-        if len(self._waiting_z) <= LEAD:
-            return
-        z = self._waiting_z.pop(0)
-        if not counts:
-            return
-        keep = self._keep
-        self._sum_x = [keep * s + v for s, v in zip(self._sum_x, x, strict=False)]
-        self._sum_xx = [keep * s + v * v for s, v in zip(self._sum_xx, x, strict=False)]
-        self._sum_xz = [keep * s + v * z for s, v in zip(self._sum_xz, x, strict=False)]
-        self._sum_z = keep * self._sum_z + z
-        self._sum_zz = keep * self._sum_zz + z * z
-        self._weight = keep * self._weight + 1.0
-        if self._at is not None:
-            self._take_score(self._at, z)
+        self._x.insert(0, command)
+        self._late_z.append(response)
+        if len(self._late_z) > LEAD:
+            self._waiting.append((self._late_z.pop(0), counts))
+        else:
+            self._waiting.append((0.0, False))
+        if len(self._waiting) >= _WAITING_MAX:
+            self._take_pairs()
 
     def peak(self) -> Peak | None:
         """Return where the response fits best, None where that is nowhere inside the grid."""
+        self._take_pairs()
         if self._weight < _PAIRS_MIN:
             return None
         costs, products = self._costs()
-        best = min(range(len(costs)), key=costs.__getitem__)
-        if not 0 < best < len(costs) - 1 or products[best] <= 0.0:
+        best = int(costs.argmin())
+        sums = (products[best], self._sum_x[best], self._sum_xx[best])
+        product, sum_x, sum_xx = map(float, sums)
+        if not 0 < best < len(costs) - 1 or product <= 0.0:
             return None
-        before, least, after = costs[best - 1 : best + 2]
+        before, least, after = costs[best - 1 : best + 2].tolist()
         bend = before - 2.0 * least + after
         if bend <= 0.0:
             return None
         part = max(-0.5, min(0.5, 0.5 * (before - after) / bend))
-        variance_x = self._sum_xx[best] - self._sum_x[best] ** 2 / self._weight
-        gain = products[best] / variance_x
-        offset = (self._sum_z - gain * self._sum_x[best]) / self._weight
+        variance_x = sum_xx - sum_x**2 / self._weight
+        gain = product / variance_x
+        offset = (self._sum_z - gain * sum_x) / self._weight
         self._at = (best, part, gain, offset)
         least_cost = max(least - 0.5 * bend * part * part, 0.0)
         information = 0.5 * bend / self._grid.step_s**2
@@ -141,28 +140,46 @@ class LagFit:
             self._ages / self._parts if self._parts > 0.0 else 0.0,
         )
 
-    def _costs(self) -> tuple[list[float], list[float]]:
-        """Return J and Σ(x - mean)(z - mean) of each lag."""
-        weight, sum_z = max(self._weight, 1e-300), self._sum_z
-        total = self._sum_zz - sum_z * sum_z / weight
-        products = [
-            xz - a * sum_z / weight for xz, a in zip(self._sum_xz, self._sum_x, strict=True)
-        ]
-        costs = []
-        for product, xx, a in zip(products, self._sum_xx, self._sum_x, strict=True):
-            variance = xx - a * a / weight
-            fits = product > 0.0 and variance > 1e-12 * xx
-            costs.append(total - product * product / variance if fits else total)
-        return costs, products
+    def _take_pairs(self) -> None:
+        """Take the pairs that wait, all lags of one at once."""
+        keep, lags = self._keep, self._grid.lags
+        x = np.array(self._x)
+        xx = x * x
+        begin = len(self._waiting)
+        for z, counts in self._waiting:
+            begin -= 1
+            if not counts:
+                continue
+            lagged = slice(begin, begin + lags)
+            self._sum_x = keep * self._sum_x + x[lagged]
+            self._sum_xx = keep * self._sum_xx + xx[lagged]
+            self._sum_xz = keep * self._sum_xz + x[lagged] * z
+            self._sum_z = keep * self._sum_z + z
+            self._sum_zz = keep * self._sum_zz + z * z
+            self._weight = keep * self._weight + 1.0
+            if self._at is not None:
+                self._take_score(self._at, begin, z)
+        self._waiting.clear()
+        del self._x[lags + 1 :]
 
-    def _take_score(self, at: tuple[int, float, float, float], z: float) -> None:
-        """Book the residual on its block."""
+    def _costs(self) -> tuple[Values, Values]:
+        """Return J and Σ(x - mean)(z - mean) of each lag."""
+        weight, sum_z, sum_x = max(self._weight, 1e-300), self._sum_z, self._sum_x
+        total = self._sum_zz - sum_z * sum_z / weight
+        products = self._sum_xz - sum_x * sum_z / weight
+        variance = self._sum_xx - sum_x * sum_x / weight
+        fits = (products > 0.0) & (variance > 1e-12 * self._sum_xx)
+        explained = products * products / np.where(fits, variance, 1.0)
+        return np.where(fits, total - explained, total), products
+
+    def _take_score(self, at: tuple[int, float, float, float], begin: int, z: float) -> None:
+        """Book the residual on its block; ``begin`` is where the pair's own command is."""
         best, part, gain, offset = at
-        x = self._x
         low = best if part >= 0.0 else best - 1
         weight = part if part >= 0.0 else part + 1.0
-        slope = gain * (x[low + 1] - x[low]) / self._grid.step_s
-        residual = z - offset - gain * (x[low] + weight * (x[low + 1] - x[low]))
+        newer, older = self._x[begin + low : begin + low + 2]
+        slope = gain * (older - newer) / self._grid.step_s
+        residual = z - offset - gain * (newer + weight * (older - newer))
         self._score += residual * slope
         self._part += slope * slope
         self._in_block += 1

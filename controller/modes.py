@@ -112,7 +112,7 @@ def mode_step(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> 
 
 
 class Supervisor:
-    """Keeps the mode and the evidence for it: when measurements arrived, how many in a row.
+    """Keeps the mode, and how many good measurements came in a row.
 
     ``start_ns``  when WAITING begins [ns]
     """
@@ -120,7 +120,6 @@ class Supervisor:
     def __init__(self, supervision: Supervision, start_ns: int) -> None:
         self._supervision = supervision
         self._state = ModeState(Mode.WAITING, start_ns)
-        self._arrival_ns: int | None = None
         self._good_run = 0
         self._own_fault = False
 
@@ -129,12 +128,14 @@ class Supervisor:
         """The mode in force."""
         return self._state.mode
 
-    def on_measurement(self, now_ns: int) -> None:
-        """Note a good measurement; one that comes after a gap starts a new run."""
-        arrival_ns, timeout_ns = self._arrival_ns, self._supervision.measurement_timeout_ns
-        continues = arrival_ns is not None and now_ns - arrival_ns <= timeout_ns
+    def on_measurement(self, before_ns: int | None, now_ns: int) -> None:
+        """Note a good measurement; one that comes after a gap starts a new run.
+
+        ``before_ns``  when the one before arrived, None for the first [ns]
+        """
+        timeout_ns = self._supervision.measurement_timeout_ns
+        continues = before_ns is not None and now_ns - before_ns <= timeout_ns
         self._good_run = self._good_run + 1 if continues else 1
-        self._arrival_ns = now_ns
 
     def on_rejection(self) -> None:
         """Note a measurement that came damaged: the run of good ones is over."""
@@ -144,10 +145,15 @@ class Supervisor:
         """Note that the controller cannot be relied on any more; this stays."""
         self._own_fault = True
 
-    def move_on(self, now_ns: int, *, law_failed: bool = False) -> Mode | None:
-        """Take at most one transition; returns the mode entered, None for no change."""
+    def move_on(
+        self, arrival_ns: int | None, now_ns: int, *, law_failed: bool = False
+    ) -> Mode | None:
+        """Take at most one transition; returns the mode entered, None for no change.
+
+        ``arrival_ns``  when the newest good measurement arrived, None before the first [ns]
+        """
         before = self._state.mode
-        seen = Evidence(self._arrival_ns, self._good_run, law_failed, self._own_fault)
+        seen = Evidence(arrival_ns, self._good_run, law_failed, self._own_fault)
         self._state = mode_step(self._supervision, self._state, seen, now_ns)
         if self._state.mode is before:
             return None

@@ -14,14 +14,14 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from dbc.messages import ControllerFault, ControllerSafety, Freshness, encode, limits
+from dbc.protection import COUNTERS
 from runtime.frame import Frame
 
 INTERVAL_NS = 20_000_000
 """50 frames a second are 1.4 % of a bus of 500 kbit/s, and 20 ms a seventh of the 150 ms in which a
 refusal has to be told."""
 _AGES = ("lateral_error", "steering_status", "vehicle_state")
-_E2E_COUNTERS = 1 << 8
-_COUNTERS = int(limits(ControllerSafety)["rejected"].maximum) + 1
+_LOST_COUNTERS = int(limits(ControllerSafety)["rejected"].maximum) + 1
 
 
 class SafetyFacts(NamedTuple):
@@ -75,13 +75,13 @@ class SafetyStatus:
         """Return the frame that tells ``facts`` and the frames lost so far."""
         self._told, self._told_ns = facts, now_ns
         message = ControllerSafety(
-            facts.rejected % _COUNTERS,
-            lost % _COUNTERS,
+            facts.rejected % _LOST_COUNTERS,
+            lost % _LOST_COUNTERS,
             facts.lateral_error,
             facts.steering_status,
             facts.vehicle_state,
             facts.fault,
         )
-        counter = self._sent % _E2E_COUNTERS
+        counter = self._sent % COUNTERS
         self._sent += 1
         return encode(message, counter)

@@ -25,33 +25,39 @@ class RateState(NamedTuple):
     """The window that is open, and what those before have shown.
 
     ``begin_sample``, ``begin_ns``  its first sample, and when that arrived; -1 for no window
-    ``newest_ns``                   when its newest sample arrived
     ``side``, ``run``               of the last ``run`` windows: 1 too many samples, -1 too few
     ``is_wrong``                    whether the period is not the setting's
+    ``times_wrong``                 how often it was found to be another
     ``measured_ns``                 the period in the last window that was off, 0 for none
     """
 
     begin_sample: int
     begin_ns: int
-    newest_ns: int
     side: int
     run: int
     is_wrong: bool
+    times_wrong: int
     measured_ns: float
 
 
-NO_RATE = RateState(0, -1, 0, 0, 0, False, 0.0)
+NO_RATE = RateState(0, -1, 0, 0, False, 0, 0.0)
 
 
-def rate_step(period_ns: int, x: RateState, sample: int, arrival_ns: int) -> RateState:
-    """Take a sample later than any before; ``period_ns`` is the setting."""
-    if x.begin_ns < 0 or arrival_ns - x.newest_ns > GAP_NS:
-        return RateState(sample, arrival_ns, arrival_ns, x.side, x.run, x.is_wrong, x.measured_ns)
+def rate_step(
+    period_ns: int, x: RateState, newest_ns: int, sample: int, arrival_ns: int
+) -> RateState:
+    """Take a sample later than any before.
+
+    ``period_ns``  the setting
+    ``newest_ns``  when the sample before it arrived, if there is one
+    """
+    if x.begin_ns < 0 or arrival_ns - newest_ns > GAP_NS:
+        return RateState(
+            sample, arrival_ns, x.side, x.run, x.is_wrong, x.times_wrong, x.measured_ns
+        )
     lasted_ns = arrival_ns - x.begin_ns
     if lasted_ns < WINDOW_NS:
-        return RateState(
-            x.begin_sample, x.begin_ns, arrival_ns, x.side, x.run, x.is_wrong, x.measured_ns
-        )
+        return x
     samples = sample - x.begin_sample
     counted_ns = samples * period_ns
     side = 0
@@ -61,5 +67,6 @@ def rate_step(period_ns: int, x: RateState, sample: int, arrival_ns: int) -> Rat
         side = -1
     run = x.run + 1 if side == x.side else 1
     is_wrong = side != 0 if run >= WINDOWS else x.is_wrong
+    times_wrong = x.times_wrong + 1 if is_wrong and not x.is_wrong else x.times_wrong
     measured_ns = lasted_ns / samples if side != 0 else x.measured_ns
-    return RateState(sample, arrival_ns, arrival_ns, side, run, is_wrong, measured_ns)
+    return RateState(sample, arrival_ns, side, run, is_wrong, times_wrong, measured_ns)

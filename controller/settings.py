@@ -4,9 +4,9 @@ Times a user sets are in milliseconds; ``period_ns``, ``supervision_of`` and ``l
 as the node and the step functions want them.
 """
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Self
 
-from pydantic import Discriminator, Field, PositiveFloat, Tag, model_validator
+from pydantic import Field, PositiveFloat, Tag, model_validator
 
 from controller.delay_settings import DelayEstimationSettings
 from controller.freshness import NO_LIMIT_NS, AgeLimits
@@ -17,22 +17,14 @@ from dbc.messages import SteeringCommand
 from dbc.messages import limits as signal_limits
 from runtime.node import NS_PER_MS, NS_PER_S
 from runtime.overruns import OverrunSettings
-from runtime.settings import Settings
+from runtime.settings import NUMBER_OR_WORD, OffWord, Settings
 
 TELLING_MS = 5.0
 """Of the fault tolerant time, for the frame that tells the bus: a late tick, and the wire."""
 
 
-def _word_or_number(value: Any) -> str:
-    """Return which kind of limit a value is, so that a mistake in it is told once."""
-    return "word" if isinstance(value, str) else "number"
-
-
 AgeMs = Annotated[float, Field(ge=1.0, le=10_000.0)]
-AgeMsOrOff = Annotated[
-    Annotated[AgeMs, Tag("number")] | Annotated[Literal["off"], Tag("word")],
-    Discriminator(_word_or_number),
-]
+AgeMsOrOff = Annotated[Annotated[AgeMs, Tag("number")] | OffWord, NUMBER_OR_WORD]
 
 
 class LimitSettings(Settings):

@@ -19,6 +19,7 @@ from dbc.signals import (
     packed_signal,
     signal_range,
 )
+from runtime.error_text import one_line
 
 FILE = "steer_by_wire.dbc"
 """The contract, beside this file."""
@@ -73,11 +74,6 @@ def parse_database(text: str) -> Database:
     return database
 
 
-def one_line(error: Exception) -> str:
-    """Return the text of an error on one line, its type where it has no text."""
-    return " ".join(str(error).split()) or type(error).__name__
-
-
 MessageT = TypeVar("MessageT", bound=tuple[Any, ...])
 
 
@@ -129,11 +125,13 @@ class MessageCodec(Generic[MessageT]):
                 return Rejection.BAD_CRC
             counter = payload[2]
         word = int.from_bytes(payload, "little")
-        values = []
-        for _, from_raw, shift, mask, sign, minimum, maximum, not_available, _ in self._signals:
+        values: list[Any] = []
+        for (
+            _, from_raw, resolution, shift, mask, sign, minimum, maximum, not_available, _
+        ) in self._signals:  # fmt: skip
             raw = ((word >> shift & mask) ^ sign) - sign
             if minimum <= raw <= maximum:
-                values.append(from_raw(raw))
+                values.append(raw * resolution if from_raw is None else from_raw(raw))
             elif raw == not_available:
                 return Rejection.NOT_AVAILABLE
             else:
@@ -143,11 +141,11 @@ class MessageCodec(Generic[MessageT]):
     def _word(self, message: MessageT) -> int:
         """All fields in one integer, the first bit of the payload lowest."""
         word = 0
-        for value, (to_raw, _, shift, mask, _, minimum, maximum, _, text) in zip(
+        for value, (to_raw, _, resolution, shift, mask, _, minimum, maximum, _, text) in zip(
             message, self._signals, strict=True
         ):
             try:
-                raw = to_raw(value)
+                raw = round(value / resolution) if to_raw is None else to_raw(value)
             except (TypeError, ValueError, OverflowError) as error:  # no number, NaN, infinite
                 raise EncodeError(f"{self.name}.{text}, not {value!r}") from error
             if not minimum <= raw <= maximum:

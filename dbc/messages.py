@@ -21,6 +21,7 @@ from runtime.frame import ERROR, EXTENDED, REMOTE, Frame
 
 __all__ = [
     "CAN_IDS",
+    "COMMAND_COUNTERS",
     "CYCLE_TIMES_MS",
     "DATA_IDS",
     "MESSAGE_TYPES",
@@ -320,6 +321,11 @@ def limits(message_type: type[Message]) -> Mapping[str, SignalRange]:
 def resolutions(message_type: type[Message]) -> Mapping[str, float]:
     """How far apart the values are that each field of ``message_type`` can carry."""
     return MappingProxyType(_CODECS[message_type].resolutions)
+
+
+COMMAND_COUNTERS = int(limits(SteeringCommand)["command_counter"].maximum) + 1
+"""How many values the counter of a command has; it wraps, and has nothing to do with the E2E
+counter."""
 
 
 def encode(message: Message, counter: int) -> Frame:

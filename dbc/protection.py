@@ -57,6 +57,12 @@ class SequenceCheck:
     ``max_jump``    1 to 127, so that newer and older by the same amount stay distinguishable
     ``resync_run``  1 or more
     ``resync_ns``   0 or more [ns]; 0 for who acts on nothing
+
+    ``counter``         of the newest accepted frame, 0 before the first
+    ``arrival_ns``      when that arrived, None before the first [ns]
+    ``lost``            counters skipped by accepted frames; one that arrives late is refused, so it
+                        stays counted; what a resynchronisation skipped is unknown and is not
+    ``resynchronised``  how often a run of refused frames was believed to be a sender's new start
     """
 
     def __init__(self, max_jump: int, resync_run: int, resync_ns: int = 0) -> None:
@@ -69,44 +75,25 @@ class SequenceCheck:
         self._max_jump = max_jump
         self._resync_run = resync_run
         self._resync_ns = resync_ns
-        self._accepted_ns = 0
-        self._newest: int | None = None
         self._last_refused: int | None = None
         self._run = 0
-        self._resynchronised = 0
-        self._lost = 0
-
-    @property
-    def newest(self) -> int | None:
-        """Counter of the newest accepted frame, None before the first."""
-        return self._newest
-
-    @property
-    def lost(self) -> int:
-        """Counters skipped by accepted frames so far.
-
-        One that arrives late is refused, so it stays counted; what a resynchronisation skipped is
-        unknown and is not counted.
-        """
-        return self._lost
-
-    @property
-    def resynchronised(self) -> int:
-        """How often a run of refused frames was believed to be a sender's new start."""
-        return self._resynchronised
+        self.counter = 0
+        self.arrival_ns: int | None = None
+        self.lost = 0
+        self.resynchronised = 0
 
     def check(self, counter: int, now_ns: int = 0) -> SequenceResult:
         """Judge the frame that carries ``counter`` (0 to 255) and arrives at ``now_ns``."""
-        if self._newest is None:
+        if self.arrival_ns is None:
             return self._accept(counter, now_ns)
-        forward = (counter - self._newest) % COUNTERS
+        forward = (counter - self.counter) % COUNTERS
         if 1 <= forward <= self._max_jump:
-            self._lost += forward - 1
+            self.lost += forward - 1
             return self._accept(counter, now_ns)
         steps_by_one = self._last_refused == (counter - 1) % COUNTERS
-        is_silent = now_ns - self._accepted_ns >= self._resync_ns
+        is_silent = now_ns - self.arrival_ns >= self._resync_ns
         if steps_by_one and is_silent and self._run >= self._resync_run:
-            self._resynchronised += 1
+            self.resynchronised += 1
             return self._accept(counter, now_ns)
         self._run = self._run + 1 if steps_by_one else 1
         self._last_refused = counter
@@ -115,7 +102,7 @@ class SequenceCheck:
         return SequenceResult.TOO_FAR if forward < COUNTERS // 2 else SequenceResult.OUT_OF_ORDER
 
     def _accept(self, counter: int, now_ns: int) -> SequenceResult:
-        self._newest = counter
-        self._accepted_ns = now_ns
+        self.counter = counter
+        self.arrival_ns = now_ns
         self._run = 0
         return SequenceResult.ACCEPTED

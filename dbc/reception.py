@@ -24,6 +24,8 @@ class Reception:
     ``max_jump``       see SequenceCheck; each type has its own
     ``resync_run``     see SequenceCheck
     ``resync_ns``      see SequenceCheck [ns]
+
+    ``accepted``, ``refused``  frames so far, refused for whatever cause
     """
 
     def __init__(
@@ -39,18 +41,9 @@ class Reception:
             else SequenceCheck(max_jump, resync_run, resync_ns)
             for message_type in message_types
         }
-        self._accepted = self._refused = 0
         self._rejected: Counter[str] = Counter()
-
-    @property
-    def accepted(self) -> int:
-        """Frames accepted so far."""
-        return self._accepted
-
-    @property
-    def refused(self) -> int:
-        """Frames refused so far, whatever the cause."""
-        return self._refused
+        self.accepted = 0
+        self.refused = 0
 
     @property
     def rejected(self) -> Mapping[str, int]:
@@ -68,12 +61,12 @@ class Reception:
         """Frames that never came, or came too late, by the counters of those accepted."""
         return sum(check.lost for check in self._checks.values() if check is not None)
 
-    def counter(self, message_type: type[Message]) -> int:
-        """Return the counter of the newest frame accepted of a message that has one."""
+    def newest(self, message_type: type[Message]) -> SequenceCheck:
+        """Return what keeps counter and arrival of the newest frame of a message that has one."""
         check = self._checks[CAN_IDS[message_type]]
-        if check is None or check.newest is None:
-            raise ValueError(f"no counter of {message_type.__name__} was accepted")
-        return check.newest
+        if check is None:
+            raise ValueError(f"{message_type.__name__} has no counter")
+        return check
 
     def take(
         self, frame: Frame, now_ns: int = 0
@@ -94,10 +87,10 @@ class Reception:
             result = check.check(decoded.counter, now_ns)
             if result is not SequenceResult.ACCEPTED:
                 return self._refuse(result)
-        self._accepted += 1
+        self.accepted += 1
         return decoded.message
 
     def _refuse(self, cause: _Cause) -> _Cause:
         self._rejected[cause.value] += 1
-        self._refused += 1
+        self.refused += 1
         return cause

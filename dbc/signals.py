@@ -42,8 +42,9 @@ class SignalRange(NamedTuple):
 class PackedSignal(NamedTuple):
     """Where a signal lies in the payload and what its raw integers mean.
 
-    ``to_raw``         value to raw; TypeError, ValueError or OverflowError where there is none
-    ``from_raw``       raw, within its range, to value
+    ``to_raw``         value to raw, TypeError where there is none; None: by the resolution
+    ``from_raw``       raw, within its range, to value; None: by the resolution
+    ``resolution``     value of one raw, the integer 1 for integers
     ``shift``          position of its lowest bit, counted from the first bit of the payload
     ``mask``           as many ones as it has bits
     ``sign``           weight of the sign bit, 0 for an unsigned signal
@@ -52,8 +53,9 @@ class PackedSignal(NamedTuple):
     ``text``           name and allowed values, for an error message
     """
 
-    to_raw: Callable[[Any], int]
-    from_raw: Callable[[int], Any]
+    to_raw: Callable[[Any], int] | None
+    from_raw: Callable[[int], Any] | None
+    resolution: float
     shift: int
     mask: int
     sign: int
@@ -87,21 +89,23 @@ def packed_signal(signal: Signal, kind: type) -> PackedSignal:
         raise ValueError(f"{signal.name}: an integer needs the resolution 1")
     minimum, maximum = signal_range(signal)
     allowed = f"{minimum} to {maximum} {signal.unit or ''}".rstrip()
-    to_raw: Callable[[Any], int]
-    from_raw: Callable[[int], Any]
+    to_raw: Callable[[Any], int] | None = None
+    from_raw: Callable[[int], Any] | None = None
+    resolution = signal.scale
     if kind is float:
-        to_raw, from_raw = _quantity(signal.scale)
+        pass
     elif issubclass(kind, IntEnum):
         if not min(kind) <= minimum <= maximum <= max(kind):
             raise ValueError(f"{signal.name}: {allowed} are more than {kind.__name__} has")
         to_raw, from_raw = _member(kind)
         allowed = "one of " + ", ".join(f"{kind.__name__}.{member.name}" for member in kind)
     else:
-        to_raw, from_raw = operator.index, int
+        to_raw, resolution = operator.index, 1
         allowed += ", an integer"
     return PackedSignal(
         to_raw=to_raw,
         from_raw=from_raw,
+        resolution=resolution,
         shift=signal.start,
         mask=(1 << signal.length) - 1,
         sign=1 << signal.length - 1 if signal.is_signed else 0,
@@ -117,16 +121,6 @@ def _not_available(signal: Signal) -> int | None:
         if str(name) == NOT_AVAILABLE_NAME:
             return raw
     return None
-
-
-def _quantity(resolution: float) -> tuple[Callable[[float], int], Callable[[int], float]]:
-    def to_raw(value: float) -> int:
-        return round(value / resolution)
-
-    def from_raw(raw: int) -> float:
-        return raw * resolution
-
-    return to_raw, from_raw
 
 
 def _member(kind: type[IntEnum]) -> tuple[Callable[[IntEnum], int], Callable[[int], IntEnum]]:

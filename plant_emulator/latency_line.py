@@ -62,6 +62,8 @@ class LatencyLine(Generic[Item]):
 
     ``uniforms``            stream of the loss and latency of each frame
     ``duplicate_uniforms``  stream of the duplicates
+
+    ``next_due_ns``         when the next frame is due [ns]; NEVER_NS with none waiting
     """
 
     def __init__(
@@ -90,6 +92,7 @@ class LatencyLine(Generic[Item]):
         self._newest_wins = settings.order is Order.NEWEST_WINS
         self._in_order = settings.order is Order.IN_ORDER
         self._waiting: list[Passage[Item]] = []
+        self.next_due_ns = NEVER_NS
         self._sequence = 0
         self._last_due_ns: dict[int, int] = {}
         self._newest_released: dict[int, int] = {}
@@ -98,11 +101,6 @@ class LatencyLine(Generic[Item]):
         self._lost = self._superseded = self._overflowed = 0
         self._latency = DurationStatistics()
         self._injected = DurationStatistics()
-
-    @property
-    def next_due_ns(self) -> int:
-        """When the next frame is due [ns]; NEVER_NS with none waiting."""
-        return self._waiting[0].due_ns if self._waiting else NEVER_NS
 
     @property
     def counts(self) -> LineCounts:
@@ -161,15 +159,15 @@ class LatencyLine(Generic[Item]):
     def pop_due(self, now_ns: int) -> list[Passage[Item]]:
         """Return the frames due up to ``now_ns``, in the order in which they leave."""
         released = []
-        waiting = self._waiting
-        while waiting and waiting[0].due_ns <= now_ns:
-            passage = heapq.heappop(waiting)
+        while self.next_due_ns <= now_ns:
+            passage = heapq.heappop(self._waiting)
             self._released += 1
             self._latency.record(passage.due_ns - passage.came_ns)
             released.append(passage)
             if self._newest_wins:
                 self._newest_released[passage.key] = passage.sequence
                 self._drop_superseded()
+            self.next_due_ns = self._waiting[0].due_ns if self._waiting else NEVER_NS
         return released
 
     def _follow_schedule(self, motion_ns: int) -> None:
@@ -216,6 +214,8 @@ class LatencyLine(Generic[Item]):
             due_ns = max(due_ns, self._last_due_ns.get(key, due_ns))
             self._last_due_ns[key] = due_ns
         heapq.heappush(self._waiting, Passage(due_ns, self._sequence, now_ns, key, item))
+        if due_ns < self.next_due_ns:
+            self.next_due_ns = due_ns
         self._sequence += 1
 
     def _loss_params(self, loss: float) -> LossParams:

@@ -22,7 +22,7 @@ from plant_emulator.actuator import (
     is_limited,
 )
 from plant_emulator.motion_design import MotionParams
-from plant_emulator.path import Place, Pose, end_of_place_m, next_place, vehicle_pose
+from plant_emulator.path import Path, Place, Pose, end_of_place_m, next_place, vehicle_pose
 from plant_emulator.propagation import LinearState, propagate
 from runtime.node import NEVER_NS, NS_PER_S
 
@@ -190,6 +190,11 @@ class Motion:
             started = _with_vehicle(before, 0.0, 0.0, 0.0, 0.0)
             after = advance_motion(self._params, started, to_ns)
             self._state = _with_vehicle(after, *before.linear[:4])
+
+    @property
+    def path(self) -> Path:
+        """The path that is driven."""
+        return self._params.path
 
     @property
     def is_finite(self) -> bool:

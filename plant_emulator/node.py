@@ -22,41 +22,34 @@ the steering goes to its SAFE_STATE, says so, and when its fallback is over the 
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import cycle
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dbc.messages import (
     CAN_IDS,
-    Direction,
     LatencyConfig,
-    LateralError,
     Message,
     PlantStatus,
     Rejection,
     SteeringCommand,
-    SteeringStatus,
-    VehicleState,
-    encode,
-    encode_not_available,
     limits,
 )
 from dbc.reception import Reception
-from plant_emulator.latency import Distribution
-from plant_emulator.latency_line import LatencyLine, Passage
+from plant_emulator.latency_line import Passage
 from plant_emulator.motion import Motion
 from plant_emulator.motion_design import MotionParams, design_motion
+from plant_emulator.network import Network
 from plant_emulator.path import Path
+from plant_emulator.plant_messages import PlantMessages
 from plant_emulator.plant_report import line_report, motion_report
-from plant_emulator.plant_samples import PlantSample, RunningFigures
-from plant_emulator.propagation import LinearState
+from plant_emulator.plant_samples import PlantSample, RunRecord
 from plant_emulator.safety_settings import design_guard, resync_ns_of
 from plant_emulator.self_supervision import (
     NOT_FINITE_COMMAND,
     NOT_FINITE_VEHICLE,
     SelfSupervision,
 )
-from plant_emulator.sensors import Readings, with_noise
+from plant_emulator.sensors import Readings
 from plant_emulator.settings import PlantSettings
 from plant_emulator.status_telling import StatusTelling
 from plant_emulator.steering_unit import SteeringUnit
@@ -70,13 +63,7 @@ RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig)
 VEHICLE_STATE_PERIOD_NS = 20_000_000
 SAMPLES_MAX = 1_000_000
 """Samples kept for a trace: nearly three hours at 100 Hz."""
-_COUNTERS = 256
 _COMMAND_ID = CAN_IDS[SteeringCommand]
-
-_LATERAL_ERROR_RANGE = limits(LateralError)["lateral_error_m"]
-_WHEEL_RANGE = limits(SteeringStatus)["wheel_angle_rad"]
-_STATE_RANGES = limits(VehicleState)
-_LATENCY_RANGE = limits(PlantStatus)["downlink_latency_s"]
 _LOST_COUNTERS = int(limits(PlantStatus)["lost"].maximum) + 1
 _REJECTED_COUNTERS = int(limits(PlantStatus)["rejected"].maximum) + 1
 
@@ -94,6 +81,8 @@ class PlantNode:
     ``params``       the motion designed from these settings, which takes tens of milliseconds;
                      designed here unless given
     ``samples_max``  how many samples are kept in ``samples``
+
+    ``deadline_ns``  when the next thing is due [ns]
     """
 
     def __init__(
@@ -103,34 +92,20 @@ class PlantNode:
         params: MotionParams | None = None,
         samples_max: int = SAMPLES_MAX,
     ) -> None:
-        self._settings = settings
-        self._params = motion_params(settings) if params is None else params
-        self._motion = Motion(self._params)
+        self._seed = settings.seed
+        self._duration_ns = settings.duration_ns
+        self._motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
+        self._motion = Motion(motion_params(settings) if params is None else params)
         self._unit = SteeringUnit(
             design_guard(settings.safety, settings.vehicle, settings.actuator)
         )
         self._own = SelfSupervision(settings.overruns)
-        self._duration_ns = settings.duration_ns
-        self._motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
         self._sensor_timer = PeriodicTimer(start_ns, settings.sensor_period_ns)
-        self._telling = StatusTelling(start_ns)
         samples_per_state = max(1, VEHICLE_STATE_PERIOD_NS // settings.sensor_period_ns)
         self._state_timer = PeriodicTimer(start_ns, samples_per_state * settings.sensor_period_ns)
-        seed = settings.seed
-        self._downlink: LatencyLine[SteeringCommand] = LatencyLine(
-            settings.latency.downlink,
-            uniforms(seed, Channel.DOWNLINK),
-            uniforms(seed, Channel.DOWNLINK_DUPLICATES),
-        )
-        self._uplink: LatencyLine[Frame] = LatencyLine(
-            settings.latency.uplink,
-            uniforms(seed, Channel.UPLINK),
-            uniforms(seed, Channel.UPLINK_DUPLICATES),
-        )
-        noise = settings.sensor_noise
-        self._noise = Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s)
-        self._is_noisy = any(self._noise)
-        self._noise_uniforms = uniforms(seed, Channel.SENSOR_NOISE)
+        self._telling = StatusTelling(start_ns)
+        self.deadline_ns = start_ns
+        self._network = Network(settings)
         self._reception = Reception(
             RECEIVED,
             settings.max_counter_jump,
@@ -139,24 +114,13 @@ class PlantNode:
         )
         self._unauthenticated = 0
         self._command: Passage[SteeringCommand] | None = None
-        self._uplink_latency_s = math.nan
-        self._counters: dict[type[Message], Iterator[int]] = {
-            message_type: cycle(range(_COUNTERS))
-            for message_type in (LateralError, SteeringStatus, VehicleState, PlantStatus)
-        }
-        self._not_available = 0
-        self._clamped = 0
-        self._figures = RunningFigures()
-        self._samples_max = samples_max
-        self._samples: list[PlantSample] = []
+        noise = settings.sensor_noise
+        self._messages = PlantMessages(
+            Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s),
+            uniforms(settings.seed, Channel.SENSOR_NOISE),
+        )
+        self._record = RunRecord(samples_max)
         self._finished = False
-        # Kept, because an executor asks far more often than it changes.
-        self._deadline_ns = start_ns
-
-    @property
-    def deadline_ns(self) -> int:
-        """When the next thing is due [ns]."""
-        return self._deadline_ns
 
     @property
     def finished(self) -> bool:
@@ -166,12 +130,12 @@ class PlantNode:
     @property
     def samples(self) -> Sequence[PlantSample]:
         """One sample a sensor period since the start of motion, oldest first."""
-        return self._samples
+        return self._record.samples
 
     @property
     def path(self) -> Path:
         """The path that is driven."""
-        return self._params.path
+        return self._motion.path
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Judge a frame; a command enters the downlink."""
@@ -179,10 +143,10 @@ class PlantNode:
         if isinstance(received, SteeringCommand):
             if self._motion_start_ns == NEVER_NS:
                 self._motion_start_ns = now_ns
-            self._downlink.push(frame.can_id, received, now_ns, self._motion_ns(now_ns))
-            self._deadline_ns = min(self._deadline_ns, self._downlink.next_due_ns)
+            self._network.downlink.push(frame.can_id, received, now_ns, self._motion_ns(now_ns))
+            self.deadline_ns = min(self.deadline_ns, self._network.downlink.next_due_ns)
         elif isinstance(received, LatencyConfig):
-            self._reconfigure(received)
+            self._network.reconfigure(received)
         elif isinstance(received, Rejection) and frame.can_id == _COMMAND_ID:
             self._unit.on_rejection()
         return ()
@@ -194,14 +158,15 @@ class PlantNode:
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
         """Do all that is due up to ``now_ns``, in the order of its times."""
         frames: list[Frame] = []
+        downlink, uplink = self._network.downlink, self._network.uplink
         while True:
-            command_ns = self._downlink.next_due_ns
+            command_ns = downlink.next_due_ns
             sample_ns = self._sensor_timer.deadline_ns
-            measured_ns = self._uplink.next_due_ns
+            measured_ns = uplink.next_due_ns
             guard_ns = self._guard_ns()
             due_ns = min(command_ns, guard_ns, sample_ns, measured_ns, self._telling.deadline_ns)
             if due_ns > now_ns:
-                self._deadline_ns = due_ns
+                self.deadline_ns = due_ns
                 return frames
             if command_ns == due_ns:
                 self._apply(due_ns)
@@ -211,13 +176,11 @@ class PlantNode:
                 self._sensor_timer.advance(now_ns)
                 self._sense(due_ns)
             elif measured_ns == due_ns:
-                for released in self._uplink.pop_due(due_ns):
-                    frames.append(released.item)
-                    self._uplink_latency_s = released.latency_ns * 1e-9
+                frames += self._network.measured(due_ns)
             else:
                 status = self._status()
                 self._telling.on_telling(status.safety, due_ns, now_ns)
-                frames.append(self._encode(status))
+                frames.append(self._messages.plant_status(status))
             self._telling.on_state(self._unit.safety, due_ns)
 
     def report(self) -> Mapping[str, Any]:
@@ -231,18 +194,18 @@ class PlantNode:
         ``safety``                what the steering refused to do (``SteeringUnit.report``)
         """
         return {
-            "seed": self._settings.seed,
+            "seed": self._seed,
             "failure": self._own.failure,
-            **motion_report(self._figures, self._motion.time_ns),
-            "downlink": line_report(self._downlink),
-            "uplink": line_report(self._uplink),
+            **motion_report(self._record.figures, self._motion.time_ns),
+            "downlink": line_report(self._network.downlink),
+            "uplink": line_report(self._network.uplink),
             "accepted": self._reception.accepted,
             "lost_on_the_bus": self._reception.lost,
             "rejected": self._reception.rejected,
             "resynchronised": self._reception.resynchronised,
             "skipped_samples": self._sensor_timer.skipped,
-            "not_available": self._not_available,
-            "clamped": self._clamped,
+            "not_available": self._messages.not_available,
+            "clamped": self._messages.clamped,
             "safety": self._unit.report(),
         }
 
@@ -265,7 +228,7 @@ class PlantNode:
 
     def _apply(self, due_ns: int) -> None:
         """Let the commands that are due reach the actuator."""
-        for released in self._downlink.pop_due(due_ns):
+        for released in self._network.downlink.pop_due(due_ns):
             motion_ns = self._advance(due_ns)
             if not math.isfinite(released.item.steer_rad):
                 self._fail(NOT_FINITE_COMMAND, due_ns)
@@ -295,99 +258,34 @@ class PlantNode:
         self._unit.on_wheel(z.wheel_rad, motion_ns)
         if time_ns >= self._motion_start_ns:
             if self._motion.is_finite:
-                self._record(motion_ns, z)
+                self._record.take(self._motion, self._command, self._network.measured_latency_s)
             self._finished = motion_ns >= self._duration_ns
         if self._own.is_told(time_ns) and self._unit.has_fallen_back:
             self._finished = True
-        readings = Readings(z.lateral_error_m, z.heading_error_rad, z.yaw_rate_rad_s)
-        if self._is_noisy:
-            readings = with_noise(readings, self._noise, self._noise_uniforms)
+        messages = self._messages
+        readings = messages.measured(
+            Readings(z.lateral_error_m, z.heading_error_rad, z.yaw_rate_rad_s)
+        )
+        applied = 0 if self._command is None else self._command.item.command_counter
+        code = self._unit.status_code(actuator_is_limited=self._motion.is_limited)
         frames = [
-            self._encode_error(readings),
-            self._encode(self._steering_status(z.wheel_rad)),
+            messages.lateral_error(readings, is_finite=self._motion.is_finite),
+            messages.steering_status(z.wheel_rad, applied, code),
         ]
         if time_ns >= self._state_timer.deadline_ns:  # also where the sample at it was skipped
             self._state_timer.advance(time_ns)
-            frames.append(self._encode(self._vehicle_state(readings, z.curvature_1_m)))
+            speed_m_s = self._motion.speed_m_s
+            frames.append(messages.vehicle_state(speed_m_s, readings, z.curvature_1_m))
         for frame in frames:
-            self._uplink.push(frame.can_id, frame, time_ns, motion_ns)
-
-    def _record(self, motion_ns: int, z: LinearState) -> None:
-        """Take a sample into the figures and, while there is room, into the trace."""
-        self._figures.take(z.lateral_error_m, z.wheel_rad)
-        if len(self._samples) >= self._samples_max:
-            return
-        command_rad = latency_s = math.nan
-        if self._command is not None:
-            command_rad = self._command.item.steer_rad
-            latency_s = self._command.latency_ns * 1e-9
-        self._samples.append(
-            # By position, in the order of the fields: this runs at every sample.
-            PlantSample(
-                motion_ns * 1e-9,
-                self._motion.arc_length_m,
-                z.lateral_error_m,
-                z.heading_error_rad,
-                z.yaw_rate_rad_s,
-                command_rad,
-                z.wheel_rad,
-                latency_s,
-                self._uplink_latency_s,
-                z.curvature_1_m,
-            )
-        )
-
-    def _encode_error(self, readings: Readings) -> Frame:
-        """Return LATERAL_ERROR; a vehicle too far off its path is not available to the sensor."""
-        low_m, high_m = _LATERAL_ERROR_RANGE
-        if self._motion.is_finite and low_m <= readings.lateral_error_m <= high_m:
-            # The sensor reports an angle in one turn, however often the vehicle has turned.
-            heading_rad = math.remainder(readings.heading_error_rad, math.tau)
-            return self._encode(LateralError(readings.lateral_error_m, heading_rad))
-        self._not_available += 1
-        return encode_not_available(LateralError(0.0, 0.0), next(self._counters[LateralError]))
-
-    def _vehicle_state(self, readings: Readings, curvature_1_m: float) -> VehicleState:
-        return VehicleState(
-            self._clamp(self._motion.speed_m_s, *_STATE_RANGES["speed_m_s"]),
-            self._clamp(readings.yaw_rate_rad_s, *_STATE_RANGES["yaw_rate_rad_s"]),
-            self._clamp(curvature_1_m, *_STATE_RANGES["preview_curvature_1_m"]),
-        )
-
-    def _steering_status(self, wheel_rad: float) -> SteeringStatus:
-        wheel_rad = self._clamp(wheel_rad, *_WHEEL_RANGE)
-        counter = 0 if self._command is None else self._command.item.command_counter
-        code = self._unit.status_code(actuator_is_limited=self._motion.is_limited)
-        return SteeringStatus(wheel_rad, counter, code)
+            self._network.uplink.push(frame.can_id, frame, time_ns, motion_ns)
 
     def _status(self) -> PlantStatus:
-        lines = (self._downlink, self._uplink)
-        downlink_s, uplink_s = (
-            self._clamp(line.latest_latency_ns * 1e-9, *_LATENCY_RANGE) for line in lines
-        )
+        """Return what PLANT_STATUS says, latencies as they are."""
+        network = self._network
         return PlantStatus(
-            downlink_s,
-            uplink_s,
-            sum(line.counts.lost for line in lines) % _LOST_COUNTERS,
+            network.downlink.latest_latency_ns * 1e-9,
+            network.uplink.latest_latency_ns * 1e-9,
+            network.lost % _LOST_COUNTERS,
             (self._reception.refused + self._unauthenticated) % _REJECTED_COUNTERS,
             self._unit.take_state(),
         )
-
-    def _reconfigure(self, config: LatencyConfig) -> None:
-        """Change the latency lines that a tool has asked to change."""
-        model = Distribution[config.model.name]
-        if config.direction in (Direction.DOWNLINK, Direction.BOTH):
-            self._downlink.reconfigure(model, config.mean_s, config.spread_s, config.loss)
-        if config.direction in (Direction.UPLINK, Direction.BOTH):
-            self._uplink.reconfigure(model, config.mean_s, config.spread_s, config.loss)
-
-    def _encode(self, message: Message) -> Frame:
-        """Return a message as a frame with its next counter."""
-        return encode(message, next(self._counters[type(message)]))
-
-    def _clamp(self, value: float, low: float, high: float) -> float:
-        """Return the nearest value that its signal carries, of a finite one."""
-        if low <= value <= high:
-            return value
-        self._clamped += 1
-        return low if value < low else high

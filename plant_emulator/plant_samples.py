@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path as FilePath
 from typing import NamedTuple
 
+from dbc.messages import SteeringCommand
+from plant_emulator.latency_line import Passage
+from plant_emulator.motion import Motion
 from plant_emulator.path import Path, pose
 
 
@@ -57,6 +60,45 @@ class RunningFigures:
     def lateral_error_rms_m(self) -> float:
         """Root mean square of the lateral error; 0 without samples."""
         return math.sqrt(self._squares_m2 / self.samples) if self.samples else 0.0
+
+
+class RunRecord:
+    """Figures of a run and, while there is room, its samples.
+
+    ``samples_max``  how many are kept in ``samples``, oldest first
+    """
+
+    def __init__(self, samples_max: int) -> None:
+        self.figures = RunningFigures()
+        self.samples: list[PlantSample] = []
+        self._samples_max = samples_max
+
+    def take(
+        self,
+        motion: Motion,
+        command: Passage[SteeringCommand] | None,
+        uplink_latency_s: float,
+    ) -> None:
+        """Take a sample of the motion, and of the command in effect."""
+        z = motion.linear
+        self.figures.take(z.lateral_error_m, z.wheel_rad)
+        if len(self.samples) >= self._samples_max:
+            return
+        self.samples.append(
+            # By position, in the order of the fields: this runs at every sample.
+            PlantSample(
+                motion.time_ns * 1e-9,
+                motion.arc_length_m,
+                z.lateral_error_m,
+                z.heading_error_rad,
+                z.yaw_rate_rad_s,
+                math.nan if command is None else command.item.steer_rad,
+                z.wheel_rad,
+                math.nan if command is None else command.latency_ns * 1e-9,
+                uplink_latency_s,
+                z.curvature_1_m,
+            )
+        )
 
 
 def place(path: Path, sample: PlantSample) -> PlacedSample:

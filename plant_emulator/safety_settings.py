@@ -5,9 +5,9 @@ Checked here once, at the edge; the modules that compute take plain records and 
 
 import math
 from enum import StrEnum
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import Field, Tag
 
 from plant_emulator.rig_settings import ActuatorSettings, VehicleSettings
 from plant_emulator.safety_limiter import (
@@ -17,7 +17,7 @@ from plant_emulator.safety_limiter import (
 )
 from plant_emulator.steering_guard import OFF_NS, RAMP_PERIOD_NS, GuardParams
 from runtime.node import NS_PER_MS, NS_PER_S
-from runtime.settings import Settings
+from runtime.settings import NUMBER_OR_WORD, OffWord, Settings
 
 OFF: Literal["off"] = "off"
 Limit = float | Literal["off"]
@@ -28,15 +28,6 @@ _LAGS_TO_SETTLE = 3.0
 _TELLING_NS = 10_000_000
 """What is left of the FTTI when silence is acted upon: the next STEERING_STATUS, which tells it, is
 sent within a sensor period, and a tick may be late."""
-
-
-def _word_or_number(value: Any) -> str:
-    """Return which kind of limit a value is, so that a mistake in it is told once."""
-    return "word" if isinstance(value, str) else "number"
-
-
-_Off = Annotated[Literal["off"], Tag("word")]
-_EITHER = Discriminator(_word_or_number)
 
 
 class Fallback(StrEnum):
@@ -54,28 +45,28 @@ class SafetySettings(Settings):
     """
 
     angle_rad_max: Annotated[
-        Annotated[float, Field(ge=0.01, le=1.5), Tag("number")] | _Off, _EITHER
+        Annotated[float, Field(ge=0.01, le=1.5), Tag("number")] | OffWord, NUMBER_OR_WORD
     ] = 0.7
     angle_rate_rad_s_max: Annotated[
-        Annotated[float, Field(ge=0.01, le=100.0), Tag("number")] | _Off, _EITHER
+        Annotated[float, Field(ge=0.01, le=100.0), Tag("number")] | OffWord, NUMBER_OR_WORD
     ] = 2.5
     """Averaged over half a second, as the jerk."""
     lateral_acceleration_m_s2_max: Annotated[
-        Annotated[float, Field(ge=0.1, le=50.0), Tag("number")] | _Off, _EITHER
+        Annotated[float, Field(ge=0.1, le=50.0), Tag("number")] | OffWord, NUMBER_OR_WORD
     ] = 3.0
     """ISO 11270."""
     lateral_jerk_m_s3_max: Annotated[
-        Annotated[float, Field(ge=0.1, le=1000.0), Tag("number")] | _Off, _EITHER
+        Annotated[float, Field(ge=0.1, le=1000.0), Tag("number")] | OffWord, NUMBER_OR_WORD
     ] = 5.0
     """ISO 11270: the moving average over half a second."""
     follow_tolerance_rad: Annotated[
-        Annotated[float, Field(ge=0.001, le=1.0), Tag("number")] | _Off, _EITHER
+        Annotated[float, Field(ge=0.001, le=1.0), Tag("number")] | OffWord, NUMBER_OR_WORD
     ] = 0.1
     """Between the wheel and its target."""
     follow_time_ms: float = Field(100.0, ge=1.0, le=10_000.0)
     """Longest that the wheel may be further away, beside what a sound actuator takes."""
     ftti_ms: Annotated[
-        Annotated[float, Field(ge=20.0, le=10_000.0), Tag("number")] | _Off, _EITHER
+        Annotated[float, Field(ge=20.0, le=10_000.0), Tag("number")] | OffWord, NUMBER_OR_WORD
     ] = 150.0
     """Fault tolerant time interval: silence is acted upon, and told, within it."""
     hold_ms: float = Field(500.0, ge=0.0, le=60_000.0)

@@ -19,19 +19,34 @@ from plant_emulator.steering_guard import (
 )
 from runtime.node import NEVER_NS, NS_PER_S
 
-_STATES = {
+_STATES: Mapping[int, SafetyState] = {
     GuardMode.NO_COMMAND: SafetyState.NORMAL,
     GuardMode.FOLLOWING: SafetyState.NORMAL,
     GuardMode.HOLDING: SafetyState.HOLDING,
     GuardMode.FALLBACK: SafetyState.FALLBACK,
     GuardMode.SAFE_STATE: SafetyState.SAFE_STATE,
 }
-_CODES = {
-    GuardMode.NO_COMMAND: SteeringStatusCode.NO_COMMAND,
-    GuardMode.HOLDING: SteeringStatusCode.HOLDING,
-    GuardMode.FALLBACK: SteeringStatusCode.FALLBACK,
-    GuardMode.SAFE_STATE: SteeringStatusCode.SAFE_STATE,
-}
+_CODES = (
+    int(SteeringStatusCode.NO_COMMAND),
+    int(SteeringStatusCode.APPLYING),
+    int(SteeringStatusCode.HOLDING),
+    int(SteeringStatusCode.FALLBACK),
+    int(SteeringStatusCode.SAFE_STATE),
+)
+"""What STEERING_STATUS says of each ``GuardMode`` where nothing limits the command."""
+_FOLLOWING = int(GuardMode.FOLLOWING)
+_LIMITED = int(SteeringStatusCode.LIMITED)
+_LIMITED_BY_SAFETY = int(SteeringStatusCode.LIMITED_BY_SAFETY)
+
+
+def status_of(x: GuardState, actuator_is_limited: bool) -> int:
+    """Return the code that STEERING_STATUS says now."""
+    if x.mode == _FOLLOWING:
+        if is_overruled(x):
+            return _LIMITED_BY_SAFETY
+        if actuator_is_limited:
+            return _LIMITED
+    return _CODES[x.mode]
 
 
 class Answer(NamedTuple):
@@ -102,7 +117,7 @@ class SteeringUnit:
         self._note_silence(now_ns)
         self._heard_ns = now_ns
         if is_followed:
-            is_back = self.mode is GuardMode.FOLLOWING
+            is_back = self._state.mode == GuardMode.FOLLOWING
             self._recoveries += is_back and before.mode in (GuardMode.HOLDING, GuardMode.FALLBACK)
             self._count_intervention()
         else:
@@ -137,19 +152,12 @@ class SteeringUnit:
 
     def status_code(self, *, actuator_is_limited: bool) -> SteeringStatusCode:
         """Return what STEERING_STATUS says now."""
-        code = _CODES.get(self.mode)
-        if code is not None:
-            return code
-        if is_overruled(self._state):
-            return SteeringStatusCode.LIMITED_BY_SAFETY
-        if actuator_is_limited:
-            return SteeringStatusCode.LIMITED
-        return SteeringStatusCode.APPLYING
+        return SteeringStatusCode(status_of(self._state, actuator_is_limited))
 
     @property
     def safety(self) -> SafetyState:
         """What PLANT_STATUS would say now: LIMITING for any intervention since it was taken."""
-        state = _STATES[self.mode]
+        state = _STATES[self._state.mode]
         if state is SafetyState.NORMAL and self._limited_since_told:
             state = SafetyState.LIMITING
         return state

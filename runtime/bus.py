@@ -23,6 +23,7 @@ import can
 import can.cli
 from can.util import load_environment_config, load_file_config
 
+from runtime.error_text import one_line
 from runtime.frame import Frame
 from runtime.message import frame_of, message_of
 from runtime.real_time import Received
@@ -258,8 +259,3 @@ def _is_full(error: Exception) -> bool:
         return True
     # python-can's socketcan gives no code when the socket rather than the interface is full.
     return "Transmit buffer full" in str(error)
-
-
-def one_line(error: BaseException) -> str:
-    """Return the text of an error on one line, its type where it has no text."""
-    return " ".join(str(error).split()) or type(error).__name__

@@ -90,6 +90,9 @@ class BusModel:
     ``on_start``            called as ``on_start(frame, delay_ns)`` when a frame wins the bus, with
                             the time from its submission to its start of frame [ns]
 
+    ``next_event_ns``  when the next frame will be complete [ns]; NEVER_NS with nothing on the bus.
+                       Until the bus is free this may change with every submission
+
     Raises ValueError for a rate or a limit that is not positive.
     """
 
@@ -124,20 +127,7 @@ class BusModel:
         self._frames = 0
         self._busy_ticks = 0
         self._refused = 0
-
-    @property
-    def next_event_ns(self) -> int:
-        """When the next frame will be complete [ns]; NEVER_NS with nothing on the bus.
-
-        Until the bus is free this may change with every submission: ask again after each.
-        """
-        if self._completed:
-            return self._completed[0].end_ns
-        if self._on_wire is not None:
-            return self._whole_ns(self._end_ticks)
-        if self._queue:
-            return self._whole_ns(self._next_start_ticks + self._queue[0].duration_ticks)
-        return NEVER_NS
+        self.next_event_ns = NEVER_NS
 
     @property
     def load(self) -> BusLoad:
@@ -167,6 +157,7 @@ class BusModel:
                 arbitration_field(frame), self._sequence, duration_ticks, sender, frame, now_ticks
             ),
         )
+        self._look_ahead()
 
     def withdraw(self, sender: int) -> int:
         """Take back every frame of ``sender`` that is not on the wire yet; returns how many."""
@@ -175,15 +166,27 @@ class BusModel:
         heapq.heapify(kept)
         self._queue = kept
         self._waiting_of.pop(sender, None)
+        self._look_ahead()
         return withdrawn
 
     def advance(self, now_ns: int) -> list[Delivery]:
         """Return the frames completed up to ``now_ns`` and not returned before, in order."""
         self._settle(now_ns * self._ticks_per_ns)
-        completed = self._completed
-        if completed:
-            self._completed = []
+        completed, self._completed = self._completed, []
+        self._look_ahead()
         return completed
+
+    def _look_ahead(self) -> None:
+        """Find when the next frame will be complete."""
+        if self._completed:
+            self.next_event_ns = self._completed[0].end_ns
+        elif self._on_wire is not None:
+            self.next_event_ns = self._whole_ns(self._end_ticks)
+        elif self._queue:
+            end_ticks = self._next_start_ticks + self._queue[0].duration_ticks
+            self.next_event_ns = self._whole_ns(end_ticks)
+        else:
+            self.next_event_ns = NEVER_NS
 
     def _settle(self, now_ticks: int) -> None:
         """Complete what ended by now, and decide every arbitration before now.

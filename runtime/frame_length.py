@@ -21,6 +21,7 @@ are put in front of SOF to fill whole bytes: they alternate and end recessive, a
 so they neither get a stuff bit nor lengthen a run.
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 from runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
@@ -138,21 +139,33 @@ def frame_bits(frame: Frame) -> FrameBits:
 
 def _classic_bits(can_id: int, data: bytes, dlc: int, flags: int) -> int:
     """Length of a classic frame [bits]."""
+    register, row, total = _after_header(can_id, dlc, flags)
+    for byte in data:
+        register = _CRC15_TABLE[register >> 7 ^ byte] ^ (register << 8 & 0x7FFF)
+        row, stuffed = row[byte]
+        total += stuffed
+    # The bit that fills up the last byte makes a run of five at the end of the CRC count.
+    row, stuffed = row[register >> 7]
+    total += stuffed + row[register << 1 & 0xFF][1]
+    return total + 8 * len(data) + _CLASSIC_CRC_BITS + _CLASSIC_TRAILER_BITS
+
+
+@lru_cache(maxsize=4096)
+def _after_header(can_id: int, dlc: int, flags: int) -> tuple[int, _StuffRow, int]:
+    """CRC register, row of the stuff bits and bits sent, after the header of a classic frame."""
     rtr = 1 if flags & REMOTE else 0
     # The register starts with what the filling bits clear to zero, so that they do not count.
     if flags & EXTENDED:
-        header_bits, register = 39, 0b1 << 14
-        head = 1 << 39 | _extended_identifier(can_id) << 7 | rtr << 6 | dlc
-        message = head.to_bytes(5, "big") + data
+        total, register = 39, 0b1 << 14
+        header = (1 << 39 | _extended_identifier(can_id) << 7 | rtr << 6 | dlc).to_bytes(5, "big")
     else:
-        header_bits, register = 19, 0b10101 << 10
-        head = 0b10101 << 19 | can_id << 7 | rtr << 6 | dlc
-        message = head.to_bytes(3, "big") + data
-    crc = crc15(message, register)
-    # The bit that fills up the last byte makes a run of five at the end of the CRC count.
-    stuffed = _stuff_bits(message + (crc << 1).to_bytes(2, "big"))
-    unstuffed = header_bits + 8 * len(data) + _CLASSIC_CRC_BITS
-    return unstuffed + stuffed + _CLASSIC_TRAILER_BITS
+        total, register = 19, 0b10101 << 10
+        header = (0b10101 << 19 | can_id << 7 | rtr << 6 | dlc).to_bytes(3, "big")
+    row = _IDLE_ROW
+    for byte in header:
+        row, stuffed = row[byte]
+        total += stuffed
+    return crc15(header, register), row, total
 
 
 def _fd_bits(can_id: int, data: bytes, dlc: int, flags: int) -> FrameBits:

@@ -71,14 +71,23 @@ def _without_garbage_collection() -> Iterator[None]:
 
     Reference counting still frees everything that is in no cycle.
     """
-    was_enabled = gc.isenabled()
     gc.collect()
     gc.freeze()
+    try:
+        with no_collections():
+            yield
+    finally:
+        gc.unfreeze()
+
+
+@contextmanager
+def no_collections() -> Iterator[None]:
+    """Collect no garbage until the end of the block; nodes make no cycles to be collected."""
+    was_enabled = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        gc.unfreeze()
         if was_enabled:
             gc.enable()
 

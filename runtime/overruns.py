@@ -17,24 +17,15 @@ node late.
 """
 
 from collections import deque
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Self
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import Field, Tag
 
 from runtime.periodic import PeriodicTimer
-from runtime.settings import Settings
-
-
-def _word_or_number(value: Any) -> str:
-    """Return which kind of bound a value is, so that a mistake in it is told once."""
-    return "word" if isinstance(value, str) else "number"
-
+from runtime.settings import NUMBER_OR_WORD, OffWord, Settings
 
 _MOST = 10_000
-_Bound = Annotated[
-    Annotated[int, Field(ge=0, le=_MOST), Tag("number")] | Annotated[Literal["off"], Tag("word")],
-    Discriminator(_word_or_number),
-]
+_Bound = Annotated[Annotated[int, Field(ge=0, le=_MOST), Tag("number")] | OffWord, NUMBER_OR_WORD]
 _Count = Annotated[int, Field(ge=1, le=_MOST)]
 
 

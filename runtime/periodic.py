@@ -9,6 +9,10 @@ class PeriodicTimer:
 
     ``start_ns``   first deadline [ns]
     ``period_ns``  distance of two deadlines [ns], positive; ValueError otherwise
+
+    ``deadline_ns``  when the next period is due [ns]
+    ``index``        number of the period that is due next; the first is 0
+    ``skipped``      periods that passed without being served
     """
 
     def __init__(self, start_ns: int, period_ns: int) -> None:
@@ -16,24 +20,9 @@ class PeriodicTimer:
             raise ValueError(f"period_ns must be positive, not {period_ns}")
         self._start_ns = start_ns
         self._period_ns = period_ns
-        self._index = 0
-        self._deadline_ns = start_ns
-        self._skipped = 0
-
-    @property
-    def deadline_ns(self) -> int:
-        """When the next period is due [ns]."""
-        return self._deadline_ns
-
-    @property
-    def index(self) -> int:
-        """Number of the period that is due next; the first is 0."""
-        return self._index
-
-    @property
-    def skipped(self) -> int:
-        """Periods that passed without being served."""
-        return self._skipped
+        self.deadline_ns = start_ns
+        self.index = 0
+        self.skipped = 0
 
     def advance(self, now_ns: int) -> int:
         """Serve the period that is due and move to the first deadline after ``now_ns``.
@@ -41,10 +30,10 @@ class PeriodicTimer:
         Returns the number of the period served. Raises ValueError before the deadline: serving
         early would put two steps into one period.
         """
-        if now_ns < self._deadline_ns:
-            raise ValueError(f"{self._deadline_ns - now_ns} ns too early for the next period")
-        served = self._index
-        self._index = (now_ns - self._start_ns) // self._period_ns + 1
-        self._deadline_ns = self._start_ns + self._index * self._period_ns
-        self._skipped += self._index - served - 1
+        if now_ns < self.deadline_ns:
+            raise ValueError(f"{self.deadline_ns - now_ns} ns too early for the next period")
+        served = self.index
+        self.index = (now_ns - self._start_ns) // self._period_ns + 1
+        self.deadline_ns = self._start_ns + self.index * self._period_ns
+        self.skipped += self.index - served - 1
         return served

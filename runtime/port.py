@@ -14,7 +14,8 @@ import can
 from can.typechecking import CanFilter
 from can.util import load_config
 
-from runtime.bus import BusError, BusPort, Choice, check_openable, choose_bus, one_line, open_bus
+from runtime.bus import BusError, BusPort, Choice, check_openable, choose_bus, open_bus
+from runtime.error_text import one_line
 from runtime.frame import Frame
 from runtime.real_time import Received
 from runtime.socketcan import SocketCanPort

@@ -18,12 +18,16 @@ import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Discriminator, Tag, ValidationError
 
 from runtime.settings_mistakes import KeyPath, dotted, explain, hint, printable
 
+OffWord = Annotated[Literal["off"], Tag("word")]
+"""What stands for no limit beside a number with ``Tag("number")``: TOML has no word for none."""
+NUMBER_OR_WORD = Discriminator(lambda value: "word" if isinstance(value, str) else "number")
+"""Chooses between the two, so that a mistake in a value is reported once."""
 _KIND = "kind"
 """Key that tells the members of a union of tables apart."""
 _MISTAKES_MAX = 20

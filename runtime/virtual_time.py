@@ -44,26 +44,24 @@ class Wire(Protocol):
 
 
 class InstantWire:
-    """A wire without time or capacity: frames are complete when they are sent, in that order."""
+    """A wire without time or capacity: frames are complete when they are sent, in that order.
+
+    ``next_event_ns``  when the next frame is complete [ns]; NEVER_NS with nothing on the way
+    """
 
     def __init__(self) -> None:
         self._sent: list[Delivery] = []
-
-    @property
-    def next_event_ns(self) -> int:
-        """When the next frame is complete [ns]; NEVER_NS with nothing on the way."""
-        return self._sent[0].end_ns if self._sent else NEVER_NS
+        self.next_event_ns = NEVER_NS
 
     def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
         """Take a frame to send at ``now_ns``."""
         self._sent.append(Delivery(now_ns, sender, frame))
+        self.next_event_ns = self._sent[0].end_ns
 
     def advance(self, now_ns: int) -> Sequence[Delivery]:  # noqa: ARG002 all are complete
         """Return the frames sent since the last call."""
-        if not self._sent:
-            return ()
-        completed = self._sent
-        self._sent = []
+        completed, self._sent = self._sent, []
+        self.next_event_ns = NEVER_NS
         return completed
 
 
@@ -121,8 +119,8 @@ class VirtualTimeExecutor:
         """Deliver and tick until nothing is left to do at ``now_ns``."""
         events = 0
         while events < EVENTS_PER_INSTANT_MAX:
-            deliveries = self._wire.advance(now_ns)
-            if deliveries:
+            if self._wire.next_event_ns <= now_ns:
+                deliveries = self._wire.advance(now_ns)
                 for delivery in deliveries:
                     self._deliver(delivery, now_ns)
                 events += len(deliveries)

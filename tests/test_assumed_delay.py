@@ -39,14 +39,13 @@ class AssumingMemory(LinkMemory):
 
     def on_error(self, error: LateralError, counter: int, now_ns: int) -> None:
         super().on_error(error, counter, now_ns)
-        assert self._error is not None
-        sample = self._error.sample
-        at_ns = sample * self._params.sensor_period_ns - ASSUMED_NS
-        self._applied_tick[sample % RING_SIZE] = max(at_ns // self._params.period_ns, -1)
+        sample, params = self._errors.sample, self._params.link
+        at_ns = sample * params.sensor_period_ns - ASSUMED_NS
+        self._rings.applied_tick[sample % RING_SIZE] = max(at_ns // params.period_ns, -1)
 
     def link(self, period: int, now_ns: int) -> Link:
         link = super().link(period, now_ns)
-        delay_ns = ASSUMED_NS - 0.5 * self._params.period_ns
+        delay_ns = ASSUMED_NS - 0.5 * self._params.link.period_ns
         return link._replace(echo_sample=link.error_sample, delay_ns=delay_ns, is_measured=True)
 
 

@@ -10,6 +10,7 @@ import numba
 import numpy as np
 import pytest
 
+from controller.design import design_law
 from dbc.messages import Mode
 from plant_emulator.settings import PlantSettings
 from runtime.settings import load_settings, preset_names, read_preset
@@ -20,6 +21,17 @@ from tools.batch.loop import run_only_segment
 from tools.batch.plan import NothingArrivesError, plan_run
 from tools.batch.steps import step_functions
 
+LOOKING_BACK = (
+    ("practical_predictor",),
+    ("practical_smith",),
+    ("practical_delayed_set_point",),
+    ("practical_pd_ddob", 'pd.derivative="kalman"'),
+    ("practical_pd", "feed_forward={}"),
+)
+LOST_WHEEL = (
+    "safety={follow_tolerance_rad=0.03, follow_time_ms=50.0}",
+    "actuator.dead_band_rad=0.05",
+)
 LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob")
 RIGS: dict[str, Sequence[str]] = {
     "noise": ("sensor_noise.lateral_error_m=0.02",),
@@ -100,6 +112,40 @@ def test_a_compiled_run_equals_the_nodes_with_any_settings(seed: int) -> None:
     assert_same_as_nodes(plant, controller)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_a_law_that_looks_back_equals_the_nodes_with_any_settings(seed: int) -> None:
+    """Through gaps in which counters go round, wrong sensor periods and lost wheels too."""
+    rng = random.Random(seed)
+    sensor_period_ms = rng.choice([1, 3.3, 10, 33.3333])
+    plant = plant_settings(
+        [
+            f"seed={rng.getrandbits(63)}",
+            f"sensor_period_ms={sensor_period_ms}",
+            f"start_on_first_command={rng.choice(['true', 'false'])}",
+            f"sensor_noise.heading_error_rad={rng.choice([0, 0.003])}",
+            f"sensor_noise.yaw_rate_rad_s={rng.choice([0, 0.01])}",
+            "path={kind='double_lane_change'}",
+            *rng.choice([(), LOST_WHEEL]),
+            *random_line(rng, "uplink"),
+            *random_line(rng, "downlink"),
+        ],
+        rng.choice([0.5, 3.0]),
+    )
+    preset, *law = rng.choice(LOOKING_BACK)
+    controller = controller_settings(
+        preset,
+        [
+            *law,
+            f"rate_hz={rng.choice([77.7, 100, 1000])}",
+            f"link.sensor_period_ms={rng.choice([sensor_period_ms, 10])}",
+            "supervision.fault_tolerant_time_ms=400",
+            f"supervision.hold_ms={rng.choice([0, 100])}",
+            f"supervision.steering_status_timeout_ms={rng.choice([50, 300])}",
+        ],
+    )
+    assert_same_as_nodes(plant, controller)
+
+
 def random_line(rng: random.Random, direction: str) -> list[str]:
     model = rng.choice(["constant", "uniform", "normal", "lognormal", "gamma"])
     means_s = [0.0, 0.01, 0.0100000004, rng.uniform(0.0, 0.3), 1.0]
@@ -172,11 +218,17 @@ def test_compiled_code_is_forgotten_when_any_step_function_changes() -> None:
     assert files <= set(sources())
 
 
-def test_a_run_counts_no_references() -> None:
+@pytest.mark.parametrize("law", ["practical_pd", "practical_smith"])
+def test_a_run_counts_no_references(law: str) -> None:
     """One array that is not borrowed, counted at every step of the plant, doubles the time."""
-    run_batch(plant_settings((), 1.0), controller_settings("practical_pd"))
+    controller = controller_settings(law)
+    run_batch(plant_settings((), 1.0), controller)
+    params = type(design_law(controller).params).__name__
+    signature = next(
+        one for one in run_only_segment.signatures if str(one[0]).startswith(f"{params}(")
+    )
     fresh: Any = numba.njit(nogil=True)(run_only_segment.py_func)
-    fresh.compile(run_only_segment.signatures[0])
+    fresh.compile(signature)
     name = fresh.overloads[fresh.signatures[0]].fndesc.llvm_func_name
     (body,) = (
         function

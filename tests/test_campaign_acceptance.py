@@ -1,11 +1,11 @@
 """The campaign can fail: for broken programs, for runs that show nothing, for false frames."""
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from controller.node import ControllerNode
+from controller.law_runner import LawRunner
+from controller.received import Received
 from dbc.messages import Rejection
 from dbc.protection import SequenceCheck, SequenceResult
 from dbc.reception import Reception
@@ -108,13 +108,15 @@ def test_a_burst_that_never_begins_is_told_and_no_failure() -> None:
 
 
 def test_a_controller_that_jumps_on_its_return_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    run_law: Callable[..., float] = ControllerNode._run_law
+    run = LawRunner.run
 
-    def jumping(node: ControllerNode, error_m: float, now_ns: int, period: int) -> float:
-        node._fade_rad = 0.0
-        return run_law(node, error_m, now_ns, period)
+    def jumping(
+        law: LawRunner, received: Received, sent_rad: float, period: int, now_ns: int
+    ) -> float | None:
+        law._fade_rad = 0.0
+        return run(law, received, sent_rad, period, now_ns)
 
-    monkeypatch.setattr(ControllerNode, "_run_law", jumping)
+    monkeypatch.setattr(LawRunner, "run", jumping)
     result = faulty(case("drop", "LATERAL_ERROR", 1.0))
     assert result.verdict is Verdict.JUMPED
     assert finding(result, SMOOTH).holds is False
@@ -141,7 +143,7 @@ def test_frozen_frames_that_are_accepted_fail(monkeypatch: pytest.MonkeyPatch) -
     def believing(reception: Reception, frame: Any, now_ns: int) -> Any:
         taken = take(reception, frame, now_ns)
         if taken is SequenceResult.REPEATED:
-            reception._accepted += 1
+            reception.accepted += 1
         return taken
 
     monkeypatch.setattr(Reception, "take", believing)

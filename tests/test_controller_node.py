@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from controller.design import LawDesign
 from controller.law_interface import LawInput, LawOutput
 from controller.node import STATUS_PERIOD_NS, ControllerNode
-from controller.round_trip import IN_FLIGHT_MAX, RoundTrip
+from controller.sent_commands import IN_FLIGHT_MAX, Echo, SentCommands
 from dbc.messages import (
     CAN_IDS,
     ControllerSafety,
@@ -201,7 +201,7 @@ def test_a_law_that_fails_is_counted_held_and_started_anew(
         return x, LawOutput(next(outputs, x), 0.0, 0.0, seen.lateral_error_m)
 
     design = LawDesign(None, lambda error_m: error_m, step)
-    monkeypatch.setattr("controller.node.design_law", lambda _settings: design)
+    monkeypatch.setattr("controller.law_runner.design_law", lambda _settings: design)
     plant = link(limits={"steer_rate_rad_s_max": 1000.0})
     plant.drive(3, 0.2)
     assert plant.commands[-1] == SteeringCommand(0.1, 2, Mode.HOLDING)
@@ -225,7 +225,7 @@ def test_a_law_that_fails_again_ends_in_the_safe_stop_for_good(
         return x, LawOutput(next(outputs, math.nan), 0.0, 0.0, seen.lateral_error_m)
 
     design = LawDesign(None, lambda error_m: error_m, step)
-    monkeypatch.setattr("controller.node.design_law", lambda _settings: design)
+    monkeypatch.setattr("controller.law_runner.design_law", lambda _settings: design)
     plant = link(limits={"steer_rate_rad_s_max": 1000.0})
     plant.drive(6, 0.2)
     assert [command.mode for command in plant.commands[2:]] == [
@@ -258,15 +258,20 @@ def test_the_round_trip_is_from_sending_to_the_first_echo() -> None:
     assert figures["max_s"] == pytest.approx(0.2)
 
 
-def test_what_was_never_sent_or_long_ago_has_no_round_trip() -> None:
-    trip = RoundTrip()
+def test_what_was_never_sent_or_long_ago_has_no_echo() -> None:
+    commands = SentCommands()
+    assert commands.on_echo(0) is None
     for counter in range(IN_FLIGHT_MAX + 1):
-        trip.on_sent(counter, counter)
-    trip.on_echo(0, IN_FLIGHT_MAX)
-    trip.on_echo(IN_FLIGHT_MAX + 1, IN_FLIGHT_MAX)
-    assert trip.statistics.summary().samples == 0
-    trip.on_echo(1, IN_FLIGHT_MAX)
-    assert trip.statistics.summary().max_ns == IN_FLIGHT_MAX - 1
+        assert commands.next_counter == counter
+        commands.on_sent(10 * counter)
+    assert commands.on_echo(0) is None
+    assert commands.on_echo(IN_FLIGHT_MAX + 1) is None
+    assert commands.on_echo(60_000) is None
+    assert commands.on_echo(1) == Echo(10, True)
+    assert commands.on_echo(1) == Echo(10, False)
+    commands.on_sent(0)  # in the place of the one echoed
+    assert commands.on_echo(1) is None
+    assert commands.on_echo(IN_FLIGHT_MAX + 1) == Echo(0, True)
 
 
 def test_the_newest_measurement_wins_and_others_are_counted_by_cause() -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from controller.freshness import NO_LIMIT_NS, AgeLimits
+from controller.law_interface import LawOutput
 from controller.node import ControllerNode
 from controller.safety_status import INTERVAL_NS
 from controller.settings import ControllerSettings, age_limits_of
@@ -167,7 +168,12 @@ def test_ticks_that_come_too_late_too_often_are_told_as_a_fault() -> None:
 def test_a_law_that_fails_again_is_told_as_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     link = link_of_defaults()
     pass_by(link, 20)
-    monkeypatch.setattr(link.node, "_run_law", lambda *_: float("nan"))
+
+    def failing(_params: Any, state: Any, _seen: Any) -> tuple[Any, LawOutput]:
+        return state, LawOutput(float("nan"), 0.0, 0.0, 0.0)
+
+    law = link.node._law
+    monkeypatch.setattr(law, "design", law.design._replace(step=failing))
     pass_by(link, 1)
     assert told(link)[-1][1].fault is ControllerFault.NONE
     pass_by(link, 20)

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from controller.delay_settings import DelayEstimationSettings, delay_estimation_of
 from controller.delay_watch import DelayWatch, EchoDelay
 from controller.node import ControllerNode
+from controller.received import Received
 from controller.settings import ControllerSettings
 from controller.shared_settings import PaperEq19Settings
 from dbc.messages import Decoded, DelayStatus, EchoState, EstimateState, decode
@@ -151,7 +152,7 @@ def test_without_a_nominal_vehicle_it_is_off() -> None:
     assert delay_estimation_of(table, None, PERIOD_NS) is None
     assert delay_estimation_of(table, PaperEq19Settings(kind="paper_eq19"), PERIOD_NS) is None
     watch = DelayWatch(None, EchoDelay(PERIOD_NS, NS_PER_S, NS_PER_S))
-    watch.on_tick(0, 0, 0.0, 0.0)
+    watch.on_tick(0, 0, 0.0, Received(controller_settings("pd")))
     assert watch.status(0) == DelayStatus(0.0, 0.0, EchoState.UNKNOWN, EstimateState.OFF, 0.0)
 
 

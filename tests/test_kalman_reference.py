@@ -101,14 +101,14 @@ class Listening(ControllerNode):
     def __init__(self, settings: ControllerSettings) -> None:
         super().__init__(settings, 0)
         self.estimates: list[EstimatorState] = []
-        step = self._design.step
+        step = self._law.design.step
 
         def kept(params: Any, state: Any, seen: LawInput) -> Any:
             state, output = step(params, state, seen)
             self.estimates.append(state.estimate)
             return state, output
 
-        self._design = self._design._replace(step=kept)
+        self._law.design = self._law.design._replace(step=kept)
 
 
 @pytest.mark.parametrize("network", NETWORKS)
@@ -130,11 +130,11 @@ def test_the_estimates_are_filterpys_with_each_measurement_at_its_own_sample(
     lost = measurements.count(None)
     assert 0.03 * len(measurements) < lost < 0.7 * len(measurements)
 
-    params = node._design.params_at
+    params = node._law.design.params_at
     assert params is not None
-    gains = params(node._vehicle.speed_m_s).gains
+    gains = params(node._received.vehicle.speed_m_s).gains
     reference = reference_filter(
-        settings.estimator, vehicle(), node._vehicle.speed_m_s, SENSOR_PERIOD_S
+        settings.estimator, vehicle(), node._received.vehicle.speed_m_s, SENSOR_PERIOD_S
     )
     reference.F, reference.B = model_of(gains)  # of this speed, between two of the table
     gain = np.vstack([gain_matrix(gains), np.zeros(2)])
@@ -150,7 +150,7 @@ def record(
     node: ControllerNode, first: int, last: int
 ) -> tuple[list[float], list[tuple[float, float] | None]]:
     """Return what filterpy is given, read off the node's memory when all is over."""
-    history = node._memory.history
+    history = node._law.memory.history
     commands_rad, measurements = [], []
 
     def sent_rad(tick: int) -> float:

@@ -15,12 +15,25 @@ from tools.virtual_pair import run_virtual_nodes
 MS = 1_000_000
 
 
+class Clock:
+    """Holds samples against the clock, each with its arrival in ms."""
+
+    def __init__(self, period_ns: int = 10 * MS) -> None:
+        self.rate = NO_RATE
+        self._period_ns = period_ns
+        self._newest_ns = 0
+
+    def sample(self, number: int, arrival_ms: float) -> None:
+        before_ns, self._newest_ns = self._newest_ns, round(arrival_ms * MS)
+        self.rate = rate_step(self._period_ns, self.rate, before_ns, number, self._newest_ns)
+
+
 def after(arrivals: Iterable[tuple[int, float]], period_ms: float = 10.0) -> RateState:
     """The state after samples, each with its arrival in ms."""
-    x = NO_RATE
+    clock = Clock(round(period_ms * MS))
     for sample, arrival_ms in arrivals:
-        x = rate_step(round(period_ms * MS), x, sample, round(arrival_ms * MS))
-    return x
+        clock.sample(sample, arrival_ms)
+    return clock.rate
 
 
 def every(
@@ -63,28 +76,28 @@ def test_four_windows_are_needed() -> None:
 def test_jitter_and_loss_are_no_wrong_period(deviation_ms: float, lost: float) -> None:
     source = random.Random(3)
     arrivals = every(10.0, 300.0, lambda: max(0.0, source.gauss(300.0, deviation_ms)))
-    x = NO_RATE
+    clock = Clock()
     for sample, arrival_ms in arrivals:
         if source.random() >= lost:
-            x = rate_step(10 * MS, x, sample, round(arrival_ms * MS))
-            assert not x.is_wrong
+            clock.sample(sample, arrival_ms)
+            assert not clock.rate.is_wrong
 
 
 def test_a_latency_that_rises_and_falls_by_half_a_second_is_no_wrong_period() -> None:
-    x = NO_RATE
+    clock = Clock()
     for sample in range(6000):
         latency_ms = 500.0 * abs((sample / 300) % 2 - 1)  # in three seconds
-        x = rate_step(10 * MS, x, sample, round((sample * 10.0 + latency_ms) * MS))
-        assert not x.is_wrong
+        clock.sample(sample, sample * 10.0 + latency_ms)
+        assert not clock.rate.is_wrong
 
 
 def test_a_plant_that_is_stopped_again_and_again_has_no_wrong_period() -> None:
     """Its counter stands still meanwhile."""
-    at_ms, x = 0.0, NO_RATE
+    at_ms, clock = 0.0, Clock()
     for sample in range(6000):
         at_ms += 700.0 if sample % 150 == 149 else 10.0
-        x = rate_step(10 * MS, x, sample, round(at_ms * MS))
-        assert not x.is_wrong
+        clock.sample(sample, at_ms)
+        assert not clock.rate.is_wrong
 
 
 def test_a_period_that_comes_right_is_believed_again() -> None:

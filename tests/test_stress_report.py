@@ -170,7 +170,6 @@ def made_rows(rms_m: list[float], verdicts: list[Verdict], controllers: int) -> 
         steer_rms_rad=np.array(rms_m) / 10.0,
         steer_rate_rms_rad_s=np.array(rms_m),
         limited_share=np.zeros(count),
-        by_nodes=np.zeros(count, dtype=np.int64),
         factors={
             "mean_s": np.zeros(count),
             "jitter": np.zeros(count),

@@ -1,11 +1,12 @@
 """How fast it is on this machine, beside what it should be.
 
-    python -m tools.benchmark [--json FILE]
+    python -m tools.benchmark [--json FILE] [--against SAVED]
 
 Prints the median of several repetitions with the least and the most, the target where there is
 one, and the ratio of the time behind each figure to that of a fixed loop of arithmetic. A start is
 timed to the program's first frame on an emulated bus. Other work on the machine shows in the
-spread; a target that is missed then says little.
+spread; a target that is missed then says little. ``--against`` names what got slower than in a file
+that ``--json`` wrote.
 """
 
 import argparse
@@ -24,6 +25,7 @@ from runtime.bus import BusError
 from runtime.host import StealClock
 from runtime.option_types import output_file
 from runtime.program import ExitStatus, run_main
+from tools.benchmarks.comparison import comparison_text, ratios_of, read_ratios
 from tools.benchmarks.loop import controller_node_line, frame_lines, law_lines, virtual_time_lines
 from tools.benchmarks.measurement import Line, calibration
 from tools.benchmarks.startup import StartupError, heavy_modules, startup_lines
@@ -36,19 +38,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="benchmark", description=(__doc__ or "").splitlines()[0], allow_abbrev=False
     )
     parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
+    parser.add_argument(
+        "--against", type=Path, metavar="SAVED", help="name what got slower than in a saved file"
+    )
     options = parser.parse_args(arguments)
     return run_main("benchmark", partial(_run, options))
 
 
 def _run(options: argparse.Namespace) -> int:
+    before = None if options.against is None else read_ratios(options.against)
     try:
-        _benchmark(options.json)
+        now = _benchmark(options.json)
     except StartupError as error:
         raise BusError(str(error)) from error
+    if before is not None:
+        print(comparison_text(before, now))
     return ExitStatus.OK
 
 
-def _benchmark(json_file: Path | None) -> None:
+def _benchmark(json_file: Path | None) -> dict[str, float]:
+    """Time everything; returns the ratios to the calibration loop by name."""
     console, steal = Console(), StealClock()
     loop = calibration()
     lines = [
@@ -71,14 +80,16 @@ def _benchmark(json_file: Path | None) -> None:
     stolen = machine["steal_fraction"]
     console.print(f"{machine['python']}, {machine['processors']} processors, ", end="")
     console.print("steal unknown" if stolen is None else f"{100 * stolen:.1f} % stolen by the host")
+    records = [_as_json(line, loop.median) for line in lines]
     if json_file is not None:
         content = {
             "machine": machine,
             "calibration_us": loop.median,
-            "lines": [_as_json(line, loop.median) for line in lines],
+            "lines": records,
             "heavy_modules": heavy,
         }
         json_file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    return ratios_of(records)
 
 
 def _as_json(line: Line, calibration_us: float) -> dict[str, Any]:

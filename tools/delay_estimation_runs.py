@@ -26,6 +26,7 @@ from dbc.messages import (
     VehicleState,
     decode,
 )
+from dbc.protection import COUNTERS
 from plant_emulator.settings import PlantSettings
 from runtime.frame import Frame
 from runtime.node import NS_PER_S
@@ -201,8 +202,8 @@ class _Listener:
 
 
 def _next(number: int, counter: int) -> int:
-    """Return the number after ``number`` of which ``counter`` is the rest modulo 256."""
-    return number + 1 + (counter - number - 1) % 256
+    """Return the number after ``number`` of which ``counter`` is the E2E counter."""
+    return number + 1 + (counter - number - 1) % COUNTERS
 
 
 def _told(message: DelayStatus) -> tuple[float, float, float]:

@@ -13,6 +13,7 @@ from plant_emulator.settings import PlantSettings
 from runtime.bus_model import BusModel
 from runtime.candump import CandumpLog
 from runtime.frame import Frame
+from runtime.host import no_collections
 from runtime.virtual_time import VirtualTimeExecutor
 from tools.live_pair import PairResult
 from tools.trace import Trace
@@ -86,6 +87,7 @@ def run_virtual_nodes(
     ``should_stop`` is asked every SLICE_NS of virtual time.
     """
     with ExitStack() as stack:
+        stack.enter_context(no_collections())
         on_wire = None
         if candump_log is not None:
             on_wire = _writer(stack.enter_context(CandumpLog(candump_log, "virtual")))

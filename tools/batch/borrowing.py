@@ -12,19 +12,30 @@ from numba import types
 from numba.extending import intrinsic
 
 
-def _uncounted(_typing: Any, array: Any) -> Any:
+def _uncounted(_typing: Any, kind: Any) -> Any:
     """Type the call, and say how it is compiled; numba's ``carray`` takes longer to compile."""
-    if not isinstance(array, types.Array):
-        return None
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        view = context.make_helper(builder, array, value=arguments[0])
+        return _without_counts(context, builder, kind, arguments[0])
+
+    return kind(kind), generate
+
+
+def _without_counts(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    if isinstance(kind, types.Array):
+        view = context.make_helper(builder, kind, value=value)
         view.meminfo = view.meminfo.type(None)
         view.parent = view.parent.type(None)
         return view._getvalue()
-
-    return array(array), generate
+    if isinstance(kind, types.BaseTuple):
+        inner: Any = kind
+        for place, each in enumerate(inner):
+            part = builder.extract_value(value, place)
+            part = _without_counts(context, builder, each, part)
+            value = builder.insert_value(value, part, place)
+    return value
 
 
 borrowed: Any = intrinsic(_uncounted)
-"""For compiled code: returns an array's own memory without who counts its references."""
+"""For compiled code: returns an array, or a record with all its arrays and records of arrays, at
+the same place in memory without who counts their references; anything else as it is."""

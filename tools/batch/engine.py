@@ -16,6 +16,7 @@ from controller.design import LawDesign, design_law
 from controller.settings import ControllerSettings, limits_of
 from dbc.messages import LateralError, Mode, SteeringCommand, limits, resolutions
 from dbc.messages import Law as LawNumber
+from plant_emulator.motion_design import MotionParams
 from plant_emulator.rig_settings import ActuatorSettings, VehicleSettings
 from plant_emulator.safety_settings import SafetySettings, design_guard
 from plant_emulator.settings import PlantSettings
@@ -28,6 +29,7 @@ from tools.batch.loop import (
     LAW_FAILED,
     LEFT_RANGE,
     Constants,
+    Control,
     Records,
     Schedule,
     empty_records,
@@ -38,11 +40,11 @@ from tools.batch.loop import (
 )
 from tools.batch.motion import compiled_motion
 from tools.batch.network import FloatArray, IntArray
-from tools.batch.own_law import own_functions
+from tools.batch.own_law import LawRaisedError, own_functions
 from tools.batch.plan import Plan, plan_run
 from tools.batch.steps import register_law, register_steps
-from tools.batch.wire import NO_WIRE, NoWire, Wire
-from tools.batch.wire_plan import plan_wire, refuse_lost_wheel, speed_on_wire
+from tools.batch.wire import NOTHING_KNOWN, Known, Wire
+from tools.batch.wire_plan import plan_wire, speed_on_wire
 
 _DESIGNS_KEPT = 256
 """Laws kept for the next run with the same controller; designing one costs a tenth of a run."""
@@ -149,10 +151,9 @@ def run_batch(
     ``fastmath``  whether operations may change order and fuse; numbers are then close to those of
                   the nodes, not the same
 
-    Raises FaultsNotCompiledError for settings with faults, LawNotCompiledError and LawRaisedError
-    for laws of other packages that do not compile or raise, NothingArrivesError where no
-    measurement would ever reach the controller, and for a law that looks back UnclearSampleError
-    through gaps of seconds and LostWheelError where the steering goes to its safe state by itself.
+    Raises FaultsNotCompiledError for settings with faults, LawNotCompiledError for a law of another
+    package that does not compile, and NothingArrivesError where no measurement would ever reach the
+    controller.
     """
     if plant.faults:
         raise FaultsNotCompiledError(
@@ -164,15 +165,36 @@ def run_batch(
     plan = plan_run(plant, controller) if plan is None else plan
     law = _designed(controller)
     motion = compiled_motion(plant)
-    wire: NoWire | Wire = NO_WIRE
+    wire: Wire | None = None
+    known: Known | None = None
     if law.looks_back:
-        wire = plan_wire(plant, controller, plan, motion.speed_m_s)
+        known, wire = NOTHING_KNOWN, plan_wire(plant, controller, plan, motion.speed_m_s)
     params = law.params
     if law.params_at is not None:
         params = law.params_at(speed_on_wire(motion.speed_m_s))
     constants = _constants(plant, controller, plan)
     schedule = Schedule(*(getattr(plan, name) for name in Schedule._fields))
     records = empty_records(len(plan.sample_ns), len(plan.tick_ns))
+    world = (motion, constants, schedule, records, wire)
+    try:
+        samples, ticks, code = _run(loop, law, params, world, plan, known, plant)
+    except LawRaisedError:  # as an output without numbers: the run ends at that tick
+        samples, ticks = _filled(records.lateral_error_m), _filled(records.sent_rad)
+        code = LAW_FAILED
+    return _collected(plan, motion.speed_m_s, records, samples, ticks, _OUTCOMES[code])
+
+
+def _run(
+    loop: _Loop,
+    law: LawDesign,
+    params: Any,
+    world: tuple[MotionParams, Constants, Schedule, Records, Wire | None],
+    plan: Plan,
+    known: Known | None,
+    plant: PlantSettings,
+) -> tuple[int, int, int]:
+    """Run all segments of a plan; returns the samples taken, the ticks done, and how it ended."""
+    motion, constants, _, records, _ = world
     first, *others = plan.segments
     if plant.start_on_first_command:
         # It stands on its path till then, and the sensor sees noise alone.
@@ -181,19 +203,15 @@ def run_batch(
         error_m = round(float(plan.noise_m[first_sample]) / resolution_m) * resolution_m
     else:
         first_ns = int(plan.tick_ns[0]) if len(plan.tick_ns) else plan.end_ns
-        samples, code = loop.run_to_first_tick(motion, constants, schedule, records, wire, first_ns)
+        samples, code = loop.run_to_first_tick(*world, first_ns)
         if code != COMPLETE or not len(plan.tick_ns):
-            return _collected(plan, motion.speed_m_s, records, samples, 0, _OUTCOMES[code])
+            return samples, 0, code
         error_m = float(records.measured_m[plan.tick_sample[first.first_tick]])
-    state = law.initial_state(error_m)
+    control = Control(law.initial_state(error_m), 0.0, 0.0, known)
     if not others:
-        samples, ticks, code = loop.run_only_segment(
-            params, motion, constants, schedule, records, wire, first, state, plan.end_ns
-        )
-        if law.looks_back:
-            refuse_lost_wheel(plant, plan, records.command[:samples])
-        return _collected(plan, motion.speed_m_s, records, samples, ticks, _OUTCOMES[code])
-    x, sent_rad, fade_rad, ticks, code = loop.start_run(motion, constants), 0.0, 0.0, 0, COMPLETE
+        samples, ticks, code = loop.run_only_segment(params, *world, first, control, plan.end_ns)
+        return samples, ticks, code
+    x, ticks, code = loop.start_run(motion, constants), 0, COMPLETE
     before = Mode.WAITING
     for segment in plan.segments:
         if code != COMPLETE:
@@ -201,27 +219,18 @@ def run_batch(
         if segment.mode == Mode.ACTIVE and segment is not first:
             newest_m = float(records.measured_m[plan.tick_sample[segment.first_tick]])
             if before is Mode.HOLDING and law.recovered_state is not None:
-                state = law.recovered_state(state, newest_m)
+                state = law.recovered_state(control.law_state, newest_m)
             else:
                 state = law.initial_state(newest_m)
+            control = control._replace(law_state=state)
         before = Mode(segment.mode)
-        x, state, sent_rad, fade_rad, ticks, code = loop.run_segment(
-            params,
-            motion,
-            constants,
-            schedule,
-            records,
-            wire,
-            segment,
-            x,
-            state,
-            sent_rad,
-            fade_rad,
-            plan.end_ns,
-        )
-    if law.looks_back:
-        refuse_lost_wheel(plant, plan, records.command[: x.sample])
-    return _collected(plan, motion.speed_m_s, records, x.sample, ticks, _OUTCOMES[code])
+        x, control, ticks, code = loop.run_segment(params, *world, segment, x, control, plan.end_ns)
+    return x.sample, ticks, code
+
+
+def _filled(column: FloatArray) -> int:
+    """Return how many entries of a record that began without numbers have one."""
+    return int(np.count_nonzero(np.isfinite(column)))
 
 
 def _loop_of(controller: ControllerSettings, *, fastmath: bool) -> _Loop:

@@ -31,10 +31,16 @@ from plant_emulator.steering_guard import (
     start_guard,
 )
 from tools.batch.borrowing import borrowed
-from tools.batch.compilation import compiled, compiled_inline, compiled_inside
-from tools.batch.motion import borrowed_motion
+from tools.batch.compilation import compiled, compiled_inline
 from tools.batch.steps import law_step
-from tools.batch.wire import borrowed_wire, law_input, on_wire, record_wire
+from tools.batch.wire import (
+    Known,
+    law_input,
+    on_wire,
+    record_wire,
+    take_arrivals,
+    take_command,
+)
 
 COMPLETE, LEFT_RANGE, LAW_FAILED = range(3)
 """How a segment ended: at its end; with an error LATERAL_ERROR cannot carry; with a command that is
@@ -98,16 +104,16 @@ class Records(NamedTuple):
 
 
 def empty_records(samples: int, ticks: int) -> Records:
-    """Return room for a run; what is in it before is not to be read."""
+    """Return room for a run: errors and commands begin as NaN, the others as anything."""
     return Records(
-        np.empty(samples),
+        np.full(samples, np.nan),
         np.empty(samples),
         np.empty(samples),
         np.empty(samples),
         np.empty(samples),
         np.empty(samples),
         np.empty(samples, dtype=np.int64),
-        np.empty(ticks),
+        np.full(ticks, np.nan),
         np.empty((ticks, 4)),
     )
 
@@ -124,6 +130,17 @@ class Progress(NamedTuple):
     in_effect: int
 
 
+class Control(NamedTuple):
+    """Where the controller is: the law's state, the command last sent, the fade that is left [rad],
+    and what it knows of the wire, None of a law that does not look back.
+    """
+
+    law_state: Any
+    sent_rad: float
+    fade_rad: float
+    known: Known | None
+
+
 class Segment(NamedTuple):
     """Ticks that the controller spends in one mode, as ``range(first_tick, last_tick)``.
 
@@ -134,33 +151,6 @@ class Segment(NamedTuple):
     first_tick: int
     last_tick: int
     is_recovery: bool
-
-
-@compiled_inside
-def _borrowed_schedule(s: Schedule) -> Schedule:
-    return Schedule(
-        borrowed(s.tick_ns),
-        borrowed(s.tick_sample),
-        borrowed(s.command_due_ns),
-        borrowed(s.command_tick),
-        borrowed(s.sample_ns),
-        borrowed(s.noise_m),
-    )
-
-
-@compiled_inside
-def _borrowed_records(r: Records) -> Records:
-    return Records(
-        borrowed(r.lateral_error_m),
-        borrowed(r.heading_error_rad),
-        borrowed(r.yaw_rate_rad_s),
-        borrowed(r.wheel_angle_rad),
-        borrowed(r.curvature_1_m),
-        borrowed(r.measured_m),
-        borrowed(r.command),
-        borrowed(r.sent_rad),
-        borrowed(r.law_output),
-    )
 
 
 @compiled_inline
@@ -226,8 +216,7 @@ def run_to_first_tick(
     p: Any, c: Constants, s: Schedule, r: Records, wire: Any, first_tick_ns: int
 ) -> Any:
     """Run the plant from its start up to and at the first tick; returns samples taken, and how."""
-    p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
-    wire = borrowed_wire(wire)
+    p, s, r, wire = borrowed(p), borrowed(s), borrowed(r), borrowed(wire)
     x, outcome = _plant_until(p, c, s, r, wire, _start(p, c), 0, first_tick_ns)
     return x.sample, outcome
 
@@ -235,7 +224,7 @@ def run_to_first_tick(
 @compiled
 def start_run(p: Any, c: Constants) -> Any:
     """Return where the plant starts."""
-    return _start(borrowed_motion(p), c)
+    return _start(borrowed(p), c)
 
 
 @compiled_inline
@@ -252,7 +241,7 @@ def run_only_segment(
     r: Records,
     wire: Any,
     segment: Segment,
-    law_state: Any,
+    control: Control,
     end_ns: int,
 ) -> Any:
     """Run from the plant's start through a segment that lasts to the end.
@@ -260,10 +249,9 @@ def run_only_segment(
     Returns the samples taken, the ticks done, and how it ended. Most runs have one segment only;
     to hand the plant's state to Python and back costs as much as hundreds of ticks.
     """
-    p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
-    wire = borrowed_wire(wire)
-    x, _, _, _, ticks, outcome = _run_ticks(
-        law_params, p, c, s, r, wire, segment, _start(p, c), law_state, 0.0, 0.0, end_ns
+    p, s, r, wire = borrowed(p), borrowed(s), borrowed(r), borrowed(wire)
+    x, _, ticks, outcome = _run_ticks(
+        law_params, p, c, s, r, wire, segment, _start(p, c), control, end_ns
     )
     return x.sample, ticks, outcome
 
@@ -278,9 +266,7 @@ def run_segment(
     wire: Any,
     segment: Segment,
     x: Progress,
-    law_state: Any,
-    sent_rad: float,
-    fade_rad: float,
+    control: Control,
     end_ns: int,
 ) -> Any:
     """Run the ticks of a segment, each with the plant up to it, and the plant up to the next.
@@ -288,14 +274,10 @@ def run_segment(
     ``x``       the plant, at the first tick of the segment or before it
     ``end_ns``  how far to run the plant after the last tick of all
 
-    Returns the plant, the law's state, the command last sent, the fade that is left [rad], the tick
-    that comes next, and how it ended.
+    Returns the plant, the controller, the tick that comes next, and how it ended.
     """
-    p, s, r = borrowed_motion(p), _borrowed_schedule(s), _borrowed_records(r)
-    wire = borrowed_wire(wire)
-    return _run_ticks(
-        law_params, p, c, s, r, wire, segment, x, law_state, sent_rad, fade_rad, end_ns
-    )
+    p, s, r, wire = borrowed(p), borrowed(s), borrowed(r), borrowed(wire)
+    return _run_ticks(law_params, p, c, s, r, wire, segment, x, control, end_ns)
 
 
 @compiled_inline
@@ -308,26 +290,26 @@ def _run_ticks(
     wire: Any,
     segment: Segment,
     x: Progress,
-    law_state: Any,
-    sent_rad: float,
-    fade_rad: float,
+    control: Control,
     end_ns: int,
-) -> tuple[Progress, Any, float, float, int, int]:
+) -> tuple[Progress, Control, int, int]:
     mode, first_tick, last_tick, is_recovery = segment
+    law_state, sent_rad, fade_rad, known = control
     # The plant runs in one place only: all of it is compiled into this loop.
     for tick in range(first_tick, last_tick + 1):
         now = np.uintp(tick)
         to_ns = s.tick_ns[now] if tick < len(s.tick_ns) else end_ns
         x, outcome = _plant_until(p, c, s, r, wire, x, tick, to_ns)
         if outcome != COMPLETE or tick == last_tick:
-            return x, law_state, sent_rad, fade_rad, tick, outcome
+            return x, Control(law_state, sent_rad, fade_rad, known), tick, outcome
+        known = take_arrivals(wire, known, s, r, to_ns)
         wanted_rad = sent_rad
         if mode == _ACTIVE:
             error_m = r.measured_m[np.uintp(s.tick_sample[now])]
-            seen = law_input(wire, r.sent_rad, r.measured_m, tick, error_m, sent_rad)
+            seen = law_input(wire, known, r, tick, to_ns, error_m, sent_rad)
             law_state, output = law_step(law_params, law_state, seen)
             if not math.isfinite(output.steer_rad):
-                return x, law_state, sent_rad, fade_rad, tick, LAW_FAILED
+                return x, Control(law_state, sent_rad, fade_rad, known), tick, LAW_FAILED
             if is_recovery and tick == first_tick:
                 fade_rad = sent_rad - output.steer_rad
             else:
@@ -344,4 +326,5 @@ def _run_ticks(
                 wanted_rad = ramp_step(c.ramp_step_rad, wanted_rad)
         sent_rad = limit_step(c.limits, sent_rad, wanted_rad)
         r.sent_rad[now] = sent_rad
-    return x, law_state, sent_rad, fade_rad, last_tick, COMPLETE
+        known = take_command(wire, known, tick, sent_rad)
+    return x, Control(law_state, sent_rad, fade_rad, known), last_tick, COMPLETE

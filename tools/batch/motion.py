@@ -16,8 +16,6 @@ from plant_emulator.rig_settings import (
     VehicleSettings,
 )
 from plant_emulator.settings import PlantSettings
-from tools.batch.borrowing import borrowed
-from tools.batch.compilation import compiled_inside
 
 _KEPT = 32
 """Motions kept for the next run with the same rig: about 2 MB each."""
@@ -56,26 +54,3 @@ def _road(settings: PathSettings) -> Path:
         for name in ("start_m", "curvature_1_m", "curvature_slope_1_m2")
     }
     return path._replace(**arrays, pose=())
-
-
-@compiled_inside
-def borrowed_motion(p: MotionParams) -> MotionParams:
-    """Return the parameters with borrowed arrays."""
-    road = p.path
-    return MotionParams(
-        p.speed_m_s,
-        p.preview_m,
-        p.actuator,
-        Path(
-            borrowed(road.start_m),
-            borrowed(road.curvature_1_m),
-            borrowed(road.curvature_slope_1_m2),
-            road.pose,
-            road.length_m,
-            road.lap_turn_rad,
-            road.closed,
-        ),
-        borrowed(p.intervals),
-        borrowed(p.table),
-        borrowed(p.first_rows),
-    )

@@ -7,7 +7,6 @@ mode it is in, follows from arrivals alone too, and is asked of its own classes.
 Left out is what no control depends on: the two status messages.
 """
 
-from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +23,7 @@ from runtime.node import NEVER_NS
 from tools.batch.loop import Segment
 from tools.batch.network import FloatArray, Frames, IntArray, normal_scores, passages
 from tools.batch.steps import register_steps
+from tools.batch.wire import Uplink
 
 SAMPLES_WITHOUT_ARRIVAL_MAX = 100_000
 """Samples after which a network that lets none through is taken to be shut."""
@@ -52,14 +52,6 @@ class Plan(NamedTuple):
     segments: tuple[Segment, ...]
     motion_start_ns: int
     end_ns: int
-
-
-class Uplink(IntEnum):
-    """Messages of a sample, in the order in which they enter the uplink."""
-
-    LATERAL_ERROR = 0
-    STEERING_STATUS = 1
-    VEHICLE_STATE = 2
 
 
 class Arrivals(NamedTuple):
@@ -192,12 +184,15 @@ def _segments(
     if (tick_ns - arrival_ns[in_use] <= supervision.measurement_timeout_ns).all():
         return (Segment(int(Mode.ACTIVE), 0, len(tick_ns), False),)
     supervisor, arrived = Supervisor(supervision, 0), 0
+    before_ns: int | None = None
     entered: list[tuple[Mode, int]] = []
     for tick, (now_ns, newest) in enumerate(zip(tick_ns.tolist(), in_use.tolist(), strict=True)):
         while arrived <= newest:
-            supervisor.on_measurement(int(arrival_ns[arrived]))
+            arrived_ns = int(arrival_ns[arrived])
+            supervisor.on_measurement(before_ns, arrived_ns)
+            before_ns = arrived_ns
             arrived += 1
-        mode = supervisor.move_on(now_ns)
+        mode = supervisor.move_on(before_ns, now_ns)
         if mode is not None:
             entered.append((mode, tick))
     ends = [first for _, first in entered[1:]] + [len(tick_ns)]

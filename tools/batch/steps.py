@@ -19,27 +19,23 @@ from controller.law_interface import LawInput
 from controller.law_record import Law
 from controller.laws import LAWS
 from controller.limits import limit_step, ramp_step
-from controller.link import delay_of, delay_step
+from controller.link_memory import command_step, echo_step, error_step, history_of, link_at
 from controller.own_law import numbers_or_none
-from controller.sensor_rate import rate_step
 from dbc.messages import Law as LawNumber
 from plant_emulator.loss import loss_step
 from plant_emulator.motion import advance_motion, command_motion, start_motion
-from plant_emulator.steering_guard import (
-    guard_command,
-    guard_timer,
-    guard_wheel,
-    is_overruled,
-    start_guard,
-)
+from plant_emulator.steering_guard import guard_command, guard_timer, guard_wheel, start_guard
+from plant_emulator.steering_unit import status_of
 from runtime.settings import SettingsError
 
 _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
     limit_step,
     ramp_step,
-    delay_of,
-    delay_step,
-    rate_step,
+    history_of,
+    error_step,
+    echo_step,
+    command_step,
+    link_at,
     loss_step,
     start_motion,
     advance_motion,
@@ -48,7 +44,7 @@ _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
     guard_command,
     guard_timer,
     guard_wheel,
-    is_overruled,
+    status_of,
 )
 _AROUND: dict[type, Callable[..., Any]] = {
     FeedForwardParams: feed_forward_step,

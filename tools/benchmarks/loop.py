@@ -27,6 +27,7 @@ from dbc.messages import (
     decode,
     encode,
 )
+from dbc.protection import COUNTERS
 from plant_emulator.settings import PlantSettings
 from runtime.bus_model import BusModel
 from runtime.frame import Frame
@@ -42,7 +43,6 @@ SPEED_TARGET = 200.0
 MOTION_S = 20.0
 VIRTUAL_REPETITIONS = 5
 PERIOD_NS = 10_000_000
-COUNTERS = 256
 
 MESSAGES: tuple[Message, ...] = (
     SteeringCommand(0.01234, 4321, Mode.ACTIVE),

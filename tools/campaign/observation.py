@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from controller.settings import ControllerSettings, limits_of
 from dbc.messages import (
     CAN_IDS,
+    COMMAND_COUNTERS,
     ControllerFault,
     ControllerSafety,
     Decoded,
@@ -30,7 +31,6 @@ SAFE_CAUSES = ("silence", "failure", "safe_state")
 """Counts that rise when a node leaves control."""
 _STALE_WITHOUT_HOLD = ("steering_status", "vehicle_state")
 _COMMAND_ID = CAN_IDS[SteeringCommand]
-_COMMAND_COUNTERS = 1 << 16
 _RESOLUTION_RAD = resolutions(SteeringCommand)["steer_rad"]
 _ABNORMAL_MODES = (Mode.HOLDING, Mode.SAFE_STOP)
 _ABNORMAL_CODES = (
@@ -221,7 +221,7 @@ class Watch(Wrapper[ReportingNode]):
         last, self._last_command = self._last_command, command
         if last is None:
             return
-        steps = (command.command_counter - last.command_counter) % _COMMAND_COUNTERS
+        steps = (command.command_counter - last.command_counter) % COMMAND_COUNTERS
         change_rad = command.steer_rad - last.steer_rad
         if abs(change_rad) > steps * self._bounds.command_step_rad:
             self.invalid.append(f"command steps by {change_rad:g} rad in {steps} periods")

@@ -22,7 +22,7 @@ from controller.analysis.loop_figures import (
 )
 from controller.analysis.responses import behind_lag
 from controller.analysis.sampled_loop import SampledLoop
-from controller.analysis.tracking import TrackingGrid, rms_m, track, tracking_grid
+from controller.analysis.tracking import TrackingGrid, track, tracking_grid
 from controller.design import LawDesign
 from controller.nominal_model import steer_to_lateral_error
 from controller.transfer_function import TransferFunction
@@ -166,11 +166,6 @@ def judge_law(study: Study, law: str, values: dict[str, float]) -> Judgement:
         "noise_gain": "noise gain",
     }[study.spec.minimise]
     return _judged(study, named[objective], demands)
-
-
-def rms_by_delay_m(study: Study, design: LawDesign) -> FloatArray:
-    """Return the RMS of the lateral error, shape (paths, corners, delays) [m]."""
-    return rms_m(study.tracking, design)
 
 
 def region_loops(study: Study, design: LawDesign) -> list[tuple[SampledLoop, int]]:

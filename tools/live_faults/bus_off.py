@@ -11,8 +11,9 @@ from types import MappingProxyType
 import can
 
 from dbc.messages import CAN_IDS, LateralError, SteeringCommand
-from runtime.bus import BusError, BusPort, one_line
+from runtime.bus import BusError, BusPort
 from runtime.emulated_bus.client import EmulatedBus
+from runtime.error_text import one_line
 from runtime.node import NS_PER_S
 from runtime.port import ClosablePort
 from runtime.settings import SettingsError

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from dbc.messages import (
     CAN_IDS,
+    COMMAND_COUNTERS,
     Decoded,
     LateralError,
     Mode,
@@ -31,7 +32,6 @@ PERIOD_NS = 10_000_000
 """Of forged and malformed frames where the magnitude says something else: as of the pair's own."""
 FRAMES_AT_ONCE = 200
 """After a stall of the machine; a flood gets no further than the bus takes."""
-_COMMAND_COUNTERS = 1 << 16
 _COMMAND_ID = CAN_IDS[SteeringCommand]
 _HEARD_IDS = (_COMMAND_ID, CAN_IDS[LateralError])
 Produce = Callable[[int], Sequence[Frame]]
@@ -121,7 +121,7 @@ def frame_source(
 
 
 def _producer(fault: LiveFault, draws: random.Random) -> Produce:
-    first = draws.randrange(_COMMAND_COUNTERS)
+    first = draws.randrange(COMMAND_COUNTERS)
     if fault.kind is LiveKind.SPOOF:
         return lambda index: (_command(fault.magnitude, first + index),)
     if fault.kind is LiveKind.NOISE:
@@ -174,7 +174,7 @@ def _next_of(fault: LiveFault, frame: Frame) -> Sequence[Frame]:
 
 
 def _command(steer_rad: float, counter: int) -> Frame:
-    message = SteeringCommand(steer_rad, counter % _COMMAND_COUNTERS, Mode.ACTIVE)
+    message = SteeringCommand(steer_rad, counter % COMMAND_COUNTERS, Mode.ACTIVE)
     return encode(message, counter % COUNTERS)
 
 

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import can
 
+from runtime.error_text import one_line
 from runtime.message import frame_of
 from runtime.node import NS_PER_S
 from tools.log_analysis.candump_text import TIME_NS_LIMIT, Logged, candump_frames
@@ -117,7 +118,7 @@ def _python_can(
             logged = None if message is None else _logged(message)
         except Exception as error:  # whatever a reader stumbles over
             header = lines.seen[:-1] if header is None else header
-            lines.count_unreadable(f"no frame: {_one_line(error)[:60]}")
+            lines.count_unreadable(f"no frame: {one_line(error)[:60]}")
             if lines.number == begun_at:
                 return  # nothing is left but what it stumbles over
             begun_at = lines.number
@@ -154,7 +155,7 @@ class _BinaryLog:
         except OSError as error:
             raise LogError(f"{path}: {error.strerror or error}") from error
         except Exception as error:
-            raise LogError(f"{path}: no {path.suffix} file: {_one_line(error)}") from error
+            raise LogError(f"{path}: no {path.suffix} file: {one_line(error)}") from error
 
     def _opened(self) -> Any:
         if self._path.suffix.lower() != ".blf":
@@ -184,12 +185,8 @@ class _BinaryLog:
         except Exception as error:  # whatever a reader stumbles over
             self.unreadable = 1
             self.first_unreadable = f"{self._path}: damaged after {count} frames: "
-            self.first_unreadable += _one_line(error)
+            self.first_unreadable += one_line(error)
         finally:
             self._reader.stop()
         if not count:
             raise LogError(self.first_unreadable or f"{self._path}: there is no frame in it")
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dbc.messages import (
+    COMMAND_COUNTERS,
     CYCLE_TIMES_MS,
     MESSAGE_TYPES,
     ControllerSafety,
@@ -39,7 +40,6 @@ STRIPS = ("lateral_error_m", "steer_rad", "downlink_s", "uplink_s", "round_trip_
 _STALE_NS = NS_PER_S
 _MARK_NS = NS_PER_S // 10
 _IN_FLIGHT_MAX = 4096
-_COMMAND_COUNTERS = 1 << 16
 _SPAN_NS = round(SPAN_S * NS_PER_S)
 
 Strip = tuple[float | None, ...]
@@ -212,7 +212,7 @@ class BusWatch:
             del self._sent_ns[next(iter(self._sent_ns))]  # the oldest: a dict keeps its order
         self._sent_ns[counter] = now_ns
         number = self._commands[-1][1] if self._commands else counter
-        step = (counter - number) % _COMMAND_COUNTERS
+        step = (counter - number) % COMMAND_COUNTERS
         if step > _IN_FLIGHT_MAX:  # a controller that was started anew
             self._commands.clear()
             number, step = counter, 0

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from dbc.messages import CAN_IDS, Decoded, Mode, SteeringCommand, decode
+from dbc.protection import COUNTERS
 from runtime.candump import CandumpReader, parse_entry
 from runtime.frame import Frame
 from runtime.frame_length import INTERMISSION_BITS, frame_bits
@@ -18,7 +19,6 @@ from runtime.node import NS_PER_S
 from runtime.statistics import DurationStatistics, DurationSummary
 
 NAMES = {can_id: message.__name__ for message, can_id in CAN_IDS.items()}
-_COUNTERS = 256
 _COUNTER_BYTE = 2
 """Of the end-to-end header, in every message that is sent in cycles."""
 
@@ -157,8 +157,8 @@ def gaps(counters: Sequence[int]) -> tuple[int, int]:
     """Return how many counters are missing, and how many do not go forward."""
     missing = backwards = 0
     for before, after in pairwise(counters):
-        step = (after - before) % _COUNTERS
-        if 0 < step < _COUNTERS // 2:
+        step = (after - before) % COUNTERS
+        if 0 < step < COUNTERS // 2:
             missing += step - 1
         else:
             backwards += 1

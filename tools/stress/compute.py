@@ -2,8 +2,7 @@
 
 Everything that runs can share is made once and kept: the network of a run belongs to all the runs
 that differ only in law, vehicle or path; controllers, vehicles and paths are kept where they are
-made. What is left a run is the compiled loop and the compiled figures, which need no lock; and for
-a run that the loop has no answer to, the two nodes (``tools.stress.exact_run``).
+made. What is left a run is the compiled loop and the compiled figures, which need no lock.
 """
 
 from collections import OrderedDict
@@ -17,9 +16,8 @@ from numpy.typing import NDArray
 from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
 from runtime.settings import SettingsError
-from tools.batch.engine import Outcome
+from tools.batch.engine import Outcome, run_batch
 from tools.batch.plan import NothingArrivesError, Plan, plan_run
-from tools.stress.exact_run import NodeRun, StoppedError, run_exactly
 from tools.stress.figures import (
     COLUMNS,
     COUNTS,
@@ -60,12 +58,14 @@ class Computed(NamedTuple):
 class Network(NamedTuple):
     """What the network does to a run.
 
-    ``latency``  what the run sees of it, by the number of samples of the run
+    ``latency``  what a run sees of it, by what decides on the commands in effect: the steering's
+                 safety settings, how many samples there are, and the command in effect at the last,
+                 by which a steering that has gone to its safe state is known
     """
 
     plan: Plan
     losses: Losses
-    latency: dict[int, LatencyFigures]
+    latency: dict[Hashable, LatencyFigures]
 
 
 class Computer:
@@ -92,9 +92,7 @@ class Computer:
                 plant = self.scenarios.plant(case)
             controller = self.scenarios.controller(case, controllers[place])
             try:
-                end = self.one(plant, controller, figures[done], should_stop)
-            except StoppedError:
-                break
+                end = self.one(plant, controller, figures[done])
             except SettingsError as error:
                 raise SettingsError(*(f"run {run}: {line}" for line in error.mistakes)) from error
             except Exception as error:
@@ -104,36 +102,18 @@ class Computer:
             done += 1
         return Computed(np.array(ids[:done], dtype=np.int64), ends[:done], figures[:done])
 
-    def one(
-        self,
-        plant: PlantSettings,
-        controller: ControllerSettings,
-        row: FloatArray,
-        should_stop: Callable[[], bool] = lambda: False,
-    ) -> RunEnd:
-        """Write what is computed of one run into ``row``, shape (len(COLUMNS),).
-
-        Raises StoppedError where it should stop, which only a run of the nodes asks.
-        """
+    def one(self, plant: PlantSettings, controller: ControllerSettings, row: FloatArray) -> RunEnd:
+        """Write what is computed of one run into ``row``, shape (len(COLUMNS),)."""
         try:
             network = self.network(plant, controller)
         except NothingArrivesError:
             row[-len(COUNTS) :] = 0.0
             return RunEnd.NO_START
-        run = run_exactly(
-            plant,
-            controller,
-            network.plan,
-            fastmath=self.scenarios.study.fastmath,
-            should_stop=should_stop,
-        )
-        by_nodes = isinstance(run, NodeRun)
-        known = None if by_nodes else network.latency.get(len(run.time_s))
+        run = run_batch(plant, controller, network.plan, fastmath=self.scenarios.study.fastmath)
+        in_effect = (plant.safety, len(run.command), *run.command[-1:].tolist())
+        known = network.latency.get(in_effect)
         if known is None:
-            known = latency_figures(run.downlink_latency_s)
-        if not by_nodes:
-            # The commands in effect follow from the network and from how long the run is.
-            network.latency[len(run.time_s)] = known
+            known = network.latency[in_effect] = latency_figures(run.downlink_latency_s)
         rules = rules_of(self.scenarios.study.settings.verdict, plant, controller)
         take_figures(
             rules, run.time_s, run.lateral_error_m, run.sent_rad, known, row[: -len(COUNTS)]
@@ -147,7 +127,6 @@ class Computer:
             _acted(plan, ticks, taken),
             network.losses.commands(ticks),
             network.losses.measurements(taken),
-            by_nodes,
         )
         return _ENDS[run.outcome]
 

@@ -80,12 +80,10 @@ COUNTS = (
     "commands_acted",
     "downlink_lost",
     "uplink_lost",
-    "by_nodes",
 )
 COLUMNS = (*Figures._fields, *COUNTS)
 """Columns of what is computed; the counts are whole numbers: samples since the start of motion,
-commands sent, those that reached the actuator, frames that each direction lost, and whether (1) the
-two nodes computed the run instead of the compiled loop."""
+commands sent, those that reached the actuator, and frames that each direction lost."""
 
 
 class LatencyFigures(NamedTuple):

@@ -12,7 +12,6 @@ are the proof. One seed draws the same uniforms for every latency and every law.
 Bounds over seeds are order statistics (``tools.stress_report.order_statistics``).
 """
 
-import math
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
@@ -39,17 +38,13 @@ LATENCY_NS_MAX = 2 * NS_PER_S
 GROUPS_MAX = 2
 CANDIDATES_MAX = 8
 JITTERS_MAX = 6
-NODE_RUNS_MAX = 5
-"""Runs by the nodes, of a law at a jitter, after which its search ends: they take seconds each."""
 _THREADS = 2
 
 
 class BreakPoint(NamedTuple):
     """Break-point of a law at one jitter [s]; -1 where not even no latency is held.
 
-    ``by_seed_s``    in ascending order; LATENCY_NS_MAX stands for that and more; empty, and the
-                     rest NaN, where the search would have needed more than NODE_RUNS_MAX runs of
-                     the nodes
+    ``by_seed_s``    in ascending order; LATENCY_NS_MAX stands for that and more
     ``held_s``       at least HELD_SHARE of all seeds hold here, with CONFIDENCE; NaN where there
                      are too few seeds to say
     ``low_s``, ``high_s``   interval of the median, with CONFIDENCE
@@ -115,38 +110,25 @@ def largest_held(holds: Callable[[int], bool], guess: int, largest: int) -> int:
     return low
 
 
-class _TooManyNodesError(Exception):
-    """A search needs more runs of the nodes than it may have."""
-
-
 class _Search:
     """Searches at one jitter, with the networks that the laws share."""
 
     def __init__(self, scenarios: Scenarios, axes: StudyAxes) -> None:
         self._computer = Computer(scenarios)
         self._axes = axes
-        self._by_nodes = [0] * len(scenarios.controllers)
 
     def break_points(self, group: list[_Conditions], run_seeds: list[int]) -> list[BreakPoint]:
         """Return the break-point of each law."""
         searched = list(group)
-        found: list[list[int] | None] = [[] for _ in group]
+        found: list[list[int]] = [[] for _ in group]
         for seed in run_seeds:
             # The laws one after the other: they break at latencies near each other, and share
             # the networks of those.
             for place, steps in enumerate(found):
-                if steps is None:
-                    continue
-                try:
-                    if not steps:
-                        searched[place] = self._first_to_break(searched[place], seed)
-                    steps.append(self._next(searched[place], seed, steps))
-                except _TooManyNodesError:
-                    found[place] = None
-        return [
-            _not_searched(conditions) if steps is None else _break_point(conditions, steps)
-            for conditions, steps in zip(searched, found, strict=True)
-        ]
+                if not steps:
+                    searched[place] = self._first_to_break(searched[place], seed)
+                steps.append(self._next(searched[place], seed, steps))
+        return list(map(_break_point, searched, found))
 
     def _next(self, conditions: _Conditions, seed: int, steps: list[int]) -> int:
         """Return the break-point with a further seed, of which some are known."""
@@ -192,9 +174,6 @@ class _Search:
         plant = scenarios.plant(case)
         settings = scenarios.controller(case, scenarios.controllers[controller])
         end = RUN_ENDS.index(self._computer.one(plant, settings, row))
-        self._by_nodes[controller] += int(row[COLUMNS.index("by_nodes")])
-        if self._by_nodes[controller] > NODE_RUNS_MAX:
-            raise _TooManyNodesError
         rules = scenarios.study.settings.verdict
         return verdicts(rules, np.array([end]), row[None, :])[0] is Verdict.HOLDS
 
@@ -256,10 +235,6 @@ def _worst(rows: Rows, axes: StudyAxes, here: Any) -> tuple[list[int], int]:
     places = axes.mean.place[bad] if len(bad) else [len(axes.mean.values) - 1]
     guess_s = axes.mean.values[int(np.min(places))]
     return runs, int(guess_s * NS_PER_S) // STEP_NS
-
-
-def _not_searched(conditions: _Conditions) -> BreakPoint:
-    return BreakPoint(conditions.controller, conditions.jitter, (), *[math.nan] * 4)
 
 
 def _break_point(conditions: _Conditions, steps: list[int]) -> BreakPoint:

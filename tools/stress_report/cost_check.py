@@ -17,7 +17,6 @@ from controller.settings import ControllerSettings
 from plant_emulator.settings import PlantSettings
 from runtime.settings import SettingsError
 from tools.demo_figures import MANY_COLOURS
-from tools.stress.exact_run import NOT_COMPILED
 from tools.stress_report.axes import StudyAxes
 from tools.stress_report.break_points import latency_overrides
 from tools.stress_report.expected_cost import ExpectedCost, expected_cost
@@ -194,12 +193,9 @@ def _costs(
         made = monte_carlo_costs(plant, laws, run_seeds, is_on_grid=is_on_grid)
         return dict(zip(of, made, strict=True))
 
-    try:
-        on_grid = costs(places, is_on_grid=True)
-        linear = [place for place in places if not on_grid[place].limited]
-        off_grid = costs(linear, is_on_grid=False)
-    except NOT_COMPILED as error:
-        return dict.fromkeys(places, str(error))
+    on_grid = costs(places, is_on_grid=True)
+    linear = [place for place in places if not on_grid[place].limited]
+    off_grid = costs(linear, is_on_grid=False)
     for place, cost in on_grid.items():
         if cost.limited:
             found[place] = (

@@ -56,12 +56,6 @@ class MonteCarloCost(NamedTuple):
         """Of the costs."""
         return float(self.costs_m2.var(ddof=1))
 
-    @property
-    def variance_error_m4(self) -> float:
-        """Standard error of the variance."""
-        fourth = float(np.mean((self.costs_m2 - self.mean_square_m2) ** 4))
-        return math.sqrt(max(fourth - self.variance_m4**2, 0.0) / len(self.costs_m2))
-
 
 def seeds(first: int, count: int) -> list[int]:
     """Return the seeds of the replicates of a study, and of as many more as are asked for."""

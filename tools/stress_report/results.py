@@ -33,7 +33,7 @@ HOLDS = VERDICTS.index(Verdict.HOLDS)
 _CAUSE_LENGTH_MAX = 160
 _NUMBERS = (
     *("rms_m", "peak_m", "duration_s", "latency_mean_s"),
-    *("steer_rms_rad", "steer_rate_rms_rad_s", "limited_share", "by_nodes"),
+    *("steer_rms_rad", "steer_rate_rms_rad_s", "limited_share"),
 )
 
 
@@ -102,7 +102,6 @@ class Rows(NamedTuple):
     steer_rms_rad: FloatArray
     steer_rate_rms_rad_s: FloatArray
     limited_share: FloatArray
-    by_nodes: IntArray
     factors: Mapping[str, NDArray[Any]]
 
     @property

@@ -10,7 +10,6 @@ from tools.stress_report.break_points import (
     GROUPS_MAX,
     HELD_SHARE,
     LATENCY_NS_MAX,
-    NODE_RUNS_MAX,
     STEP_NS,
     BreakPoint,
 )
@@ -56,7 +55,7 @@ def break_point_section(
             number(_latency(point.held_s)),
             number(_latency(point.median_s)),
             number(_from_to(point.low_s, point.high_s)),
-            number(_from_to(*(point.by_seed_s[:1] + point.by_seed_s[-1:]))),
+            number(_from_to(point.by_seed_s[0], point.by_seed_s[-1])),
         )
         for point in sorted(points, key=lambda point: (point.controller, point.jitter))
     ]
@@ -86,19 +85,8 @@ def break_point_section(
             f"{100 * (1.0 - CONFIDENCE) ** (1.0 / seeds):.0f} % of all seeds do, {sure} sure). The "
             "search takes for granted that a law that holds a latency holds shorter ones; see the "
             "maps. A slow instability that the length of a run does not show counts as held.",
-            *_not_searched(study, points),
         ),
     )
-
-
-def _not_searched(study: StudyRecord, points: Sequence[BreakPoint]) -> list[str]:
-    names = sorted({study.names[point.controller] for point in points if not point.by_seed_s})
-    if not names:
-        return []
-    return [
-        f"Not searched where a dash stands ({', '.join(names)}): more than {NODE_RUNS_MAX} of the "
-        "runs can only be made by the nodes, which takes seconds each."
-    ]
 
 
 def comparison_section(study: StudyRecord, found: Sequence[Comparison]) -> Section:
@@ -234,8 +222,8 @@ def cost_section(study: StudyRecord, found: CostChecks, pictures: Sequence[Pictu
     )
 
 
-def _from_to(*ends_s: float) -> str:
-    return " to ".join(map(_latency, ends_s)) if ends_s else "-"
+def _from_to(low_s: float, high_s: float) -> str:
+    return f"{_latency(low_s)} to {_latency(high_s)}"
 
 
 def _latency(seconds: float) -> str:

@@ -32,12 +32,6 @@ def study_section(study: StudyRecord, rows: Rows) -> Section:
         "Controllers": ", ".join(study.names),
         **{f"Factor {factor.name}": _factor(factor) for factor in study.factors},
     }
-    by_nodes = int(np.count_nonzero(rows.by_nodes))
-    if by_nodes:
-        texts["Runs by the nodes"] = (
-            f"{by_nodes:,}: the compiled loop has no answer to these; the two nodes computed them "
-            "in virtual time"
-        )
     settings = Table(
         ("Setting", "Value"),
         [

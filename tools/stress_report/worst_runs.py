@@ -11,9 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from controller.settings import limits_of
-from tools.batch.engine import BatchRun
+from tools.batch.engine import BatchRun, run_batch
 from tools.demo_figures import MANY_COLOURS
-from tools.stress.exact_run import NodeRun, run_exactly
 from tools.stress.verdict import Verdict
 from tools.stress_report.results import VERDICTS, Rows, StudyRecord, case_of, read_overrides
 
@@ -28,7 +27,7 @@ class WorstRun(NamedTuple):
     controller: int
     verdict: Verdict
     overrides: dict[str, Any]
-    run: BatchRun | NodeRun
+    run: BatchRun
     steer_rad_max: float
 
     @property
@@ -96,6 +95,6 @@ def _again(study: StudyRecord, rows: Rows, row: int, overrides: dict[str, Any]) 
         controller=controller,
         verdict=VERDICTS[int(rows.verdict[row])],
         overrides=overrides,
-        run=run_exactly(pair.plant, pair.controller),
+        run=run_batch(pair.plant, pair.controller),
         steer_rad_max=limits_of(pair.controller).steer_rad_max,
     )

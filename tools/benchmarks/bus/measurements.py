@@ -3,9 +3,9 @@
 import math
 
 from dbc.messages import LateralError, encode
+from dbc.protection import COUNTERS
 from runtime.frame import Frame
 
-COUNTERS = 256
 AMPLITUDE_M, STEP_RAD = 0.01, 0.1
 
 

@@ -1,0 +1,80 @@
+"""Runs the law, at its own pace: its parameters and state, and how its commands are faded in.
+
+On recovery the law starts anew, at rest at the present measurement. What it then asks for differs
+from the command that was held; the difference is added to its commands and fades out at the ramp
+rate, so that the first command equals the last one held. The law is given what was sent, as always.
+"""
+
+import math
+from typing import Any
+
+from controller.design import design_law, link_of
+from controller.law_interface import NO_VEHICLE, LawInput, LawOutput
+from controller.limits import ramp_step
+from controller.link_memory import LinkMemory
+from controller.received import Received
+from controller.settings import ControllerSettings, age_limits_of
+from dbc.messages import Mode
+
+FAILURES_MAX = 1
+"""Outputs that are no number: the law is held and started anew once, and not trusted again."""
+
+
+class LawRunner:
+    """Holds the law and what it remembers.
+
+    ``design``    the law
+    ``memory``    commands, measurements and echoes, for laws that look back
+    ``output``    of its newest step that gave a number
+    ``failures``  how often its output was no finite number
+    """
+
+    def __init__(self, settings: ControllerSettings, ramp_step_rad: float) -> None:
+        self.design = design_law(settings)
+        self.memory = LinkMemory(link_of(settings), age_limits_of(settings))
+        self.output = LawOutput(0.0, 0.0, 0.0, 0.0)
+        self.failures = 0
+        self._params, self._speed_m_s = self.design.params, NO_VEHICLE.speed_m_s
+        self._state: Any = None
+        self._fade_rad: float | None = 0.0  # None: to be taken from the next output
+        self._ramp_step_rad = ramp_step_rad
+
+    @property
+    def is_distrusted(self) -> bool:
+        """Whether it has failed once more after it had been started anew."""
+        return self.failures > FAILURES_MAX
+
+    def on_speed(self, speed_m_s: float) -> None:
+        """Schedule the law on a speed."""
+        if self.design.params_at is not None and speed_m_s != self._speed_m_s:
+            self._speed_m_s = speed_m_s
+            self._params = self.design.params_at(speed_m_s)
+
+    def start(self, before: Mode, lateral_error_m: float) -> None:
+        """Prepare for becoming ACTIVE after another mode: some laws go on after a hold."""
+        recovered = self.design.recovered_state
+        if recovered is None or before is not Mode.HOLDING or self._state is None:
+            self._state = self.design.initial_state(lateral_error_m)
+        else:
+            self._state = recovered(self._state, lateral_error_m)
+        # Before the first command nothing is held that the law would have to continue from.
+        self._fade_rad = 0.0 if before is Mode.WAITING else None
+
+    def run(self, received: Received, sent_rad: float, period: int, now_ns: int) -> float | None:
+        """Advance by one period; returns the command [rad], None where the law gives no number."""
+        link = self.memory.link(period, now_ns)
+        vehicle = received.vehicle_at(now_ns)
+        seen = LawInput(received.lateral_error_m, sent_rad, vehicle, link, self.memory.history)
+        state, output = self.design.step(self._params, self._state, seen)
+        if math.isfinite(output.steer_rad):
+            self._state, self.output = state, output
+            if self._fade_rad is None:
+                self._fade_rad = sent_rad - output.steer_rad
+            else:
+                self._fade_rad = ramp_step(self._ramp_step_rad, self._fade_rad)
+            command_rad = output.steer_rad + self._fade_rad
+            if math.isfinite(command_rad):
+                return command_rad
+        self.failures += 1
+        self._state = None  # nothing that a recovery could go on from
+        return None

@@ -1,0 +1,63 @@
+"""What is kept of a run of the controller for its report."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from controller.control_sample import ControlSample
+from dbc.messages import Mode
+from runtime.node import NS_PER_S
+from runtime.statistics import DurationStatistics, durations_report
+
+
+class RunFigures:
+    """Takes up what happens.
+
+    ``start_ns``     when the first mode begins [ns]
+    ``samples_max``  how many control periods are kept in ``samples``, oldest first
+
+    ``peak_steer_rad``  the largest command sent, to either side [rad]
+    ``last_tick_ns``    up to when the modes are booked [ns]
+    """
+
+    def __init__(self, start_ns: int, samples_max: int) -> None:
+        self.last_tick_ns = start_ns
+        self.round_trip = DurationStatistics()
+        self.sample_age = DurationStatistics()
+        self.samples: list[ControlSample] = []
+        self._samples_max = samples_max
+        self._mode_ns = dict.fromkeys(Mode, 0)
+        self._holds = 0
+        self.peak_steer_rad = 0.0
+
+    def on_tick(self, mode: Mode, now_ns: int) -> None:
+        """Book the time since the last tick on the mode it was spent in."""
+        self._mode_ns[mode] += now_ns - self.last_tick_ns
+        self.last_tick_ns = now_ns
+
+    def on_mode(self, entered: Mode) -> None:
+        """Count a mode that is entered."""
+        self._holds += entered is Mode.HOLDING
+
+    def on_command(self, steer_rad: float) -> None:
+        """Take a command that is sent."""
+        self.peak_steer_rad = max(self.peak_steer_rad, abs(steer_rad))
+
+    @property
+    def wants_sample(self) -> bool:
+        """Whether there is room for one more control period."""
+        return len(self.samples) < self._samples_max
+
+    def report(self) -> Mapping[str, Any]:
+        """Return the figures, ready for JSON.
+
+        ``holds``       how often measurements stopped, or the law failed
+        ``mode_s``      time spent in each mode up to the last tick
+        ``round_trip``  from sending a command to the first echo of its counter
+        ``sample_age``  of the measurement in use, at each tick of the law
+        """
+        return {
+            "holds": self._holds,
+            "mode_s": {mode.name.lower(): ns / NS_PER_S for mode, ns in self._mode_ns.items()},
+            "round_trip": durations_report(self.round_trip.summary()),
+            "sample_age": durations_report(self.sample_age.summary()),
+        }

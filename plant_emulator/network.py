@@ -1,0 +1,48 @@
+"""The emulated network: a latency line for commands, and one for measurements."""
+
+import math
+
+from dbc.messages import Direction, LatencyConfig, SteeringCommand
+from plant_emulator.latency import Distribution
+from plant_emulator.latency_line import LatencyLine
+from plant_emulator.settings import PlantSettings
+from plant_emulator.streams import Channel, uniforms
+from runtime.frame import Frame
+
+
+class Network:
+    """Both lines of a run; ``measured_latency_s`` is that of the measurement that left last."""
+
+    def __init__(self, settings: PlantSettings) -> None:
+        seed, latency = settings.seed, settings.latency
+        self.downlink: LatencyLine[SteeringCommand] = LatencyLine(
+            latency.downlink,
+            uniforms(seed, Channel.DOWNLINK),
+            uniforms(seed, Channel.DOWNLINK_DUPLICATES),
+        )
+        self.uplink: LatencyLine[Frame] = LatencyLine(
+            latency.uplink,
+            uniforms(seed, Channel.UPLINK),
+            uniforms(seed, Channel.UPLINK_DUPLICATES),
+        )
+        self.measured_latency_s = math.nan
+
+    @property
+    def lost(self) -> int:
+        """Frames lost so far."""
+        return self.downlink.counts.lost + self.uplink.counts.lost
+
+    def measured(self, due_ns: int) -> list[Frame]:
+        """Return the measurements that leave for the bus."""
+        released = self.uplink.pop_due(due_ns)
+        if released:
+            self.measured_latency_s = released[-1].latency_ns * 1e-9
+        return [passage.item for passage in released]
+
+    def reconfigure(self, config: LatencyConfig) -> None:
+        """Change the lines that a tool has asked to change."""
+        model = Distribution[config.model.name]
+        if config.direction in (Direction.DOWNLINK, Direction.BOTH):
+            self.downlink.reconfigure(model, config.mean_s, config.spread_s, config.loss)
+        if config.direction in (Direction.UPLINK, Direction.BOTH):
+            self.uplink.reconfigure(model, config.mean_s, config.spread_s, config.loss)

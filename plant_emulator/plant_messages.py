@@ -1,0 +1,96 @@
+"""What the rig says: its readings as messages, kept within what their signals carry."""
+
+import math
+from collections.abc import Iterator
+
+from dbc.messages import (
+    LateralError,
+    Message,
+    PlantStatus,
+    SteeringStatus,
+    SteeringStatusCode,
+    VehicleState,
+    encode,
+    encode_not_available,
+    limits,
+)
+from dbc.protection import COUNTERS
+from plant_emulator.sensors import Readings, with_noise
+from runtime.frame import Frame
+
+_ERROR_LOW_M, _ERROR_HIGH_M = limits(LateralError)["lateral_error_m"]
+_WHEEL_RANGE = limits(SteeringStatus)["wheel_angle_rad"]
+_STATE_RANGES = limits(VehicleState)
+_LATENCY_RANGE = limits(PlantStatus)["downlink_latency_s"]
+_NO_ERROR = LateralError(0.0, 0.0)
+
+
+class PlantMessages:
+    """Makes the frames, each message with a counter of its own.
+
+    ``noise``     standard deviations
+    ``uniforms``  stream of the noise
+
+    ``not_available``  samples beyond the range of LATERAL_ERROR, sent as NOT_AVAILABLE
+    ``clamped``        other values sent as the end of their signal's range
+    """
+
+    def __init__(self, noise: Readings, uniforms: Iterator[float]) -> None:
+        self._noise = noise if any(noise) else None
+        self._uniforms = uniforms
+        self._sent: dict[type[Message], int] = dict.fromkeys(
+            (LateralError, SteeringStatus, VehicleState, PlantStatus), 0
+        )
+        self.not_available = 0
+        self.clamped = 0
+
+    def measured(self, true: Readings) -> Readings:
+        """Return a sample as the sensors report it."""
+        return true if self._noise is None else with_noise(true, self._noise, self._uniforms)
+
+    def lateral_error(self, readings: Readings, *, is_finite: bool) -> Frame:
+        """Return LATERAL_ERROR; a vehicle too far off its path is not available to the sensor."""
+        error_m = readings.lateral_error_m
+        if is_finite and _ERROR_LOW_M <= error_m <= _ERROR_HIGH_M:
+            # The sensor reports an angle in one turn, however often the vehicle has turned.
+            heading_rad = math.remainder(readings.heading_error_rad, math.tau)
+            return self._encode(LateralError(error_m, heading_rad))
+        self.not_available += 1
+        return encode_not_available(_NO_ERROR, self._next_counter(LateralError))
+
+    def steering_status(self, wheel_rad: float, applied: int, code: SteeringStatusCode) -> Frame:
+        """Return STEERING_STATUS; ``applied`` is the counter of the command in effect."""
+        return self._encode(SteeringStatus(self._clamp(wheel_rad, *_WHEEL_RANGE), applied, code))
+
+    def vehicle_state(self, speed_m_s: float, readings: Readings, curvature_1_m: float) -> Frame:
+        """Return VEHICLE_STATE."""
+        return self._encode(
+            VehicleState(
+                self._clamp(speed_m_s, *_STATE_RANGES["speed_m_s"]),
+                self._clamp(readings.yaw_rate_rad_s, *_STATE_RANGES["yaw_rate_rad_s"]),
+                self._clamp(curvature_1_m, *_STATE_RANGES["preview_curvature_1_m"]),
+            )
+        )
+
+    def plant_status(self, status: PlantStatus) -> Frame:
+        """Return PLANT_STATUS."""
+        downlink_s = self._clamp(status.downlink_latency_s, *_LATENCY_RANGE)
+        uplink_s = self._clamp(status.uplink_latency_s, *_LATENCY_RANGE)
+        return self._encode(
+            status._replace(downlink_latency_s=downlink_s, uplink_latency_s=uplink_s)
+        )
+
+    def _encode(self, message: Message) -> Frame:
+        return encode(message, self._next_counter(type(message)))
+
+    def _next_counter(self, message_type: type[Message]) -> int:
+        counter = self._sent[message_type]
+        self._sent[message_type] = (counter + 1) % COUNTERS
+        return counter
+
+    def _clamp(self, value: float, low: float, high: float) -> float:
+        """Return the nearest value that its signal carries, of a finite one."""
+        if low <= value <= high:
+            return value
+        self.clamped += 1
+        return low if value < low else high
