@@ -9,7 +9,7 @@ STAMP := $(VENV)/.installed
 .PHONY: demo test benchmark lock clean
 
 demo: $(STAMP)
-	$(BIN)/python -m tools.demo --out out/demo
+	$(BIN)/steer-by-wire demo --out out/demo
 
 # Three processes for two cores, since many tests wait for programs. These are started by the hundred,
 # so that what Python compiles is kept, also where the environment says otherwise.
@@ -17,7 +17,7 @@ test: $(STAMP)
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 3 --dist loadfile
 
 benchmark: $(STAMP)
-	$(BIN)/python -m tools.benchmark
+	$(BIN)/steer-by-wire benchmark
 
 $(STAMP): requirements.lock pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "needs Python 3.11 or newer: make PYTHON=python3.12")'

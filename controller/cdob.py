@@ -16,7 +16,7 @@ controller the true error, where a delay does no harm.
 
 from typing import NamedTuple
 
-from controller.sections import (
+from .sections import (
     Cascade2,
     Cascade2State,
     Section,

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from controller.law_interface import LawOutput
-from dbc.messages import Mode
+from ..dbc.messages import Mode
+from .law_interface import LawOutput
 
 
 class ControlSample(NamedTuple):

@@ -29,11 +29,11 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from controller.delay_filters import ERROR_WASHOUT_RAD_S, DelayFilters, design_filters
-from controller.lag_fit import LEAD, LagFit, LagGrid, Peak
-from controller.law_interface import VehicleReading
-from controller.nominal_model import NominalVehicle
-from controller.sections import (
+from .delay_filters import ERROR_WASHOUT_RAD_S, DelayFilters, design_filters
+from .lag_fit import LEAD, LagFit, LagGrid, Peak
+from .law_interface import VehicleReading
+from .nominal_model import NominalVehicle
+from .sections import (
     SectionState,
     cascade_2_at_rest,
     cascade_3_at_rest,

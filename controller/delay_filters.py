@@ -19,10 +19,10 @@ nothing is divided by G_n, and a vehicle at any speed will do whose poles are st
 
 from typing import NamedTuple
 
-from controller.design import tustin_sections
-from controller.nominal_model import NominalVehicle, steer_to_lateral_error
-from controller.sections import Cascade2, Cascade3, Section
-from controller.transfer_function import Factor, TransferFunction
+from .design import tustin_sections
+from .nominal_model import NominalVehicle, steer_to_lateral_error
+from .sections import Cascade2, Cascade3, Section
+from .transfer_function import Factor, TransferFunction
 
 YAW_WASHOUT_RAD_S = 0.15
 YAW_LOWPASS_RAD_S = 8.0

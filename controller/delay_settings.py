@@ -4,11 +4,11 @@ from typing import Annotated
 
 from pydantic import Field
 
-from controller.delay_estimation import DelayEstimationParams
-from controller.nominal_model import NominalVehicle
-from controller.shared_settings import NominalModelSettings, VehicleModelSettings
-from runtime.node import NS_PER_MS, NS_PER_S
-from runtime.settings import Settings
+from ..runtime.node import NS_PER_MS, NS_PER_S
+from ..runtime.settings import Settings
+from .delay_estimation import DelayEstimationParams
+from .nominal_model import NominalVehicle
+from .shared_settings import NominalModelSettings, VehicleModelSettings
 
 
 class DelayEstimationSettings(Settings):

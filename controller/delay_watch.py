@@ -15,12 +15,12 @@ for a law that predicts; the way up, and what the two clocks differ by, is no pa
 from collections.abc import Mapping
 from typing import Any
 
-from controller.delay_estimation import DelayEstimationParams, DelayEstimator, Seen
-from controller.delay_settings import delay_estimation_of
-from controller.received import Received
-from controller.settings import ControllerSettings, age_limits_of
-from dbc.messages import DelayStatus, EchoState, EstimateState, limits
-from runtime.node import NS_PER_S
+from ..dbc.messages import DelayStatus, EchoState, EstimateState, limits
+from ..runtime.node import NS_PER_S
+from .delay_estimation import DelayEstimationParams, DelayEstimator, Seen
+from .delay_settings import delay_estimation_of
+from .received import Received
+from .settings import ControllerSettings, age_limits_of
 
 _LIMITS = limits(DelayStatus)
 

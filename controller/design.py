@@ -20,34 +20,34 @@ from functools import partial
 from math import exp, expm1
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from controller.cdob import CdobParams
-from controller.dob import DobParams
-from controller.feed_forward import (
+from ..dbc.messages import Law as LawNumber
+from ..runtime.node import NS_PER_MS, NS_PER_S
+from ..runtime.settings import SettingsError
+from .cdob import CdobParams
+from .dob import DobParams
+from .feed_forward import (
     FeedForwardParams,
     SteadySteer,
     feed_forward_at_rest,
     feed_forward_step,
 )
-from controller.kalman_derivative import (
+from .kalman_derivative import (
     DerivativeParams,
     KalmanParams,
     kalman_at_rest,
     kalman_step,
 )
-from controller.law_record import Law, LawStep, LookingBack, Schedule
-from controller.link import LinkParams
-from controller.own_law import Guard
-from controller.pd import PdParams
-from controller.predictor_design import design_schedule
-from controller.sections import IDENTITY, Cascade2, Cascade3, Section
-from controller.shared_settings import CdobSettings, DobSettings, PdSettings, VehicleModelSettings
-from controller.transfer_function import Factor, TransferFunction
-from dbc.messages import Law as LawNumber
-from runtime.node import NS_PER_MS, NS_PER_S
-from runtime.settings import SettingsError
+from .law_record import Law, LawStep, LookingBack, Schedule
+from .link import LinkParams
+from .own_law import Guard
+from .pd import PdParams
+from .predictor_design import design_schedule
+from .sections import IDENTITY, Cascade2, Cascade3, Section
+from .shared_settings import CdobSettings, DobSettings, PdSettings, VehicleModelSettings
+from .transfer_function import Factor, TransferFunction
 
 if TYPE_CHECKING:
-    from controller.law_settings import LawSettings
+    from .law_settings import LawSettings
 
 FADE_RAD_S = 0.2
 """How fast the difference between two laws fades when one takes over from the other, and what a law

@@ -10,7 +10,7 @@ d̂   disturbance_rad    at the plant input, in wheel angle           [rad]
 
 from typing import NamedTuple
 
-from controller.sections import (
+from .sections import (
     Cascade2,
     Cascade2State,
     Cascade3,

@@ -20,8 +20,8 @@ early.
 
 from typing import NamedTuple
 
-from controller.law_interface import History, Link
-from controller.link import LinkParams
+from .law_interface import History, Link
+from .link import LinkParams
 
 STARTS_ANEW_AFTER = 256
 """Samples without an echo and a measurement, after which what was known of the vehicle is old."""

@@ -5,7 +5,7 @@ On either change the difference to the steer before is added, and is taken off s
 
 from typing import NamedTuple
 
-from controller.limits import ramp_step
+from .limits import ramp_step
 
 
 class Fading(NamedTuple):

@@ -21,9 +21,9 @@ from the history: it predicts what the commands on their way will do, whatever t
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from controller.fading import NO_STEER, Fading, fading_step
-from controller.law_interface import LawInput, LawOutput, VehicleReading
-from controller.law_record import LawStep
+from .fading import NO_STEER, Fading, fading_step
+from .law_interface import LawInput, LawOutput, VehicleReading
+from .law_record import LawStep
 
 
 class SteadySteer(NamedTuple):

@@ -12,7 +12,7 @@ The limits are settings of [supervision]. What follows from a message that is st
 
 from typing import NamedTuple
 
-from dbc.messages import Freshness
+from ..dbc.messages import Freshness
 
 NO_LIMIT_NS = 1 << 62
 """The age limit of a message that never goes stale."""

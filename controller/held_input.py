@@ -7,7 +7,7 @@ from math import factorial, frexp
 
 import numpy as np
 
-from controller.matrix_arithmetic import Matrix, product
+from .matrix_arithmetic import Matrix, product
 
 _BLOCKS = 5
 """Of four terms of the series each: with a norm of at most 1/2 what is left out is below 1e-24."""

@@ -15,19 +15,19 @@ fades out.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from controller.estimator import (
+from .estimator import (
     EstimatorState,
     VehicleGains,
     estimate_to,
     estimator_at_rest,
     start_estimate,
 )
-from controller.law_interface import LawInput, LawOutput
-from controller.law_record import LawStep
-from controller.limits import ramp_step
-from controller.link import LinkParams
-from controller.pd import PdParams, pd_at_rest, pd_step
-from controller.sections import SectionState
+from .law_interface import LawInput, LawOutput
+from .law_record import LawStep
+from .limits import ramp_step
+from .link import LinkParams
+from .pd import PdParams, pd_at_rest, pd_step
+from .sections import SectionState
 
 
 class DerivativeParams(NamedTuple):

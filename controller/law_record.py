@@ -7,12 +7,12 @@ the node, ``--check`` and the compiled runs follow from the record.
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from controller.law_interface import LawInput, LawOutput
-from dbc.messages import Law as LawNumber
-from runtime.settings import Settings
+from ..dbc.messages import Law as LawNumber
+from ..runtime.settings import Settings
+from .law_interface import LawInput, LawOutput
 
 if TYPE_CHECKING:
-    from controller.law_settings import LawSettings
+    from .law_settings import LawSettings
 
 LawStep = Callable[[Any, Any, LawInput], tuple[Any, LawOutput]]
 

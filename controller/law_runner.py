@@ -8,13 +8,13 @@ rate, so that the first command equals the last one held. The law is given what 
 import math
 from typing import Any
 
-from controller.design import design_law, link_of
-from controller.law_interface import NO_VEHICLE, LawInput, LawOutput
-from controller.limits import ramp_step
-from controller.link_memory import LinkMemory
-from controller.received import Received
-from controller.settings import ControllerSettings, age_limits_of
-from dbc.messages import Mode
+from ..dbc.messages import Mode
+from .design import design_law, link_of
+from .law_interface import NO_VEHICLE, LawInput, LawOutput
+from .limits import ramp_step
+from .link_memory import LinkMemory
+from .received import Received
+from .settings import ControllerSettings, age_limits_of
 
 FAILURES_MAX = 1
 """Outputs that are no number: the law is held and started anew once, and not trusted again."""

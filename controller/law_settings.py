@@ -20,10 +20,11 @@ from pydantic import (
 )
 from pydantic_core import PydanticKnownError
 
-from controller.law_record import Law
-from controller.laws import LAWS
-from controller.own_law import NoLawError, find_own_law, place_of
-from controller.shared_settings import (
+from ..runtime.settings import Settings
+from .law_record import Law
+from .laws import LAWS
+from .own_law import NoLawError, find_own_law, place_of
+from .shared_settings import (
     CdobSettings,
     DobSettings,
     EstimatorSettings,
@@ -33,8 +34,7 @@ from controller.shared_settings import (
     PdSettings,
     VehicleModelSettings,
 )
-from controller.transfer_function import TransferFunction
-from runtime.settings import Settings
+from .transfer_function import TransferFunction
 
 _OwnTable = TypeVar("_OwnTable", bound=Settings)
 

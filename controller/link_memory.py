@@ -11,13 +11,13 @@ states for a node.
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from controller.freshness import AgeLimits
-from controller.law_interface import History, Link
-from controller.link import NO_DELAY, DelayState, LinkParams, delay_of, delay_step, unwrapped
-from controller.sensor_rate import NO_RATE, RateState, rate_step
-from dbc.messages import COMMAND_COUNTERS, LateralError, SteeringStatus, SteeringStatusCode
-from dbc.protection import COUNTERS
-from runtime.node import NS_PER_S
+from ..dbc.messages import COMMAND_COUNTERS, LateralError, SteeringStatus, SteeringStatusCode
+from ..dbc.protection import COUNTERS
+from ..runtime.node import NS_PER_S
+from .freshness import AgeLimits
+from .law_interface import History, Link
+from .link import NO_DELAY, DelayState, LinkParams, delay_of, delay_step, unwrapped
+from .sensor_rate import NO_RATE, RateState, rate_step
 
 RING_SIZE = 4096
 """Ticks and samples remembered: 4 s at 1 kHz, and a power of two."""

@@ -15,7 +15,7 @@ SAFE_STOP for good; the law itself never branches on any of these.
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from dbc.messages import Mode
+from ..dbc.messages import Mode
 
 
 class Supervision(NamedTuple):

@@ -14,18 +14,7 @@ is; freshness, modes and fallback are decided here, around it.
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from controller.control_sample import ControlSample
-from controller.delay_watch import delay_watch_of
-from controller.law_runner import LawRunner
-from controller.limits import limit_step, ramp_step
-from controller.modes import Supervisor
-from controller.received import RECEIVED, Received
-from controller.run_figures import RunFigures
-from controller.safety_status import SafetyFacts
-from controller.sent_commands import SentCommands
-from controller.settings import ControllerSettings, limits_of, supervision_of
-from controller.status_frames import StatusFrames
-from dbc.messages import (
+from ..dbc.messages import (
     CAN_IDS,
     ControllerFault,
     LateralError,
@@ -37,11 +26,22 @@ from dbc.messages import (
     VehicleState,
     encode,
 )
-from dbc.protection import COUNTERS
-from runtime.frame import Frame
-from runtime.node import NS_PER_S
-from runtime.overruns import OverrunSupervision
-from runtime.periodic import PeriodicTimer
+from ..dbc.protection import COUNTERS
+from ..runtime.frame import Frame
+from ..runtime.node import NS_PER_S
+from ..runtime.overruns import OverrunSupervision
+from ..runtime.periodic import PeriodicTimer
+from .control_sample import ControlSample
+from .delay_watch import delay_watch_of
+from .law_runner import LawRunner
+from .limits import limit_step, ramp_step
+from .modes import Supervisor
+from .received import RECEIVED, Received
+from .run_figures import RunFigures
+from .safety_status import SafetyFacts
+from .sent_commands import SentCommands
+from .settings import ControllerSettings, limits_of, supervision_of
+from .status_frames import StatusFrames
 
 __all__ = ["RECEIVED", "STATUS_PERIOD_NS", "ControllerNode"]
 

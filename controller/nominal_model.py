@@ -20,7 +20,7 @@ must not share code with what it tests.
 
 from typing import NamedTuple
 
-from controller.transfer_function import Factor, TransferFunction
+from .transfer_function import Factor, TransferFunction
 
 
 class NominalVehicle(NamedTuple):

@@ -11,9 +11,9 @@ from importlib import import_module
 from math import isfinite, nan
 from typing import Any
 
-from controller.law_interface import LawInput, LawOutput
-from controller.law_record import Law
-from dbc.messages import Law as LawNumber
+from ..dbc.messages import Law as LawNumber
+from .law_interface import LawInput, LawOutput
+from .law_record import Law
 
 GROUP = "steer_by_wire.laws"
 """Entry points of this group name laws."""

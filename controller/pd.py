@@ -8,7 +8,7 @@ c     steer_rad                     steering demand                             
 
 from typing import NamedTuple
 
-from controller.sections import Section, SectionState, section_at_rest, section_step
+from .sections import Section, SectionState, section_at_rest, section_step
 
 
 class PdParams(NamedTuple):

@@ -20,12 +20,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controller.estimator import VehicleGains
-from controller.held_input import held_over
-from controller.matrix_arithmetic import Matrix
-from controller.riccati import UnsolvableError, feedback_gain, filter_gain
-from controller.shared_settings import EstimatorSettings, VehicleModelSettings
-from runtime.settings import SettingsError
+from ..runtime.settings import SettingsError
+from .estimator import VehicleGains
+from .held_input import held_over
+from .matrix_arithmetic import Matrix
+from .riccati import UnsolvableError, feedback_gain, filter_gain
+from .shared_settings import EstimatorSettings, VehicleModelSettings
 
 BETA, R, PSI, Y, RHO, D, DELTA = range(7)
 _SPEEDS_PER_DOUBLING = 8

@@ -9,16 +9,16 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 
-from controller.analysis.check import check_text
-from controller.laws import LAWS
-from controller.node import RECEIVED, ControllerNode
-from controller.settings import ControllerSettings
-from dbc.secured_frame import CONTROLLER
-from dbc.secured_program import add_key_file_argument, run_secured_node
-from runtime.program import ExitStatus, load_program_settings, make_parser, run_main, say
+from ..dbc.secured_frame import CONTROLLER
+from ..dbc.secured_program import add_key_file_argument, run_secured_node
+from ..runtime.program import ExitStatus, load_program_settings, make_parser, run_main, say
+from .analysis.check import check_text
+from .laws import LAWS
+from .node import RECEIVED, ControllerNode
+from .settings import ControllerSettings
 
 NAME = "steering-controller"
-PRESETS = "controller.presets"
+PRESETS = "steer_by_wire.controller.presets"
 DEFAULT_PRESET = "practical_pd_ddob"
 """What runs when neither a preset nor a file is given: no law is good without its values."""
 

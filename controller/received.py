@@ -4,14 +4,14 @@ When a frame arrived is kept once, by the check of its message's counters. The m
 the watch on the delay and CONTROLLER_SAFETY all go by that.
 """
 
-from controller.freshness import freshness
-from controller.law_interface import NO_VEHICLE, VehicleReading
-from controller.settings import ControllerSettings, age_limits_of, resync_ns_of
-from dbc.messages import Freshness, LateralError, Message, Rejection, SteeringStatus, VehicleState
-from dbc.protection import SequenceResult
-from dbc.reception import Reception
-from dbc.secured_frame import Refused
-from runtime.frame import Frame
+from ..dbc.messages import Freshness, LateralError, Message, Rejection, SteeringStatus, VehicleState
+from ..dbc.protection import SequenceResult
+from ..dbc.reception import Reception
+from ..dbc.secured_frame import Refused
+from ..runtime.frame import Frame
+from .freshness import freshness
+from .law_interface import NO_VEHICLE, VehicleReading
+from .settings import ControllerSettings, age_limits_of, resync_ns_of
 
 RECEIVED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState)
 """What the controller receives."""

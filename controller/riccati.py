@@ -10,7 +10,7 @@ programs. All matrices may be stacks, shape (..., n, m), of which each is one sy
 
 import numpy as np
 
-from controller.matrix_arithmetic import Matrix, contracts, product, quotient, transposed
+from .matrix_arithmetic import Matrix, contracts, product, quotient, transposed
 
 _DOUBLINGS = 60
 _SETTLED = 1e-13

@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-from controller.control_sample import ControlSample
-from dbc.messages import Mode
-from runtime.node import NS_PER_S
-from runtime.statistics import DurationStatistics, durations_report
+from ..dbc.messages import Mode
+from ..runtime.node import NS_PER_S
+from ..runtime.statistics import DurationStatistics, durations_report
+from .control_sample import ControlSample
 
 
 class RunFigures:

@@ -13,9 +13,9 @@ together are bounded. Lost frames alone wait for the cycle: a network loses some
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from dbc.messages import ControllerFault, ControllerSafety, Freshness, encode, limits
-from dbc.protection import COUNTERS
-from runtime.frame import Frame
+from ..dbc.messages import ControllerFault, ControllerSafety, Freshness, encode, limits
+from ..dbc.protection import COUNTERS
+from ..runtime.frame import Frame
 
 INTERVAL_NS = 20_000_000
 """50 frames a second are 1.4 % of a bus of 500 kbit/s, and 20 ms a seventh of the 150 ms in which a

@@ -8,7 +8,7 @@ command that was never applied, because the network lost it or a newer one overt
 
 from typing import NamedTuple
 
-from dbc.messages import COMMAND_COUNTERS
+from ..dbc.messages import COMMAND_COUNTERS
 
 IN_FLIGHT_MAX = 4096
 """Commands whose sending time is remembered: 4 s at 1 kHz, and far below the values of the counter,

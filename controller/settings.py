@@ -8,16 +8,16 @@ from typing import Annotated, Self
 
 from pydantic import Field, PositiveFloat, Tag, model_validator
 
-from controller.delay_settings import DelayEstimationSettings
-from controller.freshness import NO_LIMIT_NS, AgeLimits
-from controller.law_settings import LawSettings
-from controller.limits import SteerLimits
-from controller.modes import Supervision
-from dbc.messages import SteeringCommand
-from dbc.messages import limits as signal_limits
-from runtime.node import NS_PER_MS, NS_PER_S
-from runtime.overruns import OverrunSettings
-from runtime.settings import NUMBER_OR_WORD, OffWord, Settings
+from ..dbc.messages import SteeringCommand
+from ..dbc.messages import limits as signal_limits
+from ..runtime.node import NS_PER_MS, NS_PER_S
+from ..runtime.overruns import OverrunSettings
+from ..runtime.settings import NUMBER_OR_WORD, OffWord, Settings
+from .delay_settings import DelayEstimationSettings
+from .freshness import NO_LIMIT_NS, AgeLimits
+from .law_settings import LawSettings
+from .limits import SteerLimits
+from .modes import Supervision
 
 TELLING_MS = 5.0
 """Of the fault tolerant time, for the frame that tells the bus: a late tick, and the wire."""

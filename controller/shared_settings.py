@@ -8,9 +8,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from controller.nominal_model import NominalVehicle, paper_eq19, vehicle_model
-from controller.transfer_function import TransferFunction
-from runtime.settings import Settings
+from ..runtime.settings import Settings
+from .nominal_model import NominalVehicle, paper_eq19, vehicle_model
+from .transfer_function import TransferFunction
 
 CutoffRadS = Annotated[float, Field(ge=1e-6, le=1e4)]
 """Beyond these ranges, and those of the vehicle below, products of values would overflow."""

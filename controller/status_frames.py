@@ -1,10 +1,10 @@
 """The frames that say to all who watch how the controller is."""
 
-from controller.law_interface import LawOutput
-from controller.safety_status import SafetyStatus
-from dbc.messages import ControllerStatus, DelayStatus, Law, Mode, SignalRange, encode, limits
-from dbc.protection import COUNTERS
-from runtime.frame import Frame
+from ..dbc.messages import ControllerStatus, DelayStatus, Law, Mode, SignalRange, encode, limits
+from ..dbc.protection import COUNTERS
+from ..runtime.frame import Frame
+from .law_interface import LawOutput
+from .safety_status import SafetyStatus
 
 _LIMITS = limits(ControllerStatus)
 _SKIPPED_COUNTERS = int(_LIMITS["skipped_ticks"].maximum) + 1

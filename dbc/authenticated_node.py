@@ -11,11 +11,11 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dbc.authentication import Authentication
-from dbc.messages import CAN_IDS
-from dbc.secured_frame import Refused
-from runtime.frame import Frame
-from runtime.node import N, Wrapper
+from ..runtime.frame import Frame
+from ..runtime.node import N, Wrapper
+from .authentication import Authentication
+from .messages import CAN_IDS
+from .secured_frame import Refused
 
 _OUR_IDS = frozenset(CAN_IDS.values())
 

@@ -40,9 +40,10 @@ from cantools.database.can import Message as Definition
 from cantools.database.can.formats.arxml.message_specifics import AutosarMessageSpecifics
 from cantools.database.can.formats.arxml.secoc_properties import AutosarSecOCProperties
 
-from dbc.codec import load_database
-from dbc.messages import CAN_IDS
-from dbc.secured_frame import (
+from ..runtime.frame import BITRATE_SWITCH, FD, Frame
+from .codec import load_database
+from .messages import CAN_IDS
+from .secured_frame import (
     CHALLENGE_LENGTH,
     COUNTER_BITS,
     LAYOUTS,
@@ -53,7 +54,6 @@ from dbc.secured_frame import (
     Refused,
     is_secured,
 )
-from runtime.frame import BITRATE_SWITCH, FD, Frame
 
 _DATA_ID_BASE = 0xA000
 _COUNTERS = 1 << COUNTER_BITS

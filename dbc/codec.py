@@ -12,14 +12,14 @@ from typing import Any, Generic, TypeVar, get_type_hints
 import cantools.database
 from cantools.database.can import Database, Message
 
-from dbc.protection import COUNTERS, HEADER_BITS, is_intact, protect
-from dbc.signals import (
+from ..runtime.error_text import one_line
+from .protection import COUNTERS, HEADER_BITS, is_intact, protect
+from .signals import (
     NOT_AVAILABLE_NAME,
     field_name,
     packed_signal,
     signal_range,
 )
-from runtime.error_text import one_line
 
 FILE = "steer_by_wire.dbc"
 """The contract, beside this file."""
@@ -57,7 +57,7 @@ class Rejection(StrEnum):
 def load_database() -> Database:
     """Read the DBC beside this file; raises ContractError."""
     try:
-        text = importlib.resources.files("dbc").joinpath(FILE).read_text("ascii")
+        text = importlib.resources.files("steer_by_wire.dbc").joinpath(FILE).read_text("ascii")
     except (OSError, UnicodeDecodeError) as error:
         raise ContractError(f"{FILE}: {one_line(error)}") from error
     return parse_database(text)

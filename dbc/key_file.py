@@ -15,10 +15,10 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from dbc.authentication import Authentication, ComputeMac
-from dbc.secured_frame import CHALLENGE_LENGTH, End
-from runtime.node import NS_PER_US
-from runtime.settings import SettingsError
+from ..runtime.node import NS_PER_US
+from ..runtime.settings import SettingsError
+from .authentication import Authentication, ComputeMac
+from .secured_frame import CHALLENGE_LENGTH, End
 
 KEY_LENGTH = 16
 """AES-128 [bytes]."""

@@ -14,10 +14,10 @@ from enum import IntEnum
 from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
-from dbc.codec import EncodeError, Rejection, codecs_of, load_database
-from dbc.protection import is_intact
-from dbc.signals import SignalRange
-from runtime.frame import ERROR, EXTENDED, REMOTE, Frame
+from ..runtime.frame import ERROR, EXTENDED, REMOTE, Frame
+from .codec import EncodeError, Rejection, codecs_of, load_database
+from .protection import is_intact
+from .signals import SignalRange
 
 __all__ = [
     "CAN_IDS",

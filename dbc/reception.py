@@ -9,10 +9,10 @@ from collections import Counter
 from collections.abc import Collection, Mapping
 from typing import TypeVar
 
-from dbc.messages import CAN_IDS, LatencyConfig, Message, Rejection, decode
-from dbc.protection import SequenceCheck, SequenceResult
-from dbc.secured_frame import Refused, is_secured
-from runtime.frame import FD, Frame
+from ..runtime.frame import FD, Frame
+from .messages import CAN_IDS, LatencyConfig, Message, Rejection, decode
+from .protection import SequenceCheck, SequenceResult
+from .secured_frame import Refused, is_secured
 
 _Cause = TypeVar("_Cause", Rejection, SequenceResult, Refused)
 

@@ -11,7 +11,7 @@ import importlib.resources
 import re
 import sys
 
-from dbc.secured_frame import DATA, LAYOUTS, PAYLOAD_LENGTH, SYNC, Layout
+from .secured_frame import DATA, LAYOUTS, PAYLOAD_LENGTH, SYNC, Layout
 
 _TRAILERS = {
     DATA: (("FRESHNESS", 32), ("AUTHENTICATOR", 64)),
@@ -32,7 +32,11 @@ _MESSAGE = re.compile(r"^(BO_ (\d+) \w+: )8 (\w+)$((?:\n SG_ .*)+)", re.MULTILIN
 
 def secured_dbc() -> str:
     """Return the text of the DBC."""
-    text = importlib.resources.files("dbc").joinpath("steer_by_wire.dbc").read_text("ascii")
+    text = (
+        importlib.resources.files("steer_by_wire.dbc")
+        .joinpath("steer_by_wire.dbc")
+        .read_text("ascii")
+    )
     text = _MESSAGE.sub(lambda found: _longer(found), text)
     text = text.replace('BA_ "BusType" "CAN";', 'BA_ "BusType" "CAN FD";')
     first_default = text.index("BA_DEF_DEF_ ", text.index("BA_DEF_ "))

@@ -24,8 +24,8 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
 
-from dbc.messages import CAN_IDS, ControllerStatus, LatencyConfig, Message, PlantStatus
-from runtime.frame import BITRATE_SWITCH, FD, Frame
+from ..runtime.frame import BITRATE_SWITCH, FD, Frame
+from .messages import CAN_IDS, ControllerStatus, LatencyConfig, Message, PlantStatus
 
 PAYLOAD_LENGTH = 8
 CHALLENGE_LENGTH = 8

@@ -8,11 +8,11 @@ import sys
 from collections.abc import Callable, Collection
 from pathlib import Path
 
-from dbc.messages import CAN_IDS, Message
-from dbc.secured_frame import End, Refused
-from runtime.node import N
-from runtime.program import ExitStatus, run_node, say
-from runtime.settings import Settings
+from ..runtime.node import N
+from ..runtime.program import ExitStatus, run_node, say
+from ..runtime.settings import Settings
+from .messages import CAN_IDS, Message
+from .secured_frame import End, Refused
 
 NOBODY = "classic CAN authenticates nobody: whoever is on the bus can steer (see --key-file)"
 """What a program says on start when it has no key."""
@@ -57,8 +57,8 @@ def run_secured_node(
 
         return run_node(name, options, settings, make_node, conclude_classic, can_ids, NOBODY)
     # Not above: they read the DBC once more, for which classic CAN has no use.
-    from dbc.authenticated_node import AuthenticatedNode
-    from dbc.key_file import open_authentication
+    from .authenticated_node import AuthenticatedNode
+    from .key_file import open_authentication
 
     authentication = open_authentication(options.key_file, end)
     options.fd = True

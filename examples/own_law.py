@@ -12,15 +12,15 @@ from typing import NamedTuple
 from matplotlib.figure import Figure
 from pydantic import PositiveFloat
 
-from controller.design import design_pd
-from controller.law_settings import LawSettings
-from controller.laws import Law, LawInput, LawOutput, last_command
-from controller.pd import PdParams, pd_at_rest, pd_step
-from controller.sections import SectionState
-from controller.settings import ControllerSettings
-from plant_emulator.settings import PlantSettings
-from runtime.settings import Settings, load_settings, read_preset
-from tools.virtual_pair import run_virtual_pair
+from steer_by_wire.controller.design import design_pd
+from steer_by_wire.controller.law_settings import LawSettings
+from steer_by_wire.controller.laws import Law, LawInput, LawOutput, last_command
+from steer_by_wire.controller.pd import PdParams, pd_at_rest, pd_step
+from steer_by_wire.controller.sections import SectionState
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.pair.virtual import run_virtual_pair
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.settings import Settings, load_settings, read_preset
 
 
 class OwnTable(Settings):  # [own_law] of a settings file; C(s) is that of [pd]
@@ -62,13 +62,13 @@ LAW = Law(step, at_rest, design, settings=OwnTable, commands_read=last_command)
 
 
 def main(folder: Path = Path("out/examples")) -> None:
-    rig = read_preset("plant_emulator.presets", "paper_nominal")
+    rig = read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal")
     push = "disturbance.steps=[{at_s=10, steering_offset_rad=0.02}]"
     plant = load_settings(PlantSettings, rig, overrides=["latency.downlink.mean_s=0.08", push])
     figure = Figure(figsize=(8.0, 4.0), layout="constrained")
     axes = figure.subplots()
     for law in ("pd", "own_law:LAW"):
-        preset = read_preset("controller.presets", "practical_pd")
+        preset = read_preset("steer_by_wire.controller.presets", "practical_pd")
         controller = load_settings(ControllerSettings, preset, overrides=[f"law={law}"])
         trace = run_virtual_pair(plant, controller).trace
         axes.plot(trace.time_s, 1e3 * trace.lateral_error_m, label=law)

@@ -11,7 +11,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     try:
         # Not above: Ctrl-C while the modules are read, half a second, is no reason for a traceback.
-        from plant_emulator.program import main as run_program
+        from steer_by_wire.plant_emulator.program import main as run_program
 
         return run_program(arguments)
     except KeyboardInterrupt:

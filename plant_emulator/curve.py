@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from plant_emulator.path import GAUSS_NODES, GAUSS_WEIGHTS, Path, Pose
+from .path import GAUSS_NODES, GAUSS_WEIGHTS, Path, Pose
 
 Floats = npt.NDArray[np.float64]
 

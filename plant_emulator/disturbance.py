@@ -14,9 +14,9 @@ disturbance of the paper, the curvature of the path, comes from the path.
 
 from typing import NamedTuple
 
-from plant_emulator.rig_settings import DisturbanceSettings
-from plant_emulator.vehicle import VehicleParams, on_friction, state_matrices
-from runtime.node import NS_PER_S
+from ..runtime.node import NS_PER_S
+from .rig_settings import DisturbanceSettings
+from .vehicle import VehicleParams, on_friction, state_matrices
 
 
 class DisturbanceInterval(NamedTuple):

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from statistics import NormalDist
 from types import MappingProxyType
 
-from dbc.messages import (
+from ..dbc.messages import (
     CAN_IDS,
     DATA_IDS,
     ControllerSafety,
@@ -28,10 +28,10 @@ from dbc.messages import (
     encode,
     limits,
 )
-from dbc.protection import COUNTERS, protect
-from plant_emulator.fault_settings import FaultKind, FaultSettings
-from runtime.frame import Frame
-from runtime.node import NS_PER_S
+from ..dbc.protection import COUNTERS, protect
+from ..runtime.frame import Frame
+from ..runtime.node import NS_PER_S
+from .fault_settings import FaultKind, FaultSettings
 
 BURST_CHANCE = 0.05
 REORDER_CHANCE = 0.2

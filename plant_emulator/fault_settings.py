@@ -20,7 +20,7 @@ from typing import Annotated, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
-from dbc.messages import (
+from ..dbc.messages import (
     MESSAGE_TYPES,
     ControllerSafety,
     ControllerStatus,
@@ -32,7 +32,7 @@ from dbc.messages import (
     SteeringStatus,
     VehicleState,
 )
-from runtime.settings import Settings
+from ..runtime.settings import Settings
 
 ALL = "all"
 """Every message of the direction."""

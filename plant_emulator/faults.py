@@ -13,17 +13,17 @@ The onsets' clock starts with the first STEERING_COMMAND that reaches the edge, 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from dbc.messages import CAN_IDS, SteeringCommand
-from plant_emulator.fault_effects import EFFECTS, FaultMemory, overtake
-from plant_emulator.fault_settings import (
+from ..dbc.messages import CAN_IDS, SteeringCommand
+from ..runtime.frame import Frame
+from ..runtime.node import NEVER_NS, NS_PER_S, N, Wrapper
+from .fault_effects import EFFECTS, FaultMemory, overtake
+from .fault_settings import (
     FaultDirection,
     FaultKind,
     FaultSettings,
     message_types_of,
 )
-from plant_emulator.streams import Channel, uniforms
-from runtime.frame import Frame
-from runtime.node import NEVER_NS, NS_PER_S, N, Wrapper
+from .streams import Channel, uniforms
 
 _COMMAND_ID = CAN_IDS[SteeringCommand]
 

@@ -16,12 +16,12 @@ import heapq
 from collections.abc import Iterator
 from typing import Generic, NamedTuple, TypeVar
 
-from plant_emulator.latency import QUANTILES, Distribution, correlated_score, uniform_of_score
-from plant_emulator.latency_profile import ProfilePoint, profile_at, read_trace
-from plant_emulator.latency_settings import LatencySettings, Order
-from plant_emulator.loss import LossParams, bernoulli, gilbert_elliott, loss_step
-from runtime.node import NEVER_NS, NS_PER_S
-from runtime.statistics import DurationStatistics
+from ..runtime.node import NEVER_NS, NS_PER_S
+from ..runtime.statistics import DurationStatistics
+from .latency import QUANTILES, Distribution, correlated_score, uniform_of_score
+from .latency_profile import ProfilePoint, profile_at, read_trace
+from .latency_settings import LatencySettings, Order
+from .loss import LossParams, bernoulli, gilbert_elliott, loss_step
 
 WAITING_MAX = 100_000
 """Frames one line holds: the longest latency at the highest rate, three times over."""

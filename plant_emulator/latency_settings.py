@@ -7,9 +7,9 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from plant_emulator.latency import Distribution
-from plant_emulator.latency_profile import LATENCY_S_MAX, Shape, read_trace
-from runtime.settings import Settings
+from ..runtime.settings import Settings
+from .latency import Distribution
+from .latency_profile import LATENCY_S_MAX, Shape, read_trace
 
 LatencySeconds = Annotated[float, Field(ge=0.0, le=LATENCY_S_MAX)]
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]

@@ -14,17 +14,17 @@ behind the path's start.
 import math
 from typing import NamedTuple
 
-from plant_emulator.actuator import (
+from ..runtime.node import NEVER_NS, NS_PER_S
+from .actuator import (
     WheelSegment,
     at_rest,
     command_wheel,
     end_ramp,
     is_limited,
 )
-from plant_emulator.motion_design import MotionParams
-from plant_emulator.path import Path, Place, Pose, end_of_place_m, next_place, vehicle_pose
-from plant_emulator.propagation import LinearState, propagate
-from runtime.node import NEVER_NS, NS_PER_S
+from .motion_design import MotionParams
+from .path import Path, Place, Pose, end_of_place_m, next_place, vehicle_pose
+from .propagation import LinearState, propagate
 
 LARGEST = 1e150
 """A magnitude beyond which a state counts as infinite: the figures of a run take its square."""

@@ -7,24 +7,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_emulator.actuator import ActuatorParams, WheelPhase
-from plant_emulator.disturbance import DisturbanceInterval, disturbance_intervals
-from plant_emulator.path import Path
-from plant_emulator.path_shapes import build_path
-from plant_emulator.propagation import (
+from .actuator import ActuatorParams, WheelPhase
+from .disturbance import DisturbanceInterval, disturbance_intervals
+from .path import Path
+from .path_shapes import build_path
+from .propagation import (
     TABLE_ROWS,
     Table,
     augmented_matrix,
     table_rows,
     transition_table,
 )
-from plant_emulator.rig_settings import (
+from .rig_settings import (
     ActuatorSettings,
     DisturbanceSettings,
     PathSettings,
     VehicleSettings,
 )
-from plant_emulator.vehicle import VehicleParams, on_friction
+from .vehicle import VehicleParams, on_friction
 
 
 class MotionParams(NamedTuple):

@@ -2,12 +2,12 @@
 
 import math
 
-from dbc.messages import Direction, LatencyConfig, SteeringCommand
-from plant_emulator.latency import Distribution
-from plant_emulator.latency_line import LatencyLine
-from plant_emulator.settings import PlantSettings
-from plant_emulator.streams import Channel, uniforms
-from runtime.frame import Frame
+from ..dbc.messages import Direction, LatencyConfig, SteeringCommand
+from ..runtime.frame import Frame
+from .latency import Distribution
+from .latency_line import LatencyLine
+from .settings import PlantSettings
+from .streams import Channel, uniforms
 
 
 class Network:

@@ -25,7 +25,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dbc.messages import (
+from ..dbc.messages import (
     CAN_IDS,
     LatencyConfig,
     Message,
@@ -34,29 +34,29 @@ from dbc.messages import (
     SteeringCommand,
     limits,
 )
-from dbc.reception import Reception
-from plant_emulator.latency_line import Passage
-from plant_emulator.motion import Motion
-from plant_emulator.motion_design import MotionParams, design_motion
-from plant_emulator.network import Network
-from plant_emulator.path import Path
-from plant_emulator.plant_messages import PlantMessages
-from plant_emulator.plant_report import line_report, motion_report
-from plant_emulator.plant_samples import PlantSample, RunRecord
-from plant_emulator.safety_settings import design_guard, resync_ns_of
-from plant_emulator.self_supervision import (
+from ..dbc.reception import Reception
+from ..runtime.frame import Frame
+from ..runtime.node import NEVER_NS
+from ..runtime.periodic import PeriodicTimer
+from .latency_line import Passage
+from .motion import Motion
+from .motion_design import MotionParams, design_motion
+from .network import Network
+from .path import Path
+from .plant_messages import PlantMessages
+from .plant_report import line_report, motion_report
+from .plant_samples import PlantSample, RunRecord
+from .safety_settings import design_guard, resync_ns_of
+from .self_supervision import (
     NOT_FINITE_COMMAND,
     NOT_FINITE_VEHICLE,
     SelfSupervision,
 )
-from plant_emulator.sensors import Readings
-from plant_emulator.settings import PlantSettings
-from plant_emulator.status_telling import StatusTelling
-from plant_emulator.steering_unit import SteeringUnit
-from plant_emulator.streams import Channel, uniforms
-from runtime.frame import Frame
-from runtime.node import NEVER_NS
-from runtime.periodic import PeriodicTimer
+from .sensors import Readings
+from .settings import PlantSettings
+from .status_telling import StatusTelling
+from .steering_unit import SteeringUnit
+from .streams import Channel, uniforms
 
 RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig)
 """What the plant receives."""

@@ -13,10 +13,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from plant_emulator.circular import cos_and_sin
-from plant_emulator.curve import CurvePoints, Floats, path_along
-from plant_emulator.path import Path, Pose, along_clothoid
-from plant_emulator.rig_settings import (
+from .circular import cos_and_sin
+from .curve import CurvePoints, Floats, path_along
+from .path import Path, Pose, along_clothoid
+from .rig_settings import (
     CircleSettings,
     DoubleLaneChangeSettings,
     EllipseSettings,
@@ -53,7 +53,7 @@ def build_path(settings: PathSettings) -> Path:
             return double_lane_change(settings.start_m, settings.offset_m, settings.length_m)
         case WaypointSettings():
             # Only this kind needs scipy, whose import takes longer than the rest of the start-up.
-            from plant_emulator.waypoints import waypoint_path
+            from .waypoints import waypoint_path
 
             return waypoint_path(settings.file, closed=settings.closed)
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from dbc.messages import (
+from ..dbc.messages import (
     LateralError,
     Message,
     PlantStatus,
@@ -14,9 +14,9 @@ from dbc.messages import (
     encode_not_available,
     limits,
 )
-from dbc.protection import COUNTERS
-from plant_emulator.sensors import Readings, with_noise
-from runtime.frame import Frame
+from ..dbc.protection import COUNTERS
+from ..runtime.frame import Frame
+from .sensors import Readings, with_noise
 
 _ERROR_LOW_M, _ERROR_HIGH_M = limits(LateralError)["lateral_error_m"]
 _WHEEL_RANGE = limits(SteeringStatus)["wheel_angle_rad"]

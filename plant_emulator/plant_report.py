@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-from plant_emulator.latency_line import LatencyLine
-from plant_emulator.plant_samples import RunningFigures
-from runtime.statistics import durations_report
+from ..runtime.statistics import durations_report
+from .latency_line import LatencyLine
+from .plant_samples import RunningFigures
 
 
 def motion_report(figures: RunningFigures, motion_ns: int) -> Mapping[str, Any]:

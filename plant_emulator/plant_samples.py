@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path as FilePath
 from typing import NamedTuple
 
-from dbc.messages import SteeringCommand
-from plant_emulator.latency_line import Passage
-from plant_emulator.motion import Motion
-from plant_emulator.path import Path, pose
+from ..dbc.messages import SteeringCommand
+from .latency_line import Passage
+from .motion import Motion
+from .path import Path, pose
 
 
 class PlantSample(NamedTuple):

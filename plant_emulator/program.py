@@ -7,17 +7,17 @@ import argparse
 from collections.abc import Sequence
 from functools import partial
 
-from dbc.secured_frame import PLANT
-from dbc.secured_program import add_key_file_argument, run_secured_node
-from plant_emulator.faults import FaultyNode, with_faults
-from plant_emulator.node import RECEIVED, SAMPLES_MAX, PlantNode, motion_params
-from plant_emulator.plant_samples import write_trace
-from plant_emulator.settings import PlantSettings
-from runtime.option_types import output_file
-from runtime.program import load_program_settings, make_parser, run_main, say
+from ..dbc.secured_frame import PLANT
+from ..dbc.secured_program import add_key_file_argument, run_secured_node
+from ..runtime.option_types import output_file
+from ..runtime.program import load_program_settings, make_parser, run_main, say
+from .faults import FaultyNode, with_faults
+from .node import RECEIVED, SAMPLES_MAX, PlantNode, motion_params
+from .plant_samples import write_trace
+from .settings import PlantSettings
 
 NAME = "plant-emulator"
-PRESETS = "plant_emulator.presets"
+PRESETS = "steer_by_wire.plant_emulator.presets"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -23,8 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_emulator.vehicle import Matrix, VehicleParams, state_matrices
-from runtime.node import NS_PER_S
+from ..runtime.node import NS_PER_S
+from .vehicle import Matrix, VehicleParams, state_matrices
 
 DIGIT_BITS = 12
 DIGIT_VALUES = 1 << DIGIT_BITS

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from runtime.settings import Settings
+from ..runtime.settings import Settings
 
 
 class VehicleSettings(Settings):

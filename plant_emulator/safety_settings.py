@@ -9,15 +9,15 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Tag
 
-from plant_emulator.rig_settings import ActuatorSettings, VehicleSettings
-from plant_emulator.safety_limiter import (
+from ..runtime.node import NS_PER_MS, NS_PER_S
+from ..runtime.settings import NUMBER_OR_WORD, OffWord, Settings
+from .rig_settings import ActuatorSettings, VehicleSettings
+from .safety_limiter import (
     LimiterParams,
     acceleration_gain_m_s2,
     limit_rows,
 )
-from plant_emulator.steering_guard import OFF_NS, RAMP_PERIOD_NS, GuardParams
-from runtime.node import NS_PER_MS, NS_PER_S
-from runtime.settings import NUMBER_OR_WORD, OffWord, Settings
+from .steering_guard import OFF_NS, RAMP_PERIOD_NS, GuardParams
 
 OFF: Literal["off"] = "off"
 Limit = float | Literal["off"]

@@ -9,9 +9,9 @@ None of these is the network's or the controller's: the plant's own measurements
 not to be trusted any more. The first fault stays, and is told on the bus for TELLING_NS at least.
 """
 
-from runtime.node import NEVER_NS, NS_PER_S
-from runtime.overruns import OverrunSettings, OverrunSupervision
-from runtime.periodic import PeriodicTimer
+from ..runtime.node import NEVER_NS, NS_PER_S
+from ..runtime.overruns import OverrunSettings, OverrunSupervision
+from ..runtime.periodic import PeriodicTimer
 
 TELLING_NS = NS_PER_S
 """From a fault to the end of the run at the earliest: ten PLANT_STATUS say so, and STEERING_STATUS

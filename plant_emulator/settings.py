@@ -4,9 +4,12 @@ from typing import Annotated
 
 from pydantic import Field
 
-from plant_emulator.fault_settings import FAULTS_MAX, FaultSettings
-from plant_emulator.latency_settings import BothLatencySettings
-from plant_emulator.rig_settings import (
+from ..runtime.node import NS_PER_MS, NS_PER_S
+from ..runtime.overruns import OverrunSettings
+from ..runtime.settings import Settings
+from .fault_settings import FAULTS_MAX, FaultSettings
+from .latency_settings import BothLatencySettings
+from .rig_settings import (
     ActuatorSettings,
     DisturbanceSettings,
     EllipseSettings,
@@ -14,10 +17,7 @@ from plant_emulator.rig_settings import (
     SensorNoiseSettings,
     VehicleSettings,
 )
-from plant_emulator.safety_settings import SafetySettings
-from runtime.node import NS_PER_MS, NS_PER_S
-from runtime.overruns import OverrunSettings
-from runtime.settings import Settings
+from .safety_settings import SafetySettings
 
 
 class PlantSettings(Settings):

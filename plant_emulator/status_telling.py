@@ -9,9 +9,9 @@ That nothing has been limited since the last PLANT_STATUS is no change: it waits
 so do latencies, losses and refusals.
 """
 
-from dbc.messages import SafetyState
-from runtime.node import NEVER_NS
-from runtime.periodic import PeriodicTimer
+from ..dbc.messages import SafetyState
+from ..runtime.node import NEVER_NS
+from ..runtime.periodic import PeriodicTimer
 
 PERIOD_NS = 100_000_000
 INTERVAL_NS = 20_000_000

@@ -32,7 +32,7 @@ Every target, of ramps too, passes the safety limiter. Times count from the star
 from enum import IntEnum
 from typing import NamedTuple
 
-from plant_emulator.safety_limiter import (
+from .safety_limiter import (
     LimiterParams,
     LimiterState,
     limit_steer,

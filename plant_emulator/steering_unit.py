@@ -4,9 +4,10 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-from dbc.messages import SafetyState, SteeringStatusCode
-from plant_emulator.safety_limiter import Cause
-from plant_emulator.steering_guard import (
+from ..dbc.messages import SafetyState, SteeringStatusCode
+from ..runtime.node import NEVER_NS, NS_PER_S
+from .safety_limiter import Cause
+from .steering_guard import (
     GuardMode,
     GuardParams,
     GuardState,
@@ -17,7 +18,6 @@ from plant_emulator.steering_guard import (
     is_overruled,
     start_guard,
 )
-from runtime.node import NEVER_NS, NS_PER_S
 
 _STATES: Mapping[int, SafetyState] = {
     GuardMode.NO_COMMAND: SafetyState.NORMAL,

@@ -10,9 +10,9 @@ from pathlib import Path as FilePath
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from plant_emulator.curve import CurvePoints, Floats, path_along
-from plant_emulator.path import Path
-from runtime.settings import SettingsError
+from ..runtime.settings import SettingsError
+from .curve import CurvePoints, Floats, path_along
+from .path import Path
 
 HEADER = ["x_m", "y_m"]
 POINTS_MIN = 4

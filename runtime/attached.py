@@ -56,7 +56,7 @@ class Lifeline:
         """
         options = ["--after", str(after_s)] + ([] if remove is None else ["--remove", str(remove)])
         return subprocess.Popen(  # noqa: S603 the command is our own
-            [sys.executable, "-m", "runtime.attached", *options, module, *arguments],
+            [sys.executable, "-m", "steer_by_wire.runtime.attached", *options, module, *arguments],
             stdin=self._waiting,
             stdout=output,
             stderr=errors,

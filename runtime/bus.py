@@ -23,10 +23,10 @@ import can
 import can.cli
 from can.util import load_environment_config, load_file_config
 
-from runtime.error_text import one_line
-from runtime.frame import Frame
-from runtime.message import frame_of, message_of
-from runtime.real_time import Received
+from .error_text import one_line
+from .frame import Frame
+from .message import frame_of, message_of
+from .real_time import Received
 
 _AUTO_CHANNEL = "vcan0"
 _NETWORK_INTERFACES = Path("/sys/class/net")

@@ -22,9 +22,9 @@ from collections.abc import Callable
 from math import gcd, lcm
 from typing import NamedTuple
 
-from runtime.frame import EXTENDED, REMOTE, Frame
-from runtime.frame_length import INTERMISSION_BITS, frame_bits
-from runtime.node import NEVER_NS, NS_PER_S
+from .frame import EXTENDED, REMOTE, Frame
+from .frame_length import INTERMISSION_BITS, frame_bits
+from .node import NEVER_NS, NS_PER_S
 
 
 class BusOverflowError(RuntimeError):

@@ -22,12 +22,12 @@ from typing import NamedTuple
 
 import can
 
-from runtime.bus import BusError, has_carrier
-from runtime.error_frames import BUS_OFF, RESTARTED, UNSPECIFIED, error_causes
-from runtime.frame import ERROR, Frame
-from runtime.node import NEVER_NS, NS_PER_S
-from runtime.port import ClosablePort, OpenPort
-from runtime.real_time import Received
+from .bus import BusError, has_carrier
+from .error_frames import BUS_OFF, RESTARTED, UNSPECIFIED, error_causes
+from .frame import ERROR, Frame
+from .node import NEVER_NS, NS_PER_S
+from .port import ClosablePort, OpenPort
+from .real_time import Received
 
 RETRY_S = 0.5
 SETTLED_S = 1.0

@@ -7,7 +7,7 @@ of python-can number their error frames as they like.
 
 from collections.abc import Iterator
 
-from runtime.frame import Frame
+from .frame import Frame
 
 BUS_OFF = "bus_off"
 RESTARTED = "restarted"

@@ -24,7 +24,7 @@ so they neither get a stuff bit nor lengthen a run.
 from functools import lru_cache
 from typing import NamedTuple
 
-from runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from .frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 
 INTERMISSION_BITS = 3
 """Recessive bits between two frames, at the nominal bit rate."""

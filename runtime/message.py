@@ -2,7 +2,7 @@
 
 import can
 
-from runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from .frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 
 
 def frame_of(message: can.Message) -> Frame:

@@ -19,7 +19,7 @@ Rules a node keeps:
 from collections.abc import Mapping, Sequence
 from typing import Any, Generic, Protocol, TypeVar
 
-from runtime.frame import Frame
+from .frame import Frame
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000

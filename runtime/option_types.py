@@ -8,8 +8,8 @@ import math
 import os
 from pathlib import Path
 
-from runtime.host import PRIORITY_MAX
-from runtime.recording import recording_obstacle
+from .host import PRIORITY_MAX
+from .recording import recording_obstacle
 
 DURATION_S_MAX = 1e9
 SPIN_US_MAX = 10_000

@@ -21,8 +21,8 @@ from typing import Annotated, Self
 
 from pydantic import Field, Tag
 
-from runtime.periodic import PeriodicTimer
-from runtime.settings import NUMBER_OR_WORD, OffWord, Settings
+from .periodic import PeriodicTimer
+from .settings import NUMBER_OR_WORD, OffWord, Settings
 
 _MOST = 10_000
 _Bound = Annotated[Annotated[int, Field(ge=0, le=_MOST), Tag("number")] | OffWord, NUMBER_OR_WORD]

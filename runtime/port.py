@@ -14,11 +14,11 @@ import can
 from can.typechecking import CanFilter
 from can.util import load_config
 
-from runtime.bus import BusError, BusPort, Choice, check_openable, choose_bus, open_bus
-from runtime.error_text import one_line
-from runtime.frame import Frame
-from runtime.real_time import Received
-from runtime.socketcan import SocketCanPort
+from .bus import BusError, BusPort, Choice, check_openable, choose_bus, open_bus
+from .error_text import one_line
+from .frame import Frame
+from .real_time import Received
+from .socketcan import SocketCanPort
 
 AF_CAN, PYTHON_CAN = "AF_CAN", "python-can"
 """What a port is made of, for the report."""

@@ -20,11 +20,11 @@ from typing import Any, NamedTuple, TextIO, TypeVar
 
 import can
 
-from runtime.bus import BusError, add_bus_arguments, shutting_down
-from runtime.connection import Connection, ConnectionFigures
-from runtime.host import RealTimeRequest, StealClock, real_time
-from runtime.node import NEVER_NS, NS_PER_S, NS_PER_US, N
-from runtime.option_types import (
+from .bus import BusError, add_bus_arguments, shutting_down
+from .connection import Connection, ConnectionFigures
+from .host import RealTimeRequest, StealClock, real_time
+from .node import NEVER_NS, NS_PER_S, NS_PER_US, N
+from .option_types import (
     SPIN_US_MAX,
     output_file,
     priority,
@@ -32,18 +32,18 @@ from runtime.option_types import (
     seconds,
     spin_us,
 )
-from runtime.port import open_port
-from runtime.real_time import LoopFigures, RealTimeExecutor
-from runtime.recording import Recording, RecordingPort
-from runtime.report import connection_report, host_report, run_report, write_json
-from runtime.settings import (
+from .port import open_port
+from .real_time import LoopFigures, RealTimeExecutor
+from .recording import Recording, RecordingPort
+from .report import connection_report, host_report, run_report, write_json
+from .settings import (
     Settings,
     SettingsError,
     load_settings,
     preset_names,
     read_preset,
 )
-from runtime.summary import summary_lines
+from .summary import summary_lines
 
 PATIENCE_S = 60.0
 """How long ``--reconnect`` waits for the bus unless told."""

@@ -19,9 +19,9 @@ import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
-from runtime.frame import ERROR, Frame
-from runtime.node import NS_PER_S, Node
-from runtime.statistics import DurationStatistics, DurationSummary
+from .frame import ERROR, Frame
+from .node import NS_PER_S, Node
+from .statistics import DurationStatistics, DurationSummary
 
 FRAMES_PER_WAKE_UP_MAX = 256
 TICKS_PER_WAKE_UP_MAX = 10_000

@@ -26,8 +26,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from runtime.frame import ERROR, FD, REMOTE, Frame
-from runtime.real_time import Port, Received
+from .frame import ERROR, FD, REMOTE, Frame
+from .real_time import Port, Received
 
 SUFFIXES = (".log", ".asc", ".blf", ".csv", ".db", ".trc", ".mf4")
 """The formats, as python-can tells them apart; ``.log`` is what ``candump -L`` writes."""
@@ -90,7 +90,7 @@ class Recording:
         self._dropped = 0
         self._offset_ns = time.time_ns() - time.monotonic_ns()
         self._recorder = subprocess.Popen(  # noqa: S603 the command is our own
-            [sys.executable, "-m", "runtime.recording_file", str(path), channel],
+            [sys.executable, "-m", "steer_by_wire.runtime.recording_file", str(path), channel],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,  # what libraries have to say about themselves

@@ -26,10 +26,10 @@ from typing import Any, BinaryIO, NamedTuple
 import can
 from can.io.generic import TextIOMessageWriter
 
-from runtime.frame import Frame
-from runtime.message import message_of
-from runtime.node import NS_PER_S
-from runtime.recording import LEFT_OUT, RECORD
+from .frame import Frame
+from .message import message_of
+from .node import NS_PER_S
+from .recording import LEFT_OUT, RECORD
 
 HELD_NS = 100_000_000
 """Longer than frames wait in a program that runs on time."""

@@ -9,12 +9,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from runtime.connection import ConnectionFigures
-from runtime.host import HostAnswer
-from runtime.node import NS_PER_S
-from runtime.real_time import LoopFigures
-from runtime.settings import Settings
-from runtime.statistics import durations_report
+from .connection import ConnectionFigures
+from .host import HostAnswer
+from .node import NS_PER_S
+from .real_time import LoopFigures
+from .settings import Settings
+from .statistics import durations_report
 
 DISTRIBUTION = "steer-by-wire-emulator"
 

@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Tag, ValidationError
 
-from runtime.settings_mistakes import KeyPath, dotted, explain, hint, printable
+from .settings_mistakes import KeyPath, dotted, explain, hint, printable
 
 OffWord = Annotated[Literal["off"], Tag("word")]
 """What stands for no limit beside a number with ``Tag("number")``: TOML has no word for none."""

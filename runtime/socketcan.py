@@ -20,10 +20,10 @@ from pathlib import Path
 
 from can.typechecking import CanFilter
 
-from runtime.bus import BusError
-from runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
-from runtime.node import NS_PER_S
-from runtime.real_time import Received
+from .bus import BusError
+from .frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from .node import NS_PER_S
+from .real_time import Received
 
 # linux/can.h, linux/can/raw.h, asm-generic/socket.h; socket has most of them on Linux only
 _AF_CAN, _CAN_RAW, _SOL_CAN_RAW = 29, 1, 101

@@ -9,7 +9,7 @@ exact. The same durations give the same figures, in whatever order they come.
 from collections import defaultdict
 from typing import NamedTuple
 
-from runtime.node import NS_PER_S
+from .node import NS_PER_S
 
 _BIN_BITS = 8
 """Leading bits of a duration that choose its bin."""

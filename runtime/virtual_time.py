@@ -17,9 +17,9 @@ textbook sampled-data loop.
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from runtime.bus_model import Delivery
-from runtime.frame import Frame
-from runtime.node import NEVER_NS, Node
+from .bus_model import Delivery
+from .frame import Frame
+from .node import NEVER_NS, Node
 
 EVENTS_PER_INSTANT_MAX = 10_000
 """Deliveries and ticks at one instant before it is called a livelock. An instant of real nodes has

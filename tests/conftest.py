@@ -26,7 +26,7 @@ from typing import IO, Any
 import pytest
 from hypothesis import settings
 
-from tests.last_line import last_line
+from tests.support.last_line import last_line
 
 # The analysis multiplies thousands of small matrices, for which more threads only wait for each
 # other: on a busy machine it takes ten times as long. To be said before numpy is imported.

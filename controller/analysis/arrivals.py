@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.node import NS_PER_S
+from ...runtime.node import NS_PER_S
 
 AGE_PROBABILITY_MIN = 1e-9
 """What is rarer counts as never: latencies so short, and so long a wait for any command."""

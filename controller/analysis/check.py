@@ -9,23 +9,23 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.analysis.linear_system import NotLinearError, law_system
-from controller.analysis.looking_back import Rig
-from controller.analysis.predictor_loop import PredictorLoop, stable_constant_delays
-from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
-from controller.analysis.stable_delays import (
+from ...runtime.node import NS_PER_MS, NS_PER_S
+from ...runtime.settings import dump_toml
+from ..design import LawDesign, design_law, link_of, vehicle_of
+from ..law_record import LookingBack
+from ..link import LinkParams
+from ..nominal_model import NominalVehicle
+from ..settings import ControllerSettings
+from .linear_system import NotLinearError, law_system
+from .looking_back import Rig
+from .predictor_loop import PredictorLoop, stable_constant_delays
+from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
+from .stable_delays import (
     DELAY_NS_MAX,
     DelayInterval,
     delay_margin_ns,
     stable_delays,
 )
-from controller.design import LawDesign, design_law, link_of, vehicle_of
-from controller.law_record import LookingBack
-from controller.link import LinkParams
-from controller.nominal_model import NominalVehicle
-from controller.settings import ControllerSettings
-from runtime.node import NS_PER_MS, NS_PER_S
-from runtime.settings import dump_toml
 
 JITTER_MEANS_MS = (80, 160)
 JITTER_LOSS = 0.01
@@ -117,7 +117,7 @@ def _looking_back_analysis(
         yield "around the nominal plant. A heavier or a faster vehicle bears less delay; --law"
         yield f"{name} --check tells more."
     yield from law.closing
-    yield "Latency that varies is for simulation: python -m tools.stress_latency."
+    yield "Latency that varies is for simulation: steer-by-wire stress."
 
 
 def _looking_back(make_loop: Callable[[], PredictorLoop], link: LinkParams) -> Iterator[str]:
@@ -205,7 +205,7 @@ def _delays(stable: tuple[DelayInterval, ...], limit_ns: int = DELAY_NS_MAX) -> 
 def _jitter(loop: SampledLoop) -> Iterator[str]:
     """Return which standard deviations of the latency are tolerated at some mean latencies."""
     # Imports scipy for the gamma distribution, which a running node has no use for.
-    from controller.analysis.jitter import JitterTooLargeError, stable_spreads
+    from .jitter import JitterTooLargeError, stable_spreads
 
     for mean_ms in JITTER_MEANS_MS:
         heading = f"  mean {mean_ms:>3} ms   "

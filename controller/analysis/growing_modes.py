@@ -28,10 +28,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.analysis.linear_system import companion_form, without_idle_states
-from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
-from controller.held_input import held_over
-from runtime.node import NS_PER_S
+from ...runtime.node import NS_PER_S
+from ..held_input import held_over
+from .linear_system import companion_form, without_idle_states
+from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 
 _PHASE_STEP_RAD = 1.0
 """Where χ turns by more between two points of the circle, points are added between them."""

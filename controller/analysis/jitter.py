@@ -27,7 +27,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.analysis.arrivals import (
+from ...runtime.node import NS_PER_S
+from ..held_input import held_over
+from .arrivals import (
     Arrivals,
     LatencyCdf,
     arrivals,
@@ -35,10 +37,8 @@ from controller.analysis.arrivals import (
     gamma_cdf,
     hazards_by_age,
 )
-from controller.analysis.linear_system import companion_form, without_idle_states
-from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
-from controller.held_input import held_over
-from runtime.node import NS_PER_S
+from .linear_system import companion_form, without_idle_states
+from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 
 MOMENTS_MAX = 250_000
 """Numbers in all second moments together: what is decided in a few seconds."""

@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.design import LawDesign
-from controller.held_input import held_over
-from controller.law_interface import NO_HISTORY, NO_LINK, NO_VEHICLE, History, LawInput, Link
-from controller.transfer_function import TransferFunction
-from runtime.node import NS_PER_S
+from ...runtime.node import NS_PER_S
+from ..design import LawDesign
+from ..held_input import held_over
+from ..law_interface import NO_HISTORY, NO_LINK, NO_VEHICLE, History, LawInput, Link
+from ..transfer_function import TransferFunction
 
 
 class LinearSystem(NamedTuple):

@@ -2,7 +2,7 @@
 
 At a constant latency every instant is known before: when samples are taken, ticks run and commands
 act, which of them the echo names, and what the controller has seen of it all. ``Signals`` moves the
-vehicle exactly from event to event, in the order of ``tools.batch.loop``: commands that are due,
+vehicle exactly from event to event, in the order of ``compiled.loop``: commands that are due,
 samples, the tick, and its command if there is no latency. What a tick makes of it, is told by
 ``controller.analysis.unit_answers``.
 
@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.held_input import held_over
-from controller.link import LinkParams
-from controller.nominal_model import NominalVehicle
-from runtime.node import NS_PER_S
+from ...runtime.node import NS_PER_S
+from ..held_input import held_over
+from ..link import LinkParams
+from ..nominal_model import NominalVehicle
 
 Matrix = NDArray[np.float64]
 

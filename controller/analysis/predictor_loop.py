@@ -27,7 +27,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.analysis.looking_back import (
+from ...runtime.node import NS_PER_S
+from ..design import LawDesign
+from ..link import LinkParams
+from .looking_back import (
     LoopMatrices,
     Matrix,
     Rig,
@@ -37,17 +40,14 @@ from controller.analysis.looking_back import (
     continuous_rig,
     told_at,
 )
-from controller.analysis.sampled_loop import SLOWEST_DECAY_1_S
-from controller.analysis.stable_delays import (
+from .sampled_loop import SLOWEST_DECAY_1_S
+from .stable_delays import (
     DELAY_NS_MAX,
     RESOLUTION_NS,
     SCAN_STEP_NS,
     DelayInterval,
 )
-from controller.analysis.unit_answers import floats_in, unit_answers
-from controller.design import LawDesign
-from controller.link import LinkParams
-from runtime.node import NS_PER_S
+from .unit_answers import floats_in, unit_answers
 
 _START_S = 10
 """The period that is analysed begins so late: whatever a law looks back to is there."""

@@ -15,14 +15,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.analysis.linear_system import (
+from ...runtime.node import NS_PER_S
+from ..design import LawDesign
+from ..transfer_function import TransferFunction
+from .linear_system import (
     held_plant,
     law_system,
     without_idle_states,
 )
-from controller.design import LawDesign
-from controller.transfer_function import TransferFunction
-from runtime.node import NS_PER_S
 
 SLOWEST_DECAY_1_S = 1e-3
 """A mode that decays more slowly is drift, not stability: a quarter of an hour to one third. It

@@ -15,8 +15,8 @@ does not grow with the commands on their way.
 from itertools import pairwise
 from typing import NamedTuple
 
-from controller.analysis.growing_modes import GrowingModes
-from controller.analysis.sampled_loop import SampledLoop
+from .growing_modes import GrowingModes
+from .sampled_loop import SampledLoop
 
 SCAN_STEP_NS = 10_000_000
 RESOLUTION_NS = 10_000

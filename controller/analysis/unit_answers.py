@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from controller.analysis.looking_back import Matrix, Timing, told_at
-from controller.design import LawDesign
-from controller.law_interface import History, LawInput, Link, VehicleReading
+from ..design import LawDesign
+from ..law_interface import History, LawInput, Link, VehicleReading
+from .looking_back import Matrix, Timing, told_at
 
 _RING = 4096
 _SETTLED_NS = 1_500_000_000

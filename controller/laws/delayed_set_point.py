@@ -34,21 +34,21 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from pydantic import Field
 
-from controller.design import FADE_RAD_S, design_pd, link_of, steady_steer, vehicle_of
-from controller.fading import NO_STEER, Fading, fading_step
-from controller.feed_forward import SteadySteer, curve_step, steer_per_curvature
-from controller.law_interface import LawInput, LawOutput, Link
-from controller.law_record import Law, LookingBack
-from controller.link import LinkParams
-from controller.pd import PdParams, pd_at_rest, pd_step
-from controller.sections import SectionState
-from dbc.messages import CYCLE_TIMES_MS, VehicleState
-from dbc.messages import Law as LawNumber
-from runtime.node import NS_PER_MS
-from runtime.settings import Settings
+from ...dbc.messages import CYCLE_TIMES_MS, VehicleState
+from ...dbc.messages import Law as LawNumber
+from ...runtime.node import NS_PER_MS
+from ...runtime.settings import Settings
+from ..design import FADE_RAD_S, design_pd, link_of, steady_steer, vehicle_of
+from ..fading import NO_STEER, Fading, fading_step
+from ..feed_forward import SteadySteer, curve_step, steer_per_curvature
+from ..law_interface import LawInput, LawOutput, Link
+from ..law_record import Law, LookingBack
+from ..link import LinkParams
+from ..pd import PdParams, pd_at_rest, pd_step
+from ..sections import SectionState
 
 if TYPE_CHECKING:
-    from controller.law_settings import LawSettings
+    from ..law_settings import LawSettings
 
 REQUESTS = 100
 """Requests remembered."""

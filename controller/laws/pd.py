@@ -2,15 +2,15 @@
 
 from typing import TYPE_CHECKING
 
-from controller.design import design_pd
-from controller.law_interface import LawInput, LawOutput
-from controller.law_record import Law, last_command
-from controller.pd import PdParams, pd_at_rest, pd_step
-from controller.sections import SectionState
-from dbc.messages import Law as LawNumber
+from ...dbc.messages import Law as LawNumber
+from ..design import design_pd
+from ..law_interface import LawInput, LawOutput
+from ..law_record import Law, last_command
+from ..pd import PdParams, pd_at_rest, pd_step
+from ..sections import SectionState
 
 if TYPE_CHECKING:
-    from controller.law_settings import LawSettings
+    from ..law_settings import LawSettings
 
 
 def pd_law_step(p: PdParams, x: SectionState, seen: LawInput) -> tuple[SectionState, LawOutput]:

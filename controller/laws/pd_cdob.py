@@ -5,16 +5,16 @@ The observer sees the command that was sent, after limits, and does not wind up.
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from controller.cdob import CdobParams, CdobState, cdob_at_rest, cdob_step
-from controller.design import design_cdob, design_pd, given
-from controller.law_interface import LawInput, LawOutput
-from controller.law_record import Law, last_command
-from controller.pd import PdParams, pd_at_rest, pd_step
-from controller.sections import SectionState
-from dbc.messages import Law as LawNumber
+from ...dbc.messages import Law as LawNumber
+from ..cdob import CdobParams, CdobState, cdob_at_rest, cdob_step
+from ..design import design_cdob, design_pd, given
+from ..law_interface import LawInput, LawOutput
+from ..law_record import Law, last_command
+from ..pd import PdParams, pd_at_rest, pd_step
+from ..sections import SectionState
 
 if TYPE_CHECKING:
-    from controller.law_settings import LawSettings
+    from ..law_settings import LawSettings
 
 
 class PdCdobParams(NamedTuple):

@@ -18,14 +18,16 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from pydantic import Field
 
-from controller.design import (
+from ...dbc.messages import Law as LawNumber
+from ...runtime.settings import Settings
+from ..design import (
     FADE_RAD_S,
     FILTER_SETTLES_S,
     filter_opening,
     link_of,
     vehicle_of,
 )
-from controller.estimator import (
+from ..estimator import (
     EstimatorState,
     VehicleGains,
     command_from,
@@ -34,23 +36,21 @@ from controller.estimator import (
     model_step,
     start_estimate,
 )
-from controller.law_interface import History, LawInput, LawOutput, Link
-from controller.law_record import Fallback, Law, LookingBack, Schedule
-from controller.laws.pd_ddob import (
+from ..law_interface import History, LawInput, LawOutput, Link
+from ..law_record import Fallback, Law, LookingBack, Schedule
+from ..limits import ramp_step
+from ..link import LinkParams
+from ..predictor_design import design_schedule
+from .pd_ddob import (
     PdDdobParams,
     PdDdobState,
     design_ddob,
     pd_ddob_at_rest,
     pd_ddob_step,
 )
-from controller.limits import ramp_step
-from controller.link import LinkParams
-from controller.predictor_design import design_schedule
-from dbc.messages import Law as LawNumber
-from runtime.settings import Settings
 
 if TYPE_CHECKING:
-    from controller.law_settings import LawSettings
+    from ..law_settings import LawSettings
 
 
 FALLBACK = "pd_ddob"

@@ -21,23 +21,23 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from pydantic import Field
 
-from controller.design import design_compensation, design_pd, given
-from controller.law_interface import History, LawInput, LawOutput
-from controller.law_record import Law
-from controller.pd import PdParams, pd_at_rest, pd_step
-from controller.sections import (
+from ...dbc.messages import Law as LawNumber
+from ...runtime.settings import Settings
+from ..design import design_compensation, design_pd, given
+from ..law_interface import History, LawInput, LawOutput
+from ..law_record import Law
+from ..pd import PdParams, pd_at_rest, pd_step
+from ..sections import (
     Cascade2,
     Cascade2State,
     SectionState,
     cascade_2_at_rest,
     cascade_2_step,
 )
-from controller.shared_settings import CutoffRadS
-from dbc.messages import Law as LawNumber
-from runtime.settings import Settings
+from ..shared_settings import CutoffRadS
 
 if TYPE_CHECKING:
-    from controller.law_settings import LawSettings
+    from ..law_settings import LawSettings
 
 
 class SmithSettings(Settings):

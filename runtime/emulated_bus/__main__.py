@@ -8,7 +8,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     try:
         # Not above: Ctrl-C while the modules are read is no reason for a traceback.
-        from runtime.emulated_bus.program import main as run_program
+        from steer_by_wire.runtime.emulated_bus.program import main as run_program
 
         return run_program(arguments)
     except KeyboardInterrupt:

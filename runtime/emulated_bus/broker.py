@@ -24,13 +24,13 @@ import time
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from runtime.emulated_bus.channel import Channel
-from runtime.emulated_bus.connection import Connection, ConnectionLostError
-from runtime.emulated_bus.journal import Cause, Journal
-from runtime.emulated_bus.protocol import Answer, BusOff, Hello, ProtocolError
-from runtime.emulated_bus.wall_clock import WallClock
-from runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S, NS_PER_US
-from runtime.statistics import DurationStatistics, DurationSummary
+from ..node import NEVER_NS, NS_PER_MS, NS_PER_S, NS_PER_US
+from ..statistics import DurationStatistics, DurationSummary
+from .channel import Channel
+from .connection import Connection, ConnectionLostError
+from .journal import Cause, Journal
+from .protocol import Answer, BusOff, Hello, ProtocolError
+from .wall_clock import WallClock
 
 CLIENTS_MAX = 200
 """More would come near the 1024 descriptors that ``select`` can wait for."""

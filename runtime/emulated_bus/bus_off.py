@@ -8,9 +8,9 @@ that it takes 2.8 ms there at 500 kbit/s, and twelve times as long on one that i
 What its client is told are the error frames that SocketCAN would deliver (linux/can/error.h).
 """
 
-from runtime.bus_model import BusLoad
-from runtime.frame import ERROR, Frame
-from runtime.node import NS_PER_S
+from ..bus_model import BusLoad
+from ..frame import ERROR, Frame
+from ..node import NS_PER_S
 
 BUS_OFF_FRAME = Frame(0x040, bytes(8), ERROR)
 RESTARTED_FRAME = Frame(0x100, bytes(8), ERROR)

@@ -8,13 +8,13 @@ departed clients wait on one channel: beyond that, who left the most loses them.
 from collections.abc import Mapping
 from struct import Struct
 
-from runtime.bus_model import BusLoad, BusModel, Delivery
-from runtime.emulated_bus.bus_off import BUS_OFF_FRAME, RESTARTED_FRAME, Recovery
-from runtime.emulated_bus.connection import Connection
-from runtime.emulated_bus.protocol import OWN, BusOff, pack_frame, record_format
-from runtime.frame import EXTENDED, Frame
-from runtime.node import NEVER_NS
-from runtime.statistics import DurationStatistics, DurationSummary
+from ..bus_model import BusLoad, BusModel, Delivery
+from ..frame import EXTENDED, Frame
+from ..node import NEVER_NS
+from ..statistics import DurationStatistics, DurationSummary
+from .bus_off import BUS_OFF_FRAME, RESTARTED_FRAME, Recovery
+from .connection import Connection
+from .protocol import OWN, BusOff, pack_frame, record_format
 
 FRAMES_WAITING_MAX = 64
 """Frames of one client on their way before the broker stops reading from it."""

@@ -16,8 +16,11 @@ import can
 from can.bus import BusState, CanProtocol
 from can.typechecking import AutoDetectedConfig, CanFilters, Channel
 
-from runtime.emulated_bus.address import AddressError, connect, default_address, parse_address
-from runtime.emulated_bus.protocol import (
+from ..frame import Frame
+from ..message import frame_of, message_of
+from ..node import NS_PER_S
+from .address import AddressError, connect, default_address, parse_address
+from .protocol import (
     ANSWER,
     ERROR_STATE,
     FD_LENGTHS,
@@ -37,9 +40,6 @@ from runtime.emulated_bus.protocol import (
     unpack_answer,
     unpack_delivery,
 )
-from runtime.frame import Frame
-from runtime.message import frame_of, message_of
-from runtime.node import NS_PER_S
 
 DEFAULT_CHANNEL = "can0"
 

@@ -4,9 +4,10 @@ import socket
 import struct
 import sys
 
-from runtime.emulated_bus.bus_off import Recovery
-from runtime.emulated_bus.journal import Cause
-from runtime.emulated_bus.protocol import (
+from ..frame import EXTENDED, FD, Frame
+from .bus_off import Recovery
+from .journal import Cause
+from .protocol import (
     FILTERS_MAX,
     HELLO,
     BusOff,
@@ -18,7 +19,6 @@ from runtime.emulated_bus.protocol import (
     unpack_hello,
     unpack_request,
 )
-from runtime.frame import EXTENDED, FD, Frame
 
 OUTGOING_BYTES_MAX = 1 << 20
 """What may wait for a client that does not read: 43 690 classic frames, 10 s of a full bus at

@@ -7,7 +7,7 @@ from pathlib import Path
 from subprocess import PIPE
 from typing import IO
 
-from runtime.attached import lifeline
+from ..attached import lifeline
 
 AFTER_S = 1.0
 """How long the broker outlasts a program that was ended: its clients end before their bus."""
@@ -27,7 +27,12 @@ def launched_broker(options: Sequence[str] = (), log: IO[str] | None = None) -> 
         address = str(Path(directory) / "socket")
         arguments = ["--address", address, *options]
         broker = line.start(
-            "runtime.emulated_bus", arguments, PIPE, log, after_s=AFTER_S, remove=Path(directory)
+            "steer_by_wire.runtime.emulated_bus",
+            arguments,
+            PIPE,
+            log,
+            after_s=AFTER_S,
+            remove=Path(directory),
         )
         with broker:  # ends with waiting for it
             if broker.stdout is None or not broker.stdout.readline():

@@ -14,7 +14,9 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 
-from runtime.emulated_bus.address import (
+from ..host import RealTimeRequest, real_time
+from ..option_types import output_file, priority
+from .address import (
     Address,
     AddressError,
     TcpAddress,
@@ -23,11 +25,9 @@ from runtime.emulated_bus.address import (
     listening,
     parse_address,
 )
-from runtime.emulated_bus.broker import Broker
-from runtime.emulated_bus.journal import Journal
-from runtime.emulated_bus.report import broker_report, summary_line
-from runtime.host import RealTimeRequest, real_time
-from runtime.option_types import output_file, priority
+from .broker import Broker
+from .journal import Journal
+from .report import broker_report, summary_line
 
 _NAME = "emulated-can-bus"
 _CANNOT_LISTEN = 3
@@ -80,7 +80,7 @@ def _serve(listener: socket.socket, address: Address, options: argparse.Namespac
     _tell(summary_line(report))
     if options.report is not None:
         # Not above: it brings python-can and pydantic, which the broker does without.
-        from runtime.report import write_json
+        from ..report import write_json
 
         write_json(options.report, report)
 

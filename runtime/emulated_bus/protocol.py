@@ -20,8 +20,8 @@ broker; in a request for bus-off it says how long that lasts.
 from struct import Struct
 from typing import NamedTuple
 
-from runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
-from runtime.node import NS_PER_S
+from ..frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
+from ..node import NS_PER_S
 
 MAGIC = b"emucan\x00\x01"
 """Name and version: both sides close on any other."""

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from runtime.emulated_bus.broker import Broker
-from runtime.emulated_bus.journal import Journal
-from runtime.node import NS_PER_S
-from runtime.statistics import DurationSummary
+from ..node import NS_PER_S
+from ..statistics import DurationSummary
+from .broker import Broker
+from .journal import Journal
 
 
 def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[str, Any]:

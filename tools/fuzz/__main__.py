@@ -1,8 +1,8 @@
 """Fuzz one target: coverage decides which inputs are worth changing further.
 
-    python -m tools.fuzz controller --seconds 300
-    python -m tools.fuzz settings --runs 100000 --seed 7 --corpus out/fuzz/settings
-    python -m tools.fuzz plant --replay crash-0123abcd
+    steer-by-wire fuzz controller --seconds 300
+    steer-by-wire fuzz settings --runs 100000 --seed 7 --corpus out/fuzz/settings
+    steer-by-wire fuzz plant --replay crash-0123abcd
 
 Needs atheris (pip install 'steer-by-wire-emulator[fuzz]') but for --replay. Exit status: 0 when
 nothing was found, 1 when something was, whose input is left in the folder --out; 2 without atheris.
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="python -m tools.fuzz",
+        prog="steer-by-wire fuzz",
         description=(__doc__ or "").splitlines()[0],
         allow_abbrev=False,
     )
@@ -81,7 +81,7 @@ def _count(text: str) -> int:
 
 def _replay(target: str, file: Path) -> int:
     """Run one input; returns 1 where it breaks a promise."""
-    from tools.fuzz.targets import TARGETS
+    from steer_by_wire.tools.fuzz.targets import TARGETS
 
     try:
         with file.open("rb") as opened:
@@ -102,7 +102,7 @@ def _fuzz(options: argparse.Namespace) -> None:
     """Hand over to libFuzzer, which ends the process."""
     atheris: Any = importlib.import_module("atheris")  # it has no types
     with atheris.instrument_imports(include=PACKAGES):
-        targets = importlib.import_module("tools.fuzz.targets").TARGETS
+        targets = importlib.import_module("steer_by_wire.tools.fuzz.targets").TARGETS
     options.out.mkdir(parents=True, exist_ok=True)
     command = [
         sys.argv[0],

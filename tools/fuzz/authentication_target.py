@@ -8,16 +8,16 @@ What leaves is secured.
 
 import hashlib
 
-from controller.node import ControllerNode
-from dbc.authenticated_node import AuthenticatedNode
-from dbc.authentication import Authentication
-from dbc.messages import CAN_IDS, LateralError, PlantStatus, SteeringStatus, VehicleState
-from dbc.secured_frame import CONTROLLER, PLANT, is_secured
-from runtime.frame import Frame
-from tools.fuzz.choices import Choices
-from tools.fuzz.node_targets import controller_settings
-from tools.fuzz.promises import promise
-from tools.fuzz.traffic import DATA_IDS, Sender, wake_ups
+from ...controller.node import ControllerNode
+from ...dbc.authenticated_node import AuthenticatedNode
+from ...dbc.authentication import Authentication
+from ...dbc.messages import CAN_IDS, LateralError, PlantStatus, SteeringStatus, VehicleState
+from ...dbc.secured_frame import CONTROLLER, PLANT, is_secured
+from ...runtime.frame import Frame
+from .choices import Choices
+from .node_targets import controller_settings
+from .promises import promise
+from .traffic import DATA_IDS, Sender, wake_ups
 
 _OF_PLANT = {CAN_IDS[kind] for kind in (LateralError, SteeringStatus, VehicleState, PlantStatus)}
 _OUR_IDS = frozenset(CAN_IDS.values())

@@ -16,11 +16,11 @@ from threading import Thread
 
 import can
 
-from runtime.bus import BusError, BusPort
-from runtime.emulated_bus.broker import CLIENTS_MAX, Broker
-from runtime.emulated_bus.client import EmulatedBus
-from runtime.emulated_bus.journal import Journal
-from runtime.emulated_bus.protocol import (
+from ...runtime.bus import BusError, BusPort
+from ...runtime.emulated_bus.broker import CLIENTS_MAX, Broker
+from ...runtime.emulated_bus.client import EmulatedBus
+from ...runtime.emulated_bus.journal import Journal
+from ...runtime.emulated_bus.protocol import (
     ANSWER,
     CLASSIC_RECORD,
     FD_RECORD,
@@ -40,11 +40,11 @@ from runtime.emulated_bus.protocol import (
     unpack_hello,
     unpack_request,
 )
-from runtime.frame import Frame
-from runtime.node import NS_PER_MS, NS_PER_US
-from tools.fuzz.choices import Choices
-from tools.fuzz.promises import promise
-from tools.fuzz.traffic import Sender
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_MS, NS_PER_US
+from .choices import Choices
+from .promises import promise
+from .traffic import Sender
 
 BITRATE_BIT_S, DATA_BITRATE_BIT_S = 500_000, 2_000_000
 CHANNEL = "can0"

@@ -13,32 +13,32 @@ from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import Any
 
-from dbc.messages import MESSAGE_TYPES
-from plant_emulator.fault_settings import FaultKind
-from runtime.settings import Settings, load_settings
-from tools.campaign.acceptance import findings_of
-from tools.campaign.comparison import compare
-from tools.campaign.execution import RESULTS, keep_only, read_stored
-from tools.campaign.grouping import group
-from tools.campaign.presentation import (
+from ...dbc.messages import MESSAGE_TYPES
+from ...plant_emulator.fault_settings import FaultKind
+from ...runtime.settings import Settings, load_settings
+from ..fault_campaign.acceptance import findings_of
+from ..fault_campaign.comparison import compare
+from ..fault_campaign.execution import RESULTS, keep_only, read_stored
+from ..fault_campaign.grouping import group
+from ..fault_campaign.presentation import (
     campaign_page,
     comparison_lines,
     finding_lines,
     table_lines,
     write_csv,
 )
-from tools.campaign.scenario import scenarios_of
-from tools.campaign.specification import (
+from ..fault_campaign.scenario import scenarios_of
+from ..fault_campaign.specification import (
     CampaignSettings,
     CaseSettings,
     NodeCaseSettings,
     NodeFaultKind,
     PointSettings,
 )
-from tools.campaign.trial import Result, Verdict, run_trial
-from tools.fuzz.choices import Choices
-from tools.fuzz.promises import promise
-from tools.fuzz.settings_targets import begin_campaign, settled, toml_value
+from ..fault_campaign.trial import Result, Verdict, run_trial
+from .choices import Choices
+from .promises import promise
+from .settings_targets import begin_campaign, settled, toml_value
 
 TABLES_MAX = 3
 LINES_MAX = 8

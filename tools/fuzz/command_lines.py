@@ -22,52 +22,75 @@ from types import MappingProxyType
 from typing import NamedTuple, NoReturn
 from unittest.mock import patch
 
-from tools.fuzz.choices import Choices
-from tools.fuzz.log_targets import faultless_log
-from tools.fuzz.promises import promise
+from .choices import Choices
+from .log_targets import faultless_log
+from .promises import promise
 
 WORDS_MAX = 8
 PROGRAMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "controller.program": ("runtime.program.open_port", "controller.program.check_text"),
-        "plant_emulator.program": ("runtime.program.open_port",),
-        "runtime.emulated_bus.program": ("runtime.emulated_bus.program.listening",),
-        "tools.analyze_log": ("tools.log_analysis.pictures.draw_pictures",),
-        "tools.benchmark": ("tools.benchmark._benchmark",),
-        "tools.benchmark_batch": ("tools.benchmark_batch._benchmark",),
-        "tools.benchmark_bus": ("tools.benchmark_bus.compile_all",),
-        "tools.closed_loop": (
-            "tools.closed_loop.run_virtual_nodes",
-            "tools.closed_loop.run_threaded_nodes",
+        "steer_by_wire.controller.program": (
+            "steer_by_wire.runtime.program.open_port",
+            "steer_by_wire.controller.program.check_text",
         ),
-        "tools.compare_laws": ("tools.compare_laws.compare",),
-        "tools.delay_estimation_study": ("tools.delay_estimation_study.worker_pool",),
-        "tools.demo": ("tools.demo.open_channels",),
-        "tools.design_gains": ("tools.design_gains.worker_pool",),
-        "tools.doctor": ("tools.doctor.examine",),
-        "tools.fault_campaign": (
-            "tools.fault_campaign.execute",
-            "tools.fault_campaign.run_live_campaign",
-            "tools.fault_campaign.measure_residual",
-            "tools.fault_campaign.walk_all",
+        "steer_by_wire.plant_emulator.program": ("steer_by_wire.runtime.program.open_port",),
+        "steer_by_wire.runtime.emulated_bus.program": (
+            "steer_by_wire.runtime.emulated_bus.program.listening",
         ),
-        "tools.fuzz.__main__": ("tools.fuzz.__main__._fuzz",),
-        "tools.inject_faults": (
-            "tools.inject_faults.open_port",
-            "tools.inject_faults.ProcessFault",
-            "tools.inject_faults.BusOffFault",
+        "steer_by_wire.tools.analyze_log.__main__": (
+            "steer_by_wire.tools.analyze_log.pictures.draw_pictures",
         ),
-        "tools.monitor": ("tools.monitor.open_port",),
-        "tools.probe_host": ("tools.probe_host.probe",),
-        "tools.reproduce_paper": ("tools.reproduce_paper.reproduce_all",),
-        "tools.soak.__main__": ("tools.soak.__main__.run_live_soak",),
-        "tools.soak.vandals": ("tools.soak.vandals.measure",),
-        "tools.stress_latency": (
-            "tools.stress.store.Store.open",
-            "tools.stress_latency._print_estimate",
+        "steer_by_wire.tools.benchmark.__main__": (
+            "steer_by_wire.tools.benchmark.__main__._benchmark",
         ),
-        "tools.stress_report.__main__": (),
-        "tools.vcan_backends.__main__": ("tools.vcan_backends.__main__.choose",),
+        "steer_by_wire.tools.benchmark_batch.__main__": (
+            "steer_by_wire.tools.benchmark_batch.__main__._benchmark",
+        ),
+        "steer_by_wire.tools.benchmark_bus.__main__": (
+            "steer_by_wire.tools.benchmark_bus.__main__.compile_all",
+        ),
+        "steer_by_wire.tools.closed_loop.__main__": (
+            "steer_by_wire.tools.closed_loop.__main__.run_virtual_nodes",
+            "steer_by_wire.tools.closed_loop.__main__.run_threaded_nodes",
+        ),
+        "steer_by_wire.tools.compare_laws.__main__": (
+            "steer_by_wire.tools.compare_laws.__main__.compare",
+        ),
+        "steer_by_wire.tools.delay_estimation_study.__main__": (
+            "steer_by_wire.tools.delay_estimation_study.__main__.worker_pool",
+        ),
+        "steer_by_wire.tools.demo.__main__": ("steer_by_wire.tools.demo.__main__.open_channels",),
+        "steer_by_wire.tools.design_gains.__main__": (
+            "steer_by_wire.tools.design_gains.__main__.worker_pool",
+        ),
+        "steer_by_wire.tools.doctor.__main__": ("steer_by_wire.tools.doctor.__main__.examine",),
+        "steer_by_wire.tools.fault_campaign.__main__": (
+            "steer_by_wire.tools.fault_campaign.__main__.execute",
+            "steer_by_wire.tools.fault_campaign.__main__.run_live_campaign",
+            "steer_by_wire.tools.fault_campaign.__main__.measure_residual",
+            "steer_by_wire.tools.fault_campaign.__main__.walk_all",
+        ),
+        "steer_by_wire.tools.fuzz.__main__": ("steer_by_wire.tools.fuzz.__main__._fuzz",),
+        "steer_by_wire.tools.inject_faults": (
+            "steer_by_wire.tools.inject_faults.__main__.open_port",
+            "steer_by_wire.tools.inject_faults.__main__.ProcessFault",
+            "steer_by_wire.tools.inject_faults.__main__.BusOffFault",
+        ),
+        "steer_by_wire.tools.monitor": ("steer_by_wire.tools.monitor.__main__.open_port",),
+        "steer_by_wire.tools.probe_host.__main__": (
+            "steer_by_wire.tools.probe_host.__main__.probe",
+        ),
+        "steer_by_wire.tools.reproduce_paper.__main__": (
+            "steer_by_wire.tools.reproduce_paper.__main__.reproduce_all",
+        ),
+        "steer_by_wire.tools.soak.__main__": ("steer_by_wire.tools.soak.__main__.run_live_soak",),
+        "steer_by_wire.tools.soak.vandals": ("steer_by_wire.tools.soak.vandals.measure",),
+        "steer_by_wire.tools.stress_latency.__main__": (
+            "steer_by_wire.studies.store.Store.open",
+            "steer_by_wire.tools.stress_latency.__main__._print_estimate",
+        ),
+        "steer_by_wire.tools.stress_report.__main__": (),
+        "steer_by_wire.vcan.__main__": ("steer_by_wire.vcan.__main__.choose",),
     }
 )
 """Every program that takes arguments, and where it is stopped."""

@@ -9,7 +9,7 @@ import importlib.resources
 import math
 from functools import lru_cache
 
-from dbc.codec import (
+from ...dbc.codec import (
     FILE,
     ContractError,
     EncodeError,
@@ -18,10 +18,10 @@ from dbc.codec import (
     codecs_of,
     parse_database,
 )
-from dbc.messages import MESSAGE_TYPES, Message
-from dbc.protection import protect
-from tools.fuzz.choices import Choices
-from tools.fuzz.promises import promise
+from ...dbc.messages import MESSAGE_TYPES, Message
+from ...dbc.protection import protect
+from .choices import Choices
+from .promises import promise
 
 _PIECES = (b"9" * 12, b"-", b".", b"0", b"1", b"7", b'"', b"\n", b"e9", b"@0+", b"(0,0)", b"|")
 _PAYLOADS = 4
@@ -85,4 +85,4 @@ def _changed(choices: Choices) -> str:
 
 @lru_cache
 def _contract() -> bytes:
-    return importlib.resources.files("dbc").joinpath(FILE).read_bytes()
+    return importlib.resources.files("steer_by_wire.dbc").joinpath(FILE).read_bytes()

@@ -16,7 +16,7 @@ from typing import Any
 
 import can
 
-from dbc.messages import (
+from ...dbc.messages import (
     LateralError,
     Mode,
     SteeringCommand,
@@ -24,14 +24,14 @@ from dbc.messages import (
     SteeringStatusCode,
     encode,
 )
-from runtime.candump import format_entry, parse_entry
-from runtime.message import message_of
-from tools.fuzz.choices import Choices
-from tools.fuzz.promises import promise
-from tools.fuzz.traffic import Sender
-from tools.log_analysis.file_analysis import analyse_files
-from tools.log_analysis.html_report import report_html
-from tools.log_analysis.log_file import LogError
+from ...recordings.file_analysis import analyse_files
+from ...recordings.log_file import LogError
+from ...runtime.candump import format_entry, parse_entry
+from ...runtime.message import message_of
+from ..analyze_log.html_report import report_html
+from .choices import Choices
+from .promises import promise
+from .traffic import Sender
 
 SUFFIXES = (".log", ".txt", ".asc", ".csv", ".trc", ".blf", ".db", ".log.gz", ".asc.gz", ".blf.gz")
 _STAMPS = (

@@ -13,10 +13,10 @@ import math
 from collections.abc import Callable, Collection, Sequence
 from functools import lru_cache
 
-from controller.node import RECEIVED as CONTROLLER_RECEIVES
-from controller.node import ControllerNode
-from controller.settings import ControllerSettings
-from dbc.messages import (
+from ...controller.node import RECEIVED as CONTROLLER_RECEIVES
+from ...controller.node import ControllerNode
+from ...controller.settings import ControllerSettings
+from ...dbc.messages import (
     CAN_IDS,
     ControllerSafety,
     ControllerStatus,
@@ -32,17 +32,17 @@ from dbc.messages import (
     decode,
     resolutions,
 )
-from dbc.protection import COUNTERS
-from plant_emulator.motion_design import MotionParams
-from plant_emulator.node import RECEIVED as PLANT_RECEIVES
-from plant_emulator.node import PlantNode, motion_params
-from plant_emulator.settings import PlantSettings
-from runtime.frame import Frame
-from runtime.node import NS_PER_S, Node, ReportingNode
-from runtime.settings import load_settings, read_preset
-from tools.fuzz.choices import Choices
-from tools.fuzz.promises import promise
-from tools.fuzz.traffic import wake_ups
+from ...dbc.protection import COUNTERS
+from ...plant_emulator.motion_design import MotionParams
+from ...plant_emulator.node import RECEIVED as PLANT_RECEIVES
+from ...plant_emulator.node import PlantNode, motion_params
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_S, Node, ReportingNode
+from ...runtime.settings import load_settings, read_preset
+from .choices import Choices
+from .promises import promise
+from .traffic import wake_ups
 
 TICKS_MAX = 10
 """Ticks at one time after which a node has to be done."""
@@ -109,7 +109,9 @@ def controller_settings(number: int) -> ControllerSettings:
     """Return the settings of one of CONTROLLERS."""
     preset, overrides = CONTROLLERS[number]
     return load_settings(
-        ControllerSettings, read_preset("controller.presets", preset), overrides=overrides
+        ControllerSettings,
+        read_preset("steer_by_wire.controller.presets", preset),
+        overrides=overrides,
     )
 
 

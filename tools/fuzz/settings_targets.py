@@ -13,9 +13,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from controller.node import ControllerNode
-from controller.settings import ControllerSettings
-from dbc.messages import (
+from ...controller.node import ControllerNode
+from ...controller.settings import ControllerSettings
+from ...dbc.messages import (
     ControllerSafety,
     ControllerStatus,
     DelayStatus,
@@ -27,23 +27,23 @@ from dbc.messages import (
     VehicleState,
     encode,
 )
-from plant_emulator.latency_profile import read_trace
-from plant_emulator.node import PlantNode
-from plant_emulator.settings import PlantSettings
-from plant_emulator.waypoints import waypoint_path
-from runtime.node import NS_PER_MS, Node
-from runtime.settings import Settings, SettingsError, load_settings, preset_names, read_preset
-from runtime.virtual_time import VirtualTimeExecutor
-from tools.campaign.pair import make_pair
-from tools.campaign.scenario import Scenario, controller_settings_of, scenarios_of
-from tools.campaign.specification import CampaignSettings
-from tools.campaign.walks import WALK_FAULTS_MAX, draw_walk
-from tools.fuzz.choices import Choices
-from tools.fuzz.node_targets import CommandLimits, Outgoing
-from tools.fuzz.promises import promise
-from tools.gain_design.specification import Specification
-from tools.gain_design.vehicle_file import VehicleFile
-from tools.stress.study_file import StudySettings
+from ...plant_emulator.latency_profile import read_trace
+from ...plant_emulator.node import PlantNode
+from ...plant_emulator.settings import PlantSettings
+from ...plant_emulator.waypoints import waypoint_path
+from ...runtime.node import NS_PER_MS, Node
+from ...runtime.settings import Settings, SettingsError, load_settings, preset_names, read_preset
+from ...runtime.virtual_time import VirtualTimeExecutor
+from ...studies.study_file import StudySettings
+from ..design_gains.specification import Specification
+from ..design_gains.vehicle_file import VehicleFile
+from ..fault_campaign.pair import make_pair
+from ..fault_campaign.scenario import Scenario, controller_settings_of, scenarios_of
+from ..fault_campaign.specification import CampaignSettings
+from ..fault_campaign.walks import WALK_FAULTS_MAX, draw_walk
+from .choices import Choices
+from .node_targets import CommandLimits, Outgoing
+from .promises import promise
 
 ENTRIES_MAX = 6
 """Settings that one input changes."""
@@ -143,12 +143,12 @@ def settled(read: Callable[[], Any], begins: Sequence[str]) -> Any:
 def subjects() -> Sequence[Subject]:
     """Return all kinds of settings there are."""
     return (
-        Subject(ControllerSettings, "controller.presets", _run_controller),
-        Subject(PlantSettings, "plant_emulator.presets", _run_plant),
+        Subject(ControllerSettings, "steer_by_wire.controller.presets", _run_controller),
+        Subject(PlantSettings, "steer_by_wire.plant_emulator.presets", _run_plant),
         Subject(StudySettings, None, lambda _settings: None),
         Subject(VehicleFile, None, lambda settings: settings.box),
         Subject(Specification, None, lambda _settings: None),
-        Subject(CampaignSettings, "tools.campaign", begin_campaign),
+        Subject(CampaignSettings, "steer_by_wire.tools.fault_campaign", begin_campaign),
     )
 
 

@@ -1,4 +1,4 @@
-"""The targets by name: what ``python -m tools.fuzz`` and the suite run.
+"""The targets by name: what ``steer-by-wire fuzz`` and the suite run.
 
 A target takes any bytes, returns nothing, and raises whatever is not promised: BrokenPromiseError
 for what it has noticed itself, any other exception for what has escaped.
@@ -7,14 +7,14 @@ for what it has noticed itself, any other exception for what has escaped.
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from tools.fuzz.authentication_target import fuzz_authentication
-from tools.fuzz.bus_targets import fuzz_broker, fuzz_bus_client, fuzz_protocol
-from tools.fuzz.campaign_targets import fuzz_results, fuzz_specification
-from tools.fuzz.command_lines import fuzz_command_line
-from tools.fuzz.contract_targets import fuzz_contract
-from tools.fuzz.log_targets import fuzz_candump, fuzz_log
-from tools.fuzz.node_targets import fuzz_controller, fuzz_plant
-from tools.fuzz.settings_targets import fuzz_settings, fuzz_trace, fuzz_waypoints
+from .authentication_target import fuzz_authentication
+from .bus_targets import fuzz_broker, fuzz_bus_client, fuzz_protocol
+from .campaign_targets import fuzz_results, fuzz_specification
+from .command_lines import fuzz_command_line
+from .contract_targets import fuzz_contract
+from .log_targets import fuzz_candump, fuzz_log
+from .node_targets import fuzz_controller, fuzz_plant
+from .settings_targets import fuzz_settings, fuzz_trace, fuzz_waypoints
 
 TARGETS: Mapping[str, Callable[[bytes], None]] = MappingProxyType(
     {

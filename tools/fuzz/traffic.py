@@ -7,11 +7,11 @@ need, because noise does not get past a CRC.
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from dbc.messages import CAN_IDS, LatencyConfig, Message
-from dbc.protection import COUNTERS, protect
-from runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
-from runtime.node import NS_PER_MS, NS_PER_S
-from tools.fuzz.choices import Choices
+from ...dbc.messages import CAN_IDS, LatencyConfig, Message
+from ...dbc.protection import COUNTERS, protect
+from ...runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from ...runtime.node import NS_PER_MS, NS_PER_S
+from .choices import Choices
 
 STALL_NS_MAX = 60 * NS_PER_S
 """Longest time that a node is not called for."""

@@ -1,6 +1,6 @@
 """The pair on an emulated bus that a babbling node keeps full, as real processes.
 
-    python -m tools.soak [--duration-s 600] [--starve-s 10] [--out FOLDER]
+    steer-by-wire soak [--duration-s 600] [--starve-s 10] [--out FOLDER]
 
 First the babbling node has the lowest priority: the pair must lose, reorder and miss nothing, the
 recorder must have every frame, memory must stay as it is. Then it has the highest: nothing of the
@@ -17,15 +17,20 @@ from pathlib import Path
 
 from rich.console import Console
 
-from runtime.host import StealClock
-from runtime.option_types import priority, seconds
-from runtime.program import ExitStatus, run_main
-from runtime.report import write_json
-from tools.soak.babbling import HIGHEST_PRIORITY_IDS, LOWEST_PRIORITY_IDS
-from tools.soak.crew import SoakError
-from tools.soak.live import LiveSoak, Plan, run_live_soak
-from tools.soak.presentation import findings_table, memory_table, messages_table, record_of
-from tools.soak.verdict import Finding, load_findings, starve_findings
+from steer_by_wire.bus_faults.babbling import HIGHEST_PRIORITY_IDS, LOWEST_PRIORITY_IDS
+from steer_by_wire.pair.crew import SoakError
+from steer_by_wire.runtime.host import StealClock
+from steer_by_wire.runtime.option_types import priority, seconds
+from steer_by_wire.runtime.program import ExitStatus, run_main
+from steer_by_wire.runtime.report import write_json
+from steer_by_wire.tools.soak.live import LiveSoak, Plan, run_live_soak
+from steer_by_wire.tools.soak.presentation import (
+    findings_table,
+    memory_table,
+    messages_table,
+    record_of,
+)
+from steer_by_wire.tools.soak.verdict import Finding, load_findings, starve_findings
 
 NAME = "soak"
 NOT_SHOWN = 1
@@ -40,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog=NAME, description=(__doc__ or "").splitlines()[0], allow_abbrev=False
+        prog="steer-by-wire soak", description=(__doc__ or "").splitlines()[0], allow_abbrev=False
     )
     parser.add_argument(
         "--duration-s",

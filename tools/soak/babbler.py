@@ -1,6 +1,6 @@
 """The babbling node as a process: sends frames that count as fast as the bus takes them.
 
-python -m tools.soak.babbler ADDRESS CHANNEL REPORT PRIORITY ID...
+python -m steer_by_wire.tools.soak.babbler ADDRESS CHANNEL REPORT PRIORITY ID...
 
 Each identifier has a connection of its own, so that as many queues at the broker are kept full.
 """
@@ -14,11 +14,11 @@ from pathlib import Path
 
 import can
 
-from runtime.host import RealTimeRequest, real_time
-from runtime.message import message_of
-from runtime.program import StopRequest
-from runtime.report import write_json
-from tools.soak.babbling import babble
+from ...bus_faults.babbling import babble
+from ...runtime.host import RealTimeRequest, real_time
+from ...runtime.message import message_of
+from ...runtime.program import StopRequest
+from ...runtime.report import write_json
 
 PATIENCE_S = 0.05
 """How long it waits for room before it looks whether it is to end."""

@@ -16,9 +16,9 @@ up breaks n = 1: what should have been a period apart then comes at once.
 
 from collections.abc import Collection, Mapping
 
-from dbc.messages import CAN_IDS, PlantStatus
-from runtime.frame_length import INTERMISSION_BITS
-from runtime.node import NS_PER_S
+from ...dbc.messages import CAN_IDS, PlantStatus
+from ...runtime.frame_length import INTERMISSION_BITS
+from ...runtime.node import NS_PER_S
 
 _AT_CHANGES_TOO = CAN_IDS[PlantStatus]
 _PAYLOAD_BYTES = 8

@@ -6,7 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from tools.soak.census import (
+from ...pair.crew import Crew
+from ...pair.process_memory import MemoryFigures, MemoryWatch
+from ...recordings.census import (
     BusLog,
     MessageCount,
     count_messages,
@@ -14,8 +16,6 @@ from tools.soak.census import (
     read_bus_log,
     read_own_log,
 )
-from tools.soak.crew import Crew
-from tools.soak.memory import MemoryFigures, MemoryWatch
 
 CHANNEL = "can0"
 SAMPLES = 600
@@ -104,7 +104,7 @@ def _start(crew: Crew, plan: Plan, socket: Path) -> None:
     bus_log = str(crew.path("bus", ".log"))
     report = str(crew.path("recorder", ".json"))
     arguments = [address, CHANNEL, bus_log, report, str(plan.priority // 2)]
-    crew.start("recorder", "tools.soak.recorder", arguments)
+    crew.start("recorder", "steer_by_wire.tools.soak.recorder", arguments)
     seconds = plan.settle_s + plan.babble_s + plan.recover_s
     # Without a priority, periods that a busy machine misses are no finding about the pair.
     bear = [] if plan.priority else ["--set", _BEAR_OVERRUNS, "--set", _BEAR_MISSED_PERIODS]
@@ -127,7 +127,7 @@ def _start_babbler(crew: Crew, plan: Plan) -> None:
     report = str(crew.path("babbler", ".json"))
     arguments = [crew.address, CHANNEL, report, str(plan.priority // 2)]
     arguments += map(str, plan.babble_ids)
-    crew.start("babbler", "tools.soak.babbler", arguments)
+    crew.start("babbler", "steer_by_wire.tools.soak.babbler", arguments)
 
 
 def _wait(crew: Crew, watch: MemoryWatch, duration_s: float) -> None:

@@ -5,8 +5,8 @@ from typing import Any
 
 from rich.table import Table
 
-from tools.soak.live import CHANNEL, LiveSoak
-from tools.soak.verdict import Finding, bounds_ns
+from .live import CHANNEL, LiveSoak
+from .verdict import Finding, bounds_ns
 
 
 def findings_table(title: str, findings: Sequence[Finding]) -> Table:

@@ -1,6 +1,6 @@
 """A recorder of everything on the bus, by the programs' own recording, with times of the bus.
 
-python -m tools.soak.recorder ADDRESS CHANNEL FILE REPORT PRIORITY [fd]
+python -m steer_by_wire.tools.soak.recorder ADDRESS CHANNEL FILE REPORT PRIORITY [fd]
 """
 
 import sys
@@ -9,12 +9,12 @@ from pathlib import Path
 
 import can
 
-from runtime.host import RealTimeRequest, real_time
-from runtime.message import frame_of
-from runtime.node import NS_PER_S
-from runtime.program import StopRequest
-from runtime.recording import Recording
-from runtime.report import write_json
+from ...runtime.host import RealTimeRequest, real_time
+from ...runtime.message import frame_of
+from ...runtime.node import NS_PER_S
+from ...runtime.program import StopRequest
+from ...runtime.recording import Recording
+from ...runtime.report import write_json
 
 WAIT_S = 0.1
 _RECEIVED = 1

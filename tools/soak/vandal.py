@@ -1,6 +1,6 @@
 """A client of the emulated bus that behaves badly, as fast as it can, until it is killed.
 
-python -m tools.soak.vandal KIND ADDRESS CHANNEL
+python -m steer_by_wire.tools.soak.vandal KIND ADDRESS CHANNEL
 """
 
 import socket
@@ -8,8 +8,8 @@ import sys
 from collections.abc import Callable
 from itertools import count
 
-from runtime.emulated_bus.protocol import ANSWER, CLASSIC_RECORD, Hello, pack_filters, pack_frame
-from runtime.frame import Frame
+from ...runtime.emulated_bus.protocol import ANSWER, CLASSIC_RECORD, Hello, pack_filters, pack_frame
+from ...runtime.frame import Frame
 
 PATIENCE_S = 5.0
 _BATCH = 100

@@ -1,6 +1,6 @@
 """What clients that behave badly cost one that does not, on the emulated bus.
 
-    python -m tools.soak.vandals [--seconds 15] [--json FILE]
+    python -m steer_by_wire.tools.soak.vandals [--seconds 15] [--json FILE]
 
 A good client sends a frame of high priority every few milliseconds, another one takes it; in
 between runs nobody else, or one vandal of each kind, or one of each at once.
@@ -20,17 +20,17 @@ import can
 from rich.console import Console
 from rich.table import Table
 
-from runtime.host import RealTimeRequest, StealClock, real_time
-from runtime.message import message_of
-from runtime.node import NS_PER_S
-from runtime.option_types import output_file, priority, seconds
-from runtime.program import ExitStatus, run_main
-from runtime.report import write_json
-from runtime.statistics import DurationStatistics, DurationSummary
-from tools.soak.babbling import babble
-from tools.soak.crew import Crew, SoakError
-from tools.soak.memory import resident_kib
-from tools.soak.vandal import KINDS
+from ...bus_faults.babbling import babble
+from ...pair.crew import Crew, SoakError
+from ...pair.process_memory import resident_kib
+from ...runtime.host import RealTimeRequest, StealClock, real_time
+from ...runtime.message import message_of
+from ...runtime.node import NS_PER_S
+from ...runtime.option_types import output_file, priority, seconds
+from ...runtime.program import ExitStatus, run_main
+from ...runtime.report import write_json
+from ...runtime.statistics import DurationStatistics, DurationSummary
+from .vandal import KINDS
 
 NAME = "vandals"
 CHANNEL, GOOD_ID = "can0", 0x010
@@ -105,7 +105,7 @@ def measure(name: str, kinds: Sequence[str], duration_s: float, level: int) -> C
             ) as listener,
         ):
             for kind in kinds:
-                crew.start(kind, "tools.soak.vandal", [kind, crew.address, CHANNEL])
+                crew.start(kind, "steer_by_wire.tools.soak.vandal", [kind, crew.address, CHANNEL])
             before_s, begin_s = _processor_s(broker), time.monotonic()
             with real_time(RealTimeRequest(level // 2)):
                 delay, lost, memory_kib = _exchange(sender, listener, duration_s, broker)

@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from dbc.messages import Mode
-from runtime.node import NS_PER_S
-from tools.soak.bounds import delay_bounds_ns
-from tools.soak.census import MessageCount
-from tools.soak.live import CHANNEL, CONTROLLER, PLANT, LiveSoak
+from ...dbc.messages import Mode
+from ...recordings.census import MessageCount
+from ...runtime.node import NS_PER_S
+from .bounds import delay_bounds_ns
+from .live import CHANNEL, CONTROLLER, PLANT, LiveSoak
 
 LOAD_MIN = 0.999
 """Of a bus that is called full: a broker that is held up for long leaves gaps."""

@@ -4,15 +4,15 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from controller.settings import ControllerSettings
-from dbc.messages import Mode
-from plant_emulator.settings import PlantSettings
-from runtime.bus_model import BusModel
-from runtime.frame import Frame
-from runtime.node import NS_PER_MS
-from runtime.virtual_time import VirtualTimeExecutor
-from tools.soak.babbling import BabbledBus
-from tools.virtual_pair import make_virtual_pair
+from ...bus_faults.babbling import BabbledBus
+from ...controller.settings import ControllerSettings
+from ...dbc.messages import Mode
+from ...pair.virtual import make_virtual_pair
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.bus_model import BusModel
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_MS
+from ...runtime.virtual_time import VirtualTimeExecutor
 
 QUEUE_LIMIT = 64
 """Frames of one node that wait, as on the emulated bus."""

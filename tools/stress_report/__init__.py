@@ -9,6 +9,6 @@ def write_report(folder: Path) -> Path:
     Raises SettingsError where there are no results, OSError where nothing can be written.
     """
     # Pictures and compiled runs take a second to import, which nobody else has to wait for.
-    from tools.stress_report.report import write
+    from .report import write
 
     return write(folder)

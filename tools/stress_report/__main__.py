@@ -1,4 +1,4 @@
-"""Write the report of a stress study anew: ``python -m tools.stress_report FOLDER``."""
+"""Write the report of a stress study anew: ``steer-by-wire stress-report FOLDER``."""
 
 import argparse
 import sys
@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from runtime.program import ExitStatus, run_main
-from tools.stress_report import write_report
+from steer_by_wire.runtime.program import ExitStatus, run_main
+from steer_by_wire.tools.stress_report import write_report
 
 NAME = "stress_report"
 
@@ -15,7 +15,7 @@ NAME = "stress_report"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     parser = argparse.ArgumentParser(
-        prog=f"python -m tools.{NAME}",
+        prog="steer-by-wire stress-report",
         description=(__doc__ or "").splitlines()[0],
         allow_abbrev=False,
     )

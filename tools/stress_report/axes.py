@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.stress_report.results import FactorRecord, Rows, StudyRecord
+from .results import FactorRecord, Rows, StudyRecord
 
 IntArray = NDArray[np.int64]
 

@@ -3,9 +3,9 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from tools.demo_figures import MANY_COLOURS
-from tools.stress_report.axes import StudyAxes
-from tools.stress_report.break_points import (
+from ...reports.figures import MANY_COLOURS
+from .axes import StudyAxes
+from .break_points import (
     CONFIDENCE,
     HELD_SHARE,
     LATENCY_NS_MAX,

@@ -18,15 +18,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from runtime.node import NS_PER_S
-from tools.stress.compute import Computer
-from tools.stress.figures import COLUMNS
-from tools.stress.scenario import Scenarios
-from tools.stress.verdict import RUN_ENDS, Verdict, verdicts
-from tools.stress_report.axes import Axis, StudyAxes, is_share
-from tools.stress_report.monte_carlo import seeds
-from tools.stress_report.order_statistics import held_bound, median_interval
-from tools.stress_report.results import Rows, StudyRecord, case_of, read_overrides
+from ...runtime.node import NS_PER_S
+from ...studies.compute import Computer
+from ...studies.figures import COLUMNS
+from ...studies.scenario import Scenarios
+from ...studies.verdict import RUN_ENDS, Verdict, verdicts
+from .axes import Axis, StudyAxes, is_share
+from .monte_carlo import seeds
+from .order_statistics import held_bound, median_interval
+from .results import Rows, StudyRecord, case_of, read_overrides
 
 SEEDS = 29
 """The fewest of which, if all hold, at least HELD_SHARE do, with CONFIDENCE."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tools.stress_report.results import FloatArray, IntArray, Rows, StudyRecord
+from .results import FloatArray, IntArray, Rows, StudyRecord
 
 
 class Effort(NamedTuple):

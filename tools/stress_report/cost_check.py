@@ -13,15 +13,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from controller.settings import ControllerSettings
-from plant_emulator.settings import PlantSettings
-from runtime.settings import SettingsError
-from tools.demo_figures import MANY_COLOURS
-from tools.stress_report.axes import StudyAxes
-from tools.stress_report.break_points import latency_overrides
-from tools.stress_report.expected_cost import ExpectedCost, expected_cost
-from tools.stress_report.monte_carlo import MonteCarloCost, monte_carlo_costs, seeds
-from tools.stress_report.results import IntArray, Rows, StudyRecord, case_of, read_overrides
+from ...controller.settings import ControllerSettings
+from ...plant_emulator.settings import PlantSettings
+from ...reports.figures import MANY_COLOURS
+from ...runtime.settings import SettingsError
+from .axes import StudyAxes
+from .break_points import latency_overrides
+from .expected_cost import ExpectedCost, expected_cost
+from .monte_carlo import MonteCarloCost, monte_carlo_costs, seeds
+from .results import IntArray, Rows, StudyRecord, case_of, read_overrides
 
 RUNS = 50
 DURATION_S_MAX = 20.0

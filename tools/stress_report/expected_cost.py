@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.analysis.arrivals import (
+from ...controller.analysis.arrivals import (
     AGE_PROBABILITY_MIN,
     Arrivals,
     LatencyCdf,
@@ -39,13 +39,13 @@ from controller.analysis.arrivals import (
     hazards_by_age,
     uniform_cdf,
 )
-from controller.settings import ControllerSettings
-from plant_emulator.latency import RESOLUTION_S, Distribution
-from plant_emulator.latency_settings import LatencySettings
-from plant_emulator.settings import PlantSettings
-from runtime.settings import SettingsError
-from tools.stress_report.linear_loop import LATERAL_ERROR, LinearLoop, linear_loop
-from tools.stress_report.moment_recursion import Recursion, move_first, move_second
+from ...controller.settings import ControllerSettings
+from ...plant_emulator.latency import RESOLUTION_S, Distribution
+from ...plant_emulator.latency_settings import LatencySettings
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.settings import SettingsError
+from .linear_loop import LATERAL_ERROR, LinearLoop, linear_loop
+from .moment_recursion import Recursion, move_first, move_second
 
 LAGS_FROM = 24
 NUMBERS_MAX = 250_000

@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
 
-from tools.stress.verdict import Verdict
-from tools.stress_report.axes import StudyAxes, cells
-from tools.stress_report.results import VERDICTS, Rows
+from ...studies.verdict import Verdict
+from .axes import StudyAxes, cells
+from .results import VERDICTS, Rows
 
 FloatArray = NDArray[np.float64]
 

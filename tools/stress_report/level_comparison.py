@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tools.stress_report.axes import LATENCY
-from tools.stress_report.comparison import Effort, effort, median
-from tools.stress_report.results import FactorRecord, IntArray, Rows, StudyRecord
+from .axes import LATENCY
+from .comparison import Effort, effort, median
+from .results import FactorRecord, IntArray, Rows, StudyRecord
 
 LEVELS_MAX = 12
 CELLS_MAX = 120

@@ -2,16 +2,16 @@
 
 from collections.abc import Sequence
 
-from tools.stress_report.axes import StudyAxes
-from tools.stress_report.level_comparison import (
+from ...reports.page import Cell, Section, Table, number
+from .axes import StudyAxes
+from .level_comparison import (
     Condition,
     compared_factors,
     conditions_by_level,
     level_ratios,
 )
-from tools.stress_report.page import Cell, Section, Table, number
-from tools.stress_report.results import FactorRecord, Rows, StudyRecord
-from tools.stress_report.sections import (
+from .results import FactorRecord, Rows, StudyRecord
+from .sections import (
     EFFORT_HEADINGS,
     effort_cells,
     millimetres,

@@ -19,18 +19,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.analysis.linear_system import LinearSystem, floats_of, law_system
-from controller.design import design_law
-from controller.settings import ControllerSettings
-from plant_emulator.disturbance import disturbance_intervals
-from plant_emulator.latency_settings import LatencySettings, Order
-from plant_emulator.path import Path, curvature
-from plant_emulator.path_shapes import build_path
-from plant_emulator.rig_settings import DisturbanceSettings
-from plant_emulator.settings import PlantSettings
-from plant_emulator.vehicle import VehicleParams, state_matrices
-from runtime.node import NS_PER_S
-from runtime.settings import SettingsError
+from ...controller.analysis.linear_system import LinearSystem, floats_of, law_system
+from ...controller.design import design_law
+from ...controller.settings import ControllerSettings
+from ...plant_emulator.disturbance import disturbance_intervals
+from ...plant_emulator.latency_settings import LatencySettings, Order
+from ...plant_emulator.path import Path, curvature
+from ...plant_emulator.path_shapes import build_path
+from ...plant_emulator.rig_settings import DisturbanceSettings
+from ...plant_emulator.settings import PlantSettings
+from ...plant_emulator.vehicle import VehicleParams, state_matrices
+from ...runtime.node import NS_PER_S
+from ...runtime.settings import SettingsError
 
 FloatArray = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.batch.compilation import compiled
+from ...compiled.compilation import compiled
 
 FloatArray = NDArray[np.float64]
 

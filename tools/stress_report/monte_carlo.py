@@ -3,7 +3,7 @@
     mean      (J_1 + ... + J_n)/n                       its standard error s/√n
     variance  s² = Σ (J_i - mean)²/(n - 1)              its standard error √((μ4 - s⁴)/n)
 
-Runs are those of ``tools.batch``, with all limits and resolutions. ``on_grid`` rounds the latencies
+Runs are those of ``compiled``, with all limits and resolutions. ``on_grid`` rounds the latencies
 of a run up to whole control periods, for which the expected cost is exact: a command then never
 arrives between two ticks.
 """
@@ -15,14 +15,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.settings import ControllerSettings, limits_of
-from plant_emulator.latency_settings import Order
-from plant_emulator.settings import PlantSettings
-from plant_emulator.streams import Channel
-from tools.batch.engine import BatchRun, Outcome, run_batch
-from tools.batch.network import Frames, passages
-from tools.batch.plan import Plan, plan_run
-from tools.stress.sampling import replicate_seed
+from ...compiled.engine import BatchRun, Outcome, run_batch
+from ...compiled.network import Frames, passages
+from ...compiled.plan import Plan, plan_run
+from ...controller.settings import ControllerSettings, limits_of
+from ...plant_emulator.latency_settings import Order
+from ...plant_emulator.settings import PlantSettings
+from ...plant_emulator.streams import Channel
+from ...studies.sampling import replicate_seed
 
 FloatArray = NDArray[np.float64]
 

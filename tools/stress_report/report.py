@@ -7,25 +7,25 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from tools.demo_figures import STYLE
-from tools.stress_report.axes import StudyAxes, study_axes
-from tools.stress_report.break_point_picture import draw_break_points
-from tools.stress_report.break_points import SEEDS, break_points
-from tools.stress_report.comparison import comparisons
-from tools.stress_report.cost_check import cost_checks, draw_checks
-from tools.stress_report.heat_maps import draw_held, draw_rms, heat_maps
-from tools.stress_report.level_section import level_sections
-from tools.stress_report.page import Picture, Section, page
-from tools.stress_report.results import Rows, StudyRecord, read_rows, read_study
-from tools.stress_report.sections import (
+from ...reports.figures import STYLE
+from ...reports.page import Picture, Section, page
+from .axes import StudyAxes, study_axes
+from .break_point_picture import draw_break_points
+from .break_points import SEEDS, break_points
+from .comparison import comparisons
+from .cost_check import cost_checks, draw_checks
+from .heat_maps import draw_held, draw_rms, heat_maps
+from .level_section import level_sections
+from .results import Rows, StudyRecord, read_rows, read_study
+from .sections import (
     break_point_section,
     comparison_section,
     cost_section,
     map_section,
     worst_section,
 )
-from tools.stress_report.settings_section import study_section
-from tools.stress_report.worst_runs import draw_worst, worst_runs
+from .settings_section import study_section
+from .worst_runs import draw_worst, worst_runs
 
 PAGE = "report.html"
 _DPI = 110

@@ -15,15 +15,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.settings import SettingsError
-from tools.stress.figures import COUNTS
-from tools.stress.sampling import Design
-from tools.stress.scenario import Case, Pair, Scenarios
-from tools.stress.store import are_numbers
-from tools.stress.stored import overrides_of, read_columns, read_json
-from tools.stress.study import Study
-from tools.stress.study_file import StudySettings
-from tools.stress.verdict import Verdict
+from ...runtime.settings import SettingsError
+from ...studies.figures import COUNTS
+from ...studies.sampling import Design
+from ...studies.scenario import Case, Pair, Scenarios
+from ...studies.store import are_numbers
+from ...studies.stored import overrides_of, read_columns, read_json
+from ...studies.study import Study
+from ...studies.study_file import StudySettings
+from ...studies.verdict import Verdict
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -79,8 +79,7 @@ class StudyRecord(NamedTuple):
     def replay(self, run: int) -> str:
         """Return the command that makes a run again."""
         return (
-            f"python -m tools.stress_latency {self.folder / 'study.toml'} "
-            f"--out {self.folder} --replay {run}"
+            f"steer-by-wire stress {self.folder / 'study.toml'} --out {self.folder} --replay {run}"
         )
 
 

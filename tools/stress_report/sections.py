@@ -3,8 +3,9 @@
 import math
 from collections.abc import Sequence
 
-from tools.stress_report.axes import StudyAxes
-from tools.stress_report.break_points import (
+from ...reports.page import Cell, Picture, Section, Table, number
+from .axes import StudyAxes
+from .break_points import (
     CANDIDATES_MAX,
     CONFIDENCE,
     GROUPS_MAX,
@@ -13,11 +14,10 @@ from tools.stress_report.break_points import (
     STEP_NS,
     BreakPoint,
 )
-from tools.stress_report.comparison import Comparison, Effort
-from tools.stress_report.cost_check import DURATION_S_MAX, RUNS, CostChecks
-from tools.stress_report.page import Cell, Picture, Section, Table, number
-from tools.stress_report.results import Rows, StudyRecord
-from tools.stress_report.worst_runs import WorstRun, conditions
+from .comparison import Comparison, Effort
+from .cost_check import DURATION_S_MAX, RUNS, CostChecks
+from .results import Rows, StudyRecord
+from .worst_runs import WorstRun, conditions
 
 EFFORT_HEADINGS = ("steer RMS [mrad]", "steer rate RMS [mrad/s]", "periods at a limit [%]")
 

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from plant_emulator.settings import PlantSettings
-from runtime.settings import Settings
-from tools.stress.study import leaves
-from tools.stress.verdict import VerdictRules, short_windows
-from tools.stress_report.page import Cell, Section, Table, number
-from tools.stress_report.results import VERDICTS, FactorRecord, Rows, StudyRecord
+from ...plant_emulator.settings import PlantSettings
+from ...reports.page import Cell, Section, Table, number
+from ...runtime.settings import Settings
+from ...studies.study import leaves
+from ...studies.verdict import VerdictRules, short_windows
+from .results import VERDICTS, FactorRecord, Rows, StudyRecord
 
 _LABELS_SHOWN = 16
 _DURATION = "plant.duration_s"

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from controller.settings import limits_of
-from tools.batch.engine import BatchRun, run_batch
-from tools.demo_figures import MANY_COLOURS
-from tools.stress.verdict import Verdict
-from tools.stress_report.results import VERDICTS, Rows, StudyRecord, case_of, read_overrides
+from ...compiled.engine import BatchRun, run_batch
+from ...controller.settings import limits_of
+from ...reports.figures import MANY_COLOURS
+from ...studies.verdict import Verdict
+from .results import VERDICTS, Rows, StudyRecord, case_of, read_overrides
 
 COUNT = 10
 

@@ -1,0 +1,20 @@
+"""Measurements to feed a controller with."""
+
+import math
+
+from ..dbc.messages import LateralError, encode
+from ..dbc.protection import COUNTERS
+from ..runtime.frame import Frame
+
+AMPLITUDE_M, STEP_RAD = 0.01, 0.1
+
+
+def measurements() -> list[Frame]:
+    """Return measurements that can be sent in turn for ever: each counter of the protection once.
+
+    They swing, so that the law has something to do.
+    """
+    return [
+        encode(LateralError(AMPLITUDE_M * math.sin(STEP_RAD * counter), 0.0), counter)
+        for counter in range(COUNTERS)
+    ]

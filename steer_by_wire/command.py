@@ -1,0 +1,185 @@
+"""The one command: ``steer-by-wire NAME ...`` starts every program of the project.
+
+Each program has its own parser and its own ``--help``; here are only the names, in the order in
+which a newcomer meets them. A program is imported when it is started, so that a name costs nothing.
+"""
+
+import argparse
+import difflib
+import importlib
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, metadata, requires
+from types import MappingProxyType
+from typing import NamedTuple, NoReturn
+
+NAME = "steer-by-wire"
+DISTRIBUTION = "steer-by-wire-emulator"
+SHELLS = ("bash", "zsh", "fish")
+STATUS_USAGE = 2
+
+
+class Program(NamedTuple):
+    """One subcommand.
+
+    ``module``   whose ``main(arguments)`` runs it and returns an exit status
+    ``summary``  one line for the list
+    ``given``    arguments that come first
+    """
+
+    module: str
+    summary: str
+    given: tuple[str, ...] = ()
+
+
+def _tool(name: str, summary: str) -> Program:
+    return Program(f"steer_by_wire.tools.{name}.__main__", summary)
+
+
+_CONTROLLER = "steer_by_wire.controller.__main__"
+GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
+    {
+        "Run the loop": {
+            "demo": _tool("demo", "three laws side by side in real time, with pictures"),
+            "run": _tool("closed_loop", "plant and controller in virtual time, without waiting"),
+            "plant": Program("steer_by_wire.plant_emulator.__main__", "the plant on a CAN bus"),
+            "controller": Program(_CONTROLLER, "the controller on a CAN bus"),
+            "bus": Program("steer_by_wire.runtime.emulated_bus.__main__", "an emulated CAN bus"),
+            "monitor": _tool("monitor", "watch a bus in the terminal, and set its latency"),
+            "analyze": _tool("analyze_log", "a recording as signals, latencies and a report"),
+        },
+        "Design and compare": {
+            "check": Program(_CONTROLLER, "poles, stable delays, tolerated jitter", ("--check",)),
+            "design": _tool("design_gains", "gains for your vehicle and any delay up to a limit"),
+            "compare": _tool("compare_laws", "every law over delay, jitter, loss and lag"),
+            "paper": _tool("reproduce_paper", "the paper's figures and tables, reproduced"),
+            "delay-study": _tool("delay_estimation_study", "the delay estimated without an echo"),
+        },
+        "Stress and faults": {
+            "stress": _tool("stress_latency", "thousands of runs over a study of settings"),
+            "stress-report": _tool("stress_report", "write the report of a study again"),
+            "faults": _tool("fault_campaign", "a thousand faulty runs, and what detected each"),
+            "inject": _tool("inject_faults", "faults on a live bus, by hand"),
+            "soak": _tool("soak", "the pair for hours on a bus that is kept full"),
+            "fuzz": _tool("fuzz", "any bytes into everything that reads"),
+        },
+        "This machine": {
+            "doctor": _tool("doctor", "what this machine has for CAN, and what to do"),
+            "with-vcan": Program("steer_by_wire.vcan.__main__", "run a command with a real vcan0"),
+            "probe": _tool("probe_host", "which rate this machine can keep"),
+            "benchmark": _tool("benchmark", "what a control step and a run cost here"),
+            "benchmark-bus": _tool("benchmark_bus", "what a frame costs here, beside C"),
+            "benchmark-batch": _tool("benchmark_batch", "what compiled runs cost, beside C"),
+        },
+    }
+)
+PROGRAMS: Mapping[str, Program] = MappingProxyType(
+    {name: program for group in GROUPS.values() for name, program in group.items()}
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one program; returns its exit status, 2 for a name that is none."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if "_ARGCOMPLETE" in os.environ:
+        return _complete()
+    if not words or words[0] in ("-h", "--help", "help"):
+        print(_help())
+        return 0 if words else STATUS_USAGE
+    if words[0] in ("-V", "--version"):
+        print(f"{NAME} {_version()}")
+        return 0
+    if words[0] == "--completion":
+        return _print_completion(words[1:])
+    program = PROGRAMS.get(words[0])
+    if program is None:
+        return _refuse(f"no command {words[0]!r}{_nearest(words[0])}; see {NAME} --help")
+    return start(program, words[1:])
+
+
+def start(program: Program, words: Sequence[str]) -> int:
+    """Import a program and run it; a library that is missing is reported in one line."""
+    try:
+        module = importlib.import_module(program.module)
+    except ModuleNotFoundError as error:
+        library = (error.name or "").partition(".")[0]
+        if library == "steer_by_wire" or not library:
+            raise
+        return _refuse(f"{library} is not installed: pip install {_installs(library)}")
+    except KeyboardInterrupt:
+        return 130
+    status: int = module.main([*program.given, *words])
+    return status
+
+
+def _installs(library: str) -> str:
+    """Return what to install for a library: the extra that brings it, or the library itself."""
+    for requirement in requires(DISTRIBUTION) or ():
+        if requirement.lower().replace("_", "-").startswith(library.lower().replace("_", "-")):
+            extra = requirement.partition('extra == "')[2].partition('"')[0]
+            return f"'{DISTRIBUTION}[{extra}]'" if extra else DISTRIBUTION
+    return library
+
+
+def _nearest(word: str) -> str:
+    close = difflib.get_close_matches(word, PROGRAMS, n=2, cutoff=0.5)
+    return f"; did you mean {' or '.join(close)}?" if close else ""
+
+
+def _refuse(text: str) -> int:
+    print(f"{NAME}: error: {text}", file=sys.stderr)
+    return STATUS_USAGE
+
+
+def _version() -> str:
+    try:
+        return metadata(DISTRIBUTION)["Version"]
+    except PackageNotFoundError:
+        return "(not installed)"
+
+
+def _help() -> str:
+    """Return the list of programs: one screen."""
+    lines = [f"usage: {NAME} COMMAND ...", "", "CAN-bus steer-by-wire emulator and controller."]
+    for title, programs in GROUPS.items():
+        lines += ["", f"{title}:"]
+        lines += [f"  {name:<16} {program.summary}" for name, program in programs.items()]
+    lines += [
+        "",
+        f"{NAME} COMMAND --help explains one. Example: {NAME} run --preset practical_pd_ddob",
+        f"{NAME} --version; completion of options: {NAME} --completion bash|zsh|fish",
+    ]
+    return "\n".join(lines)
+
+
+def _print_completion(words: Sequence[str]) -> int:
+    if list(words) not in [[shell] for shell in SHELLS]:
+        return _refuse(f"--completion takes one of {', '.join(SHELLS)}")
+    from argcomplete.shell_integration import shellcode
+
+    print(shellcode([NAME], shell=words[0]))
+    return 0
+
+
+def _complete() -> int:
+    """Answer the shell's question, which comes in the environment (argcomplete's protocol)."""
+    import argcomplete
+
+    def answer(parser: argparse.ArgumentParser, *_arguments: object) -> NoReturn:
+        argcomplete.autocomplete(parser, always_complete_options="long")
+        raise SystemExit(0)
+
+    line = os.environ["COMP_LINE"][: int(os.environ["COMP_POINT"])]
+    words = argcomplete.lexers.split_line(line)[3]  # those that are whole
+    if len(words) > 1 and words[1] in PROGRAMS:
+        os.environ["_ARGCOMPLETE"] = "2"  # the program's own words begin after its name
+        argparse.ArgumentParser.parse_args = answer  # type: ignore[assignment,method-assign]
+        return start(PROGRAMS[words[1]], ())
+    parser = argparse.ArgumentParser(prog=NAME, add_help=False)
+    parser.add_argument("command", choices=[*PROGRAMS])
+    return answer(parser)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,290 @@
+"""Runs plant and controller compiled: what ``run_virtual_pair`` computes on an ideal wire, faster.
+
+Every number is the same to the last bit: the settings of the two programs are all it takes, and the
+arithmetic is theirs (``compiled.steps``), unless fastmath is asked for. Where a run meets what
+this loop has no answer to, an error that LATERAL_ERROR cannot carry or a law without a finite
+command, it ends, and ``outcome`` says so; virtual time would go on.
+"""
+
+from enum import StrEnum
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..controller.design import LawDesign, design_law
+from ..controller.settings import ControllerSettings, limits_of
+from ..dbc.messages import LateralError, Mode, SteeringCommand, limits, resolutions
+from ..dbc.messages import Law as LawNumber
+from ..plant_emulator.motion_design import MotionParams
+from ..plant_emulator.rig_settings import ActuatorSettings, VehicleSettings
+from ..plant_emulator.safety_settings import SafetySettings, design_guard
+from ..plant_emulator.settings import PlantSettings
+from ..plant_emulator.steering_guard import GuardParams
+from ..runtime.node import NS_PER_S
+from ..runtime.settings import SettingsError
+from .compilation import compiled_fastmath
+from .loop import (
+    COMPLETE,
+    LAW_FAILED,
+    LEFT_RANGE,
+    Constants,
+    Control,
+    Records,
+    Schedule,
+    empty_records,
+    run_only_segment,
+    run_segment,
+    run_to_first_tick,
+    start_run,
+)
+from .motion import compiled_motion
+from .network import FloatArray, IntArray
+from .own_law import LawRaisedError, own_functions
+from .plan import Plan, plan_run
+from .steps import register_law, register_steps
+from .wire import NOTHING_KNOWN, Known, Wire
+from .wire_plan import plan_wire, speed_on_wire
+
+_DESIGNS_KEPT = 256
+"""Laws kept for the next run with the same controller; designing one costs a tenth of a run."""
+
+
+class FaultsNotCompiledError(SettingsError):
+    """The settings have faults, which pass raw frames; the compiled loop has none."""
+
+
+class Outcome(StrEnum):
+    """How a run ended."""
+
+    COMPLETE = "complete"
+    LEFT_RANGE = "left the range of the lateral error"
+    LAW_FAILED = "the law gave no finite command"
+
+
+_OUTCOMES = {
+    COMPLETE: Outcome.COMPLETE,
+    LEFT_RANGE: Outcome.LEFT_RANGE,
+    LAW_FAILED: Outcome.LAW_FAILED,
+}
+
+
+class _Loop(NamedTuple):
+    """The compiled functions of ``compiled.loop``."""
+
+    start_run: Any
+    run_to_first_tick: Any
+    run_only_segment: Any
+    run_segment: Any
+
+
+_EXACT = _Loop(start_run, run_to_first_tick, run_only_segment, run_segment)
+_FASTMATH = _Loop(*map(compiled_fastmath, _EXACT))
+
+
+class BatchRun(NamedTuple):
+    """One run: the plant's samples since the motion's start, and the controller's ticks.
+
+    Arrays of shape (samples,), as ``plant_emulator.plant_samples.PlantSample``. Of shape (ticks,)
+    or (ticks, 4): ``tick_s``, in seconds of the run, ``sent_rad`` and ``law_output`` in the order
+    of ``controller.laws.LawOutput``. ``command`` is the plan's index of the command in effect, -1
+    before the first.
+    """
+
+    outcome: Outcome
+    time_s: FloatArray
+    lateral_error_m: FloatArray
+    heading_error_rad: FloatArray
+    yaw_rate_rad_s: FloatArray
+    wheel_angle_rad: FloatArray
+    curvature_1_m: FloatArray
+    command: IntArray
+    tick_s: FloatArray
+    sent_rad: FloatArray
+    law_output: FloatArray
+    plan: Plan
+    speed_m_s: float
+
+    @property
+    def arc_length_m(self) -> FloatArray:
+        """Where on the path each sample was taken."""
+        first = len(self.plan.motion_ns) - len(self.plan.time_s)
+        motion_ns = self.plan.motion_ns[first : first + len(self.time_s)]
+        return np.asarray(self.speed_m_s * (motion_ns / NS_PER_S), dtype=np.float64)
+
+    @property
+    def command_rad(self) -> FloatArray:
+        """The command in effect at each sample, as it was on the wire; NaN before the first."""
+        resolution_rad = resolutions(SteeringCommand)["steer_rad"]
+        sent_at = self.plan.command_tick[self.command[self.command >= 0]]
+        on_wire_rad = np.full(len(self.command), np.nan)
+        raw = np.rint(self.sent_rad[sent_at] / resolution_rad)
+        on_wire_rad[self.command >= 0] = raw * resolution_rad
+        return on_wire_rad
+
+    @property
+    def downlink_latency_s(self) -> FloatArray:
+        """Latency of that command; NaN before the first."""
+        latency_s = np.full(len(self.command), np.nan)
+        in_effect = self.command[self.command >= 0]
+        latency_s[self.command >= 0] = self.plan.command_latency_ns[in_effect] * 1e-9
+        return latency_s
+
+    @property
+    def lateral_error_rms_m(self) -> float:
+        """Root mean square of the lateral error, as the plant's report has it."""
+        squares = np.cumsum(self.lateral_error_m * self.lateral_error_m)
+        return float(np.sqrt(squares[-1] / len(squares))) if len(squares) else 0.0
+
+
+def run_batch(
+    plant: PlantSettings,
+    controller: ControllerSettings,
+    plan: Plan | None = None,
+    *,
+    fastmath: bool = False,
+) -> BatchRun:
+    """Run one pair to its end, on a wire that takes no time.
+
+    ``plan``      laid down before from the same settings, to share it between runs that differ in
+                  law, vehicle or path only
+    ``fastmath``  whether operations may change order and fuse; numbers are then close to those of
+                  the nodes, not the same
+
+    Raises FaultsNotCompiledError for settings with faults, LawNotCompiledError for a law of another
+    package that does not compile, and NothingArrivesError where no measurement would ever reach the
+    controller.
+    """
+    if plant.faults:
+        raise FaultsNotCompiledError(
+            f"faults: {len(plant.faults)} given, but compiled runs have none; leave [[faults]] out,"
+            " or run the nodes: steer-by-wire run"
+        )
+    register_steps()
+    loop = _loop_of(controller, fastmath=fastmath)
+    plan = plan_run(plant, controller) if plan is None else plan
+    law = _designed(controller)
+    motion = compiled_motion(plant)
+    wire: Wire | None = None
+    known: Known | None = None
+    if law.looks_back:
+        known, wire = NOTHING_KNOWN, plan_wire(plant, controller, plan, motion.speed_m_s)
+    params = law.params
+    if law.params_at is not None:
+        params = law.params_at(speed_on_wire(motion.speed_m_s))
+    constants = _constants(plant, controller, plan)
+    schedule = Schedule(*(getattr(plan, name) for name in Schedule._fields))
+    records = empty_records(len(plan.sample_ns), len(plan.tick_ns))
+    world = (motion, constants, schedule, records, wire)
+    try:
+        samples, ticks, code = _run(loop, law, params, world, plan, known, plant)
+    except LawRaisedError:  # as an output without numbers: the run ends at that tick
+        samples, ticks = _filled(records.lateral_error_m), _filled(records.sent_rad)
+        code = LAW_FAILED
+    return _collected(plan, motion.speed_m_s, records, samples, ticks, _OUTCOMES[code])
+
+
+def _run(
+    loop: _Loop,
+    law: LawDesign,
+    params: Any,
+    world: tuple[MotionParams, Constants, Schedule, Records, Wire | None],
+    plan: Plan,
+    known: Known | None,
+    plant: PlantSettings,
+) -> tuple[int, int, int]:
+    """Run all segments of a plan; returns the samples taken, the ticks done, and how it ended."""
+    motion, constants, _, records, _ = world
+    first, *others = plan.segments
+    if plant.start_on_first_command:
+        # It stands on its path till then, and the sensor sees noise alone.
+        first_sample = int(plan.tick_sample[first.first_tick])
+        resolution_m = constants.lateral_error_resolution_m
+        error_m = round(float(plan.noise_m[first_sample]) / resolution_m) * resolution_m
+    else:
+        first_ns = int(plan.tick_ns[0]) if len(plan.tick_ns) else plan.end_ns
+        samples, code = loop.run_to_first_tick(*world, first_ns)
+        if code != COMPLETE or not len(plan.tick_ns):
+            return samples, 0, code
+        error_m = float(records.measured_m[plan.tick_sample[first.first_tick]])
+    control = Control(law.initial_state(error_m), 0.0, 0.0, known)
+    if not others:
+        samples, ticks, code = loop.run_only_segment(params, *world, first, control, plan.end_ns)
+        return samples, ticks, code
+    x, ticks, code = loop.start_run(motion, constants), 0, COMPLETE
+    before = Mode.WAITING
+    for segment in plan.segments:
+        if code != COMPLETE:
+            break
+        if segment.mode == Mode.ACTIVE and segment is not first:
+            newest_m = float(records.measured_m[plan.tick_sample[segment.first_tick]])
+            if before is Mode.HOLDING and law.recovered_state is not None:
+                state = law.recovered_state(control.law_state, newest_m)
+            else:
+                state = law.initial_state(newest_m)
+            control = control._replace(law_state=state)
+        before = Mode(segment.mode)
+        x, control, ticks, code = loop.run_segment(params, *world, segment, x, control, plan.end_ns)
+    return x.sample, ticks, code
+
+
+def _filled(column: FloatArray) -> int:
+    """Return how many entries of a record that began without numbers have one."""
+    return int(np.count_nonzero(np.isfinite(column)))
+
+
+def _loop_of(controller: ControllerSettings, *, fastmath: bool) -> _Loop:
+    """Return the compiled functions, which a law of another package has for itself."""
+    law = controller.law_record
+    if law.number is not LawNumber.CUSTOM:
+        return _FASTMATH if fastmath else _EXACT
+    return _Loop(*own_functions(controller.law, law.step, tuple(_EXACT), fastmath))
+
+
+@lru_cache(maxsize=_DESIGNS_KEPT)
+def _designed(controller: ControllerSettings) -> LawDesign:
+    design = design_law(controller)
+    register_law(controller.law, controller.law_record, design.params)
+    return design
+
+
+@lru_cache(maxsize=_DESIGNS_KEPT)
+def _guard(
+    safety: SafetySettings, vehicle: VehicleSettings, actuator: ActuatorSettings
+) -> GuardParams:
+    return design_guard(safety, vehicle, actuator)
+
+
+def _constants(plant: PlantSettings, controller: ControllerSettings, plan: Plan) -> Constants:
+    return Constants(
+        guard=_guard(plant.safety, plant.vehicle, plant.actuator),
+        limits=limits_of(controller),
+        ramp_step_rad=controller.supervision.ramp_rad_s * controller.period_ns / NS_PER_S,
+        lateral_error_resolution_m=resolutions(LateralError)["lateral_error_m"],
+        lateral_error_m_max=limits(LateralError)["lateral_error_m"].maximum,
+        steer_resolution_rad=resolutions(SteeringCommand)["steer_rad"],
+        motion_start_ns=plan.motion_start_ns,
+    )
+
+
+def _collected(
+    plan: Plan, speed_m_s: float, r: Records, samples: int, ticks: int, outcome: Outcome
+) -> BatchRun:
+    """Return the samples since the motion's start and the ticks done."""
+    first = len(plan.sample_ns) - len(plan.time_s)
+    window = slice(first, samples)
+    return BatchRun(
+        outcome=outcome,
+        time_s=plan.time_s[: samples - first],
+        lateral_error_m=r.lateral_error_m[window],
+        heading_error_rad=r.heading_error_rad[window],
+        yaw_rate_rad_s=r.yaw_rate_rad_s[window],
+        wheel_angle_rad=r.wheel_angle_rad[window],
+        curvature_1_m=r.curvature_1_m[window],
+        command=r.command[window],
+        tick_s=plan.tick_s[:ticks],
+        sent_rad=r.sent_rad[:ticks],
+        law_output=r.law_output[:ticks],
+        plan=plan,
+        speed_m_s=speed_m_s,
+    )

@@ -1,0 +1,330 @@
+"""The compiled loop of one run: plant events and control ticks in the order of virtual time.
+
+At one instant (``runtime.virtual_time`` with the nodes plant, controller and no time on the wire):
+
+1. commands that were sent earlier and are due now reach the actuator
+2. the sensors sample
+3. the controller decides on the newest measurement that has arrived, and sends
+4. that command reaches the actuator, if its latency is zero
+
+Which measurement is in use at which tick, which command comes through and when, and what mode the
+controller is in follows from the latencies alone and is laid down before (``compiled.plan``).
+
+The functions here are compiled at their first call, after ``compiled.steps.register_steps``.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..controller.limits import SteerLimits, limit_step, ramp_step
+from ..dbc.messages import Mode
+from ..plant_emulator.motion import MotionState, advance_motion, command_motion, start_motion
+from ..plant_emulator.steering_guard import (
+    GuardParams,
+    GuardState,
+    guard_command,
+    guard_timer,
+    guard_wheel,
+    start_guard,
+)
+from .borrowing import borrowed
+from .compilation import compiled, compiled_inline
+from .steps import law_step
+from .wire import (
+    Known,
+    law_input,
+    on_wire,
+    record_wire,
+    take_arrivals,
+    take_command,
+)
+
+COMPLETE, LEFT_RANGE, LAW_FAILED = range(3)
+"""How a segment ended: at its end; with an error LATERAL_ERROR cannot carry; with a command that is
+no number."""
+
+_ACTIVE, _SAFE_STOP = int(Mode.ACTIVE), int(Mode.SAFE_STOP)
+
+
+class Constants(NamedTuple):
+    """Numbers of a run.
+
+    ``ramp_step_rad``     of SAFE_STOP and of the fade after a recovery, per control period
+    ``*_resolution_*``    of the signals on the wire (DBC)
+    ``motion_start_ns``   since when the vehicle moves
+    """
+
+    guard: GuardParams
+    limits: SteerLimits
+    ramp_step_rad: float
+    lateral_error_resolution_m: float
+    lateral_error_m_max: float
+    steer_resolution_rad: float
+    motion_start_ns: int
+
+
+class Schedule(NamedTuple):
+    """What happens when, in ns; it does not depend on how the vehicle moves.
+
+    ``tick_ns``         control ticks from the first command on
+    ``tick_sample``     the sample whose measurement is in use at each tick
+    ``command_due_ns``  when each command that comes through reaches the actuator, in order
+    ``command_tick``    which tick it was sent at
+    ``sample_ns``       when the sensors sample
+    ``noise_m``         what each sample's lateral error has added on its way
+    """
+
+    tick_ns: NDArray[np.int64]
+    tick_sample: NDArray[np.int64]
+    command_due_ns: NDArray[np.int64]
+    command_tick: NDArray[np.int64]
+    sample_ns: NDArray[np.int64]
+    noise_m: NDArray[np.float64]
+
+
+class Records(NamedTuple):
+    """What is kept: the first seven per sample, the last two per control tick.
+
+    ``command``     index into the schedule's commands of the one in effect, -1 before the first
+    ``law_output``  (ticks, 4), in the order of ``LawOutput``
+    """
+
+    lateral_error_m: NDArray[np.float64]
+    heading_error_rad: NDArray[np.float64]
+    yaw_rate_rad_s: NDArray[np.float64]
+    wheel_angle_rad: NDArray[np.float64]
+    curvature_1_m: NDArray[np.float64]
+    measured_m: NDArray[np.float64]
+    command: NDArray[np.int64]
+    sent_rad: NDArray[np.float64]
+    law_output: NDArray[np.float64]
+
+
+def empty_records(samples: int, ticks: int) -> Records:
+    """Return room for a run: errors and commands begin as NaN, the others as anything."""
+    return Records(
+        np.full(samples, np.nan),
+        np.empty(samples),
+        np.empty(samples),
+        np.empty(samples),
+        np.empty(samples),
+        np.empty(samples),
+        np.empty(samples, dtype=np.int64),
+        np.full(ticks, np.nan),
+        np.empty((ticks, 4)),
+    )
+
+
+class Progress(NamedTuple):
+    """Where the plant is: its motion, the steering's guard, the next sample to take, the next
+    command to come through, and the one in effect.
+    """
+
+    motion: MotionState
+    guard: GuardState
+    sample: int
+    command: int
+    in_effect: int
+
+
+class Control(NamedTuple):
+    """Where the controller is: the law's state, the command last sent, the fade that is left [rad],
+    and what it knows of the wire, None of a law that does not look back.
+    """
+
+    law_state: Any
+    sent_rad: float
+    fade_rad: float
+    known: Known | None
+
+
+class Segment(NamedTuple):
+    """Ticks that the controller spends in one mode, as ``range(first_tick, last_tick)``.
+
+    ``is_recovery``  whether the law has just started anew with a command being held
+    """
+
+    mode: int
+    first_tick: int
+    last_tick: int
+    is_recovery: bool
+
+
+@compiled_inline
+def _plant_until(
+    p: Any,
+    c: Constants,
+    s: Schedule,
+    r: Records,
+    wire: Any,
+    x: Progress,
+    ticks_done: int,
+    to_ns: int,
+) -> tuple[Progress, int]:
+    """Apply the commands of the ticks done, and take samples, up to and at ``to_ns``."""
+    z, guard, sample, command, in_effect = x
+    while True:
+        command_ns = sample_ns = to_ns + 1
+        # An unsigned index need not be tested for counting from the end, which costs a twentieth.
+        of, at = np.uintp(command), np.uintp(sample)
+        if command < len(s.command_due_ns) and s.command_tick[of] < ticks_done:
+            command_ns = s.command_due_ns[of]
+        if sample < len(s.sample_ns):
+            sample_ns = s.sample_ns[at]
+        guard_ns = c.motion_start_ns + guard.deadline_ns
+        if command_ns > to_ns and sample_ns > to_ns and guard_ns > to_ns:
+            return Progress(z, guard, sample, command, in_effect), COMPLETE
+        if command_ns <= sample_ns and command_ns <= guard_ns:
+            motion_ns = max(command_ns - c.motion_start_ns, 0)
+            z = advance_motion(p, z, motion_ns)
+            steer_rad = r.sent_rad[np.uintp(s.command_tick[of])]
+            on_wire_rad = on_wire(steer_rad, c.steer_resolution_rad)
+            guard, is_followed = guard_command(c.guard, guard, on_wire_rad, motion_ns)
+            if is_followed:
+                z = command_motion(p, z, guard.limiter.steer_rad)
+                in_effect = command
+            command += 1
+        elif guard_ns <= sample_ns:
+            motion_ns = guard.deadline_ns
+            guard, is_set = guard_timer(c.guard, guard, motion_ns)
+            if is_set:
+                z = advance_motion(p, z, motion_ns)
+                z = command_motion(p, z, guard.limiter.steer_rad)
+        else:
+            motion_ns = max(sample_ns - c.motion_start_ns, 0)
+            z = advance_motion(p, z, motion_ns)
+            guard = guard_wheel(c.guard, guard, z.linear.wheel_rad, motion_ns)
+            r.lateral_error_m[at] = z.linear.lateral_error_m
+            r.heading_error_rad[at] = z.linear.heading_error_rad
+            r.yaw_rate_rad_s[at] = z.linear.yaw_rate_rad_s
+            r.wheel_angle_rad[at] = z.linear.wheel_rad
+            r.curvature_1_m[at] = z.linear.curvature_1_m
+            r.command[at] = in_effect
+            reading_m = z.linear.lateral_error_m + s.noise_m[at]
+            record_wire(wire, sample, z.linear, guard)
+            sample += 1
+            if not abs(reading_m) <= c.lateral_error_m_max:
+                return Progress(z, guard, sample, command, in_effect), LEFT_RANGE
+            r.measured_m[at] = on_wire(reading_m, c.lateral_error_resolution_m)
+
+
+@compiled
+def run_to_first_tick(
+    p: Any, c: Constants, s: Schedule, r: Records, wire: Any, first_tick_ns: int
+) -> Any:
+    """Run the plant from its start up to and at the first tick; returns samples taken, and how."""
+    p, s, r, wire = borrowed(p), borrowed(s), borrowed(r), borrowed(wire)
+    x, outcome = _plant_until(p, c, s, r, wire, _start(p, c), 0, first_tick_ns)
+    return x.sample, outcome
+
+
+@compiled
+def start_run(p: Any, c: Constants) -> Any:
+    """Return where the plant starts."""
+    return _start(borrowed(p), c)
+
+
+@compiled_inline
+def _start(p: Any, c: Constants) -> Progress:
+    return Progress(start_motion(p), start_guard(c.guard), 0, 0, -1)
+
+
+@compiled
+def run_only_segment(
+    law_params: Any,
+    p: Any,
+    c: Constants,
+    s: Schedule,
+    r: Records,
+    wire: Any,
+    segment: Segment,
+    control: Control,
+    end_ns: int,
+) -> Any:
+    """Run from the plant's start through a segment that lasts to the end.
+
+    Returns the samples taken, the ticks done, and how it ended. Most runs have one segment only;
+    to hand the plant's state to Python and back costs as much as hundreds of ticks.
+    """
+    p, s, r, wire = borrowed(p), borrowed(s), borrowed(r), borrowed(wire)
+    x, _, ticks, outcome = _run_ticks(
+        law_params, p, c, s, r, wire, segment, _start(p, c), control, end_ns
+    )
+    return x.sample, ticks, outcome
+
+
+@compiled
+def run_segment(
+    law_params: Any,
+    p: Any,
+    c: Constants,
+    s: Schedule,
+    r: Records,
+    wire: Any,
+    segment: Segment,
+    x: Progress,
+    control: Control,
+    end_ns: int,
+) -> Any:
+    """Run the ticks of a segment, each with the plant up to it, and the plant up to the next.
+
+    ``x``       the plant, at the first tick of the segment or before it
+    ``end_ns``  how far to run the plant after the last tick of all
+
+    Returns the plant, the controller, the tick that comes next, and how it ended.
+    """
+    p, s, r, wire = borrowed(p), borrowed(s), borrowed(r), borrowed(wire)
+    return _run_ticks(law_params, p, c, s, r, wire, segment, x, control, end_ns)
+
+
+@compiled_inline
+def _run_ticks(
+    law_params: Any,
+    p: Any,
+    c: Constants,
+    s: Schedule,
+    r: Records,
+    wire: Any,
+    segment: Segment,
+    x: Progress,
+    control: Control,
+    end_ns: int,
+) -> tuple[Progress, Control, int, int]:
+    mode, first_tick, last_tick, is_recovery = segment
+    law_state, sent_rad, fade_rad, known = control
+    # The plant runs in one place only: all of it is compiled into this loop.
+    for tick in range(first_tick, last_tick + 1):
+        now = np.uintp(tick)
+        to_ns = s.tick_ns[now] if tick < len(s.tick_ns) else end_ns
+        x, outcome = _plant_until(p, c, s, r, wire, x, tick, to_ns)
+        if outcome != COMPLETE or tick == last_tick:
+            return x, Control(law_state, sent_rad, fade_rad, known), tick, outcome
+        known = take_arrivals(wire, known, s, r, to_ns)
+        wanted_rad = sent_rad
+        if mode == _ACTIVE:
+            error_m = r.measured_m[np.uintp(s.tick_sample[now])]
+            seen = law_input(wire, known, r, tick, to_ns, error_m, sent_rad)
+            law_state, output = law_step(law_params, law_state, seen)
+            if not math.isfinite(output.steer_rad):
+                return x, Control(law_state, sent_rad, fade_rad, known), tick, LAW_FAILED
+            if is_recovery and tick == first_tick:
+                fade_rad = sent_rad - output.steer_rad
+            else:
+                fade_rad = ramp_step(c.ramp_step_rad, fade_rad)
+            wanted_rad = output.steer_rad + fade_rad
+            r.law_output[now, 0] = output.steer_rad
+            r.law_output[now, 1] = output.disturbance_rad
+            r.law_output[now, 2] = output.network_disturbance_rad
+            r.law_output[now, 3] = output.compensated_lateral_error_m
+        else:
+            for column in range(4):
+                r.law_output[now, column] = r.law_output[tick - 1, column]
+            if mode == _SAFE_STOP:
+                wanted_rad = ramp_step(c.ramp_step_rad, wanted_rad)
+        sent_rad = limit_step(c.limits, sent_rad, wanted_rad)
+        r.sent_rad[now] = sent_rad
+        known = take_command(wire, known, tick, sent_rad)
+    return x, Control(law_state, sent_rad, fade_rad, known), last_tick, COMPLETE

@@ -1,0 +1,211 @@
+"""What the network does to a run, laid down before it: which frame arrives when.
+
+It depends on the settings and the seed alone, not on where the vehicle is, because latencies and
+losses are drawn from streams of their own. Whether the controller believes a measurement, and what
+mode it is in, follows from arrivals alone too, and is asked of its own classes.
+
+Left out is what no control depends on: the two status messages.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..controller.modes import Supervisor
+from ..controller.settings import ControllerSettings, resync_ns_of, supervision_of
+from ..dbc.messages import Mode
+from ..dbc.protection import COUNTERS, SequenceCheck, SequenceResult
+from ..plant_emulator.node import VEHICLE_STATE_PERIOD_NS
+from ..plant_emulator.settings import PlantSettings
+from ..plant_emulator.streams import Channel, first_uniforms
+from ..runtime.node import NEVER_NS
+from .loop import Segment
+from .network import FloatArray, Frames, IntArray, normal_scores, passages
+from .steps import register_steps
+from .wire import Uplink
+
+SAMPLES_WITHOUT_ARRIVAL_MAX = 100_000
+"""Samples after which a network that lets none through is taken to be shut."""
+
+
+class Plan(NamedTuple):
+    """The instants of a run; ``loop.Schedule`` says what each of the first arrays means.
+
+    ``motion_ns``  time of motion at each sample, 0 before it
+    ``time_s``     the same since the motion's start, shape (samples since then,)
+    ``tick_s``     of each tick, from the start of the run
+    ``segments``   the controller's modes, in order
+    ``end_ns``     when the last sample is taken
+    """
+
+    tick_ns: IntArray
+    tick_sample: IntArray
+    command_due_ns: IntArray
+    command_tick: IntArray
+    command_latency_ns: IntArray
+    sample_ns: IntArray
+    noise_m: FloatArray
+    motion_ns: IntArray
+    time_s: FloatArray
+    tick_s: FloatArray
+    segments: tuple[Segment, ...]
+    motion_start_ns: int
+    end_ns: int
+
+
+class Arrivals(NamedTuple):
+    """Frames of one message that the controller believes: when each arrives, of which sample."""
+
+    arrival_ns: IntArray
+    sample: IntArray
+
+
+class Believing(NamedTuple):
+    """What the controller believes of counters: as ``dbc.protection.SequenceCheck`` has it."""
+
+    max_jump: int
+    resync_run: int
+    resync_ns: int
+
+
+class NothingArrivesError(ValueError):
+    """No measurement reaches the controller, so that it never steers and the run never ends."""
+
+
+def plan_run(plant: PlantSettings, controller: ControllerSettings) -> Plan:
+    """Lay down a run. Raises NothingArrivesError."""
+    register_steps()
+    first_tick_ns = _first_tick_ns(plant, controller)
+    motion_start_ns = first_tick_ns if plant.start_on_first_command else 0
+    sensor_ns, period_ns = plant.sensor_period_ns, controller.period_ns
+    samples = -(-(motion_start_ns + plant.duration_ns) // sensor_ns) + 1
+    end_ns = (samples - 1) * sensor_ns
+    believing = believing_of(controller)
+    arrivals = arrivals_of(Uplink.LATERAL_ERROR, plant, believing, samples, motion_start_ns)
+    tick_ns = np.arange(first_tick_ns, end_ns + 1, period_ns)
+    in_use = np.searchsorted(arrivals.arrival_ns, tick_ns, side="right") - 1
+    commands = Frames(
+        tick_ns, np.maximum(tick_ns - motion_start_ns, 0), np.ones(len(tick_ns), dtype=np.bool_)
+    )
+    down = passages(
+        plant.latency.downlink, plant.seed, Channel.DOWNLINK, Channel.DOWNLINK_DUPLICATES, commands
+    )
+    through = down.due_ns <= end_ns
+    sample_ns = np.arange(samples) * sensor_ns
+    # The sample at the instant of the first command is taken before that command.
+    is_moving = sample_ns >= motion_start_ns + int(plant.start_on_first_command)
+    motion_ns = np.maximum(sample_ns - motion_start_ns, 0)
+    return Plan(
+        tick_ns=tick_ns,
+        tick_sample=arrivals.sample[in_use],
+        command_due_ns=down.due_ns[through],
+        command_tick=down.frame[through],
+        command_latency_ns=down.latency_ns[through],
+        sample_ns=sample_ns,
+        noise_m=_noise(plant, samples),
+        motion_ns=motion_ns,
+        time_s=np.multiply(motion_ns[is_moving], 1e-9),
+        tick_s=np.multiply(tick_ns, 1e-9),
+        segments=_segments(controller, arrivals.arrival_ns, in_use, tick_ns),
+        motion_start_ns=motion_start_ns,
+        end_ns=end_ns,
+    )
+
+
+def believing_of(controller: ControllerSettings) -> Believing:
+    """Return what a controller believes."""
+    table = controller.supervision
+    return Believing(table.max_counter_jump, table.recovery_frames, resync_ns_of(controller))
+
+
+def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:
+    """Return the tick at which the controller stops waiting."""
+    timeout_ns = supervision_of(controller).measurement_timeout_ns
+    period_ns, samples = controller.period_ns, 1
+    believing = believing_of(controller)
+    while samples <= SAMPLES_WITHOUT_ARRIVAL_MAX:
+        # Frames that come after the start have another time of motion, but none of them is first.
+        start_ns = NEVER_NS if plant.start_on_first_command else 0
+        arrival_ns = arrivals_of(
+            Uplink.LATERAL_ERROR, plant, believing, samples, start_ns
+        ).arrival_ns
+        tick_ns = -(-arrival_ns // period_ns) * period_ns
+        known_ns = (samples - 1) * plant.sensor_period_ns  # later ones may overtake beyond that
+        fresh = (tick_ns - arrival_ns <= timeout_ns) & (tick_ns <= known_ns)
+        if fresh.any():
+            return int(tick_ns[np.argmax(fresh)])
+        samples *= 4
+    raise NothingArrivesError(
+        f"no measurement arrived in {SAMPLES_WITHOUT_ARRIVAL_MAX} samples: the uplink loses them"
+    )
+
+
+def arrivals_of(
+    message: Uplink,
+    plant: PlantSettings,
+    believing: Believing,
+    samples: int,
+    motion_start_ns: int,
+) -> Arrivals:
+    """Return what arrives of one message of the first samples."""
+    every = max(1, VEHICLE_STATE_PERIOD_NS // plant.sensor_period_ns)
+    # LATERAL_ERROR and STEERING_STATUS of every sample, VEHICLE_STATE of some: all draw.
+    messages = np.full(samples, 2)
+    messages[::every] = 3
+    sample = np.repeat(np.arange(samples), messages)
+    came_ns = sample * plant.sensor_period_ns
+    is_wanted = np.arange(len(sample)) - np.searchsorted(sample, sample) == message
+    frames = Frames(came_ns, np.maximum(came_ns - motion_start_ns, 0), is_wanted)
+    up = passages(
+        plant.latency.uplink, plant.seed, Channel.UPLINK, Channel.UPLINK_DUPLICATES, frames
+    )
+    number = sample[up.frame] // (every if message is Uplink.VEHICLE_STATE else 1)
+    believed = _believed(believing, number, up.due_ns)
+    return Arrivals(up.due_ns[believed], sample[up.frame][believed])
+
+
+def _believed(believing: Believing, number: IntArray, arrival_ns: IntArray) -> NDArray[np.bool_]:
+    """Return which frames of a message the check of their counters accepts, as they arrive."""
+    steps = np.diff(number)
+    if ((steps >= 1) & (steps <= believing.max_jump)).all():
+        return np.ones(len(number), dtype=np.bool_)
+    check = SequenceCheck(*believing)
+    arrivals = zip((number % COUNTERS).tolist(), arrival_ns.tolist(), strict=True)
+    results = [check.check(counter, now_ns) for counter, now_ns in arrivals]
+    return np.array([result is SequenceResult.ACCEPTED for result in results])
+
+
+def _segments(
+    controller: ControllerSettings, arrival_ns: IntArray, in_use: IntArray, tick_ns: IntArray
+) -> tuple[Segment, ...]:
+    """Return the modes of the ticks, of which the first one has ended the wait."""
+    supervision = supervision_of(controller)
+    if (tick_ns - arrival_ns[in_use] <= supervision.measurement_timeout_ns).all():
+        return (Segment(int(Mode.ACTIVE), 0, len(tick_ns), False),)
+    supervisor, arrived = Supervisor(supervision, 0), 0
+    before_ns: int | None = None
+    entered: list[tuple[Mode, int]] = []
+    for tick, (now_ns, newest) in enumerate(zip(tick_ns.tolist(), in_use.tolist(), strict=True)):
+        while arrived <= newest:
+            arrived_ns = int(arrival_ns[arrived])
+            supervisor.on_measurement(before_ns, arrived_ns)
+            before_ns = arrived_ns
+            arrived += 1
+        mode = supervisor.move_on(before_ns, now_ns)
+        if mode is not None:
+            entered.append((mode, tick))
+    ends = [first for _, first in entered[1:]] + [len(tick_ns)]
+    return tuple(
+        Segment(int(mode), first, end, index > 0)
+        for index, ((mode, first), end) in enumerate(zip(entered, ends, strict=True))
+    )
+
+
+def _noise(plant: PlantSettings, samples: int) -> FloatArray:
+    """Return what the sensor adds to each sample's lateral error, as ``with_noise`` does [m]."""
+    deviation_m = plant.sensor_noise.lateral_error_m
+    if deviation_m == 0.0:
+        return np.zeros(samples)
+    first_of_three = first_uniforms(plant.seed, Channel.SENSOR_NOISE, 3 * samples)[::3]
+    return deviation_m * normal_scores(first_of_three)

@@ -1,0 +1,165 @@
+"""The step functions that compiled loops may call: the same objects that run live.
+
+``register_jitable`` leaves a function as it is and lets numba compile it where a compiled one calls
+it. There is no second formulation of any arithmetic, so a compiled run gives the same bits. Which
+functions those are follows from what the steps call.
+"""
+
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
+
+from numba.extending import overload, register_jitable
+
+from ..controller.feed_forward import FeedForwardParams, feed_forward_step
+from ..controller.kalman_derivative import KalmanParams, kalman_step
+from ..controller.law_interface import LawInput
+from ..controller.law_record import Law
+from ..controller.laws import LAWS
+from ..controller.limits import limit_step, ramp_step
+from ..controller.link_memory import command_step, echo_step, error_step, history_of, link_at
+from ..controller.own_law import numbers_or_none
+from ..dbc.messages import Law as LawNumber
+from ..plant_emulator.loss import loss_step
+from ..plant_emulator.motion import advance_motion, command_motion, start_motion
+from ..plant_emulator.steering_guard import guard_command, guard_timer, guard_wheel, start_guard
+from ..plant_emulator.steering_unit import status_of
+from ..runtime.settings import SettingsError
+
+_CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
+    limit_step,
+    ramp_step,
+    history_of,
+    error_step,
+    echo_step,
+    command_step,
+    link_at,
+    loss_step,
+    start_motion,
+    advance_motion,
+    command_motion,
+    start_guard,
+    guard_command,
+    guard_timer,
+    guard_wheel,
+    status_of,
+)
+_AROUND: dict[type, Callable[..., Any]] = {
+    FeedForwardParams: feed_forward_step,
+    KalmanParams: kalman_step,
+}
+"""Steps around a law's, which they are handed, by the type of their params."""
+_COMPILED_BY_NUMBA = frozenset(("numba", "numpy", *sys.stdlib_module_names))
+
+_laws: dict[type, Law] = {}
+"""By the type of their params."""
+
+
+class ForeignParamsError(SettingsError):
+    """The params of a law do not say whose they are."""
+
+
+def step_functions() -> tuple[Callable[..., Any], ...]:
+    """Return what ``register_steps`` registers."""
+    laws = (law.step for law in LAWS.values())
+    return tuple(_reached((*_CALLED_BY_LOOPS, *_AROUND.values(), *laws)))
+
+
+@cache
+def register_steps() -> None:
+    """Let compiled functions call the step functions."""
+    for function in step_functions():
+        _register(function)
+
+
+@cache
+def _register(function: Callable[..., Any]) -> None:
+    # The entries for callers in C and in Python, which nobody needs, take long to compile.
+    register_jitable(forceinline=True, no_cfunc_wrapper=True, no_cpython_wrapper=True)(function)
+
+
+def register_law(name: str, law: Law, params: Any) -> None:
+    """Have ``law_step`` call a law's step for its params, whatever is put around them.
+
+    Raises ForeignParamsError for params of a type that is not the law's own.
+    """
+    while type(params) in _AROUND:
+        params = params.law
+    kind = type(params)
+    if not hasattr(kind, "_fields") or _laws.get(kind, law).step is not law.step:
+        raise ForeignParamsError(
+            f"law = {name!r}: a compiled run needs params of a NamedTuple that no other law has,"
+            f" not {kind.__name__}"
+        )
+    for function in _reached((law.step, numbers_or_none)):
+        _register(function)
+    _laws[kind] = law
+
+
+def law_step(params: Any, state: Any, seen: LawInput) -> Any:
+    """Advance the law that ``params`` belong to; compiled code then calls that law directly."""
+    if type(params) in _AROUND:
+        return _AROUND[type(params)](law_step, params, state, seen)
+    return _laws[type(params)].step(params, state, seen)
+
+
+@overload(law_step)
+def _law_step_of_type(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG001
+    """Choose by type, when compiling."""
+    kind = params.instance_class
+    if kind in _AROUND:
+        around = _AROUND[kind]
+
+        def around_law(params: Any, state: Any, seen: Any) -> Any:
+            return around(law_step, params, state, seen)
+
+        return around_law
+    step = _laws[kind].step
+
+    def of_type(params: Any, state: Any, seen: Any) -> Any:
+        return step(params, state, seen)
+
+    def of_another_package(params: Any, state: Any, seen: Any) -> Any:
+        after, output = step(params, state, seen)
+        return after, numbers_or_none(output)
+
+    return of_another_package if _laws[kind].number is LawNumber.CUSTOM else of_type
+
+
+def _reached(functions: Iterable[Callable[..., Any]]) -> dict[Callable[..., Any], None]:
+    """Return these functions and all that they call by name, in the order in which they are met."""
+    reached: dict[Callable[..., Any], None] = {}
+    waiting = list(functions)
+    while waiting:
+        function = waiting.pop()
+        if function not in reached:
+            reached[function] = None
+            waiting += _called_by(function)
+    return reached
+
+
+def _called_by(function: Callable[..., Any]) -> Iterator[Callable[..., Any]]:
+    """Return the Python functions whose names a function knows, but for those numba has itself."""
+    if not isinstance(function, FunctionType):
+        return
+    names = sorted(set(_names_in(function.__code__)))
+    known = [function.__globals__.get(name) for name in names]
+    known += [cell.cell_contents for cell in function.__closure__ or ()]
+    for module in [value for value in known if isinstance(value, ModuleType)]:
+        known += [getattr(module, name, None) for name in names]
+    for value in known:
+        if isinstance(value, FunctionType) and not _is_known_to_numba(value):
+            yield value
+
+
+def _is_known_to_numba(function: FunctionType) -> bool:
+    return function.__module__.partition(".")[0] in _COMPILED_BY_NUMBA
+
+
+def _names_in(code: CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _names_in(constant)

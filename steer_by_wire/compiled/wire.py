@@ -1,0 +1,235 @@
+"""What a law that looks back is told in a compiled run, tick by tick, besides the newest error.
+
+Most laws read the newest error and their last command only: their runs have no wire, None, which
+costs nothing. For a law that looks back the messages of each sample are recorded as they are taken
+and handed, in the order in which they arrive (``compiled.wire_plan``), to the steps of
+``controller.link_memory``.
+"""
+
+import math
+from collections.abc import Callable
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numba.extending import overload
+from numpy.typing import NDArray
+
+from ..controller.law_interface import History, LawInput, Link, VehicleReading
+from ..controller.link_memory import (
+    NO_COMMANDS,
+    NO_ECHOES,
+    NO_ERRORS,
+    Commands,
+    Echoes,
+    Errors,
+    MemoryParams,
+    Rings,
+    command_step,
+    echo_step,
+    error_step,
+    history_of,
+    link_at,
+)
+from ..dbc.messages import COMMAND_COUNTERS
+from ..dbc.protection import COUNTERS
+from ..plant_emulator.propagation import LinearState
+from ..plant_emulator.steering_guard import GuardState
+from ..plant_emulator.steering_unit import status_of
+from .compilation import compiled_inline, compiled_inside
+
+
+class Uplink(IntEnum):
+    """Messages of a sample, in the order in which they enter the uplink."""
+
+    LATERAL_ERROR = 0
+    STEERING_STATUS = 1
+    VEHICLE_STATE = 2
+
+
+_LATERAL_ERROR, _STEERING_STATUS, _ = map(int, Uplink)
+
+
+class Wire(NamedTuple):
+    """Of the controller; arrays of shape (arrivals,), then of shape (samples,); then numbers.
+
+    ``arrival_*``       messages that the controller believes, by ``Uplink``, as they come
+    ``measured_*``      as on the wire, and so ``wheel_rad``; written while the run goes on
+    ``status``          code of STEERING_STATUS, with APPLYING for LIMITED; written likewise
+    ``*_resolution_*``  of the signals, and the ranges they are clamped to
+    """
+
+    params: MemoryParams
+    rings: Rings
+    arrival_ns: NDArray[np.int64]
+    arrival_message: NDArray[np.int64]
+    arrival_sample: NDArray[np.int64]
+    heading_noise_rad: NDArray[np.float64]
+    yaw_rate_noise_rad_s: NDArray[np.float64]
+    measured_heading_rad: NDArray[np.float64]
+    measured_yaw_rate_rad_s: NDArray[np.float64]
+    measured_curvature_1_m: NDArray[np.float64]
+    wheel_rad: NDArray[np.float64]
+    status: NDArray[np.int64]
+    speed_m_s: float
+    heading_resolution_rad: float
+    yaw_rate_resolution_rad_s: float
+    yaw_rate_rad_s_max: float
+    curvature_resolution_1_m: float
+    curvature_1_m_max: float
+    wheel_resolution_rad: float
+    wheel_rad_max: float
+
+
+class Known(NamedTuple):
+    """What the controller knows of the wire.
+
+    ``arrivals``    messages that have arrived so far
+    ``vehicle_*``   sample and arrival of the newest VEHICLE_STATE, -1 for none
+    """
+
+    arrivals: int
+    errors: Errors
+    echoes: Echoes
+    commands: Commands
+    vehicle_sample: int
+    vehicle_ns: int
+
+
+NOTHING_KNOWN = Known(0, NO_ERRORS, NO_ECHOES, NO_COMMANDS, -1, -1)
+
+
+@compiled_inline
+def on_wire(value: float, resolution: float) -> float:
+    """Return what a signal makes of a value: ``round(value / resolution) * resolution``.
+
+    Rounded as a float, because the way through an integer costs more than the law; 0.0 is added
+    because rounding gives a negative zero where an integer has none.
+    """
+    return float((np.rint(value / resolution) + 0.0) * resolution)
+
+
+def _choosing(with_wire: Callable[..., Any], without: Callable[..., Any]) -> Callable[..., Any]:
+    """Return what stands in compiled code for one of two functions, chosen by its first argument:
+    a wire or None.
+    """
+
+    def chosen(*_: Any) -> Any:
+        raise NotImplementedError("for compiled code")
+
+    def of_type(wire: Any, *_: Any) -> Callable[..., Any]:
+        return without if isinstance(wire, types.NoneType) else with_wire
+
+    overload(chosen, strict=False, jit_options={"forceinline": True})(of_type)
+    return chosen
+
+
+def _nothing(*_: Any) -> None:
+    return None
+
+
+@compiled_inside
+def _in_one_turn(angle_rad: float) -> float:
+    """Return ``math.remainder(angle_rad, math.tau)``, which does not compile; all here is exact."""
+    rest_rad = float(np.fmod(angle_rad, math.tau))
+    if rest_rad > math.pi:
+        return rest_rad - math.tau
+    if rest_rad < -math.pi:
+        return rest_rad + math.tau
+    return rest_rad
+
+
+def _record(w: Wire, sample: int, z: LinearState, guard: GuardState) -> None:
+    heading_rad = _in_one_turn(z.heading_error_rad + w.heading_noise_rad[sample])
+    yaw_rate_rad_s = z.yaw_rate_rad_s + w.yaw_rate_noise_rad_s[sample]
+    yaw_rate_rad_s = min(max(yaw_rate_rad_s, -w.yaw_rate_rad_s_max), w.yaw_rate_rad_s_max)
+    curvature_1_m = min(max(z.curvature_1_m, -w.curvature_1_m_max), w.curvature_1_m_max)
+    wheel_rad = min(max(z.wheel_rad, -w.wheel_rad_max), w.wheel_rad_max)
+    w.measured_heading_rad[sample] = on_wire(heading_rad, w.heading_resolution_rad)
+    w.measured_yaw_rate_rad_s[sample] = on_wire(yaw_rate_rad_s, w.yaw_rate_resolution_rad_s)
+    w.measured_curvature_1_m[sample] = on_wire(curvature_1_m, w.curvature_resolution_1_m)
+    w.wheel_rad[sample] = on_wire(wheel_rad, w.wheel_resolution_rad)
+    w.status[sample] = status_of(guard, False)
+
+
+def _take_arrivals(w: Wire, x: Known, s: Any, r: Any, now_ns: int) -> Known:
+    arrivals, errors, echoes, commands, vehicle_sample, vehicle_ns = x
+    while arrivals < len(w.arrival_ns) and w.arrival_ns[arrivals] <= now_ns:
+        arrival_ns, sample = w.arrival_ns[arrivals], w.arrival_sample[arrivals]
+        message = w.arrival_message[arrivals]
+        if message == _LATERAL_ERROR:
+            errors = error_step(
+                w.params,
+                w.rings,
+                errors,
+                echoes,
+                sample % COUNTERS,
+                r.measured_m[sample],
+                w.measured_heading_rad[sample],
+                arrival_ns,
+            )
+        elif message == _STEERING_STATUS:
+            command = r.command[sample]
+            echoes = echo_step(
+                w.params,
+                w.rings,
+                echoes,
+                errors,
+                commands,
+                sample % COUNTERS,
+                s.command_tick[command] % COMMAND_COUNTERS if command >= 0 else 0,
+                w.status[sample],
+                w.wheel_rad[sample],
+                arrival_ns,
+            )
+        else:
+            vehicle_sample, vehicle_ns = sample, arrival_ns
+        arrivals += 1
+    return Known(arrivals, errors, echoes, commands, vehicle_sample, vehicle_ns)
+
+
+def _take_command(w: Wire, x: Known, tick: int, sent_rad: float) -> Known:
+    commands = command_step(w.rings, x.commands, tick, sent_rad)
+    return Known(x.arrivals, x.errors, x.echoes, commands, x.vehicle_sample, x.vehicle_ns)
+
+
+def _newest_only(
+    _wire: None, _known: None, r: Any, tick: int, _now_ns: int, error_m: float, last_sent_rad: float
+) -> LawInput:
+    return LawInput(
+        error_m,
+        last_sent_rad,
+        VehicleReading(0.0, 0.0, 0.0, False),
+        Link(tick, -1, -1, 0.0, False),
+        History(-1, -1, r.sent_rad, r.measured_m, r.measured_m, (False,), (-1,), (False,), (0.0,)),
+    )
+
+
+def _all_of_it(
+    w: Wire, x: Known, _records: Any, tick: int, now_ns: int, error_m: float, last_sent_rad: float
+) -> LawInput:
+    speed_m_s = yaw_rate_rad_s = curvature_1_m = 0.0
+    is_stale = False
+    if x.vehicle_sample >= 0:
+        speed_m_s = w.speed_m_s
+        yaw_rate_rad_s = w.measured_yaw_rate_rad_s[x.vehicle_sample]
+        curvature_1_m = w.measured_curvature_1_m[x.vehicle_sample]
+        is_stale = now_ns - x.vehicle_ns > w.params.limits.vehicle_state_ns
+    return LawInput(
+        error_m,
+        last_sent_rad,
+        VehicleReading(speed_m_s, yaw_rate_rad_s, curvature_1_m, is_stale),
+        link_at(w.params, x.errors, x.echoes, x.vehicle_ns, tick, now_ns),
+        history_of(w.rings),
+    )
+
+
+record_wire = _choosing(_record, _nothing)
+"""(wire, sample, linear, guard): keeps what sensors and steering say besides the lateral error."""
+take_arrivals = _choosing(_take_arrivals, _nothing)
+"""(wire, known, schedule, records, now_ns): returns what is known with all that has arrived."""
+take_command = _choosing(_take_command, _nothing)
+"""(wire, known, tick, sent_rad): returns what is known with the command that leaves at a tick."""
+law_input = _choosing(_all_of_it, _newest_only)
+"""(wire, known, records, tick, now_ns, error_m, last_sent_rad): returns what the law is told."""

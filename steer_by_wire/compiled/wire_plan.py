@@ -1,0 +1,112 @@
+"""What the controller hears of the plant in a run, and when, laid down before it."""
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..controller.design import link_of
+from ..controller.link_memory import RING_SIZE, MemoryParams, Rings
+from ..controller.settings import ControllerSettings, age_limits_of
+from ..dbc.messages import LateralError, SteeringStatus, VehicleState, limits, resolutions
+from ..plant_emulator.settings import PlantSettings
+from ..plant_emulator.streams import Channel, first_uniforms
+from .network import FloatArray, IntArray, normal_scores
+from .plan import Believing, Plan, arrivals_of, believing_of
+from .wire import Uplink, Wire, on_wire
+
+_KEPT = 8
+"""Uplinks kept for the next run on the same network: half a megabyte each."""
+
+
+class _Heard(NamedTuple):
+    """The first arrays of ``Wire``; runs share them."""
+
+    arrival_ns: IntArray
+    arrival_message: IntArray
+    arrival_sample: IntArray
+    heading_noise_rad: FloatArray
+    yaw_rate_noise_rad_s: FloatArray
+
+
+def plan_wire(
+    plant: PlantSettings, controller: ControllerSettings, plan: Plan, speed_m_s: float
+) -> Wire:
+    """Lay down the wire of one run."""
+    samples = len(plan.sample_ns)
+    network = plant_network(plant)
+    heard = _heard(network, believing_of(controller), samples, plan.motion_start_ns)
+    error, state = resolutions(LateralError), resolutions(VehicleState)
+    ranges = limits(VehicleState)
+    return Wire(
+        MemoryParams(link_of(controller), age_limits_of(controller)),
+        _empty_rings(),
+        *heard,
+        measured_heading_rad=np.empty(samples),
+        measured_yaw_rate_rad_s=np.empty(samples),
+        measured_curvature_1_m=np.empty(samples),
+        wheel_rad=np.empty(samples),
+        status=np.empty(samples, dtype=np.int64),
+        speed_m_s=speed_on_wire(speed_m_s),
+        heading_resolution_rad=error["heading_error_rad"],
+        yaw_rate_resolution_rad_s=state["yaw_rate_rad_s"],
+        yaw_rate_rad_s_max=ranges["yaw_rate_rad_s"].maximum,
+        curvature_resolution_1_m=state["preview_curvature_1_m"],
+        curvature_1_m_max=ranges["preview_curvature_1_m"].maximum,
+        wheel_resolution_rad=resolutions(SteeringStatus)["wheel_angle_rad"],
+        wheel_rad_max=limits(SteeringStatus)["wheel_angle_rad"].maximum,
+    )
+
+
+def speed_on_wire(speed_m_s: float) -> float:
+    """Return the speed as VEHICLE_STATE carries it [m/s]."""
+    highest_m_s = limits(VehicleState)["speed_m_s"].maximum
+    return float(on_wire(min(speed_m_s, highest_m_s), resolutions(VehicleState)["speed_m_s"]))
+
+
+def plant_network(plant: PlantSettings) -> PlantSettings:
+    """Return the settings with everything left as it is by default but the network."""
+    return PlantSettings(
+        seed=plant.seed,
+        duration_s=plant.duration_s,
+        sensor_period_ms=plant.sensor_period_ms,
+        start_on_first_command=plant.start_on_first_command,
+        sensor_noise=plant.sensor_noise,
+        latency=plant.latency,
+    )
+
+
+def _empty_rings() -> Rings:
+    """Return what ``LinkMemory`` starts with, in arrays."""
+    arrays: dict[str, Any] = {name: np.zeros(RING_SIZE) for name in Rings._fields}
+    for name in ("has_error", "is_overruled"):
+        arrays[name] = np.zeros(RING_SIZE, dtype=np.bool_)
+    for name in ("applied_tick", "command_tick"):
+        arrays[name] = np.full(RING_SIZE, -1)
+    return Rings(**arrays)
+
+
+@lru_cache(maxsize=_KEPT)
+def _heard(
+    plant: PlantSettings, believing: Believing, samples: int, motion_start_ns: int
+) -> _Heard:
+    each = [arrivals_of(message, plant, believing, samples, motion_start_ns) for message in Uplink]
+    message = np.repeat(list(Uplink), [len(arrivals.sample) for arrivals in each])
+    sample = np.concatenate([arrivals.sample for arrivals in each])
+    arrival_ns = np.concatenate([arrivals.arrival_ns for arrivals in each])
+    order = np.lexsort((message, sample, arrival_ns))
+    return _Heard(arrival_ns[order], message[order], sample[order], *_noise(plant, samples))
+
+
+def _noise(plant: PlantSettings, samples: int) -> tuple[FloatArray, FloatArray]:
+    """Return what the sensors add to heading error [rad] and yaw rate [rad/s]."""
+    noise = plant.sensor_noise
+    deviations = (noise.heading_error_rad, noise.yaw_rate_rad_s)
+    if not any(deviations):
+        return np.zeros(samples), np.zeros(samples)
+    uniforms = first_uniforms(plant.seed, Channel.SENSOR_NOISE, 3 * samples)
+    heading, yaw_rate = (
+        deviation * normal_scores(uniforms[column::3])
+        for column, deviation in enumerate(deviations, 1)
+    )
+    return heading, yaw_rate

@@ -1,0 +1,230 @@
+"""Continuous-time loops with an exact delay: what the paper's equations say before any sampling.
+
+    u = (R r - M y)/E,   y = G(s) e^(-sT) u
+
+    pd        u = C (r - y)
+    pd_dob    u = u_new - (Q/G_n) y + Q u,  u_new = C (r - y)          SAE 2018-01-1086 (11)
+    pd_cdob   u = C (r - y_fb),  y_fb = y + H (G_n Q u - Q y)          its (16) and Figure 6
+    pd_ddob   both, the CDOB fed with u_new                            its Figure 13
+
+R, M and E are polynomials in s. Every denominator is cleared and none is cancelled that holds a
+state, so integrators that the law cancels in the plant stay to be seen: without washout pd_cdob and
+pd_ddob have two roots at s = 0 which (18) does not show.
+
+    L   = M G e^(-sT)/E                      loop, cut at the command
+    y/r = R G e^(-sT)/(E + M G e^(-sT))      (18) for pd_cdob with G = G_n and H = 1
+
+For design only: python-control gives the margins, and no live program may import it.
+"""
+
+import math
+from typing import NamedTuple
+
+import control
+import numpy as np
+from numpy.typing import NDArray
+
+from ..controller.design import q_order_2, q_type_2, washout
+from ..controller.law_settings import LawSettings
+from ..controller.shared_settings import CdobSettings, DobSettings, PdSettings
+from ..controller.transfer_function import Factor, TransferFunction
+from .root_count import Polynomial, RootCount, count_roots, on_axis
+from .small_gain import CdobParts
+
+_OMEGA_RAD_S = (1e-2, 1e4)
+_OMEGAS = 4000
+_ONE = TransferFunction(0, (), ())
+
+Omegas = NDArray[np.float64]
+Response = NDArray[np.complex128]
+
+
+class ContinuousLaw(NamedTuple):
+    """u = (R r - M y)/E; no PD and no reference for a DOB by itself."""
+
+    reference: Polynomial  # R
+    measurement: Polynomial  # M
+    denominator: Polynomial  # E
+
+
+class ContinuousMargins(NamedTuple):
+    """How far a loop is from instability; they say nothing of a loop that is unstable.
+
+    ``gain_max``         factor above 1 that the loop gain must stay below; inf where there is none
+    ``gain_min``         factor below 1 that it must stay above; 0 where there is none
+    ``phase_rad``        smallest distance from -1 where the gain is 1 [rad]; inf where it never is
+    ``crossover_rad_s``  where that is [rad/s]; NaN where there is none
+    ``delay_s``          further delay at which a root first reaches the axis [s]; inf if never
+    """
+
+    gain_max: float
+    gain_min: float
+    phase_rad: float
+    crossover_rad_s: float
+    delay_s: float
+
+
+def pd_compensator(pd: PdSettings) -> TransferFunction:
+    """Return C(s) = K_p + K_d s/(s/N + 1) [rad/m], improper where the derivative is ideal."""
+    k_p, k_d = pd.proportional_gain_rad_m, pd.derivative_gain_rad_s_m
+    if pd.derivative_filter_rad_s is None:
+        return TransferFunction(0, (Factor(0.0, k_d, k_p),), ())
+    filter_s = 1.0 / pd.derivative_filter_rad_s
+    return TransferFunction(
+        0, (Factor(0.0, k_p * filter_s + k_d, k_p),), (Factor(0.0, filter_s, 1.0),)
+    )
+
+
+def continuous_law(settings: LawSettings) -> ContinuousLaw:
+    """Return the law of the settings as it was designed; their rate plays no part."""
+    numerator, denominator = _polynomials(pd_compensator(settings.pd))
+    law = ContinuousLaw(numerator, numerator, denominator)
+    model = settings.model
+    needs = settings.law_record.needs
+    if model is None:
+        return law
+    if settings.cdob is not None and "cdob" in needs:
+        law = _with_cdob(law, settings.cdob, model)
+    if settings.dob is not None and "dob" in needs:
+        law = _with_dob(law, dob_q(settings.dob), model)
+    return law
+
+
+def dob_q(dob: DobSettings) -> TransferFunction:
+    """Return Q of a disturbance observer."""
+    design = q_order_2 if dob.q_kind == "order_2" else q_type_2
+    return design(dob.q_cutoff_rad_s)
+
+
+def dob_alone(q: TransferFunction, model: TransferFunction) -> ContinuousLaw:
+    """Return u = r - (Q/G_n) y + Q u, where r is u_new: the loop of (12), (13) and (21)."""
+    one = np.ones(1)
+    return _with_dob(ContinuousLaw(one, np.zeros(1), one), q, model)
+
+
+def cdob_parts(settings: LawSettings) -> CdobParts:
+    """Return what the small gain condition (25) of the settings' CDOB needs.
+
+    Raises ValueError for a law without one.
+    """
+    cdob, model = settings.cdob, settings.model
+    if cdob is None or model is None:
+        raise ValueError(f"law = {settings.law!r} has no CDOB")
+    filter_h = _ONE if cdob.washout_rad_s is None else washout(cdob.washout_rad_s)
+    q = filter_h.times(q_order_2(cdob.q_cutoff_rad_s))
+    return CdobParts(pd_compensator(settings.pd), q, model)
+
+
+def loop_response(
+    law: ContinuousLaw, plant: TransferFunction, delay_s: float, omega_rad_s: Omegas
+) -> Response:
+    """Return L at each ω above 0 [rad/s]; -1 is the critical point."""
+    s = on_axis(omega_rad_s)
+    feedback = np.polyval(law.measurement, s) / np.polyval(law.denominator, s)
+    return np.asarray(feedback * plant.response(s) * np.exp(-s * delay_s), np.complex128)
+
+
+def reference_response(
+    law: ContinuousLaw, plant: TransferFunction, delay_s: float, omega_rad_s: Omegas
+) -> Response:
+    """Return y/r at each ω above 0 [rad/s]; y/u_new of (12) for ``dob_alone``."""
+    s = on_axis(omega_rad_s)
+    forward = np.polyval(law.reference, s) / np.polyval(law.denominator, s)
+    delayed = plant.response(s) * np.exp(-s * delay_s)
+    loop = loop_response(law, plant, delay_s, omega_rad_s)
+    return np.asarray(forward * delayed / (1.0 + loop), np.complex128)
+
+
+def output_disturbance_response(
+    law: ContinuousLaw, plant: TransferFunction, delay_s: float, omega_rad_s: Omegas
+) -> Response:
+    """Return y/d at each ω above 0 [rad/s], d added to y: (13) for ``dob_alone``."""
+    loop = loop_response(law, plant, delay_s, omega_rad_s)
+    return np.asarray(1.0 / (1.0 + loop), np.complex128)
+
+
+def closed_loop_roots(law: ContinuousLaw, plant: TransferFunction, delay_s: float) -> RootCount:
+    """Return where all roots of law and plant lie, those included that cancel in L.
+
+    Raises ValueError where the loop is not strictly proper.
+    """
+    numerator, denominator = _polynomials(plant)
+    return count_roots(
+        _product(law.denominator, denominator), _product(law.measurement, numerator), delay_s
+    )
+
+
+def loop_margins(
+    law: ContinuousLaw, plant: TransferFunction, delay_s: float = 0.0
+) -> ContinuousMargins:
+    """Return the margins of the loop at a constant delay, crossovers sought up to 10,000 rad/s."""
+    omega_rad_s = np.geomspace(*_OMEGA_RAD_S, _OMEGAS)
+    loop = loop_response(law, plant, delay_s, omega_rad_s)
+    gains, phases_deg, _, _, crossovers_rad_s, _ = control.stability_margins(
+        control.frd(loop, omega_rad_s, smooth=True), returnall=True
+    )
+    phases_rad = np.deg2rad(phases_deg)
+    distances_rad = np.abs(np.remainder(phases_rad + math.pi, math.tau) - math.pi)
+    delays_s = np.remainder(phases_rad, math.tau) / crossovers_rad_s
+    nearest = int(np.argmin(distances_rad)) if len(distances_rad) else None
+    return ContinuousMargins(
+        gain_max=float(min(gains[gains > 1.0], default=math.inf)),
+        gain_min=float(max(gains[gains < 1.0], default=0.0)),
+        phase_rad=math.inf if nearest is None else float(distances_rad[nearest]),
+        crossover_rad_s=math.nan if nearest is None else float(crossovers_rad_s[nearest]),
+        delay_s=float(min(delays_s, default=math.inf)),
+    )
+
+
+def _with_cdob(pd: ContinuousLaw, cdob: CdobSettings, model: TransferFunction) -> ContinuousLaw:
+    """Return u = C (r - y + H Q y - H G_n Q u) for C of ``pd``."""
+    filter_h = _ONE if cdob.washout_rad_s is None else washout(cdob.washout_rad_s)
+    q = q_order_2(cdob.q_cutoff_rad_s)
+    compensation = filter_h.times(model)  # powers of s cancel here, as integers
+    q_numerator, q_denominator = _polynomials(q)
+    n, d = _polynomials(compensation)
+    hq_numerator, hq_denominator = _polynomials(filter_h.times(q))
+    _, model_poles = _polynomials(compensation._replace(denominator=model.denominator))
+    observed = _sum(hq_denominator, -hq_numerator)
+    return ContinuousLaw(
+        reference=_product(pd.reference, q_denominator, d),
+        measurement=_product(pd.measurement, observed, model_poles),
+        denominator=_sum(
+            _product(pd.denominator, q_denominator, d), _product(pd.measurement, n, q_numerator)
+        ),
+    )
+
+
+def _with_dob(law: ContinuousLaw, q: TransferFunction, model: TransferFunction) -> ContinuousLaw:
+    """Return u = u_new - (Q/G_n) y + Q u for u_new of ``law``."""
+    q_numerator, q_denominator = _polynomials(q)
+    numerator, denominator = _polynomials(q.times(model.inverse()))
+    model_zeros, _ = _polynomials(model)
+    lacking = _sum(q_denominator, -q_numerator)
+    return ContinuousLaw(
+        reference=_product(law.reference, denominator),
+        measurement=_sum(
+            _product(law.measurement, denominator), _product(law.denominator, numerator)
+        ),
+        denominator=_product(law.denominator, lacking, model_zeros),
+    )
+
+
+def _polynomials(transfer: TransferFunction) -> tuple[Polynomial, Polynomial]:
+    """Return numerator and denominator, their powers of s as exact trailing zeros."""
+    numerator = np.array([1.0, *[0.0] * max(0, transfer.power_of_s)])
+    denominator = np.array([1.0, *[0.0] * max(0, -transfer.power_of_s)])
+    return _product(numerator, *transfer.numerator), _product(denominator, *transfer.denominator)
+
+
+def _sum(one: Polynomial, other: Polynomial) -> Polynomial:
+    """Return the sum; what cancels exactly is exactly zero."""
+    return np.asarray(np.polyadd(one, other), np.float64)
+
+
+def _product(*polynomials: Polynomial | Factor) -> Polynomial:
+    """Return the product, without leading zeros."""
+    product = np.ones(1)
+    for polynomial in polynomials:
+        product = np.polymul(product, np.array(polynomial))
+    return np.asarray(np.trim_zeros(product, "f"), np.float64)

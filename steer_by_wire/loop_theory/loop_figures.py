@@ -1,0 +1,152 @@
+"""Stability, peak sensitivity and noise gain of the sampled loop, for many plants at once.
+
+With L = -P K, the loop cut at the command:
+
+    peak sensitivity   max over ω of |1/(1 + L)| on the unit circle, the inverse of the smallest
+                       distance of L from -1
+    noise gain         standard deviation of the steer [rad] for white noise of 1 m standard
+                       deviation on every measurement:  √(1/2π ∫ |K/(1 + L)|² dθ)
+    stability          Nyquist's count on the circle |z| = e^{-σT}: the poles of the closed loop
+                       outside of it are those of the open loop outside of it, less the turns of
+                       1 + L around 0; none means that every mode decays faster than σ
+
+The count on a grid of points can miss an encirclement that lies between two of them. It serves
+searches; what is kept is confirmed with eigenvalues (``controller.analysis.sampled_loop``).
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..controller.analysis.linear_system import LinearSystem, held_plant, law_system
+from ..controller.design import LawDesign
+from ..controller.transfer_function import TransferFunction
+from ..runtime.node import NS_PER_S
+from .responses import ComplexArray, law_response, plant_responses
+
+FloatArray = NDArray[np.float64]
+
+_OMEGA_RAD_S_MIN = 0.02
+"""Below this the grids of ω are linear, above logarithmic."""
+
+
+class StabilityGrid(NamedTuple):
+    """Plants on the upper half of |z| = e^{-σT}; ``plants`` of shape (corners, delays, Z)."""
+
+    radius: float
+    z: ComplexArray
+    plants: ComplexArray
+    poles_outside: NDArray[np.int64]  # of each corner's plant, shape (corners,)
+
+
+class FrequencyGrid(NamedTuple):
+    """Plants on the upper half of the unit circle, z = 1 left out; ``plants`` as above."""
+
+    angle_rad: FloatArray  # ωT, shape (Z,)
+    z: ComplexArray
+    plants: ComplexArray
+
+
+class LoopFigures(NamedTuple):
+    """Both of shape (corners, delays)."""
+
+    peak_sensitivity: FloatArray
+    noise_gain_rad_m: FloatArray
+
+
+def stability_grid(
+    models: Sequence[TransferFunction],
+    delays_ns: Sequence[int],
+    period_ns: int,
+    decay_1_s: float,
+    points: int,
+) -> StabilityGrid:
+    """Return what the count of poles that decay more slowly than σ needs; σ > 0 [1/s]."""
+    period_s = period_ns / NS_PER_S
+    radius = math.exp(-decay_1_s * period_s)
+    angle_rad = _spread(math.pi, min(0.5 * decay_1_s, _OMEGA_RAD_S_MIN) * period_s, points)
+    z = radius * np.exp(1j * angle_rad)
+    outside = [_outside(held_plant(model, period_ns, 0).a, radius) for model in models]
+    return StabilityGrid(radius, z, _plants(models, delays_ns, period_ns, z), np.array(outside))
+
+
+def frequency_grid(
+    models: Sequence[TransferFunction], delays_ns: Sequence[int], period_ns: int, points: int
+) -> FrequencyGrid:
+    """Return what sensitivity and noise gain need."""
+    angle_rad = _spread(math.pi, _OMEGA_RAD_S_MIN * period_ns / NS_PER_S, points)[1:]
+    z = np.exp(1j * angle_rad)
+    return FrequencyGrid(angle_rad, z, _plants(models, delays_ns, period_ns, z))
+
+
+def slow_poles(grid: StabilityGrid, design: LawDesign) -> NDArray[np.int64]:
+    """Return how many modes of each loop decay no faster than σ, shape (corners, delays)."""
+    system = law_system(design)
+    distance = 1.0 - grid.plants * law_response(system, grid.z)
+    # From ω = 0 to π; the lower half of the circle turns by as much again.
+    turns = np.angle(distance[..., 1:] / distance[..., :-1]).sum(axis=-1) / math.pi
+    open_loop = grid.poles_outside[:, None] + _outside(system.a, grid.radius)
+    return np.asarray(open_loop - np.rint(turns), dtype=np.int64)
+
+
+def loop_figures(grid: FrequencyGrid, design: LawDesign) -> LoopFigures:
+    """Return the figures of a law around every plant of the grid; meaningless if unstable."""
+    law = law_response(law_system(design), grid.z)
+    sensitivity = sensitivity_size(grid, law)
+    power = np.square(sensitivity * np.abs(law))
+    mean = 0.5 * (power[..., 1:] + power[..., :-1]) @ np.diff(grid.angle_rad) / math.pi
+    # Below the first point the power is taken as constant.
+    mean += power[..., 0] * grid.angle_rad[0] / math.pi
+    return LoopFigures(_peak(sensitivity), np.sqrt(mean))
+
+
+def sensitivity_size(grid: FrequencyGrid, law: ComplexArray) -> FloatArray:
+    """Return |1/(1 + L)| at every point, shape (corners, delays, Z)."""
+    return np.asarray(1.0 / np.abs(1.0 - grid.plants * law), dtype=np.float64)
+
+
+def _peak(size: FloatArray) -> FloatArray:
+    """Return the largest value over the last axis, of the parabola through it and its neighbours.
+
+    On the grid alone a peak between two points comes out too low.
+    """
+    highest = np.clip(size.argmax(axis=-1), 1, size.shape[-1] - 2)[..., None]
+    before, top, after = (
+        np.take_along_axis(size, highest + step, axis=-1)[..., 0] for step in (-1, 0, 1)
+    )
+    bend = np.minimum(before - 2.0 * top + after, -1e-12)
+    rounded = top - np.square(after - before) / (8.0 * bend)
+    # At the ends of the axis the largest value need not be a peak.
+    return np.where(top >= np.maximum(before, after), rounded, size.max(axis=-1))
+
+
+def _plants(
+    models: Sequence[TransferFunction], delays_ns: Sequence[int], period_ns: int, z: ComplexArray
+) -> ComplexArray:
+    return np.stack([plant_responses(model, delays_ns, period_ns, z) for model in models])
+
+
+def _outside(matrix: FloatArray, radius: float) -> int:
+    """Return how many eigenvalues lie outside the circle."""
+    return int(np.count_nonzero(np.abs(np.linalg.eigvals(matrix)) > radius))
+
+
+def _spread(last: float, scale: float, points: int) -> FloatArray:
+    """Return 0 to ``last``, evenly below ``scale`` and by a constant factor above it."""
+    return np.asarray(scale * np.sinh(np.linspace(0.0, math.asinh(last / scale), points)))
+
+
+__all__ = [
+    "FrequencyGrid",
+    "LinearSystem",
+    "LoopFigures",
+    "StabilityGrid",
+    "frequency_grid",
+    "loop_figures",
+    "sensitivity_size",
+    "slow_poles",
+    "stability_grid",
+]

@@ -1,0 +1,63 @@
+"""Time histories of one run: read from the plant's trace file or taken from its samples."""
+
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..plant_emulator.node import PlantNode
+from ..plant_emulator.plant_samples import place
+
+FloatArray = NDArray[np.float64]
+
+
+class Trace(NamedTuple):
+    """Columns of one run, one row a sensor period; each array has shape (samples,)."""
+
+    time_s: FloatArray  # since the start of motion
+    lateral_error_m: FloatArray  # true, at the preview point
+    wheel_angle_rad: FloatArray
+    downlink_latency_s: FloatArray  # of the command in effect; NaN before the first
+    x_m: FloatArray  # preview point
+    y_m: FloatArray
+    path_x_m: FloatArray  # point of the path beside it
+    path_y_m: FloatArray
+
+    @classmethod
+    def of_node(cls, node: PlantNode) -> Self:
+        """Collect the samples of a plant node that ran in this process."""
+        return cls._from_rows(
+            [
+                (
+                    sample.time_s,
+                    sample.lateral_error_m,
+                    sample.wheel_angle_rad,
+                    sample.downlink_latency_s,
+                    *place(node.path, sample),
+                )
+                for sample in node.samples
+            ]
+        )
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read a trace file; raises ValueError naming the file if a column is missing."""
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            missing = [name for name in cls._fields if name not in (reader.fieldnames or ())]
+            if missing:
+                raise ValueError(f"{path}: no column {', '.join(missing)}")
+            return cls._from_rows([_cells(row, cls._fields) for row in reader])
+
+    @classmethod
+    def _from_rows(cls, rows: Sequence[Sequence[float]]) -> Self:
+        table = np.asarray(rows, dtype=np.float64).reshape(len(rows), len(cls._fields))
+        return cls(*table.T)
+
+
+def _cells(row: Mapping[str, str], names: Sequence[str]) -> list[float]:
+    """Return the named cells as numbers; an empty cell is NaN."""
+    return [float(row[name] or "nan") for name in names]

@@ -1,0 +1,260 @@
+"""Takes the frames of one log, one at a time, and knows its figures at the end."""
+
+import heapq
+import math
+from collections import Counter
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import Any, NamedTuple
+
+from ..dbc.messages import (
+    CAN_IDS,
+    CYCLE_TIMES_MS,
+    MESSAGE_TYPES,
+    ControllerSafety,
+    ControllerStatus,
+    LatencyConfig,
+    LateralError,
+    Law,
+    Message,
+    Mode,
+    PlantStatus,
+    SteeringCommand,
+    SteeringStatus,
+    VehicleState,
+    limits,
+)
+from ..runtime.frame import Frame
+from ..runtime.node import NS_PER_MS, NS_PER_S
+from .bus_listener import BusListener, Heard
+from .durations import Durations, History
+from .latency import Latencies
+
+GAP_PERIODS = 3
+"""A message that stays away longer than so many of its periods has left a gap."""
+GAPS_MAX = 20
+"""How many gaps are listed, the longest."""
+CONFIGS_MAX = 100
+"""How many changes of the latency are listed, the first."""
+_CLOCK_STARTED_NS = 631_152_000 * NS_PER_S
+"""1990: smaller times are since some start, not dates."""
+
+_FROM_PLANT = (LateralError, SteeringStatus, VehicleState, PlantStatus)
+
+HISTORIES: Mapping[str, tuple[str, str]] = {
+    "lateral_error_m": ("LATERAL_ERROR", "lateral_error_m"),
+    "heading_error_rad": ("LATERAL_ERROR", "heading_error_rad"),
+    "steer_rad": ("STEERING_COMMAND", "steer_rad"),
+    "wheel_angle_rad": ("STEERING_STATUS", "wheel_angle_rad"),
+    "speed_m_s": ("VEHICLE_STATE", "speed_m_s"),
+    "yaw_rate_rad_s": ("VEHICLE_STATE", "yaw_rate_rad_s"),
+    "disturbance_rad": ("CONTROLLER_STATUS", "disturbance_rad"),
+    "network_disturbance_rad": ("CONTROLLER_STATUS", "network_disturbance_rad"),
+    "echo_delay_s": ("DELAY_STATUS", "echo_delay_s"),
+    "estimated_delay_s": ("DELAY_STATUS", "estimated_delay_s"),
+    "delay_confidence": ("DELAY_STATUS", "confidence"),
+}
+"""Signals with figures and pictures: their message in the DBC, and the field."""
+
+
+class Gap(NamedTuple):
+    """A message stayed away; sorts by its length."""
+
+    duration_s: float
+    at_s: float
+    name: str
+
+
+class _Modular:
+    """A count of which only the rest modulo ``modulus`` is sent: how far it went during the log."""
+
+    def __init__(self, modulus: int) -> None:
+        self._modulus = modulus
+        self._last: int | None = None
+        self.advanced = 0
+
+    def take(self, value: int) -> None:
+        if self._last is not None:
+            self.advanced += (value - self._last) % self._modulus
+        self._last = value
+
+
+def _modular(message_type: type[Message], field: str) -> _Modular:
+    return _Modular(int(limits(message_type)[field].maximum) + 1)
+
+
+class LogAnalysis:
+    """Analyses one log.
+
+    Frames have times in nanoseconds, or None all of them where the log has none. Then there is
+    nothing about latency, cycles and gaps.
+    """
+
+    def __init__(self) -> None:
+        self.listener = BusListener()
+        self.latencies = Latencies()
+        self.histories = {name: History() for name in HISTORIES}
+        self.cycles = {name: Durations() for name in MESSAGE_TYPES}
+        self.cycle_histories = {name: History() for name in MESSAGE_TYPES}
+        self._by_message: dict[str, list[tuple[str, str]]] = {}
+        for label, (name, field) in HISTORIES.items():
+            self._by_message.setdefault(name, []).append((label, field))
+        self._start_ns: int | None = None
+        self._end_ns = 0
+        self._frames = 0
+        self._backwards = 0
+        self._newest_ns: dict[str, int] = {}
+        self._gaps: list[Gap] = []
+        self._gap_counts = Counter[str]()
+        self._configs: list[dict[str, Any]] = []
+        self._modes_ns = Counter[Mode]()
+        self._mode: tuple[Mode, int] | None = None
+        self._laws: dict[str, None] = {}
+        self._skipped_ticks = _modular(ControllerStatus, "skipped_ticks")
+        self._controller_lost = _modular(ControllerSafety, "lost")
+        self._controller_rejected = _modular(ControllerSafety, "rejected")
+        self._plant_lost = _modular(PlantStatus, "lost")
+        self._plant_rejected = _modular(PlantStatus, "rejected")
+
+    def take(self, time_ns: int | None, frame: Frame) -> tuple[float, Heard] | None:
+        """Take the next frame; returns time since the start [s] and message, or None.
+
+        None comes for what a node would refuse. The time is NaN in a log without times.
+        """
+        self._frames += 1
+        since_ns = self._since_start(time_ns)
+        heard = self.listener.take(frame)
+        if heard is None:
+            return None
+        if since_ns is not None:
+            self._time(heard, since_ns)
+        if heard.is_late:
+            return None
+        at_s = math.nan if since_ns is None else since_ns / NS_PER_S
+        for label, field in self._by_message.get(heard.name, ()):
+            self.histories[label].add(at_s, getattr(heard.message, field))
+        self._watch(heard.message, since_ns)
+        return at_s, heard
+
+    def figures(self) -> dict[str, Any]:
+        """Return everything that can be told, ready for JSON; call it once, at the end."""
+        self.latencies.finish()
+        self._leave_mode(self._end_ns - (self._start_ns or 0))
+        start_ns = self._start_ns
+        is_date = start_ns is not None and start_ns >= _CLOCK_STARTED_NS
+        return {
+            "frames": self._frames,
+            "has_times": start_ns is not None,
+            "start": _date(start_ns) if is_date and start_ns is not None else None,
+            "duration_s": (self._end_ns - start_ns) / NS_PER_S if start_ns is not None else None,
+            "times_backwards": self._backwards,
+            "messages": {name: self._message_figures(name) for name in MESSAGE_TYPES},
+            "refused": dict(self.listener.refused),
+            "foreign_frames": self.listener.foreign_frames,
+            "foreign_ids": {f"{key:X}": n for key, n in sorted(self.listener.foreign.items())},
+            "error_frames": self.listener.error_frames,
+            "signals": {name: history.report() for name, history in self.histories.items()},
+            "latency": self._latency_figures(),
+            "modes_s": {mode.name: self._modes_ns[mode] / NS_PER_S for mode in Mode},
+            "laws": list(self._laws),
+            "skipped_ticks": self._skipped_ticks.advanced,
+            "controller_lost": self._controller_lost.advanced,
+            "controller_rejected": self._controller_rejected.advanced,
+            "plant_lost": self._plant_lost.advanced,
+            "plant_rejected": self._plant_rejected.advanced,
+            "latency_configs": self._configs,
+            "gaps": [gap._asdict() for gap in sorted(self._gaps, reverse=True)],
+        }
+
+    def _since_start(self, time_ns: int | None) -> int | None:
+        """Return the time since the first frame [ns]."""
+        if time_ns is None:
+            return None
+        if self._start_ns is None:
+            self._start_ns = self._end_ns = time_ns
+        if time_ns < self._end_ns:
+            self._backwards += 1
+        self._end_ns = max(self._end_ns, time_ns)
+        return time_ns - self._start_ns
+
+    def _time(self, heard: Heard, since_ns: int) -> None:
+        """Let a message on the bus count for latencies, cycles and gaps."""
+        name, message, counter, is_late = heard
+        if isinstance(message, _FROM_PLANT):
+            self.latencies.on_plant_frame(since_ns)
+        if isinstance(message, SteeringStatus):
+            self.latencies.on_status(message, counter, is_late, since_ns)
+        elif isinstance(message, PlantStatus) and not is_late:
+            self.latencies.on_plant_status(message, since_ns)
+        elif isinstance(message, SteeringCommand) and not is_late:
+            self.latencies.on_command(message, since_ns)
+        before_ns = self._newest_ns.get(name)
+        self._newest_ns[name] = since_ns
+        period_ms = CYCLE_TIMES_MS[type(message)]
+        if before_ns is None or not period_ms:
+            return
+        cycle_ns = since_ns - before_ns
+        self.cycles[name].record(cycle_ns)
+        self.cycle_histories[name].add(since_ns / NS_PER_S, cycle_ns / NS_PER_S)
+        if cycle_ns > GAP_PERIODS * period_ms * NS_PER_MS:
+            self._gap_counts[name] += 1
+            gap = Gap(cycle_ns / NS_PER_S, before_ns / NS_PER_S, name)
+            add = heapq.heappush if len(self._gaps) < GAPS_MAX else heapq.heappushpop
+            add(self._gaps, gap)
+
+    def _watch(self, message: Message, since_ns: int | None) -> None:
+        """Follow modes, law, the nodes' own counts, and changes of the latency."""
+        if isinstance(message, ControllerStatus):
+            self._skipped_ticks.take(message.skipped_ticks)
+            self._laws[Law(message.law).name] = None
+        elif isinstance(message, ControllerSafety):
+            self._controller_lost.take(message.lost)
+            self._controller_rejected.take(message.rejected)
+        elif isinstance(message, PlantStatus):
+            self._plant_lost.take(message.lost)
+            self._plant_rejected.take(message.rejected)
+        elif isinstance(message, LatencyConfig) and len(self._configs) < CONFIGS_MAX:
+            at_s = None if since_ns is None else since_ns / NS_PER_S
+            names = {"direction": message.direction.name, "model": message.model.name}
+            self._configs.append({"at_s": at_s, **message._asdict(), **names})
+        if isinstance(message, ControllerStatus | SteeringCommand) and since_ns is not None:
+            if self._mode is not None and self._mode[0] is not message.mode:
+                self._leave_mode(since_ns)
+            if self._mode is None:
+                self._mode = (message.mode, since_ns)
+
+    def _leave_mode(self, since_ns: int) -> None:
+        if self._mode is not None:
+            mode, entered_ns = self._mode
+            self._modes_ns[mode] += since_ns - entered_ns
+            self._mode = None
+
+    def _message_figures(self, name: str) -> dict[str, Any]:
+        counts = self.listener.counts(name)
+        kind = MESSAGE_TYPES[name]
+        return {
+            "can_id": f"{CAN_IDS[kind]:03X}",
+            **counts._asdict(),
+            "refused": dict(counts.refused),
+            "cycle_dbc_s": CYCLE_TIMES_MS[kind] * 1e-3 or None,
+            "cycle": self.cycles[name].report(),
+            "gaps": self._gap_counts[name],
+        }
+
+    def _latency_figures(self) -> dict[str, Any]:
+        latencies = self.latencies
+        return {
+            "commands": latencies.commands,
+            "commands_seen_to_act": latencies.echoed,
+            "round_trip": latencies.round_trip.report(),
+            "uplink": latencies.uplink.report(),
+            "downlink": latencies.downlink.report(),
+            "told_uplink": latencies.told_uplink.report(),
+            "told_downlink": latencies.told_downlink.report(),
+            "samples_skipped": latencies.samples_skipped,
+            "is_absolute": latencies.absolute_windows > 0 and not latencies.relative_windows,
+        }
+
+
+def _date(time_ns: int) -> str:
+    return datetime.fromtimestamp(time_ns / NS_PER_S, UTC).isoformat(timespec="microseconds")

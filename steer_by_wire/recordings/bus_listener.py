@@ -1,0 +1,141 @@
+"""What a listener on the bus makes of its frames: messages, and everything else by cause.
+
+It judges as the nodes do (``dbc.messages.decode``, then the end-to-end counter), with the widest
+window: a listener commands nobody, so it may believe a counter that jumped by up to MAX_JUMP. Of
+authenticated frames it reads the payload and does not check the rest, having no key.
+"""
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from ..dbc.messages import (
+    CAN_IDS,
+    MESSAGE_TYPES,
+    Decoded,
+    LatencyConfig,
+    Message,
+    Rejection,
+    decode,
+)
+from ..dbc.protection import SequenceCheck, SequenceResult
+from ..dbc.secured_frame import plain
+from ..runtime.frame import ERROR, Frame
+
+MAX_JUMP = 127
+"""The most that distinguishes newer from older."""
+RESYNC_RUN = 20
+"""Refused counters in a row that make a restarted sender believed."""
+FOREIGN_IDS_MAX = 1000
+"""How many foreign identifiers are told apart."""
+
+NAMES: Mapping[type[Message], str] = {kind: name for name, kind in MESSAGE_TYPES.items()}
+"""The name of each message in the DBC."""
+_NAMES_BY_ID = {CAN_IDS[kind]: name for kind, name in NAMES.items()}
+
+
+class Heard(NamedTuple):
+    """A message on the bus.
+
+    ``counter``  end-to-end counter, 0 for LATENCY_CONFIG
+    ``is_late``  overtaken by a newer one: a node would refuse it
+    """
+
+    name: str
+    message: Message
+    counter: int
+    is_late: bool
+
+
+class MessageCounts(NamedTuple):
+    """Frames under the identifier of one message.
+
+    ``accepted``  intact, within range, newer than all before
+    ``missing``   counters that were skipped by those accepted; a frame that came late was skipped
+                  before it came, so that it is counted here too
+    ``late``      older than the newest
+    ``refused``   the others, by cause
+    """
+
+    accepted: int
+    missing: int
+    late: int
+    refused: Mapping[str, int]
+
+
+class BusListener:
+    """Takes every frame on a bus, in order."""
+
+    def __init__(self) -> None:
+        self._checks = {
+            name: SequenceCheck(MAX_JUMP, RESYNC_RUN)
+            for kind, name in NAMES.items()
+            if kind is not LatencyConfig  # sent by hand, so it has no counter
+        }
+        self._accepted = Counter[str]()
+        self._late = Counter[str]()
+        self._refused = {name: Counter[str]() for name in MESSAGE_TYPES}
+        self._foreign = Counter[int]()
+        self._foreign_frames = 0
+        self._error_frames = 0
+
+    @property
+    def foreign(self) -> Mapping[int, int]:
+        """Frames by foreign identifier, as far as FOREIGN_IDS_MAX goes."""
+        return dict(self._foreign)
+
+    @property
+    def foreign_frames(self) -> int:
+        """Frames with an identifier that is none of ours."""
+        return self._foreign_frames
+
+    @property
+    def error_frames(self) -> int:
+        """Error frames, which the listener's own CAN controller makes."""
+        return self._error_frames
+
+    @property
+    def refused(self) -> Mapping[str, int]:
+        """Frames under our identifiers that are no messages to be believed, by cause."""
+        total = Counter[str]()
+        for counts in self._refused.values():
+            total.update(counts)
+        return dict(sorted(total.items()))
+
+    def counts(self, name: str) -> MessageCounts:
+        """Return the counts of the message called ``name`` in the DBC."""
+        check = self._checks.get(name)
+        return MessageCounts(
+            self._accepted[name],
+            0 if check is None else check.lost,
+            self._late[name],
+            dict(sorted(self._refused[name].items())),
+        )
+
+    def take(self, frame: Frame) -> Heard | None:
+        """Judge one frame; None for what is no message, and for one that came twice."""
+        decoded = decode(plain(frame))
+        if isinstance(decoded, Decoded):
+            message, counter = decoded
+            name = NAMES[type(message)]
+            result = self._in_sequence(name, counter)
+            if result is SequenceResult.ACCEPTED:
+                self._accepted[name] += 1
+                return Heard(name, message, counter, False)
+            if result is SequenceResult.OUT_OF_ORDER:
+                self._late[name] += 1
+                return Heard(name, message, counter, True)
+            self._refused[name][result.value] += 1
+        elif frame.flags & ERROR:
+            self._error_frames += 1
+        elif decoded is Rejection.UNKNOWN_ID:
+            self._foreign_frames += 1
+            if frame.can_id in self._foreign or len(self._foreign) < FOREIGN_IDS_MAX:
+                self._foreign[frame.can_id] += 1
+        else:
+            self._refused[_NAMES_BY_ID[frame.can_id]][decoded.value] += 1
+        return None
+
+    def _in_sequence(self, name: str, counter: int) -> SequenceResult:
+        check = self._checks.get(name)
+        return SequenceResult.ACCEPTED if check is None else check.check(counter)

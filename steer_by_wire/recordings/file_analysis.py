@@ -1,0 +1,63 @@
+"""Reads one log, of one file or several, into its figures."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from .analysis import LogAnalysis
+from .log_file import LogError, open_log
+from .signal_table import Export
+
+PROGRESS_FRAMES = 5_000
+"""Frames between two words about the progress."""
+
+
+class AnalysedLog(NamedTuple):
+    """The figures of a log, ready for JSON, and what its pictures are drawn from."""
+
+    figures: dict[str, Any]
+    analysis: LogAnalysis
+
+
+def analyse_files(
+    paths: Sequence[Path],
+    channel: str | None = None,
+    exports: Sequence[Export] = (),
+    advance: Callable[[str, float | None], None] = lambda _name, _fraction: None,
+) -> AnalysedLog:
+    """Read files that are one log, one after the other.
+
+    ``channel``  the only one to look at, where the log has several
+    ``exports``  what is given every message; its owner closes it
+    ``advance``  is called now and then with a file, and how much of it was read (None: unknown)
+
+    Raises LogError when a file cannot be read at all, or has nothing of the channel.
+    """
+    analysis = LogAnalysis()
+    unreadable, first_unreadable = 0, ""
+    channels: dict[str, None] = {}
+    for path in paths:
+        log = open_log(path)
+        for number, (time_ns, its_channel, frame) in enumerate(log):
+            if number % PROGRESS_FRAMES == 0:
+                advance(str(path), log.fraction_read)
+            channels[its_channel] = None
+            if channel not in (None, its_channel):
+                continue
+            taken = analysis.take(time_ns, frame)
+            if taken is not None:
+                for export in exports:
+                    export.write(time_ns, *taken)
+        unreadable += log.unreadable
+        first_unreadable = first_unreadable or log.first_unreadable
+    figures = {
+        "files": [str(path) for path in paths],
+        "channels": sorted(filter(None, channels)),
+        "unreadable": unreadable,
+        "first_unreadable": first_unreadable,
+        **analysis.figures(),
+    }
+    if channel is not None and not figures["frames"]:
+        there = ", ".join(figures["channels"]) or "none is named"
+        raise LogError(f"{paths[0]}: no frame of channel {channel}; in the log: {there}")
+    return AnalysedLog(figures, analysis)

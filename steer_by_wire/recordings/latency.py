@@ -1,0 +1,161 @@
+"""Latency and jitter of each direction, from the counters in a log taken anywhere on the bus.
+
+The plant senses every T and numbers its STEERING_STATUS; so the k-th was sensed at s_k = s_0 + k T.
+It names the command in effect. With t_c and a_k, when the recorder saw the command c and the k-th
+status:
+
+    round trip   a_k - t_c          k the first status that names c
+    uplink       a_k - s_k          after sensing, to the bus
+    downlink     s_k - t_c          from the bus to the first sample that sees the command act
+
+The round trip is measured. How it divides is not in the times alone, because s_0 is on a clock
+that nobody sees: a_k - k T gives the uplink up to a constant, hence its jitter. The constant comes
+from the plant's own word: PLANT_STATUS carries the latency of each direction ten times a second,
+and the median of the uplink is set to the median of what was told. Where there is no PLANT_STATUS
+the fastest uplink is taken as zero, so that ``uplink`` is what was added to the fastest frame.
+
+What the downlink contains beside latency: the wait for the next sample, 0 to T. What is in neither:
+commands that never act, because the network lost them or a newer one overtook them. A frame that
+the plant's uplink lost is not on the bus, so it shows as a missing counter only.
+
+All this is done in windows of WINDOW_NS, because two clocks that drift apart by 1e-5 are 0.1 ms
+apart after one.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..dbc.messages import CYCLE_TIMES_MS, PlantStatus, SteeringCommand, SteeringStatus
+from ..dbc.messages import SteeringStatusCode as Code
+from ..dbc.protection import COUNTERS
+from ..runtime.node import NS_PER_MS, NS_PER_S
+from .durations import Durations, History
+from .sensing_times import relative_uplink
+
+WINDOW_NS = 10 * NS_PER_S
+IN_FLIGHT_MAX = 4096
+"""Commands whose time is remembered, as in the controller's own measurement."""
+TOLD_MIN = 5
+"""Words of the plant that a window needs to be believed."""
+
+
+class _Status(NamedTuple):
+    """A STEERING_STATUS.
+
+    ``silence_ns``     how long the plant was silent, at most, since the one before [ns]
+    ``round_trip_ns``  of the command it names first, None for the others
+    """
+
+    number: int
+    arrival_ns: int
+    silence_ns: int
+    round_trip_ns: int | None
+
+
+class Latencies:
+    """Takes the messages of one log in order; times in nanoseconds since its start."""
+
+    def __init__(self) -> None:
+        self.round_trip, self.uplink, self.downlink = Durations(), Durations(), Durations()
+        self.told_uplink, self.told_downlink = Durations(), Durations()
+        self.history = {
+            name: History() for name in ("round_trip", "uplink", "downlink", "told_downlink")
+        }
+        self.commands = 0
+        self.absolute_windows = 0
+        self.relative_windows = 0
+        self.samples_skipped = 0
+        self._sent_ns: dict[int, int] = {}
+        self._window: list[_Status] = []
+        self._told_s: list[float] = []
+        self._newest: tuple[int, int, int] | None = None  # counter, number, arrival
+        self._heard_ns: int | None = None  # the plant, last
+        self._silence_ns = 0  # of the plant, at most, since the last status
+
+    @property
+    def echoed(self) -> int:
+        """Commands that were seen to act."""
+        return self.round_trip.report()["samples"]  # type: ignore[no-any-return]
+
+    def on_command(self, command: SteeringCommand, time_ns: int) -> None:
+        """Take a command on the bus."""
+        self.commands += 1
+        if len(self._sent_ns) >= IN_FLIGHT_MAX:
+            del self._sent_ns[next(iter(self._sent_ns))]  # the oldest: a dict keeps its order
+        self._sent_ns[command.command_counter] = time_ns
+
+    def on_plant_frame(self, time_ns: int) -> None:
+        """Take any frame of the plant, before it is taken for what it is."""
+        if self._heard_ns is not None:
+            self._silence_ns = max(self._silence_ns, time_ns - self._heard_ns)
+        self._heard_ns = time_ns
+
+    def on_status(
+        self, status: SteeringStatus, counter: int, is_late: bool, time_ns: int
+    ) -> int | None:
+        """Take a status of the actuator; returns the round trip it ends [ns], or None."""
+        round_trip_ns = None
+        if not is_late and status.status is not Code.NO_COMMAND:
+            sent_ns = self._sent_ns.pop(status.applied_counter, None)
+            if sent_ns is not None:
+                round_trip_ns = time_ns - sent_ns
+                self.round_trip.record(round_trip_ns)
+                self.history["round_trip"].add(time_ns / NS_PER_S, round_trip_ns / NS_PER_S)
+        number = self._unwrapped(counter, is_late, time_ns)
+        if self._window and time_ns - self._window[0].arrival_ns >= WINDOW_NS:
+            self._close_window()
+        self._window.append(_Status(number, time_ns, self._silence_ns, round_trip_ns))
+        self._silence_ns = 0
+        return round_trip_ns
+
+    def on_plant_status(self, status: PlantStatus, time_ns: int) -> None:
+        """Take the plant's own word."""
+        self._told_s.append(status.uplink_latency_s)
+        self.told_uplink.record(round(status.uplink_latency_s * NS_PER_S))
+        if self.commands:  # before the first the plant says 0
+            self.told_downlink.record(round(status.downlink_latency_s * NS_PER_S))
+            self.history["told_downlink"].add(time_ns / NS_PER_S, status.downlink_latency_s)
+
+    def finish(self) -> None:
+        """Evaluate what the last window holds."""
+        self._close_window()
+
+    def _unwrapped(self, counter: int, is_late: bool, time_ns: int) -> int:
+        """Return the number of a status, of which its counter is the rest modulo 256."""
+        if self._newest is None:
+            self._newest = (counter, counter, time_ns)
+            return counter
+        before, number, before_ns = self._newest
+        if is_late:
+            return number - (before - counter) % COUNTERS
+        forward = (counter - before) % COUNTERS
+        # After a long gap whole turns of the counter are missing too: the time tells how many.
+        periods = (time_ns - before_ns) / (CYCLE_TIMES_MS[SteeringStatus] * NS_PER_MS)
+        number += forward + max(round((periods - forward) / COUNTERS), 0) * COUNTERS
+        self._newest = (counter, number, time_ns)
+        return number
+
+    def _close_window(self) -> None:
+        """Divide the round trips of a window into their directions."""
+        window, self._window = self._window, []
+        told_s, self._told_s = self._told_s, []
+        if len(window) < 2:
+            return
+        numbers, arrivals_ns, silences_ns = np.array([status[:3] for status in window]).T
+        uplink_ns, skipped = relative_uplink(numbers, arrivals_ns, silences_ns)
+        self.samples_skipped += skipped
+        if len(told_s) >= TOLD_MIN:
+            offset_ns = float(np.median(told_s)) * NS_PER_S - float(np.median(uplink_ns))
+            uplink_ns = np.maximum(uplink_ns + offset_ns, 0.0)
+            self.absolute_windows += 1
+        else:
+            self.relative_windows += 1
+        for status, latency_ns in zip(window, uplink_ns.tolist(), strict=True):
+            at_s = status.arrival_ns / NS_PER_S
+            self.uplink.record(round(latency_ns))
+            self.history["uplink"].add(at_s, latency_ns / NS_PER_S)
+            if status.round_trip_ns is not None:
+                downlink_ns = max(status.round_trip_ns - latency_ns, 0.0)
+                self.downlink.record(round(downlink_ns))
+                self.history["downlink"].add(at_s, downlink_ns / NS_PER_S)

@@ -1,0 +1,164 @@
+"""Computes scenarios: what runs in a thread or on another machine.
+
+Everything that runs can share is made once and kept: the network of a run belongs to all the runs
+that differ only in law, vehicle or path; controllers, vehicles and paths are kept where they are
+made. What is left a run is the compiled loop and the compiled figures, which need no lock.
+"""
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
+from threading import Lock
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiled.engine import Outcome, run_batch
+from ..compiled.plan import NothingArrivesError, Plan, plan_run
+from ..controller.settings import ControllerSettings
+from ..plant_emulator.settings import PlantSettings
+from ..runtime.settings import SettingsError
+from .figures import (
+    COLUMNS,
+    COUNTS,
+    LatencyFigures,
+    latency_figures,
+    take_figures,
+)
+from .losses import Losses, losses_of
+from .scenario import Scenarios
+from .verdict import RUN_ENDS, RunEnd, rules_of
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+PLANS_KEPT = 64
+"""Networks kept for the next runs: about 300 kB each for a minute at 100 Hz."""
+
+_ENDS = {
+    Outcome.COMPLETE: RunEnd.COMPLETE,
+    Outcome.LEFT_RANGE: RunEnd.LEFT_RANGE,
+    Outcome.LAW_FAILED: RunEnd.LAW_FAILED,
+}
+
+
+class Computed(NamedTuple):
+    """Runs that are done.
+
+    ``ids``      shape (runs,)
+    ``ends``     shape (runs,), places in ``RUN_ENDS``
+    ``figures``  shape (runs, len(COLUMNS))
+    """
+
+    ids: IntArray
+    ends: IntArray
+    figures: FloatArray
+
+
+class Network(NamedTuple):
+    """What the network does to a run.
+
+    ``latency``  what a run sees of it, by what decides on the commands in effect: the steering's
+                 safety settings, how many samples there are, and the command in effect at the last,
+                 by which a steering that has gone to its safe state is known
+    """
+
+    plan: Plan
+    losses: Losses
+    latency: dict[Hashable, LatencyFigures]
+
+
+class Computer:
+    """Computes runs of one study; threads may share it."""
+
+    def __init__(self, scenarios: Scenarios) -> None:
+        self.scenarios = scenarios
+        self._networks: OrderedDict[Hashable, Network] = OrderedDict()
+        self._lock = Lock()
+
+    def compute(self, ids: Sequence[int], should_stop: Callable[[], bool]) -> Computed:
+        """Return the runs ``ids``, in rising order; fewer if it should stop."""
+        ends = np.zeros(len(ids), dtype=np.int64)
+        figures = np.full((len(ids), len(COLUMNS)), np.nan)
+        controllers = self.scenarios.controllers
+        known, case, plant = -1, None, None
+        done = 0
+        for run in ids:
+            if should_stop():
+                break
+            index, place = divmod(run, len(controllers))
+            if case is None or plant is None or index != known:
+                known, case = index, self.scenarios.case(index)
+                plant = self.scenarios.plant(case)
+            controller = self.scenarios.controller(case, controllers[place])
+            try:
+                end = self.one(plant, controller, figures[done])
+            except SettingsError as error:
+                raise SettingsError(*(f"run {run}: {line}" for line in error.mistakes)) from error
+            except Exception as error:
+                error.add_note(f"run {run} of the study")
+                raise
+            ends[done] = RUN_ENDS.index(end)
+            done += 1
+        return Computed(np.array(ids[:done], dtype=np.int64), ends[:done], figures[:done])
+
+    def one(self, plant: PlantSettings, controller: ControllerSettings, row: FloatArray) -> RunEnd:
+        """Write what is computed of one run into ``row``, shape (len(COLUMNS),)."""
+        try:
+            network = self.network(plant, controller)
+        except NothingArrivesError:
+            row[-len(COUNTS) :] = 0.0
+            return RunEnd.NO_START
+        run = run_batch(plant, controller, network.plan, fastmath=self.scenarios.study.fastmath)
+        in_effect = (plant.safety, len(run.command), *run.command[-1:].tolist())
+        known = network.latency.get(in_effect)
+        if known is None:
+            known = network.latency[in_effect] = latency_figures(run.downlink_latency_s)
+        rules = rules_of(self.scenarios.study.settings.verdict, plant, controller)
+        take_figures(
+            rules, run.time_s, run.lateral_error_m, run.sent_rad, known, row[: -len(COUNTS)]
+        )
+        samples, ticks = len(run.time_s), len(run.tick_s)
+        plan = network.plan
+        taken = samples + _samples_before_motion(plant, plan)
+        row[-len(COUNTS) :] = (
+            samples,
+            ticks,
+            _acted(plan, ticks, taken),
+            network.losses.commands(ticks),
+            network.losses.measurements(taken),
+        )
+        return _ENDS[run.outcome]
+
+    def network(self, plant: PlantSettings, controller: ControllerSettings) -> Network:
+        """Return what the network does to a run, kept for others that meet the same."""
+        key = (
+            *(plant.latency, plant.seed, plant.duration_ns, plant.sensor_period_ns),
+            *(plant.start_on_first_command, plant.sensor_noise.lateral_error_m),
+            *(controller.period_ns, controller.supervision),
+        )
+        with self._lock:
+            found = self._networks.get(key)
+            if found is not None:
+                self._networks.move_to_end(key)
+                return found
+        plan = plan_run(plant, controller)
+        made = Network(plan, losses_of(plant, plan), {})
+        with self._lock:
+            self._networks[key] = made
+            while len(self._networks) > PLANS_KEPT:
+                self._networks.popitem(last=False)
+        return made
+
+
+def _samples_before_motion(plant: PlantSettings, plan: Plan) -> int:
+    start_ns = plan.motion_start_ns + plant.start_on_first_command
+    return int(np.searchsorted(plan.sample_ns, start_ns))
+
+
+def _acted(plan: Plan, ticks: int, samples: int) -> int:
+    """Return how many commands of the first ticks reached the actuator by the last sample."""
+    if samples == 0:
+        return 0
+    in_time = plan.command_due_ns <= plan.sample_ns[samples - 1]
+    return int(np.count_nonzero(in_time & (plan.command_tick < ticks)))

@@ -1,0 +1,225 @@
+"""Factors of a study: levels, or a quantile function, of what varies."""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from ..plant_emulator.rig_settings import EllipseSettings
+from ..runtime.settings import SettingsError, read_preset
+from .study_file import (
+    DistributionSettings,
+    FactorSettings,
+    LogUniform,
+    Normal,
+    Shorthand,
+    Triangular,
+    Uniform,
+)
+
+PATH = "plant.path"
+CORNERS = ("a", "b", "c", "d")
+BOX_KEYS = {"speed_km_h": "plant.vehicle.speed_km_h", "mass_kg": "plant.vehicle.virtual_mass_kg"}
+Label = bool | int | float | str
+NAMED_PATHS: Mapping[str, Mapping[str, Any]] = {
+    "paper_ellipse": EllipseSettings().model_dump(),
+    "practical_ellipse": {
+        "kind": "ellipse",
+        "semi_major_axis_m": 60.0,
+        "semi_minor_axis_m": 30.0,
+    },
+}
+"""The paths of SAE 2018-01-1086 and of what the practical presets were measured on."""
+
+
+class Level(NamedTuple):
+    """One value of a factor.
+
+    ``label``   what stands in the results
+    ``values``  by dotted key, ``plant.vehicle.speed_km_h``
+    """
+
+    label: Label
+    values: tuple[tuple[str, Any], ...]
+
+
+class Factor(NamedTuple):
+    """What varies.
+
+    ``levels``    in order; None where ``quantile`` is given
+    ``quantile``  from u in (0, 1) to a value of the keys
+    ``is_endless``  whether values as small or as large as can be may be drawn
+    """
+
+    name: str
+    keys: tuple[str, ...]
+    levels: tuple[Level, ...] | None
+    quantile: Callable[[float], float] | None
+    is_endless: bool = False
+
+    def at(self, u: float) -> Level:
+        """Return the level at the quantile u; of levels in a list each is equally likely."""
+        if self.quantile is None:
+            levels = self.levels or ()
+            return levels[min(int(u * len(levels)), len(levels) - 1)]
+        value = self.quantile(u)
+        return Level(value, tuple((key, value) for key in self.keys))
+
+
+def make_factors(settings: FactorSettings, is_grid: bool, where: str) -> list[Factor]:
+    """Return the factors that one table stands for.
+
+    ``is_grid``  whether every level is run; ranges have levels then, else they are drawn from
+    ``where``    the table, for the error's one line
+
+    Raises SettingsError.
+    """
+    if settings.use is Shorthand.PAPER_CORNERS:
+        return [_corners(settings.name or "corner")]
+    if settings.use is Shorthand.PAPER_BOX:
+        return _box(settings, is_grid, where)
+    if settings.levels is not None:
+        levels = tuple(
+            Level(label, tuple(_flat(table, ""))) for label, table in settings.levels.items()
+        )
+        keys = tuple(dict.fromkeys(key for level in levels for key, _ in level.values))
+        return [Factor(settings.name or "level", keys, levels, None)]
+    keys = settings.keys or (settings.key or "",)
+    name = settings.name or keys[0].rpartition(".")[2]
+    if settings.values is not None:
+        levels = tuple(Level(_label(value), _all(keys, value)) for value in settings.values)
+        if len({level.label for level in levels}) < len(levels):
+            raise SettingsError(f"{where}: values of factor {name} must differ from each other")
+        return [Factor(name, keys, levels, None)]
+    if settings.distribution is not None:
+        if is_grid:
+            raise SettingsError(
+                f"{where}: factor {name} has a distribution, which a grid has no points for: give "
+                "values or a range, or choose latin_hypercube or sobol in [sampling]"
+            )
+        drawn = settings.distribution
+        is_endless = isinstance(drawn, Normal) and (drawn.low is None or drawn.high is None)
+        return [Factor(name, keys, None, quantile_of(drawn), is_endless)]
+    return [_ranged(settings, name, keys, is_grid, where)]
+
+
+def quantile_of(distribution: DistributionSettings) -> Callable[[float], float]:
+    """Return the quantile function of a distribution."""
+    match distribution:
+        case Uniform(low=low, high=high):
+            return lambda u: low + u * (high - low)
+        case LogUniform(low=low, high=high):
+            return lambda u: low * math.exp(u * math.log(high / low))
+        case Triangular(low=low, mode=mode, high=high):
+            return lambda u: _triangular(u, low, mode, high)
+        case Normal():
+            return _normal(distribution)
+
+
+def _triangular(u: float, low: float, mode: float, high: float) -> float:
+    if u * (high - low) < mode - low:
+        return low + math.sqrt(u * (high - low) * (mode - low))
+    return high - math.sqrt((1.0 - u) * (high - low) * (high - mode))
+
+
+def _normal(table: Normal) -> Callable[[float], float]:
+    from scipy.special import ndtr, ndtri
+
+    below, above = (
+        None if edge is None else float(ndtr((edge - table.mean) / table.spread))
+        for edge in (table.low, table.high)
+    )
+    first, last = below or 0.0, 1.0 if above is None else above
+
+    def quantile(u: float) -> float:
+        value = table.mean + table.spread * float(ndtri(first + u * (last - first)))
+        low = -math.inf if table.low is None else table.low
+        high = math.inf if table.high is None else table.high
+        return min(max(value, low), high)
+
+    return quantile
+
+
+def range_values(start: float, stop: float, step: float | None, count: int | None) -> list[float]:
+    """Return a range with both ends, without the digits that only rounding adds."""
+    if step is not None:
+        intervals = math.floor((stop - start) / step * (1.0 + 1e-12) + 1e-9)
+        values = [start + index * step for index in range(intervals + 1)]
+    elif count in (None, 1):
+        values = [start] if count == 1 or start == stop else [start, stop]
+    else:
+        assert count is not None  # noqa: S101 - for the type checker
+        values = [start + (stop - start) * index / (count - 1) for index in range(count)]
+    return [float(f"{value:.12g}") for value in values]
+
+
+def _ranged(
+    settings: FactorSettings, name: str, keys: tuple[str, ...], is_grid: bool, where: str
+) -> Factor:
+    start, stop = settings.start or 0.0, settings.stop or 0.0
+    if settings.step is None and settings.count is None:
+        if is_grid and start < stop:
+            raise SettingsError(
+                f"{where}: the range of factor {name} needs step or count in a grid"
+            )
+        return Factor(name, keys, None, lambda u: start + u * (stop - start))
+    values = range_values(start, stop, settings.step, settings.count)
+    return Factor(name, keys, tuple(Level(value, _all(keys, value)) for value in values), None)
+
+
+def corner_vehicle(corner: str) -> Mapping[str, float]:
+    """Return speed and virtual mass of a corner of the paper's box, as its preset has them."""
+    import tomllib
+
+    preset = read_preset("steer_by_wire.plant_emulator.presets", f"paper_corner_{corner}")
+    vehicle = tomllib.loads(preset.text)["vehicle"]
+    return {"speed_km_h": vehicle["speed_km_h"], "mass_kg": vehicle["virtual_mass_kg"]}
+
+
+def _corners(name: str) -> Factor:
+    levels = tuple(
+        Level(
+            corner, tuple((BOX_KEYS[what], value) for what, value in corner_vehicle(corner).items())
+        )
+        for corner in CORNERS
+    )
+    return Factor(name, tuple(BOX_KEYS.values()), levels, None)
+
+
+def _box(settings: FactorSettings, is_grid: bool, where: str) -> list[Factor]:
+    if is_grid and settings.count is None:
+        raise SettingsError(f"{where}: paper_box needs count in a grid, values a side")
+    corners = [corner_vehicle(corner) for corner in CORNERS]
+    factors = []
+    for what, key in BOX_KEYS.items():
+        ends = [corner[what] for corner in corners]
+        side = FactorSettings(key=key, start=min(ends), stop=max(ends), count=settings.count)
+        factors.append(_ranged(side, what, (key,), is_grid, where))
+    return factors
+
+
+def named_path(value: Any) -> Any:
+    """Return a path by its name, or by its kind with that kind's own measures."""
+    return dict(NAMED_PATHS.get(value, {"kind": value})) if isinstance(value, str) else value
+
+
+def _all(keys: tuple[str, ...], value: Any) -> tuple[tuple[str, Any], ...]:
+    return tuple((key, named_path(value) if key == PATH else value) for key in keys)
+
+
+def _label(value: Any) -> Label:
+    """Return a value as it stands in the results: tables in one line."""
+    if isinstance(value, dict):
+        return ", ".join(f"{key}={item}" for key, item in value.items())
+    return value if isinstance(value, bool | int | float) else str(value)
+
+
+def _flat(table: Mapping[str, Any], path: str) -> list[tuple[str, Any]]:
+    """Return the values of nested tables by dotted key; a table with a ``kind`` stays whole."""
+    found: list[tuple[str, Any]] = []
+    for key, value in table.items():
+        dotted = f"{path}.{key}" if path else key
+        if isinstance(value, dict) and value and "kind" not in value:
+            found += _flat(value, dotted)
+        else:
+            found.append((dotted, named_path(value) if dotted == PATH else value))
+    return found

@@ -1,0 +1,266 @@
+"""A scenario: the settings of plant and controller, and nothing else, so that it can be run again.
+
+What factors set is laid over the settings every run starts from. One key of a direction is no
+setting itself: ``plant.latency.downlink.spread_fraction`` is spread_s as a share of mean_s; where
+it is 0 the model becomes constant.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from pydantic import ValidationError
+
+from ..controller.design import design_law
+from ..controller.settings import ControllerSettings
+from ..plant_emulator.settings import PlantSettings
+from ..runtime.settings import Settings, SettingsError
+from ..runtime.settings_mistakes import KeyPath, explain
+from .factors import Label
+from .sampling import replicate_seed
+from .study import Study
+
+FRACTION = ".spread_fraction"
+FRACTION_MAX = 100.0
+DESIGNED_MAX = 100
+CHECKED_MAX = 20_000
+"""Scenarios whose settings are checked before a study starts; the rest when they are run."""
+
+
+class Pair(Settings):
+    """The settings of both programs."""
+
+    plant: PlantSettings
+    controller: ControllerSettings
+
+
+class Case(NamedTuple):
+    """What the runs of all controllers at one point and replicate have in common.
+
+    ``labels``     of the factors' levels
+    ``overrides``  what differs from the base, by dotted key
+    """
+
+    point: int
+    replicate: int
+    seed: int
+    labels: tuple[Label, ...]
+    overrides: Mapping[str, Any]
+
+    @property
+    def overrides_text(self) -> str:
+        """What differs from the base, as JSON."""
+        return json.dumps(self.overrides)
+
+
+class Scenarios:
+    """The scenarios of a study, made one by one."""
+
+    def __init__(self, study: Study) -> None:
+        self.study = study
+        self.controllers = tuple(study.controllers)
+        replicates = study.settings.sampling.replicates
+        self._seeds = [
+            replicate_seed(study.settings.sampling.seed, replicate)
+            for replicate in range(min(replicates, 1000))
+        ]
+        self._controllers: dict[tuple[str, str], ControllerSettings] = {}
+        self.shortest_s = math.inf
+        """The shortest run that ``check`` has met."""
+
+    def case(self, index: int) -> Case:
+        """Return one case; the id of its first run is ``index`` times the controllers."""
+        sampling = self.study.settings.sampling
+        point, replicate = divmod(index, sampling.replicates)
+        if replicate < len(self._seeds):
+            seed = self._seeds[replicate]
+        else:
+            seed = replicate_seed(sampling.seed, replicate)
+        levels = self.study.design.point(point)
+        values = dict(pair for level in levels for pair in level.values)
+        overrides = _settings_keys(values, self.study.plant)
+        overrides["plant.seed"] = seed
+        return Case(point, replicate, seed, tuple(level.label for level in levels), overrides)
+
+    def plant(self, case: Case) -> PlantSettings:
+        """Return the plant's settings; raises SettingsError."""
+        tables = _laid_over(self.study.plant, case.overrides, "plant.")
+        try:
+            return PlantSettings.model_validate_json(json.dumps(tables), strict=True)
+        except ValidationError as error:
+            raise self._mistake(case, self.controllers[0]) from error
+
+    def controller(self, case: Case, name: str) -> ControllerSettings:
+        """Return the settings of a controller; raises SettingsError."""
+        own = {key: value for key, value in case.overrides.items() if key.startswith("controller.")}
+        known = (name, json.dumps(own) if own else "")
+        found = self._controllers.get(known)
+        if found is None:
+            tables = _laid_over(self.study.controllers[name], own, "controller.")
+            try:
+                found = ControllerSettings.model_validate_json(json.dumps(tables), strict=True)
+            except ValidationError as error:
+                raise self._mistake(case, name) from error
+            if len(self._controllers) >= 1000:
+                self._controllers.clear()
+            self._controllers[known] = found
+        return found
+
+    def pair(self, run: int) -> Pair:
+        """Return the settings of a run by its id, checked strictly; raises SettingsError."""
+        index, place = divmod(run, len(self.controllers))
+        return self.checked(self.case(index), self.controllers[place])
+
+    def checked(self, case: Case, name: str) -> Pair:
+        """Return the settings of a case, with types as strict as in a settings file's."""
+        tables = {
+            "plant": _laid_over(self.study.plant, case.overrides, "plant."),
+            "controller": _laid_over(self.study.controllers[name], case.overrides, "controller."),
+        }
+        try:
+            return Pair.model_validate_json(json.dumps(tables), strict=True)
+        except ValidationError as error:
+            sources: dict[KeyPath, str] = {(): f"{self.study.file}: base"}
+            for factor in self.study.design.factors:
+                for key in factor.keys:
+                    path = tuple(key.replace("spread_fraction", "spread_s").split("."))
+                    sources[path] = f"{self.study.file}: factor {factor.name}"
+            mistakes = explain(error, Pair.model_json_schema(), tables, sources)
+            raise SettingsError(*dict.fromkeys(mistakes)) from error
+
+    def check(self) -> None:
+        """Check the scenarios, of a very long study as many as is quick; raises SettingsError.
+
+        Of the controllers the first DESIGNED_MAX are designed, so that one that has no gains is
+        refused before anything is run.
+        """
+        self._check_keys()
+        self._check_fractions()
+        cases = self.study.cases
+        seen = set()
+        designed: set[ControllerSettings] = set()
+        stride = max(1, cases // CHECKED_MAX)
+        for index in (*range(0, cases, stride), cases - 1):
+            case = self.case(index)
+            if case.point not in seen:
+                seen.add(case.point)
+                self.shortest_s = min(self.shortest_s, self.plant(case).duration_s)
+                for name in self.controllers:
+                    controller = self.controller(case, name)
+                    if controller not in designed and len(designed) < DESIGNED_MAX:
+                        designed.add(controller)
+                        self._check_design(controller, name)
+
+    def _check_design(self, controller: ControllerSettings, name: str) -> None:
+        """Refuse a controller without gains."""
+        try:
+            design_law(controller)
+        except SettingsError as error:
+            raise SettingsError(
+                *(f"{self.study.file}: controller {name}: {line}" for line in error.mistakes)
+            ) from error
+
+    def _check_keys(self) -> None:
+        """Refuse keys that belong to neither program."""
+        for factor in self.study.design.factors:
+            for key in factor.keys:
+                if not key.startswith(("plant.", "controller.")):
+                    raise SettingsError(
+                        f"{self.study.file}: factor {factor.name}: key {key} starts with neither "
+                        "plant. nor controller."
+                    )
+                if key == "plant.seed":
+                    raise SettingsError(
+                        f"{self.study.file}: factor {factor.name}: plant.seed follows from "
+                        "sampling.seed; ask for sampling.replicates"
+                    )
+
+    def _check_fractions(self) -> None:
+        """Refuse a spread as a share of the mean that is no share."""
+        for factor in self.study.design.factors:
+            for level in factor.levels or ():
+                for key, value in level.values:
+                    is_share = isinstance(value, int | float) and not isinstance(value, bool)
+                    if key.endswith(FRACTION) and not (is_share and 0.0 <= value <= FRACTION_MAX):
+                        raise SettingsError(
+                            f"{self.study.file}: factor {factor.name}: {key} = {value} (allowed: "
+                            f"number from 0, up to {FRACTION_MAX:g})"
+                        )
+
+    def _mistake(self, case: Case, name: str) -> SettingsError:
+        try:
+            self.checked(case, name)
+        except SettingsError as error:
+            return SettingsError(*map(self._with_hint, error.mistakes))
+        return SettingsError(f"{self.study.file}: settings {case.overrides} cannot be used")
+
+    def _with_hint(self, mistake: str) -> str:
+        """Say where a value comes from that nobody has written: a distribution without an end."""
+        for factor in self.study.design.factors:
+            if factor.is_endless and f": factor {factor.name}: " in mistake:
+                return (
+                    f"{mistake}; drawn from a normal distribution without an end: give it low "
+                    "and high within what is allowed"
+                )
+        return mistake
+
+
+def pair_of_row(identity: Mapping[str, Any], row: Mapping[str, Any]) -> Pair:
+    """Return the settings of a stored run from what its folder holds alone.
+
+    ``identity``  study.json
+    ``row``       of the results
+    """
+    overrides = json.loads(row["overrides"])
+    tables = {
+        "plant": _laid_over(identity["plant"], overrides, "plant."),
+        "controller": _laid_over(
+            identity["controllers"][row["controller"]], overrides, "controller."
+        ),
+    }
+    return Pair.model_validate_json(json.dumps(tables), strict=True)
+
+
+def _settings_keys(values: Mapping[str, Any], plant: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values by keys that are settings."""
+    found: dict[str, Any] = {}
+    fractions = []
+    for key, value in values.items():
+        if key.endswith(FRACTION):
+            fractions.append((key.removesuffix("spread_fraction"), value))
+        else:
+            found[key] = value
+    for line, fraction in fractions:
+        base = plant["latency"].get(line.removeprefix("plant.latency.").rstrip("."), {})
+        mean_s = found.get(f"{line}mean_s", base.get("mean_s", 0.0))
+        if fraction == 0.0:
+            # Equal to any model without spread, and much sooner computed.
+            found[f"{line}model"] = "constant"
+            found[f"{line}spread_s"] = 0.0
+        else:
+            found[f"{line}spread_s"] = fraction * mean_s
+    return found
+
+
+def _laid_over(
+    base: Mapping[str, Any], overrides: Mapping[str, Any], prefix: str
+) -> dict[str, Any]:
+    """Return tables with values on top; those they do not change are shared, not copied."""
+    tables = dict(base)
+    for dotted, value in overrides.items():
+        if not dotted.startswith(prefix):
+            continue
+        *parents, key = dotted.removeprefix(prefix).split(".")
+        table = tables
+        for parent in parents:
+            inner = table.get(parent)
+            table[parent] = dict(inner) if isinstance(inner, dict) else {}
+            table = table[parent]
+        table[key] = value
+        if key == "kind" and parents:
+            # The keys beside it belong to the other kind.
+            for other in [name for name in table if name != "kind"]:
+                if f"{prefix}{'.'.join((*parents, other))}" not in overrides:
+                    del table[other]
+    return tables

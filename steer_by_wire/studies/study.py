@@ -1,0 +1,264 @@
+"""A study made ready: the settings every run starts from, its points, and the order of its runs.
+
+    id = (point · replicates + replicate) · controllers + controller
+
+so that the runs that share a network, and differ only in the controller, follow each other.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..controller.settings import ControllerSettings
+from ..plant_emulator.settings import PlantSettings
+from ..runtime.settings import Settings, SettingsError, load_settings, read_preset
+from .factors import Factor, make_factors, named_path
+from .figures import COLUMNS
+from .sampling import Design, make_design
+from .study_file import BaseSettings, SamplingKind, StudySettings, read_study
+
+PLANT_PRESETS, CONTROLLER_PRESETS = (
+    "steer_by_wire.plant_emulator.presets",
+    "steer_by_wire.controller.presets",
+)
+RUNS_MAX = 2**40
+MOTION_TABLES = ("plant.vehicle", "plant.actuator", "plant.path", "plant.disturbance")
+MOTIONS_KEPT = 24
+"""Vehicles and paths that a grid may turn through fastest: the batch engine keeps a few more."""
+FILE_KEYS = ("trace_file", "file")
+"""Settings of the plant that name a file; its content is a part of what results follow from."""
+FAULTS_KEY = "plant.faults"
+COLUMNS_TAKEN = (
+    *("id", "point", "replicate", "seed", "controller", "law", "overrides", "verdict", "ended_by"),
+    *COLUMNS,
+)
+
+Tables = Mapping[str, Any]
+
+
+class Study(NamedTuple):
+    """All that the runs of a study follow from.
+
+    ``file``         the study file, for messages
+    ``plant``        tables of the plant that every run starts from
+    ``controllers``  tables of each controller, by the name the study file has
+    ``fastmath``     whether runs are close to what the nodes compute instead of the same
+    """
+
+    file: str
+    settings: StudySettings
+    plant: Tables
+    controllers: Mapping[str, Tables]
+    design: Design
+    fastmath: bool = False
+
+    @property
+    def cases(self) -> int:
+        """How many runs one controller has."""
+        return self.design.points * self.settings.sampling.replicates
+
+    @property
+    def runs(self) -> int:
+        """How many runs there are."""
+        return self.cases * len(self.controllers)
+
+    @property
+    def identity(self) -> str:
+        """All that the results follow from, as JSON; two studies are the same where it is."""
+        files = _digests([self.plant, *_values(self.design)])
+        return json.dumps(
+            {
+                "name": self.settings.name,
+                "factors": self.settings.model_dump(mode="json")["factors"],
+                "sampling": self.settings.sampling.model_dump(mode="json"),
+                "verdict": self.settings.verdict.model_dump(mode="json"),
+                "plant": self.plant,
+                "controllers": self.controllers,
+                "fastmath": self.fastmath,
+                "columns": COLUMNS,
+                # What the keys and shorthands of the factors come to in this version.
+                "levels": [
+                    [factor.name, list(factor.keys), [level.label for level in factor.levels or ()]]
+                    for factor in self.design.factors
+                ],
+            }
+            | ({"files": files} if files else {}),
+            indent=1,
+        )
+
+
+def load_study(file: Path, fastmath: bool = False) -> Study:
+    """Read a study file and all it names; raises SettingsError."""
+    return make_study(read_study(file), str(file), file.parent)._replace(fastmath=fastmath)
+
+
+def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
+    """Make a study ready.
+
+    ``file``    where it was read, for messages
+    ``folder``  what the files it names are relative to
+
+    Raises SettingsError.
+    """
+    factors = study_factors(settings, file)
+    study = Study(
+        file=file,
+        settings=settings,
+        plant=_plant(settings.base, file, folder),
+        controllers={
+            name: _controller(settings.base, name, file, folder)
+            for name in settings.base.controllers
+        },
+        design=make_design(factors, settings.sampling),
+    )
+    _refuse_faults(study)
+    if study.runs > RUNS_MAX:
+        raise SettingsError(f"{file}: {study.runs} runs are too many (allowed: up to {RUNS_MAX})")
+    return study
+
+
+def _refuse_faults(study: Study) -> None:
+    """Refuse faults before anything is computed: compiled runs have none; raises SettingsError."""
+    factors = [
+        f"factor {factor.name}"
+        for factor in study.design.factors
+        if any(key.startswith(FAULTS_KEY) for key in factor.keys)
+    ]
+    for where in ["base.plant"] * bool(study.plant.get("faults")) + factors:
+        raise SettingsError(
+            f"{study.file}: {where} sets faults, which compiled runs have not: leave [[faults]] "
+            "out (steer-by-wire run runs them, tools.fault_campaign studies them)"
+        )
+
+
+def _values(design: Design) -> list[Any]:
+    """Return all that factors set, with the keys."""
+    return [dict(level.values) for factor in design.factors for level in factor.levels or ()]
+
+
+def _digests(values: Any) -> dict[str, str]:
+    """Return the SHA-256 of every recorded latency and list of waypoints that is named."""
+    if isinstance(values, list):
+        return {name: text for value in values for name, text in _digests(value).items()}
+    found: dict[str, str] = {}
+    for key, value in values.items() if isinstance(values, dict) else ():
+        if isinstance(value, str) and key.split(".")[-1] in FILE_KEYS:
+            with suppress(OSError):  # refused with the settings that name it
+                found[value] = hashlib.sha256(Path(value).read_bytes()).hexdigest()
+        else:
+            found |= _digests(value)
+    return found
+
+
+def study_factors(settings: StudySettings, file: str) -> tuple[Factor, ...]:
+    """Return the factors, in the order in which a grid turns through them."""
+    is_grid = settings.sampling.kind is SamplingKind.GRID
+    factors = [
+        factor
+        for index, table in enumerate(settings.factors)
+        for factor in make_factors(table, is_grid, f"{file}: factors[{index}]")
+    ]
+    for index, factor in enumerate(factors):
+        if factor.name in COLUMNS_TAKEN:
+            raise SettingsError(
+                f"{file}: factor {factor.name}: a column of the results has this name already; "
+                "give the factor another name"
+            )
+        for other in factors[:index]:
+            if other.name == factor.name:
+                raise SettingsError(
+                    f"{file}: two factors are called {factor.name}; give one another name"
+                )
+            both = set(other.keys) & set(factor.keys)
+            if both:
+                raise SettingsError(
+                    f"{file}: factors {other.name} and {factor.name} both set {min(both)}"
+                )
+    if not is_grid:
+        return tuple(factors)
+    # The network is laid down once for all vehicles that meet it, if they follow each other; but
+    # only so many vehicles are kept ready.
+    motions = [factor for factor in factors if _sets_motion(factor)]
+    others = [factor for factor in factors if not _sets_motion(factor)]
+    count = 1
+    for factor in motions:
+        count *= len(factor.levels or ())
+    return tuple(others + motions if count <= MOTIONS_KEPT else motions + others)
+
+
+def _sets_motion(factor: Factor) -> bool:
+    return any(key.startswith(MOTION_TABLES) for key in factor.keys)
+
+
+def _plant(base: BaseSettings, file: str, folder: Path) -> Tables:
+    preset = read_preset(PLANT_PRESETS, base.plant_preset) if base.plant_preset else None
+    below = None if base.plant_file is None else folder / base.plant_file
+    if below is not None and not below.exists():
+        stored = _stored(folder).get("plant")
+        if stored is not None:
+            return dict(stored)
+    tables = dict(base.plant)
+    if "path" in tables:
+        tables["path"] = named_path(tables["path"])
+    return _checked(PlantSettings, preset, below, tables, f"{file}: base.plant")
+
+
+def _controller(base: BaseSettings, name: str, file: str, folder: Path) -> Tables:
+    is_file = name.endswith(".toml")
+    preset = None if is_file else read_preset(CONTROLLER_PRESETS, name)
+    below = folder / name if is_file else None
+    if below is not None and not below.exists():
+        stored = _stored(folder).get("controllers", {}).get(name)
+        if stored is not None:
+            return dict(stored)
+    return _checked(ControllerSettings, preset, below, base.controller, f"{file}: base.controller")
+
+
+def _stored(folder: Path) -> Mapping[str, Any]:
+    """Return what study.json has, where the study file lies beside its results: the files that it
+    names have stayed where they were.
+    """
+    try:
+        stored = json.loads((folder / "study.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return stored if isinstance(stored, dict) else {}
+
+
+def _checked(
+    model: type[Settings], preset: Any, below: Path | None, tables: Tables, where: str
+) -> Tables:
+    """Return settings with ``tables`` on top as tables again, all keys that have a value."""
+    overrides = [f"{key}={_toml(value)}" for key, value in leaves(tables)]
+    try:
+        settings = load_settings(model, preset, below, overrides)
+    except SettingsError as error:
+        raise SettingsError(
+            *(
+                f"{where}{line.removeprefix('--set')}" if line.startswith("--set") else line
+                for line in error.mistakes
+            )
+        ) from error
+    dumped: dict[str, Any] = settings.model_dump(mode="json", exclude_none=True)
+    return dumped
+
+
+def leaves(tables: Tables, path: str = "") -> list[tuple[str, Any]]:
+    """Return the values of nested tables by dotted key."""
+    found: list[tuple[str, Any]] = []
+    for key, value in tables.items():
+        dotted = f"{path}.{key}" if path else key
+        found += leaves(value, dotted) if isinstance(value, dict) else [(dotted, value)]
+    return found
+
+
+def _toml(value: Any) -> str:
+    """Return a value as TOML; JSON is, but for tables inside lists."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value)

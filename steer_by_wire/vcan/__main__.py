@@ -1,0 +1,165 @@
+"""Run a command with a real vcan0: the host's own, a network namespace's, or User Mode Linux's.
+
+    tools/with_vcan [--backend host|namespace|uml|auto] [--netem "delay 40ms"] COMMAND...
+
+Exit status: the command's; 2 for wrong arguments, 3 where there is no way to a vcan0, 124 when the
+time is up, 126 and 127 for a command that cannot be run or is not found.
+"""
+
+import argparse
+import math
+import os
+import sys
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from steer_by_wire.vcan.request import BackendError, Request, interface_names, netem_of
+
+UNAVAILABLE_STATUS = 3
+STDERR = 2
+PACKAGES = "user-mode-linux kmod can-utils iproute2"
+"""Of Debian and Ubuntu: with these every backend but the host's own kernel is complete."""
+
+
+class Backend(NamedTuple):
+    """One way to vcan0.
+
+    ``obstacle``  why it cannot be gone; empty when it can
+    ``run``       runs a command, within a time [s]; returns its exit status
+    """
+
+    name: str
+    obstacle: Callable[[Request], str]
+    run: Callable[[Request, float | None], int]
+
+
+def backends() -> tuple[Backend, ...]:
+    """Return what there is on this platform, best first."""
+    if sys.platform != "linux":
+        return ()
+    from steer_by_wire.vcan import host, namespace, uml
+
+    return (
+        Backend(host.NAME, host.obstacle, host.run),
+        Backend(namespace.NAME, namespace.obstacle, namespace.run),
+        Backend(uml.NAME, uml.obstacle, uml.run),
+    )
+
+
+def choose(wanted: str, request: Request) -> Backend:
+    """Return the wanted backend, or the best; raises BackendError with every obstacle."""
+    if not backends():
+        raise BackendError("only Linux has SocketCAN: use the emulated bus (docs/emulated_bus.md)")
+    obstacles = []
+    for backend in backends():
+        if wanted in ("auto", backend.name):
+            obstacle = backend.obstacle(request)
+            if not obstacle:
+                return backend
+            obstacles.append(f"{backend.name}: {obstacle}")
+    advice = f"; on Debian and Ubuntu, apt-get install {PACKAGES}" if wanted == "auto" else ""
+    raise BackendError(
+        f"no way to {', '.join(request.interfaces)}{advice} ({'; '.join(obstacles)})"
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    options = _parse(arguments)
+    request = Request(tuple(options.command), options.interfaces, options.netem, options.memory)
+    try:
+        backend = choose(options.backend, request)
+        if options.which:
+            print(backend.name)
+            return 0
+        return _run(backend, request, options.timeout)
+    except BackendError as error:
+        print(f"with_vcan: error: {error}", file=sys.stderr)
+        return UNAVAILABLE_STATUS
+    except KeyboardInterrupt:
+        return 130
+
+
+def _run(backend: Backend, request: Request, timeout_s: float | None) -> int:
+    from steer_by_wire.vcan.supervision import TIMEOUT_STATUS, block_signals
+
+    # One that was closed would else become the number of one of our pipes.
+    while os.open(os.devnull, os.O_RDWR) <= STDERR:
+        pass
+    block_signals()
+    status = backend.run(request, timeout_s)
+    if status == TIMEOUT_STATUS and timeout_s is not None:
+        print(f"with_vcan: error: ended after {timeout_s:g} s", file=sys.stderr)
+    return status
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="with_vcan", description=(__doc__ or "").splitlines()[0], allow_abbrev=False
+    )
+    parser.add_argument(
+        "--backend",
+        choices=("auto", "host", "namespace", "uml"),
+        default="auto",
+        help="default: auto, the first of these that can be had",
+    )
+    parser.add_argument(
+        "--netem",
+        action="append",
+        default=[],
+        metavar="[NAME:]PARAMETERS",
+        help='latency in the kernel, as "delay 40ms 10ms loss 1%%" (tc-netem(8)), of all '
+        "interfaces or one; every frame meets it, in both directions",
+    )
+    parser.add_argument(
+        "--timeout", type=_seconds, metavar="SECONDS", help="end with status 124 after this time"
+    )
+    parser.add_argument(
+        "--interfaces",
+        type=_interfaces,
+        default=("vcan0",),
+        metavar="N|NAMES",
+        help="a number (vcan0, vcan1, ...) or names with commas between; default: vcan0",
+    )
+    parser.add_argument(
+        "--memory", type=_mebibytes, default=1024, metavar="MIB", help="of a User Mode Linux"
+    )
+    parser.add_argument("--which", action="store_true", help="only say which backend it would be")
+    parser.add_argument("command", nargs=argparse.REMAINDER, metavar="COMMAND...")
+    options = parser.parse_args(arguments)
+    if options.command[:1] == ["--"]:
+        del options.command[0]
+    try:
+        options.netem = netem_of(options.netem, options.interfaces)
+    except ValueError as error:
+        parser.error(f"argument --netem: {error}")
+    if not options.command and not options.which:
+        parser.error("a command is missing")
+    return options
+
+
+def _interfaces(text: str) -> tuple[str, ...]:
+    try:
+        return interface_names(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def _seconds(text: str) -> float:
+    try:
+        value_s = float(text)
+    except ValueError:
+        value_s = math.nan
+    if not 0.0 < value_s < 1e9:
+        raise argparse.ArgumentTypeError(f"allowed is above 0 to 1e9, not {text!r}")
+    return value_s
+
+
+def _mebibytes(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and 128 <= int(text) <= 65536):
+        raise argparse.ArgumentTypeError(f"allowed is 128 to 65536, not {text!r}")
+    return int(text)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

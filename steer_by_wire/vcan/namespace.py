@@ -1,0 +1,129 @@
+"""A network namespace of one's own: interfaces that nobody else sees, gone with the last process.
+
+Root makes one directly; an ordinary user makes a user namespace around it, is root in there while
+the interfaces are made, and then goes back to being who it was by a second user namespace.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import NoReturn
+
+from .guard import execute, exit_status
+from .host import run_as_child
+from .request import (
+    BackendError,
+    Request,
+    link_commands,
+    missing_programs,
+    program_path,
+)
+from .system_calls import (
+    CLONE_NEWNET,
+    CLONE_NEWNS,
+    CLONE_NEWUSER,
+    MS_NODEV,
+    MS_NOEXEC,
+    MS_NOSUID,
+    make_mounts_private,
+    mount,
+    unshare,
+)
+
+NAME = "namespace"
+FAILED_STATUS = 3
+
+_ECHO = Path("/sys/module/vcan/parameters/echo")
+
+
+def obstacle(request: Request) -> str:
+    """Why there is no such namespace; empty when there is. Makes one to find out."""
+    programs = ["ip", "tc"] if request.netem else ["ip"]
+    if missing := missing_programs(programs):
+        return f"no program {', '.join(missing)} (apt-get install iproute2)"
+    read_end, write_end = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        try:
+            _enter(request)
+            os._exit(0)
+        except BaseException as error:  # it is all that may leave a forked process
+            os.write(write_end, str(error).encode()[:2000])
+        os._exit(1)
+    os.close(write_end)
+    with open(read_end, "rb") as answer:
+        text = answer.read().decode(errors="replace")
+    _, status = os.waitpid(pid, 0)
+    return " ".join(text.split()) or ("" if exit_status(status) == 0 else "it cannot be made")
+
+
+def run(request: Request, timeout_s: float | None) -> int:
+    """Run the command; returns its exit status."""
+    return run_as_child(timeout_s, lambda: _start(request))
+
+
+def _start(request: Request) -> NoReturn:
+    try:
+        _enter(request)
+    except BackendError as error:
+        print(f"with_vcan: error: {error}", file=sys.stderr, flush=True)
+        os._exit(FAILED_STATUS)
+    execute(request.command, {**os.environ, "WITH_VCAN_BACKEND": NAME})
+
+
+def _enter(request: Request) -> None:
+    """Move this process into a new namespace with the request's interfaces."""
+    user, group = os.geteuid(), os.getegid()
+    if user == 0:
+        _load_vcan(request)
+    try:
+        if user != 0:
+            unshare(CLONE_NEWUSER)
+            _map(f"0 {user} 1", f"0 {group} 1")
+        unshare(CLONE_NEWNET | CLONE_NEWNS)
+        make_mounts_private()
+        # What /sys/class/net shows is settled when it is mounted.
+        mount("sysfs", "/sys", MS_NOSUID | MS_NODEV | MS_NOEXEC)
+    except OSError as error:
+        raise BackendError(f"no private network namespace: {error.strerror}") from error
+    environment = {**os.environ, "PATH": program_path(), "LC_ALL": "C"}
+    for command in link_commands(request):
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+        if done.returncode:
+            raise BackendError(_explain(command, done.stderr))
+    if request.netem and _ECHO.read_text().strip() not in "Y1":
+        raise BackendError(
+            "the module vcan is loaded without echo=1, so that frames pass the latency by "
+            "(sudo modprobe -r vcan; sudo modprobe vcan echo=1)"
+        )
+    if user != 0:
+        unshare(CLONE_NEWUSER)
+        _map(f"{user} 0 1", f"{group} 0 1")
+
+
+def _map(users: str, groups: str) -> None:
+    """Say who is who in a new user namespace, seen from the one around it."""
+    process = Path("/proc/self")
+    (process / "setgroups").write_text("deny")
+    (process / "uid_map").write_text(users)
+    (process / "gid_map").write_text(groups)
+
+
+def _load_vcan(request: Request) -> None:
+    """Load the module with what netem needs; without one, the next command tells."""
+    if request.netem and not _ECHO.exists() and not missing_programs(["modprobe"]):
+        command = ["modprobe", "vcan", "echo=1"]
+        environment = {**os.environ, "PATH": program_path()}
+        subprocess.run(command, capture_output=True, check=False, env=environment)
+
+
+def _explain(command: list[str], complaint: str) -> str:
+    """Say what one of ``link_commands`` has come to grief on."""
+    why = (complaint.strip().splitlines() or ["no reason given"])[0]  # tc's usage may follow
+    if "vcan" in command and ("Unknown device type" in why or "not supported" in why):
+        return (
+            "this kernel has no vcan (sudo modprobe vcan; on Ubuntu first: sudo apt-get install "
+            "linux-modules-extra-$(uname -r))"
+        )
+    return f"{' '.join(command)}: {why}"

@@ -1,0 +1,61 @@
+"""What the wrapper does while the command runs: pass signals on, watch the time."""
+
+import os
+import selectors
+import signal
+import time
+from collections.abc import Callable
+
+from .guard import Guard, exit_status
+from .system_calls import Signal, read_signal, signal_descriptor
+
+PASSED_ON = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGWINCH)
+TIMEOUT_STATUS = 124
+"""As of timeout(1)."""
+GRACE_S = 5.0
+"""How long the command may take to end after it was asked to."""
+
+
+def block_signals() -> None:
+    """Keep the signals that are passed on from ending the wrapper; before ``start_guard``."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, (*PASSED_ON, signal.SIGCHLD))
+
+
+def supervise(
+    guard: Guard,
+    timeout_s: float | None,
+    pass_on: Callable[[Signal], None],
+    relay: selectors.BaseSelector | None = None,
+) -> int:
+    """Wait until the guard ends; returns its exit status, or TIMEOUT_STATUS.
+
+    ``timeout_s``  after which the command is asked to end, and killed when it does not
+    ``pass_on``    sends a signal to the command
+    ``relay``      descriptors to watch beside; their data are functions to call without arguments
+    """
+    signals = signal_descriptor((*PASSED_ON, signal.SIGCHLD))
+    selector = relay or selectors.DefaultSelector()
+    selector.register(signals, selectors.EVENT_READ, None)
+    deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
+    timed_out = False
+    while True:
+        wait_s = None if deadline_s is None else max(deadline_s - time.monotonic(), 0.0)
+        for key, _ in selector.select(wait_s):
+            if key.data is not None:
+                key.data()
+                continue
+            arrived = read_signal(signals)
+            if arrived.number != signal.SIGCHLD:
+                pass_on(arrived)
+                continue
+            pid, status = os.waitpid(guard.pid, os.WNOHANG)
+            if pid:
+                return TIMEOUT_STATUS if timed_out else exit_status(status)
+        if deadline_s is not None and time.monotonic() >= deadline_s:
+            if timed_out:
+                guard.end()
+                deadline_s = None
+            else:
+                timed_out = True
+                pass_on(Signal(signal.SIGTERM, False))
+                deadline_s += GRACE_S

@@ -1,0 +1,188 @@
+"""The wrapper's side of a User Mode Linux's serial lines.
+
+Two lines, which are pipes out here, carry the frames of ``frames``: one everything but standard
+input, which must not hold up a signal, one standard input.
+"""
+
+import fcntl
+import os
+import select
+import selectors
+import signal
+import termios
+import tty
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+
+from .frames import Kind, LineFrame, Unpacker, pack
+from .guard import Guard
+from .request import BackendError
+from .system_calls import Signal
+
+PIECE_BYTES = 2048
+"""Of standard input, at most in one frame: less than a pipe takes at once when it takes any."""
+
+
+def has_terminal() -> bool:
+    """Whether somebody sits at a terminal; then the command gets one too."""
+    return os.isatty(0) and os.isatty(1)
+
+
+@contextmanager
+def raw_terminal() -> Iterator[None]:
+    """Let the guest's terminal do all that one does, such as echo and Ctrl-C, during the block."""
+    if not has_terminal():
+        yield
+        return
+    before = termios.tcgetattr(0)
+    tty.setraw(0)
+    try:
+        yield
+    finally:
+        termios.tcsetattr(0, termios.TCSADRAIN, before)
+
+
+class Streams:
+    """Passes streams and signals on, and remembers how it ended.
+
+    ``selector``  watches what can be read; its data are what to call
+    """
+
+    def __init__(self, guard: Guard, from_guest: int, to_guest: int, to_stdin: int) -> None:
+        self._guard = guard
+        self._from_guest, self._to_guest, self._to_stdin = from_guest, to_guest, to_stdin
+        self._unpacker = Unpacker()
+        self._waiting: deque[LineFrame] = deque()
+        self._ready = False
+        self._failure = self._given_up = ""
+        self._status: int | None = None
+        self._interrupted = 0
+        self.selector = selectors.DefaultSelector()
+        self.selector.register(from_guest, selectors.EVENT_READ, self._read)
+
+    def pass_on(self, arrived: Signal) -> None:
+        """Send a signal to the command; one that comes before there is a command ends it all."""
+        if arrived.number == signal.SIGWINCH:
+            self._tell_size()
+        elif self._ready:
+            self._write(self._to_guest, pack(Kind.SIGNAL, b"%d" % arrived.number))
+        else:
+            self._interrupted = arrived.number
+            self._guard.end()
+
+    def give_up(self, after_s: float) -> None:
+        """End a kernel that has not booted by now; ``after_s`` is for the complaint."""
+        if not self._ready:
+            self._given_up = f" within {after_s:g} s"
+            self._guard.end()
+
+    def finish(self, kernel_status: int, last_words: str) -> int:
+        """Return the command's exit status; raises BackendError when there was no command.
+
+        ``last_words``  of the kernel
+        """
+        self._work_off(patiently=True)
+        while self._from_guest in self.selector.get_map():
+            self._read()
+        if self._status is not None:
+            return self._status
+        if self._interrupted:
+            return 128 + self._interrupted
+        if self._failure:
+            raise BackendError(f"User Mode Linux: {self._failure}")
+        when = "ended while the command ran" if self._ready else f"has not booted{self._given_up}"
+        raise BackendError(
+            f"User Mode Linux {when} (status {kernel_status}); "
+            f"its last words: {last_words or 'none'}"
+        )
+
+    def _read(self) -> None:
+        piece = os.read(self._from_guest, 65536)
+        if not piece:
+            self.selector.unregister(self._from_guest)
+            return
+        self._waiting.extend(self._unpacker.feed(piece))
+        self._work_off()
+
+    def _work_off(self, patiently: bool = False) -> None:
+        """Take the frames that have come, until somebody does not read what they bring.
+
+        Then the guest is not read either, so that it stops too; signals and the time still count.
+
+        ``patiently``  wait for the reader instead
+        """
+        while self._waiting:
+            frame = self._waiting.popleft()
+            if frame.kind not in (Kind.STDOUT, Kind.STDERR):
+                self._take(frame)
+            elif rest := self._print(frame.kind, frame.content, patiently):
+                self._waiting.appendleft(frame._replace(content=rest))
+                if self._from_guest in self.selector.get_map():
+                    self.selector.unregister(self._from_guest)
+                self.selector.register(
+                    frame.kind, selectors.EVENT_WRITE, partial(self._print_on, frame.kind)
+                )
+                return
+
+    def _print_on(self, stream: int) -> None:
+        self.selector.unregister(stream)
+        self.selector.register(self._from_guest, selectors.EVENT_READ, self._read)
+        self._work_off()
+
+    def _take(self, frame: LineFrame) -> None:
+        if frame.kind is Kind.READY:
+            self._ready = True
+            self._tell_size()
+            self._watch_stdin()
+        elif frame.kind is Kind.STATUS:
+            self._status = int(frame.content)
+            self._guard.end()  # all is written: the guest has synchronised its files
+        elif frame.kind is Kind.FAILED:
+            self._failure = frame.content.decode(errors="replace")
+            self._guard.end()
+
+    def _print(self, stream: int, content: bytes, patiently: bool) -> bytes:
+        """Print what is taken at once, or all of it; returns the rest."""
+        try:
+            while content and (patiently or select.select([], [stream], [], 0.0)[1]):
+                # A pipe that has room has it for this much.
+                content = content[os.write(stream, content[: select.PIPE_BUF]) :]
+        except OSError:
+            # Nobody reads on: let the command know as if it had written there itself.
+            self._write(self._to_guest, pack(Kind.CLOSED, b"%d" % stream))
+            return b""
+        return content
+
+    def _tell_size(self) -> None:
+        if self._ready and has_terminal():
+            size = fcntl.ioctl(0, termios.TIOCGWINSZ, bytes(8))
+            self._write(self._to_guest, pack(Kind.SIZE, size))
+
+    def _watch_stdin(self) -> None:
+        """Let the lines' free space say when to read: a pipe that has room has it for a piece."""
+        self.selector.register(self._to_stdin, selectors.EVENT_WRITE, self._await_stdin)
+
+    def _await_stdin(self) -> None:
+        self.selector.unregister(self._to_stdin)
+        try:
+            self.selector.register(0, selectors.EVENT_READ, self._pass_stdin)
+        except (PermissionError, OSError, ValueError):
+            # A file or /dev/null can always be read and cannot be watched; closed is at its end.
+            self._pass_stdin(watched=False)
+
+    def _pass_stdin(self, watched: bool = True) -> None:
+        if watched:
+            self.selector.unregister(0)
+        try:
+            piece = os.read(0, PIECE_BYTES)
+        except OSError:
+            piece = b""
+        self._write(self._to_stdin, pack(Kind.STDIN, piece))
+        if piece:
+            self._watch_stdin()
+
+    def _write(self, descriptor: int, content: bytes) -> None:
+        with suppress(BrokenPipeError):
+            os.write(descriptor, content)

@@ -1,0 +1,295 @@
+"""The sampled loop's poles and margins: by hand, against simulation, against published figures."""
+
+import math
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.linalg import expm
+from scipy.signal import StateSpace
+from scipy.signal import TransferFunction as ScipyTransferFunction
+
+from steer_by_wire.controller.analysis.linear_system import held_plant, law_system
+from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
+from steer_by_wire.controller.analysis.stable_delays import (
+    RESOLUTION_NS,
+    delay_margin_ns,
+    stable_delays,
+)
+from steer_by_wire.controller.design import LawDesign, design_law, design_pd
+from steer_by_wire.controller.law_interface import LawInput
+from steer_by_wire.controller.law_settings import LawSettings
+from steer_by_wire.controller.laws import LAWS, PAPER_LAWS
+from steer_by_wire.controller.nominal_model import NominalVehicle, paper_eq19, vehicle_model
+from steer_by_wire.controller.shared_settings import PdSettings
+from steer_by_wire.controller.transfer_function import Factor, TransferFunction
+
+MS_NS = 1_000_000
+PERIOD_NS = 10 * MS_NS
+PAPER_GAINS = {"proportional_gain_rad_m": 1.0596, "derivative_gain_rad_s_m": 0.939}
+VEHICLE = {
+    "virtual_mass_kg": 2000.0,
+    "yaw_inertia_kg_m2": 3728.0,
+    "front_cornering_stiffness_n_rad": 195e3,
+    "rear_cornering_stiffness_n_rad": 500e3,
+    "front_axle_distance_m": 1.3008,
+    "rear_axle_distance_m": 1.5453,
+    "preview_distance_m": 1.912,
+    "speed_m_s": 5.0 / 3.6,
+}
+INTEGRATOR = TransferFunction(-1, (Factor(0.0, 0.0, 1.0),), ())
+
+
+def pd_design(rate_hz: float, **pd: float) -> LawDesign:
+    """A PD at any rate, beyond what the settings of the program allow too."""
+    params = design_pd(PdSettings.model_validate(pd), 1.0 / rate_hz)
+    law = LAWS["pd"]
+    return LawDesign(params, partial(law.at_rest, params), law.step)
+
+
+def pd_loop(rate_hz: int, model: TransferFunction, **pd: float) -> SampledLoop:
+    return SampledLoop(pd_design(rate_hz, **pd), model, 1_000_000_000 // rate_hz)
+
+
+def margin_ns(loop: SampledLoop, delay_ns_max: int) -> int | None:
+    return delay_margin_ns(stable_delays(loop, delay_ns_max), delay_ns_max)
+
+
+def law_settings(law: str, **tables: Any) -> LawSettings:
+    vehicle = {"kind": "vehicle", **VEHICLE}
+    return LawSettings.model_validate({"law": law, "nominal_model": vehicle, **tables})
+
+
+def observer_settings(law: str) -> LawSettings:
+    return law_settings(
+        law,
+        pd={**PAPER_GAINS, "derivative_filter_rad_s": 2.0},
+        dob={"q_cutoff_rad_s": 2.0, "q_kind": "type_2"},
+        cdob={"q_cutoff_rad_s": 10.0, "washout_rad_s": 1.0},
+    )
+
+
+# By hand
+
+
+@pytest.mark.parametrize(
+    ("delay_ns", "polynomial"),
+    [
+        # y[k+1] = y[k] + h u, with h K_p = 0.3, and u = -K_p y of one or two ticks.
+        (0, [1.0, -1.0 + 0.3]),
+        (PERIOD_NS // 2, [1.0, -1.0 + 0.15, 0.15]),
+        (PERIOD_NS, [1.0, -1.0, 0.3]),
+        (3 * PERIOD_NS // 2, [1.0, -1.0, 0.15, 0.15]),
+        (3 * PERIOD_NS, [1.0, -1.0, 0.0, 0.0, 0.3]),
+    ],
+)
+def test_poles_of_an_integrator_are_those_computed_by_hand(
+    delay_ns: int, polynomial: list[float]
+) -> None:
+    loop = pd_loop(100, INTEGRATOR, proportional_gain_rad_m=30.0, derivative_gain_rad_s_m=0.0)
+    poles = loop.closed_loop_poles(delay_ns)
+    by_hand = np.roots(polynomial)
+    for pole in by_hand:
+        assert min(abs(poles - pole)) < 1e-7
+    rest = poles[len(by_hand) :]
+    assert np.all(np.abs(rest) < 1e-3)  # states of a law that forgets at once
+
+
+def test_margins_of_an_integrator_are_those_computed_by_hand() -> None:
+    """L = g/(z - 1), g = 0.3: real at z = -1, so up to g = 2; |L| = 1 where 2 sin(ωh/2) = g."""
+    loop = pd_loop(100, INTEGRATOR, proportional_gain_rad_m=30.0, derivative_gain_rad_s_m=0.0)
+    angle_rad = 2.0 * math.asin(0.15)
+    margins = loop.margins(PERIOD_NS)
+    assert margins.crossover_rad_s == pytest.approx(angle_rad / 0.01, rel=1e-4)
+    assert margins.phase_rad == pytest.approx(math.pi / 2.0 - 1.5 * angle_rad, rel=1e-3)
+    assert margins.gain_min == 0.0
+    # With one period of delay: z² - z + g has a pole pair of modulus √g.
+    assert margins.gain_max == pytest.approx(1.0 / 0.3, rel=1e-4)
+    # Without: z - 1 + g, and a factor of 2/g brings its zero to -1, which is Nyquist itself.
+    without_delay = loop.margins(0)
+    assert without_delay.gain_max == pytest.approx(2.0 / 0.3, rel=1e-6)
+    # |1/(1 + L)| = |(z - 1)/(z - 1 + g)| rises all the way to z = -1.
+    assert without_delay.peak_sensitivity == pytest.approx(2.0 / 1.7, rel=1e-6)
+    assert without_delay.peak_sensitivity_rad_s == pytest.approx(100.0 * math.pi)
+
+
+def test_the_delay_margin_of_an_integrator_is_its_phase_margin_over_its_crossover() -> None:
+    loop = pd_loop(1000, INTEGRATOR, proportional_gain_rad_m=20.0, derivative_gain_rad_s_m=0.0)
+    found_ns = margin_ns(loop, 600 * MS_NS)
+    # Half a period is the hold's own.
+    assert found_ns == pytest.approx(1e9 * (math.pi / 2.0 / 20.0 - 0.0005), rel=1e-3)
+
+
+def test_a_loop_without_feedback_at_rest_is_drift_and_not_stability() -> None:
+    cdob = {"q_cutoff_rad_s": 20.0}
+    published = law_settings(
+        "pd_cdob", pd={**PAPER_GAINS, "derivative_filter_rad_s": 5.0}, cdob=cdob
+    )
+    model = vehicle_model(NominalVehicle(**VEHICLE))
+    loop = SampledLoop(design_law(published), model, PERIOD_NS)
+    assert abs(loop.closed_loop_poles(0)[0]) == pytest.approx(1.0, abs=1e-6)
+    assert not loop.is_stable(0)
+    assert margin_ns(loop, 100 * MS_NS) == 0
+    assert stable_delays(loop, 100 * MS_NS) == ()
+
+
+def test_a_plant_that_answers_before_the_hold_is_refused() -> None:
+    lead = TransferFunction(0, (Factor(0.0, 1.0, 2.0),), (Factor(0.0, 1.0, 1.0),))
+    with pytest.raises(ValueError, match="strictly proper"):
+        held_plant(lead, PERIOD_NS, 0)
+
+
+# The matrices are those of the law that runs and of the plant behind the hold
+
+
+@pytest.mark.parametrize("law", PAPER_LAWS)
+def test_the_matrices_of_a_law_do_what_its_steps_do(law: str) -> None:
+    design = design_law(observer_settings(law))
+    system = law_system(design)
+    errors_m = np.random.default_rng(7).normal(0.0, 0.1, 300)
+    state, sent_rad = design.initial_state(0.0), 0.0
+    x = np.zeros(len(system.b))
+    for error_m in errors_m:
+        state, output = design.step(design.params, state, LawInput(float(error_m), sent_rad))
+        sent_rad = output.steer_rad
+        expected_rad = float(system.c @ x + system.d * error_m)
+        x = system.a @ x + system.b * error_m
+        assert sent_rad == pytest.approx(expected_rad, rel=1e-9, abs=1e-9)
+
+
+def as_matrices(model: TransferFunction) -> StateSpace:
+    numerator, denominator = np.array([1.0]), np.array([1.0, *[0.0] * -model.power_of_s])
+    for factor in model.numerator:
+        numerator = np.polymul(numerator, factor)
+    for factor in model.denominator:
+        denominator = np.polymul(denominator, factor)
+    return ScipyTransferFunction(np.trim_zeros(numerator, "f"), denominator).to_ss()
+
+
+Step = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+def over(plant: StateSpace, time_ns: int) -> Step:
+    """What becomes of the state, and what a unit of steer adds to it."""
+    order = len(plant.A)
+    both = np.zeros((order + 1, order + 1))
+    both[:order] = np.hstack([plant.A, plant.B]) * time_ns * 1e-9
+    exponential = expm(both)
+    return exponential[:order, :order], exponential[:order, order]
+
+
+def propagated(step: Step, state: NDArray[np.float64], steer_rad: float) -> NDArray[np.float64]:
+    return step[0] @ state + step[1] * steer_rad
+
+
+def simulated(design: LawDesign, model: TransferFunction, delay_ns: int, ticks: int) -> list[float]:
+    """The lateral errors after an initial offset; in continuous time, command by command."""
+    plant = as_matrices(model)
+    state = np.linalg.pinv(plant.C)[:, 0]
+    state /= float(plant.C[0] @ state)
+    whole, rest_ns = divmod(delay_ns, PERIOD_NS)
+    first, second = over(plant, rest_ns), over(plant, PERIOD_NS - rest_ns)
+    law_state, sent = design.initial_state(0.0), [0.0] * (whole + 2)
+    errors_m = []
+    for _ in range(ticks):
+        errors_m.append(float(plant.C[0] @ state))
+        law_state, output = design.step(design.params, law_state, LawInput(errors_m[-1], sent[-1]))
+        sent.append(output.steer_rad)
+        state = propagated(first, state, sent[-whole - 2])
+        state = propagated(second, state, sent[-whole - 1])
+    return errors_m
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(0, 5 * PERIOD_NS), st.sampled_from([PERIOD_NS, MS_NS, PERIOD_NS // 3]))
+def test_the_held_plant_is_the_continuous_plant_at_the_ticks(delay_ns: int, period_ns: int) -> None:
+    model = paper_eq19()
+    held = held_plant(model, period_ns, delay_ns)
+    plant = as_matrices(model)
+    whole, rest_ns = divmod(delay_ns, period_ns)
+    first, second = over(plant, rest_ns), over(plant, period_ns - rest_ns)
+    assert held.whole_periods == whole
+    steers_rad = [0.0] * (whole + 1) + list(np.random.default_rng(1).normal(0.0, 0.1, 30))
+    x, state = np.zeros(len(held.c)), np.zeros(len(plant.A))
+    for tick in range(whole + 1, len(steers_rad)):
+        old_rad, new_rad = steers_rad[tick - whole - 1], steers_rad[tick - whole]
+        x = held.a @ x + held.b_old * old_rad + held.b_new * new_rad
+        state = propagated(first, state, old_rad)
+        state = propagated(second, state, new_rad)
+        assert held.c @ x == pytest.approx(float(plant.C[0] @ state), rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("law", PAPER_LAWS)
+def test_just_inside_the_delay_margin_the_loop_settles_and_just_outside_it_does_not(
+    law: str,
+) -> None:
+    design = design_law(observer_settings(law))
+    model = vehicle_model(NominalVehicle(**VEHICLE))
+    found_ns = margin_ns(SampledLoop(design, model, PERIOD_NS), 1400 * MS_NS)
+    assert found_ns is not None
+    assert found_ns > 0
+    ticks = 3000
+    inside = simulated(design, model, int(0.95 * found_ns), ticks)
+    outside = simulated(design, model, int(1.05 * found_ns), ticks)
+    late = slice(ticks * 2 // 3, None)
+    early = slice(ticks // 3, ticks // 2)
+    assert max(map(abs, inside[late])) < 0.9 * max(map(abs, inside[early]))
+    assert max(map(abs, outside[late])) > 1.1 * max(map(abs, outside[early]))
+
+
+@pytest.mark.parametrize("delay_ms", [0, 4, 80])
+def test_the_gain_margins_are_where_stability_ends(delay_ms: int) -> None:
+    model = vehicle_model(NominalVehicle(**VEHICLE))
+    design = design_law(observer_settings("pd_dob"))
+    margins = SampledLoop(design, model, PERIOD_NS).margins(delay_ms * MS_NS)
+    assert 0.0 < margins.gain_min < 1.0 < margins.gain_max < math.inf
+
+    def stable_with(gain: float) -> bool:
+        scaled = model.times(TransferFunction(0, (Factor(0.0, 0.0, gain),), ()))
+        return SampledLoop(design, scaled, PERIOD_NS).is_stable(delay_ms * MS_NS)
+
+    assert stable_with(0.99 * margins.gain_max)
+    assert not stable_with(1.01 * margins.gain_max)
+    assert stable_with(1.02 * margins.gain_min)
+    assert not stable_with(0.98 * margins.gain_min)
+
+
+# Published figures
+
+
+@pytest.mark.parametrize(
+    ("derivative_filter_rad_s", "rate_hz", "margin_ms", "rounded_ms"),
+    [
+        (None, 10_000, 10.2, 0.05),
+        (100.0, 10_000, 12.0, 0.5),
+        (50.0, 5_000, 18.0, 0.5),
+        (20.0, 2_000, 38.0, 0.5),
+        (10.0, 2_000, 70.0, 0.5),
+    ],
+)
+def test_the_published_gains_tolerate_ten_milliseconds_and_a_filter_buys_more(
+    derivative_filter_rad_s: float | None, rate_hz: int, margin_ms: float, rounded_ms: float
+) -> None:
+    """Margins of the continuous loop; the hold and the derivative take about a period from them."""
+    pd = dict(PAPER_GAINS)
+    if derivative_filter_rad_s is not None:
+        pd["derivative_filter_rad_s"] = derivative_filter_rad_s
+    loop = pd_loop(rate_hz, paper_eq19(), **pd)
+    found_ns = margin_ns(loop, 100 * MS_NS)
+    assert found_ns is not None
+    period_ms = 1e3 / rate_hz
+    found_ms = found_ns / MS_NS
+    assert margin_ms - rounded_ms - period_ms < found_ms < margin_ms + rounded_ms
+    assert loop.is_stable(found_ns)
+    assert not loop.is_stable(found_ns + RESOLUTION_NS)
+
+
+def test_the_published_loop_has_the_published_crossover_and_phase_margin() -> None:
+    margins = pd_loop(10_000, paper_eq19(), **PAPER_GAINS).margins(0)
+    assert margins.crossover_rad_s == pytest.approx(195.0, abs=1.5)
+    # The hold and the backward difference turn it by up to a period at the crossover: 1.1°.
+    assert 112.0 < math.degrees(margins.phase_rad) < 114.5

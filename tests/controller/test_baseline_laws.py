@@ -1,0 +1,136 @@
+"""Smith predictor, set point and feed-forward: compiled runs, presets, settings and words."""
+
+import math
+import re
+from collections.abc import Sequence
+from itertools import product
+
+import pytest
+
+from steer_by_wire.compiled.engine import Outcome, run_batch
+from steer_by_wire.controller.analysis.check import check_text
+from steer_by_wire.controller.analysis.linear_system import NotLinearError, law_system
+from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
+from steer_by_wire.controller.analysis.stable_delays import stable_delays
+from steer_by_wire.controller.design import design_law
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from tests.support.baseline_runs import FEED_FORWARD, SET_POINT, run_nodes, vehicle_of
+from tests.support.compiled_runs import NETWORKS, assert_same_as_nodes
+from tests.support.compiled_runs import controller_settings as preset
+from tests.support.compiled_runs import plant_settings as rig
+
+PERIOD_NS, PERIOD_S = 10_000_000, 0.01
+ELLIPSE = ('path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0}',)
+
+
+# Compiled runs
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "network"),
+    [
+        *product(
+            ("practical_smith", "practical_delayed_set_point"),
+            ((),),
+            ("off the grid", "as it arrives", "schedule"),
+        ),
+        *product(("practical_smith", "practical_pd_ddob"), (FEED_FORWARD,), ("as it arrives",)),
+        ("practical_delayed_set_point", (), "bursts"),
+    ],
+)
+def test_a_compiled_run_equals_the_nodes(name: str, overrides: Sequence[str], network: str) -> None:
+    latency = [f"latency.{override}" for override in NETWORKS[network]]
+    run = assert_same_as_nodes(rig([*ELLIPSE, *latency], 4.0), preset(name, overrides))
+    assert len(run.tick_s) > 300
+
+
+# Presets
+
+
+def corner(name: str, delay_ms: int) -> PlantSettings:
+    overrides = ["duration_s=60", *ELLIPSE, f"latency.downlink.mean_s={delay_ms * 1e-3}"]
+    return load_settings(
+        PlantSettings,
+        read_preset("steer_by_wire.plant_emulator.presets", f"paper_corner_{name}"),
+        None,
+        overrides,
+    )
+
+
+@pytest.mark.parametrize("law", ["smith", "delayed_set_point"])
+def test_the_presets_keep_the_error_their_files_state(law: str) -> None:
+    name = f"practical_{law}"
+    text = read_preset("steer_by_wire.controller.presets", name).text
+    stated = re.search(r"# +RMS error +([\d.]+) m at 0 ms, ([\d.]+) m at 250 ms", text)
+    assert stated
+    for delay_ms, rms_m in zip((0, 250), map(float, stated.groups()), strict=True):
+        runs = [run_batch(corner(each, delay_ms), preset(name)) for each in "abcd"]
+        assert {run.outcome for run in runs} == {Outcome.COMPLETE}
+        worst_m = max(run.lateral_error_rms_m for run in runs)
+        assert worst_m == pytest.approx(rms_m, rel=0.01)
+
+
+def test_the_smith_preset_is_stable_as_far_as_its_file_states() -> None:
+    settings = preset("practical_smith")
+    text = read_preset("steer_by_wire.controller.presets", "practical_smith").text
+    stated = re.search(r"# +stable +up to (\d+) ms", text)
+    assert stated
+    ends = []
+    for each in "abcd":
+        vehicle = corner(each, 0).vehicle
+        values = {
+            "speed_m_s": vehicle.speed_km_h / 3.6,
+            "virtual_mass_kg": vehicle.virtual_mass_kg,
+        }
+        model = vehicle_of(settings).model_copy(update=values).model
+        ((first_ns, last_ns),) = stable_delays(SampledLoop(design_law(settings), model, PERIOD_NS))
+        assert first_ns == 0
+        ends.append(last_ns)
+    assert math.floor(min(ends) / 1e6) == int(stated[1])
+
+
+# Settings and words
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (('law="smith"',), r"law = 'smith' needs the table \[smith\]"),
+        (('law="delayed_set_point"',), r"needs the table \[delayed_set_point\]"),
+        (("smith={delay_s=-0.1}",), "smith.delay_s"),
+        (("smith={delay_s=2.5}",), "smith.delay_s"),
+        (("smith={delay_s=0.1, washout_rad_s=400}",), "must be below pi"),
+        ((*SET_POINT, *FEED_FORWARD), "takes the map's curvature by itself"),
+        ((*SET_POINT, "delayed_set_point.proportional_gain=11"), "proportional_gain"),
+        (("feed_forward={gain=3}",), "feed_forward.gain"),
+        (('nominal_model={kind="paper_eq19"}', *FEED_FORWARD), "needs nominal_model.kind"),
+        (('nominal_model={kind="paper_eq19"}', *SET_POINT), "needs nominal_model.kind"),
+    ],
+)
+def test_settings_without_sense_are_refused(overrides: Sequence[str], message: str) -> None:
+    with pytest.raises(SettingsError, match=message):
+        preset("practical_pd", overrides)
+
+
+def test_the_predictor_takes_no_feed_forward() -> None:
+    overrides = ('law="predictor"', "predictor={}", *FEED_FORWARD)
+    with pytest.raises(SettingsError, match="steers for the curvature that it estimates"):
+        preset("practical_pd_ddob", overrides)
+
+
+def test_a_law_that_reads_the_yaw_rate_is_not_taken_for_a_linear_one() -> None:
+    with pytest.raises(NotLinearError):
+        law_system(design_law(preset("practical_pd", SET_POINT)))
+
+
+def test_the_check_says_what_can_be_said_of_each() -> None:
+    assert "stable at     0.00 to " in check_text(preset("practical_smith"))
+    fed = preset("practical_pd", (*FEED_FORWARD, "rate_hz=50"))
+    assert "feed-forward of the curve is outside" in check_text(fed)
+
+
+def test_the_plant_hears_which_law_it_is() -> None:
+    for name, overrides in (("practical_smith", ()), ("practical_pd", SET_POINT)):
+        node = run_nodes(rig([], 1.0), preset(name, overrides))
+        assert node.report()["law"] == preset(name, overrides).law

@@ -1,0 +1,356 @@
+"""The controller node against a stand-in for the plant, over a link that the test moves."""
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from steer_by_wire.controller.design import LawDesign
+from steer_by_wire.controller.law_interface import LawInput, LawOutput
+from steer_by_wire.controller.node import STATUS_PERIOD_NS, ControllerNode
+from steer_by_wire.controller.sent_commands import IN_FLIGHT_MAX, Echo, SentCommands
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    ControllerSafety,
+    ControllerStatus,
+    DelayStatus,
+    LateralError,
+    Law,
+    Mode,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    encode,
+    encode_not_available,
+)
+from steer_by_wire.runtime.frame import Frame
+from tests.support.controller_link import MS_NS, PERIOD_NS, START_NS, Link, controller_settings
+
+VEHICLE = {
+    "kind": "vehicle",
+    "virtual_mass_kg": 2000.0,
+    "yaw_inertia_kg_m2": 3728.0,
+    "front_cornering_stiffness_n_rad": 195e3,
+    "rear_cornering_stiffness_n_rad": 500e3,
+    "front_axle_distance_m": 1.3008,
+    "rear_axle_distance_m": 1.5453,
+    "preview_distance_m": 1.912,
+    "speed_m_s": 5.0 / 3.6,
+}
+
+
+def link(**tables: Any) -> Link:
+    return Link(ControllerNode(controller_settings(**tables), START_NS, samples_max=10_000))
+
+
+def test_nothing_is_commanded_before_a_valid_measurement() -> None:
+    plant = link()
+    plant.drive(50, None)
+    damaged = encode(LateralError(0.1, 0.0), 0)
+    plant.node.on_frame(damaged._replace(data=bytes(8)), plant.now_ns)
+    plant.node.on_frame(encode_not_available(LateralError(0.0, 0.0), 0), plant.now_ns)
+    plant.drive(1, None)
+    assert plant.commands == []
+    assert {type(message) for _, message, _ in plant.sent} == {
+        ControllerStatus,
+        ControllerSafety,
+        DelayStatus,
+    }
+    plant.drive(1, 0.1)
+    assert [command.mode for command in plant.commands] == [Mode.ACTIVE]
+
+
+def test_every_period_has_one_command_on_the_grid_with_both_counters_stepping() -> None:
+    plant = link()
+    plant.drive(600, 0.01)
+    commands = [entry for entry in plant.sent if isinstance(entry[1], SteeringCommand)]
+    times_ns = [time_ns for time_ns, _, _ in commands]
+    assert times_ns == [START_NS + index * PERIOD_NS for index in range(600)]
+    assert [command.command_counter for command in plant.commands] == list(range(600))
+    assert [counter for _, _, counter in commands] == [index % 256 for index in range(600)]
+
+
+def test_the_command_counter_wraps_at_16_bits() -> None:
+    plant = link(rate_hz=1000.0)
+    plant.deliver(LateralError(0.01, 0.0))
+    plant.tick_until(START_NS + 65_540 * MS_NS)
+    counters = [command.command_counter for command in plant.commands]
+    assert counters == [index % 65_536 for index in range(65_540)]
+
+
+def test_the_status_tells_mode_law_and_counts_ten_times_a_second() -> None:
+    plant = link()
+    plant.drive(95, 0.01)
+    statuses = [entry for entry in plant.sent if isinstance(entry[1], ControllerStatus)]
+    assert [time_ns for time_ns, _, _ in statuses] == [
+        START_NS + index * STATUS_PERIOD_NS for index in range(10)
+    ]
+    assert [counter for _, _, counter in statuses] == list(range(10))
+    assert statuses[-1][1] == ControllerStatus(Mode.ACTIVE, Law.PD, 0.0, 0.0, 0)
+
+
+def test_a_late_tick_keeps_phase_and_counts_what_it_skipped() -> None:
+    plant = link()
+    plant.drive(3, 0.01)
+    plant.now_ns += 4 * PERIOD_NS + 3 * MS_NS
+    plant.deliver(LateralError(0.01, 0.0))
+    plant.keep(plant.node.on_tick(plant.now_ns))
+    assert plant.node.deadline_ns == START_NS + 8 * PERIOD_NS
+    assert plant.node.report()["skipped_ticks"] == 4
+    assert plant.node.report()["ticks"] == 4
+
+
+def test_the_command_is_held_then_ramped_to_zero_when_measurements_stop() -> None:
+    plant = link()
+    plant.drive(20, 0.1)
+    last_rad = plant.commands[-1].steer_rad
+    assert last_rad == pytest.approx(-0.1, abs=1e-5)
+    plant.drive(60, None)
+    after = plant.commands[20:]
+    # Arrived at the instant of the last ACTIVE tick: 50 ms later it still counts.
+    assert [command.mode for command in after[:5]] == [Mode.ACTIVE] * 5
+    held = [command for command in after if command.mode is Mode.HOLDING]
+    assert [command.steer_rad for command in held] == [last_rad] * 10
+    stopping = [command.steer_rad for command in after if command.mode is Mode.SAFE_STOP]
+    assert len(stopping) == 60 - 5 - 10
+    for before_rad, following_rad in pairwise([last_rad, *stopping]):
+        assert following_rad == pytest.approx(min(0.0, before_rad + 0.01), abs=1.1e-5)
+    assert stopping[-1] == 0.0
+
+
+def test_recovery_needs_a_run_of_good_frames() -> None:
+    plant = link()
+    plant.drive(10, 0.1)
+    plant.drive(30, None)
+    assert plant.commands[-1].mode is Mode.SAFE_STOP
+    plant.drive(2, 0.1)
+    plant.node.on_frame(Frame(CAN_IDS[LateralError], bytes(8)), plant.now_ns)
+    plant.drive(3, 0.1)
+    assert [command.mode for command in plant.commands[-3:]] == [
+        Mode.SAFE_STOP,
+        Mode.SAFE_STOP,
+        Mode.ACTIVE,
+    ]
+
+
+@pytest.mark.parametrize("ahead", [0, -3, 120])
+def test_frames_refused_for_their_counter_alone_leave_the_run_of_good_ones(ahead: int) -> None:
+    plant = link()
+    plant.drive(10, 0.1)
+    plant.drive(30, None)
+    for _ in range(3):
+        plant.drive(1, 0.1)
+        counter = (plant.counters[LateralError] - 1 + ahead) % 256
+        plant.node.on_frame(encode(LateralError(0.5, 0.0), counter), plant.now_ns)
+    assert sum(plant.node.report()["rejected"].values()) == 3
+    assert [command.mode for command in plant.commands[-3:]] == [
+        Mode.SAFE_STOP,
+        Mode.SAFE_STOP,
+        Mode.ACTIVE,
+    ]
+
+
+@pytest.mark.parametrize("law", ["pd", "pd_dob", "pd_cdob", "pd_ddob"])
+@pytest.mark.parametrize("outage_periods", [8, 25, 200])
+def test_recovery_makes_no_jump(law: str, outage_periods: int) -> None:
+    """The rate limit is out of the way here: the fade alone keeps the command continuous."""
+    plant = link(
+        law=law,
+        dob={"q_cutoff_rad_s": 2.0},
+        cdob={"q_cutoff_rad_s": 10.0, "washout_rad_s": 1.0},
+        nominal_model=VEHICLE,
+        limits={"steer_rate_rad_s_max": 1000.0},
+    )
+    plant.drive(20, 0.2)
+    plant.drive(outage_periods, None)
+    resumed_at = len(plant.commands)
+    plant.drive(200, -0.25)
+    modes = [command.mode for command in plant.commands[resumed_at:]]
+    assert modes.count(Mode.ACTIVE) == 198
+    first = resumed_at + modes.index(Mode.ACTIVE)
+    assert plant.commands[first].steer_rad == plant.commands[first - 1].steer_rad
+    for before, following in pairwise(plant.node.samples[first - 1 :]):
+        law_step_rad = abs(following.law_output.steer_rad - before.law_output.steer_rad)
+        if before.mode is Mode.ACTIVE:
+            command_step_rad = abs(following.sent_steer_rad - before.sent_steer_rad)
+            assert command_step_rad <= law_step_rad + 0.01 + 1e-12
+    last = plant.node.samples[-1]
+    assert last.sent_steer_rad == pytest.approx(max(-0.6, min(0.6, last.law_output.steer_rad)))
+
+
+def test_commands_obey_the_settings_limits() -> None:
+    plant = link(limits={"steer_rad_max": 0.3, "steer_rate_rad_s_max": 0.5})
+    plant.drive(200, 50.0)
+    steers_rad = [command.steer_rad for command in plant.commands]
+    assert steers_rad[0] == pytest.approx(-0.005)
+    assert steers_rad[-1] == pytest.approx(-0.3)
+    assert all(abs(b - a) <= 0.005 + 1.1e-5 for a, b in pairwise(steers_rad))
+    assert plant.node.report()["peak_steer_rad"] == 0.3
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_a_law_that_fails_is_counted_held_and_started_anew(
+    monkeypatch: pytest.MonkeyPatch, bad: float
+) -> None:
+    outputs = iter([0.1, 0.1, bad])
+
+    def step(_p: None, x: float, seen: LawInput) -> tuple[float, LawOutput]:
+        return x, LawOutput(next(outputs, x), 0.0, 0.0, seen.lateral_error_m)
+
+    design = LawDesign(None, lambda error_m: error_m, step)
+    monkeypatch.setattr("steer_by_wire.controller.law_runner.design_law", lambda _settings: design)
+    plant = link(limits={"steer_rate_rad_s_max": 1000.0})
+    plant.drive(3, 0.2)
+    assert plant.commands[-1] == SteeringCommand(0.1, 2, Mode.HOLDING)
+    plant.drive(20, 0.2)
+    assert [command.mode for command in plant.commands[3:6]] == [
+        Mode.HOLDING,
+        Mode.HOLDING,
+        Mode.ACTIVE,
+    ]
+    assert plant.commands[-1].steer_rad == pytest.approx(0.2)
+    assert plant.node.report()["law_failures"] == 1
+
+
+def test_a_law_that_fails_again_ends_in_the_safe_stop_for_good(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Measurements stay good: without this the last command would be held for ever."""
+    outputs = iter([0.1, 0.1])
+
+    def step(_p: None, x: float, seen: LawInput) -> tuple[float, LawOutput]:
+        return x, LawOutput(next(outputs, math.nan), 0.0, 0.0, seen.lateral_error_m)
+
+    design = LawDesign(None, lambda error_m: error_m, step)
+    monkeypatch.setattr("steer_by_wire.controller.law_runner.design_law", lambda _settings: design)
+    plant = link(limits={"steer_rate_rad_s_max": 1000.0})
+    plant.drive(6, 0.2)
+    assert [command.mode for command in plant.commands[2:]] == [
+        Mode.HOLDING,
+        Mode.HOLDING,
+        Mode.HOLDING,
+        Mode.SAFE_STOP,
+    ]
+    is_finished = [plant.node.finished]
+    plant.drive(60, 0.2)
+    is_finished.append(plant.node.finished)
+    assert {command.mode for command in plant.commands[5:]} == {Mode.SAFE_STOP}
+    assert plant.commands[-1].steer_rad == 0.0
+    assert is_finished == [False, True]
+    report = plant.node.report()
+    assert report["law_failures"] == 2
+    assert "no finite number" in report["failure"]
+
+
+def test_the_round_trip_is_from_sending_to_the_first_echo() -> None:
+    plant = link()
+    plant.drive(30, 0.01)
+    for counter, echo_ms in ((10, 300), (10, 310), (12, 320)):
+        plant.now_ns = START_NS + echo_ms * MS_NS
+        plant.deliver(SteeringStatus(0.0, counter, SteeringStatusCode.APPLYING))
+    plant.deliver(SteeringStatus(0.0, 20, SteeringStatusCode.NO_COMMAND))
+    figures = plant.node.report()["round_trip"]
+    assert figures["samples"] == 2
+    assert figures["mean_s"] == pytest.approx(0.2)
+    assert figures["max_s"] == pytest.approx(0.2)
+
+
+def test_what_was_never_sent_or_long_ago_has_no_echo() -> None:
+    commands = SentCommands()
+    assert commands.on_echo(0) is None
+    for counter in range(IN_FLIGHT_MAX + 1):
+        assert commands.next_counter == counter
+        commands.on_sent(10 * counter)
+    assert commands.on_echo(0) is None
+    assert commands.on_echo(IN_FLIGHT_MAX + 1) is None
+    assert commands.on_echo(60_000) is None
+    assert commands.on_echo(1) == Echo(10, True)
+    assert commands.on_echo(1) == Echo(10, False)
+    commands.on_sent(0)  # in the place of the one echoed
+    assert commands.on_echo(1) is None
+    assert commands.on_echo(IN_FLIGHT_MAX + 1) == Echo(0, True)
+
+
+def test_the_newest_measurement_wins_and_others_are_counted_by_cause() -> None:
+    plant = link()
+    plant.deliver(LateralError(0.1, 0.0))
+    plant.deliver(LateralError(0.2, 0.0), skip=2)
+    for counter in (3, 1):  # the one accepted last again, and one that was overtaken
+        plant.node.on_frame(encode(LateralError(0.9, 0.0), counter), plant.now_ns)
+    plant.node.on_frame(Frame(CAN_IDS[LateralError], bytes(8)), plant.now_ns)
+    plant.node.on_frame(Frame(CAN_IDS[LateralError], bytes(7)), plant.now_ns)
+    plant.node.on_frame(Frame(0x7FF, bytes(8)), plant.now_ns)
+    plant.tick_until(plant.now_ns + 1)
+    assert plant.node.samples[-1].lateral_error_m == pytest.approx(0.2)
+    report = plant.node.report()
+    assert report["accepted"] == 2
+    assert report["lost"] == 2
+    assert report["rejected"] == {
+        "bad_crc": 1,
+        "out_of_order": 1,
+        "repeated": 1,
+        "wrong_length": 1,
+    }
+
+
+def test_the_report_books_time_by_mode_and_the_age_of_samples() -> None:
+    plant = link()
+    plant.drive(10, None)
+    for _ in range(10):
+        plant.tick_until(plant.now_ns + 6 * MS_NS)
+        plant.deliver(LateralError(0.01, 0.0))
+        plant.tick_until(plant.now_ns + 4 * MS_NS)
+    plant.drive(30, None)
+    report = plant.node.report()
+    # The first measurement is used at 110 ms, the last one until it is 50 ms old, at 240 ms.
+    assert report["mode_s"] == pytest.approx(
+        {"waiting": 0.11, "active": 0.14, "holding": 0.1, "safe_stop": 0.14}
+    )
+    assert report["sample_age"]["samples"] == 14
+    assert report["sample_age"]["p50_s"] == pytest.approx(0.004, rel=0.01)
+    assert report["sample_age"]["max_s"] == pytest.approx(0.044)
+    assert report["law"] == "pd"
+    assert report["rate_hz"] == 100.0
+
+
+def test_samples_are_kept_up_to_the_number_asked_for() -> None:
+    node = ControllerNode(controller_settings(), START_NS, samples_max=5)
+    plant = Link(node)
+    plant.drive(10, 0.1)
+    assert [sample.time_ns for sample in node.samples] == [
+        START_NS + index * PERIOD_NS for index in range(5)
+    ]
+    assert node.samples[0].lateral_error_m == pytest.approx(0.1)
+
+
+FRAMES = st.builds(
+    Frame,
+    st.sampled_from([*CAN_IDS.values(), 0x7FF]) | st.integers(0, 0x1FFFFFFF),
+    st.binary(max_size=64),
+    st.integers(0, 31),
+)
+ANY_MEASUREMENTS = st.builds(
+    encode, st.builds(LateralError, st.floats(-83.0, 83.0), st.just(0.0)), st.integers(0, 255)
+)
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(FRAMES | ANY_MEASUREMENTS, st.integers(0, 400 * MS_NS)), max_size=60))
+def test_no_frame_at_any_time_makes_it_raise_or_break_a_limit(
+    arrivals: list[tuple[Frame, int]],
+) -> None:
+    plant = link(
+        law="pd_ddob",
+        dob={"q_cutoff_rad_s": 20.0},
+        cdob={"q_cutoff_rad_s": 50.0},
+        nominal_model=VEHICLE,
+    )
+    for frame, wait_ns in arrivals:
+        plant.node.on_frame(frame, plant.now_ns)
+        plant.tick_until(plant.now_ns + wait_ns)
+    steers_rad = [0.0, *(command.steer_rad for command in plant.commands)]
+    assert all(abs(steer_rad) <= 0.6 for steer_rad in steers_rad)
+    assert all(abs(b - a) <= 0.02 + 1.1e-5 for a, b in pairwise(steers_rad))

@@ -1,0 +1,167 @@
+"""The program ``steering-controller``: its settings, ``--check`` and the errors it explains."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.controller.analysis.check import check_text
+from steer_by_wire.controller.program import PRESETS, main
+from steer_by_wire.controller.settings import ControllerSettings, limits_of, supervision_of
+from steer_by_wire.dbc.messages import SteeringCommand, limits
+from steer_by_wire.runtime.program import ExitStatus
+from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset
+
+Capture = pytest.CaptureFixture[str]
+MINIMAL = """
+law = "pd"
+
+[pd]
+proportional_gain_rad_m = 1.0
+derivative_gain_rad_s_m = 0.1
+derivative_filter_rad_s = 10.0
+"""
+
+
+def preset(name: str, *overrides: str) -> ControllerSettings:
+    return load_settings(ControllerSettings, read_preset(PRESETS, name), overrides=overrides)
+
+
+def checked(capsys: Capture, *arguments: str) -> str:
+    assert main([*arguments, "--check"]) == ExitStatus.OK
+    return capsys.readouterr().out
+
+
+# Settings
+
+
+@pytest.mark.parametrize(
+    ("line", "parts"),
+    [
+        ("rate_hz = 5", ["rate_hz = 5", "10", "1000"]),
+        ("rate_hz = 1001", ["rate_hz = 1001", "10", "1000"]),
+        ("law = 'lqr'", ["law", "lqr", "pd_ddob"]),
+        ("limits.steer_rad_max = 2.0", ["limits.steer_rad_max = 2", "0.0", "1.31071"]),
+        ("limits.steer_rate_rad_s_max = 0", ["limits.steer_rate_rad_s_max = 0"]),
+        ("supervision.hold_ms = -1", ["supervision.hold_ms = -1", "10000"]),
+        ("supervision.max_counter_jump = 128", ["max_counter_jump = 128", "1", "127"]),
+        ("supervision.ramp_rad_s = inf", ["supervision.ramp_rad_s"]),
+        ("supervision.hold_s = 1", ["supervision.hold_s", "supervision.hold_ms"]),
+    ],
+)
+def test_a_bad_setting_is_one_line_naming_file_key_value_and_range(
+    tmp_path: Path, capsys: Capture, line: str, parts: list[str]
+) -> None:
+    file = tmp_path / "car.toml"
+    text = MINIMAL.replace('law = "pd"\n', "") if line.startswith("law") else MINIMAL
+    file.write_text(f"{line}\n{text}", encoding="utf-8")
+    assert main([str(file), "--check"]) == ExitStatus.SETTINGS
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    (error,) = captured.err.splitlines()
+    assert all(part in error for part in [str(file), *parts])
+
+
+def test_the_angle_limit_may_reach_what_the_signal_carries() -> None:
+    reach_rad = limits(SteeringCommand)["steer_rad"].maximum
+    settings = preset("practical_pd", f"limits.steer_rad_max={reach_rad}")
+    assert settings.limits.steer_rad_max == reach_rad
+
+
+def test_the_period_is_a_whole_number_of_nanoseconds() -> None:
+    assert preset("practical_pd", "rate_hz=30").period_ns == 33_333_333
+    assert preset("practical_pd", "rate_hz=1000").period_ns == 1_000_000
+    assert preset("practical_pd", "rate_hz=10").period_ns == 100_000_000
+
+
+def test_what_users_set_in_milliseconds_and_per_second_the_steps_get_per_period() -> None:
+    settings = preset(
+        "practical_pd",
+        "rate_hz=200",
+        "limits.steer_rate_rad_s_max=0.5",
+        "supervision.measurement_timeout_ms=12.5",
+    )
+    assert limits_of(settings).step_rad_max == pytest.approx(0.0025)
+    assert supervision_of(settings).measurement_timeout_ns == 12_500_000
+
+
+# --check
+
+
+@pytest.mark.parametrize("name", preset_names(PRESETS))
+def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(name: str) -> None:
+    settings = preset(name, "rate_hz=100")  # at 1 kHz there is no analysis of jitter
+    text = check_text(settings)
+    assert ControllerSettings.model_validate(tomllib.loads(text)) == settings
+    assert "# Poles of the closed loop around the nominal plant, without delay:" in text
+    assert "#   delay margin  " in text
+    if settings.law in ("predictor", "delayed_set_point"):
+        assert "# Latency that varies is for simulation: steer-by-wire stress." in text
+    else:
+        assert "# Poles of the law alone:" in text
+        assert ("#   stable at     no delay" in text) != ("#   mean  80 ms   " in text)
+    assert all(line == line.rstrip() and len(line) <= 100 for line in text.splitlines())
+
+
+def test_check_says_how_much_delay_the_published_gains_tolerate(capsys: Capture) -> None:
+    out = checked(capsys, "--preset", "paper_pd")
+    assert "# Runs at 1000 Hz, every 1000000 ns." in out
+    assert "#   delay margin  9.23 ms" in out
+    assert "#   stable at     0.00 to 9.23 ms\n" in out
+    assert "too many commands on their way" in out
+
+
+def test_check_says_that_the_published_cdob_drifts(capsys: Capture) -> None:
+    out = checked(capsys, "--preset", "paper_pd_cdob", "--rate-hz", "200")
+    assert "# NOT STABLE, even without delay:" in out
+    assert "the vehicle drifts" in out
+    assert "#   stable at     no delay" in out
+
+
+def test_check_shows_a_set_of_stable_delays_with_a_gap(capsys: Capture) -> None:
+    gap = ("pd.derivative_filter_rad_s=20", "cdob.q_cutoff_rad_s=50", "cdob.washout_rad_s=3")
+    gains = ("pd.proportional_gain_rad_m=1.0596", "pd.derivative_gain_rad_s_m=0.939")
+    options = [word for setting in (*gap, *gains) for word in ("--set", setting)]
+    out = checked(capsys, "--preset", "practical_pd_cdob", *options)
+    assert "#   stable at     0.00 to 43.87 ms, 101.15 to 183.51 ms, 302.78 to 323.15 ms\n" in out
+
+
+def test_check_says_that_a_loop_grows(capsys: Capture) -> None:
+    out = checked(capsys, "--preset", "practical_pd", "--set", "pd.derivative_gain_rad_s_m=20")
+    assert "# NOT STABLE, even without delay:\n#   its slowest mode grows at" in out
+    assert "#   delay margin  none" in out
+
+
+def test_check_without_a_model_shows_the_law_and_says_what_is_missing(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    file = tmp_path / "car.toml"
+    file.write_text(MINIMAL, encoding="utf-8")
+    out = checked(capsys, str(file))
+    assert "# There is no [nominal_model], hence no closed loop to analyse." in out
+
+
+def test_law_and_rate_on_the_command_line_are_on_top_of_all_else(capsys: Capture) -> None:
+    short = ("--law", "pd", "--rate-hz", "50")
+    out = checked(capsys, "--preset", "practical_pd_ddob", "--set", "rate_hz=20", *short)
+    loaded = tomllib.loads(out)
+    assert (loaded["law"], loaded["rate_hz"]) == ("pd", 50.0)
+
+
+def test_check_ends_with_status_0_and_a_bad_setting_with_2() -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "steer_by_wire.controller",
+        "--preset",
+        "practical_pd",
+        "--check",
+    ]
+    good = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert good.returncode == 0
+    assert good.stderr == "steering-controller: analysing the sampled loop ...\n"
+    bad = subprocess.run([*command, "--rate-hz", "5"], capture_output=True, text=True, check=False)
+    assert (bad.returncode, bad.stdout) == (2, "")
+    assert len(bad.stderr.splitlines()) == 1

@@ -1,0 +1,173 @@
+"""The estimated delay while both nodes run, right to a control period; and where it is not told."""
+
+from functools import cache
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from steer_by_wire.controller.delay_settings import DelayEstimationSettings, delay_estimation_of
+from steer_by_wire.controller.delay_watch import DelayWatch, EchoDelay
+from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.received import Received
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.shared_settings import PaperEq19Settings
+from steer_by_wire.dbc.messages import Decoded, DelayStatus, EchoState, EstimateState, decode
+from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+
+PERIOD_NS = 10_000_000
+TOLERANCE_S = 0.01
+
+
+def plant_settings(path: dict[str, Any], corner: tuple[float, float], delay_s: float) -> Any:
+    way = {"mean_s": delay_s / 2.0}
+    return PlantSettings.model_validate(
+        {
+            "duration_s": 24.0,
+            "path": path,
+            "vehicle": {"speed_km_h": corner[0], "virtual_mass_kg": corner[1]},
+            "latency": {"downlink": way, "uplink": way},
+        }
+    )
+
+
+def controller_settings(law: str, *overrides: str) -> ControllerSettings:
+    preset = read_preset("steer_by_wire.controller.presets", f"practical_{law}")
+    return load_settings(ControllerSettings, preset, None, overrides)
+
+
+class Run:
+    """One run in virtual time, and what the wire carried."""
+
+    def __init__(self, plant: PlantSettings, controller: ControllerSettings) -> None:
+        self.told: list[DelayStatus] = []
+        self.steer: list[bytes] = []
+        self.node = ControllerNode(controller, 0)
+        plant_node = PlantNode(plant, 0, samples_max=0)
+        executor = VirtualTimeExecutor((plant_node, self.node), None, self._on_wire)
+        until_ns = NS_PER_S
+        while not executor.finished:
+            executor.run(until_ns)
+            until_ns += NS_PER_S
+
+    def _on_wire(self, _time_ns: int, _sender: int, frame: Frame) -> None:
+        decoded = decode(frame)
+        assert isinstance(decoded, Decoded)
+        if isinstance(decoded.message, DelayStatus):
+            self.told.append(decoded.message)
+        elif frame.can_id == 0x100:
+            self.steer.append(frame.data)
+
+    @property
+    def observable(self) -> list[DelayStatus]:
+        return [one for one in self.told if one.estimate_state is EstimateState.OBSERVABLE]
+
+
+@cache
+def run(law: str, path: str, speed_km_h: float, mass_kg: float, delay_s: float) -> Run:
+    plant = plant_settings(PATHS[path], (speed_km_h, mass_kg), delay_s)
+    return Run(plant, controller_settings(law))
+
+
+PATHS: dict[str, dict[str, Any]] = {
+    "lane change": {"kind": "double_lane_change", "start_m": 2.0},
+    "ellipse": {"kind": "ellipse", "semi_major_axis_m": 60.0, "semi_minor_axis_m": 30.0},
+    "straight": {"kind": "straight"},
+    "circle": {"kind": "circle", "radius_m": 50.0},
+}
+
+
+@pytest.mark.parametrize(
+    ("law", "path", "speed_km_h", "mass_kg", "delay_s"),
+    [
+        ("pd", "lane change", 4.0, 1600.0, 0.08),
+        ("pd_ddob", "lane change", 7.0, 5000.0, 0.25),
+        ("pd_cdob", "ellipse", 7.0, 5000.0, 0.08),
+        ("predictor", "ellipse", 4.0, 1600.0, 0.25),
+    ],
+)
+def test_while_observable_it_is_right_to_a_control_period(
+    law: str, path: str, speed_km_h: float, mass_kg: float, delay_s: float
+) -> None:
+    told = run(law, path, speed_km_h, mass_kg, delay_s)
+    assert len(told.observable) > 0.15 * len(told.told)
+    errors_s = [one.estimated_delay_s - delay_s for one in told.observable]
+    assert max(map(abs, errors_s)) <= TOLERANCE_S + 1e-9
+    assert all(one.confidence >= 0.945 for one in told.observable)
+
+
+def test_the_echo_is_told_beside_it_within_half_a_period() -> None:
+    told = run("pd", "lane change", 4.0, 1600.0, 0.08).told
+    assert told[0].echo_state is EchoState.UNKNOWN
+    assert told[-1].echo_state is EchoState.KNOWN
+    assert told[-1].echo_delay_s == pytest.approx(0.08, abs=0.0055)
+
+
+def test_on_a_straight_road_nothing_is_observable() -> None:
+    told = run("pd", "straight", 5.0, 2000.0, 0.08)
+    assert told.observable == []
+    assert {one.estimate_state for one in told.told} == {EstimateState.NOT_OBSERVABLE}
+    report = told.node.report()["delay"]
+    assert report["estimate_s"] is None
+    assert report["observable_share"] == 0.0
+    assert report["first_observable_s"] is None
+
+
+def test_in_a_steady_circle_what_was_observable_at_its_start_is_so_no_more() -> None:
+    plant = plant_settings(PATHS["circle"], (5.0, 2000.0), 0.08)
+    told = Run(plant.model_copy(update={"duration_s": 60.0}), controller_settings("pd"))
+    assert told.observable
+    late = told.told[-200:]
+    assert {one.estimate_state for one in late} == {EstimateState.NOT_OBSERVABLE}
+    # What it was remains told.
+    assert late[-1].estimated_delay_s == pytest.approx(0.08, abs=TOLERANCE_S)
+
+
+def test_the_report_has_what_the_bus_was_told() -> None:
+    told = run("pd_ddob", "lane change", 7.0, 5000.0, 0.25)
+    report = told.node.report()["delay"]
+    share = len(told.observable) / len(told.told)
+    assert report["observable_share"] == pytest.approx(share, abs=0.02)
+    assert report["estimate_s"] == pytest.approx(told.told[-1].estimated_delay_s, abs=5e-4)
+    assert report["echo_s"] == pytest.approx(told.told[-1].echo_delay_s, abs=5e-4)
+
+
+def test_switched_off_it_is_off_and_the_commands_are_the_same_to_the_last_bit() -> None:
+    plant = plant_settings(PATHS["lane change"], (4.0, 1600.0), 0.08)
+    off = Run(plant, controller_settings("pd", "delay_estimation.enabled=false"))
+    assert {one.estimate_state for one in off.told} == {EstimateState.OFF}
+    assert {one.confidence for one in off.told} == {0.0}
+    assert off.told[-1].echo_state is EchoState.KNOWN
+    assert off.steer == run("pd", "lane change", 4.0, 1600.0, 0.08).steer
+    assert off.node.report()["delay"]["estimate_state"] == "off"
+
+
+def test_without_a_nominal_vehicle_it_is_off() -> None:
+    table = DelayEstimationSettings()
+    assert delay_estimation_of(table, None, PERIOD_NS) is None
+    assert delay_estimation_of(table, PaperEq19Settings(kind="paper_eq19"), PERIOD_NS) is None
+    watch = DelayWatch(None, EchoDelay(PERIOD_NS, NS_PER_S, NS_PER_S))
+    watch.on_tick(0, 0, 0.0, Received(controller_settings("pd")))
+    assert watch.status(0) == DelayStatus(0.0, 0.0, EchoState.UNKNOWN, EstimateState.OFF, 0.0)
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        {"delay_s_max": 0.0},
+        {"delay_s_max": 3.0},
+        {"window_s": 0.0},
+        {"tolerance_ms": 0.0},
+        {"confidence_min": 1.0},
+        {"mass_over_nominal": -1.0},
+        {"unknown": 1},
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(table: dict[str, float]) -> None:
+    with pytest.raises(ValidationError):
+        DelayEstimationSettings.model_validate(table)

@@ -1,0 +1,75 @@
+"""The feed-forward of the curve: the steer of the steady state, outside the loop of each law."""
+
+import numpy as np
+import pytest
+
+from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
+from steer_by_wire.controller.design import design_law, steady_steer
+from steer_by_wire.controller.fading import NO_STEER
+from steer_by_wire.controller.feed_forward import curve_steer
+from steer_by_wire.controller.law_interface import LawInput, VehicleReading
+from steer_by_wire.plant_emulator.vehicle import VehicleParams, state_matrices
+from tests.support.baseline_runs import FEED_FORWARD, on_a_circle, vehicle_of
+from tests.support.compiled_runs import controller_settings as preset
+from tests.support.own_vehicle import transition
+
+PERIOD_NS, PERIOD_S = 10_000_000, 0.01
+
+
+@pytest.mark.parametrize("speed_m_s", [0.5, 1.4, 8.0, 25.0])
+def test_the_feed_forward_is_the_rig_s_steady_state(speed_m_s: float) -> None:
+    nominal = vehicle_of(preset("practical_pd"))
+    values = nominal.model_dump(exclude={"kind", "speed_m_s"})
+    a, b = state_matrices(VehicleParams(speed_m_s, *values.values()))
+    # 0 = A (β, r, Δψ, 0) + steer + curvature of 0.01 1/m
+    equations = np.column_stack([a[:4, :3], b[:4, 0]])
+    *_, steer_rad = np.linalg.solve(equations, -0.01 * b[:4, 1])
+    reading = VehicleReading(speed_m_s, 0.0, 0.01)
+    assert curve_steer(steady_steer(nominal), reading) == pytest.approx(steer_rad, rel=1e-9)
+
+
+@pytest.mark.parametrize("law", ["pd", "pd_dob", "pd_cdob", "pd_ddob", "smith"])
+def test_with_feed_forward_every_law_stays_on_a_circle(law: str) -> None:
+    last = on_a_circle(f"practical_{law}", FEED_FORWARD, "latency.downlink.mean_s=0.2")
+    assert abs(last.lateral_error_m) < 2e-4
+    assert abs(last.law_output.disturbance_rad) < 2e-4
+    assert last.sent_steer_rad == pytest.approx(2.8461 / 30.0, rel=0.01)
+
+
+def test_without_it_pd_is_off_the_circle_by_the_steer_over_its_gain() -> None:
+    last = on_a_circle("practical_pd", ())
+    assert last.lateral_error_m == pytest.approx(-2.85 / 30.0 / 1.52, rel=0.01)
+
+
+def test_an_observer_that_saw_the_feed_forward_would_take_the_curve_out_twice() -> None:
+    """Not so on the way here: in a loop of the test's own, on a circle, with and without."""
+    settings = preset("practical_pd_dob", FEED_FORWARD)
+    design, phi = design_law(settings), transition(5.0, 2000.0)
+    curve = VehicleReading(5.0 / 3.6, 0.0, 0.02)
+    for hidden, expected_m in ((True, 0.0), (False, 2.85 * 0.02 / 0.99)):
+        x, state, steer_rad = np.zeros(6), design.initial_state(0.0), 0.0
+        for _ in range(6000):
+            before = state if hidden else state._replace(curve=NO_STEER)
+            seen = LawInput(float(x[3]), steer_rad, curve)
+            state, output = design.step(design.params, before, seen)
+            steer_rad = x[4] = output.steer_rad
+            x[5] = 0.02
+            x[:4] = phi @ x
+        assert x[3] == pytest.approx(expected_m, rel=0.02, abs=1e-4)
+
+
+def test_the_feed_forward_is_outside_the_loop() -> None:
+    for law in ("pd", "pd_dob", "pd_cdob", "pd_ddob", "smith"):
+        plain, fed = preset(f"practical_{law}"), preset(f"practical_{law}", FEED_FORWARD)
+        assert plain.model is not None
+        loops = [SampledLoop(design_law(each), plain.model, PERIOD_NS) for each in (plain, fed)]
+        decays = [loop.decay_1_s(180_000_000) for loop in loops]
+        assert decays[0] == pytest.approx(decays[1], rel=1e-6)
+
+
+def test_half_the_feed_forward_is_half_the_steer() -> None:
+    nominal = vehicle_of(preset("practical_pd"))
+    reading = VehicleReading(2.0, 0.0, -0.03)
+    whole_rad = curve_steer(steady_steer(nominal), reading)
+    assert curve_steer(steady_steer(nominal, 0.5), reading) == pytest.approx(0.5 * whole_rad)
+    assert whole_rad < 0.0

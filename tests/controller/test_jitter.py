@@ -1,0 +1,282 @@
+"""Mean-square stability under jitter: by hand, without jitter, and against simulated runs."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import gamma
+
+from steer_by_wire.compiled.engine import run_batch
+from steer_by_wire.controller.analysis.arrivals import (
+    Arrivals,
+    arrivals,
+    constant_cdf,
+    gamma_cdf,
+    uniform_cdf,
+)
+from steer_by_wire.controller.analysis.jitter import (
+    JitterTooLargeError,
+    SpreadInterval,
+    is_mean_square_stable,
+    largest_spread_ns,
+    mean_square_decay_1_s,
+    stable_spreads,
+)
+from steer_by_wire.controller.analysis.linear_system import held_plant, law_system
+from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
+from steer_by_wire.controller.design import design_law
+from steer_by_wire.controller.law_settings import LawSettings
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.transfer_function import Factor, TransferFunction
+from steer_by_wire.pair.trace import FloatArray
+from steer_by_wire.plant_emulator.latency import gamma_quantile, uniform_quantile
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.settings import load_settings, read_preset
+
+MS_NS = 1_000_000
+PERIOD_S = 0.01
+INTEGRATOR = TransferFunction(-1, (Factor(0.0, 0.0, 1.0),), ())
+PAPER_GAINS = ("pd.proportional_gain_rad_m=1.0596", "pd.derivative_gain_rad_s_m=0.939")
+WIDE_LIMITS = ("limits.steer_rad_max=1.3", "limits.steer_rate_rad_s_max=1000")
+CDOB = ("pd.derivative_filter_rad_s=20", "cdob.q_cutoff_rad_s=50", "cdob.washout_rad_s=3")
+
+
+def law(preset: str, *overrides: str) -> ControllerSettings:
+    chosen = read_preset("steer_by_wire.controller.presets", preset)
+    every = [*PAPER_GAINS, *WIDE_LIMITS, *overrides]
+    return load_settings(ControllerSettings, chosen, overrides=every)
+
+
+PD = law("practical_pd", "pd.derivative_filter_rad_s=20")
+PD_DOB = law("practical_pd_dob", "pd.derivative_filter_rad_s=5", "dob.q_cutoff_rad_s=2")
+PD_CDOB = law("practical_pd_cdob", *CDOB)
+PD_DDOB = law("practical_pd_ddob", *CDOB, "dob.q_cutoff_rad_s=2")
+
+
+def loop_of(chosen: ControllerSettings) -> SampledLoop:
+    assert chosen.model is not None
+    return SampledLoop(design_law(chosen), chosen.model, chosen.period_ns)
+
+
+def decay_1_s(
+    chosen: ControllerSettings, mean_ms: int, spread_ms: int, loss: float = 0.0, steps: int = 1
+) -> float:
+    cdf = gamma_cdf(mean_ms / 1e3, spread_ms / 1e3)
+    return mean_square_decay_1_s(loop_of(chosen), arrivals(cdf, 10 * MS_NS, loss, steps))
+
+
+# By hand
+
+
+def proportional_loop(gain: float) -> SampledLoop:
+    """y[k+1] = y[k] - gain y of the command held, at 100 Hz."""
+    pd = {"proportional_gain_rad_m": 100.0 * gain, "derivative_gain_rad_s_m": 0.0}
+    design = design_law(LawSettings.model_validate({"law": "pd", "pd": pd}))
+    return SampledLoop(design, INTEGRATOR, 10 * MS_NS)
+
+
+@pytest.mark.parametrize("gain", [0.1, 0.5, 1.2])
+@pytest.mark.parametrize("loss", [0.05, 0.3])
+def test_an_integrator_with_lost_commands_has_the_moments_written_down_by_hand(
+    gain: float, loss: float
+) -> None:
+    """With y and the command h held before, in the order E[y²], E[yh], E[h²]:
+
+    after arrival  (a, -(1-p) g a + p b, (1-p) g² a + p c), then y becomes y + h.
+    """
+    arrival = np.array(
+        [[1.0, 0.0, 0.0], [-(1 - loss) * gain, loss, 0.0], [(1 - loss) * gain**2, 0.0, loss]]
+    )
+    motion = np.array([[1.0, 2.0, 1.0], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
+    radius = max(abs(np.linalg.eigvals(motion @ arrival)))
+    found = mean_square_decay_1_s(proportional_loop(gain), Arrivals(np.array([1.0]), loss))
+    assert found == pytest.approx(-0.5 * math.log(radius) / PERIOD_S, rel=1e-3)
+
+
+def test_a_command_that_comes_now_or_next_time_has_the_moments_written_down_by_hand() -> None:
+    """With y and the last command u' = -g y': half of the commands act at once, half a tick late.
+
+    Of those that are late only the newest counts, so that u' is held with probability 1/2.
+    """
+    gain, at_once = 0.9, 0.5
+    held = [np.array([[1.0 - gain, 0.0], [-gain, 0.0]]), np.array([[1.0, 1.0], [-gain, 0.0]])]
+    lifted = at_once * np.kron(held[0], held[0]) + (1.0 - at_once) * np.kron(held[1], held[1])
+    radius = max(abs(np.linalg.eigvals(lifted)))
+    when = Arrivals(np.array([at_once, 1.0]))
+    found = mean_square_decay_1_s(proportional_loop(gain), when)
+    assert found == pytest.approx(-0.5 * math.log(radius) / PERIOD_S, rel=1e-3)
+
+
+def test_a_loop_that_is_at_rest_after_one_period_decays_faster_than_any_rate() -> None:
+    when = Arrivals(np.array([1.0]))
+    assert mean_square_decay_1_s(proportional_loop(1.0), when) > 1e3
+
+
+def test_nothing_that_arrives_is_an_error_and_so_is_too_much() -> None:
+    with pytest.raises(ValueError, match="no command ever arrives"):
+        mean_square_decay_1_s(proportional_loop(0.1), Arrivals(np.array([0.0])))
+    with pytest.raises(JitterTooLargeError, match="take a lower rate"):
+        mean_square_decay_1_s(proportional_loop(0.1), arrivals(gamma_cdf(0.9, 0.4), 10 * MS_NS))
+
+
+# Without jitter
+
+
+@pytest.mark.parametrize("chosen", [PD, PD_DOB, PD_CDOB, PD_DDOB], ids=lambda c: c.law)
+@pytest.mark.parametrize("delay_ms", [0, 80, 160])
+def test_a_latency_that_does_not_vary_has_the_rate_of_the_poles(
+    chosen: ControllerSettings, delay_ms: int
+) -> None:
+    loop = loop_of(chosen)
+    when = arrivals(constant_cdf(delay_ms / 1e3), loop.period_ns)
+    # Equal real modes of the observers, of plant zero and filter pole, are known to 2 %.
+    expected_1_s = loop.decay_1_s(delay_ms * MS_NS)
+    assert mean_square_decay_1_s(loop, when) == pytest.approx(expected_1_s, rel=2e-2)
+    assert is_mean_square_stable(loop, when) == loop.is_stable(delay_ms * MS_NS)
+
+
+@pytest.mark.parametrize("delay_ms", [2, 44, 85])
+def test_steps_within_the_period_take_a_delay_of_parts_of_it(delay_ms: int) -> None:
+    loop = loop_of(PD)
+    when = arrivals(constant_cdf(delay_ms / 1e3), loop.period_ns, steps_per_period=10)
+    expected_1_s = loop.decay_1_s(delay_ms * MS_NS)
+    assert mean_square_decay_1_s(loop, when) == pytest.approx(expected_1_s, rel=1e-4)
+
+
+# Distributions
+
+
+@pytest.mark.parametrize(("mean_s", "spread_s"), [(0.08, 0.03), (0.16, 0.05), (0.02, 0.02)])
+def test_the_distributions_are_those_of_the_plant(mean_s: float, spread_s: float) -> None:
+    for u in (0.001, 0.2, 0.5, 0.9, 0.999):
+        cdf = gamma_cdf(mean_s, spread_s)(np.array([gamma_quantile(u, mean_s, spread_s)]))
+        assert cdf[0] == pytest.approx(u, abs=1e-9)
+        late_s = uniform_quantile(u, mean_s, spread_s)
+        if late_s > 0.0:  # what would come before zero comes at zero
+            assert uniform_cdf(mean_s, spread_s)(np.array([late_s]))[0] == pytest.approx(u)
+
+
+def test_one_step_a_period_is_near_what_many_steps_find() -> None:
+    coarse, fine = (decay_1_s(PD, 80, 18, 0.01, steps) for steps in (1, 10))
+    assert coarse == pytest.approx(fine, abs=0.02)
+
+
+# Against simulation
+
+
+def simulated(
+    chosen: ControllerSettings, mean_ms: int, spread_ms: int, runs: int, ticks: int
+) -> FloatArray:
+    """Return lateral errors, shape (ticks, runs), the latency drawn anew for each command.
+
+    Independent of the analysis but for the matrices of law and plant: at every tick it looks for
+    the newest command that has come.
+    """
+    loop = loop_of(chosen)
+    system, plant = law_system(design_law(chosen)), held_plant(loop.model, loop.period_ns, 0)
+    shape = (mean_ms / spread_ms) ** 2
+    random = np.random.default_rng(3)
+    late = gamma.rvs(shape, scale=mean_ms / 1e3 / shape, size=(ticks, runs), random_state=random)
+    due = np.arange(ticks)[:, None] + np.ceil(late / PERIOD_S - 0.5)
+    sent = np.zeros((ticks, runs))
+    law_state = np.zeros((runs, len(system.b)))
+    state = np.tile(np.linalg.pinv(plant.c[None, :])[:, 0], (runs, 1))
+    errors = np.zeros((ticks, runs))
+    newest = np.full(runs, -1)
+    for tick in range(ticks):
+        errors[tick] = state @ plant.c
+        sent[tick] = law_state @ system.c + system.d * errors[tick]
+        law_state = law_state @ system.a.T + np.outer(errors[tick], system.b)
+        for command in range(max(0, tick - 60), tick + 1):
+            newest = np.where(due[command] <= tick, np.maximum(newest, command), newest)
+        held = np.where(newest >= 0, sent[newest, np.arange(runs)], 0.0)
+        state = state @ plant.a.T + np.outer(held, plant.b_new)
+    return errors
+
+
+@pytest.mark.parametrize(
+    ("chosen", "mean_ms", "spread_ms", "runs"),
+    [(PD, 80, 10, 1000), (PD, 80, 18, 1000), (PD_DDOB, 80, 15, 300)],
+)
+def test_the_second_moment_of_many_runs_grows_or_decays_at_the_rate(
+    chosen: ControllerSettings, mean_ms: int, spread_ms: int, runs: int
+) -> None:
+    errors_m = simulated(chosen, mean_ms, spread_ms, runs=runs, ticks=1200)
+    mean_square = np.mean(errors_m.reshape(12, 100, -1) ** 2, axis=(1, 2))
+    seconds = np.arange(12)
+    slope = np.polyfit(seconds[5:], np.log(mean_square[5:]), 1)[0]
+    assert -0.5 * slope == pytest.approx(decay_1_s(chosen, mean_ms, spread_ms), abs=0.03)
+
+
+def test_the_mean_square_can_grow_although_nearly_every_run_settles() -> None:
+    """Rare runs of bad luck carry the mean of squares."""
+    assert decay_1_s(PD_CDOB, 80, 30) < -0.1
+    errors_m = simulated(PD_CDOB, 80, 30, runs=1000, ticks=3000)
+    size_m = np.sqrt(np.mean(errors_m.reshape(30, 100, -1) ** 2, axis=1))
+    assert np.median(size_m[-1]) < 0.1 * np.median(size_m[0])
+    assert np.mean(size_m[-1] ** 2) > 2.0 * np.mean(size_m[0] ** 2)
+
+
+def steer_envelope_rad(chosen: ControllerSettings, mean_ms: int, spread_ms: int) -> FloatArray:
+    """Return the largest wheel angle of each second of 40 [rad], after a push from the side."""
+    downlink = f"{{model='gamma',mean_s={mean_ms / 1e3},spread_s={spread_ms / 1e3},loss=0.01}}"
+    plant = load_settings(
+        PlantSettings,
+        read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal"),
+        overrides=[
+            "path={kind='straight'}",
+            "duration_s=40",
+            f"latency.downlink={downlink}",
+            "disturbance.steps=[{at_s=1,side_force_n=20000},{at_s=1.5,side_force_n=0}]",
+        ],
+    )
+    angle_rad = run_batch(plant, chosen).wheel_angle_rad
+    return np.asarray(np.abs(angle_rad[:4000]).reshape(40, 100).max(axis=1))
+
+
+@pytest.mark.parametrize(
+    ("chosen", "mean_ms", "spread_ms", "stable"),
+    [
+        (PD, 80, 30, True),
+        (PD, 80, 10, False),
+        (PD, 160, 50, False),
+        (PD_DOB, 250, 70, True),
+        (PD_DOB, 250, 20, False),
+        (PD_CDOB, 80, 50, True),
+        (PD_CDOB, 80, 10, False),
+        (PD_CDOB, 160, 50, True),
+        (PD_DDOB, 160, 50, True),
+        (PD_DDOB, 80, 15, False),
+    ],
+)
+def test_runs_in_virtual_time_bear_the_jitter_that_the_analysis_says_they_do(
+    chosen: ControllerSettings, mean_ms: int, spread_ms: int, *, stable: bool
+) -> None:
+    rate_1_s = decay_1_s(chosen, mean_ms, spread_ms, loss=0.01)
+    envelope_rad = steer_envelope_rad(chosen, mean_ms, spread_ms)
+    assert (rate_1_s > 0.1) == stable
+    assert (rate_1_s < -0.1) != stable
+    assert (envelope_rad[-10:].max() < 1e-2) == stable
+    assert (envelope_rad[-10:].max() > 0.5) != stable
+
+
+# The largest spread
+
+
+def test_the_spreads_tolerated_end_where_the_mean_square_begins_to_grow() -> None:
+    loop = loop_of(PD)
+    (spreads,) = stable_spreads(loop, 80 * MS_NS)
+    assert largest_spread_ns((spreads,), 80 * MS_NS) == 0  # 80 ms of constant latency are too much
+    assert spreads.last_ns == 80 * MS_NS
+    before_ms, after_ms = spreads.first_ns / MS_NS - 1.0, spreads.first_ns / MS_NS
+    for spread_ms, stable in ((before_ms, False), (after_ms, True)):
+        when = arrivals(gamma_cdf(0.08, spread_ms / 1e3), loop.period_ns)
+        assert is_mean_square_stable(loop, when) == stable
+
+
+def test_the_largest_spread_is_that_of_the_first_interval() -> None:
+    mean_ns = 80 * MS_NS
+    assert largest_spread_ns((), mean_ns) == 0
+    assert largest_spread_ns((SpreadInterval(0, mean_ns),), mean_ns) is None
+    both = (SpreadInterval(0, 5 * MS_NS), SpreadInterval(30 * MS_NS, mean_ns))
+    assert largest_spread_ns(both, mean_ns) == 5 * MS_NS

@@ -1,0 +1,212 @@
+"""The filter of the laws against filterpy's, over gains, over a record, and over its own model."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from steer_by_wire.controller.estimator import (
+    EstimatorState,
+    VehicleGains,
+    correction_step,
+    estimator_at_rest,
+    model_step,
+)
+from steer_by_wire.controller.law_interface import LawInput
+from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.predictor_design import (
+    design_schedule,
+    noise_covariances,
+    sampled_vehicle,
+)
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.shared_settings import EstimatorSettings, VehicleModelSettings
+from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+from tests.support.kalman_reference import (
+    NotSettledError,
+    reference_filter,
+    settled_estimates,
+    settled_gain,
+)
+
+SENSOR_PERIOD_S = 0.01
+FILTERED = ("beta", "r", "psi", "y", "rho", "d")
+NOISES: dict[str, EstimatorSettings] = {
+    "default": EstimatorSettings(),
+    "noisy sensors": EstimatorSettings(lateral_error_noise_m=0.02, heading_error_noise_rad=0.01),
+    "slow walks": EstimatorSettings(
+        curvature_walk_1_m_sqrt_s=1e-3, steering_offset_walk_rad_sqrt_s=1e-4
+    ),
+    "slow wheel": EstimatorSettings(actuator_lag_s=0.27),
+}
+
+
+def controller_settings(*overrides: str) -> ControllerSettings:
+    preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
+    settings = ("law=predictor", "predictor.horizon_s_max=1.0", *overrides)
+    return load_settings(ControllerSettings, preset, None, settings)
+
+
+def vehicle() -> VehicleModelSettings:
+    model = controller_settings().nominal_model
+    assert isinstance(model, VehicleModelSettings)
+    return model
+
+
+def gain_matrix(gains: VehicleGains) -> np.ndarray:
+    return np.array(
+        [
+            [getattr(gains, f"{state}_from_{seen}") for seen in ("y", "psi")]
+            for state in (*FILTERED,)
+        ]
+    )
+
+
+@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize("speed_m_s", [0.5, 1.39, 8.0, 25.0])
+def test_filterpy_settles_at_the_gain_of_the_riccati_equation(noise: str, speed_m_s: float) -> None:
+    settings = NOISES[noise].model_copy(update={"speed_m_s_min": speed_m_s, "speed_m_s_max": 80.0})
+    schedule = design_schedule(settings, vehicle(), 0.01, SENSOR_PERIOD_S, None)
+    reference = reference_filter(settings, vehicle(), speed_m_s, SENSOR_PERIOD_S)
+    gain = settled_gain(reference)
+    np.testing.assert_allclose(gain[:6], gain_matrix(schedule.gains[0]), rtol=1e-9, atol=1e-12)
+    assert (gain[6] == 0.0).all()  # the wheel is where the commands have put it
+
+
+def test_a_gain_that_does_not_settle_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tests.support.kalman_reference._STEPS_MAX", 400)
+    reference = reference_filter(NOISES["slow walks"], vehicle(), 1.39, SENSOR_PERIOD_S)
+    with pytest.raises(NotSettledError, match="after 400 steps"):
+        settled_gain(reference)
+
+
+# A record with losses, late measurements and echoes
+
+
+NETWORKS: dict[str, Sequence[str]] = {
+    "late, lossy, overtaking": (
+        *("latency.downlink.model=gamma", "latency.downlink.mean_s=0.12"),
+        *("latency.downlink.spread_s=0.04", "latency.downlink.loss=0.05"),
+        *("latency.uplink.model=gamma", "latency.uplink.mean_s=0.03"),
+        *("latency.uplink.spread_s=0.012", "latency.uplink.loss=0.1"),
+        "latency.uplink.order=as_arrives",
+    ),
+    "gaps": ("latency.uplink.loss=0.1", "latency.uplink.burst_frames=3"),
+}
+
+
+class Listening(ControllerNode):
+    """Keeps the estimate after every tick."""
+
+    def __init__(self, settings: ControllerSettings) -> None:
+        super().__init__(settings, 0)
+        self.estimates: list[EstimatorState] = []
+        step = self._law.design.step
+
+        def kept(params: Any, state: Any, seen: LawInput) -> Any:
+            state, output = step(params, state, seen)
+            self.estimates.append(state.estimate)
+            return state, output
+
+        self._law.design = self._law.design._replace(step=kept)
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+@pytest.mark.parametrize("lag_s", [0.0, 0.2])
+def test_the_estimates_are_filterpys_with_each_measurement_at_its_own_sample(
+    network: str, lag_s: float
+) -> None:
+    settings = controller_settings(f"estimator.actuator_lag_s={lag_s}")
+    preset = read_preset("steer_by_wire.plant_emulator.presets", "paper_corner_d")
+    path = 'path={kind="ellipse", semi_major_axis_m=30, semi_minor_axis_m=15}'
+    rig = ("duration_s=12", path, f"actuator.lag_s={lag_s}", "sensor_noise.lateral_error_m=0.01")
+    plant = load_settings(PlantSettings, preset, None, (*rig, *NETWORKS[network]))
+    node = Listening(settings)
+    VirtualTimeExecutor((PlantNode(plant, 0), node), None, None).run(12_000_000_000)
+    estimates = {estimate.sample: estimate for estimate in node.estimates if estimate.sample >= 0}
+    first, last = min(estimates), max(estimates)
+    assert len(estimates) > 500
+    commands_rad, measurements = record(node, first, last)
+    lost = measurements.count(None)
+    assert 0.03 * len(measurements) < lost < 0.7 * len(measurements)
+
+    params = node._law.design.params_at
+    assert params is not None
+    gains = params(node._received.vehicle.speed_m_s).gains
+    reference = reference_filter(
+        settings.estimator, vehicle(), node._received.vehicle.speed_m_s, SENSOR_PERIOD_S
+    )
+    reference.F, reference.B = model_of(gains)  # of this speed, between two of the table
+    gain = np.vstack([gain_matrix(gains), np.zeros(2)])
+    found = settled_estimates(reference, gain, estimates[first][1:], commands_rad, measurements)
+    for sample, estimate in estimates.items():
+        if sample > first:
+            np.testing.assert_allclose(
+                estimate[1:], found[sample - first - 1], rtol=1e-9, atol=1e-12
+            )
+
+
+def record(
+    node: ControllerNode, first: int, last: int
+) -> tuple[list[float], list[tuple[float, float] | None]]:
+    """Return what filterpy is given, read off the node's memory when all is over."""
+    history = node._law.memory.history
+    commands_rad, measurements = [], []
+
+    def sent_rad(tick: int) -> float:
+        return history.sent_rad[tick] if tick >= 0 else 0.0
+
+    for sample in range(first + 1, last + 1):
+        applied = history.applied_tick[sample - 1], history.applied_tick[sample]
+        commands_rad.append(0.5 * (sent_rad(applied[0]) + sent_rad(applied[1])))
+        came = history.has_error[sample]
+        seen = history.lateral_error_m[sample], history.heading_error_rad[sample]
+        measurements.append(seen if came else None)
+    return commands_rad, measurements
+
+
+def model_of(gains: VehicleGains) -> tuple[np.ndarray, np.ndarray]:
+    """Return F and B by what a step makes of every unit, shapes (7, 7) and (7, 1)."""
+    units = np.eye(7)
+    f = [model_step(gains, EstimatorState(0, *unit), 0.0)[1:] for unit in units]
+    b = model_step(gains, EstimatorState(0, *np.zeros(7)), 1.0)[1:]
+    return np.array(f).T, np.array(b)[:, None]
+
+
+# Its own model
+
+
+def test_for_data_of_its_own_model_the_innovations_are_white_and_as_large_as_they_should() -> None:
+    """Consistency: 20,000 samples; bounds at four standard deviations of what chance leaves."""
+    samples, speed_m_s = 20_000, 1.39
+    settings = EstimatorSettings(speed_m_s_min=speed_m_s, speed_m_s_max=80.0)
+    gains = design_schedule(settings, vehicle(), 0.01, SENSOR_PERIOD_S, None).gains[0]
+    f, g = sampled_vehicle(settings, vehicle(), speed_m_s, SENSOR_PERIOD_S)
+    q, r = noise_covariances(settings, SENSOR_PERIOD_S)
+    reference = reference_filter(settings, vehicle(), speed_m_s, SENSOR_PERIOD_S)
+    settled_gain(reference)
+    random = np.random.default_rng(5)
+    driving = random.normal(size=(samples, 6)) * np.sqrt(np.diag(q))
+    noise = random.normal(size=(samples, 2)) * np.sqrt(np.diag(r))
+    truth, x = np.zeros(7), estimator_at_rest(0.0)._replace(sample=0)
+    innovations = np.empty((samples, 2))
+    for index in range(samples):
+        command_rad = 0.05 * np.sin(0.02 * index)
+        truth = f @ truth + g * command_rad
+        truth[:6] += driving[index]
+        x = model_step(gains, x, command_rad)
+        y_m, psi_rad = truth[3] + noise[index, 0], truth[2] + noise[index, 1]
+        innovations[index] = y_m - x.lateral_error_m, psi_rad - x.heading_error_rad
+        x = correction_step(gains, x, y_m, psi_rad)
+    innovations = innovations[500:]
+    whitened = np.linalg.solve(np.linalg.cholesky(reference.S), innovations.T)
+    covariance = whitened @ whitened.T / len(innovations)
+    chance = 4.0 / np.sqrt(len(innovations))
+    np.testing.assert_allclose(covariance, np.eye(2), atol=1.5 * chance)
+    for lag in range(1, 20):
+        correlation = whitened[:, lag:] @ whitened[:, :-lag].T / (len(innovations) - lag)
+        assert np.abs(correlation).max() < chance

@@ -1,0 +1,252 @@
+"""The laws in closed loop with a vehicle of the test's own, and what each promises by itself."""
+
+import re
+import tomllib
+from functools import cache
+from importlib.resources import files
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from steer_by_wire.controller.design import design_law
+from steer_by_wire.controller.law_interface import LawInput
+from steer_by_wire.controller.law_settings import LawSettings
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.runtime.settings import read_preset
+from tests.support.own_vehicle import transition
+
+PERIOD_S = 0.01
+STEER_RAD_MAX = 0.6
+CORNERS = ((4.0, 1600.0), (4.0, 5000.0), (7.0, 1600.0), (7.0, 5000.0))  # km/h, virtual mass [kg]
+LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob")
+PRESETS = [f"{family}_{law}" for family in ("paper", "practical") for law in LAWS]
+
+
+def preset(name: str) -> LawSettings:
+    text = (
+        files("steer_by_wire.controller.presets")
+        .joinpath(f"{name}.toml")
+        .read_text(encoding="utf-8")
+    )
+    return ControllerSettings.model_validate(tomllib.loads(text))
+
+
+def variant(name: str, **tables: Any) -> LawSettings:
+    """Return a preset with some of its tables replaced."""
+    return ControllerSettings.model_validate(preset(name).model_dump() | tables)
+
+
+@cache
+def ellipse_curvature(speed_m_s: float, ticks: int) -> NDArray[np.float64]:
+    """Return the curvature in the middle of each period; semi-axes 60 and 30 m, from the major."""
+    angle = np.linspace(0.0, 8.0 * np.pi, 200_001)
+    stretch = np.hypot(60.0 * np.sin(angle), 30.0 * np.cos(angle))
+    steps = 0.5 * (stretch[1:] + stretch[:-1]) * np.diff(angle)
+    arc_m = np.concatenate([[0.0], np.cumsum(steps)])
+    middle_s = (np.arange(ticks) + 0.5) * PERIOD_S
+    curvature = np.interp(speed_m_s * middle_s, arc_m, 60.0 * 30.0 / stretch**3)
+    return np.asarray(curvature, dtype=np.float64)
+
+
+class Run(NamedTuple):
+    lateral_error_m: NDArray[np.float64]
+    steer_rad: NDArray[np.float64]
+    disturbance_rad: NDArray[np.float64]
+
+
+def close_loop(
+    settings: LawSettings,
+    corner: tuple[float, float],
+    delay_ticks: int = 0,
+    duration_s: float = 60.0,
+    start_m: float = 0.0,
+    offset_rad: float = 0.0,
+    straight: bool = False,
+) -> Run:
+    """Run a law at 100 Hz against the vehicle, every command applied ``delay_ticks`` late."""
+    design, ticks = design_law(settings), round(duration_s / PERIOD_S)
+    curvature = np.zeros(ticks) if straight else ellipse_curvature(corner[0] / 3.6, ticks)
+    step, phi, x = design.step, transition(*corner), np.array([0.0, 0.0, 0.0, start_m, 0.0, 0.0])
+    state, steer = design.initial_state(start_m), 0.0
+    sent = [0.0] * delay_ticks
+    log = []
+    for k in range(ticks):
+        lateral_error = float(x[3])
+        state, out = step(design.params, state, LawInput(lateral_error, steer))
+        steer = min(max(out.steer_rad, -STEER_RAD_MAX), STEER_RAD_MAX)
+        sent.append(steer)
+        x[4], x[5] = sent[k] + offset_rad, curvature[k]
+        x[:4] = phi @ x
+        log.append((lateral_error, steer, out.disturbance_rad))
+    return Run(*np.array(log).T)
+
+
+def rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def worst_rms_m(settings: LawSettings, delay_ms: int) -> float:
+    ticks = delay_ms // 10
+    return max(rms(close_loop(settings, corner, ticks).lateral_error_m) for corner in CORNERS)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_law_starts_bumpless_from_a_constant_error(name: str) -> None:
+    settings = preset(name)
+    design, state = design_law(settings), design_law(settings).initial_state(0.3)
+    for _ in range(5):
+        state, out = design.step(design.params, state, LawInput(0.3, 0.0))
+        assert out.steer_rad == pytest.approx(-0.3 * settings.pd.proportional_gain_rad_m, rel=1e-9)
+        assert (out.disturbance_rad, out.network_disturbance_rad) == pytest.approx((0, 0), abs=1e-9)
+        assert out.compensated_lateral_error_m == pytest.approx(0.3, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_parameters_and_states_are_nested_tuples_of_floats_only(name: str) -> None:
+    def leaves(record: object) -> list[object]:
+        if isinstance(record, tuple):
+            return [leaf for item in record for leaf in leaves(item)]
+        return [record]
+
+    design = design_law(preset(name))
+    state, out = design.step(design.params, design.initial_state(0.1), LawInput(0.1, 0.0))
+    found = leaves((design.params, design.initial_state(0.1), state, out))
+    assert {type(leaf) for leaf in found} == {float}
+
+
+def test_ideal_pd_is_the_textbook_difference_equation() -> None:
+    design = design_law(preset("paper_pd"))
+    state = design.initial_state(0.0)
+    state, first = design.step(design.params, state, LawInput(0.001, 0.0))
+    _, second = design.step(design.params, state, LawInput(0.0015, 0.0))
+    assert first.steer_rad == pytest.approx(-(1.0596 * 0.001 + 0.939 * 0.001 / 0.001))
+    assert second.steer_rad == pytest.approx(-(1.0596 * 0.0015 + 0.939 * 0.0005 / 0.001))
+
+
+@pytest.mark.parametrize("law", ["pd_dob", "pd_ddob"])
+def test_the_dob_finds_a_steering_offset_and_takes_it_out(law: str) -> None:
+    run = close_loop(
+        preset(f"practical_{law}"),
+        (5.0, 2000.0),
+        8,
+        duration_s=30.0,
+        offset_rad=0.02,
+        straight=True,
+    )
+    assert run.disturbance_rad[-1] == pytest.approx(0.02, rel=1e-3)
+    assert run.steer_rad[-1] == pytest.approx(-0.02, rel=1e-3)
+    assert run.lateral_error_m[-1] == pytest.approx(0.0, abs=1e-5)
+
+
+def test_without_a_dob_the_same_offset_stays_in_the_error() -> None:
+    settings = preset("practical_pd")
+    run = close_loop(settings, (5.0, 2000.0), 8, duration_s=30.0, offset_rad=0.02, straight=True)
+    expected = 0.02 / settings.pd.proportional_gain_rad_m
+    assert run.lateral_error_m[-1] == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_cdob_shows_the_error_as_it_were_without_the_delay() -> None:
+    settings = variant("practical_pd_cdob", cdob={"q_cutoff_rad_s": 50.0, "washout_rad_s": 0.01})
+    design, phi, delay = design_law(settings), transition(5.0, 2000.0), 16
+    pulse = [0.1 if 20 <= k < 120 else 0.0 for k in range(150)]
+    delayed, undelayed, state = np.zeros(6), np.zeros(6), design.initial_state(0.0)
+    seen, undisturbed, measured = [], [], []
+    for k, steer in enumerate(pulse):
+        state, out = design.step(
+            design.params, state, LawInput(delayed[3], pulse[k - 1] if k else 0.0)
+        )
+        seen.append(out.compensated_lateral_error_m)
+        undisturbed.append(undelayed[3])
+        measured.append(delayed[3])
+        delayed[4], undelayed[4] = pulse[k - delay] if k >= delay else 0.0, steer
+        delayed[:4], undelayed[:4] = phi @ delayed, phi @ undelayed
+    compensated = rms(np.subtract(seen, undisturbed))
+    assert compensated < 0.2 * rms(np.subtract(measured, undisturbed))
+
+
+def test_a_ddob_without_washout_survives_saturation() -> None:
+    """Fed with the demand before limits its CDOB would wind up and end 28 m off the path."""
+    settings = variant(
+        "practical_pd_ddob",
+        pd={
+            "proportional_gain_rad_m": 1.0596,
+            "derivative_gain_rad_s_m": 0.939,
+            "derivative_filter_rad_s": 5.0,
+        },
+        dob={"q_cutoff_rad_s": 2.0, "q_kind": "type_2"},
+        cdob={"q_cutoff_rad_s": 20.0},
+    )
+    run = close_loop(settings, (7.0, 5000.0), 8, start_m=3.0)
+    assert np.max(np.abs(run.steer_rad)) == STEER_RAD_MAX
+    assert rms(run.lateral_error_m[3000:]) < 0.05
+
+
+REFERENCE = [
+    # law, N, ω_D, ω_c, ω_h [rad/s], delay [ms], worst RMS [m] of an independent simulation
+    ("pd", 20.0, None, None, None, 0, 0.072),
+    ("pd", 5.0, None, None, None, 80, 0.072),
+    ("pd_dob", 2.0, 5.0, None, None, 80, 0.0038),
+    ("pd_dob", 2.0, 2.0, None, None, 160, 0.0089),
+    ("pd_cdob", 5.0, None, 20.0, 3.0, 250, 0.078),
+    ("pd_ddob", 2.0, 5.0, 20.0, 3.0, 160, 0.0045),
+    ("pd_ddob", 5.0, 2.0, 20.0, 3.0, 250, 0.0101),
+    ("pd_ddob", 2.0, 2.0, 10.0, 1.0, 350, 0.0187),
+]
+
+
+@pytest.mark.parametrize(
+    ("law", "n", "omega_d", "omega_c", "omega_h", "delay_ms", "rms_m"), REFERENCE
+)
+def test_the_tracking_error_is_that_of_an_independent_simulation(
+    law: str,
+    n: float,
+    omega_d: float | None,
+    omega_c: float | None,
+    omega_h: float | None,
+    delay_ms: int,
+    rms_m: float,
+) -> None:
+    settings = variant(
+        "practical_pd_ddob",
+        law=law,
+        pd={
+            "proportional_gain_rad_m": 1.0596,
+            "derivative_gain_rad_s_m": 0.939,
+            "derivative_filter_rad_s": n,
+        },
+        dob=omega_d and {"q_cutoff_rad_s": omega_d, "q_kind": "order_2"},
+        cdob=omega_c and {"q_cutoff_rad_s": omega_c, "washout_rad_s": omega_h},
+    )
+    assert worst_rms_m(settings, delay_ms) == pytest.approx(rms_m, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("law", "most_m"), [("pd", 0.051), ("pd_dob", 0.0088), ("pd_cdob", 0.036), ("pd_ddob", 0.0078)]
+)
+def test_the_practical_presets_keep_the_error_their_files_state(law: str, most_m: float) -> None:
+    text = read_preset("steer_by_wire.controller.presets", f"practical_{law}").text
+    stated = re.search(r"# +RMS error +([\d.]+) m at 0 ms, ([\d.]+) m at 250 ms", text)
+    assert stated
+    for delay_ms, rms_m in zip((0, 250), map(float, stated.groups()), strict=True):
+        assert worst_rms_m(preset(f"practical_{law}"), delay_ms) == pytest.approx(rms_m, rel=0.01)
+        assert 0.9 * most_m < rms_m < most_m
+
+
+@pytest.mark.parametrize("delay_ms", range(0, 260, 10))
+def test_the_practical_ddob_holds_every_delay(delay_ms: int) -> None:
+    """The stable delays need not be an interval, so each is tried."""
+    assert worst_rms_m(preset("practical_pd_ddob"), delay_ms) < 0.0078
+
+
+def test_the_paper_presets_have_the_published_values() -> None:
+    for law in LAWS:
+        settings = preset(f"paper_{law}")
+        assert settings.pd.proportional_gain_rad_m == 1.0596
+        assert settings.pd.derivative_gain_rad_s_m == 0.939
+        assert settings.pd.derivative_filter_rad_s is None
+        if settings.dob:
+            assert (settings.dob.q_cutoff_rad_s, settings.dob.q_kind) == (5.0, "order_2")
+        if settings.cdob:
+            assert (settings.cdob.q_cutoff_rad_s, settings.cdob.washout_rad_s) == (200.0, None)

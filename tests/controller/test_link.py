@@ -1,0 +1,241 @@
+"""What the controller learns of the network from counters alone."""
+
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from steer_by_wire.controller.law_interface import Link
+from steer_by_wire.controller.link import (
+    NO_DELAY,
+    DelayState,
+    LinkParams,
+    delay_of,
+    delay_step,
+    unwrapped,
+)
+from steer_by_wire.controller.link_memory import RING_SIZE, LinkMemory
+from tests.support.fed_memory import (
+    LIMITS,
+    MS,
+    NO_COMMAND,
+    PARAMS,
+    PERIOD_NS,
+    Wire,
+    driven,
+    echo,
+    error,
+)
+
+# The mean of the offsets
+
+
+def delays(pairs: list[tuple[int, int]], params: LinkParams = PARAMS) -> DelayState:
+    x = NO_DELAY
+    for sample, tick in pairs:
+        x = delay_step(params, x, sample, tick)
+    return x
+
+
+def test_the_delay_of_a_constant_latency_is_told_to_half_a_period() -> None:
+    """A command of tick k in effect at sample k + 8 acts 70 to 80 ms after its tick."""
+    x = delays([(tick + 8, tick) for tick in range(100)])
+    assert delay_of(PARAMS, x, 107) == 75 * MS
+
+
+def test_the_mean_is_that_of_all_echoes_at_first() -> None:
+    x = delays([(8, 0), (10, 1), (13, 2)])
+    assert delay_of(PARAMS, x, 13) == pytest.approx((8 + 9 + 11) / 3 * PERIOD_NS - 5 * MS)
+
+
+def test_the_mean_follows_a_network_that_changes() -> None:
+    before = [(tick + 8, tick) for tick in range(200)]
+    x = delays([*before, *((tick + 20, tick) for tick in range(200, 250))])
+    expected = 8 + 12 * (1.0 - (1.0 - 1.0 / 50.0) ** 50)
+    assert x.offset_ns / PERIOD_NS == pytest.approx(expected)
+
+
+def test_an_echo_without_a_command_changes_nothing() -> None:
+    x = delays([(8, 0), (9, 1)])
+    assert delay_step(PARAMS, x, 10, -1) == x
+
+
+def test_before_any_command_is_echoed_it_acts_after_the_newest_echo_at_the_earliest() -> None:
+    assert delay_of(PARAMS, NO_DELAY, 6) == 7 * PERIOD_NS
+
+
+@pytest.mark.parametrize("jump", [-150, 150])
+def test_an_offset_that_jumps_by_more_than_a_second_is_a_restart(jump: int) -> None:
+    x = delays([(tick + 8, tick) for tick in range(100)])
+    x = delay_step(PARAMS, x, 108 + jump, 100)
+    assert x == DelayState(1, float((8 + jump) * PERIOD_NS))
+
+
+def test_clocks_apart_shift_the_delay_and_nothing_else() -> None:
+    pairs = [(tick + random.Random(tick).randint(5, 12), tick) for tick in range(300)]
+    shifted = [(sample - 1000, tick) for sample, tick in pairs]
+    difference = delays(pairs).offset_ns - delays(shifted).offset_ns
+    assert difference == pytest.approx(1000 * PERIOD_NS)
+
+
+# Numbers from counters
+
+
+@given(st.integers(-70_000, 70_000), st.integers(-128, 127))
+def test_a_counter_of_8_bits_is_unwrapped_within_half_a_round(number: int, off: int) -> None:
+    assert unwrapped(number % 256, number - off, 256) == number
+
+
+@given(st.integers(-200_000, 200_000), st.integers(-(1 << 15), (1 << 15) - 1))
+def test_a_counter_of_16_bits_is_unwrapped_within_half_a_round(number: int, off: int) -> None:
+    assert unwrapped(number % (1 << 16), number - off, 1 << 16) == number
+
+
+# The memory
+
+
+def test_samples_and_ticks_are_numbered_through_many_rounds_of_the_counters() -> None:
+    wire = driven(3000, latency=7)
+    link = wire.link(3000)
+    assert link == Link(3000, 2999, 2999, 65.0 * MS, True)
+    history = wire.memory.history
+    for sample in (2000, 2600, 2999):
+        assert history.lateral_error_m[sample & history.sample_mask] == 0.001 * sample
+        assert history.heading_error_rad[sample & history.sample_mask] == 0.0001 * sample
+        assert history.applied_tick[sample & history.sample_mask] == sample - 7
+        assert history.sent_rad[sample & history.tick_mask] == 0.01 * sample
+
+
+def test_the_command_counter_is_unwrapped_beyond_its_16_bits() -> None:
+    wire = Wire()
+    for tick in range((1 << 16) + 20):
+        wire.command(tick, float(tick))
+    number = (1 << 16) + 20
+    wire.sample(number, number - 9)
+    history = wire.memory.history
+    tick = history.applied_tick[number & history.sample_mask]
+    assert tick == number - 9
+    assert history.sent_rad[tick & history.tick_mask] == float(number - 9)
+
+
+def test_nothing_is_known_before_the_speed_is() -> None:
+    memory = LinkMemory(PARAMS, LIMITS)
+    memory.on_error(error(0.1), 0, 0)
+    memory.on_echo(echo(0, NO_COMMAND), 0, 0)
+    assert memory.link(0, 0) == Link(0, -1, -1, 0.0, False)
+    memory.on_vehicle(0)
+    assert memory.link(0, 0).error_sample == 0
+
+
+def test_a_lost_measurement_leaves_a_gap_and_its_echo_stays() -> None:
+    wire = driven(50, latency=3)
+    wire.memory.on_echo(echo(47), 50, 50 * PERIOD_NS)
+    wire.sample(51, 48)
+    history = wire.memory.history
+    assert not history.has_error[50]
+    assert history.has_error[49]
+    assert history.has_error[51]
+    assert history.applied_tick[50] == 47
+
+
+def test_a_lost_echo_takes_the_command_before_to_have_stayed() -> None:
+    wire = driven(50, latency=3)
+    for number in (50, 51):
+        wire.memory.on_error(error(0.0), number, number * PERIOD_NS)
+    assert wire.link(52).echo_sample == 49
+    assert wire.link(52).error_sample == 51
+    wire.sample(52, 49)
+    assert [wire.memory.history.applied_tick[number] for number in (49, 50, 51, 52)] == [
+        46,
+        46,
+        46,
+        49,
+    ]
+
+
+def test_a_gap_longer_than_the_counters_round_is_bridged_by_the_clock() -> None:
+    wire = driven(50, latency=3)
+    for number in range(50, 650):
+        wire.command(number, 0.5)
+    wire.sample(650, 647)
+    assert wire.link(650).error_sample == 650
+    history = wire.memory.history
+    assert not any(history.has_error[number] for number in range(50, 650))
+
+
+def test_frames_older_than_the_newest_are_left_out() -> None:
+    wire = driven(50, latency=3)
+    wire.sample(48, 40, at_ns=50 * PERIOD_NS)
+    assert wire.link(50).error_sample == 49
+    assert wire.memory.history.applied_tick[48] == 45
+
+
+def test_a_frame_from_before_the_first_is_left_out() -> None:
+    wire = Wire()
+    wire.sample(2, None)
+    wire.memory.on_error(error(9.0), (2 - 5) % 256, 2 * PERIOD_NS)
+    assert wire.link(2).error_sample == 2
+    assert 9.0 not in wire.memory.history.lateral_error_m
+
+
+def test_a_skipped_tick_has_the_command_before_it() -> None:
+    wire = driven(20, latency=3)
+    wire.command(25, 0.7)
+    history = wire.memory.history
+    assert [history.sent_rad[tick] for tick in range(19, 26)] == [0.19] * 6 + [0.7]
+
+
+def test_an_echo_is_of_the_tick_that_sent_it_though_ticks_were_skipped() -> None:
+    wire = driven(20, latency=3)
+    for period in (25, 26):
+        wire.command(period, 0.7)
+    wire.sample(30, 20)  # the command after the twenty before
+    assert wire.memory.history.applied_tick[30] == 25
+
+
+def test_echoes_that_stop_make_the_delay_unknown_after_the_timeout() -> None:
+    wire = driven(50, latency=3)
+    last_ns = 49 * PERIOD_NS
+    timeout_ns = LIMITS.steering_status_ns
+    wire.memory.on_vehicle(last_ns + timeout_ns)
+    assert wire.memory.link(79, last_ns + timeout_ns).is_measured
+    assert not wire.memory.link(80, last_ns + timeout_ns + 1).is_measured
+
+
+def test_a_speed_that_is_too_old_makes_the_delay_unknown_but_what_is_known_of_it_stays() -> None:
+    wire = driven(50, latency=3)
+    until_ns = 49 * PERIOD_NS + LIMITS.vehicle_state_ns
+    fresh, stale = wire.memory.link(64, until_ns), wire.memory.link(64, until_ns + 1)
+    assert fresh.is_measured
+    assert stale == fresh._replace(is_measured=False)
+    wire.memory.on_vehicle(until_ns + 1)
+    assert wire.memory.link(64, until_ns + 1) == fresh
+
+
+def test_a_plant_that_starts_anew_is_known_again_with_its_first_echo() -> None:
+    """Its counters begin again; the clock and the command counter say where they belong."""
+    wire = driven(50, latency=3)
+    now = 700
+    for number in range(50, now):
+        wire.command(number, 0.5)
+    for number in range(100):  # the plant's samples 0, 1, ... with echoes of the present
+        wire.memory.on_echo(echo(now + number - 3), number % 256, (now + number) * PERIOD_NS)
+        wire.command(now + number, 0.5)
+    link = wire.memory.link(now + 100, (now + 100) * PERIOD_NS)
+    history = wire.memory.history
+    assert history.applied_tick[link.echo_sample & history.sample_mask] == now + 96
+    # From a sample to where a command acts: that is all a prediction needs.
+    acts_ns = link.tick * PERIOD_NS + link.delay_ns - link.echo_sample * PERIOD_NS
+    assert acts_ns == pytest.approx(3.5 * PERIOD_NS, abs=0.01 * PERIOD_NS)
+
+
+def test_an_echo_of_a_command_forgotten_or_never_sent_is_none() -> None:
+    wire = driven(50, latency=3)
+    wire.sample(50, 60)  # never sent
+    assert wire.memory.history.applied_tick[50] == -1
+    for number in range(50, 50 + RING_SIZE):
+        wire.command(number, 0.0)
+    number = 50 + RING_SIZE
+    wire.sample(number, 40)
+    assert wire.memory.history.applied_tick[number & wire.memory.history.sample_mask] == -1

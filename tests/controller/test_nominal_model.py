@@ -1,0 +1,150 @@
+"""The nominal model: the published coefficients, and the vehicle from three independent sides."""
+
+import control
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from steer_by_wire.controller.nominal_model import (
+    NominalVehicle,
+    curvature_to_lateral_error,
+    paper_eq19,
+    steer_to_lateral_error,
+    vehicle_model,
+)
+from steer_by_wire.controller.transfer_function import Factor, TransferFunction
+from steer_by_wire.loop_theory.uncertainty import paper_box
+
+PAPER = NominalVehicle(2000.0, 3728.0, 195e3, 500e3, 1.3008, 1.5453, 1.912, 5.0 / 3.6)
+OVERSTEERING = PAPER._replace(rear_cornering_stiffness_n_rad=50e3)
+
+
+def state_space(vehicle: NominalVehicle) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return A and the steering input of (1) with (2) corrected; states β, r, Δψ, y."""
+    m, j, c_f, c_r, l_f, l_r, l_s, v = vehicle
+    lever = c_r * l_r - c_f * l_f
+    a = np.array(
+        [
+            [-(c_r + c_f) / (m * v), -1.0 + lever / (m * v**2), 0.0, 0.0],
+            [lever / j, -(c_r * l_r**2 + c_f * l_f**2) / (j * v), 0.0, 0.0],
+            [0.0, 1.0, 0.0, 0.0],
+            [v, l_s, v, 0.0],
+        ]
+    )
+    return a, np.array([c_f / (m * v), c_f * l_f / j, 0.0, 0.0])
+
+
+def vehicles() -> st.SearchStrategy[NominalVehicle]:
+    return st.builds(
+        NominalVehicle,
+        st.floats(800.0, 5000.0),
+        st.floats(1000.0, 8000.0),
+        st.floats(5e4, 2e5),
+        st.floats(2.5e5, 6e5),  # stiff enough to understeer at any speed
+        st.floats(1.0, 1.6),
+        st.floats(1.0, 1.6),
+        st.floats(0.5, 5.0),
+        st.floats(0.5, 30.0),
+    )
+
+
+def test_equation_19_has_the_printed_coefficients() -> None:
+    s = 2.0j
+    printed = (227.6 * s**2 + 8.479e4 * s + 3.627e4) / (s**4 + 459.2 * s**3 + 3.329e4 * s**2)
+    assert paper_eq19().response(np.array([s]))[0] == pytest.approx(printed, rel=1e-12)
+
+
+def test_the_preview_distance_comes_from_the_leading_coefficient_of_19() -> None:
+    assert vehicle_model(PAPER).numerator[0].s2 == pytest.approx(227.6, abs=0.05)
+
+
+@settings(deadline=None)
+@given(vehicles())
+def test_the_closed_form_equals_the_state_space(vehicle: NominalVehicle) -> None:
+    a, b = state_space(vehicle)
+    s = (1j * np.geomspace(0.01, 300.0, 12)).astype(np.complex128)
+    expected = np.array([np.linalg.solve(si * np.eye(4) - a, b)[3] for si in s])
+    np.testing.assert_allclose(vehicle_model(vehicle).response(s), expected, rtol=1e-6)
+
+
+@settings(deadline=None)
+@given(vehicles())
+def test_steady_lateral_acceleration_has_the_textbook_understeer_gain(
+    vehicle: NominalVehicle,
+) -> None:
+    m, _, c_f, c_r, l_f, l_r, _, v = vehicle
+    wheelbase = l_f + l_r
+    understeer = m * (l_r * c_r - l_f * c_f) / (wheelbase * c_f * c_r)
+    model = vehicle_model(vehicle)
+    gain = model.numerator[0].s0 / model.denominator[0].s0
+    assert gain == pytest.approx(v**2 / (wheelbase + understeer * v**2), rel=1e-9)
+
+
+BOX = [*paper_box().grid(3), *paper_box(50e3).grid(3)]
+"""Of both the printed C_r and the one that fits; the printed one oversteers."""
+
+
+def control_system(vehicle: NominalVehicle) -> control.StateSpace:
+    """(1) with inputs δ_f and ρ_ref, output y."""
+    a, b = state_space(vehicle)
+    inputs = np.column_stack([b, [0.0, 0.0, -vehicle.speed_m_s, 0.0]])
+    return control.ss(a, inputs, [[0.0, 0.0, 0.0, 1.0]], [[0.0, 0.0]])
+
+
+@pytest.mark.parametrize("vehicle", BOX)
+def test_4_and_5_equal_python_control_over_the_uncertainty_box(vehicle: NominalVehicle) -> None:
+    s = (1j * np.geomspace(0.01, 300.0, 30)).astype(np.complex128)
+    expected = control_system(vehicle)(s)[0]
+    np.testing.assert_allclose(steer_to_lateral_error(vehicle).response(s), expected[0], rtol=1e-7)
+    np.testing.assert_allclose(
+        curvature_to_lateral_error(vehicle).response(s), expected[1], rtol=1e-7
+    )
+
+
+@pytest.mark.parametrize("vehicle", BOX)
+def test_a_long_drive_ends_where_4_and_5_say(vehicle: NominalVehicle) -> None:
+    """100 s of constant steer and curvature, integrated; (4) and (5) by their residues at s = 0.
+
+    With G = (c0 + c1 s + c2 s² + ...)/s² a step of δ leaves y = δ (c0 t²/2 + c1 t + c2).
+    """
+    time_s = np.linspace(0.0, 100.0, 2001)
+    steer_rad, curvature_1_m = 0.01, 0.004
+    inputs = np.outer([steer_rad, curvature_1_m], np.ones_like(time_s))
+    y_m = control.forced_response(control_system(vehicle), time_s, inputs).outputs[0]
+    model = steer_to_lateral_error(vehicle)
+    (n2, n1, n0), (d2, d1, d0) = model.numerator[0], model.denominator[0]
+    c0 = n0 / d0
+    c1 = (n1 - c0 * d1) / d0
+    c2 = (n2 - c0 * d2 - c1 * d1) / d0
+    by_steer_m = steer_rad * (c0 * time_s**2 / 2.0 + c1 * time_s + c2)
+    by_curvature_m = -curvature_1_m * vehicle.speed_m_s**2 * time_s**2 / 2.0
+    late = time_s > 10.0
+    np.testing.assert_allclose(y_m[late], (by_steer_m + by_curvature_m)[late], rtol=1e-6, atol=1e-8)
+
+
+def test_an_unstable_nominal_vehicle_is_refused() -> None:
+    assert vehicle_model(OVERSTEERING).denominator[0].hurwitz
+    with pytest.raises(ValueError, match="unstable"):
+        vehicle_model(OVERSTEERING._replace(speed_m_s=20.0))
+
+
+def test_powers_of_s_cancel_exactly() -> None:
+    double_zero = TransferFunction(2, (), (Factor(1.0, 2.0, 1.0),))
+    assert double_zero.times(paper_eq19()).power_of_s == 0
+    assert paper_eq19().times(paper_eq19().inverse()).power_of_s == 0
+
+
+@pytest.mark.parametrize(
+    ("transfer", "message"),
+    [
+        (TransferFunction(1, (), (Factor(1.0, 2.0, 1.0),)), "quadratic factors"),
+        (TransferFunction(2, (), (Factor(0.0, 1.0, 1.0),)), "proper sections"),
+    ],
+)
+def test_what_does_not_split_into_sections_is_refused(
+    transfer: TransferFunction, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        transfer.biquads()

@@ -1,0 +1,291 @@
+"""The predictor's parts against independent views: model, commands in effect, prediction."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from steer_by_wire.controller.estimator import (
+    STARTS_ANEW_AFTER,
+    EstimatorState,
+    VehicleGains,
+    command_from,
+    estimator_at_rest,
+    model_step,
+    start_estimate,
+)
+from steer_by_wire.controller.law_interface import Link
+from steer_by_wire.controller.laws.predictor import design_predictor, predict, steer_for
+from steer_by_wire.controller.link import LinkParams
+from steer_by_wire.controller.predictor_design import design_schedule, sampled_vehicle
+from steer_by_wire.controller.shared_settings import EstimatorSettings, VehicleModelSettings
+from steer_by_wire.plant_emulator.propagation import (
+    LinearState,
+    propagate,
+    table_rows,
+    transition_table,
+)
+from steer_by_wire.plant_emulator.propagation import augmented_matrix as emulator_matrix
+from steer_by_wire.plant_emulator.vehicle import VehicleParams
+from tests.support.predictor_law import SENT, controller, history
+
+MS = 1_000_000
+PERIOD_NS = 10 * MS
+LINK = LinkParams(PERIOD_NS, PERIOD_NS, 50.0)
+SPEEDS = (0.5, 1.39, 1.94, 8.0, 16.7)
+VEHICLE = VehicleModelSettings(
+    kind="vehicle",
+    virtual_mass_kg=2000.0,
+    yaw_inertia_kg_m2=3728.0,
+    front_cornering_stiffness_n_rad=195e3,
+    rear_cornering_stiffness_n_rad=500e3,
+    front_axle_distance_m=1.3008,
+    rear_axle_distance_m=1.5453,
+    preview_distance_m=1.912,
+    speed_m_s=5.0 / 3.6,
+)
+
+
+def gains(speed_m_s: float, lag_s: float = 0.0, sensor_period_s: float = 0.01) -> VehicleGains:
+    """Return the gains at one speed, which is made the lowest of the table."""
+    settings = EstimatorSettings(actuator_lag_s=lag_s, speed_m_s_min=speed_m_s, speed_m_s_max=80.0)
+    return design_schedule(settings, VEHICLE, 0.01, sensor_period_s, 1.0).gains[0]
+
+
+# The model
+
+
+def exact_step(state: EstimatorState, speed_m_s: float, lag_s: float, u: float) -> np.ndarray:
+    """Return β r Δψ y δ after 10 ms of a held command, by scipy, with (1) written out."""
+    p, v = VEHICLE, speed_m_s
+    m, j = p.virtual_mass_kg, p.yaw_inertia_kg_m2
+    c_f, c_r = p.front_cornering_stiffness_n_rad, p.rear_cornering_stiffness_n_rad
+    l_f, l_r = p.front_axle_distance_m, p.rear_axle_distance_m
+    rate = np.zeros((8, 8))  # of β r Δψ y δ ρ d u
+    front, rear = c_f / (m * v), c_r / (m * v)
+    rate[0, [0, 1, 4, 6]] = [-front - rear, (c_r * l_r - c_f * l_f) / (m * v * v) - 1, front, front]
+    turning = c_f * l_f / j
+    rate[1, [0, 1, 4, 6]] = [
+        (c_r * l_r - c_f * l_f) / j,
+        -(c_f * l_f**2 + c_r * l_r**2) / (j * v),
+        turning,
+        turning,
+    ]
+    rate[2, [1, 5]] = [1.0, -v]
+    rate[3, [0, 1, 2]] = [v, p.preview_distance_m, v]
+    start = [
+        *state[1:5],
+        state.wheel_rad if lag_s else u,
+        state.curvature_1_m,
+        state.offset_rad,
+        u,
+    ]
+    if lag_s:
+        rate[4, [4, 7]] = [-1.0 / lag_s, 1.0 / lag_s]
+    return np.asarray((expm(0.01 * rate) @ start)[:5])
+
+
+ANY_STATE = EstimatorState(7, 0.02, -0.1, 0.05, -0.3, 0.04, 0.01, 0.06)
+
+
+@pytest.mark.parametrize("speed_m_s", SPEEDS)
+@pytest.mark.parametrize("lag_s", [0.0, 0.02, 0.27])
+def test_a_model_step_is_the_exact_solution(speed_m_s: float, lag_s: float) -> None:
+    after = model_step(gains(speed_m_s, lag_s), ANY_STATE, 0.2)
+    expected = exact_step(ANY_STATE, speed_m_s, lag_s, 0.2)
+    np.testing.assert_allclose([*after[1:5], after.wheel_rad], expected, rtol=1e-12, atol=1e-15)
+    assert (after.sample, after.curvature_1_m, after.offset_rad) == (8, 0.04, 0.01)
+
+
+@pytest.mark.parametrize("speed_m_s", SPEEDS)
+def test_the_model_is_that_of_the_plant_emulator(speed_m_s: float) -> None:
+    p = VEHICLE
+    vehicle = VehicleParams(
+        speed_m_s,
+        p.virtual_mass_kg,
+        p.yaw_inertia_kg_m2,
+        p.front_cornering_stiffness_n_rad,
+        p.rear_cornering_stiffness_n_rad,
+        p.front_axle_distance_m,
+        p.rear_axle_distance_m,
+        p.preview_distance_m,
+    )
+    table = table_rows(transition_table(emulator_matrix(vehicle, 0.0)))
+    g = gains(speed_m_s)
+    x = ANY_STATE
+    z = LinearState(*x[1:5], 0.2 + x.offset_rad, 0.0, x.curvature_1_m, 0.0, 0.0, 0.0)
+    for _ in range(300):
+        x = model_step(g, x, 0.2)
+        z = propagate(table, 0, z, PERIOD_NS)
+    np.testing.assert_allclose(x[1:5], z[:4], rtol=1e-9)
+
+
+@pytest.mark.parametrize("speed_m_s", SPEEDS)
+@pytest.mark.parametrize("lag_s", [0.0, 0.27])
+def test_on_a_circle_the_steer_of_the_steady_state_holds_the_circle(
+    speed_m_s: float, lag_s: float
+) -> None:
+    """From the path's own rest the law and its model go on for ever without an error."""
+    g, curvature_1_m = gains(speed_m_s, lag_s), 1.0 / 12.0
+    p = VEHICLE
+    wheelbase_m = p.front_axle_distance_m + p.rear_axle_distance_m
+    c_f, c_r = p.front_cornering_stiffness_n_rad, p.rear_cornering_stiffness_n_rad
+    l_f, l_r = p.front_axle_distance_m, p.rear_axle_distance_m
+    understeer = p.virtual_mass_kg * (c_r * l_r - c_f * l_f) / (c_f * c_r * wheelbase_m)
+    steer_rad = curvature_1_m * (wheelbase_m + understeer * speed_m_s**2)
+    side_slip_rad = curvature_1_m * (
+        l_r - p.virtual_mass_kg * l_f * speed_m_s**2 / (c_r * wheelbase_m)
+    )
+    heading_rad = -side_slip_rad - p.preview_distance_m * curvature_1_m
+    x = EstimatorState(
+        0, side_slip_rad, speed_m_s * curvature_1_m, heading_rad, 0.0, curvature_1_m, 0.0, steer_rad
+    )
+    assert steer_for(g, x) == pytest.approx(steer_rad, rel=1e-9)
+    for _ in range(500):
+        x = model_step(g, x, steer_for(g, x))
+    assert abs(x.lateral_error_m) < 1e-9
+    assert x.heading_error_rad == pytest.approx(heading_rad, rel=1e-6)
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 0.27])
+def test_a_steering_offset_that_is_known_leaves_no_error(lag_s: float) -> None:
+    g = gains(1.39, lag_s)
+    x = EstimatorState(0, 0.0, 0.0, 0.1, 0.5, 0.0, 0.03, 0.0)
+    for _ in range(6000):
+        x = model_step(g, x, steer_for(g, x))
+    assert abs(x.lateral_error_m) < 1e-9
+    assert x.wheel_rad == pytest.approx(-0.03, abs=1e-9)
+
+
+def test_gains_between_two_speeds_of_the_table_are_between_theirs() -> None:
+    schedule = design_schedule(EstimatorSettings(), VEHICLE, 0.01, 0.01, 1.0)
+    low, high = schedule.speeds_m_s[10:12]
+    middle = schedule.at(0.25 * low + 0.75 * high)
+    expected = 0.25 * np.array(schedule.gains[10]) + 0.75 * np.array(schedule.gains[11])
+    np.testing.assert_allclose(middle, expected)
+    assert schedule.at(0.0) == schedule.gains[0]
+    assert schedule.at(1e3) == schedule.gains[-1]
+
+
+def test_half_way_between_two_speeds_of_the_table_no_gain_is_off_by_more_than_3_percent() -> None:
+    """That much only where one crosses zero; of the larger of its two neighbours."""
+    schedule = design_schedule(EstimatorSettings(), VEHICLE, 0.01, 0.01, 1.0)
+    for low, high in pairwise(schedule.speeds_m_s):
+        speed_m_s = 0.5 * (low + high)
+        off = np.abs(np.subtract(schedule.at(speed_m_s), gains(speed_m_s)))
+        larger = np.maximum(np.abs(schedule.at(low)), np.abs(schedule.at(high)))
+        assert (off <= 0.03 * larger).all()
+
+
+def test_the_sampled_model_over_two_periods_is_that_of_one_twice() -> None:
+    settings = EstimatorSettings(actuator_lag_s=0.1)
+    once = sampled_vehicle(settings, VEHICLE, 1.39, 0.01)
+    twice = sampled_vehicle(settings, VEHICLE, 1.39, 0.02)
+    np.testing.assert_allclose(twice.f, once.f @ once.f, atol=1e-15)
+    np.testing.assert_allclose(twice.g, once.f @ once.g + once.g, atol=1e-15)
+
+
+# Which command acts from a sample to the next
+
+
+def expected_mean(begin_ns: float, link: LinkParams, first_tick: int, last_tick: int) -> float:
+    """Return the mean over a sensor period by looking every microsecond."""
+    times_ns = begin_ns + (np.arange(10_000) + 0.5) * link.sensor_period_ns / 10_000
+    ticks = np.clip(np.floor(times_ns / link.period_ns), first_tick, last_tick).astype(int)
+    return float(np.mean([SENT[tick] if tick >= 0 else 0.0 for tick in ticks]))
+
+
+def test_where_both_echoes_name_one_command_it_is_that() -> None:
+    link = Link(30, 20, 20, 30.0 * MS, True)
+    assert command_from(LINK, link, history(lambda _: 12), 10) == SENT[12]
+
+
+def test_where_two_echoes_name_two_commands_it_is_half_of_each() -> None:
+    link = Link(30, 20, 20, 30.0 * MS, True)
+    assert command_from(LINK, link, history(), 10) == pytest.approx(0.5 * (SENT[7] + SENT[8]))
+
+
+def test_where_the_steering_overrules_its_command_it_is_the_wheel() -> None:
+    link = Link(30, 20, 20, 30.0 * MS, True)
+    wheel = {10: 0.5, 11: 0.3, 12: 0.2}
+    seen = history(lambda _: 12, wheel)
+    assert command_from(LINK, link, seen, 9) == pytest.approx(0.5 * (SENT[12] + 0.5))
+    assert command_from(LINK, link, seen, 10) == pytest.approx(0.4)
+    assert command_from(LINK, link, seen, 12) == pytest.approx(0.5 * (0.2 + SENT[12]))
+    assert command_from(LINK, link, seen, 13) == SENT[12]
+
+
+def test_where_no_command_is_applied_there_is_no_steer() -> None:
+    link = Link(30, 20, 20, 30.0 * MS, True)
+    assert command_from(LINK, link, history(lambda _: -1), 10) == 0.0
+    never = Link(30, -1, -1, 30.0 * MS, True)
+    assert command_from(LINK, never, history(lambda _: -1), 1) == 0.0
+
+
+@pytest.mark.parametrize("delay_ms", [0.0, 20.0, 30.0, 33.7, 35.0, 78.2])
+@pytest.mark.parametrize(("period_ms", "sensor_period_ms"), [(10, 10), (5, 10), (10, 7), (20, 10)])
+@pytest.mark.parametrize("ahead", range(6))
+def test_a_command_that_no_echo_has_shown_is_expected_after_the_delay(
+    delay_ms: float, period_ms: int, sensor_period_ms: int, ahead: int
+) -> None:
+    p = LinkParams(period_ms * MS, sensor_period_ms * MS, 50.0)
+    echo_sample = 20
+    earliest = int((echo_sample * sensor_period_ms - delay_ms) // period_ms)
+    sample = echo_sample + ahead
+    link = Link(earliest + 30, sample, echo_sample, delay_ms * MS, True)
+    seen = command_from(p, link, history(lambda _: earliest), sample)
+    begin_ns = sample * p.sensor_period_ns - delay_ms * MS
+    assert seen == pytest.approx(expected_mean(begin_ns, p, earliest, link.tick - 1), abs=2e-4)
+
+
+def test_a_command_older_than_the_newest_echoed_is_in_effect_no_more() -> None:
+    """One that has overtaken: the echo is ahead of what the delay leads to expect."""
+    link = Link(30, 20, 20, 80.0 * MS, True)
+    assert command_from(LINK, link, history(lambda _: 18), 20) == SENT[18]
+
+
+def test_a_command_that_is_not_yet_sent_is_the_last_one_sent() -> None:
+    link = Link(30, 20, 20, 30.0 * MS, True)
+    assert command_from(LINK, link, history(lambda _: 17), 60) == SENT[29]
+
+
+# Starting, and predicting
+
+
+def test_an_estimate_begins_at_the_newest_sample_with_echo_and_measurement() -> None:
+    h = history()._replace(lateral_error_m=[0.5] * 64, heading_error_rad=[0.1] * 64)
+    link = Link(30, 22, 20, 30.0 * MS, True)
+    assert start_estimate(estimator_at_rest(9.0), link, h) == EstimatorState(
+        20, 0.0, 0.0, 0.1, 0.5, 0.0, 0.0, 0.0
+    )
+
+
+def test_no_estimate_begins_without_echo_or_measurement() -> None:
+    x = estimator_at_rest(0.5)
+    assert start_estimate(x, Link(30, 22, -1, 0.0, False), history()) == x
+    unseen = history()._replace(has_error=[False] * 64)
+    assert start_estimate(x, Link(30, 22, 20, 0.0, True), unseen) == x
+
+
+def test_an_estimate_goes_on_through_a_gap_and_begins_anew_after_a_long_one() -> None:
+    x = EstimatorState(20, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
+    near, far = 20 + STARTS_ANEW_AFTER, 21 + STARTS_ANEW_AFTER
+    assert start_estimate(x, Link(400, near, near, 0.0, True), history()) == x
+    anew = start_estimate(x, Link(400, far, far, 0.0, True), history())
+    assert anew == EstimatorState(far, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("horizon", [0.0, 1.0, 2.5, 7.25])
+def test_a_prediction_is_the_model_run_on_and_linear_between_two_samples(horizon: float) -> None:
+    p = design_predictor(controller()).at(1.39)
+    link = Link(40, 20, 20, 30.0 * MS, True)
+    x = ANY_STATE._replace(sample=20)
+    states = [x]
+    for _ in range(9):
+        last = states[-1]
+        states.append(model_step(p.gains, last, command_from(LINK, link, history(), last.sample)))
+    low, part = int(horizon), horizon % 1.0
+    expected = (1.0 - part) * np.array(states[low]) + part * np.array(states[low + 1])
+    found = predict(p, x, link, history(), horizon)
+    np.testing.assert_allclose(found[1:], expected[1:], rtol=1e-12)

@@ -1,0 +1,193 @@
+"""The linear loop of laws with a filter, against runs beside the ends of its stable delays."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from steer_by_wire.compiled.engine import BatchRun
+from steer_by_wire.controller.analysis import check
+from steer_by_wire.controller.analysis.check import check_text
+from steer_by_wire.controller.analysis.looking_back import Rig
+from steer_by_wire.controller.analysis.predictor_loop import PredictorLoop, stable_constant_delays
+from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
+from steer_by_wire.controller.analysis.stable_delays import stable_delays
+from steer_by_wire.controller.design import design_law, link_of
+from steer_by_wire.controller.nominal_model import NominalVehicle, steer_to_lateral_error
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.loop_theory.uncertainty import paper_box
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from tests.support.straight_runs import PUSH, decay_1_s, run_straight
+
+MS = 1_000_000
+PREDICTOR = ("law=predictor", "predictor.horizon_s_max=1.0", "nominal_model.virtual_mass_kg=3400")
+KALMAN = ("pd.derivative=kalman",)
+CORNERS = dict(zip("abcd", paper_box().vertices(), strict=True))
+
+
+def controller(*overrides: str) -> ControllerSettings:
+    preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
+    return load_settings(ControllerSettings, preset, None, overrides)
+
+
+@cache
+def loop_of(
+    overrides: tuple[str, ...], vehicle: NominalVehicle, lag_s: float = 0.0, uplink_ns: int = 0
+) -> PredictorLoop:
+    settings = controller(*overrides)
+    return PredictorLoop(design_law(settings), link_of(settings), Rig(vehicle, lag_s, uplink_ns))
+
+
+def run(
+    overrides: tuple[str, ...], vehicle: NominalVehicle, lag_s: float, delay_ns: int, *more: str
+) -> BatchRun:
+    return run_straight(controller(*overrides), vehicle, lag_s, delay_ns, *more)
+
+
+# Where the slowest mode is alone, and slow enough to be seen over the quantisation of the wire.
+SLOW = [
+    (PREDICTOR, "a", 0.27, 500 * MS, 0),
+    (PREDICTOR, "a", 0.27, 540 * MS, 0),
+    (PREDICTOR, "a", 0.27, 500 * MS, 35 * MS),
+    (PREDICTOR, "c", 0.2, 100 * MS, 0),
+    (PREDICTOR, "c", 0.2, 130 * MS, 0),
+    (PREDICTOR, "c", 0.2, 200 * MS, 0),
+    (PREDICTOR, "c", 0.2, 303_700_000, 0),
+]
+
+
+@pytest.mark.parametrize(("law", "corner", "lag_s", "delay_ns", "uplink_ns"), SLOW)
+def test_the_slowest_pole_is_the_decay_or_growth_of_a_run(
+    law: tuple[str, ...], corner: str, lag_s: float, delay_ns: int, uplink_ns: int
+) -> None:
+    vehicle = CORNERS[corner]
+    expected = loop_of(law, vehicle, lag_s, uplink_ns).decay_1_s(delay_ns)
+    uplink = f"latency.uplink.mean_s={uplink_ns * 1e-9!r}"
+    done = run(law, vehicle, lag_s, delay_ns, PUSH, uplink)
+    assert decay_1_s(done, 15.0, 55.0) == pytest.approx(expected, rel=0.03, abs=3e-4)
+
+
+@pytest.mark.parametrize(
+    ("law", "corner", "lag_s"), [(PREDICTOR, "a", 0.27), (PREDICTOR, "c", 0.2)]
+)
+def test_runs_decay_within_the_stable_delays_and_grow_beyond(
+    law: tuple[str, ...], corner: str, lag_s: float
+) -> None:
+    """Nearer to the end than that a run takes longer than a minute to tell.
+
+    Off the grid of the control period the delay that echoes show is up to half a period wrong, one
+    way or the other: beyond the margin the stable delays are a comb.
+    """
+    intervals = stable_constant_delays(loop_of(law, CORNERS[corner], lag_s))
+    margin_ns, last_ns = intervals[0].last_ns, intervals[-1].last_ns
+    assert 100 * MS < margin_ns <= last_ns < 600 * MS
+    inside = run(law, CORNERS[corner], lag_s, margin_ns - 30 * MS, PUSH)
+    outside = run(law, CORNERS[corner], lag_s, last_ns + 60 * MS, PUSH)
+    assert decay_1_s(inside, 25.0, 55.0) > 0.0
+    assert decay_1_s(outside, 25.0, 55.0) < 0.0
+
+
+@pytest.mark.parametrize("corner", "abcd")
+def test_the_predictor_is_stable_over_the_box_at_every_delay_to_600_ms(corner: str) -> None:
+    loop = loop_of(PREDICTOR, CORNERS[corner])
+    for delay_ns in range(0, 601 * MS, 37_700_000):
+        assert loop.is_stable(delay_ns)
+
+
+def test_without_a_filter_the_loop_is_that_of_the_classical_analysis() -> None:
+    """pd_ddob looks at its last command only: both ways have to give the same poles.
+
+    Its Q has a triple pole, and the loop three near it: known to the cube root of rounding, but
+    not so the polynomial of the slow poles.
+    """
+    settings, vehicle = controller(), paper_box().nominal
+    design, model = design_law(settings), steer_to_lateral_error(vehicle)
+    classical = SampledLoop(design, model, settings.period_ns)
+    loop = PredictorLoop(design, link_of(settings), Rig(vehicle))
+    for delay_ns in (0, 10 * MS, 83_700_000, 200 * MS):
+        expected = classical.closed_loop_poles(delay_ns)
+        found = loop.closed_loop_poles(delay_ns)
+        slow = np.poly(expected[np.abs(expected) > 0.9])
+        off = np.abs(np.poly(found[: len(slow) - 1]) - slow)
+        assert off.max() < 1e-11 * np.abs(slow).max()
+        margins = classical.margins(delay_ns)
+        assert loop.peak_sensitivity(delay_ns) == pytest.approx(margins.peak_sensitivity, rel=2e-3)
+
+
+@pytest.mark.parametrize("law", [PREDICTOR, KALMAN], ids=["predictor", "kalman"])
+@pytest.mark.parametrize("delay_ns", [0, 83_700_000])
+def test_noise_makes_the_steer_as_restless_as_a_run_shows(
+    law: tuple[str, ...], delay_ns: int
+) -> None:
+    vehicle, noise_m = paper_box().nominal, 0.004  # with more the limit of the steer rate has a say
+    expected_rad = noise_m * loop_of(law, vehicle).noise_gain_rad_m(delay_ns)
+    done = run(law, vehicle, 0.0, delay_ns, f"sensor_noise.lateral_error_m={noise_m}")
+    steer_rad = done.sent_rad[done.tick_s > 5.0]
+    assert float(np.sqrt(np.mean(np.square(steer_rad)))) == pytest.approx(expected_rad, rel=0.1)
+
+
+@pytest.mark.parametrize("law", [PREDICTOR, KALMAN], ids=["predictor", "kalman"])
+@pytest.mark.parametrize("overrides", [("rate_hz=50",), ("link.sensor_period_ms=20",)])
+def test_periods_of_their_own_are_one_period_together(
+    law: tuple[str, ...], overrides: tuple[str, ...]
+) -> None:
+    """With half the ticks or half the samples the same slow modes are there, nearly."""
+    vehicle = paper_box().nominal
+    other = loop_of((*law, *overrides), vehicle)
+    assert other.period_ns == 20 * MS
+    expected = loop_of(law, vehicle).decay_1_s(100 * MS)
+    assert other.decay_1_s(100 * MS) == pytest.approx(expected, rel=0.15)
+
+
+def test_periods_without_a_common_multiple_are_refused() -> None:
+    settings = controller(*PREDICTOR, "rate_hz=99")
+    with pytest.raises(ValueError, match="no common multiple"):
+        PredictorLoop(design_law(settings), link_of(settings), Rig(paper_box().nominal))
+
+
+def test_a_loop_that_grows_has_no_noise_gain() -> None:
+    assert loop_of(PREDICTOR, CORNERS["c"], 0.2).noise_gain_rad_m(400 * MS) == math.inf
+
+
+# --check
+
+
+def test_the_check_of_the_predictor_tells_poles_noise_and_stable_delays() -> None:
+    text = check_text(controller(*PREDICTOR, "rate_hz=50"))
+    assert "[predictor]" in text
+    assert "# Poles of the closed loop around the nominal plant, without delay:" in text
+    assert "delay margin  above 600 ms" in text
+    assert "pd_ddob" in text
+    assert "nan" not in text
+
+
+def test_the_check_of_the_filtered_derivative_says_where_it_ends() -> None:
+    text = check_text(controller(*KALMAN, "rate_hz=50"))
+    (line,) = [line for line in text.splitlines() if "delay margin" in line]
+    assert 300.0 < float(line.split()[-2]) < 550.0
+    assert "Without echoes the derivative is the filtered difference." in text
+
+
+def test_the_check_of_periods_without_a_common_multiple_says_so() -> None:
+    assert "Not analysed: control period" in check_text(controller(*PREDICTOR, "rate_hz=99"))
+
+
+def test_the_check_of_the_predictor_tells_what_its_fallback_survives(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of two gains for the same fallback it tells two margins, those of the law alone."""
+    monkeypatch.setattr(check, "SHOWN_DELAYS_MS", ())
+    monkeypatch.setattr(check, "stable_constant_delays", lambda _loop, _limit_ns: ())
+    margins_ms = []
+    for gain in ("1.2", "2.0"):
+        overrides = (*PREDICTOR, "rate_hz=50", f"pd.proportional_gain_rad_m={gain}")
+        settings = controller(*overrides)
+        alone = controller(*overrides, "law=pd_ddob")
+        assert alone.model is not None
+        loop = SampledLoop(design_law(alone), alone.model, alone.period_ns)
+        last_ns = stable_delays(loop)[0].last_ns
+        text = check_text(settings).split("without echoes, the law is pd_ddob")[1]
+        assert f"delay margin  {last_ns // 10_000 / 100:.2f} ms" in text
+        margins_ms.append(last_ns / MS)
+    assert abs(margins_ms[0] - margins_ms[1]) > 10.0

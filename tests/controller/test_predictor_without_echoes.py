@@ -1,0 +1,56 @@
+"""What the shipped predictor does while no echo comes, at the delays that it is shipped for."""
+
+import numpy as np
+
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.pair.virtual import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.settings import load_settings, read_preset
+
+ONSET_S, END_S = 3.0, 9.0
+NO_ECHOES = (
+    f'faults=[{{kind="drop", direction="uplink", message="STEERING_STATUS", onset_s={ONSET_S},'
+    f" duration_s={END_S - ONSET_S}, magnitude=1.0}}]"
+)
+SHORTER_DELAYS = (  # the pd_ddob of practical_pd_ddob
+    "pd.proportional_gain_rad_m=1.2",
+    "pd.derivative_gain_rad_s_m=0.144",
+    "pd.derivative_filter_rad_s=13.8",
+    "dob.q_cutoff_rad_s=1.46",
+    "cdob.q_cutoff_rad_s=2.95",
+    "cdob.washout_rad_s=2.35",
+)
+
+
+def without_echoes(delay_s: float, overrides: tuple[str, ...] = ()) -> tuple[float, float]:
+    """Return the largest error [m] and step of the steer [rad] from the loss on, at corner d."""
+    plant = load_settings(
+        PlantSettings,
+        read_preset("steer_by_wire.plant_emulator.presets", "paper_corner_d"),
+        None,
+        (
+            f"duration_s={END_S}",
+            'path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0}',
+            f"latency.downlink.mean_s={delay_s}",
+            NO_ECHOES,
+        ),
+    )
+    preset = read_preset("steer_by_wire.controller.presets", "practical_predictor")
+    controller = load_settings(ControllerSettings, preset, None, overrides)
+    pair = make_virtual_pair(plant, controller, controller_samples_max=1000)
+    run_virtual_nodes(pair.edge, pair.controller, None, None, lambda: False)
+    assert pair.controller.report()["stale"]["steering_status"] == 1
+    errors_m = [s.lateral_error_m for s in pair.plant.samples if s.time_s > ONSET_S]
+    sent_rad = [s.sent_steer_rad for s in pair.controller.samples if s.time_ns > ONSET_S * 1e9]
+    return float(np.abs(errors_m).max()), float(np.abs(np.diff(sent_rad)).max())
+
+
+def test_without_echoes_it_stays_on_the_path_and_the_steer_does_not_jump() -> None:
+    error_m, step_rad = without_echoes(0.5)
+    assert error_m < 0.06
+    assert step_rad < 0.0025  # 0.2 rad/s, the fade, is 0.002 in a period
+
+
+def test_a_fallback_for_shorter_delays_would_not() -> None:
+    error_m, _ = without_echoes(0.5, SHORTER_DELAYS)
+    assert error_m > 0.1

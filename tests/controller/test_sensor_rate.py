@@ -1,0 +1,171 @@
+"""A sensor period that is not the setting's is noticed by the counter of the measurements."""
+
+import random
+from collections.abc import Callable, Iterable, Sequence
+
+import pytest
+
+from steer_by_wire.controller import program
+from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.sensor_rate import NO_RATE, RateState, rate_step
+from steer_by_wire.pair.virtual import run_virtual_nodes
+from steer_by_wire.plant_emulator.node import PlantNode
+from tests.support.compiled_runs import assert_same_as_nodes, controller_settings, plant_settings
+
+MS = 1_000_000
+
+
+class Clock:
+    """Holds samples against the clock, each with its arrival in ms."""
+
+    def __init__(self, period_ns: int = 10 * MS) -> None:
+        self.rate = NO_RATE
+        self._period_ns = period_ns
+        self._newest_ns = 0
+
+    def sample(self, number: int, arrival_ms: float) -> None:
+        before_ns, self._newest_ns = self._newest_ns, round(arrival_ms * MS)
+        self.rate = rate_step(self._period_ns, self.rate, before_ns, number, self._newest_ns)
+
+
+def after(arrivals: Iterable[tuple[int, float]], period_ms: float = 10.0) -> RateState:
+    """The state after samples, each with its arrival in ms."""
+    clock = Clock(round(period_ms * MS))
+    for sample, arrival_ms in arrivals:
+        clock.sample(sample, arrival_ms)
+    return clock.rate
+
+
+def every(
+    period_ms: float, seconds: float = 10.0, late_ms: Callable[[], float] = lambda: 0.0
+) -> list[tuple[int, float]]:
+    """Arrivals at a period, of which the newest wins."""
+    sent = range(round(seconds * 1e3 / period_ms))
+    came = sorted((sample * period_ms + late_ms(), sample) for sample in sent)
+    rising, newest = [], -1
+    for arrival_ms, sample in came:
+        if sample > newest:
+            rising.append((sample, arrival_ms))
+            newest = sample
+    return rising
+
+
+@pytest.mark.parametrize("real_ms", [1.0, 5.0, 8.2, 12.2, 20.0, 100.0])
+def test_a_period_that_is_off_by_more_than_a_fifth_is_found_within_five_seconds(
+    real_ms: float,
+) -> None:
+    found = after(every(real_ms, 5.5))
+    assert found.is_wrong
+    assert found.measured_ns == pytest.approx(real_ms * MS, rel=0.02)
+
+
+@pytest.mark.parametrize("real_ms", [8.5, 9.9, 10.0, 10.1, 11.8])
+def test_a_period_that_is_off_by_less_is_borne(real_ms: float) -> None:
+    assert after(every(real_ms, 60.0)) == after(every(real_ms, 60.0))._replace(
+        is_wrong=False, measured_ns=0.0
+    )
+
+
+def test_four_windows_are_needed() -> None:
+    assert not after(every(20.0, 4.0)).is_wrong
+    assert after(every(20.0, 4.1)).is_wrong
+
+
+@pytest.mark.parametrize("deviation_ms", [30.0, 90.0])
+@pytest.mark.parametrize("lost", [0.0, 0.3])
+def test_jitter_and_loss_are_no_wrong_period(deviation_ms: float, lost: float) -> None:
+    source = random.Random(3)
+    arrivals = every(10.0, 300.0, lambda: max(0.0, source.gauss(300.0, deviation_ms)))
+    clock = Clock()
+    for sample, arrival_ms in arrivals:
+        if source.random() >= lost:
+            clock.sample(sample, arrival_ms)
+            assert not clock.rate.is_wrong
+
+
+def test_a_latency_that_rises_and_falls_by_half_a_second_is_no_wrong_period() -> None:
+    clock = Clock()
+    for sample in range(6000):
+        latency_ms = 500.0 * abs((sample / 300) % 2 - 1)  # in three seconds
+        clock.sample(sample, sample * 10.0 + latency_ms)
+        assert not clock.rate.is_wrong
+
+
+def test_a_plant_that_is_stopped_again_and_again_has_no_wrong_period() -> None:
+    """Its counter stands still meanwhile."""
+    at_ms, clock = 0.0, Clock()
+    for sample in range(6000):
+        at_ms += 700.0 if sample % 150 == 149 else 10.0
+        clock.sample(sample, at_ms)
+        assert not clock.rate.is_wrong
+
+
+def test_a_period_that_comes_right_is_believed_again() -> None:
+    wrong = every(20.0, 6.0)
+    sample, at_ms = wrong[-1]
+    right = [(sample + n, at_ms + 10.0 * n) for n in range(1, 500)]
+    assert after([*wrong, *right[:350]]).is_wrong
+    assert not after([*wrong, *right]).is_wrong
+
+
+def driven(overrides: Sequence[str], law: Sequence[str] = ()) -> tuple[PlantNode, ControllerNode]:
+    plant = plant_settings(
+        ["path.kind=ellipse", "path.semi_major_axis_m=60", "path.semi_minor_axis_m=30", *overrides],
+        duration_s=15.0,
+    )
+    nodes = PlantNode(plant, 0), ControllerNode(controller_settings("practical_predictor", law), 0)
+    run_virtual_nodes(*nodes, None, None, lambda: False)
+    return nodes
+
+
+LONG = ("latency.downlink.mean_s=0.244", "latency.uplink.mean_s=0.05")
+
+
+def test_the_predictor_does_without_a_delay_that_is_counted_in_wrong_periods() -> None:
+    plant, controller = driven([*LONG, "sensor_period_ms=20"])
+    seen = controller.report()["sensor_period"]
+    assert seen["times_wrong"] == 1
+    assert seen["measured_s"] == pytest.approx(0.02, rel=0.05)
+    assert plant.samples[-1].lateral_error_m == pytest.approx(0.0, abs=0.03)
+    right = driven([*LONG, "sensor_period_ms=20"], ["link.sensor_period_ms=20"])[1]
+    assert right.report()["sensor_period"] == {
+        "setting_s": 0.02,
+        "times_wrong": 0,
+        "measured_s": None,
+    }
+
+
+def test_laws_that_do_not_ask_for_the_period_are_not_told() -> None:
+    node = ControllerNode(controller_settings("practical_pd"), 0)
+    assert node.report()["sensor_period"] is None
+
+
+def test_a_wrong_period_is_said_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    for period, lines in (("20", 1), ("10", 0)):
+        _, controller = driven([f"sensor_period_ms={period}"])
+        program._conclude(controller)
+        told = capsys.readouterr().err.splitlines()
+        assert len(told) == lines
+    _, controller = driven(["sensor_period_ms=20"])
+    program._conclude(controller)
+    assert (
+        "sensor period was about 20 ms, but link.sensor_period_ms = 10" in capsys.readouterr().err
+    )
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        [*LONG, "sensor_period_ms=20"],
+        ["sensor_period_ms=5", "latency.uplink.loss=0.3", "latency.downlink.mean_s=0.1"],
+        [
+            "sensor_period_ms=12.3",
+            *("latency.uplink.model=gamma", "latency.uplink.mean_s=0.1"),
+            "latency.uplink.spread_s=0.05",
+        ],
+    ],
+    ids=["slow", "fast", "jitter"],
+)
+def test_a_compiled_run_notices_it_at_the_same_tick(overrides: Sequence[str]) -> None:
+    plant = plant_settings(overrides, duration_s=8.0)
+    assert_same_as_nodes(plant, controller_settings("practical_predictor"))

@@ -1,0 +1,214 @@
+"""Authenticated frames: what an end with the key accepts, and what it refuses and why."""
+
+import cantools.database
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from steer_by_wire.dbc.authentication import Authentication, nearest
+from steer_by_wire.dbc.codec import load_database
+from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand
+from steer_by_wire.dbc.reception import Reception
+from steer_by_wire.dbc.secured_dbc import secured_dbc
+from steer_by_wire.dbc.secured_frame import LAYOUTS, Refused
+from steer_by_wire.runtime.frame import ERROR, EXTENDED, FD, REMOTE, Frame
+from tests.support.authenticated_ends import (
+    COMMAND,
+    CONTROLLER_CHALLENGE,
+    CONTROLLER_STATUS,
+    ERROR_MESSAGE,
+    FROM_PLANT,
+    PLANT_CHALLENGE,
+    PLANT_STATUS,
+    controller,
+    flipped,
+    met,
+    plant,
+)
+
+OTHER_KEY = bytes(range(1, 17))
+
+
+# Both ends have the key
+
+
+def test_what_one_end_secures_the_other_accepts() -> None:
+    controller_end, plant_end = met()
+    for _ in range(3):
+        for frame in (*FROM_PLANT, PLANT_STATUS):
+            assert controller_end.verify(plant_end.secure(frame)) == frame
+        for frame in (COMMAND, CONTROLLER_STATUS):
+            assert plant_end.verify(controller_end.secure(frame)) == frame
+
+
+def test_frames_may_come_without_the_bit_rate_switch() -> None:
+    controller_end, plant_end = met()
+    secured = plant_end.secure(FROM_PLANT[0])
+    assert controller_end.verify(secured._replace(flags=FD)) == FROM_PLANT[0]
+
+
+@given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 59)), max_size=120))
+def test_what_is_accepted_is_newer_each_time_whatever_the_network_does(
+    deliveries: list[tuple[int, int]],
+) -> None:
+    """Lost, repeated and reordered in any way: of each message only ever the newest, once."""
+    controller_end, plant_end = met()
+    sent = [[plant_end.secure(frame) for frame in FROM_PLANT] for _ in range(60)]
+    newest = [-1, -1, -1]
+    for kind, index in deliveries:
+        verdict = controller_end.verify(sent[index][kind])
+        assert verdict == (FROM_PLANT[kind] if index > newest[kind] else Refused.REPLAYED)
+        newest[kind] = max(newest[kind], index)
+
+
+def test_a_replayed_frame_is_refused_for_ever() -> None:
+    controller_end, plant_end = met()
+    recorded = [plant_end.secure(frame) for frame in (*FROM_PLANT, PLANT_STATUS) * 5]
+    for frame in recorded:
+        assert not isinstance(controller_end.verify(frame), Refused)
+    for _ in range(3):
+        assert {controller_end.verify(frame) for frame in recorded} == {Refused.REPLAYED}
+        assert controller_end.verify(plant_end.secure(FROM_PLANT[0])) == FROM_PLANT[0]
+
+
+@pytest.mark.parametrize("original", [FROM_PLANT[0], PLANT_STATUS], ids=["data", "status"])
+def test_a_frame_with_any_one_bit_flipped_is_forged(original: Frame) -> None:
+    controller_end, plant_end = met()
+    secured = plant_end.secure(original)
+    for bit in range(8 * len(secured.data)):
+        assert controller_end.verify(flipped(secured, bit)) is Refused.FORGED
+    assert controller_end.verify(secured) == original  # and none of them has done any harm
+
+
+def test_a_payload_under_another_identifier_is_forged() -> None:
+    controller_end, plant_end = met()
+    secured = plant_end.secure(FROM_PLANT[0])
+    for can_id in {frame.can_id for frame in FROM_PLANT[1:]}:
+        assert controller_end.verify(secured._replace(can_id=can_id)) is Refused.FORGED
+
+
+def test_what_an_end_sent_is_not_accepted_when_it_comes_back() -> None:
+    controller_end, plant_end = met()
+    for end, frame in ((controller_end, COMMAND), (plant_end, FROM_PLANT[0])):
+        assert end.verify(end.secure(frame)) is Refused.FORGED
+    assert plant_end.verify(plant_end.secure(PLANT_STATUS)) is Refused.UNAUTHENTICATED
+
+
+def test_with_another_key_everything_is_forged() -> None:
+    controller_end, _ = met()
+    stranger = plant(OTHER_KEY)
+    stranger.verify(controller(OTHER_KEY).secure(CONTROLLER_STATUS))
+    for frame in (*FROM_PLANT, PLANT_STATUS):
+        assert controller_end.verify(stranger.secure(frame)) is Refused.FORGED
+
+
+@pytest.mark.parametrize("flags", [0, EXTENDED, REMOTE, ERROR, FD | EXTENDED, FD | REMOTE])
+def test_what_is_not_of_the_secured_form_is_unauthenticated(flags: int) -> None:
+    controller_end, plant_end = met()
+    secured = plant_end.secure(FROM_PLANT[0])
+    for length in range(65):
+        wrong = Frame(secured.can_id, (secured.data * 4)[:length], flags)
+        assert controller_end.verify(wrong) is Refused.UNAUTHENTICATED
+    for length in (0, 8, 19, 21, 48, 64):
+        wrong = Frame(secured.can_id, (secured.data * 4)[:length], FD)
+        assert controller_end.verify(wrong) is Refused.UNAUTHENTICATED
+
+
+@given(
+    st.one_of(st.sampled_from(sorted(CAN_IDS.values())), st.integers(0, 2**29 - 1)),
+    st.one_of(
+        st.binary(max_size=64),
+        st.binary(min_size=20, max_size=20),
+        st.binary(min_size=48, max_size=48),
+    ),
+    st.integers(0, 31),
+    st.booleans(),
+)
+@example(0x110, bytes(20), FD, True)
+@example(0x310, bytes(48), FD, False)
+def test_no_bytes_make_an_end_raise_or_accept(
+    can_id: int, data: bytes, flags: int, synchronised: bool
+) -> None:
+    end = met()[0] if synchronised else controller()
+    assert isinstance(end.verify(Frame(can_id, data, flags)), Refused)
+
+
+# The truncated counter
+
+
+@given(st.integers(0, 2**62), st.integers(-(2**31), 2**31 - 1))
+def test_a_truncated_counter_is_completed_to_the_nearest(known: int, distance: int) -> None:
+    counter = max(known + distance, 0)
+    assert nearest(known, counter % 2**32, 32) == counter
+
+
+@pytest.mark.parametrize("first", [2**32 - 6, 2**40 - 6, 2**31 - 6])
+def test_nothing_happens_when_the_truncated_counter_wraps(first: int) -> None:
+    controller_end, plant_end = met(first)
+    for _ in range(10):
+        assert controller_end.verify(plant_end.secure(FROM_PLANT[0])) == FROM_PLANT[0]
+
+
+@pytest.mark.parametrize("lost", [1, 255, 65_536, 2**31 - 2])
+def test_lost_frames_cost_nothing(lost: int) -> None:
+    controller_end, plant_end = met(first_counter=2**40)
+    assert controller_end.verify(plant_end.secure(FROM_PLANT[0])) == FROM_PLANT[0]
+    assert controller_end.verify(later(plant_end, lost).secure(FROM_PLANT[0])) == FROM_PLANT[0]
+
+
+@pytest.mark.parametrize("lost", [2**31 - 1, 2**31, 2**32 - 1, 2**32, 2**40])
+def test_after_a_loss_beyond_half_of_all_counters_the_next_status_helps(lost: int) -> None:
+    controller_end, plant_end = met(first_counter=2**40)
+    assert controller_end.verify(plant_end.secure(FROM_PLANT[0])) == FROM_PLANT[0]
+    sender = later(plant_end, lost)
+    assert isinstance(controller_end.verify(sender.secure(FROM_PLANT[0])), Refused)
+    assert controller_end.verify(sender.secure(PLANT_STATUS)) == PLANT_STATUS
+    assert controller_end.verify(sender.secure(FROM_PLANT[0])) == FROM_PLANT[0]
+
+
+def later(plant_end: Authentication, lost: int) -> Authentication:
+    """The plant's end after it has sent ``lost`` frames more, which nobody has received."""
+    secured = plant_end.secure(PLANT_STATUS).data
+    counter = int.from_bytes(secured[24:32], "big")
+    end = plant(first_counter=counter + lost)
+    end.verify(controller().secure(CONTROLLER_STATUS))
+    return end
+
+
+# Who has no key
+
+
+def test_a_receiver_without_a_key_says_so() -> None:
+    reception = Reception((LateralError, SteeringCommand), 10, 3)
+    _, plant_end = met()
+    assert reception.take(plant_end.secure(FROM_PLANT[0])) is Refused.NO_KEY
+    assert reception.take(FROM_PLANT[0]) == ERROR_MESSAGE
+    assert reception.rejected == {"no_key": 1}
+
+
+def test_the_printed_dbc_describes_every_byte_and_leaves_the_payload_as_it_was() -> None:
+    database = cantools.database.load_string(secured_dbc(), "dbc", strict=True)
+    assert isinstance(database, cantools.database.can.Database)
+    for message in load_database().messages:
+        longer = database.get_message_by_name(message.name)
+        for signal in message.signals:
+            same = longer.get_signal_by_name(signal.name)
+            for name in ("start", "length", "byte_order", "scale", "minimum", "maximum", "choices"):
+                assert getattr(same, name) == getattr(signal, name)
+        if message.frame_id in LAYOUTS:
+            assert longer.is_fd
+            assert longer.length == LAYOUTS[message.frame_id].length
+    controller_end, plant_end = met(first_counter=2**33)
+    for frame, sender in ((FROM_PLANT[0], plant_end), (CONTROLLER_STATUS, controller_end)):
+        secured = sender.secure(frame)
+        signals = database.decode_message(frame.can_id, secured.data)
+        was = load_database().decode_message(frame.can_id, frame.data)
+        assert isinstance(signals, dict)
+        assert isinstance(was, dict)
+        assert was.items() <= signals.items()
+        layout = LAYOUTS[frame.can_id]
+        on_wire = secured.data[layout.secured_length : layout.mac_start]
+        assert signals["FRESHNESS"] == int.from_bytes(on_wire, "big")
+        challenges = dict(signals)
+    assert challenges["CHALLENGE"] == int.from_bytes(CONTROLLER_CHALLENGE, "big")
+    assert challenges["ECHO"] == int.from_bytes(PLANT_CHALLENGE, "big")

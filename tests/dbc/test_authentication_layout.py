@@ -1,0 +1,169 @@
+"""Layout, primitive and figures of authenticated frames, each against somebody else's."""
+
+import math
+import re
+from pathlib import Path
+
+import pytest
+from cantools.autosar.secoc import apply_authenticator, verify_authenticator
+from hypothesis import given
+from hypothesis import strategies as st
+
+from steer_by_wire.dbc.authentication import SECOC_DEFINITIONS
+from steer_by_wire.dbc.codec import load_database
+from steer_by_wire.dbc.key_file import cmac_under
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    Decoded,
+    Direction,
+    LatencyConfig,
+    LatencyModel,
+    decode,
+    encode,
+)
+from steer_by_wire.dbc.secured_frame import (
+    DATA,
+    LAYOUTS,
+    PAYLOAD_LENGTH,
+    SYNC,
+    Refused,
+    is_secured,
+    plain,
+)
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
+from steer_by_wire.runtime.frame_length import INTERMISSION_BITS, frame_bits
+from tests.support.authenticated_ends import (
+    COMMAND,
+    CONTROLLER_CHALLENGE,
+    CONTROLLER_STATUS,
+    FROM_PLANT,
+    KEY,
+    PLANT_CHALLENGE,
+    PLANT_STATUS,
+    controller,
+    flipped,
+    met,
+    plant,
+)
+
+CONFIG = encode(LatencyConfig(Direction.BOTH, LatencyModel.CONSTANT, 0.01, 0.0, 0.0), 0)
+
+
+# The primitive and the layout, each against somebody else's
+
+
+@pytest.mark.parametrize(
+    ("length", "mac"),
+    [
+        (0, "bb1d6929e95937287fa37d129b756746"),
+        (16, "070a16b46b4d4144f79bdd9dd04a287c"),
+        (40, "dfa66747de9ae63030ca32611497c827"),
+        (64, "51f0bebf7e3b9d92fc49741779363cfe"),
+    ],
+)
+def test_the_cmac_is_that_of_rfc_4493(length: int, mac: str) -> None:
+    text = bytes.fromhex(
+        "6bc1bee22e409f96e93d7e117393172aae2d8a571e03ac9c9eb76fac45af8e51"
+        "30c81c46a35ce411e5fbc1191a0a52eff69f2445df4f9b17ad2b417be66c3710"
+    )
+    compute_mac = cmac_under(bytes.fromhex("2b7e151628aed2a6abf7158809cf4f3c"))
+    assert compute_mac(text[:length]).hex() == mac
+    assert compute_mac(text[:length]).hex() == mac  # one text leaves nothing behind for the next
+
+
+def test_a_key_of_another_length_is_no_key() -> None:
+    for length in (0, 15, 17, 32):
+        with pytest.raises(ValueError, match="16 bytes"):
+            cmac_under(bytes(length))
+
+
+@given(st.sampled_from(FROM_PLANT), st.integers(0, 2**63 - 1))
+def test_a_secured_frame_is_the_one_that_cantools_makes(frame: Frame, counter: int) -> None:
+    sender = plant(first_counter=counter)
+    sender.verify(controller().secure(CONTROLLER_STATUS))
+    secured = sender.secure(frame)
+    compute_mac = cmac_under(KEY)
+    freshness = int.from_bytes(CONTROLLER_CHALLENGE, "big") << 64 | counter
+    arguments = (
+        SECOC_DEFINITIONS[frame.can_id],
+        lambda _definition, text, _freshness: compute_mac(text),
+        freshness,
+    )
+    assert secured.data == apply_authenticator(frame.data + bytes(12), *arguments)
+    assert verify_authenticator(secured.data, *arguments)
+    assert not verify_authenticator(flipped(secured, 0).data, *arguments)
+
+
+def test_a_secured_status_is_the_one_that_cantools_makes() -> None:
+    sender = plant(first_counter=2**40 + 5)
+    compute_mac = cmac_under(KEY)
+    secured = sender.secure(PLANT_STATUS)
+    content = PLANT_STATUS.data + PLANT_CHALLENGE + bytes(8)
+    assert secured.data == apply_authenticator(
+        content + bytes(24),
+        SECOC_DEFINITIONS[PLANT_STATUS.can_id],
+        lambda _definition, text, _freshness: compute_mac(text),
+        2**40 + 5,
+    )
+
+
+def test_what_is_authenticated_is_as_documented() -> None:
+    """Data ID, payload, challenge, counter: written out, with the CMAC's highest 64 bits."""
+    _, sender = met(first_counter=1000)
+    secured = sender.secure(FROM_PLANT[0])
+    text = (0xA110).to_bytes(2, "big") + FROM_PLANT[0].data + CONTROLLER_CHALLENGE
+    text += (1001).to_bytes(8, "big")
+    assert secured.data[8:12] == (1001).to_bytes(4, "big")
+    assert secured.data[12:] == cmac_under(KEY)(text)[:8]
+
+
+def test_every_protected_message_has_a_secured_form_of_a_length_can_fd_has() -> None:
+    lengths = {
+        message.length for message in load_database().messages if message.frame_id in LAYOUTS
+    }
+    assert lengths == {PAYLOAD_LENGTH}
+    assert set(CAN_IDS.values()) - set(LAYOUTS) == {CAN_IDS[LatencyConfig]}
+    assert (DATA.length, SYNC.length) == (20, 48)
+    ends = met()
+    for frame in (*FROM_PLANT, PLANT_STATUS, CONTROLLER_STATUS, COMMAND):
+        secured = ends[0].secure(frame)
+        assert is_secured(secured)
+        assert not is_secured(frame)
+        assert secured.flags == FD | BITRATE_SWITCH
+        assert frame_bits(secured).data > 0  # raises for a length that CAN FD has not
+        assert plain(secured) == frame
+        assert isinstance(decode(plain(secured)), Decoded)
+        assert plain(frame) == frame
+
+
+def test_what_is_sent_by_hand_has_no_secured_form() -> None:
+    with pytest.raises(KeyError):
+        plant().secure(CONFIG)
+    assert met()[1].verify(CONFIG) is Refused.UNAUTHENTICATED
+
+
+# The document's figures
+
+
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "authentication.md"
+SECONDS = {"ms": 1e-3, "min": 60.0, "h": 3600.0, "years": 3600 * 24 * 365.25, "million": 1e6}
+
+
+def seconds_of(text: str) -> float:
+    number, *units = text.split()
+    return float(number) * math.prod(SECONDS[unit] for unit in units)
+
+
+def test_the_document_says_how_long_guessing_takes() -> None:
+    text = DOCUMENT.read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d+)[^|]* \| (\d+) \| (\d+) \| ([^|]+) \| ([^|]+) \|$", text, re.M)
+    assert [int(row[0]) for row in rows] == [24, 28, 48, 64]
+    for bits, length, rate, expected, one_in_a_million in rows:
+        # Alternating bits: without stuff bits, and so as many as there can be.
+        frame = Frame(0x100, b"\x55" * int(length), FD | BITRATE_SWITCH)
+        nominal, data = frame_bits(frame)
+        guesses_s = 1.0 / ((nominal + INTERMISSION_BITS) / 500e3 + data / 2e6)
+        assert int(rate) == round(guesses_s)
+        tries = 2.0 ** int(bits)
+        assert seconds_of(expected) == pytest.approx(tries / guesses_s, rel=0.02)
+        assert seconds_of(one_in_a_million) == pytest.approx(1e-6 * tries / guesses_s, rel=0.02)

@@ -1,0 +1,254 @@
+"""Messages to frames and back: golden bytes, agreement with cantools, every kind of bad frame."""
+
+import math
+from collections.abc import Callable, Iterator
+from enum import IntEnum
+from typing import Any, get_type_hints
+
+import pytest
+from cantools.database.can.signal import Signal
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from steer_by_wire.dbc.codec import load_database
+from steer_by_wire.dbc.messages import (
+    MESSAGE_TYPES,
+    ControllerFault,
+    ControllerSafety,
+    ControllerStatus,
+    Decoded,
+    DelayStatus,
+    Direction,
+    EchoState,
+    EncodeError,
+    EstimateState,
+    Freshness,
+    LatencyConfig,
+    LatencyModel,
+    LateralError,
+    Law,
+    Message,
+    Mode,
+    PlantStatus,
+    Rejection,
+    SafetyState,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    VehicleState,
+    decode,
+    encode,
+    encode_not_available,
+    limits,
+)
+from steer_by_wire.dbc.protection import HEADER_BITS
+from steer_by_wire.dbc.signals import field_name
+from steer_by_wire.runtime.frame import Frame
+
+DATABASE = load_database()
+NAMES = {message_type: name for name, message_type in MESSAGE_TYPES.items()}
+COMMAND = SteeringCommand(0.12345, 1234, Mode.ACTIVE)
+
+
+def field_values(message_type: type[Message], field: str, kind: type) -> st.SearchStrategy[Any]:
+    low, high = limits(message_type)[field]
+    if issubclass(kind, IntEnum):
+        return st.sampled_from(kind)
+    return st.floats(low, high) if kind is float else st.integers(int(low), int(high))
+
+
+def records(message_type: type[Message]) -> st.SearchStrategy[Message]:
+    hints = get_type_hints(message_type)
+    values = {name: field_values(message_type, name, kind) for name, kind in hints.items()}
+    build: Callable[..., Message] = message_type
+    return st.builds(build, **values)
+
+
+messages = st.one_of([records(message_type) for message_type in MESSAGE_TYPES.values()])
+counters = st.integers(0, 255)
+
+
+def signals_of(message: Message) -> dict[str, Signal]:
+    """The DBC's signals by the name of the field that stands for them."""
+    definition = DATABASE.get_message_by_name(NAMES[type(message)])
+    fields = {field_name(signal): signal for signal in definition.signals}
+    return {name: fields[name] for name in message._fields}
+
+
+# Payload behind the two CRC bytes and the counter, worked out by hand from the bit positions:
+# sum of raw << (first bit - 24), low byte first. The CRC is checked bit by bit in test_protection.
+GOLDEN: list[tuple[Message, str, str]] = [
+    # 12345 = 0x3039; 1234 << 18 = 0x1348_0000; 1 << 34 = 0x4_0000_0000; sum 0x04_1348_3039
+    (COMMAND, "100", "c1ae 07 3930481304"),
+    # -50000 = 0x33CB0 in 18 bits; 65535 << 18 = 0x3_FFFC_0000; 3 << 34; sum 0x0F_FFFF_3CB0
+    (SteeringCommand(-0.5, 65535, Mode.SAFE_STOP), "100", "d457 07 b03cffff0f"),
+    # -2000 = 0x1FF_F830 in 25 bits; 100 << 25 = 0xC800_0000; sum 0x00_C9FF_F830
+    (LateralError(-0.01, 0.02), "110", "8e60 07 30f8ffc900"),
+    # 10000 = 0x2710; 1200 << 18 = 0x12C0_0000; 1 << 34; sum 0x04_12C0_2710
+    (SteeringStatus(0.1, 1200, SteeringStatusCode.APPLYING), "120", "9169 07 1027c01204"),
+    # 278 = 0x116; 40 << 14 = 0xA_0000; -200 = 0x1F38 in 13 bits, << 27 = 0xF9_C000_0000
+    (VehicleState(1.39, 0.02, -0.01), "130", "50e2 07 16010ac0f9"),
+    # 1 + (3 << 3) = 0x19; 10 << 8 = 0xA00; -20 = 0xFEC in 12 bits, << 20; 3 << 32
+    (ControllerStatus(Mode.ACTIVE, Law.PD_DDOB, 0.01, -0.02, 3), "300", "fa51 07 190ac0fe03"),
+    # 5; 3 << 12 = 0x3000; 1 << 24; 2 << 26; 0; 1 << 30
+    (
+        ControllerSafety(
+            5,
+            3,
+            Freshness.FRESH,
+            Freshness.STALE,
+            Freshness.NEVER_SEEN,
+            ControllerFault.OVERRUNS,
+        ),
+        "304",
+        "b49b 07 0530004900",
+    ),
+    # 160 = 0xA0; 164 << 12 = 0xA_4000; 1 << 24; 2 << 26; 97 << 28 = 0x6_1000_0000
+    (
+        DelayStatus(0.08, 0.082, EchoState.KNOWN, EstimateState.OBSERVABLE, 0.97),
+        "308",
+        "d8a6 07 a0400a1906",
+    ),
+    # 160 = 0xA0; 160 << 12 = 0xA_0000; 1 << 24; 2 << 31 = 0x1_0000_0000; 2 << 37 = 0x40_0000_0000
+    (PlantStatus(0.08, 0.08, 1, 2, SafetyState.HOLDING), "310", "4b40 07 a0000a0141"),
+    # 3 + (2 << 4) = 0x23; 800 = 0x0320; 300 = 0x012C; 100 = 0x0064; no CRC, no counter
+    (
+        LatencyConfig(Direction.BOTH, LatencyModel.NORMAL, 0.08, 0.03, 0.01),
+        "320",
+        "23 2003 2c01 6400",
+    ),
+]
+
+
+@pytest.mark.parametrize(("message", "can_id", "payload"), GOLDEN, ids=lambda value: str(value))
+def test_a_message_has_the_bytes_worked_out_by_hand(
+    message: Message, can_id: str, payload: str
+) -> None:
+    frame = encode(message, 7)
+    assert frame == Frame(int(can_id, 16), bytes.fromhex(payload))
+    decoded = decode(frame)
+    assert isinstance(decoded, Decoded)
+    assert decoded.message == pytest.approx(message, abs=1e-12)
+    assert decoded.counter == (0 if isinstance(message, LatencyConfig) else 7)
+
+
+@given(messages, counters)
+@settings(deadline=None)
+def test_a_round_trip_moves_no_value_by_more_than_half_a_resolution(
+    message: Message, counter: int
+) -> None:
+    decoded = decode(encode(message, counter))
+    assert isinstance(decoded, Decoded)
+    assert type(decoded.message) is type(message)
+    for name, signal in signals_of(message).items():
+        sent, received = getattr(message, name), getattr(decoded.message, name)
+        assert type(received) is type(sent)
+        half = signal.scale / 2 if isinstance(sent, float) else 0
+        assert abs(received - sent) <= half * (1 + 1e-6)
+
+
+@given(messages, counters)
+@settings(deadline=None)
+def test_cantools_packs_the_same_bytes_and_unpacks_the_same_values(
+    message: Message, counter: int
+) -> None:
+    frame = encode(message, counter)
+    decoded = decode(frame)
+    assert isinstance(decoded, Decoded)
+    definition = DATABASE.get_message_by_frame_id(frame.can_id)
+    theirs = definition.decode(frame.data, decode_choices=False)
+    assert isinstance(theirs, dict)
+    names = {signal.name: name for name, signal in signals_of(message).items()}
+    for signal_name, name in names.items():
+        assert theirs[signal_name] == getattr(decoded.message, name)
+    header = {name: value for name, value in theirs.items() if name in HEADER_BITS}
+    values = {signal_name: getattr(message, name) for signal_name, name in names.items()}
+    assert definition.encode(header | values) == frame.data
+
+
+@given(messages)
+@settings(deadline=None)
+def test_what_was_received_is_sent_on_unchanged(message: Message) -> None:
+    frame = encode(message, 0)
+    decoded = decode(frame)
+    assert isinstance(decoded, Decoded)
+    assert encode(*decoded) == frame
+
+
+def with_value(message: Message, name: str, value: Any) -> Message:
+    return message._replace(**{name: value})
+
+
+def name_and_value_that_do_not_fit() -> Iterator[tuple[Message, str, object]]:
+    """For every field: a message that fits, and values for that field that do not."""
+    for message, _, _ in GOLDEN:
+        for name, signal in signals_of(message).items():
+            low, high = limits(type(message))[name]
+            if isinstance(getattr(message, name), IntEnum):
+                wrong: list[object] = [high + 1, low, SomeOtherEnum(int(low)), None, "ACTIVE"]
+            elif isinstance(getattr(message, name), float):
+                wrong = [math.nan, math.inf, -math.inf, None, "0.1"]
+                wrong += [low - 0.51 * signal.scale, high + 0.51 * signal.scale]
+            else:
+                wrong = [low - 1, high + 1, 1.0, math.nan, None, "1"]
+            for value in wrong:
+                yield message, name, value
+
+
+class SomeOtherEnum(IntEnum):
+    ZERO = 0
+    ONE = 1
+
+
+def test_encode_refuses_what_a_signal_cannot_carry_and_names_it() -> None:
+    for message, name, value in name_and_value_that_do_not_fit():
+        signal = signals_of(message)[name]
+        with pytest.raises(EncodeError) as caught:
+            encode(with_value(message, name, value), 0)
+        text = str(caught.value)
+        assert text.startswith(f"{NAMES[type(message)]}.{signal.name}: allowed is "), text
+        assert text.endswith(f", not {value!r}"), text
+
+
+def test_an_encode_error_says_what_is_allowed() -> None:
+    with pytest.raises(EncodeError) as caught:
+        encode(SteeringCommand(2.0, 0, Mode.ACTIVE), 0)
+    expected = "STEERING_COMMAND.STEER: allowed is -1.31071 to 1.31071 rad, not 2.0"
+    assert str(caught.value) == expected
+
+
+@pytest.mark.parametrize("counter", [-1, 256])
+def test_a_counter_beyond_eight_bits_is_refused(counter: int) -> None:
+    with pytest.raises(EncodeError, match="COUNTER: allowed is 0 to 255"):
+        encode(COMMAND, counter)
+
+
+@pytest.mark.parametrize(("raw", "sixteenths"), [(3, 47), (3, 48), (3, 49), (-3, -47), (-3, -49)])
+def test_values_are_rounded_to_the_nearest_raw(raw: int, sixteenths: int) -> None:
+    decoded = decode(encode(LateralError(sixteenths / 16 * 5e-6, 0.0), 0))
+    assert decoded == Decoded(LateralError(raw * 5e-6, 0.0), 0)
+
+
+def test_the_ends_of_every_range_can_be_sent() -> None:
+    for message, _, _ in GOLDEN:
+        for name, ends in limits(type(message)).items():
+            kind = type(getattr(message, name))
+            for end in ends:
+                decoded = decode(encode(with_value(message, name, kind(end)), 0))
+                assert isinstance(decoded, Decoded)
+                assert getattr(decoded.message, name) == pytest.approx(end, rel=1e-12)
+
+
+def test_not_available_is_the_lowest_raw_and_leaves_the_other_fields_alone() -> None:
+    command = encode_not_available(COMMAND, 7)
+    # -131072 = 0x20000 in 18 bits; the rest as in the first golden frame: 0x04_134A_0000
+    assert command.data[3:].hex() == "00004a1304"
+    error = encode_not_available(LateralError(0.0, 0.0), 7)
+    # 0x100_0000 in 25 bits; 0x4000 in 15 bits, << 25
+    assert error.data[3:].hex() == "0000000180"
+    assert decode(command) is decode(error) is Rejection.NOT_AVAILABLE
+
+
+def test_a_message_that_is_always_available_cannot_say_otherwise() -> None:
+    with pytest.raises(EncodeError, match="VEHICLE_STATE: none of its signals"):
+        encode_not_available(VehicleState(1.0, 0.0, 0.0), 0)

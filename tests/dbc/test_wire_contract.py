@@ -1,0 +1,221 @@
+"""The DBC itself, and that the typed messages and the documentation say the same as it does."""
+
+import re
+from enum import IntEnum
+from pathlib import Path
+from typing import NamedTuple, get_type_hints
+
+import pytest
+from cantools.database.can import Message as Definition
+from cantools.database.can.signal import Signal
+
+from steer_by_wire.controller.laws import LAWS
+from steer_by_wire.dbc.codec import MessageCodec, load_database
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    MESSAGE_TYPES,
+    Direction,
+    LatencyConfig,
+    LatencyModel,
+    Law,
+    Message,
+    SteeringCommand,
+    decode,
+    encode,
+    limits,
+)
+from steer_by_wire.dbc.protection import HEADER_BITS
+from steer_by_wire.runtime.frame import Frame
+
+DATABASE = load_database()
+DOCUMENT = (Path(__file__).parents[2] / "docs" / "wire_contract.md").read_text(encoding="utf-8")
+PROTECTED = [message for message in DATABASE.messages if message.name != "LATENCY_CONFIG"]
+
+# How a unit is written at the end of a name; the longest that fits counts.
+UNIT_AT_THE_END = re.compile(r"_(1_m|m_s|rad_s|rad|m|s)$")
+UNIT_IN_THE_DBC = {"1_m": "1/m", "m_s": "m/s", "rad_s": "rad/s", "rad": "rad", "m": "m", "s": "s"}
+
+
+def payload_signals(definition: Definition) -> list[Signal]:
+    """The signals a typed message has fields for, in the order of their bits."""
+    return [signal for signal in definition.signals if signal.name not in HEADER_BITS]
+
+
+def attribute(definition: Definition, name: str) -> float | str | None:
+    """A message's attribute, None where the DBC's default holds."""
+    assert definition.dbc is not None
+    found = definition.dbc.attributes.get(name)
+    return None if found is None else found.value
+
+
+def test_every_field_has_the_name_and_the_unit_of_its_signal() -> None:
+    for name, message_type in MESSAGE_TYPES.items():
+        definition = DATABASE.get_message_by_name(name)
+        fields = list(get_type_hints(message_type))
+        found = []
+        for field in fields:
+            unit = UNIT_AT_THE_END.search(field)
+            bare = field[: unit.start()] if unit else field
+            found.append((bare.upper(), UNIT_IN_THE_DBC[unit[1]] if unit else None))
+        assert found == [(signal.name, signal.unit) for signal in payload_signals(definition)]
+
+
+def test_every_message_has_a_type_and_every_type_a_message() -> None:
+    assert list(MESSAGE_TYPES) == [message.name for message in DATABASE.messages]
+    assert list(MESSAGE_TYPES.values()) == list(CAN_IDS)
+    assert list(CAN_IDS.values()) == [message.frame_id for message in DATABASE.messages]
+
+
+def test_every_value_table_is_the_enum_of_its_field_and_fills_the_range() -> None:
+    for name, message_type in MESSAGE_TYPES.items():
+        signals = payload_signals(DATABASE.get_message_by_name(name))
+        for (field, kind), signal in zip(
+            get_type_hints(message_type).items(), signals, strict=True
+        ):
+            table = {int(raw): str(text) for raw, text in (signal.choices or {}).items()}
+            if issubclass(kind, IntEnum):
+                assert table == {member.value: member.name for member in kind}, field
+                assert limits(message_type)[field] == (min(table), max(table))
+                assert list(table) == list(range(min(table), max(table) + 1))
+            elif table:
+                assert table == {-(1 << signal.length - 1): "NOT_AVAILABLE"}, field
+
+
+def test_everything_has_a_comment() -> None:
+    assert DATABASE.buses[0].comment
+    for node in DATABASE.nodes:
+        assert node.comment, node.name
+    for message in DATABASE.messages:
+        assert message.comment, message.name
+        for signal in message.signals:
+            assert signal.comment, (message.name, signal.name)
+
+
+def test_every_resolution_is_named_in_the_comment_that_says_why() -> None:
+    for message in DATABASE.messages:
+        for signal in message.signals:
+            numbers = re.findall(r"\d+(?:\.\d+)?(?:e-\d+)?", signal.comment or "")
+            if signal.scale != 1:
+                assert signal.scale in map(float, numbers), (message.name, signal.name)
+
+
+@pytest.mark.parametrize(
+    ("name", "can_id", "sender", "receivers", "cycle_ms"),
+    [
+        ("STEERING_COMMAND", 0x100, "CONTROLLER", {"PLANT"}, 10),
+        ("LATERAL_ERROR", 0x110, "PLANT", {"CONTROLLER"}, 10),
+        ("STEERING_STATUS", 0x120, "PLANT", {"CONTROLLER"}, 10),
+        ("VEHICLE_STATE", 0x130, "PLANT", {"CONTROLLER"}, 20),
+        ("CONTROLLER_STATUS", 0x300, "CONTROLLER", {"PLANT", "TOOL"}, 100),
+        ("CONTROLLER_SAFETY", 0x304, "CONTROLLER", {"PLANT", "TOOL"}, 100),
+        ("DELAY_STATUS", 0x308, "CONTROLLER", {"PLANT", "TOOL"}, 100),
+        ("PLANT_STATUS", 0x310, "PLANT", {"CONTROLLER", "TOOL"}, 100),
+        ("LATENCY_CONFIG", 0x320, "TOOL", {"PLANT"}, None),
+    ],
+)
+def test_a_message_is_sent_by_whom_to_whom_and_how_often(
+    name: str, can_id: int, sender: str, receivers: set[str], cycle_ms: int | None
+) -> None:
+    definition = DATABASE.get_message_by_name(name)
+    assert definition.frame_id == can_id
+    assert not definition.is_extended_frame
+    assert definition.senders == [sender]
+    assert definition.cycle_time == cycle_ms
+    is_at_changes_too = name in ("CONTROLLER_SAFETY", "PLANT_STATUS")
+    cyclic = "CyclicAndSpontaneous" if is_at_changes_too else "Cyclic"
+    assert definition.send_type == ("Event" if cycle_ms is None else cyclic)
+    for signal in definition.signals:
+        assert set(signal.receivers) == receivers, signal.name
+
+
+def test_the_steering_command_wins_every_arbitration() -> None:
+    assert min(CAN_IDS.values()) == CAN_IDS[SteeringCommand]
+
+
+def test_every_periodic_message_is_protected_under_a_data_id_of_its_own() -> None:
+    data_ids = [attribute(definition, "E2EDataId") for definition in PROTECTED]
+    assert len(set(data_ids)) == len(PROTECTED)
+    assert all(data_ids)  # neither absent nor the DBC's default, 0
+    for definition in DATABASE.messages:
+        header = {
+            signal.name: (signal.start, signal.length)
+            for signal in definition.signals
+            if signal.name in HEADER_BITS
+        }
+        if definition in PROTECTED:
+            assert attribute(definition, "E2EProfile") == 1  # "PROFILE_05" of the enumeration
+            assert header == HEADER_BITS
+        else:
+            assert header == {}
+            assert attribute(definition, "E2EDataId") is None
+            assert definition.cycle_time is None
+
+
+def test_a_field_whose_unit_is_not_the_dbcs_is_refused() -> None:
+    class InMillimetres(NamedTuple):
+        lateral_error_mm: float
+        heading_error_rad: float
+
+    with pytest.raises(KeyError, match="lateral_error_mm"):
+        MessageCodec(DATABASE.get_message_by_name("LATERAL_ERROR"), InMillimetres)
+
+
+def test_quantisation_is_small_beside_the_smallest_lateral_error_expected() -> None:
+    """Uniform quantisation noise has RMS q/sqrt(12); steer reaches the path by about 1 m/rad."""
+    smallest_rms_m = 1.3e-3
+    command, error = (
+        DATABASE.get_message_by_name(n) for n in ("STEERING_COMMAND", "LATERAL_ERROR")
+    )
+    for definition, name in ((command, "STEER"), (error, "LATERAL_ERROR")):
+        resolution = definition.get_signal_by_name(name).scale
+        assert resolution / 12**0.5 < 0.01 * smallest_rms_m
+
+
+def document_row(signal: Signal) -> str:
+    """How the table in the document has to describe ``signal``."""
+    cells = [
+        signal.name,
+        f"{signal.start}",
+        f"{signal.length} signed" if signal.is_signed else f"{signal.length}",
+        signal.unit or "",
+        f"{signal.scale:g}",
+        f"{signal.minimum:.9g} to {signal.maximum:.9g}",
+    ]
+    return "|" + "".join(f" {cell} |" if cell else " |" for cell in cells)
+
+
+@pytest.mark.parametrize("definition", DATABASE.messages, ids=lambda message: str(message.name))
+def test_the_document_describes_every_signal_as_the_dbc_does(definition: Definition) -> None:
+    heading = f"### {definition.name} 0x{definition.frame_id:X}\n"
+    assert heading in DOCUMENT
+    section = DOCUMENT.split(heading)[1].split("\n#")[0]
+    rows = [line for line in section.splitlines() if re.match(r"\| [A-Z_]{3,} \|", line)]
+    expected = [document_row(signal) for signal in payload_signals(definition)]
+    assert [row[: len(start)] for row, start in zip(rows, expected, strict=True)] == expected
+
+
+def test_the_documented_cansend_line_is_the_frame_it_says() -> None:
+    lines = re.findall(r"^cansend \S+ (\w{3})#(\w+) +# (.*)$", DOCUMENT, re.MULTILINE)
+    found = {text: Frame(int(can_id, 16), bytes.fromhex(data)) for can_id, data, text in lines}
+    expected: dict[str, Message] = {
+        "80 ms, standard deviation 30 ms, loss 1 %, normal, both directions": LatencyConfig(
+            Direction.BOTH, LatencyModel.NORMAL, 0.08, 0.03, 0.01
+        ),
+        "constant 250 ms for commands only": LatencyConfig(
+            Direction.DOWNLINK, LatencyModel.CONSTANT, 0.25, 0.0, 0.0
+        ),
+        "no latency, no loss": LatencyConfig(Direction.BOTH, LatencyModel.CONSTANT, 0.0, 0.0, 0.0),
+    }
+    assert found == {text: encode(message, 0) for text, message in expected.items()}
+    example = re.search(r"320#(\w+)", str(DATABASE.get_message_by_name("LATENCY_CONFIG").comment))
+    assert example is not None
+    frame = Frame(0x320, bytes.fromhex(example[1]))
+    assert frame in found.values()
+    assert decode(frame) != decode(frame._replace(data=bytes(7)))
+
+
+def test_every_law_on_the_wire_is_a_module_but_the_one_of_other_packages() -> None:
+    own = [law for law in Law if law is not Law.CUSTOM]
+    assert {name: law.number for name, law in LAWS.items()} == {
+        law.name.lower(): law for law in own
+    }

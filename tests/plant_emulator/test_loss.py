@@ -1,0 +1,138 @@
+"""Loss of frames: how many, how long the bursts, and the edges of the settings."""
+
+from itertools import groupby
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from steer_by_wire.plant_emulator.loss import LossParams, bernoulli, gilbert_elliott, loss_step
+
+FRAMES = 200_000
+probabilities = st.floats(0.0, 1.0)
+burst_lengths = st.floats(1.0, 1e6)
+
+
+def fates(params: LossParams, frames: int = FRAMES) -> tuple[list[bool], list[bool]]:
+    """The state of the chain at each frame, and whether the frame is lost."""
+    uniform = np.random.Generator(np.random.PCG64(5)).random(frames).tolist()
+    in_burst = False
+    bursts, lost = [], []
+    for u in uniform:
+        in_burst, is_lost = loss_step(params, in_burst, u)
+        bursts.append(in_burst)
+        lost.append(is_lost)
+    return bursts, lost
+
+
+def runs(values: list[bool]) -> list[int]:
+    return [len(list(group)) for value, group in groupby(values) if value]
+
+
+def share_lost(p: LossParams) -> float:
+    """The long-run share, from the chain's stationary distribution."""
+    leave = 1.0 - p.burst_after_burst
+    total = p.burst_after_good + leave
+    in_burst = p.burst_after_good / total if total else 0.0
+    return (1.0 - in_burst) * p.loss_in_good + in_burst * p.loss_in_burst
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.01, 0.3, 1.0])
+def test_independent_loss_is_as_frequent_as_asked(loss: float) -> None:
+    _, lost = fates(bernoulli(loss))
+    assert np.mean(lost) == pytest.approx(loss, abs=0.003)
+
+
+def test_independent_losses_follow_each_other_by_chance_only() -> None:
+    _, lost = fates(bernoulli(0.2))
+    assert np.mean(runs(lost)) == pytest.approx(1.0 / 0.8, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("loss", "burst_frames", "in_good", "in_burst"),
+    [(0.02, 5.0, 0.0, 1.0), (0.10, 20.0, 0.01, 0.8), (0.3, 3.0, 0.0, 0.5), (0.05, 1.0, 0.0, 1.0)],
+)
+def test_bursts_lose_the_share_asked_for_and_are_as_long_as_asked(
+    loss: float, burst_frames: float, in_good: float, in_burst: float
+) -> None:
+    bursts, lost = fates(gilbert_elliott(loss, burst_frames, in_good, in_burst))
+    assert np.mean(lost) == pytest.approx(loss, rel=0.1)
+    assert np.mean(runs(bursts)) == pytest.approx(burst_frames, rel=0.1)
+    assert np.mean([a for a, b in zip(lost, bursts, strict=True) if b]) == pytest.approx(
+        in_burst, abs=0.02
+    )
+    assert np.mean([a for a, b in zip(lost, bursts, strict=True) if not b]) == pytest.approx(
+        in_good, abs=0.005
+    )
+
+
+def test_a_chain_by_hand() -> None:
+    # Half of a hundredth of the frames' worth of bursts of four frames each.
+    assert gilbert_elliott(0.2, 4.0, 0.0, 1.0) == pytest.approx((0.0625, 0.75, 0.0, 1.0))
+
+
+@given(probabilities, burst_lengths, probabilities, probabilities)
+def test_every_loss_has_a_chain_with_that_long_run_share(
+    loss: float, burst_frames: float, one: float, other: float
+) -> None:
+    params = gilbert_elliott(loss, burst_frames, min(one, other), max(one, other))
+    assert all(0.0 <= probability <= 1.0 for probability in params)
+    assert share_lost(params) == pytest.approx(loss, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("loss", "expected"),
+    [
+        (0.0, bernoulli(0.0)),  # the lower of the two in the good state gives way
+        (0.1, bernoulli(0.1)),  # never in a burst
+        (0.6, bernoulli(0.6)),  # always in a burst
+        (0.9, bernoulli(0.9)),  # the upper one gives way
+        (1.0, bernoulli(1.0)),
+    ],
+)
+def test_outside_what_two_states_can_lose_every_frame_is_on_its_own(
+    loss: float, expected: LossParams
+) -> None:
+    assert gilbert_elliott(loss, 5.0, 0.1, 0.6) == expected
+
+
+def test_bursts_that_would_have_to_touch_grow() -> None:
+    bursts, lost = fates(gilbert_elliott(0.9, 2.0, 0.0, 1.0))
+    assert np.mean(lost) == pytest.approx(0.9, abs=0.005)
+    assert np.mean(runs(bursts)) == pytest.approx(10.0, rel=0.05)  # 1 / (1 − 0.9)
+
+
+@pytest.mark.parametrize(
+    ("in_burst", "u", "outcome"),
+    [
+        (False, 0.00, (True, True)),
+        (False, 0.14, (True, True)),  # below 0.2 · 0.75
+        (False, 0.16, (True, False)),
+        (False, 0.21, (False, True)),  # below 0.2 + 0.8 · 0.125
+        (False, 0.31, (False, False)),
+        (True, 0.44, (True, True)),  # below 0.6 · 0.75
+        (True, 0.46, (True, False)),
+        (True, 0.64, (False, True)),  # below 0.6 + 0.4 · 0.125
+        (True, 0.66, (False, False)),
+    ],
+)
+def test_one_uniform_decides_state_and_loss(
+    in_burst: bool, u: float, outcome: tuple[bool, bool]
+) -> None:
+    assert loss_step(LossParams(0.2, 0.6, 0.125, 0.75), in_burst, u) == outcome
+
+
+@given(st.floats(2.0**-54, 1.0 - 2.0**-53), st.booleans())
+def test_no_loss_loses_nothing_and_full_loss_everything(u: float, in_burst: bool) -> None:
+    assert not loss_step(bernoulli(0.0), in_burst, u)[1]
+    assert loss_step(bernoulli(1.0), in_burst, u)[1]
+
+
+@given(st.floats(2.0**-54, 1.0 - 2.0**-53), probabilities, probabilities, st.booleans())
+def test_a_frame_lost_at_a_low_rate_is_lost_at_a_higher_one(
+    u: float, one: float, other: float, in_burst: bool
+) -> None:
+    _, lost_at_low = loss_step(bernoulli(min(one, other)), in_burst, u)
+    _, lost_at_high = loss_step(bernoulli(max(one, other)), in_burst, u)
+    assert lost_at_high or not lost_at_low

@@ -1,0 +1,177 @@
+"""Frames to the plant node that nobody should have sent, and values its own cannot carry."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    Decoded,
+    Direction,
+    LatencyConfig,
+    LatencyModel,
+    LateralError,
+    Mode,
+    PlantStatus,
+    SteeringCommand,
+    SteeringStatus,
+    VehicleState,
+    decode,
+    encode,
+    encode_not_available,
+    limits,
+)
+from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link, plant_settings
+
+# Frames nobody should have sent
+
+
+@st.composite
+def any_frames(draw: st.DrawFn) -> Frame:
+    ours = st.sampled_from(sorted(CAN_IDS.values()))
+    can_id = draw(st.one_of(ours, st.integers(0, 0x1FFFFFFF)))
+    kinds = (0, EXTENDED, REMOTE, ERROR, FD, FD | BITRATE_SWITCH, EXTENDED | FD)
+    flags = draw(st.sampled_from(kinds))
+    length = st.sampled_from([0, 7, 8]) if draw(st.booleans()) else st.integers(0, 64)
+    size = draw(length)
+    return Frame(can_id, draw(st.binary(min_size=size, max_size=size)), flags)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.lists(any_frames(), max_size=20))
+def test_no_frame_can_make_the_node_raise(frames: list[Frame]) -> None:
+    tested = link(path={"kind": "straight"})
+    for number, frame in enumerate(frames):
+        now_ns = START_NS + number * MS_NS
+        assert tested.node.on_frame(frame, now_ns) == ()
+        tested.tick(now_ns)
+    assert len(tested.messages(LateralError)) + len(tested.messages(SteeringStatus)) > 0 or not (
+        frames
+    )
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 2**64 - 1))
+def test_any_content_of_a_latency_configuration_is_taken_or_counted(word: int) -> None:
+    """It has no checksum, so anything can arrive."""
+    tested = link(start_on_first_command=False)
+    data = word.to_bytes(8, "little")[: len(encode(A_CONFIG, 0).data)]
+    tested.node.on_frame(Frame(CAN_IDS[LatencyConfig], data), START_NS)
+    tested.tick_until(START_NS + 30 * PERIOD_NS)
+    report = tested.node.report()
+    assert report["accepted"] + sum(report["rejected"].values()) == 1
+
+
+A_CONFIG = LatencyConfig(Direction.BOTH, LatencyModel.CONSTANT, 0.0, 0.0, 0.0)
+
+
+def test_bad_frames_are_counted_by_cause_and_change_nothing() -> None:
+    def run(with_bad: bool) -> Link:
+        tested = link()
+        for step in range(30):
+            now_ns = START_NS + step * PERIOD_NS
+            tested.command(now_ns, 0.01 * step)
+            good = encode(SteeringCommand(0.5, 0, Mode.ACTIVE), step)
+            if with_bad and step % 3 == 0:
+                bad = (
+                    good._replace(data=good.data[:-1] + b"\xff"),
+                    good._replace(data=good.data[:5]),
+                    good._replace(flags=EXTENDED),
+                    good,  # the counter of the command before
+                    encode(SteeringCommand(0.5, 0, Mode.ACTIVE), (step - 5) % 256),
+                    encode(SteeringCommand(0.5, 0, Mode.ACTIVE), (step + 110) % 256),
+                    encode_not_available(SteeringCommand(0.5, 0, Mode.ACTIVE), step + 1),
+                    encode(LateralError(1.0, 0.0), 0),  # one of the rig's own: not for it
+                    Frame(0x7FF, b""),
+                )
+                for frame in bad:
+                    tested.node.on_frame(frame, now_ns)
+            tested.tick_until(now_ns)
+        return tested
+
+    clean, disturbed = run(False), run(True)
+    assert disturbed.node.samples == clean.node.samples
+    assert disturbed.node.report()["rejected"] == {
+        "bad_crc": 10,
+        "wrong_length": 10,
+        "wrong_format": 10,
+        "repeated": 10,
+        "out_of_order": 10,
+        "too_far": 10,
+        "not_available": 10,
+    }
+    assert disturbed.node.report()["accepted"] == 30
+    assert disturbed.last(PlantStatus).rejected == 49  # at 200 ms, 7 at each of 7 steps
+    assert clean.node.report()["rejected"] == {}
+
+
+def test_commands_that_never_came_are_counted() -> None:
+    tested = link()
+    tested.command(START_NS, 0.1)
+    tested.counter += 4
+    tested.command(START_NS + PERIOD_NS, 0.1)
+    assert tested.node.report()["lost_on_the_bus"] == 4
+
+
+# What a signal cannot carry
+
+
+def test_beyond_its_range_the_lateral_error_is_not_available_and_comes_back() -> None:
+    tested = link(vehicle={"speed_km_h": 100}, path={"kind": "circle", "radius_m": 50})
+    tested.command(START_NS, 0.0)
+    tested.tick_until(START_NS + 1000 * PERIOD_NS)
+    largest_m = limits(LateralError)["lateral_error_m"].maximum
+    errors = [
+        (sample, decode(frame))
+        for sample, frame in zip(
+            tested.node.samples,
+            [f for _, f in tested.frames if f.can_id == CAN_IDS[LateralError]],
+            strict=True,
+        )
+    ]
+    beyond = [decoded for s, decoded in errors if abs(s.lateral_error_m) > largest_m]
+    within = [decoded for s, decoded in errors if abs(s.lateral_error_m) <= largest_m]
+    assert len(beyond) > 100
+    assert {str(decoded) for decoded in beyond} == {"not_available"}
+    assert all(isinstance(decoded, Decoded) for decoded in within)
+    assert tested.node.report()["not_available"] == len(beyond)
+
+
+def test_the_heading_error_is_an_angle_of_one_turn() -> None:
+    tested = link(start_on_first_command=False, safety={"fallback": "keep"})
+    tested.command(START_NS, 0.5)
+    tested.tick_until(START_NS + 1800 * PERIOD_NS)
+    true = [sample.heading_error_rad for sample in tested.node.samples]
+    assert max(true) > 3.5
+    sent = [message.heading_error_rad for _, message in tested.messages(LateralError)]
+    for a, b in zip(true, sent, strict=True):
+        assert math.cos(a - b) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_what_is_sent_as_the_end_of_its_range_is_counted() -> None:
+    tested = link(vehicle={"speed_km_h": 250}, path={"kind": "circle", "radius_m": 5})
+    tested.command(START_NS, 0.0)
+    tested.tick_until(START_NS)
+    assert tested.last(VehicleState).preview_curvature_1_m == pytest.approx(0.2)
+    assert tested.node.report()["clamped"] == 0
+    tested.configure(
+        START_NS, LatencyConfig(Direction.DOWNLINK, LatencyModel.CONSTANT, 6.0, 0.0, 0.0)
+    )
+    tested.command(START_NS + MS_NS, 0.0)
+    tested.tick_until(START_NS + 10 * PERIOD_NS)
+    largest_s = limits(PlantStatus)["downlink_latency_s"].maximum
+    assert tested.last(PlantStatus).downlink_latency_s == pytest.approx(largest_s)
+    assert tested.node.report()["clamped"] == 1
+
+
+def test_samples_are_bounded_and_the_figures_are_not() -> None:
+    tested = Link(plant_settings(start_on_first_command=False))
+    tested.node = PlantNode(tested.settings, START_NS, samples_max=5)
+    tested.tick_until(START_NS + 20 * PERIOD_NS)
+    assert len(tested.node.samples) == 5
+    assert tested.node.report()["samples"] == 21
+    assert tested.node.report()["lateral_error_final_m"] != 0.0

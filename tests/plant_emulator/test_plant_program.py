@@ -1,0 +1,219 @@
+"""The program ``plant-emulator`` as its users meet it: errors, a run, its report and trace."""
+
+import csv
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    Decoded,
+    LateralError,
+    Mode,
+    SteeringCommand,
+    SteeringStatus,
+    decode,
+    encode,
+)
+from steer_by_wire.dbc.secured_program import NOBODY
+from steer_by_wire.plant_emulator.plant_samples import PlacedSample, PlantSample
+from steer_by_wire.plant_emulator.program import main
+from steer_by_wire.runtime.emulated_bus.launch import launched_broker
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.program import ExitStatus
+from tests.support.running_program import ORDINARY, UNSUPERVISED
+
+Capture = pytest.CaptureFixture[str]
+PATIENCE_S = 60.0
+NOTICE = f"plant-emulator: {NOBODY}\n"
+"""What every run on classic CAN says on standard error, once."""
+
+
+def on_bus(address: str) -> list[str]:
+    return ["-i", "emulated", "--bus-kwargs", f"address={address}"]
+
+
+@contextmanager
+def started(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Run the program until the end of the block at the latest; begins when it is ready."""
+    program = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "steer_by_wire.plant_emulator",
+            *ORDINARY,
+            *UNSUPERVISED,
+            *arguments,
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    with program:
+        try:
+            assert program.stdout is not None
+            assert "ready on" in program.stdout.readline()
+            yield program
+        finally:
+            program.kill()
+
+
+def drive_until(client: can.BusABC, samples: int) -> list[Frame]:
+    """Answer every measurement with a command, as a controller would; returns what came."""
+    received: list[Frame] = []
+    counter = 0
+    while sum(frame.can_id == CAN_IDS[LateralError] for frame in received) < samples:
+        message = client.recv(PATIENCE_S)
+        assert message is not None, "the plant has fallen silent"
+        received.append(Frame(message.arbitration_id, bytes(message.data)))
+        if message.arbitration_id == CAN_IDS[LateralError]:
+            command = encode(SteeringCommand(0.05, counter, Mode.ACTIVE), counter % 256)
+            client.send(
+                can.Message(arbitration_id=command.can_id, data=command.data, is_extended_id=False)
+            )
+            counter += 1
+    return received
+
+
+# Errors
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (["--set", "seed=-1"], ["--set: seed = -1"]),
+        (["--seed", "-1"], ["--set: seed = -1"]),
+        (["--set", "latency.downlink.mean_s=11"], ["latency.downlink.mean_s = 11", "10.0"]),
+        (["--set", "latency.uplink.trace_file=none.csv"], ["none.csv cannot be read"]),
+        (["--preset", "paper_nominl"], ["preset paper_nominl", "paper_nominal"]),
+        (["none.toml"], ["none.toml: cannot be read"]),
+        (["--set", "path.kind=waypoints", "--set", "path.file=none.csv"], ["none.csv"]),
+    ],
+)
+def test_wrong_settings_are_one_line_and_status_2(
+    capsys: Capture, arguments: list[str], parts: list[str]
+) -> None:
+    assert main(arguments) == 2
+    captured = capsys.readouterr()
+    (line,) = captured.err.splitlines()
+    assert line.startswith("plant-emulator: error: ")
+    assert [part for part in parts if part not in line] == []
+    assert captured.out == ""
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--sed", "1"], ["--seed", "one"], ["--duration", "0"], ["--priority", "100"]]
+)
+def test_a_command_line_that_is_none_is_status_2(capsys: Capture, arguments: list[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    assert "plant-emulator: error: " in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_a_bus_that_is_not_there_is_one_line_and_status_3(capsys: Capture, tmp_path: Path) -> None:
+    assert main(on_bus(str(tmp_path / "nobody"))) == 3
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("plant-emulator: error: ")
+    assert "nobody" in line
+
+
+# Runs
+
+
+def checked_report(file: Path) -> Any:
+    report = json.loads(file.read_text(encoding="utf-8"))
+    assert report["program"] == "plant-emulator"
+    assert report["node"]["seed"] == report["settings"]["seed"]
+    assert set(report["node"]["downlink"]) >= {"pushed", "released", "lost", "latency", "injected"}
+    return report
+
+
+def test_a_run_ends_by_itself_with_report_and_trace(tmp_path: Path) -> None:
+    report_file, trace_file = tmp_path / "report.json", tmp_path / "trace.csv"
+    with (
+        launched_broker() as address,
+        can.Bus(interface="emulated", address=address, ignore_config=True) as client,
+        started(
+            *on_bus(address),
+            *("--preset", "paper_nominal", "--seed", "7"),
+            *("--set", "duration_s=0.5", "--set", "latency.downlink.mean_s=0.03"),
+            *("--report", str(report_file), "--trace", str(trace_file)),
+        ) as program,
+    ):
+        received = drive_until(client, 15)
+        out, err = program.communicate(timeout=PATIENCE_S)
+        assert (program.returncode, err) == (ExitStatus.OK, NOTICE)
+    assert "ended by finished" in out
+    assert "lateral error RMS" in out
+
+    report = checked_report(report_file)
+    assert report["ended_by"] == "finished"
+    assert report["node"]["seed"] == 7
+    assert report["node"]["motion_s"] >= 0.5
+    # The test has stopped driving; what arrived was taken, and waited for its latency.
+    assert report["node"]["accepted"] >= 10
+    assert report["node"]["rejected"] == {}
+    assert report["node"]["downlink"]["latency"]["p50_s"] == pytest.approx(0.03, rel=0.01)
+
+    with trace_file.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == [*PlantSample._fields, *PlacedSample._fields]
+    assert len(rows) == report["node"]["samples"]
+    times_s = [float(row["time_s"]) for row in rows]
+    assert times_s == sorted(times_s)
+    assert float(rows[-1]["command_rad"]) == pytest.approx(0.05)
+
+    decoded = [decode(frame) for frame in received]
+    assert all(isinstance(item, Decoded) for item in decoded)
+    messages = [item.message for item in decoded if isinstance(item, Decoded)]
+    assert any(isinstance(m, SteeringStatus) and m.applied_counter > 0 for m in messages)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_run_with_its_report(tmp_path: Path, number: signal.Signals) -> None:
+    report_file = tmp_path / "report.json"
+    with (
+        launched_broker() as address,
+        can.Bus(interface="emulated", address=address, ignore_config=True) as client,
+        started(*on_bus(address), "--report", str(report_file)) as program,
+    ):
+        drive_until(client, 3)
+        program.send_signal(number)
+        _, err = program.communicate(timeout=PATIENCE_S)
+        assert (program.returncode, err) == (ExitStatus.OK, NOTICE)
+    assert checked_report(report_file)["ended_by"] == number.name
+
+
+def test_a_duration_ends_a_run_that_nobody_drives(tmp_path: Path) -> None:
+    report_file = tmp_path / "report.json"
+    with launched_broker() as address:
+        options = ("--duration", "0.2", "--report", str(report_file))
+        with started(*on_bus(address), *options) as program:
+            _, err = program.communicate(timeout=PATIENCE_S)
+            assert (program.returncode, err) == (ExitStatus.OK, NOTICE)
+    report = checked_report(report_file)
+    assert report["ended_by"] == "duration"
+    assert report["node"]["samples"] == 0
+
+
+def test_a_bus_that_fails_ends_a_run_with_its_report_and_status_3(tmp_path: Path) -> None:
+    report_file = tmp_path / "report.json"
+    with ExitStack() as broker:
+        address = broker.enter_context(launched_broker())
+        with started(*on_bus(address), "--report", str(report_file)) as program:
+            broker.close()
+            _, err = program.communicate(timeout=PATIENCE_S)
+            assert program.returncode == ExitStatus.BUS
+    notice, line = err.splitlines(keepends=True)
+    assert notice == NOTICE
+    assert line.startswith("plant-emulator: error: ")
+    assert checked_report(report_file)["ended_by"] in line

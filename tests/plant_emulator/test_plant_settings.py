@@ -1,0 +1,129 @@
+"""Settings of the plant emulator: presets, defaults, and what is said about mistakes."""
+
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.plant_emulator.latency import Distribution
+from steer_by_wire.plant_emulator.latency_settings import LatencySettings, Order
+from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.program import PRESETS
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.settings import (
+    Preset,
+    SettingsError,
+    dump_toml,
+    load_settings,
+    preset_names,
+    read_preset,
+)
+
+
+def mistake(text: str, tmp_path: Path) -> str:
+    """What is said about a settings file; it has to be one line."""
+    file = tmp_path / "rig.toml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(SettingsError) as caught:
+        load_settings(PlantSettings, file=file)
+    (line,) = caught.value.mistakes
+    assert "\n" not in line
+    return line
+
+
+@pytest.mark.parametrize("name", preset_names(PRESETS))
+def test_every_preset_loads_and_runs(name: str) -> None:
+    settings = load_settings(PlantSettings, read_preset(PRESETS, name))
+    node = PlantNode(settings, 0)
+    assert len(node.on_tick(0)) == 4
+
+
+@pytest.mark.parametrize("name", preset_names(PRESETS))
+def test_every_preset_survives_being_written_and_read(name: str) -> None:
+    settings = load_settings(PlantSettings, read_preset(PRESETS, name))
+    assert load_settings(PlantSettings, Preset("again", dump_toml(settings))) == settings
+
+
+def test_by_default_the_network_does_nothing() -> None:
+    for line in (PlantSettings().latency.downlink, PlantSettings().latency.uplink):
+        assert line == LatencySettings()
+        assert (line.model, line.mean_s, line.loss) == (Distribution.CONSTANT, 0.0, 0.0)
+        assert line.order is Order.NEWEST_WINS
+
+
+def test_times_are_whole_nanoseconds() -> None:
+    settings = load_settings(
+        PlantSettings, overrides=["duration_s=0.1234567891", "sensor_period_ms=3.3333333"]
+    )
+    assert settings.duration_ns == 123_456_789
+    assert settings.sensor_period_ns == 3_333_333
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("seed = -1", ["seed = -1", "from 0, up to 9223372036854775807"]),
+        ("seed = 1.5", ["seed = 1.5"]),
+        ("duration_s = 0", ["duration_s = 0", "above 0.0, up to 1000000.0"]),
+        ("sensor_period_ms = 0.5", ["sensor_period_ms = 0.5", "1", "100"]),
+        ("max_counter_jump = 128", ["max_counter_jump = 128", "from 1, up to 127"]),
+        ("resync_frames = 0", ["resync_frames = 0", "from 1, up to 100"]),
+        ("start_on_first_command = 1", ["start_on_first_command = 1"]),
+        ("duration = 5", ["duration", "duration_s"]),
+        ("[latency.downlink]\nmean_s = 10.5", ["latency.downlink.mean_s = 10.5", "0", "10"]),
+        ("[latency.uplink]\nspread_s = -1", ["latency.uplink.spread_s = -1", "0", "10"]),
+        ("[latency.uplink]\nmean_s = nan", ["latency.uplink.mean_s"]),
+        ("[latency.uplink]\nloss = 1.01", ["latency.uplink.loss = 1.01", "0", "1"]),
+        ("[latency.uplink]\nburst_frames = 0.9", ["latency.uplink.burst_frames = 0.9", "1"]),
+        ("[latency.uplink]\nduplicates = 2", ["latency.uplink.duplicates = 2", "0", "1"]),
+        ("[latency.uplink]\nmodel = 'weibull'", ["latency.uplink.model", "weibull", "gamma"]),
+        ("[latency.uplink]\norder = 'random'", ["latency.uplink.order", "random", "in_order"]),
+        ("[latency.uplink]\nspread_s = 0.1", ["latency.uplink", "spread_s needs a model"]),
+        (
+            "[latency.uplink]\nloss_in_good = 0.5\nloss_in_burst = 0.5",
+            ["latency.uplink", "loss_in_good must be below loss_in_burst"],
+        ),
+        (
+            "[latency.uplink]\nschedule = [{time_s = 2, mean_s = 0}, {time_s = 1, mean_s = 0}]",
+            ["latency.uplink", "schedule must rise in time: 1.0 s follows 2.0 s"],
+        ),
+        (
+            "[latency.uplink]\nschedule = [{time_s = 2, mean_s = 11}]",
+            ["latency.uplink.schedule", "mean_s = 11", "10"],
+        ),
+        (
+            "[latency.uplink]\ntrace_file = 'no/such.csv'",
+            ["latency.uplink", "no/such.csv cannot be read: No such file"],
+        ),
+        ("[latency.sidelink]\nmean_s = 0.1", ["latency.sidelink"]),
+    ],
+)
+def test_a_bad_setting_is_one_line_naming_file_key_value_and_range(
+    tmp_path: Path, text: str, parts: list[str]
+) -> None:
+    line = mistake(text, tmp_path)
+    assert [part for part in [str(tmp_path / "rig.toml"), *parts] if part not in line] == []
+
+
+@pytest.mark.parametrize("content", [b"latency_s\nlate\n", b"latency_s\n\xff\n", b""])
+def test_a_bad_trace_is_refused_with_the_settings(tmp_path: Path, content: bytes) -> None:
+    trace = tmp_path / "trace.csv"
+    trace.write_bytes(content)
+    line = mistake(f"[latency.uplink]\ntrace_file = '{trace}'", tmp_path)
+    assert "latency.uplink" in line
+    assert str(trace) in line
+
+
+def test_a_schedule_and_a_trace_exclude_each_other(tmp_path: Path) -> None:
+    trace = tmp_path / "trace.csv"
+    trace.write_text("latency_s\n0\n")
+    line = mistake(
+        f"[latency.uplink]\ntrace_file = '{trace}'\nschedule = [{{time_s = 0, mean_s = 0}}]",
+        tmp_path,
+    )
+    assert "schedule and trace_file exclude each other" in line
+
+
+def test_points_of_a_schedule_may_share_a_time() -> None:
+    points = "[{time_s=1,mean_s=0.1},{time_s=1,mean_s=0.2}]"
+    settings = load_settings(PlantSettings, overrides=[f"latency.uplink.schedule={points}"])
+    assert [point.mean_s for point in settings.latency.uplink.schedule] == [0.1, 0.2]

@@ -1,0 +1,38 @@
+"""A test notices every mutant of the steering's guard."""
+
+from importlib import import_module
+
+from steer_by_wire.plant_emulator import steering_guard
+from tests.support import driven_guard
+from tests.support.mutation import fails_with, survivors
+
+EQUIVALENT = {
+    # SAFE_STATE is the greatest mode.
+    "x.mode == _SAFE_STATE  ->  x.mode >= _SAFE_STATE",
+    "x.mode != _SAFE_STATE  ->  x.mode < _SAFE_STATE",
+    "mode != _SAFE_STATE  ->  mode < _SAFE_STATE",
+    # SAFE_STATE is dealt with before, and FALLBACK in the same breath.
+    "x.mode == _FALLBACK  ->  x.mode >= _FALLBACK",
+    "mode == _FALLBACK  ->  mode >= _FALLBACK",
+    "x.mode == _HOLDING  ->  x.mode >= _HOLDING",
+    # FOLLOWING is dealt with before; a cause is not negative.
+    "x.mode > _FOLLOWING  ->  x.mode >= _FOLLOWING",
+    "x.limiter.cause != 0  ->  x.limiter.cause > 0",
+    # A run grows by one, so it meets the number before it exceeds it, and is not negative.
+    "good_run >= p.recovery_frames  ->  good_run == p.recovery_frames",
+    "x.good_run > 0  ->  x.good_run != 0",
+    # A step of a ramp is not negative.
+    "p.ramp_step_rad > 0.0  ->  p.ramp_step_rad != 0.0",
+}
+"""What behaves as the original in all states there are."""
+
+
+def test_a_test_notices_every_mutant() -> None:
+    folder = "tests.plant_emulator"
+    suites = [import_module(f"{folder}.test_steering_{name}") for name in ("guard", "hold")]
+    alive, count = survivors(
+        steering_guard,
+        lambda mutant: any(fails_with(suite, mutant, "", driven_guard) for suite in suites),
+    )
+    assert {text.split(": ")[1] for text in alive} == EQUIVALENT
+    assert count > 80

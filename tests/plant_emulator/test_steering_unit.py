@@ -1,0 +1,316 @@
+"""The steering's control unit in the plant: what it does with commands, counts and says."""
+
+import random
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from steer_by_wire.compiled.engine import run_batch
+from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.dbc.messages import (
+    Direction,
+    LatencyConfig,
+    LatencyModel,
+    Mode,
+    PlantStatus,
+    SafetyState,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    encode,
+)
+from steer_by_wire.pair.virtual import run_virtual_nodes
+from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.plant_samples import PlantSample
+from steer_by_wire.plant_emulator.program import PRESETS
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.steering_unit import answers_to
+from steer_by_wire.runtime.settings import SettingsError, load_settings, preset_names, read_preset
+from tests.support.driven_guard import Guarded
+from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
+
+
+def test_which_commands_are_followed_is_known_from_their_times() -> None:
+    guarded = Guarded(recovery_frames=2, hold_ms=20.0, override_ms=700.0)
+    times_ms = [0.0, 140.0, 280.0 + 1e-6, 281.0, 420.0, 600.0, 610.0, 699.0, 700.0, 710.0]
+    expected = [guarded.command(time_ms, 0.25) for time_ms in times_ms]
+    assert expected == [True, True, True, True, True, False, True, True, True, False]
+    assert [
+        answer.is_followed
+        for answer in answers_to(guarded.p, [(round(t * MS_NS), False) for t in times_ms])
+    ] == expected
+
+
+# In the plant
+
+
+DEAD_NS = START_NS + 500 * MS_NS
+
+
+def silent(**tables: Any) -> Link:
+    """A link whose controller commands 0.1 rad every 10 ms for half a second and then dies."""
+    tested = link(**tables)
+    for step in range(51):
+        tested.command(START_NS + step * PERIOD_NS, 0.1)
+    return tested
+
+
+def codes(tested: Link) -> list[tuple[float, SteeringStatusCode]]:
+    """Changes of STEERING_STATUS.STATUS, and when they were sent after the last command [ms]."""
+    found: list[tuple[float, SteeringStatusCode]] = []
+    for now_ns, message in tested.messages(SteeringStatus):
+        if not found or found[-1][1] is not message.status:
+            found.append(((now_ns - DEAD_NS) / MS_NS, message.status))
+    return found
+
+
+def test_silence_is_acted_upon_and_told_within_the_fault_tolerant_time() -> None:
+    tested = silent()
+    tested.tick_until(START_NS + 300 * PERIOD_NS)
+    held, fell = codes(tested)[-2:]
+    assert held == (140.0, SteeringStatusCode.HOLDING)
+    assert fell == (640.0, SteeringStatusCode.FALLBACK)
+    wheel = {round((s.time_s - 0.5) * 1e3): s.wheel_angle_rad for s in tested.node.samples}
+    assert wheel[140] == wheel[630] == 0.1
+    assert wheel[640] == pytest.approx(0.098)
+    assert wheel[1130] == pytest.approx(0.0, abs=1e-12)
+    report = tested.node.report()["safety"]
+    assert (report["mode"], report["holdings"], report["fallbacks"]) == ("fallback", 1, 1)
+    told = [(now_ns - DEAD_NS, m.safety) for now_ns, m in tested.messages(PlantStatus)]
+    # At once, and then at five cycles.
+    assert next(at for at, state in told if state is SafetyState.HOLDING) == 140 * MS_NS
+    assert [state for at, state in told if 140 * MS_NS <= at < 640 * MS_NS] == [
+        SafetyState.HOLDING
+    ] * 6
+    assert told[-1][1] is SafetyState.FALLBACK
+
+
+@pytest.mark.parametrize("ftti_ms", [50.0, 150.0, 400.0])
+def test_the_fault_tolerant_time_is_a_setting(ftti_ms: float) -> None:
+    tested = silent(safety={"ftti_ms": ftti_ms})
+    tested.tick_until(START_NS + 100 * PERIOD_NS)
+    at_ms, code = codes(tested)[-1]
+    assert code is SteeringStatusCode.HOLDING
+    assert ftti_ms - 10.0 <= at_ms <= ftti_ms
+
+
+def test_silence_may_be_left_unwatched() -> None:
+    tested = silent(safety={"ftti_ms": "off"})
+    tested.tick_until(START_NS + 1000 * PERIOD_NS)
+    assert codes(tested)[-1][1] is SteeringStatusCode.APPLYING
+    assert tested.node.samples[-1].wheel_angle_rad == 0.1
+
+
+def test_silence_counts_behind_the_latency_line() -> None:
+    """Constant latency is none; a latency that rises by 200 ms at once is 210 ms without one."""
+    steady = silent(latency={"downlink": {"mean_s": 0.4}})
+    assert steady.node.report()["safety"]["holdings"] == 0
+    for rise_ms, holdings in ((100, 0), (130, 0), (140, 1), (200, 1)):
+        tested = link()
+        for step in range(100):
+            if step == 50:
+                rise = LatencyConfig(
+                    Direction.DOWNLINK, LatencyModel.CONSTANT, rise_ms * 1e-3, 0.0, 0.0
+                )
+                tested.configure(START_NS + step * PERIOD_NS, rise)
+            tested.command(START_NS + step * PERIOD_NS, 0.1)
+        report = tested.node.report()["safety"]
+        assert (rise_ms, report["holdings"]) == (rise_ms, holdings)
+        assert report["longest_silence_s"] == pytest.approx((rise_ms + 10) * 1e-3)
+        assert report["recoveries"] == holdings
+
+
+def test_a_controller_that_comes_back_is_followed_after_a_run_and_without_a_jump() -> None:
+    tested = silent(safety={"hold_ms": 100.0})
+    back_ns = START_NS + 100 * PERIOD_NS
+    for step in range(60):
+        tested.command(back_ns + step * PERIOD_NS, 0.0)
+    tested.tick_until(back_ns + 60 * PERIOD_NS)
+    wheels = [sample.wheel_angle_rad for sample in tested.node.samples]
+    steps = [abs(after - before) for before, after in pairwise(wheels[1:])]
+    assert max(steps) <= 0.2 * 0.01 + 1e-9
+    assert wheels[-1] == 0.0
+    report = tested.node.report()["safety"]
+    assert (report["recoveries"], report["ignored_commands"]) == (1, 4)
+
+
+def test_a_refused_command_starts_the_run_of_good_ones_anew() -> None:
+    tested = silent(safety={"hold_ms": 100.0})
+    back_ns = START_NS + 100 * PERIOD_NS
+    for step in range(12):
+        tested.command(back_ns + step * PERIOD_NS, 0.0)
+        if step == 2:
+            bad = encode(SteeringCommand(0.0, 0, Mode.ACTIVE), 200)
+            tested.tick_until(back_ns + step * PERIOD_NS)
+            tested.node.on_frame(bad._replace(data=bad.data[:-1] + b"\xee"), tested.frames[-1][0])
+    tested.tick_until(back_ns + 12 * PERIOD_NS)
+    assert tested.node.report()["safety"]["ignored_commands"] == 7
+
+
+@pytest.mark.parametrize("ahead", [0, -3, 120])
+def test_commands_refused_for_their_counter_alone_leave_the_run_of_good_ones(ahead: int) -> None:
+    """Repeated, out of order, too far: a network that doubles every command must not end it."""
+    tested = silent(safety={"hold_ms": 100.0})
+    back_ns = START_NS + 100 * PERIOD_NS
+    for step in range(12):
+        now_ns = back_ns + step * PERIOD_NS
+        tested.command(now_ns, 0.0)
+        counter = (tested.counter - 1 + ahead) % 256
+        tested.node.on_frame(encode(SteeringCommand(0.5, 0, Mode.ACTIVE), counter), now_ns)
+    tested.tick_until(back_ns + 12 * PERIOD_NS)
+    report = tested.node.report()
+    assert sum(report["rejected"].values()) == 12
+    assert report["safety"]["ignored_commands"] == 4
+
+
+def test_commands_of_a_controller_that_stops_safely_are_followed() -> None:
+    tested = link()
+    tested.tick_until(START_NS)
+    for step in range(20):
+        message = SteeringCommand(0.2 - 0.01 * step, step, Mode.SAFE_STOP)
+        tested.tick_until(START_NS + step * PERIOD_NS)
+        tested.node.on_frame(encode(message, step), START_NS + step * PERIOD_NS)
+    tested.tick_until(START_NS + 20 * PERIOD_NS)
+    assert tested.node.samples[-1].wheel_angle_rad == pytest.approx(0.01)
+    assert tested.last(SteeringStatus).status is SteeringStatusCode.APPLYING
+
+
+def test_a_wheel_that_does_not_follow_is_a_fault_within_the_fault_tolerant_time() -> None:
+    """A dead band stands for a steering that is stuck: the wheel lies 0.3 rad short."""
+    tested = link(actuator={"dead_band_rad": 0.3})
+    for step in range(40):
+        tested.command(START_NS + step * PERIOD_NS, 0.5 if step else 0.0)
+    tested.tick_until(START_NS + 40 * PERIOD_NS)
+    safe_state = tested.node.report()["safety"]["safe_state"]
+    assert safe_state["cause"] == "the wheel does not follow"
+    assert 0.11 <= safe_state["at_s"] <= 0.13  # the command came 0.01 s after the start
+    assert tested.last(SteeringStatus).status is SteeringStatusCode.SAFE_STATE
+    assert tested.last(PlantStatus).safety is SafetyState.SAFE_STATE
+
+
+@pytest.mark.parametrize(
+    "actuator",
+    [
+        {"lag_s": 0.3},
+        {"rate_limit_rad_s": 0.1},
+        {"angle_limit_rad": 0.1},
+        {"lag_s": 0.2, "rate_limit_rad_s": 0.2, "angle_limit_rad": 0.3, "dead_band_rad": 0.05},
+    ],
+    ids=str,
+)
+def test_a_slow_or_short_actuator_is_no_fault(actuator: dict[str, float]) -> None:
+    tested = link(actuator=actuator)
+    for step in range(1500):
+        tested.command(START_NS + step * PERIOD_NS, 0.6 if step % 1000 < 500 else -0.6)
+    assert tested.node.report()["safety"]["safe_state"] is None
+
+
+def test_an_override_takes_the_wheel_whatever_is_commanded() -> None:
+    tested = link(safety={"override_at_s": 0.25})
+    for step in range(100):
+        tested.command(START_NS + step * PERIOD_NS, 0.1)
+    tested.tick_until(START_NS + 100 * PERIOD_NS)
+    report = tested.node.report()["safety"]
+    assert report["safe_state"] == {"cause": "override", "at_s": 0.25}
+    assert report["ignored_commands"] == 74
+    assert tested.node.samples[-1].wheel_angle_rad == 0.0
+
+
+def test_at_60_km_h_the_limits_bind_and_are_counted_and_told_by_cause() -> None:
+    """g = 71.5: 3 m/s² is 0.0420 rad, and 5 m/s³ over half a second 0.0350 rad."""
+    tested = link(vehicle={"speed_km_h": 60.0})
+    tested.command(START_NS, 0.2)
+    tested.tick_until(START_NS)
+    assert tested.last(SteeringStatus).wheel_angle_rad == pytest.approx(0.0350, abs=1e-4)
+    assert tested.last(SteeringStatus).status is SteeringStatusCode.LIMITED_BY_SAFETY
+    for step in range(1, 80):
+        tested.command(START_NS + step * PERIOD_NS, 0.2)
+    tested.tick_until(START_NS + 80 * PERIOD_NS)
+    assert tested.last(SteeringStatus).wheel_angle_rad == pytest.approx(0.0420, abs=1e-4)
+    counts = tested.node.report()["safety"]["interventions"]
+    assert counts == {"lateral_acceleration": 5, "lateral_jerk": 75}
+    states = [message.safety for _, message in tested.messages(PlantStatus)]
+    assert states[1:8] == [SafetyState.LIMITING] * 7
+
+
+@pytest.mark.parametrize("speed_km_h", [4.0, 5.0, 7.0])
+def test_at_walking_speed_the_default_limits_let_the_wildest_commands_through(
+    speed_km_h: float,
+) -> None:
+    """To and fro between the ends of what controllers may command by default, in 1 ms."""
+    source = random.Random(7)
+    tested = link(vehicle={"speed_km_h": speed_km_h})
+    for step in range(1000):
+        tested.command(
+            START_NS + step * MS_NS, source.choice([-0.6, 0.6, source.uniform(-0.6, 0.6)])
+        )
+    report = tested.node.report()["safety"]
+    assert report["interventions"] == {}
+    assert report["holdings"] == 0
+
+
+OFF = dict.fromkeys(
+    (
+        "angle_rad_max",
+        "angle_rate_rad_s_max",
+        "lateral_acceleration_m_s2_max",
+        "lateral_jerk_m_s3_max",
+        "follow_tolerance_rad",
+        "ftti_ms",
+    ),
+    "off",
+)
+
+
+def preset_pair(name: str, law: str, *overrides: str) -> list[tuple[PlantSettings, Any]]:
+    """A preset's runs at 80 ms of latency: guarded by default, and with everything off."""
+    off = [f"safety.{key}={value}" for key, value in OFF.items()]
+    common = ["latency.downlink.mean_s=0.08", *overrides]
+    controller = load_settings(
+        ControllerSettings, read_preset("steer_by_wire.controller.presets", law)
+    )
+    return [
+        (load_settings(PlantSettings, read_preset(PRESETS, name), None, common + more), controller)
+        for more in ([], off)
+    ]
+
+
+@pytest.mark.parametrize(
+    "law", [name for name in preset_names("steer_by_wire.controller.presets") if "_pd" in name]
+)
+def test_the_defaults_change_no_bit_of_any_preset(law: str) -> None:
+    """Also of the paper's laws, which at 80 ms end in limit cycles between ± 0.6 rad."""
+    network = ["latency.downlink.model=gamma", "latency.downlink.spread_s=0.03"]
+    for name in preset_names(PRESETS):
+        pair = preset_pair(name, law, "duration_s=5", "sensor_period_ms=1", *network)
+        guarded, bare = (run_batch(*settings) for settings in pair)
+        assert len(guarded.time_s) == 5000
+        for field in ("lateral_error_m", "wheel_angle_rad", "command", "sent_rad"):
+            np.testing.assert_array_equal(getattr(guarded, field), getattr(bare, field))
+
+
+def test_the_defaults_change_no_bit_of_a_preset_run_by_the_nodes() -> None:
+    def samples(plant: PlantSettings, controller: ControllerSettings) -> list[PlantSample]:
+        node = PlantNode(plant, 0)
+        run_virtual_nodes(node, ControllerNode(controller, 0), None, None, lambda: False)
+        assert len(node.samples) > 400
+        return list(node.samples)
+
+    pair = preset_pair("paper_corner_d", "practical_pd_ddob", "duration_s=5")
+    guarded, bare = (samples(*settings) for settings in pair)
+    assert guarded[0]._fields == bare[0]._fields
+    np.testing.assert_array_equal(np.array(guarded), np.array(bare))
+
+
+@pytest.mark.parametrize("key", OFF)
+@pytest.mark.parametrize("value", ["-1", "1e9", "never", "true"])
+def test_a_bad_limit_is_told_in_one_line(key: str, value: str) -> None:
+    with pytest.raises(SettingsError) as caught:
+        load_settings(PlantSettings, overrides=[f"safety.{key}={value}"])
+    (line,) = caught.value.mistakes
+    assert f"safety.{key} = " in line
+    assert "number from" in line
+    assert line.endswith("or off)")

@@ -1,0 +1,197 @@
+"""Which bus is opened, and how a failing one is told."""
+
+import argparse
+import json
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+from can.interfaces.virtual import VirtualBus
+
+from steer_by_wire.runtime import bus as bus_module
+from steer_by_wire.runtime.bus import BusError, BusPort, OpenBus, add_bus_arguments, open_bus
+from steer_by_wire.runtime.emulated_bus.launch import launched_broker
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.real_time import Received
+
+PATIENCE_S = 60.0
+
+
+@pytest.fixture(autouse=True)
+def no_configuration(
+    monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """No configuration but a test's own, no network interfaces, no broker at the default address.
+
+    Returns the directory that stands for that of the network interfaces.
+    """
+    for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_BITRATE", "CAN_CONFIG"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("can.util.CONFIG_FILES", [])
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("run")))
+    interfaces = tmp_path_factory.mktemp("net")
+    monkeypatch.setattr(bus_module, "_NETWORK_INTERFACES", interfaces)
+    return interfaces
+
+
+@pytest.fixture(scope="module")
+def broker_address() -> Iterator[str]:
+    with launched_broker(["--data-bitrate", "2000000"]) as address:
+        yield address
+
+
+def opened(*arguments: str) -> OpenBus:
+    parser = argparse.ArgumentParser()
+    add_bus_arguments(parser)
+    found = open_bus(parser.parse_args(arguments))
+    found.bus.shutdown()
+    return found
+
+
+def add_network_interface(directory: Path, name: str, kind: int, flags: int) -> None:
+    (directory / name).mkdir()
+    (directory / name / "type").write_text(f"{kind}\n")
+    (directory / name / "flags").write_text(f"{flags:#x}\n")
+
+
+def test_the_command_line_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CAN_INTERFACE", "socketcan")
+    found = opened("-i", "virtual", "-c", "seven")
+    assert isinstance(found.bus, VirtualBus)
+    assert found.description == "Virtual bus channel seven (from the command line)"
+
+
+def test_the_environment_comes_before_the_configuration_file(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    configuration = tmp_path / "can.conf"
+    configuration.write_text("[default]\ninterface = socketcan\nchannel = nine\n")
+    monkeypatch.setattr("can.util.CONFIG_FILES", [str(configuration)])
+    monkeypatch.setenv("CAN_INTERFACE", "virtual")
+    assert opened().description == "Virtual bus channel nine (from the environment)"
+
+
+def test_the_configuration_file_is_read_when_nothing_else_is_given(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    configuration = tmp_path / "can.conf"
+    configuration.write_text("[default]\ninterface = virtual\n")
+    monkeypatch.setattr("can.util.CONFIG_FILES", [str(configuration)])
+    assert "from the configuration file" in opened().description
+
+
+def test_without_a_can_network_interface_the_emulated_bus_is_opened(
+    monkeypatch: pytest.MonkeyPatch, broker_address: str
+) -> None:
+    monkeypatch.setenv("CAN_CONFIG", json.dumps({"address": broker_address}))
+    assert opened("-c", "body").description == (
+        "emulated bus, channel body, 500000 bit/s "
+        "(no interface was given, and this machine has no network interface body)"
+    )
+
+
+def test_a_can_network_interface_that_is_up_is_preferred(
+    no_configuration: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    add_network_interface(no_configuration, "vcan0", kind=280, flags=0xC1)
+    monkeypatch.setitem(can.interfaces.BACKENDS, "socketcan", can.interfaces.BACKENDS["virtual"])
+    assert opened().description == (
+        "Virtual bus channel vcan0 (no interface was given, and this machine has it)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "flags", "reason"),
+    [(280, 0xC0, "vcan0 is down"), (1, 0xC1, "vcan0 is not CAN")],
+)
+def test_a_network_interface_that_cannot_serve_is_passed_over_with_the_reason(
+    no_configuration: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    broker_address: str,
+    kind: int,
+    flags: int,
+    reason: str,
+) -> None:
+    add_network_interface(no_configuration, "vcan0", kind, flags)
+    monkeypatch.setenv("CAN_CONFIG", json.dumps({"address": broker_address}))
+    found = opened()
+    assert found.description.startswith("emulated bus, channel can0")
+    assert reason in found.description
+
+
+@pytest.mark.parametrize(
+    ("arguments", "environment", "expected"),
+    [
+        (["-i", "socketcan", "-c", "vcan7"], {}, "no network interface vcan7"),
+        (["-i", "socketcan"], {}, "no channel was given"),
+        (["-i", "emulated"], {}, "start one with: emulated-can-bus"),
+        ([], {}, "no network interface vcan0.*start one with: emulated-can-bus"),
+        ([], {"CAN_INTERFACE": "nonesuch"}, "nonesuch"),
+        ([], {"CAN_CONFIG": "{not json"}, "configuration cannot be read"),
+    ],
+)
+def test_a_bus_that_cannot_be_opened_is_told_in_one_line(
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    environment: dict[str, str],
+    expected: str,
+) -> None:
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(BusError, match=expected) as caught:
+        opened(*arguments)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        Frame(0x123, b"12345678"),
+        Frame(0x1FFFFFFF, b"", EXTENDED),
+        Frame(0x7FF, b"", REMOTE),
+        Frame(0x7FF, bytes(48), FD),
+        Frame(0x1, b"x", FD | BITRATE_SWITCH | EXTENDED),
+    ],
+)
+def test_a_port_passes_frames_through_unchanged(broker_address: str, frame: Frame) -> None:
+    options: dict[str, Any] = {
+        "channel": uuid.uuid4().hex,
+        "address": broker_address,
+        "fd": True,
+    }
+    with (
+        can.Bus(interface="emulated", **options) as one,
+        can.Bus(interface="emulated", **options) as other,
+    ):
+        BusPort(one).send(frame)
+        received = BusPort(other).recv(PATIENCE_S)
+    assert received == Received(frame, None)
+
+
+def test_a_port_marks_error_frames() -> None:
+    with (
+        can.Bus(interface="virtual", channel="errors") as one,
+        can.Bus(interface="virtual", channel="errors") as other,
+    ):
+        one.send(can.Message(is_error_frame=True, is_extended_id=False, arbitration_id=0x40))
+        assert BusPort(other).recv(PATIENCE_S) == Received(Frame(0x40, b"", ERROR), None)
+
+
+def test_a_port_receives_nothing_when_nothing_comes() -> None:
+    with can.Bus(interface="virtual", channel="quiet") as bus:
+        assert BusPort(bus).recv(0) is None
+        assert BusPort(bus).recv(-1) is None
+
+
+def test_a_port_tells_a_failed_bus_in_one_line() -> None:
+    with launched_broker() as address:
+        bus = can.Bus(interface="emulated", address=address)
+    port = BusPort(bus)
+    with pytest.raises(BusError, match=r"cannot receive: .*broker has ended"):
+        port.recv(PATIENCE_S)
+    with pytest.raises(BusError, match=r"cannot send: .*broker has ended"):
+        port.send(Frame(1, b""))
+    bus.shutdown()

@@ -1,0 +1,266 @@
+"""The broker with a clock that is made up: floods, stalls and garbage cost no other anything.
+
+Clients are ordinary sockets, the broker is stepped by hand in the same thread: nothing here waits.
+"""
+
+import random
+import socket
+from contextlib import ExitStack
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from steer_by_wire.runtime.emulated_bus.broker import FILTER_CHANGE_NS, HELLO_TIMEOUT_NS
+from steer_by_wire.runtime.emulated_bus.channel import FRAMES_WAITING_MAX
+from steer_by_wire.runtime.emulated_bus.connection import (
+    MASKS_MAX,
+    OUTGOING_BYTES_MAX,
+    READ_BYTES,
+    Connection,
+)
+from steer_by_wire.runtime.emulated_bus.journal import LINE_PERIOD_NS, LINES_AT_ONCE, Cause
+from steer_by_wire.runtime.emulated_bus.protocol import (
+    CLASSIC_RECORD,
+    FILTERS_MAX,
+    HELLO,
+    Filter,
+    Hello,
+    pack_filters,
+    pack_frame,
+)
+from steer_by_wire.runtime.frame import EXTENDED, Frame
+from steer_by_wire.runtime.node import NS_PER_MS
+from tests.support.broker_bench import CLASSIC_FRAME_NS, Bench, assert_bus_is_well, received, send
+from tests.support.broker_bench import bench as bench
+
+PATIENCE = 10_000
+"""Steps of the broker after which what has not come is not expected any more."""
+
+
+def flood(client: socket.socket, frame: Frame) -> int:
+    """Send until the socket takes no more; returns the whole records it has taken."""
+    record, taken = pack_frame(CLASSIC_RECORD, frame) * 100, 0
+    while True:
+        try:
+            taken += client.send(record[taken % CLASSIC_RECORD.size :])
+        except BlockingIOError:
+            return taken // CLASSIC_RECORD.size
+
+
+def is_closed(client: socket.socket) -> bool:
+    client.setblocking(False)
+    try:
+        while client.recv(1 << 16):
+            pass
+    except BlockingIOError:
+        return False
+    except ConnectionError:
+        return True
+    return True
+
+
+# Floods
+
+
+def test_who_floods_has_a_bounded_queue_and_delays_a_higher_priority_by_one_frame(
+    bench: Bench,
+) -> None:
+    one, other, flooder = (bench.join() for _ in range(3))
+    in_flight = 0
+    for _ in range(200):
+        in_flight += flood(flooder, Frame(0x700, bytes(8)))
+        bench.step()
+        client = max(bench.broker._clients, key=lambda member: member.frames_waiting)
+        assert client.frames_waiting <= FRAMES_WAITING_MAX
+        assert len(client._incoming) <= READ_BYTES
+        assert_bus_is_well(bench, one, other)
+    assert bench.broker.figures.held_back >= 1
+    assert bench.lines == []  # it is limited, not disconnected
+
+
+def test_a_flood_loses_nothing_and_keeps_its_order(bench: Bench) -> None:
+    listener, flooder = bench.join(), bench.join()
+    frames = [Frame(0x700, n.to_bytes(4, "little")) for n in range(1000)]
+    seen: list[Frame] = []
+    for start in range(0, len(frames), 100):
+        send(flooder, *frames[start : start + 100])
+        bench.step()
+        bench.advance(100 * CLASSIC_FRAME_NS)
+        seen += received(listener)
+    assert seen == frames
+
+
+def test_a_flood_of_filters_is_read_at_a_bounded_rate(bench: Bench) -> None:
+    one, other, flooder = (bench.join() for _ in range(3))
+    records = pack_filters(CLASSIC_RECORD, []) * (READ_BYTES // CLASSIC_RECORD.size)
+    flooder.sendall(records * 10)
+    reads = 0
+    duration_ns = 50 * NS_PER_MS
+    end_ns = bench.now_ns + duration_ns
+    read = Connection.read
+
+    def counted(self: Connection) -> None:
+        nonlocal reads
+        reads += 1
+        read(self)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Connection, "read", counted)
+        while bench.now_ns < end_ns:
+            bench.step(5)
+            bench.now_ns += NS_PER_MS
+    changes_max = duration_ns // FILTER_CHANGE_NS
+    assert 2 <= reads <= changes_max * CLASSIC_RECORD.size // READ_BYTES + 2
+    assert_bus_is_well(bench, one, other)
+
+
+def test_filters_take_effect_although_they_are_rationed(bench: Bench) -> None:
+    one, other = bench.join(), bench.join()
+    other.sendall(pack_filters(CLASSIC_RECORD, [Filter(0x100, 0x7FF)]))
+    bench.step()
+    send(one, Frame(0x100, b"a"), Frame(0x101, b"b"))
+    bench.step()
+    bench.advance(3 * CLASSIC_FRAME_NS)
+    assert received(other) == [Frame(0x100, b"a")]
+    # And the client is read again.
+    send(other, Frame(0x200, b"c"))
+    bench.advance(5 * CLASSIC_FRAME_NS)
+    assert received(one) == [Frame(0x200, b"c")]
+
+
+@given(
+    st.lists(
+        st.builds(
+            Filter,
+            st.integers(0, 0x1FFF_FFFF),
+            st.sampled_from([0, 0x7FF, 0x700, 0x1FFF_FFFF, 0x1F]),
+            st.sampled_from([None, True, False]),
+        ),
+        max_size=12,
+    ),
+    st.integers(0, 0x1FFF_FFFF),
+    st.booleans(),
+)
+def test_filters_pass_what_one_of_them_passes(
+    filters: list[Filter], can_id: int, is_extended: bool
+) -> None:
+    near, far = socket.socketpair()
+    with near, far:
+        client = Connection(near, 1)
+        far.sendall(Hello("can0").pack() + pack_filters(CLASSIC_RECORD, filters))
+        client.read()
+        client.take_hello()
+        assert client.take_frame() is None
+    frame = Frame(can_id if is_extended else can_id & 0x7FF, b"", EXTENDED * is_extended)
+    expected = not filters or any(
+        not (wanted.can_id ^ frame.can_id) & wanted.mask and wanted.extended in (None, is_extended)
+        for wanted in filters
+    )
+    assert client.wants(frame, sender=2) is expected
+
+
+def test_more_masks_than_are_looked_up_let_everything_through(bench: Bench) -> None:
+    one, other = bench.join(), bench.join()
+    filters = [Filter(0x1000_0000, 0x1000_0000 + n) for n in range(MASKS_MAX + 1)]
+    other.sendall(pack_filters(CLASSIC_RECORD, filters))
+    bench.step()
+    send(one, Frame(0x100, b""))
+    bench.step()
+    bench.advance(2 * CLASSIC_FRAME_NS)
+    assert received(other) == [Frame(0x100, b"")]
+
+
+def test_more_filters_than_there_may_be_are_garbage(bench: Bench) -> None:
+    client = bench.join()
+    raw = pack_filters(CLASSIC_RECORD, [Filter(n, 0x7FF) for n in range(FILTERS_MAX + 1)])
+    for start in range(0, len(raw), READ_BYTES):
+        client.sendall(raw[start : start + READ_BYTES])
+        bench.advance(200 * FILTER_CHANGE_NS)
+    assert bench.gone(Cause.GARBAGE) == 1
+    assert is_closed(client)
+
+
+# Stalls
+
+
+def test_who_never_reads_is_disconnected_and_the_others_have_missed_nothing(bench: Bench) -> None:
+    sender, listener, stalled = (bench.join() for _ in range(3))
+    sent = seen = 0
+    while not bench.gone(Cause.NOT_READING):
+        send(sender, *(Frame(0x100, (sent + n).to_bytes(4, "little")) for n in range(50)))
+        sent += 50
+        bench.step()
+        bench.advance(50 * CLASSIC_FRAME_NS)
+        for frame in received(listener):
+            assert frame == Frame(0x100, seen.to_bytes(4, "little"))
+            seen += 1
+        waiting = max(len(client._outgoing) for client in bench.broker._clients)
+        assert waiting <= OUTGOING_BYTES_MAX
+        assert sent < PATIENCE * 10
+    assert seen == sent
+    # What the broker held, and what the kernel took for it beyond that.
+    assert sent * CLASSIC_RECORD.size > OUTGOING_BYTES_MAX
+    assert is_closed(stalled)
+    (line,) = bench.lines
+    assert line.startswith("client 3 of 'can0'")
+    assert "it does not read" in line
+
+
+def test_who_says_nothing_is_disconnected_after_a_while(bench: Bench) -> None:
+    one, other = bench.join(), bench.join()
+    silent, halting = bench.connect(), bench.connect()
+    halting.sendall(Hello("can0").pack()[:-1])
+    bench.now_ns += HELLO_TIMEOUT_NS - 1
+    bench.step()
+    assert bench.gone(Cause.NO_HELLO) == 0
+    bench.now_ns += 1
+    bench.step()
+    assert bench.gone(Cause.NO_HELLO) == 2
+    assert is_closed(silent)
+    assert is_closed(halting)
+    assert bench.broker.figures.connected == 2
+    assert all("no hello for 5 s" in line for line in bench.lines)
+    assert_bus_is_well(bench, one, other)
+
+
+def test_a_client_that_has_said_hello_may_be_silent_for_ever(bench: Bench) -> None:
+    one, other = bench.join(), bench.join()
+    bench.now_ns += 1000 * HELLO_TIMEOUT_NS
+    bench.step()
+    assert_bus_is_well(bench, one, other)
+
+
+# Garbage
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.binary(min_size=1, max_size=3 * HELLO.size), st.booleans())
+def test_no_bytes_raise_or_harm_the_others(raw: bytes, has_joined: bool) -> None:
+    with ExitStack() as stack:
+        bench = Bench(stack)
+        one, other = bench.join(), bench.join()
+        vandal = bench.join() if has_joined else bench.connect()
+        vandal.sendall(raw)
+        bench.step()
+        bench.advance(50 * CLASSIC_FRAME_NS)
+        assert_bus_is_well(bench, one, other)
+
+
+def test_a_storm_of_vandals_costs_the_others_nothing_but_a_bounded_number_of_lines(
+    bench: Bench,
+) -> None:
+    one, other = bench.join(), bench.join()
+    chance = random.Random(1)
+    for _ in range(300):
+        with_hello = chance.random() < 0.5
+        vandal = bench.join() if with_hello else bench.connect()
+        vandal.sendall(bytes(chance.randrange(1, 256) for _ in range(HELLO.size)))
+        bench.step()
+        assert is_closed(vandal)
+        vandal.close()
+    assert bench.gone(Cause.GARBAGE) == 300
+    assert bench.broker.figures.connected == 2
+    assert len(bench.lines) <= LINES_AT_ONCE + bench.now_ns // LINE_PERIOD_NS + 1
+    assert len(bench.lines) + bench.journal.untold == 300
+    assert_bus_is_well(bench, one, other)

@@ -1,0 +1,209 @@
+"""Who comes to the broker and leaves it: the others keep their frames, and each end is told."""
+
+import errno
+import socket
+
+import pytest
+
+from steer_by_wire.runtime.emulated_bus.broker import ACCEPT_PAUSE_NS, CLIENTS_MAX
+from steer_by_wire.runtime.emulated_bus.channel import (
+    FRAMES_WAITING_MAX,
+    LEFT_FRAMES_MAX,
+    WATCHED_IDS_MAX,
+)
+from steer_by_wire.runtime.emulated_bus.journal import LINE_PERIOD_NS, LINES_AT_ONCE, Cause, Journal
+from steer_by_wire.runtime.emulated_bus.protocol import CLASSIC_RECORD, HELLO, Hello
+from steer_by_wire.runtime.emulated_bus.report import broker_report, summary_line
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
+from tests.support.broker_bench import CLASSIC_FRAME_NS, Bench, assert_bus_is_well, received, send
+from tests.support.broker_bench import bench as bench
+
+# Coming and going
+
+
+def test_the_last_frames_of_a_client_that_leaves_still_go_out(bench: Bench) -> None:
+    listener, leaver = bench.join(), bench.join()
+    frames = [Frame(0x300, bytes([n])) for n in range(10)]
+    send(leaver, *frames)
+    leaver.close()
+    bench.step()
+    bench.advance(12 * CLASSIC_FRAME_NS)
+    assert received(listener) == frames
+    assert bench.gone(Cause.LEFT) == 1
+    assert bench.lines == []
+
+
+def test_who_comes_and_goes_leaves_a_bounded_number_of_frames_and_others_keep_theirs(
+    bench: Bench,
+) -> None:
+    """Without the bound each visit would add FRAMES_WAITING_MAX frames that wait."""
+    listener = bench.join()
+    polite = bench.join()
+    send(polite, Frame(0x7FE, b"polite"))
+    polite.close()
+    bench.step()
+    count = FRAMES_WAITING_MAX - 1
+    visits = 3 * LEFT_FRAMES_MAX // count
+    for _ in range(visits):
+        vandal = bench.join()
+        send(vandal, *[Frame(0x700, bytes(8))] * count)
+        vandal.close()
+        bench.step()
+        channel = bench.broker.channels["can0"]
+        assert sum(channel._left.values()) <= LEFT_FRAMES_MAX
+        assert len(channel._model._queue) <= LEFT_FRAMES_MAX
+    frames = received(listener)
+    for _ in range(LEFT_FRAMES_MAX // 100 + 1):  # a socket's buffer holds fewer than all
+        bench.advance(100 * CLASSIC_FRAME_NS)
+        frames += received(listener)
+    assert Frame(0x7FE, b"polite") in frames
+    total = visits * count + 1
+    assert len(frames) + channel.discarded == total
+    assert channel.discarded >= total - LEFT_FRAMES_MAX
+    assert channel._left == {}
+    assert channel._model._waiting_of == {}
+
+
+def test_a_house_full_of_the_dead_lets_the_living_in(bench: Bench) -> None:
+    """Who is held back is not read; that it has hung up is found out when there is no room."""
+    one, other = bench.join(), bench.join()
+    for _ in range(CLIENTS_MAX - 2):
+        vandal = bench.join()
+        send(vandal, *[Frame(0x700, bytes(8))] * (FRAMES_WAITING_MAX + 1))
+        bench.step(1)
+        vandal.close()
+    assert bench.broker.figures.connected == CLIENTS_MAX
+    late = bench.join()
+    assert bench.broker.figures.connected == 3
+    assert bench.gone(Cause.REFUSED) == 0
+    assert_bus_is_well(bench, one, other)
+    assert_bus_is_well(bench, late, other)
+
+
+def test_a_host_without_descriptors_is_asked_again_later(bench: Bench) -> None:
+    one, other = bench.join(), bench.join()
+    attempts = 0
+
+    class Exhausted:
+        def accept(self) -> tuple[socket.socket, object]:
+            nonlocal attempts
+            attempts += 1
+            raise OSError(errno.EMFILE, "Too many open files")
+
+    bench.broker._accept(bench.now_ns)  # nobody is there: no pause
+    listener, bench.broker._listener = bench.broker._listener, Exhausted()  # type: ignore[assignment]
+    bench.broker._accept(bench.now_ns)
+    bench.broker._listener = listener
+    late = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    with late:
+        late.connect(str(bench._path))
+        bench.step(20)
+        assert bench.broker.figures.connected == 2
+        assert_bus_is_well(bench, one, other)
+        bench.advance(ACCEPT_PAUSE_NS)
+        assert bench.broker.figures.connected == 3
+    assert attempts == 1
+
+
+# What is told
+
+
+def test_each_disconnection_is_one_line_with_its_reason_and_is_counted(bench: Bench) -> None:
+    stranger = bench.connect()
+    stranger.sendall(b"GET / HTTP/1.1\r\n".ljust(HELLO.size))
+    bench.step()
+    torn = bench.join()
+    torn.sendall(b"\x01")
+    torn.close()
+    bench.step()
+    refused = bench.connect()
+    refused.sendall(Hello("can0", fd=True).pack())
+    bench.step()
+    bench.join().close()
+    bench.step()
+    assert [line.partition("leaves: ")[2] for line in bench.lines] == [
+        "it does not speak this version of the emulated bus",
+        "it ends in the middle of a record",
+        "refused: it carries classic frames only; start it with --data-bitrate for CAN FD",
+    ]
+    report = broker_report(bench.broker, bench.journal, NS_PER_S)
+    assert report["clients"]["disconnected"] == {
+        "left": 1, "lost": 1, "refused": 1, "no_hello": 0, "garbage": 1, "not_reading": 0
+    }  # fmt: skip
+    assert report["clients"]["served"] == 4
+    assert "disconnected: 1 lost, 1 refused, 1 garbage" in summary_line(report)
+
+
+def test_a_name_cannot_forge_a_line(bench: Bench) -> None:
+    client = bench.join("can0\nemulated-can-bus: all is well")
+    client.sendall(bytes(CLASSIC_RECORD.size))
+    bench.step()
+    (line,) = bench.lines
+    assert "\n" not in line
+
+
+def test_lines_that_nobody_reads_are_counted_and_hold_up_nothing(bench: Bench) -> None:
+    bench.is_read = False
+    for _ in range(5):
+        vandal = bench.connect()
+        vandal.sendall(bytes(HELLO.size))
+        bench.step()
+        vandal.close()
+    assert bench.journal.untold == 5
+    bench.is_read = True
+    vandal = bench.connect()
+    vandal.sendall(bytes(HELLO.size))
+    bench.step()
+    assert bench.lines[0].endswith("(5 lines before this one were not told)")
+
+
+def test_lines_are_rationed_by_time() -> None:
+    lines: list[str] = []
+
+    def tell(line: str) -> bool:
+        lines.append(line)
+        return True
+
+    journal = Journal(tell)
+    for _ in range(10 * LINES_AT_ONCE):
+        journal.leave("client", Cause.GARBAGE, "why", 7)
+    assert len(lines) == LINES_AT_ONCE
+    for second in range(1, 11):
+        journal.leave("client", Cause.GARBAGE, "why", 7 + second * LINE_PERIOD_NS)
+    assert len(lines) == LINES_AT_ONCE + 10
+    assert journal.disconnections["garbage"] == 10 * LINES_AT_ONCE + 10
+
+
+def test_the_report_holds_the_load_and_the_arbitration_of_each_identifier(bench: Bench) -> None:
+    one, other = bench.join(), bench.join()
+    send(one, Frame(0x200, bytes(8)))
+    bench.step()
+    bench.now_ns += 10_000
+    send(other, Frame(0x100, bytes(8)), Frame(0x300, bytes(8)))
+    bench.step()
+    bench.advance(4 * CLASSIC_FRAME_NS)
+    report = broker_report(bench.broker, bench.journal, bench.now_ns)
+    channel = report["channels"]["can0"]
+    delays = channel["arbitration_delay"]
+    assert list(delays) == ["100", "200", "300"]
+    assert delays["200"]["max_s"] == 0.0
+    assert 0.1e-3 < delays["100"]["max_s"] < 0.3e-3 < delays["300"]["max_s"] < 0.6e-3
+    assert channel["frames"] == 3
+    assert 0.0 <= report["lateness"]["max_s"] <= CLASSIC_FRAME_NS * 1e-9
+    bench.now_ns += 50 * NS_PER_MS
+    send(one, Frame(0x200, bytes(8)))
+    bench.step()
+    bench.now_ns += 50 * NS_PER_MS  # the broker is stopped over the end of the frame
+    bench.step()
+    assert bench.broker.lateness.max_ns == pytest.approx(50 * NS_PER_MS, abs=CLASSIC_FRAME_NS)
+    assert 0.4 < channel["load"] < 1.0
+
+
+def test_no_number_of_identifiers_makes_the_report_grow_without_bound(bench: Bench) -> None:
+    client = bench.join()
+    for start in range(0, 2 * WATCHED_IDS_MAX, 50):
+        send(client, *(Frame(start + n, b"") for n in range(50)))
+        bench.step()
+        bench.advance(50 * CLASSIC_FRAME_NS)
+    assert len(bench.broker.channels["can0"].arbitration_delays) == WATCHED_IDS_MAX

@@ -1,0 +1,275 @@
+"""Bus-off on the emulated bus: what its client and the others see, and when it ends.
+
+The broker is stepped by hand at a clock that is made up; the last test runs a real one.
+"""
+
+import socket
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import can
+import pytest
+
+from steer_by_wire.runtime.bus_model import BusLoad
+from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening
+from steer_by_wire.runtime.emulated_bus.broker import Broker
+from steer_by_wire.runtime.emulated_bus.bus_off import SEQUENCE_BITS, SEQUENCES, Recovery
+from steer_by_wire.runtime.emulated_bus.journal import Cause, Journal
+from steer_by_wire.runtime.emulated_bus.launch import launched_broker
+from steer_by_wire.runtime.emulated_bus.protocol import (
+    ANSWER,
+    BUS_OFF_NS_MAX,
+    CLASSIC_RECORD,
+    BusOff,
+    Hello,
+    ProtocolError,
+    pack_bus_off,
+    pack_frame,
+    unpack_answer,
+    unpack_delivery,
+    unpack_request,
+)
+from steer_by_wire.runtime.emulated_bus.report import broker_report, summary_line
+from steer_by_wire.runtime.error_frames import BUS_OFF, RESTARTED, error_causes
+from steer_by_wire.runtime.frame import ERROR, Frame
+from steer_by_wire.runtime.frame_length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
+
+BITRATE_BIT_S = 500_000
+BIT_NS = NS_PER_S // BITRATE_BIT_S
+RECOVERY_NS = SEQUENCES * SEQUENCE_BITS * BIT_NS
+"""2.816 ms: of an idle bus."""
+STEP_NS = 10_000
+COMMAND, OTHER = Frame(0x100, b"command"), Frame(0x110, b"other")
+
+
+class Table:
+    """A broker, its clock and its clients, which are bare sockets."""
+
+    def __init__(self, stack: ExitStack, *, takes_bus_off: bool = True) -> None:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bus-")))
+        self._path, self._stack = folder / "socket", stack
+        listener = stack.enter_context(listening(UnixAddress(self._path)))
+        self.now_ns = 0
+        self.lines: list[str] = []
+        self.journal = Journal(lambda line: not self.lines.append(line))  # type: ignore[func-returns-value]
+        self.broker = Broker(
+            listener, BITRATE_BIT_S, None, self.journal, lambda: self.now_ns, takes_bus_off
+        )
+        stack.callback(self._close_clients)
+        self.node, self.peer, self.asking = self.join(), self.join(), self.join()
+
+    def _close_clients(self) -> None:
+        for client in self.broker._clients:
+            client.close()
+
+    def join(self) -> socket.socket:
+        client = self._stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
+        client.connect(str(self._path))
+        client.setblocking(False)
+        client.sendall(Hello("can0").pack())
+        self.step()
+        self.answer = unpack_answer(client.recv(ANSWER.size))
+        return client
+
+    def step(self) -> None:
+        for _ in range(3):
+            assert self.broker.serve(0.0)
+
+    def advance(self, duration_ns: int) -> None:
+        end_ns = self.now_ns + duration_ns
+        while self.now_ns < end_ns:
+            self.now_ns = min(self.now_ns + STEP_NS, end_ns)
+            assert self.broker.serve(0.0)
+
+    def send(self, client: socket.socket, *frames: Frame) -> None:
+        client.sendall(b"".join(pack_frame(CLASSIC_RECORD, frame) for frame in frames))
+        self.step()
+
+    def send_off(self, can_id: int = 0x100, restart_after_ns: int = 0) -> None:
+        self.asking.sendall(pack_bus_off(CLASSIC_RECORD, BusOff(can_id, False, restart_after_ns)))
+        self.step()
+
+    def heard(self, client: socket.socket) -> list[Frame]:
+        try:
+            raw = client.recv(1 << 16)
+        except BlockingIOError:
+            return []
+        size = CLASSIC_RECORD.size
+        records = [raw[place : place + size] for place in range(0, len(raw), size)]
+        return [unpack_delivery(CLASSIC_RECORD, one)[0] for one in records]
+
+    def causes(self, client: socket.socket) -> list[str]:
+        return [
+            cause
+            for frame in self.heard(client)
+            if frame.flags & ERROR
+            for cause in error_causes(frame)
+        ]
+
+
+@pytest.fixture
+def stack() -> Iterator[ExitStack]:
+    with ExitStack() as opened:
+        yield opened
+
+
+@pytest.fixture
+def table(stack: ExitStack) -> Table:
+    table = Table(stack)
+    table.send(table.node, COMMAND)
+    table.advance(NS_PER_MS)
+    assert table.heard(table.peer) == [COMMAND]
+    return table
+
+
+def test_a_node_in_bus_off_is_told_and_neither_sends_nor_hears(table: Table) -> None:
+    table.send_off(restart_after_ns=50 * NS_PER_MS)
+    assert table.causes(table.node) == [BUS_OFF]
+    table.send(table.node, COMMAND, COMMAND)
+    table.send(table.peer, OTHER)
+    table.advance(10 * NS_PER_MS)
+    assert table.heard(table.peer) == []
+    assert table.heard(table.node) == []
+    assert table.heard(table.asking) == [COMMAND, OTHER], "all others go on"
+    channel = table.broker.channels["can0"]
+    assert (channel.bus_offs, channel.lost_in_bus_off) == (1, 2)
+
+
+def test_on_an_idle_bus_it_is_back_1408_bits_after_its_restart_and_not_before(table: Table) -> None:
+    table.send_off(restart_after_ns=50 * NS_PER_MS)
+    assert table.causes(table.node) == [BUS_OFF]
+    table.advance(50 * NS_PER_MS + RECOVERY_NS - STEP_NS)
+    assert table.causes(table.node) == []
+    table.send(table.node, COMMAND)
+    table.advance(2 * STEP_NS)
+    assert table.causes(table.node) == [RESTARTED]
+    assert table.heard(table.peer) == [], "what was sent before is lost"
+    table.send(table.node, COMMAND)
+    table.advance(NS_PER_MS)
+    assert table.heard(table.peer) == [COMMAND]
+
+
+def test_on_a_full_bus_it_needs_128_frames_of_others(table: Table) -> None:
+    frame = Frame(0x000, bytes(8))
+    frame_ns = (frame_bits(frame).nominal + INTERMISSION_BITS) * BIT_NS
+    table.send(table.peer, *[frame] * 60)
+    table.send_off()
+    assert table.causes(table.node) == [BUS_OFF]
+    lasted_ns = 0
+    while table.causes(table.node) != [RESTARTED]:
+        table.advance(frame_ns)
+        table.send(table.peer, frame)
+        lasted_ns += frame_ns
+        assert lasted_ns < 200 * frame_ns
+    assert SEQUENCES - 2 <= lasted_ns / frame_ns <= SEQUENCES + 14, "one frame may be half counted"
+
+
+def test_its_frames_that_wait_for_the_wire_are_lost_and_its_place_is_free(table: Table) -> None:
+    table.send(table.peer, *[Frame(0x000, bytes(8))] * 10)
+    table.send(table.node, *[COMMAND] * 64)
+    table.send_off()
+    channel = table.broker.channels["can0"]
+    assert channel.lost_in_bus_off == 64
+    table.advance(20 * NS_PER_MS)
+    assert table.causes(table.node)[-1] == RESTARTED
+    table.send(table.node, *[COMMAND] * 64)
+    table.advance(30 * NS_PER_MS)
+    assert table.heard(table.peer) == [COMMAND] * 64
+
+
+def test_a_second_request_starts_it_earlier_and_never_later(table: Table) -> None:
+    table.send_off(restart_after_ns=50 * NS_PER_MS)
+    table.send_off(restart_after_ns=90 * NS_PER_MS)
+    table.advance(10 * NS_PER_MS)
+    table.send_off()
+    table.advance(RECOVERY_NS + STEP_NS)
+    assert table.causes(table.node) == [BUS_OFF, RESTARTED]
+    assert table.broker.channels["can0"].bus_offs == 1
+
+
+def test_an_identifier_that_nobody_has_sent_or_whose_sender_has_gone_is_nobodys(
+    table: Table,
+) -> None:
+    table.send_off(0x777)
+    table.node.close()
+    table.step()
+    table.send_off()
+    table.advance(NS_PER_MS)
+    assert table.broker.channels["can0"].bus_offs == 0
+
+
+def test_a_node_may_leave_in_bus_off(table: Table) -> None:
+    table.send(table.node, *[COMMAND] * 10)
+    table.send_off()
+    table.node.close()
+    table.advance(10 * NS_PER_MS)
+    table.send(table.peer, OTHER)
+    table.advance(NS_PER_MS)
+    assert OTHER in table.heard(table.asking)
+
+
+def test_a_broker_that_does_not_allow_it_disconnects_who_asks(stack: ExitStack) -> None:
+    table = Table(stack, takes_bus_off=False)
+    assert not table.answer.takes_bus_off
+    table.send(table.node, COMMAND)
+    table.send_off()
+    assert table.journal.disconnections[Cause.REFUSED] == 1
+    assert "which this bus does not take" in table.lines[-1]
+    table.advance(NS_PER_MS)
+    assert table.heard(table.node) == [], "and nothing happens"
+
+
+def test_the_journal_and_the_report_tell_it(table: Table) -> None:
+    table.send_off()
+    table.advance(10 * NS_PER_MS)
+    assert "client 1 of 'can0'" in table.lines[0]
+    assert "is in bus-off: client 3" in table.lines[0]
+    assert "is back from bus-off" in table.lines[1]
+    report = broker_report(table.broker, table.journal, NS_PER_S)
+    assert report["channels"]["can0"]["bus_offs"] == 1
+    assert "1x bus-off" in summary_line(report)
+
+
+def test_a_request_is_taken_up_to_its_longest_time_and_not_beyond() -> None:
+    for request in (BusOff(0x100, False, 0), BusOff(0x1FFF_FFFF, True, BUS_OFF_NS_MAX)):
+        assert unpack_request(CLASSIC_RECORD, pack_bus_off(CLASSIC_RECORD, request)) == request
+    for wrong_ns in (-1, BUS_OFF_NS_MAX + 1):
+        raw = pack_bus_off(CLASSIC_RECORD, BusOff(0x100, False, wrong_ns))
+        with pytest.raises(ProtocolError):
+            unpack_request(CLASSIC_RECORD, raw)
+
+
+def test_a_recovery_sees_a_frame_and_eleven_idle_bits_each_as_one_sequence() -> None:
+    recovery = Recovery(restart_ns=1000, bitrate_bit_s=BITRATE_BIT_S)
+    assert not recovery.is_over(999, BusLoad(7, 100, 0), 999)
+    assert not recovery.is_over(1000, BusLoad(7, 100, 0), 1000)
+    busy_ns = 500_000
+    idle_ns = (SEQUENCES - 2) * SEQUENCE_BITS * BIT_NS
+    load = BusLoad(9, 100 + busy_ns, 0)
+    quiet_ns = 1000 + busy_ns + idle_ns
+    assert not recovery.is_over(quiet_ns - 1, load, quiet_ns - 1)
+    assert recovery.is_over(quiet_ns, load, quiet_ns)
+
+
+def test_a_client_of_python_can_asks_for_it_hears_of_it_through_its_filters_and_is_refused() -> (
+    None
+):
+    with launched_broker(["--allow-bus-off"]) as address, launched_broker() as other:
+        arguments = {"interface": "emulated", "channel": "can0"}
+        with (
+            can.Bus(**arguments, address=address) as bus,  # type: ignore[arg-type]
+            can.Bus(**arguments, address=other) as forbidden,  # type: ignore[arg-type]
+        ):
+            bus.set_filters([{"can_id": 0x7, "can_mask": 0x7FF, "extended": False}])
+            bus.send(can.Message(arbitration_id=0x100, is_extended_id=False))
+            bus.send_bus_off(0x100, 0.01)  # type: ignore[attr-defined]
+            told = [bus.recv(10.0), bus.recv(10.0)]
+            assert [one and (one.is_error_frame, one.arbitration_id) for one in told] == [
+                (True, 0x40),
+                (True, 0x100),
+            ]
+            with pytest.raises(can.CanOperationError, match="--allow-bus-off"):
+                forbidden.send_bus_off(0x100, 0.0)  # type: ignore[attr-defined]

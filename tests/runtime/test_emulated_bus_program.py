@@ -1,0 +1,278 @@
+"""The program of the emulated bus as its users meet it: start, end, overload, other programs."""
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+from contextlib import ExitStack, suppress
+from pathlib import Path
+
+import can
+import pytest
+
+from steer_by_wire.runtime.emulated_bus.broker import CHANNELS_MAX, CLIENTS_MAX
+from steer_by_wire.runtime.emulated_bus.channel import FRAMES_WAITING_MAX
+from steer_by_wire.runtime.emulated_bus.launch import launched_broker
+from steer_by_wire.runtime.emulated_bus.program import _tell
+from steer_by_wire.runtime.emulated_bus.protocol import HELLO
+from tests.support.broker_program import PATIENCE_S, client, message, receive, start_broker
+from tests.support.broker_program import directory as directory
+from tests.support.broker_program import stack as stack
+
+# Life and death of a broker
+
+
+def test_a_broker_that_dies_gives_its_clients_a_clear_error(
+    stack: ExitStack, directory: Path
+) -> None:
+    address = str(directory / "socket")
+    broker = start_broker(stack, "--address", address)
+    one, other = client(stack, address), client(stack, address)
+    one.send(message(1))
+    assert receive(other).arbitration_id == 1
+    broker.kill()
+    broker.wait()
+    for _ in range(2):
+        with pytest.raises(can.CanOperationError, match="its broker has ended"):
+            other.recv(PATIENCE_S)
+        with pytest.raises(can.CanOperationError, match="its broker has ended"):
+            other.send(message(1))
+    assert other.state is can.BusState.ERROR
+
+
+def test_without_a_broker_the_error_names_the_command_that_starts_one(directory: Path) -> None:
+    address = str(directory / "socket")
+    with pytest.raises(can.CanInitializationError) as caught:
+        can.Bus(interface="emulated", address=address)
+    assert str(caught.value).endswith(f"start one with: emulated-can-bus --address {address}")
+
+
+def test_the_socket_of_a_killed_broker_is_taken_over(stack: ExitStack, directory: Path) -> None:
+    address = str(directory / "socket")
+    killed = start_broker(stack, "--address", address)
+    killed.kill()
+    killed.wait()
+    assert Path(address).is_socket()
+    start_broker(stack, "--address", address)
+    one, other = client(stack, address), client(stack, address)
+    one.send(message(1))
+    assert receive(other).arbitration_id == 1
+
+
+def test_a_second_broker_leaves_the_first_alone(stack: ExitStack, directory: Path) -> None:
+    address = str(directory / "socket")
+    start_broker(stack, "--address", address)
+    second = start_broker(stack, "--address", address)
+    _, errors = second.communicate(timeout=PATIENCE_S)
+    assert second.returncode == 3
+    assert errors == f"emulated-can-bus: an emulated bus is already listening at {address}\n"
+    client(stack, address).send(message(1))
+
+
+def test_a_file_that_is_no_socket_is_left_alone(stack: ExitStack, directory: Path) -> None:
+    precious = directory / "precious"
+    precious.write_text("data")
+    broker = start_broker(stack, "--address", str(precious))
+    assert broker.wait(PATIENCE_S) == 3
+    assert precious.read_text() == "data"
+
+
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_broker_in_order(
+    stack: ExitStack, directory: Path, ending: signal.Signals
+) -> None:
+    address = str(directory / "socket")
+    broker = start_broker(stack, "--address", address)
+    one, other = (client(stack, address, channel="body") for _ in range(2))
+    one.send(message(1))
+    receive(other)
+    broker.send_signal(ending)
+    _, errors = broker.communicate(timeout=PATIENCE_S)
+    assert broker.returncode == 0
+    assert "; body 1 frames, load " in errors
+    assert errors.count("\n") == 1
+    assert not Path(address).exists()
+
+
+def test_a_launched_broker_ends_with_its_launcher(stack: ExitStack) -> None:
+    code = (
+        "from steer_by_wire.runtime.emulated_bus.launch import launched_broker\n"
+        "with launched_broker() as address:\n"
+        "    print(address, flush=True)\n"
+        "    input()\n"
+    )
+    launcher = stack.enter_context(
+        subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+    )
+    assert launcher.stdout is not None
+    bus = client(stack, launcher.stdout.readline().strip())
+    launcher.kill()
+    with pytest.raises(can.CanOperationError, match="its broker has ended"):
+        bus.recv(PATIENCE_S)
+
+
+def test_a_launched_broker_that_does_not_start_is_told() -> None:
+    with pytest.raises(RuntimeError, match="has not started"), launched_broker(["--bitrate", "1"]):
+        pass
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--bitrate", "0"],
+        ["--bitrate", "fast"],
+        ["--bitrate", "2000000"],
+        ["--data-bitrate", "1"],
+        ["--priority", "100"],
+    ],
+)
+def test_a_bit_rate_or_priority_that_does_not_exist_is_refused(
+    stack: ExitStack, arguments: list[str]
+) -> None:
+    broker = start_broker(stack, *arguments)
+    _, errors = broker.communicate(timeout=PATIENCE_S)
+    assert broker.returncode == 2
+    assert arguments[0] in errors
+
+
+# Overload
+
+
+@pytest.mark.parametrize(
+    ("most", "channels", "reason"),
+    [(CLIENTS_MAX, 1, "200 clients already"), (CHANNELS_MAX, CHANNELS_MAX + 1, "64 channels")],
+)
+def test_there_is_a_limit_to_clients_and_to_channels(
+    stack: ExitStack, directory: Path, most: int, channels: int, reason: str
+) -> None:
+    address = str(directory / "socket")
+    start_broker(stack, "--address", address)
+    for number in range(most):
+        client(stack, address, channel=str(number % channels))
+    with pytest.raises(can.CanInitializationError, match=reason):
+        client(stack, address, channel=str(most % channels))
+
+
+def test_who_floods_waits_until_the_wire_is_free(stack: ExitStack, directory: Path) -> None:
+    address = str(directory / "socket")
+    broker = start_broker(stack, "--address", address, "--bitrate", "10000")
+    flooder, other = client(stack, address), client(stack, address)
+
+    def flood() -> None:
+        for _ in range(100_000):
+            flooder.send(message(0x200, bytes(8)), timeout=0)
+
+    with pytest.raises(can.CanTimeoutError, match="no room"):
+        flood()
+    # Only the frame on the wire goes before one with a higher priority.
+    other.send(message(0x100))
+    assert receive(flooder).arbitration_id == 0x100
+    broker.kill()  # A client that leaves waits until its frames have been taken.
+
+
+def test_who_does_not_read_is_disconnected_and_harms_nobody(
+    stack: ExitStack, directory: Path
+) -> None:
+    address = str(directory / "socket")
+    broker = start_broker(
+        stack, "--address", address, "--bitrate", "1000000", "--data-bitrate", "8000000"
+    )
+    client(stack, address, fd=True)
+    sender, listener = client(stack, address), client(stack, address)
+    # 80 bytes wait for each frame of 0 bytes: more than a mebibyte and any socket's buffer.
+    count = 20_000
+    for number in range(count):
+        sender.send(message(0x100))
+        if number % FRAMES_WAITING_MAX == FRAMES_WAITING_MAX - 1:
+            for _ in range(FRAMES_WAITING_MAX):
+                receive(listener)
+    sender.send(message(0x101))
+    while receive(listener).arbitration_id != 0x101:
+        pass
+    broker.send_signal(signal.SIGTERM)
+    _, errors = broker.communicate(timeout=PATIENCE_S)
+    assert re.search(r"client 1 of 'can0' \(process \d+\) leaves: it does not read", errors)
+    assert f"can0 {count + 1} frames" in errors
+
+
+def test_a_report_holds_what_was_carried_and_who_was_thrown_out(
+    stack: ExitStack, directory: Path
+) -> None:
+    address, report = str(directory / "socket"), directory / "report.json"
+    broker = start_broker(stack, "--address", address, "--report", str(report))
+    one, other = client(stack, address), client(stack, address)
+    vandal = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
+    vandal.settimeout(PATIENCE_S)
+    vandal.connect(address)
+    vandal.sendall(bytes(HELLO.size))
+    assert vandal.recv(1) == b""
+    one.send(message(1))
+    receive(other)
+    broker.send_signal(signal.SIGTERM)
+    _, errors = broker.communicate(timeout=PATIENCE_S)
+    assert broker.returncode == 0
+    said, last = errors.splitlines()
+    assert re.search(r"client 3 \(process \d+\) leaves: it does not speak this version", said)
+    assert "disconnected: 1 garbage" in last
+    written = json.loads(report.read_text())
+    assert written["clients"]["disconnected"]["garbage"] == 1
+    assert written["channels"]["can0"]["arbitration_delay"]["001"]["samples"] == 1
+
+
+def test_a_broker_does_not_wait_for_somebody_to_read_what_it_tells(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    read_end, write_end = os.pipe()
+    os.set_blocking(write_end, False)
+    with suppress(BlockingIOError):
+        while os.write(write_end, bytes(4096)):
+            pass
+    os.set_blocking(write_end, True)
+    with os.fdopen(read_end, "rb", 0) as reader, os.fdopen(write_end, "w") as stream:
+        monkeypatch.setattr(sys, "stderr", stream)
+        assert not _tell("a line that nobody has room for")  # would wait for ever if it waited
+        reader.read(1 << 20)
+        assert _tell("a line")
+        assert reader.read(100) == b"emulated-can-bus: a line\n"
+
+
+# python-can's own programs
+
+
+def test_pythoncans_player_and_logger_work(stack: ExitStack, directory: Path) -> None:
+    address = str(directory / "socket")
+    start_broker(stack, "--address", address)
+    log = directory / "frames.log"
+    lines = [f"({n / 1000:.6f}) can0 {0x100 + n:03X}#{n:02X}AA" for n in range(20)]
+    log.write_text("\n".join(lines) + "\n")
+    options = ["-i", "emulated", "-c", "tools", "--bus-kwargs", f"address={address}"]
+    logger = stack.enter_context(
+        subprocess.Popen(
+            [sys.executable, "-u", "-m", "can.logger", *options],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+    )
+    stack.callback(logger.kill)
+    assert logger.stdout is not None
+    while "Started on" not in logger.stdout.readline():
+        assert logger.poll() is None
+    subprocess.run(
+        [sys.executable, "-m", "can.player", *options, "--ignore-timestamps", str(log)],
+        check=True,
+        stdout=subprocess.DEVNULL,
+    )
+    printed = [logger.stdout.readline() for _ in lines]
+    assert [line.split("ID:")[1].split()[0] for line in printed] == [
+        f"{0x100 + n:03x}" for n in range(20)
+    ]
+    assert all("Channel: tools" in line for line in printed)

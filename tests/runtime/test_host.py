@@ -1,0 +1,200 @@
+"""What the host is asked for, and how it answers.
+
+The host is made up, so that no test locks its own process into memory or starves the others.
+"""
+
+import ctypes
+import gc
+import os
+import resource
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.runtime.host import HostAnswer, RealTimeRequest, StealClock, real_time
+
+EVERYTHING = RealTimeRequest(priority=50, cpu=1, lock_memory=True)
+
+
+class Linux:
+    """A made-up Linux that notes what it is asked for, and refuses when ``error`` is set."""
+
+    def __init__(self) -> None:
+        self.error = 0
+        self.calls: list[tuple[object, ...]] = []
+        self.policy = os.SCHED_OTHER
+        self.user = 0  # root
+
+    def mlockall(self, flags: object) -> int:
+        return self._libc("mlockall", flags)
+
+    def prctl(self, option: object, *values: object) -> int:
+        return self._libc("prctl", option, *values)
+
+    def sched_setscheduler(self, pid: int, policy: int, parameters: os.sched_param) -> None:
+        self._system("scheduler", pid, policy, parameters.sched_priority)
+        self.policy = policy
+
+    def sched_getscheduler(self, _pid: int) -> int:
+        return self.policy
+
+    def sched_setaffinity(self, pid: int, cpus: set[int]) -> None:
+        self._system("affinity", pid, cpus)
+
+    def _system(self, *call: object) -> None:
+        self.calls.append(call)
+        if self.error:
+            raise OSError(self.error, os.strerror(self.error))
+
+    def _libc(self, name: str, *arguments: object) -> int:
+        values = [getattr(argument, "value", argument) for argument in arguments]
+        self.calls.append((name, *values))
+        return -1 if self.error else 0
+
+
+@pytest.fixture
+def linux(monkeypatch: pytest.MonkeyPatch) -> Linux:
+    linux = Linux()
+    monkeypatch.setattr(sys, "platform", "linux")
+    for name in ("sched_setscheduler", "sched_getscheduler", "sched_setaffinity"):
+        monkeypatch.setattr(os, name, getattr(linux, name))
+    monkeypatch.setattr(os, "geteuid", lambda: linux.user)
+    monkeypatch.setattr(ctypes, "CDLL", lambda *_, **__: linux)
+    monkeypatch.setattr(ctypes, "get_errno", lambda: linux.error)
+    return linux
+
+
+@pytest.fixture(autouse=True)
+def _garbage_collector() -> Iterator[None]:
+    yield
+    gc.unfreeze()
+    gc.enable()
+
+
+def by_name(answers: list[HostAnswer]) -> dict[str, HostAnswer]:
+    return {answer.name: answer for answer in answers}
+
+
+def test_what_is_granted_is_reported_as_got(linux: Linux) -> None:
+    with real_time(EVERYTHING) as answers:
+        assert all(answer.got for answer in answers)
+        assert {answer.name: answer.detail for answer in answers} == {
+            "timer slack": "1 ns",
+            "processor": "runs on 1 only",
+            "memory lock": "no page leaves the memory",
+            "garbage collector": "frozen, off during the run",
+            "real-time priority": "SCHED_FIFO 50",
+        }
+    assert ("prctl", 29, 1, 0, 0, 0) in linux.calls
+    assert ("mlockall", 3) in linux.calls
+    assert ("affinity", 0, {1}) in linux.calls
+    assert ("scheduler", 0, os.SCHED_FIFO, 50) in linux.calls
+
+
+def test_under_a_limit_only_the_memory_in_use_is_locked(
+    linux: Linux, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    linux.user = 1000
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (8 << 20, 8 << 20))
+    with real_time(EVERYTHING) as answers:
+        assert by_name(answers)["memory lock"].detail == "no page of the start leaves the memory"
+    assert ("mlockall", 1) in linux.calls
+
+
+def test_a_priority_that_was_not_asked_for_is_left_alone(linux: Linux) -> None:
+    linux.policy = os.SCHED_FIFO
+    with real_time(RealTimeRequest()):
+        pass
+    assert linux.policy == os.SCHED_FIFO
+
+
+def test_what_is_refused_is_reported_with_the_reason_and_the_block_runs(linux: Linux) -> None:
+    linux.error = 1
+    with real_time(EVERYTHING) as answers:
+        refused = {name: a.detail for name, a in by_name(answers).items() if not a.got}
+    assert set(refused) == {"timer slack", "processor", "memory lock", "real-time priority"}
+    assert all(os.strerror(1) in detail for detail in refused.values())
+
+
+def test_what_is_not_asked_for_is_neither_tried_nor_reported(linux: Linux) -> None:
+    with real_time(RealTimeRequest()) as answers:
+        assert set(by_name(answers)) == {"timer slack", "garbage collector"}
+    assert [call[0] for call in linux.calls] == ["prctl"]
+
+
+def test_elsewhere_everything_is_refused_by_name(
+    linux: Linux, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "platform", "darwin")
+    with real_time(EVERYTHING) as answers:
+        refused = {name: a.detail for name, a in by_name(answers).items() if not a.got}
+    assert set(refused.values()) == {"only on Linux"}
+    assert len(refused) == 4
+    assert linux.calls == []
+
+
+@pytest.mark.parametrize("error", [None, KeyError("from the run")])
+def test_the_program_is_an_ordinary_one_again_however_the_block_ends(
+    linux: Linux, error: Exception | None
+) -> None:
+    try:
+        with real_time(EVERYTHING):
+            assert linux.policy == os.SCHED_FIFO
+            if error is not None:
+                raise error
+    except KeyError:
+        assert error is not None
+    assert linux.policy == os.SCHED_OTHER
+    assert gc.isenabled()
+
+
+@pytest.mark.usefixtures("linux")
+def test_garbage_is_collected_before_the_block_and_not_inside() -> None:
+    with real_time(RealTimeRequest()):
+        assert not gc.isenabled()
+        assert gc.get_freeze_count() > 0
+    assert gc.isenabled()
+    assert gc.get_freeze_count() == 0
+
+
+@pytest.mark.usefixtures("linux")
+def test_a_collector_that_was_off_stays_off() -> None:
+    gc.disable()
+    with real_time(RealTimeRequest()):
+        assert not gc.isenabled()
+    assert not gc.isenabled()
+
+
+@pytest.mark.parametrize("cpu", [-1, 10**6, 10**30])
+def test_a_processor_that_does_not_exist_is_refused_by_the_real_host(cpu: int) -> None:
+    with real_time(RealTimeRequest(cpu=cpu)) as answers:
+        assert not by_name(answers)["processor"].got
+
+
+# user nice system idle iowait irq softirq steal guest guest_nice
+BEFORE = "cpu  100 0 50 800 10 5 5 30 40 0\ncpu0 1 2 3\n"
+AFTER = "cpu  140 0 60 830 10 5 5 50 90 0\ncpu0 1 2 3\n"
+
+
+def test_the_stolen_share_is_steal_by_all_time_and_counts_guests_once(tmp_path: Path) -> None:
+    stat = tmp_path / "stat"
+    stat.write_text(BEFORE)
+    clock = StealClock(stat)
+    stat.write_text(AFTER)
+    assert clock.fraction() == pytest.approx(20 / 100)
+
+
+def test_nothing_is_stolen_in_no_time(tmp_path: Path) -> None:
+    stat = tmp_path / "stat"
+    stat.write_text(BEFORE)
+    assert StealClock(stat).fraction() == 0.0
+
+
+@pytest.mark.parametrize("text", ["", "cpu  1 2 3\n", "cpu  a b c d e f g h\n"])
+def test_a_host_that_does_not_tell_is_not_guessed_at(tmp_path: Path, text: str) -> None:
+    stat = tmp_path / "stat"
+    assert StealClock(stat).fraction() is None
+    stat.write_text(text)
+    assert StealClock(stat).fraction() is None

@@ -1,0 +1,273 @@
+"""What the two programs share: a run and its report, the command line, and mistakes."""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import can
+import pytest
+
+from steer_by_wire.runtime.bus import BusError
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.option_types import output_file
+from steer_by_wire.runtime.program import ExitStatus, load_program_settings, run_main
+from steer_by_wire.runtime.settings import SettingsError
+from tests.support.running_program import ORDINARY
+from tests.support.some_program import NAME, Options, Probe, SomeSettings, run
+from tests.support.some_program import channel as channel
+from tests.support.some_program import options as options
+from tests.support.some_program import presets as presets
+from tests.support.some_program import restored_signals as restored_signals
+
+Capture = pytest.CaptureFixture[str]
+
+
+# A run and its report
+
+
+def test_a_run_leaves_a_report_of_settings_loop_host_and_node(
+    options: Options, tmp_path: Path
+) -> None:
+    file = tmp_path / "report.json"
+    node = Probe(ticks=3, sends=[Frame(0x100, b"x")])
+    assert run(options("--report", str(file)), node) == ExitStatus.OK
+    report = json.loads(file.read_text())
+    assert report["program"] == NAME
+    assert report["ended_by"] == "finished"
+    assert report["bus"].endswith("(from the command line)")
+    assert report["settings"] == {"gain": 1.0, "words": ""}
+    assert report["loop"]["lateness"]["samples"] == 3
+    assert report["loop"]["frames_sent"] == 3
+    assert {"overruns", "wake_ups", "duration_s", "busy_fraction"} < set(report["loop"])
+    assert {answer["name"] for answer in report["host"]["answers"]} == {
+        "timer slack",
+        "garbage collector",
+    }
+    assert "steal_fraction" in report["host"]
+    assert report["node"] == {"rms_m": None, "counts": {"lost": 2}}
+    assert {"version", "python"} < set(report)
+
+
+def test_nothing_but_the_report_is_left_in_its_directory(options: Options, tmp_path: Path) -> None:
+    directory = tmp_path / "reports"
+    directory.mkdir()
+    run(options("--report", str(directory / "report.json")), Probe())
+    assert os.listdir(directory) == ["report.json"]
+
+
+def test_the_first_line_says_that_the_bus_is_open(options: Options, capsys: Capture) -> None:
+    heard = []
+    node = Probe(on_tick_do=lambda: heard.append(capsys.readouterr().out))
+    run(options(), node)
+    assert heard[0].startswith(f"{NAME}: ready on ")
+    assert heard[0].count("\n") == 1
+
+
+def test_the_last_lines_say_what_the_run_was_like(options: Options, capsys: Capture) -> None:
+    run(options(), Probe())
+    out = capsys.readouterr().out
+    assert f"{NAME}: ended by finished after " in out
+    assert "lateness p50 " in out
+
+
+def test_the_bus_is_shut_down_however_the_run_ends(options: Options, channel: str) -> None:
+    def fail() -> None:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        run(options(), Probe(on_tick_do=fail))
+    # Where the bus of the run is gone, a message reaches nobody.
+    with can.Bus(interface="virtual", channel=channel) as bus:
+        assert len(bus.channel) == 1  # type: ignore[attr-defined]
+
+
+# Reports that cannot be written, readers that are gone
+
+
+@pytest.mark.parametrize("name", ["none/report.json", "."])
+def test_a_report_that_cannot_be_written_is_refused_before_the_run(
+    options: Options, tmp_path: Path, capsys: Capture, name: str
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        options("--report", str(tmp_path / name))
+    assert caught.value.code == ExitStatus.SETTINGS
+    assert str((tmp_path / name).parent) in capsys.readouterr().err
+
+
+def test_a_file_of_somebody_else_is_refused_before_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "report.json"
+    file.touch()
+    monkeypatch.setattr(os, "access", lambda place, _mode: place != file)
+    with pytest.raises(argparse.ArgumentTypeError, match=r"report\.json may not be written"):
+        output_file(str(file))
+
+
+def test_a_report_that_cannot_be_written_after_all_is_one_line(
+    options: Options, tmp_path: Path, capsys: Capture
+) -> None:
+    directory = tmp_path / "reports"
+    directory.mkdir()
+    file = directory / "report.json"
+    asked = options("--report", str(file))
+    status = run_main(NAME, lambda: run(asked, Probe(ticks=1, on_tick_do=directory.rmdir)))
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"{NAME}: error: {directory}")
+    assert line.endswith("No such file or directory")
+    assert status == ExitStatus.OUTPUT
+
+
+def printing_program(output: int) -> subprocess.CompletedProcess[str]:
+    """A program that prints without ``say`` and leaves the text to be written at its end."""
+    code = (
+        "import sys; from steer_by_wire.runtime.program import run_main;"
+        "sys.exit(run_main('p', lambda: print('text') or 0))"
+    )
+    return subprocess.run(
+        [sys.executable, "-c", code], stdout=output, stderr=subprocess.PIPE, text=True, check=False
+    )
+
+
+def test_a_reader_that_reads_no_further_is_no_mistake() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with open(writer, "wb") as pipe:
+        result = printing_program(pipe.fileno())
+    assert (result.stderr, result.returncode) == ("", ExitStatus.OK)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this platform has no /dev/full")
+def test_output_that_cannot_be_written_is_one_line() -> None:
+    with open("/dev/full", "wb") as full:
+        result = printing_program(full.fileno())
+    assert result.stderr == "p: error: No space left on device\n"
+    assert result.returncode == ExitStatus.OUTPUT
+
+
+def test_a_reader_that_is_gone_costs_neither_the_run_nor_its_report(
+    presets: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "report.json"
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1]);"
+        "from tests.support.some_program import NAME, Probe, SomeSettings;"
+        "from steer_by_wire.runtime.program import make_parser, run_main, run_node;"
+        "options = make_parser(NAME, '', sys.argv[2]).parse_args(sys.argv[3:]);"
+        "run = lambda: run_node(NAME, options, SomeSettings(), lambda _: Probe());"
+        "sys.exit(run_main(NAME, run))"
+    )
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        result = subprocess.run(
+            [
+                *(sys.executable, "-c", code, str(tmp_path), presets, *ORDINARY),
+                *("-i", "virtual", "-c", "gone", "--report", str(file)),
+            ],
+            cwd=Path(__file__).resolve().parents[2],
+            stdout=writer,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    finally:
+        os.close(writer)
+    assert (result.stderr, result.returncode) == ("", ExitStatus.OK)
+    assert json.loads(file.read_text())["ended_by"] == "finished"
+
+
+# The command line
+
+
+def test_settings_are_layered_as_the_command_line_asks(
+    options: Options, presets: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text('words = "file"\n')
+    asked = options(str(file), "--preset", "strong", "--set", "words=option")
+    assert load_program_settings(SomeSettings, presets, asked) == SomeSettings(
+        gain=2.0, words="option"
+    )
+    settings = load_program_settings(SomeSettings, presets, asked, ["words=program"])
+    assert settings.words == "program"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--duration", "0"),
+        ("--duration", "-1"),
+        ("--duration", "nan"),
+        ("--duration", "inf"),
+        ("--duration", "soon"),
+        ("--priority", "100"),
+        ("--priority", "-1"),
+        ("--cpu", "x"),
+        ("--spin-us", "-1"),
+        ("--spin-us", "10001"),
+        ("--spin-us", "0.5"),
+        ("--reconnect-limit", "0"),
+        ("--dura", "1"),
+        ("one.toml", "two.toml"),
+    ],
+)
+def test_a_bad_argument_has_the_status_of_bad_settings(
+    options: Options, capsys: Capture, arguments: tuple[str, ...]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        options(*arguments)
+    assert caught.value.code == ExitStatus.SETTINGS
+    assert f"{NAME}: error: " in capsys.readouterr().err
+
+
+# What a user can cause is one line and a status
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "lines"),
+    [
+        (SettingsError("a", "b"), ExitStatus.SETTINGS, ["a", "b"]),
+        (BusError("no such bus"), ExitStatus.BUS, ["no such bus"]),
+        (PermissionError(13, "not yours", "x"), ExitStatus.OUTPUT, ["x: not yours"]),
+        (OSError("told in words"), ExitStatus.OUTPUT, ["told in words"]),
+        (KeyboardInterrupt(), ExitStatus.INTERRUPTED, ["interrupted"]),
+    ],
+)
+def test_what_a_user_can_cause_is_one_line_each_and_a_status(
+    capsys: Capture, error: BaseException, status: int, lines: list[str]
+) -> None:
+    def fail() -> int:
+        raise error
+
+    assert run_main(NAME, fail) == status
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.splitlines() == [f"{NAME}: error: {line}" for line in lines]
+
+
+@pytest.mark.parametrize("package", ["controller", "plant_emulator"])
+def test_ctrl_c_while_the_modules_of_a_program_are_read_is_no_traceback(
+    package: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Interrupting:
+        def find_spec(self, name: str, *_more: object) -> None:
+            if name == f"steer_by_wire.{package}.program":
+                raise KeyboardInterrupt
+
+    program = import_module(f"steer_by_wire.{package}.__main__")
+    monkeypatch.delitem(sys.modules, f"steer_by_wire.{package}.program", raising=False)
+    monkeypatch.setattr(sys, "meta_path", [Interrupting(), *sys.meta_path])
+    assert program.main([]) == ExitStatus.INTERRUPTED
+
+
+def test_what_only_a_programmer_can_cause_is_not_hidden() -> None:
+    def fail() -> int:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        run_main(NAME, fail)

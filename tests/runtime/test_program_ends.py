@@ -1,0 +1,264 @@
+"""Every way in which a run of a program ends, each with its report, its line and its status."""
+
+import errno
+import json
+import signal
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+from can.interfaces.virtual import VirtualBus
+
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NEVER_NS
+from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main, run_node
+from tests.support.some_program import NAME, Options, Probe, SomeSettings, run
+from tests.support.some_program import channel as channel
+from tests.support.some_program import options as options
+from tests.support.some_program import presets as presets
+from tests.support.some_program import restored_signals as restored_signals
+
+Capture = pytest.CaptureFixture[str]
+
+
+class Sleeper(Probe):
+    """A node that never has anything to do."""
+
+    @property
+    def deadline_ns(self) -> int:
+        return NEVER_NS
+
+    @property
+    def finished(self) -> bool:
+        return False
+
+
+def vendor_error(name: str, code: int) -> Exception:
+    error: Exception = type(name, (can.CanOperationError,), {})("the queue is full", code)
+    return error
+
+
+def interrupt() -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+def terminate() -> None:
+    signal.raise_signal(signal.SIGTERM)
+
+
+def test_a_run_ends_after_its_duration(options: Options, tmp_path: Path) -> None:
+    file = tmp_path / "report.json"
+    run(options("--duration", "0.001", "--report", str(file)), Sleeper())
+    assert json.loads(file.read_text())["ended_by"] == "duration"
+
+
+def test_a_duration_counts_from_the_start_on_the_clock() -> None:
+    now_ns = 0
+    stop = StopRequest(lambda: now_ns)
+    assert not stop()
+    stop.end_at(5)
+    now_ns = 4
+    assert not stop()
+    now_ns = 5
+    assert stop()
+    assert stop.reason == "duration"
+
+
+@pytest.mark.parametrize(("send", "name"), [(interrupt, "SIGINT"), (terminate, "SIGTERM")])
+def test_a_signal_ends_a_run_with_its_report(
+    options: Options, tmp_path: Path, send: Callable[[], None], name: str
+) -> None:
+    file = tmp_path / "report.json"
+    node = Probe(ticks=10**6, on_tick_do=send)
+    assert run(options("--report", str(file)), node) == ExitStatus.OK
+    assert json.loads(file.read_text())["ended_by"] == name
+
+
+def test_a_second_signal_does_not_cost_the_report(options: Options, tmp_path: Path) -> None:
+    file = tmp_path / "report.json"
+    node = Probe(ticks=10**6, on_tick_do=interrupt, on_report_do=terminate)
+    assert run(options("--report", str(file)), node) == ExitStatus.OK
+    assert json.loads(file.read_text())["node"]["counts"] == {"lost": 2}
+
+
+def test_a_signal_right_after_ready_ends_a_run_with_its_report(
+    options: Options, tmp_path: Path
+) -> None:
+    file = tmp_path / "report.json"
+
+    def make_node(_start_ns: int) -> Probe:
+        terminate()
+        return Sleeper()
+
+    run_node(NAME, options("--report", str(file)), SomeSettings(), make_node)
+    assert json.loads(file.read_text())["ended_by"] == "SIGTERM"
+
+
+def test_signals_mean_what_they_meant_before_when_the_run_is_over(options: Options) -> None:
+    before = signal.getsignal(signal.SIGINT)
+    run(options(), Probe(ticks=10, on_tick_do=interrupt))
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_a_bus_that_fails_ends_the_run_with_one_line_and_its_report(
+    options: Options, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_arguments: object, **_options: object) -> None:
+        raise can.CanOperationError("bus-off")
+
+    monkeypatch.setattr(VirtualBus, "send", refuse)
+    file = tmp_path / "report.json"
+    node = Probe(sends=[Frame(0x100, b"x")])
+    assert run(options("--report", str(file)), node) == ExitStatus.BUS
+    assert capsys.readouterr().err == f"{NAME}: error: cannot send: bus-off\n"
+    assert json.loads(file.read_text())["ended_by"] == "cannot send: bus-off"
+
+
+def test_a_bus_that_fails_in_receiving_ends_the_run_likewise(
+    options: Options, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_arguments: object, **_options: object) -> None:
+        raise can.CanOperationError("the adapter is gone")
+
+    monkeypatch.setattr(VirtualBus, "_recv_internal", refuse)
+    file = tmp_path / "report.json"
+    assert run(options("--report", str(file)), Probe()) == ExitStatus.BUS
+    assert json.loads(file.read_text())["ended_by"] == "cannot receive: the adapter is gone"
+
+
+def test_with_reconnect_a_bus_that_fails_once_does_not_end_the_run(
+    options: Options, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("steer_by_wire.runtime.connection.RETRY_S", 0.001)
+    monkeypatch.setattr("steer_by_wire.runtime.connection.SETTLED_S", 0.0)
+    calls = []
+
+    def refuse_once(*_arguments: object, **_options: object) -> tuple[None, bool]:
+        calls.append("recv")
+        if len(calls) == 1:
+            raise can.CanOperationError("the adapter is gone")
+        return None, False
+
+    monkeypatch.setattr(VirtualBus, "_recv_internal", refuse_once)
+    file = tmp_path / "report.json"
+    heard: list[str] = []
+
+    def hear(_name: str, text: str, _stream: object = None) -> None:
+        heard.append(text)
+        if "is back" in text:
+            interrupt()
+
+    monkeypatch.setattr("steer_by_wire.runtime.program.say", hear)
+    assert run(options("--reconnect", "--report", str(file)), Sleeper()) == ExitStatus.OK
+    begin = "cannot receive: the adapter is gone; waiting 60 s"
+    assert any(text.startswith(begin) for text in heard)
+    report = json.loads(file.read_text())
+    assert report["ended_by"] == "SIGINT"
+    assert (report["connection"]["outages"], report["connection"]["reconnections"]) == (1, 1)
+
+
+def test_a_bus_that_fails_again_when_it_is_shut_down_is_told_once(
+    options: Options, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shut_down = VirtualBus.shutdown
+
+    def fail(bus: VirtualBus) -> None:
+        shut_down(bus)
+        raise can.CanOperationError("the adapter is gone")
+
+    monkeypatch.setattr(VirtualBus, "shutdown", fail)
+    assert run(options(), Probe()) == ExitStatus.OK
+    assert capsys.readouterr().err == ""
+
+
+class Faulty(Probe):
+    """A node that finds a fault in itself."""
+
+    def report(self) -> Mapping[str, Any]:
+        return {"failure": "51 of the last 100 ticks overran, allowed are 50 of 100"}
+
+
+def test_a_node_that_has_found_a_fault_in_itself_ends_with_its_report_and_a_status_of_its_own(
+    options: Options, tmp_path: Path, capsys: Capture
+) -> None:
+    report = tmp_path / "report.json"
+    assert run(options("--report", str(report)), Faulty()) == ExitStatus.SAFE_STATE
+    told = capsys.readouterr()
+    fault = "safe state: 51 of the last 100 ticks overran, allowed are 50 of 100"
+    assert told.err == f"{NAME}: error: {fault}\n"
+    assert f"ended by {fault}" in told.out
+    written = json.loads(report.read_text())
+    assert written["ended_by"] == fault
+    assert written["node"]["failure"] in fault
+
+
+def test_a_fault_is_told_also_where_a_signal_comes_before_the_safe_state_is_reached(
+    options: Options, tmp_path: Path
+) -> None:
+    report = tmp_path / "report.json"
+    node = Faulty(ticks=1000, on_tick_do=interrupt)
+    assert run(options("--report", str(report)), node) == ExitStatus.SAFE_STATE
+    assert json.loads(report.read_text())["ended_by"] == "SIGINT"
+
+
+def test_every_way_to_end_has_a_status_of_its_own() -> None:
+    assert ExitStatus.SAFE_STATE.value == 5
+    assert len({*ExitStatus}) == len(ExitStatus.__members__)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        can.CanTimeoutError("no room to send"),
+        can.CanOperationError("Failed to transmit: No buffer space available", errno.ENOBUFS),
+        can.CanOperationError("Transmit buffer full"),
+        OSError(errno.EAGAIN, "Resource temporarily unavailable"),
+        vendor_error("PcanCanOperationError", 0x80),
+        vendor_error("CANLIBOperationError", -13),
+        vendor_error("VectorOperationError", 11),
+    ],
+    ids=str,
+)
+def test_a_full_transmit_queue_costs_frames_and_not_the_run(
+    options: Options, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def refuse(*_arguments: object, **_options: object) -> None:
+        raise error
+
+    monkeypatch.setattr(VirtualBus, "send", refuse)
+    file = tmp_path / "report.json"
+    node = Probe(ticks=3, sends=[Frame(0x100, b"x")])
+    assert run(options("--report", str(file)), node) == ExitStatus.OK
+    loop = json.loads(file.read_text())["loop"]
+    assert (loop["frames_sent"], loop["frames_refused"]) == (0, 3)
+
+
+def test_a_bus_that_cannot_be_opened_is_one_line_and_makes_no_node(
+    options: Options, tmp_path: Path, capsys: Capture
+) -> None:
+    asked = options("--report", str(tmp_path / "report.json"))
+    asked.interface = "nonesuch"
+    status = run_main(
+        NAME, lambda: run_node(NAME, asked, SomeSettings(), lambda _: pytest.fail("made"))
+    )
+    captured = capsys.readouterr()
+    (line,) = captured.err.splitlines()
+    assert line.startswith(f"{NAME}: error: cannot open nonesuch ")
+    assert (status, captured.out) == (ExitStatus.BUS, "")
+    assert not (tmp_path / "report.json").exists()
+
+
+def test_what_a_program_adds_comes_after_the_report_and_is_safe_from_signals(
+    options: Options, tmp_path: Path
+) -> None:
+    file, done = tmp_path / "report.json", []
+
+    def conclude(node: Probe) -> None:
+        terminate()
+        done.append((node.finished, file.exists()))
+
+    asked = options("--report", str(file))
+    status = run_node(NAME, asked, SomeSettings(), lambda _: Probe(), conclude)
+    assert (status, done) == (ExitStatus.OK, [(True, True)])

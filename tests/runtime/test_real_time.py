@@ -1,0 +1,352 @@
+"""The real-time executor with a clock and a port that are made up: nothing here waits."""
+
+from collections.abc import Callable, Sequence
+
+import pytest
+
+from steer_by_wire.runtime.bus import BusError
+from steer_by_wire.runtime.frame import ERROR, Frame
+from steer_by_wire.runtime.node import NEVER_NS
+from steer_by_wire.runtime.periodic import PeriodicTimer
+from steer_by_wire.runtime.real_time import (
+    FRAMES_PER_WAKE_UP_MAX,
+    TICKS_PER_WAKE_UP_MAX,
+    WAIT_NS_MAX,
+    LoopFigures,
+    RealTimeExecutor,
+    Received,
+)
+
+MS = 1_000_000
+ANSWER = Frame(0x200, b"answer")
+COMMAND = Frame(0x100, b"command")
+
+
+def frame(number: int) -> Frame:
+    return Frame(0x300, number.to_bytes(8, "little"))
+
+
+class Machine:
+    """A port with its clock: frames arrive when they are due, waiting takes time, as does work.
+
+    ``arrivals``      frames and when they arrive [ns], in order
+    ``oversleep_ns``  how much longer than asked for a wait without a frame lasts
+    ``wake_up_ns``    how long after the arrival of a frame a wait ends
+    ``tells_arrivals``  whether the port knows when a frame arrived
+    """
+
+    def __init__(
+        self,
+        arrivals: Sequence[tuple[int, Frame]] = (),
+        oversleep_ns: int = 0,
+        start_ns: int = 0,
+        wake_up_ns: int = 0,
+        tells_arrivals: bool = False,
+    ) -> None:
+        self.now_ns = start_ns
+        self.readings_ns: list[int] = []
+        self.waits_ns: list[int] = []
+        self.sent: list[Frame] = []
+        self.bus_fails = False
+        self.bus_is_full = False
+        self._arrivals = list(arrivals)
+        self._oversleep_ns = oversleep_ns
+        self._wake_up_ns = wake_up_ns
+        self._tells_arrivals = tells_arrivals
+
+    def clock_ns(self) -> int:
+        self.readings_ns.append(self.now_ns)
+        return self.now_ns
+
+    def recv(self, timeout_s: float) -> Received | None:
+        timeout_ns = round(timeout_s * 1e9)
+        self.waits_ns.append(timeout_ns)
+        if self._arrivals and self._arrivals[0][0] <= self.now_ns + timeout_ns:
+            arrival_ns, arrived = self._arrivals.pop(0)
+            if arrival_ns > self.now_ns:
+                self.now_ns = arrival_ns + self._wake_up_ns
+            return Received(arrived, arrival_ns if self._tells_arrivals else None)
+        if timeout_ns:
+            self.now_ns += timeout_ns + self._oversleep_ns
+        return None
+
+    def send(self, sent: Frame) -> bool:
+        if self.bus_fails:
+            raise BusError("cannot send: bus-off")
+        if self.bus_is_full:
+            return False
+        self.sent.append(sent)
+        return True
+
+
+class Recorder:
+    """A periodic node that notes its calls, answers every frame, and can be made slow."""
+
+    def __init__(
+        self,
+        ticks: int = NEVER_NS,
+        period_ns: int = 10 * MS,
+        work: Callable[[int], None] = lambda _tick: None,
+    ) -> None:
+        self._timer = PeriodicTimer(0, period_ns)
+        self._ticks = ticks
+        self._work = work
+        self.calls: list[tuple[str, int]] = []
+
+    @property
+    def deadline_ns(self) -> int:
+        return self._timer.deadline_ns
+
+    @property
+    def finished(self) -> bool:
+        return len(self.tick_times_ns) >= self._ticks
+
+    @property
+    def tick_times_ns(self) -> list[int]:
+        return [now_ns for call, now_ns in self.calls if call == "tick"]
+
+    def on_frame(self, _frame: Frame, now_ns: int) -> Sequence[Frame]:
+        self.calls.append(("frame", now_ns))
+        return (ANSWER,)
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        self.calls.append(("tick", now_ns))
+        self._timer.advance(now_ns)
+        self._work(len(self.tick_times_ns))
+        return (COMMAND,)
+
+
+def never() -> bool:
+    return False
+
+
+def run(
+    node: Recorder,
+    machine: Machine,
+    should_stop: Callable[[], bool] = never,
+    spin_ns: int = 0,
+) -> LoopFigures:
+    executor = RealTimeExecutor(node, machine, machine.clock_ns, spin_ns)
+    executor.run(should_stop)
+    return executor.figures
+
+
+def test_ticks_are_on_the_grid_and_the_node_ends_the_run() -> None:
+    node, machine = Recorder(ticks=4), Machine()
+    figures = run(node, machine)
+    assert node.tick_times_ns == [0, 10 * MS, 20 * MS, 30 * MS]
+    assert machine.sent == [COMMAND] * 4
+    assert figures.lateness.samples == 4
+    assert figures.lateness.max_ns == 0
+    assert (figures.frames_received, figures.frames_sent, figures.overruns) == (0, 4, 0)
+
+
+def test_oversleeping_is_lateness_and_does_not_add_up() -> None:
+    node = Recorder(ticks=4)
+    figures = run(node, Machine(oversleep_ns=3 * MS))
+    assert node.tick_times_ns == [0, 13 * MS, 23 * MS, 33 * MS]
+    assert figures.lateness.max_ns == 3 * MS
+    assert figures.overruns == 0
+
+
+def test_frames_that_wait_are_handed_over_before_the_tick_with_the_same_reading() -> None:
+    node = Recorder(ticks=2)
+    machine = Machine([(10 * MS, frame(1)), (10 * MS, frame(2))])
+    figures = run(node, machine)
+    assert node.calls == [("tick", 0), ("frame", 10 * MS), ("frame", 10 * MS), ("tick", 10 * MS)]
+    assert machine.sent == [COMMAND, ANSWER, ANSWER, COMMAND]
+    assert (figures.frames_received, figures.frames_sent) == (2, 4)
+
+
+def test_a_frame_before_the_deadline_is_handed_over_when_it_arrives() -> None:
+    node = Recorder(ticks=2)
+    run(node, Machine([(4 * MS, frame(1))]))
+    assert node.calls == [("tick", 0), ("frame", 4 * MS), ("tick", 10 * MS)]
+
+
+def test_a_node_is_told_when_a_frame_arrived_where_the_port_knows() -> None:
+    arrivals = [(4 * MS, frame(1)), (5 * MS, frame(2))]
+    node = Recorder(ticks=2)
+    run(node, Machine(arrivals, wake_up_ns=2 * MS, tells_arrivals=True))
+    assert node.calls == [("tick", 0), ("frame", 4 * MS), ("frame", 5 * MS), ("tick", 10 * MS)]
+    node = Recorder(ticks=2)
+    run(node, Machine(arrivals, wake_up_ns=2 * MS))
+    assert node.calls == [("tick", 0), ("frame", 6 * MS), ("frame", 6 * MS), ("tick", 10 * MS)]
+
+
+def test_a_node_is_told_no_time_of_the_future_and_none_before_its_last() -> None:
+    class Confused(Machine):
+        """Its arrivals are off, as after the wall clock was set."""
+
+        offset_ns = 0
+
+        def recv(self, timeout_s: float) -> Received | None:
+            received = super().recv(timeout_s)
+            return received and Received(received.frame, self.now_ns + self.offset_ns)
+
+    for offset_ns, told_ns in [(60 * MS, 14 * MS), (-60 * MS, 10 * MS)]:
+        node, machine = Recorder(ticks=3), Confused([(14 * MS, frame(1))])
+        machine.offset_ns = offset_ns
+        run(node, machine)
+        assert node.calls[1:3] == [("tick", 10 * MS), ("frame", told_ns)]
+
+
+def test_a_wake_up_reads_the_clock_once_for_the_node_and_once_for_the_wait_after_it() -> None:
+    machine = Machine([(4 * MS, frame(1)), (4 * MS, frame(2))])
+    figures = run(Recorder(ticks=3), machine)
+    assert len(machine.readings_ns) == 1 + 2 * figures.wake_ups
+
+
+def test_work_is_not_slept_on_top_of() -> None:
+    machine = Machine()
+
+    def work(_tick: int) -> None:
+        machine.now_ns += 2 * MS
+
+    node = Recorder(ticks=3, work=work)
+    figures = run(node, machine)
+    assert node.tick_times_ns == [0, 10 * MS, 20 * MS]
+    assert machine.waits_ns == [0, 8 * MS, 8 * MS]
+    assert figures.busy_ns == 6 * MS
+    assert figures.duration_ns == 22 * MS
+
+
+def test_work_beyond_the_next_deadline_is_an_overrun_and_keeps_phase() -> None:
+    machine = Machine()
+
+    def work(tick: int) -> None:
+        machine.now_ns += 14 * MS if tick == 2 else 0
+
+    node = Recorder(ticks=4, work=work)
+    figures = run(node, machine)
+    assert node.tick_times_ns == [0, 10 * MS, 24 * MS, 30 * MS]
+    assert figures.overruns == 1
+    assert figures.lateness.max_ns == 4 * MS
+
+
+class Spinning(Machine):
+    """A machine that wakes up late, and on which a look at the port takes a microsecond."""
+
+    def recv(self, timeout_s: float) -> Received | None:
+        received = super().recv(timeout_s)
+        if received is None and timeout_s == 0.0:
+            self.now_ns += MS // 1000
+        return received
+
+
+def test_spinning_makes_up_for_a_late_wake_up() -> None:
+    node, machine = Recorder(ticks=4), Spinning(oversleep_ns=MS // 5)
+    figures = run(node, machine, spin_ns=MS // 2)
+    # The first tick is due before there is a wait.
+    assert max(node.tick_times_ns[n] - n * 10 * MS for n in (1, 2, 3)) <= MS // 1000
+    assert figures.lateness.max_ns <= MS // 1000
+    sleeps_ns = [wait_ns for wait_ns in machine.waits_ns if wait_ns]
+    assert max(sleeps_ns) <= 10 * MS - MS // 2
+    assert len(sleeps_ns) == 3
+
+
+def test_a_frame_ends_the_spinning() -> None:
+    node = Recorder(ticks=2)
+    machine = Spinning([(10 * MS - MS // 4, frame(1))], tells_arrivals=True)
+    run(node, machine, spin_ns=MS // 2)
+    assert node.calls[1] == ("frame", 10 * MS - MS // 4)
+    assert 0 <= node.tick_times_ns[1] - 10 * MS <= MS // 1000
+
+
+def test_nothing_is_spun_away_while_a_deadline_is_far_off() -> None:
+    node, machine = Recorder(period_ns=1000 * MS), Spinning()
+    run(node, machine, lambda: machine.now_ns >= 400 * MS, spin_ns=10 * MS)
+    assert machine.waits_ns.count(0) == 1
+    assert set(machine.waits_ns[1:]) == {WAIT_NS_MAX}
+
+
+def test_error_frames_are_no_node_s_business() -> None:
+    node = Recorder(ticks=2)
+    error = Frame(0x300, bytes(8), ERROR)
+    figures = run(node, Machine([(4 * MS, error), (4 * MS, frame(1)), (5 * MS, error)]))
+    assert node.calls == [("tick", 0), ("frame", 4 * MS), ("tick", 10 * MS)]
+    assert figures.frames_received == 1
+
+
+def test_a_flood_does_not_keep_the_node_from_ticking() -> None:
+    node = Recorder(ticks=2)
+    flood = [(10 * MS, frame(number)) for number in range(FRAMES_PER_WAKE_UP_MAX + 5)]
+    figures = run(node, Machine(flood))
+    calls = [call for call, _ in node.calls]
+    assert calls == ["tick", *["frame"] * FRAMES_PER_WAKE_UP_MAX, "tick"]
+    assert figures.full_wake_ups == 1
+    assert figures.frames_received == FRAMES_PER_WAKE_UP_MAX
+
+
+def test_what_a_flood_leaves_is_handed_over_at_once_afterwards() -> None:
+    node = Recorder(ticks=3)
+    flood = [(10 * MS, frame(number)) for number in range(FRAMES_PER_WAKE_UP_MAX + 5)]
+    figures = run(node, Machine(flood))
+    assert [call for call, now_ns in node.calls if now_ns == 10 * MS][-5:] == ["frame"] * 5
+    assert figures.frames_received == FRAMES_PER_WAKE_UP_MAX + 5
+
+
+def test_a_request_to_stop_is_heard_while_a_deadline_is_far_away() -> None:
+    node, machine = Recorder(period_ns=3600 * 1000 * MS), Machine()
+    run(node, machine, should_stop=lambda: machine.now_ns >= 1000 * MS)
+    assert max(machine.waits_ns) == WAIT_NS_MAX
+    assert machine.now_ns < 1000 * MS + WAIT_NS_MAX
+    assert node.tick_times_ns == [0]
+
+
+def test_a_node_without_a_deadline_is_driven_by_frames_alone() -> None:
+    class Listener(Recorder):
+        @property
+        def deadline_ns(self) -> int:
+            return NEVER_NS
+
+    node, machine = Listener(), Machine([(70 * MS, frame(1))])
+    figures = run(node, machine, should_stop=lambda: machine.now_ns >= 200 * MS)
+    assert node.calls == [("frame", 70 * MS)]
+    assert figures.lateness.samples == 0
+
+
+def test_nothing_is_run_after_a_request_to_stop() -> None:
+    node, machine = Recorder(), Machine()
+    run(node, machine, should_stop=lambda: True)
+    assert (node.calls, machine.waits_ns) == ([], [])
+
+
+def test_a_bus_that_fails_ends_the_run_and_leaves_its_figures() -> None:
+    machine = Machine()
+
+    def work(tick: int) -> None:
+        machine.bus_fails = tick == 3
+
+    executor = RealTimeExecutor(Recorder(work=work), machine, machine.clock_ns)
+    with pytest.raises(BusError, match="bus-off"):
+        executor.run(never)
+    assert executor.figures.frames_sent == 2
+    assert executor.figures.lateness.samples == 3
+
+
+def test_a_frame_that_the_bus_has_no_room_for_is_counted_and_not_sent_again() -> None:
+    machine = Machine()
+
+    def work(tick: int) -> None:
+        machine.bus_is_full = tick == 2
+
+    figures = run(Recorder(ticks=4, work=work), machine)
+    assert machine.sent == [COMMAND] * 3
+    assert (figures.frames_sent, figures.frames_refused) == (3, 1)
+
+
+def test_a_node_whose_deadline_does_not_move_on_is_an_error_and_no_hang() -> None:
+    class Stuck(Recorder):
+        @property
+        def deadline_ns(self) -> int:
+            return 0
+
+        def on_tick(self, now_ns: int) -> Sequence[Frame]:
+            self.calls.append(("tick", now_ns))
+            return ()
+
+    node, machine = Stuck(), Machine()
+    with pytest.raises(RuntimeError, match="deadline does not move on"):
+        run(node, machine)
+    assert len(node.tick_times_ns) == TICKS_PER_WAKE_UP_MAX

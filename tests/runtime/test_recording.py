@@ -1,0 +1,235 @@
+"""``--record``: every format holds what went through the port, and what it lacks is counted."""
+
+import os
+import signal
+import sys
+import time
+from base64 import b64encode
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.recordings.log_file import open_log
+from steer_by_wire.runtime import recording
+from steer_by_wire.runtime.candump import CandumpReader
+from steer_by_wire.runtime.frame import ERROR, Frame
+from steer_by_wire.runtime.message import frame_of
+from steer_by_wire.runtime.real_time import Received
+from steer_by_wire.runtime.recording import (
+    LEFT_OUT,
+    SUFFIXES,
+    Recording,
+    RecordingFigures,
+    RecordingPort,
+)
+from tests.support.recorded_frames import FRAMES, messages_in
+
+NEEDS_ASAMMDF = pytest.mark.skipif(
+    find_spec("asammdf") is None, reason="asammdf is not installed (the extra mf4)"
+)
+FORMATS = [
+    pytest.param(suffix, marks=NEEDS_ASAMMDF if suffix == ".mf4" else ()) for suffix in SUFFIXES
+]
+PERIOD_NS = 10_000_000
+TEXT = (".log", ".asc", ".csv", ".trc")
+
+
+def record(path: Path, frames: list[Frame] | tuple[Frame, ...]) -> RecordingFigures:
+    recording = Recording(path, "vcan0")
+    start_ns = time.monotonic_ns()
+    for index, frame in enumerate(frames):
+        recording.take(frame, start_ns + index * PERIOD_NS, index % 2)
+    return recording.close()
+
+
+def known(frame: Frame) -> Frame:
+    """What of a frame comes back: some formats keep neither kind nor content of error frames."""
+    return Frame(0, b"", ERROR) if frame.flags & ERROR else frame
+
+
+# What is in the file
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_every_format_holds_the_frames_their_directions_and_distances(
+    tmp_path: Path, suffix: str
+) -> None:
+    path = tmp_path / f"run{suffix}"
+    figures = record(path, FRAMES)
+    kept = [
+        (index, frame)
+        for index, frame in enumerate(FRAMES)
+        if not frame.flags & LEFT_OUT.get(suffix, 0)
+    ]
+    assert figures == RecordingFigures(str(path), len(kept), 0, len(FRAMES) - len(kept), "")
+    messages = messages_in(path)
+    assert [known(frame_of(message)) for message in messages] == [known(f) for _, f in kept]
+    first_s = messages[0].timestamp
+    for message, (index, frame) in zip(messages, kept, strict=True):
+        assert message.timestamp - first_s == pytest.approx(index * PERIOD_NS * 1e-9, abs=2e-6)
+        if suffix not in (".csv", ".db") and not frame.flags & ERROR:
+            assert message.is_rx is bool(index % 2)
+
+
+def test_a_log_is_one_that_candump_could_have_written(tmp_path: Path) -> None:
+    path = tmp_path / "run.log"
+    before_ns = time.time_ns()
+    record(path, FRAMES[:5])
+    with path.open(encoding="ascii") as lines:
+        reader = CandumpReader(lines)
+        entries = list(reader)
+    assert reader.unreadable == 0
+    assert [entry.frame for entry in entries] == list(FRAMES[:5])
+    assert {entry.channel for entry in entries} == {"vcan0"}
+    assert before_ns - 1000 <= entries[0].time_ns <= time.time_ns()
+
+
+def test_frames_that_waited_are_put_where_they_belong(tmp_path: Path) -> None:
+    path = tmp_path / "run.asc"
+    recording = Recording(path, "vcan0")
+    start_ns = time.monotonic_ns()
+    for number in (1, 0, 3, 2, 5, 4):
+        recording.take(Frame(number, b""), start_ns + number * 1_000_000, 1)
+    recording.close()
+    messages = messages_in(path)
+    assert [message.arbitration_id for message in messages] == [0, 1, 2, 3, 4, 5]
+    times = [message.timestamp for message in messages]
+    assert times == sorted(times)
+    assert times[5] - times[0] == pytest.approx(5e-3, abs=2e-6)
+
+
+@pytest.mark.parametrize("suffix", [".log", ".db"])
+def test_a_recording_replaces_the_file_that_is_there(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"run{suffix}"
+    record(path, FRAMES[:3])
+    record(path, FRAMES[:2])
+    assert len(messages_in(path)) == 2
+
+
+def test_a_database_holds_also_the_last_of_many_frames(tmp_path: Path) -> None:
+    """The writer's own thread ends with one more batch, however many frames wait for it."""
+    path = tmp_path / "run.db"
+    assert record(path, [Frame(1, bytes(8))] * 3000).frames == 3000
+    assert len(messages_in(path)) == 3000
+
+
+# What the port does
+
+
+class FakePort:
+    def __init__(self, waiting: list[Received], has_room: bool = True) -> None:
+        self.waiting = waiting
+        self.has_room = has_room
+
+    def recv(self, timeout_s: float) -> Received | None:  # noqa: ARG002
+        return self.waiting.pop(0) if self.waiting else None
+
+    def send(self, frame: Frame) -> bool:  # noqa: ARG002
+        return self.has_room
+
+
+def test_a_port_records_what_was_received_and_sent_and_not_what_was_refused(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "run.log"
+    recording = Recording(path, "vcan0")
+    now_ns = time.monotonic_ns()
+    inner = FakePort([Received(Frame(1, b"\1"), now_ns), Received(Frame(2, b"\2"), None)])
+    port = RecordingPort(inner, recording, lambda: now_ns + 5_000_000)
+    assert port.recv(0.0) == Received(Frame(1, b"\1"), now_ns)
+    assert port.recv(0.0) == Received(Frame(2, b"\2"), None)
+    assert port.recv(0.0) is None
+    assert port.send(Frame(3, b"\3"))
+    inner.has_room = False
+    assert not port.send(Frame(4, b"\4"))
+    assert recording.close().frames == 3
+    messages = messages_in(path)
+    assert [(m.arbitration_id, m.is_rx) for m in messages] == [(1, True), (2, True), (3, False)]
+    assert messages[1].timestamp - messages[0].timestamp == pytest.approx(5e-3, abs=2e-6)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows cannot stop a process")
+def test_a_recorder_that_stands_still_costs_frames_and_no_time(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    recording = Recording(path, "vcan0")
+    recorder = recording._recorder.pid
+    os.kill(recorder, signal.SIGSTOP)
+    taken = 200_000  # 5 MB: whatever the pipe holds, this is more
+    for index in range(taken):
+        recording.take(Frame(index % 2048, bytes(8)), index, 0)  # would wait for ever if it waited
+    os.kill(recorder, signal.SIGCONT)
+    figures = recording.close()
+    assert figures.dropped > 0
+    assert figures.frames > 1000
+    assert figures.frames + figures.dropped == taken
+    assert len(messages_in(path)) == figures.frames
+
+
+def test_the_way_of_platforms_whose_pipes_wait_is_bounded_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(recording, "_QUEUED_MAX", 10)
+    read_end, write_end = os.pipe()
+    offer, end = recording._offering_by_thread(write_end)
+    offered = 0
+    while offer(bytes(4096)):  # the pipe is full at some point, then the queue
+        offered += 1
+    got = 0
+    while got < offered * 4096:
+        got += len(os.read(read_end, 1 << 16))
+    assert offer(b"last")
+    end()
+    os.close(write_end)
+    assert os.read(read_end, 100) == b"last"
+    os.close(read_end)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_a_full_disk_is_told_and_the_frames_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "run.log"
+    path.symlink_to("/dev/full")
+    recording = Recording(path, "vcan0")
+    recorder = recording._recorder
+    taken = 0
+    while recorder.poll() is None:  # until it has noticed, and given up
+        recording.take(Frame(1, bytes(8)), taken * PERIOD_NS, 0)
+        taken += 1
+        time.sleep(0.001)
+    recording.take(Frame(1, bytes(8)), taken * PERIOD_NS, 0)
+    figures = recording.close()
+    assert figures.failure == "No space left on device"
+    assert figures.dropped >= 1
+
+
+@pytest.mark.parametrize("suffix", TEXT)
+def test_a_torn_last_line_is_no_frame(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"run{suffix}"
+    frames = [Frame(0x100, bytes([n] * 8)) for n in range(5)]
+    record(path, frames)
+    # From the last frame's line on: a killed writer has written no footer either.
+    whole = path.read_bytes()
+    lines = whole.splitlines(keepends=True)
+    last = max(n for n, line in enumerate(lines) if is_line_of(frames[-1], line))
+    begin = sum(map(len, lines[:last]))
+    for length in range(len(lines[last])):
+        path.write_bytes(whole[: begin + length])
+        log = open_log(path)
+        assert [logged.frame for logged in log] == frames[:-1]
+        assert log.unreadable == bool(length)
+        assert not length or "the last line has no end" in log.first_unreadable
+
+
+def test_the_reader_of_candump_s_logs_knows_a_torn_last_line_too() -> None:
+    line = "(1.000000) vcan0 100#0011223344556677 R\n"
+    for length in range(1, len(line)):
+        reader = CandumpReader([line, line[:length]])
+        assert len(list(reader)) == 1
+        assert reader.unreadable == 1
+    assert len(list(CandumpReader([line.strip(), line.strip()]))) == 2  # no file: there are no ends
+
+
+def is_line_of(frame: Frame, line: bytes) -> bool:
+    """Whether a line of some format holds the frame's payload."""
+    spelled = {frame.data.hex(), frame.data.hex(" "), b64encode(frame.data).decode()}
+    return any(text.encode() in line.lower() or text.encode() in line for text in spelled)

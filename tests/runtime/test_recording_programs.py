@@ -1,0 +1,175 @@
+"""``--record`` as users meet it: mistakes, the report, failures, Ctrl-C of both programs."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from steer_by_wire.plant_emulator import program as plant_program
+from steer_by_wire.runtime import recording
+from steer_by_wire.runtime.emulated_bus.launch import launched_broker
+from steer_by_wire.runtime.message import frame_of
+from steer_by_wire.runtime.program import ExitStatus
+from steer_by_wire.runtime.recording import SUFFIXES, recording_obstacle
+from steer_by_wire.vcan.guard import descendants
+from tests.support.recorded_frames import messages_in
+from tests.support.running_program import ORDINARY, running, wait_until
+
+Capture = pytest.CaptureFixture[str]
+
+
+# What a user may get wrong
+
+
+def test_names_that_are_no_recordings_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert [recording_obstacle(Path(f"run{s.upper()}")) for s in SUFFIXES if s != ".mf4"] == [
+        ""
+    ] * 6
+    assert "run.txt: records as .log, .asc" in recording_obstacle(Path("run.txt"))
+    monkeypatch.setattr(recording, "find_spec", lambda _name: None)
+    assert "pip install 'steer-by-wire-emulator[mf4]'" in recording_obstacle(Path("run.mf4"))
+
+
+@pytest.mark.parametrize("name", ["run.txt", "run", "nowhere/run.log"])
+def test_a_bad_name_ends_a_program_with_one_clear_line_and_status_2(
+    tmp_path: Path, capsys: Capture, name: str
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        plant_program.main(["--record", str(tmp_path / name)])
+    assert ended.value.code == ExitStatus.SETTINGS
+    assert "argument --record: " in capsys.readouterr().err.splitlines()[-1]
+
+
+@pytest.fixture
+def run_plant(
+    tmp_path: Path, request: pytest.FixtureRequest
+) -> Callable[..., tuple[int, dict[str, Any]]]:
+    def run(*options: str) -> tuple[int, dict[str, Any]]:
+        report = tmp_path / "report.json"
+        bus = ["-i", "virtual", "-c", request.node.name, "--duration", "0.3", *ORDINARY]
+        status = plant_program.main([*bus, "--report", str(report), *options])
+        return status, json.loads(report.read_text())
+
+    return run
+
+
+def test_a_report_says_what_was_recorded(
+    run_plant: Callable[..., tuple[int, dict[str, Any]]],
+    tmp_path: Path,
+    capsys: Capture,
+) -> None:
+    path = tmp_path / "run.blf"
+    status, report = run_plant("--record", str(path))
+    assert status == ExitStatus.OK
+    sent = report["loop"]["frames_sent"]
+    assert report["recording"] == {
+        "file": str(path), "frames": sent, "dropped": 0, "left_out": 0, "failure": ""
+    }  # fmt: skip
+    assert len(messages_in(path)) == sent
+    assert f"{sent} frames recorded in {path}" in capsys.readouterr().out
+
+
+def test_without_the_option_nothing_is_recorded(
+    run_plant: Callable[..., tuple[int, dict[str, Any]]],
+) -> None:
+    status, report = run_plant()
+    assert (status, report["recording"]) == (ExitStatus.OK, None)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_a_recording_that_fails_leaves_the_report_and_status_4(
+    run_plant: Callable[..., tuple[int, dict[str, Any]]],
+    tmp_path: Path,
+    capsys: Capture,
+) -> None:
+    path = tmp_path / "run.log"
+    path.symlink_to("/dev/full")
+    status, report = run_plant("--record", str(path))
+    assert status == ExitStatus.OUTPUT
+    assert report["recording"]["failure"] == "No space left on device"
+    assert f"error: {path}: No space left on device" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="finds the recorder in /proc")
+def test_ctrl_c_ends_a_program_whose_recording_cannot_be_opened_and_its_recorder(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "run.log"
+    os.mkfifo(path)  # opening it waits for somebody who reads
+    options = ["-i", "virtual", "-c", "0", "--record", str(path)]
+    # A shell has programs in the background ignore Ctrl-C, and they would inherit that.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    with subprocess.Popen(
+        [sys.executable, "-m", "steer_by_wire.controller", *options],
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as program:
+        try:
+            signal.signal(signal.SIGINT, before)
+            wait_until(lambda: any(map(is_recording, descendants(program.pid))), "a recorder")
+            (recorder,) = descendants(program.pid)
+            program.send_signal(signal.SIGINT)
+            _, said = program.communicate(timeout=30.0)
+        finally:
+            program.kill()
+    assert program.returncode == ExitStatus.INTERRUPTED
+    assert said.splitlines()[-1] == "steering-controller: error: interrupted"
+    assert not Path(f"/proc/{recorder}").exists()
+
+
+def is_recording(pid: int) -> bool:
+    """Whether a recorder has come to where it ignores SIGINT, just before it opens the file."""
+    with suppress(OSError):
+        status = Path(f"/proc/{pid}/status").read_text()
+        ignored = int(status.partition("SigIgn:")[2].split()[0], 16)
+        return bool(ignored & 1 << signal.SIGINT - 1)
+    return False
+
+
+# Two programs
+
+
+@pytest.fixture
+def broker() -> Iterator[str]:
+    with launched_broker() as address:
+        yield address
+
+
+def test_both_programs_record_the_same_frames_and_keep_them_on_ctrl_c(
+    broker: str, tmp_path: Path
+) -> None:
+    bus = ["-i", "emulated", "-c", "can0", "--bus-kwargs", f"address={broker}"]
+    logs = {"plant_emulator": tmp_path / "plant.asc", "controller": tmp_path / "controller.log"}
+    log = logs["controller"]
+    sent, received = {}, {}
+    with ExitStack() as stack:
+        programs = {
+            name: stack.enter_context(
+                running(name, [*bus, "--record", str(path)], tmp_path / f"{name}.json")
+            )
+            for name, path in logs.items()
+        }
+        # Text is handed to the operating system as it comes, so it can be looked at meanwhile.
+        wait_until(lambda: log.read_text().count(" T\n") > 60, f"commands in {log}")
+        taken = logs["plant_emulator"]
+        wait_until(lambda: taken.read_text().count(" Rx ") > 50, f"commands in {taken}")
+        for name, program in programs.items():
+            assert program.interrupt() == ExitStatus.OK
+            report = program.report()
+            messages = messages_in(logs[name])
+            sent[name] = [frame_of(message) for message in messages if not message.is_rx]
+            received[name] = [frame_of(message) for message in messages if message.is_rx]
+            assert len(messages) == report["recording"]["frames"]
+            assert len(sent[name]) == report["loop"]["frames_sent"]
+            assert len(received[name]) == report["loop"]["frames_received"]
+    assert not Counter(received["controller"]) - Counter(sent["plant_emulator"])
+    assert not Counter(received["plant_emulator"]) - Counter(sent["controller"])
+    assert len(received["plant_emulator"]) > 50

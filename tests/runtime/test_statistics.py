@@ -1,0 +1,76 @@
+import math
+from random import Random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from steer_by_wire.runtime.statistics import DurationStatistics, DurationSummary
+
+durations_ns = st.integers(0, 2**62)
+
+
+def recorded(values_ns: list[int]) -> DurationStatistics:
+    statistics = DurationStatistics()
+    for value_ns in values_ns:
+        statistics.record(value_ns)
+    return statistics
+
+
+def test_nothing_recorded_is_all_zero() -> None:
+    assert recorded([]).summary() == DurationSummary(0, 0.0, 0, 0, 0)
+
+
+def test_short_durations_are_exact() -> None:
+    statistics = recorded(list(range(100, 0, -1)))
+    assert statistics.summary() == DurationSummary(100, 50.5, 50, 99, 100)
+    assert statistics.quantile_ns(0) == 1
+    assert statistics.quantile_ns(1) == 100
+
+
+def test_a_single_outlier_is_the_maximum_and_not_the_99th_percentile() -> None:
+    summary = recorded([20_000] * 999 + [650_000_000]).summary()
+    assert summary.max_ns == 650_000_000
+    assert summary.p99_ns == pytest.approx(20_000, rel=0.004)
+
+
+def test_a_negative_duration_is_refused() -> None:
+    with pytest.raises(ValueError, match="cannot be negative: -1 ns"):
+        DurationStatistics().record(-1)
+
+
+@pytest.mark.parametrize("fraction", [-0.1, 1.1, math.nan])
+def test_a_fraction_that_is_none_is_refused(fraction: float) -> None:
+    with pytest.raises(ValueError, match="0 to 1"):
+        recorded([1]).quantile_ns(fraction)
+
+
+@settings(deadline=None)
+@given(st.lists(durations_ns, min_size=1, max_size=200), st.floats(0, 1))
+def test_a_quantile_is_close_to_the_duration_of_its_rank(
+    values_ns: list[int], fraction: float
+) -> None:
+    rank = max(math.ceil(fraction * len(values_ns)), 1)
+    exact_ns = sorted(values_ns)[rank - 1]
+    assert recorded(values_ns).quantile_ns(fraction) == pytest.approx(exact_ns, rel=1 / 256, abs=0)
+
+
+@settings(deadline=None)
+@given(st.lists(durations_ns, min_size=1, max_size=200), st.randoms())
+def test_number_mean_and_maximum_are_exact_and_order_does_not_matter(
+    values_ns: list[int], random: Random
+) -> None:
+    summary = recorded(values_ns).summary()
+    assert summary.samples == len(values_ns)
+    assert summary.mean_ns == sum(values_ns) / len(values_ns)
+    assert summary.max_ns == max(values_ns)
+    random.shuffle(values_ns)
+    assert recorded(values_ns).summary() == summary
+
+
+def test_memory_does_not_grow_with_the_length_of_the_run() -> None:
+    statistics = DurationStatistics()
+    for number in range(200_000):
+        statistics.record(number * 7919 % 10_000_019)
+    # 17 powers of two above 256 ns, 128 bins each.
+    assert len(statistics._bins) <= 256 + 17 * 128

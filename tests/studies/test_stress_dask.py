@@ -1,0 +1,22 @@
+"""Studies on workers of dask.distributed: the same bytes."""
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("distributed", reason="dask.distributed is not installed (the extra cluster)")
+
+from steer_by_wire.tools.stress_latency.dask_runner import dask_workers
+from steer_by_wire.tools.stress_latency.runner import run_study
+from tests.support.small_study import complete, make_scenarios, never, open_store
+
+
+@pytest.mark.filterwarnings("default")  # what dask warns of is not ours
+def test_processes_of_dask_give_the_same_bytes(tmp_path: Path) -> None:
+    expected = complete(tmp_path / "threads").results.read_bytes()
+    scenarios = make_scenarios(tmp_path / "dask")
+    store = open_store(tmp_path / "dask", scenarios)
+    with dask_workers(scenarios.study, None, 1) as workers:
+        assert workers.count == 1
+        assert run_study(store, workers, lambda _: None, never)
+    assert store.results.read_bytes() == expected

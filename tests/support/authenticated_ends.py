@@ -1,0 +1,62 @@
+"""The two ends of an authenticated link, with their key, and frames of both."""
+
+from steer_by_wire.dbc.authentication import Authentication
+from steer_by_wire.dbc.key_file import cmac_under
+from steer_by_wire.dbc.messages import (
+    ControllerStatus,
+    LateralError,
+    Law,
+    Mode,
+    PlantStatus,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    VehicleState,
+    encode,
+)
+from steer_by_wire.dbc.secured_frame import CONTROLLER, PLANT
+from steer_by_wire.runtime.frame import Frame
+
+KEY = bytes(range(16))
+CONTROLLER_CHALLENGE, PLANT_CHALLENGE = b"ctrl-one", b"plantone"
+ERROR_MESSAGE = LateralError(0.125, -0.01)
+CONTROLLER_STATUS = encode(ControllerStatus(Mode.ACTIVE, Law.PD, 0.0, 0.0, 3), 7)
+PLANT_STATUS = encode(PlantStatus(0.08, 0.02, 1, 2), 9)
+FROM_PLANT = (
+    encode(ERROR_MESSAGE, 1),
+    encode(SteeringStatus(0.1, 77, SteeringStatusCode.APPLYING), 2),
+    encode(VehicleState(1.4, 0.01, 0.02), 3),
+)
+COMMAND = encode(SteeringCommand(0.25, 7, Mode.ACTIVE), 200)
+
+
+def controller(
+    key: bytes = KEY, challenge: bytes = CONTROLLER_CHALLENGE, first_counter: int = 0
+) -> Authentication:
+    return Authentication(CONTROLLER, cmac_under(key), challenge, first_counter)
+
+
+def plant(
+    key: bytes = KEY, challenge: bytes = PLANT_CHALLENGE, first_counter: int = 0
+) -> Authentication:
+    return Authentication(PLANT, cmac_under(key), challenge, first_counter)
+
+
+def meet(controller_end: Authentication, plant_end: Authentication) -> None:
+    """Exchange status messages until both ends are synchronised: one and a half round trips."""
+    plant_end.verify(controller_end.secure(CONTROLLER_STATUS))
+    controller_end.verify(plant_end.secure(PLANT_STATUS))
+    plant_end.verify(controller_end.secure(CONTROLLER_STATUS))
+    assert controller_end.is_synchronised
+    assert plant_end.is_synchronised
+
+
+def met(first_counter: int = 0) -> tuple[Authentication, Authentication]:
+    ends = controller(first_counter=first_counter), plant(first_counter=first_counter)
+    meet(*ends)
+    return ends
+
+
+def flipped(frame: Frame, bit: int) -> Frame:
+    number = int.from_bytes(frame.data, "big") ^ 1 << bit
+    return frame._replace(data=number.to_bytes(len(frame.data), "big"))

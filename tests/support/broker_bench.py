@@ -1,0 +1,117 @@
+"""A broker that a test steps by hand, with a clock that is made up, and ordinary sockets."""
+
+import socket
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening
+from steer_by_wire.runtime.emulated_bus.broker import Broker
+from steer_by_wire.runtime.emulated_bus.journal import Cause, Journal
+from steer_by_wire.runtime.emulated_bus.protocol import (
+    ANSWER,
+    CLASSIC_RECORD,
+    Hello,
+    pack_frame,
+    unpack_delivery,
+)
+from steer_by_wire.runtime.frame import Frame
+
+CLASSIC_FRAME_NS = 300_000
+"""Longer than any classic frame at 500 kbit/s."""
+
+
+class Bench:
+    """A broker, its clock, its clients, and what it has told."""
+
+    def __init__(self, stack: ExitStack) -> None:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bus-")))
+        self._path = folder / "socket"
+        self._stack = stack
+        listener = stack.enter_context(listening(UnixAddress(self._path)))
+        self.now_ns = 0
+        self.lines: list[str] = []
+        self.is_read = True
+        self.journal = Journal(self._tell)
+        self.broker = Broker(listener, 500_000, None, self.journal, lambda: self.now_ns)
+        stack.callback(self._close_clients)
+
+    def _close_clients(self) -> None:
+        for client in self.broker._clients:
+            client.close()
+
+    def _tell(self, line: str) -> bool:
+        if self.is_read:
+            self.lines.append(line)
+        return self.is_read
+
+    def connect(self) -> socket.socket:
+        """A connection that has said nothing yet."""
+        client = self._stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
+        client.connect(str(self._path))
+        client.setblocking(False)
+        self.step()
+        return client
+
+    def join(self, channel: str = "can0", *, receive_own: bool = False) -> socket.socket:
+        """A client on a channel."""
+        client = self.connect()
+        client.sendall(Hello(channel, receive_own=receive_own).pack())
+        self.step()
+        assert len(client.recv(ANSWER.size)) == ANSWER.size
+        return client
+
+    def step(self, times: int = 3) -> None:
+        """Let the broker see what is there, at this instant."""
+        for _ in range(times):
+            assert self.broker.serve(0.0)
+
+    def advance(self, duration_ns: int) -> None:
+        """Let time pass, frame by frame."""
+        end_ns = self.now_ns + duration_ns
+        while self.now_ns < end_ns:
+            self.now_ns = min(self.now_ns + CLASSIC_FRAME_NS, end_ns)
+            self.step(1)
+
+    def gone(self, cause: Cause) -> int:
+        return self.journal.disconnections[cause]
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    with ExitStack() as stack:
+        yield Bench(stack)
+
+
+def send(client: socket.socket, *frames: Frame) -> None:
+    client.sendall(b"".join(pack_frame(CLASSIC_RECORD, frame) for frame in frames))
+
+
+def received(client: socket.socket) -> list[Frame]:
+    """Every frame that a client has been sent."""
+    raw = b""
+    while True:
+        try:
+            part = client.recv(1 << 16)
+        except BlockingIOError:
+            break
+        if not part:
+            break
+        raw += part
+    size = CLASSIC_RECORD.size
+    return [
+        unpack_delivery(CLASSIC_RECORD, raw[start : start + size])[0]
+        for start in range(0, len(raw), size)
+    ]
+
+
+def assert_bus_is_well(bench: Bench, one: socket.socket, other: socket.socket) -> None:
+    """A frame of the highest priority waits for the frame on the wire and for nothing else."""
+    received(other)
+    send(one, Frame(0, b"well"))
+    bench.step()
+    bench.advance(2 * CLASSIC_FRAME_NS)
+    assert Frame(0, b"well") in received(other)

@@ -1,0 +1,105 @@
+"""A compiled run beside the two nodes in virtual time, and the networks it is tried on."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from steer_by_wire.compiled.engine import BatchRun, Outcome, run_batch
+from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.pair.virtual import run_virtual_nodes
+from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.settings import load_settings, read_preset
+
+NETWORKS: dict[str, Sequence[str]] = {
+    "none": (),
+    "off the grid": ("downlink.mean_s=0.0837213", "uplink.mean_s=0.0123457"),
+    "uniform": ("downlink.model=uniform", "downlink.mean_s=0.08", "downlink.spread_s=0.03"),
+    "normal": ("uplink.model=normal", "uplink.mean_s=0.05", "uplink.spread_s=0.02"),
+    "lognormal": ("downlink.model=lognormal", "downlink.mean_s=0.1", "downlink.spread_s=0.05"),
+    "gamma": ("downlink.model=gamma", "downlink.mean_s=0.16", "downlink.spread_s=0.05"),
+    "lossy": ("downlink.loss=0.1", "uplink.loss=0.1", "uplink.mean_s=0.02"),
+    "bursts": ("uplink.loss=0.3", "uplink.burst_frames=200", "downlink.mean_s=0.04"),
+    "duplicates": (
+        "downlink.model=gamma",
+        "downlink.mean_s=0.05",
+        "downlink.spread_s=0.05",
+        "downlink.duplicates=0.2",
+    ),
+    "in order": (
+        "downlink.model=gamma",
+        "downlink.mean_s=0.08",
+        "downlink.spread_s=0.06",
+        "downlink.order=in_order",
+        "uplink.order=in_order",
+    ),
+    "as it arrives": (
+        *("downlink.model=gamma", "downlink.mean_s=0.08", "downlink.spread_s=0.06"),
+        *("uplink.model=gamma", "uplink.mean_s=0.05", "uplink.spread_s=0.05"),
+        *("downlink.order=as_arrives", "uplink.order=as_arrives"),
+    ),
+    "correlated measurements": (
+        *("uplink.model=gamma", "uplink.mean_s=0.05", "uplink.spread_s=0.03"),
+        "uplink.correlation_time_s=0.1",
+    ),
+    "nothing to correlate": ("downlink.mean_s=0.05", "downlink.correlation_time_s=0.5"),
+    "lognormal schedule": (
+        *("uplink.model=lognormal", "uplink.duplicates=0.3"),
+        "uplink.schedule=[{time_s=0.0, mean_s=0.02, spread_s=0.01},"
+        " {time_s=3.0, mean_s=0.05, loss=0.2}]",
+    ),
+    "correlated": (
+        "downlink.model=normal",
+        "downlink.mean_s=0.1",
+        "downlink.spread_s=0.03",
+        "downlink.correlation_time_s=0.5",
+    ),
+    "schedule": (
+        "downlink.model=gamma",
+        "downlink.schedule_shape=ramp",
+        "downlink.schedule=[{time_s=0.0, mean_s=0.01, spread_s=0.005},"
+        " {time_s=6.0, mean_s=0.2, spread_s=0.05, loss=0.1}]",
+        "uplink.schedule=[{time_s=0.0, mean_s=0.03}, {time_s=4.0, mean_s=0.005}]",
+    ),
+}
+
+
+def plant_settings(overrides: Sequence[str], duration_s: float = 8.0) -> PlantSettings:
+    preset = read_preset("steer_by_wire.plant_emulator.presets", "paper_corner_d")
+    return load_settings(PlantSettings, preset, None, [f"duration_s={duration_s}", *overrides])
+
+
+def controller_settings(preset: str, overrides: Sequence[str] = ()) -> ControllerSettings:
+    return load_settings(
+        ControllerSettings, read_preset("steer_by_wire.controller.presets", preset), None, overrides
+    )
+
+
+def assert_same_as_nodes(plant: PlantSettings, controller: ControllerSettings) -> BatchRun:
+    batch = run_batch(plant, controller)
+    plant_node = PlantNode(plant, 0)
+    controller_node = ControllerNode(controller, 0, samples_max=1_000_000)
+    run_virtual_nodes(plant_node, controller_node, None, None, lambda: False)
+    nodes = np.array(plant_node.samples)
+    columns = {
+        "time_s": 0,
+        "arc_length_m": 1,
+        "lateral_error_m": 2,
+        "heading_error_rad": 3,
+        "yaw_rate_rad_s": 4,
+        "command_rad": 5,
+        "wheel_angle_rad": 6,
+        "downlink_latency_s": 7,
+        "curvature_1_m": 9,
+    }
+    assert batch.outcome is Outcome.COMPLETE
+    for name, column in columns.items():
+        np.testing.assert_array_equal(getattr(batch, name), nodes[:, column], err_msg=name)
+    ticks = controller_node.samples
+    np.testing.assert_array_equal(batch.sent_rad, [tick.sent_steer_rad for tick in ticks])
+    laws = np.array([tick.law_output for tick in ticks]).reshape(-1, 4)
+    np.testing.assert_array_equal(batch.law_output, laws)
+    np.testing.assert_array_equal(batch.tick_s, [tick.time_ns * 1e-9 for tick in ticks])
+    assert batch.lateral_error_rms_m == plant_node.report()["lateral_error_rms_m"]
+    return batch

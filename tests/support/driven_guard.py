@@ -1,0 +1,79 @@
+"""A guard that is told commands and wheel angles, the timer always on time."""
+
+import math
+
+from steer_by_wire.plant_emulator import steering_guard
+from steer_by_wire.plant_emulator.safety_limiter import LimiterParams, limit_rows
+
+tested = steering_guard
+MS_NS = 1_000_000
+INF = math.inf
+MODES = ["NO_COMMAND", "FOLLOWING", "HOLDING", "FALLBACK", "SAFE_STATE"]
+
+
+class Guarded:
+    """A guard that is told commands and wheel angles at times in ms, its timer always on time."""
+
+    def __init__(
+        self,
+        silence_ms: float = 140.0,
+        hold_ms: float = 500.0,
+        recovery_frames: int = 3,
+        ramp_step_rad: float = 0.03125,
+        override_ms: float | None = None,
+        angle: float = INF,
+    ) -> None:
+        self.p = tested.GuardParams(
+            limiter=LimiterParams(limit_rows(1.0, angle, INF, INF, INF), 0.125, 100 * MS_NS, INF),
+            silence_ns=round(silence_ms * MS_NS),
+            hold_ns=round(hold_ms * MS_NS),
+            recovery_frames=recovery_frames,
+            ramp_rad_s=0.5,
+            ramp_step_rad=ramp_step_rad,
+            override_ns=tested.OFF_NS if override_ms is None else round(override_ms * MS_NS),
+        )
+        self.x = tested.start_guard(self.p)
+        self.log: list[tuple[float, str, float]] = []
+        self.set_anew: list[bool] = []
+
+    def until(self, time_ms: float) -> None:
+        """Let the timer do all that is due up to and at this time."""
+        while self.x.deadline_ns <= time_ms * MS_NS:
+            now_ns = self.x.deadline_ns
+            self.x, is_set = tested.guard_timer(self.p, self.x, now_ns)
+            self.set_anew.append(is_set)
+            self._note(now_ns)
+            assert len(self.log) < 200, "a timer that is due for ever"
+
+    def command(self, time_ms: float, steer_rad: float) -> bool:
+        """Take a command, before what the timer has to do at that time."""
+        self.until(time_ms - 1e-6)
+        self.x, is_followed = tested.guard_command(
+            self.p, self.x, steer_rad, round(time_ms * MS_NS)
+        )
+        return is_followed
+
+    def wheel(self, time_ms: float, wheel_rad: float) -> None:
+        self.until(time_ms)
+        self.x = tested.guard_wheel(self.p, self.x, wheel_rad, round(time_ms * MS_NS))
+
+    @property
+    def mode(self) -> str:
+        return MODES[self.x.mode]
+
+    @property
+    def target(self) -> float:
+        return self.x.limiter.steer_rad
+
+    def _note(self, now_ns: int) -> None:
+        self.log.append((now_ns / MS_NS, self.mode, self.target))
+
+
+def steady(
+    guarded: Guarded, steer_rad: float, first_ms: float = 0.0, last_ms: float = 100.0
+) -> None:
+    """Commands every 10 ms."""
+    time_ms = first_ms
+    while time_ms <= last_ms:
+        assert guarded.command(time_ms, steer_rad)
+        time_ms += 10.0

@@ -1,0 +1,51 @@
+"""The memory of the controller, fed with echoes and measurements as its node does."""
+
+from steer_by_wire.controller.freshness import AgeLimits
+from steer_by_wire.controller.law_interface import Link
+from steer_by_wire.controller.link import LinkParams
+from steer_by_wire.controller.link_memory import LinkMemory
+from steer_by_wire.dbc.messages import LateralError, SteeringStatus, SteeringStatusCode
+
+MS = 1_000_000
+PERIOD_NS = 10 * MS
+PARAMS = LinkParams(PERIOD_NS, PERIOD_NS, 50.0)
+LIMITS = AgeLimits(300 * MS, 300 * MS, 150 * MS)
+APPLYING, NO_COMMAND = SteeringStatusCode.APPLYING, SteeringStatusCode.NO_COMMAND
+
+
+def echo(counter: int, status: SteeringStatusCode = APPLYING) -> SteeringStatus:
+    return SteeringStatus(0.0, counter, status)
+
+
+def error(value_m: float) -> LateralError:
+    return LateralError(value_m, 0.1 * value_m)
+
+
+class Wire:
+    """Feeds a memory as the node does: echo and measurement of a sample, then the tick."""
+
+    def __init__(self, params: LinkParams = PARAMS) -> None:
+        self.memory = LinkMemory(params, LIMITS)
+
+    def command(self, period: int, steer_rad: float) -> None:
+        self.memory.on_command(period, steer_rad)
+
+    def sample(self, number: int, counter: int | None, at_ns: int | None = None) -> None:
+        now_ns = number * PERIOD_NS if at_ns is None else at_ns
+        status = echo(0, NO_COMMAND) if counter is None else echo(counter % (1 << 16))
+        self.memory.on_echo(status, number % 256, now_ns)
+        self.memory.on_vehicle(now_ns)
+        self.memory.on_error(error(0.001 * number), number % 256, now_ns)
+
+    def link(self, period: int) -> Link:
+        return self.memory.link(period, period * PERIOD_NS)
+
+
+def driven(samples: int, latency: int, start: int = 0) -> Wire:
+    """Return a wire after so many samples, every command in effect ``latency`` samples later."""
+    wire = Wire()
+    for number in range(start, start + samples):
+        tick = number - start - latency
+        wire.sample(number, tick if tick >= 0 else None)
+        wire.command(number, 0.01 * (number - start))
+    return wire

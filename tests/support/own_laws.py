@@ -1,0 +1,102 @@
+"""Laws as a stranger may write them: right, wrong, and in need of what numba does not have."""
+
+import json
+from typing import NamedTuple
+
+from pydantic import Field
+
+from steer_by_wire.controller.law_settings import LawSettings
+from steer_by_wire.controller.laws import Law, LawInput, LawOutput, last_command
+from steer_by_wire.runtime.settings import Settings
+
+
+class Gain(NamedTuple):
+    gain_rad_m: float
+
+
+class OtherGain(NamedTuple):
+    gain_rad_m: float
+
+
+class Asleep(NamedTuple):
+    ticks_left: float
+
+
+def at_rest(_params: Gain, _lateral_error_m: float) -> Asleep:
+    return Asleep(50.0)
+
+
+def design(_settings: LawSettings) -> Gain:
+    return Gain(1.0)
+
+
+def _steer(p: Gain, x: Asleep, seen: LawInput) -> tuple[Asleep, LawOutput]:
+    steer_rad = -p.gain_rad_m * seen.lateral_error_m
+    return Asleep(max(0.0, x.ticks_left - 1.0)), LawOutput(steer_rad, 0.0, 0.0, 0.0)
+
+
+def divide_later(p: Gain, x: Asleep, seen: LawInput) -> tuple[Asleep, LawOutput]:
+    after, output = _steer(p, x, seen)
+    return after, LawOutput(output.steer_rad, 1.0 / x.ticks_left, 0.0, 0.0)
+
+
+DIVIDES = Law(divide_later, at_rest, design)
+
+
+class Countdown(NamedTuple):
+    gain_rad_m: float
+
+
+def no_number_later(p: Countdown, x: Asleep, seen: LawInput) -> tuple[Asleep, LawOutput]:
+    after, output = _steer(Gain(p.gain_rad_m), x, seen)
+    estimate = float("nan") if x.ticks_left == 0.0 else 0.0
+    return after, LawOutput(output.steer_rad, estimate, 0.0, 0.0)
+
+
+NOT_A_NUMBER = Law(no_number_later, at_rest, lambda _settings: Countdown(1.0))
+
+
+def through_json(p: OtherGain, x: Asleep, seen: LawInput) -> tuple[Asleep, LawOutput]:
+    steer_rad = -json.loads(json.dumps(p.gain_rad_m * seen.lateral_error_m))
+    return x, LawOutput(steer_rad, 0.0, 0.0, 0.0)
+
+
+NOT_COMPILED = Law(through_json, at_rest, lambda _settings: OtherGain(1.0))
+
+BORROWED = Law(through_json, at_rest, design)
+"""With the params of another law."""
+
+
+def raise_when_designed(_settings: LawSettings) -> Gain:
+    raise ZeroDivisionError("no gain")
+
+
+NO_DESIGN = Law(_steer, at_rest, raise_when_designed)
+
+
+def no_output(_p: Gain, x: Asleep, _seen: LawInput) -> tuple[Asleep, LawOutput]:
+    return x, None  # type: ignore[return-value]
+
+
+NO_OUTPUT = Law(no_output, at_rest, design, commands_read=last_command)
+
+
+def raise_at_rest(_params: Gain, _lateral_error_m: float) -> Asleep:
+    raise RuntimeError("no rest")
+
+
+NO_REST = Law(_steer, raise_at_rest, design)
+
+
+class NeedsTable(Settings):
+    gain_rad_m: float = Field(gt=0.0, le=10.0)
+
+
+NEEDS_TABLE = Law(
+    _steer,
+    at_rest,
+    lambda settings: Gain(settings.table_of(NeedsTable).gain_rad_m),
+    settings=NeedsTable,
+)
+
+PLAIN = {"step": _steer}

@@ -1,0 +1,35 @@
+"""The predictor law's settings, and a history of what it has sent and heard."""
+
+import math
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+from steer_by_wire.controller.law_interface import History
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.runtime.settings import load_settings, read_preset
+
+SENT = [0.1 * tick for tick in range(64)]
+
+
+def history(
+    applied: Callable[[int], int] = lambda sample: sample - 3,
+    overruled: Mapping[int, float] = MappingProxyType({}),
+) -> History:
+    """Return what was sent, applied, and by sample where the wheel was instead."""
+    return History(
+        63,
+        63,
+        SENT,
+        [0.0] * 64,
+        [0.0] * 64,
+        [True] * 64,
+        [applied(sample) for sample in range(64)],
+        [sample in overruled for sample in range(64)],
+        [overruled.get(sample, math.nan) for sample in range(64)],
+    )
+
+
+def controller(*overrides: str) -> ControllerSettings:
+    preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
+    settings = ("law=predictor", "predictor.horizon_s_max=1.0", *overrides)
+    return load_settings(ControllerSettings, preset, None, settings)

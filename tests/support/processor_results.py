@@ -1,0 +1,186 @@
+"""A program: what has to come out alike on every processor, as digests by name, in JSON.
+
+Designs, tables, paths, a run of every law, a study and a search of gains, each as small as shows a
+difference in the last bit. ``test_any_processor`` runs it as one processor or another would.
+"""
+
+import hashlib
+import json
+import sys
+import tempfile
+from collections.abc import Iterator
+from itertools import cycle, islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from steer_by_wire.controller.design import design_law
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.pair.virtual import run_virtual_pair
+from steer_by_wire.plant_emulator.latency import Distribution
+from steer_by_wire.plant_emulator.motion_design import design_motion_arrays
+from steer_by_wire.plant_emulator.path_shapes import build_path
+from steer_by_wire.plant_emulator.rig_settings import (
+    CircleSettings,
+    DoubleLaneChangeSettings,
+    EllipseSettings,
+    SingleLaneChangeSettings,
+    WaypointSettings,
+)
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset
+from steer_by_wire.studies.scenario import Scenarios
+from steer_by_wire.studies.store import Store
+from steer_by_wire.studies.study import load_study
+from steer_by_wire.tools.design_gains.evolution import evolve
+from steer_by_wire.tools.design_gains.search import find
+from steer_by_wire.tools.design_gains.specification import Specification
+from steer_by_wire.tools.design_gains.study import make_study
+from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
+from steer_by_wire.tools.stress_latency.runner import run_study
+from steer_by_wire.tools.stress_latency.workers import Threads
+
+ROOT = Path(__file__).resolve().parents[2]
+CONTROLLERS, PLANTS = "steer_by_wire.controller.presets", "steer_by_wire.plant_emulator.presets"
+SPEEDS_M_S = (0.7, 1.4, 9.0, 30.0)
+RUN = """
+duration_s = 1.0
+sensor_noise = {{ lateral_error_m = 0.005 }}
+path = {{ kind = "circle", radius_m = 30.0 }}
+disturbance.steps = [{{ at_s = 0.3, steering_offset_rad = 0.02 }}]
+actuator = {{ lag_s = 0.1 }}
+[latency.downlink]
+model = "{down}"
+mean_s = 0.03
+spread_s = 0.02
+correlation_time_s = 0.1
+loss = 0.02
+[latency.uplink]
+model = "{up}"
+mean_s = 0.01
+spread_s = 0.005
+loss = 0.02
+"""
+JITTERS = tuple(model.value for model in Distribution if model is not Distribution.CONSTANT)
+SPEC = """
+name = "small"
+laws = ["pd"]
+peak_sensitivity_max = 3
+noise_gain_rad_m_max = 4
+[delay]
+ms_max = 100
+step_ms = 50
+margin_ms = 50
+[d_stability]
+settling_1_s = 0.3
+bandwidth_rad_s = 5
+[course]
+duration_s = 3
+paths = [{ kind = "circle", radius_m = 30 }]
+[search]
+starts = 1
+generations = 2
+"""
+
+
+def digest(value: Any) -> str:
+    data = value if isinstance(value, bytes) else repr(value).encode()
+    return hashlib.sha256(data).hexdigest()[:16]
+
+
+def controllers() -> dict[str, ControllerSettings]:
+    return {
+        name: load_settings(ControllerSettings, read_preset(CONTROLLERS, name))
+        for name in preset_names(CONTROLLERS)
+    }
+
+
+def designs() -> Iterator[tuple[str, str]]:
+    for name, settings in controllers().items():
+        law = design_law(settings)
+        at = [] if law.params_at is None else [law.params_at(speed) for speed in SPEEDS_M_S]
+        yield f"design of {name}", digest((law.params, at))
+
+
+def motions() -> Iterator[tuple[str, str]]:
+    path = build_path(CircleSettings(radius_m=30.0))
+    for name in preset_names(PLANTS):
+        plant = load_settings(PlantSettings, read_preset(PLANTS, name))
+        motion = design_motion_arrays(plant.vehicle, plant.actuator, path, plant.disturbance)
+        yield f"tables of {name}", digest(np.asarray(motion.table).tobytes())
+
+
+def paths(folder: Path) -> Iterator[tuple[str, str]]:
+    file = folder / "waypoints.csv"
+    file.write_text("x_m,y_m\n0,0\n30,1.7\n61,-9.3\n70,20.1\n20,31.9\n")
+    for settings in (
+        EllipseSettings(),
+        EllipseSettings(semi_major_axis_m=60.0, semi_minor_axis_m=30.0),
+        SingleLaneChangeSettings(),
+        DoubleLaneChangeSettings(),
+        WaypointSettings(file=file),
+        WaypointSettings(file=file, closed=True),
+    ):
+        yield f"path {settings.model_dump(exclude={'file'})}", digest(build_path(settings))
+
+
+def runs(folder: Path) -> Iterator[tuple[str, str]]:
+    file, log = folder / "plant.toml", folder / "run.log"
+    for (name, settings), down, up in zip(
+        controllers().items(), cycle(JITTERS), cycle(reversed(JITTERS)), strict=False
+    ):
+        file.write_text(RUN.format(down=down, up=up), encoding="utf-8")
+        plant = load_settings(PlantSettings, read_preset(PLANTS, "paper_corner_d"), file)
+        result = run_virtual_pair(plant, settings, candump_log=log)
+        yield f"log of {name}", digest(log.read_bytes())
+        yield f"reports of {name}", digest((result.plant, result.controller))
+        yield f"trace of {name}", digest(np.array(result.trace).tobytes())
+
+
+def study(folder: Path) -> Iterator[tuple[str, str]]:
+    text = (ROOT / "steer_by_wire" / "studies" / "paper_box.toml").read_text(encoding="utf-8")
+    for whole, part in (("count = 512", "count = 8"), ("duration_s = 60.0", "duration_s = 12.0")):
+        assert whole in text
+        text = text.replace(whole, part)
+    text = text.replace('_ddob"]', '_ddob", "practical_predictor"]')
+    file = folder / "study.toml"
+    file.write_text(text, encoding="utf-8")
+    scenarios = Scenarios(load_study(file))
+    store = Store(folder / "study", scenarios)
+    store.open(text)
+    assert run_study(store, Threads(scenarios, 2), lambda _: None, lambda: False)
+    yield "study", digest(store.results.read_bytes())
+
+
+def search(folder: Path) -> Iterator[tuple[str, str]]:
+    file = folder / "spec.toml"
+    file.write_text(SPEC)
+    spec = load_settings(Specification, None, file)
+    vehicle = load_settings(
+        VehicleFile, None, ROOT / "tools" / "design_gains" / "paper_vehicle.toml"
+    )
+    coarse = make_study(spec, vehicle, fine=False)
+    found = find(coarse, coarse, "pd", lambda *_: None)
+    yield "designed gains", digest(found.candidate.values())
+    random = np.random.default_rng(7)
+    evolution = evolve(lambda x: float((x[1:] ** 2).max()), np.zeros(4), np.ones(4), 14, random)
+    yield "evolution", digest([one.best.tolist() for one in islice(evolution, 30)])
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        results = {
+            **dict(designs()),
+            **dict(motions()),
+            **dict(paths(folder)),
+            **dict(runs(folder)),
+            **dict(study(folder)),
+            **dict(search(folder)),
+        }
+    json.dump(results, sys.stdout)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""A latency line, the frames that a test pushes into it, and what leaves it when."""
+
+from typing import Any, NamedTuple
+
+from steer_by_wire.plant_emulator.latency_line import LatencyLine
+from steer_by_wire.plant_emulator.latency_settings import LatencySettings
+from steer_by_wire.plant_emulator.streams import Channel, uniforms
+from steer_by_wire.runtime.node import NEVER_NS
+
+MS_NS = 1_000_000
+PERIOD_NS = 10 * MS_NS
+JITTER: dict[str, Any] = {"model": "normal", "mean_s": 0.08, "spread_s": 0.03}
+
+
+class Leaving(NamedTuple):
+    """One frame that left; ``number`` counts the frames as they were pushed."""
+
+    number: int
+    key: int
+    came_ns: int
+    left_ns: int
+
+
+def line(seed: int = 1, **table: Any) -> LatencyLine[int]:
+    return LatencyLine(
+        LatencySettings.model_validate(table),
+        uniforms(seed, Channel.UPLINK),
+        uniforms(seed, Channel.UPLINK_DUPLICATES),
+    )
+
+
+def run(
+    tested: LatencyLine[int], frames: int, keys: int = 1, period_ns: int = PERIOD_NS
+) -> list[Leaving]:
+    """Push frames of all keys in turn, pop whenever something is due, until the line is empty."""
+    left: list[Leaving] = []
+    came: dict[int, int] = {}
+    for number in range(frames):
+        now_ns = number * period_ns
+        pop_until(tested, now_ns, came, left)
+        came[number] = now_ns
+        tested.push(number % keys, number, now_ns, now_ns)
+    pop_until(tested, NEVER_NS - 1, came, left)
+    return left
+
+
+def pop_until(
+    tested: LatencyLine[int], until_ns: int, came: dict[int, int], left: list[Leaving]
+) -> None:
+    while tested.next_due_ns <= until_ns:
+        now_ns = tested.next_due_ns
+        popped = tested.pop_due(now_ns)
+        assert popped, "something was due, and nothing left"
+        for passage in popped:
+            assert passage.due_ns == now_ns
+            assert passage.came_ns == came[passage.item]
+            assert passage.latency_ns == now_ns - passage.came_ns
+            left.append(Leaving(passage.item, passage.key, passage.came_ns, now_ns))
+    assert tested.pop_due(until_ns) == []
+
+
+def injected_ns(tested: LatencyLine[int], frames: int) -> list[int]:
+    """The latency drawn for each frame, lost ones not counted."""
+    drawn = []
+    for number in range(frames):
+        tested.push(0, number, number * PERIOD_NS, number * PERIOD_NS)
+        drawn.append(tested.latest_latency_ns)
+    return drawn

@@ -1,0 +1,62 @@
+"""A stress study small enough to be run to its end in a test, and its store."""
+
+from pathlib import Path
+
+from steer_by_wire.studies.scenario import Scenarios
+from steer_by_wire.studies.store import Store
+from steer_by_wire.studies.study import load_study
+from steer_by_wire.tools.stress_latency.runner import run_study
+from steer_by_wire.tools.stress_latency.workers import Threads
+
+STUDY = """
+name = "small"
+[base]
+plant_preset = "paper_corner_d"
+controllers = ["practical_pd", "practical_pd_ddob"]
+[base.plant]
+duration_s = 5.0
+[base.plant.latency.downlink]
+model = "gamma"
+loss = 0.05
+[base.plant.latency.uplink]
+loss = 0.02
+[[factors]]
+key = "plant.latency.downlink.mean_s"
+values = [0.0, 0.08, 0.2]
+[[factors]]
+name = "jitter"
+key = "plant.latency.downlink.spread_fraction"
+values = [0.0, 0.4]
+[[factors]]
+name = "road"
+key = "plant.path"
+values = ["practical_ellipse", "straight"]
+[sampling]
+replicates = 2
+seed = 11
+"""
+CHUNK_RUNS = 20
+
+
+def never() -> bool:
+    return False
+
+
+def make_scenarios(folder: Path, text: str = STUDY) -> Scenarios:
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "study.toml"
+    file.write_text(text, encoding="utf-8")
+    return Scenarios(load_study(file))
+
+
+def open_store(folder: Path, scenarios: Scenarios) -> Store:
+    store = Store(folder / "out", scenarios, CHUNK_RUNS)
+    store.open(STUDY)
+    return store
+
+
+def complete(folder: Path, threads: int = 1) -> Store:
+    scenarios = make_scenarios(folder)
+    store = open_store(folder, scenarios)
+    assert run_study(store, Threads(scenarios, threads), lambda _: None, never)
+    return store

@@ -1,0 +1,45 @@
+"""Runs on a straight path after a push, and how fast what it has left decays or grows."""
+
+import numpy as np
+
+from steer_by_wire.compiled.engine import BatchRun, Outcome, run_batch
+from steer_by_wire.controller.nominal_model import NominalVehicle
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.pair.unguarded import UNGUARDED
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.settings import load_settings, read_preset
+
+PUSH = (
+    "disturbance.steps=[{at_s=0.5, steering_offset_rad=0.05}, {at_s=1.5, steering_offset_rad=0.0}]"
+)
+"""Over at 1.5 s."""
+
+
+def run_straight(
+    settings: ControllerSettings, vehicle: NominalVehicle, lag_s: float, delay_ns: int, *more: str
+) -> BatchRun:
+    """Run for a minute; ``more`` are overrides of the plant."""
+    overrides = (
+        "duration_s=60",
+        'path={kind="straight"}',
+        f"vehicle.speed_km_h={3.6 * vehicle.speed_m_s!r}",
+        f"vehicle.virtual_mass_kg={vehicle.virtual_mass_kg!r}",
+        f"actuator.lag_s={lag_s}",
+        f"latency.downlink.mean_s={delay_ns * 1e-9!r}",
+        *more,
+    )
+    preset = read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal")
+    plant = load_settings(PlantSettings, preset, None, overrides)
+    done = run_batch(plant.model_copy(update={"safety": UNGUARDED}), settings)
+    assert done.outcome is Outcome.COMPLETE
+    return done
+
+
+def decay_1_s(done: BatchRun, first_s: float, last_s: float, window_s: float = 6.0) -> float:
+    """Return how fast the envelope of the error falls, by a straight line through its logarithm."""
+    starts_s = np.arange(first_s, last_s, window_s)
+    peaks = [
+        np.abs(done.lateral_error_m[(done.time_s >= at) & (done.time_s < at + window_s)]).max()
+        for at in starts_s
+    ]
+    return -float(np.polyfit(starts_s, np.log(peaks), 1)[0])

@@ -1,0 +1,32 @@
+"""Signals of a minute whose figures and verdicts are known beforehand."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steer_by_wire.studies.figures import FigureRules, Figures, figures_of
+from steer_by_wire.studies.verdict import RUN_ENDS, RunEnd, Verdict, VerdictRules, verdicts
+
+FloatArray = NDArray[np.floating[Any]]
+RULES = FigureRules(0.01, 0.01, 0.6, 0.02, 15.0, 0.1)
+TIME_S: FloatArray = np.arange(6001, dtype=np.float64) * 0.01
+NO_COMMANDS: FloatArray = np.zeros(0)
+
+
+def figures(error_m: FloatArray, sent_rad: FloatArray = NO_COMMANDS) -> Figures:
+    return figures_of(RULES, TIME_S[: len(error_m)], error_m, sent_rad, np.zeros(len(error_m)))
+
+
+def verdict(found: Figures, end: RunEnd = RunEnd.COMPLETE) -> Verdict:
+    ends = np.array([RUN_ENDS.index(end)])
+    return verdicts(VerdictRules(), ends, np.array([found], dtype=np.float64))[0]
+
+
+def sine(amplitude_m: float, omega_rad_s: float, growth_1_s: float = 0.0) -> FloatArray:
+    wave: FloatArray = np.exp(growth_1_s * TIME_S) * np.sin(omega_rad_s * TIME_S + 0.3)
+    return amplitude_m * wave
+
+
+def noise(spread_m: float) -> FloatArray:
+    return np.random.default_rng(7).normal(0.0, spread_m, len(TIME_S))

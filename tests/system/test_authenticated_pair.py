@@ -1,0 +1,364 @@
+"""Controller and plant with authenticated frames: the same run, and nobody else has a say."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import pytest
+
+from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.dbc.authenticated_node import AuthenticatedNode
+from steer_by_wire.dbc.authentication import Authentication
+from steer_by_wire.dbc.key_file import cmac_under
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    ControllerSafety,
+    ControllerStatus,
+    Decoded,
+    DelayStatus,
+    Direction,
+    LatencyConfig,
+    LatencyModel,
+    Law,
+    Mode,
+    PlantStatus,
+    SteeringCommand,
+    decode,
+    encode,
+)
+from steer_by_wire.dbc.secured_frame import CONTROLLER, PLANT, Refused, plain
+from steer_by_wire.plant_emulator.latency import Distribution
+from steer_by_wire.plant_emulator.latency_settings import (
+    BothLatencySettings,
+    LatencySettings,
+    Order,
+)
+from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.rig_settings import EllipseSettings
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.recordings.bus_listener import BusListener
+from steer_by_wire.runtime.bus_model import BusModel
+from steer_by_wire.runtime.frame import FD, Frame
+from steer_by_wire.runtime.node import NEVER_NS, Node
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+
+KEY, OTHER_KEY = bytes(range(16)), bytes(range(1, 17))
+MS_NS = 1_000_000
+DURATION_S = 5.0
+LIMIT_NS = 8_000_000_000
+ROUGH = LatencySettings(
+    model=Distribution.GAMMA,
+    mean_s=0.05,
+    spread_s=0.03,
+    loss=0.02,
+    order=Order.AS_ARRIVES,
+    duplicates=0.02,
+)
+PLANT_SETTINGS = PlantSettings(
+    duration_s=DURATION_S,
+    path=EllipseSettings(semi_major_axis_m=20.0, semi_minor_axis_m=10.0),
+    latency=BothLatencySettings(downlink=ROUGH, uplink=ROUGH),
+)
+CONTROLLER_SETTINGS = load_settings(
+    ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
+)
+
+
+class Heard(NamedTuple):
+    time_ns: int
+    sender: int
+    frame: Frame
+
+
+def ends(
+    plant_key: bytes = KEY, controller_key: bytes = KEY, *, run: int = 0
+) -> tuple[Authentication, Authentication]:
+    """The two ends of a run that is not the first: other challenges, higher counters."""
+    first = run * 10**9
+    return (
+        Authentication(PLANT, cmac_under(plant_key), b"plant%03d" % run, first),
+        Authentication(CONTROLLER, cmac_under(controller_key), b"ctrl-%03d" % run, first),
+    )
+
+
+def meet(plant_end: Authentication, controller_end: Authentication) -> None:
+    plant_status = encode(PlantStatus(0.0, 0.0, 0, 0), 0)
+    controller_status = encode(ControllerStatus(Mode.WAITING, Law.PD, 0.0, 0.0, 0), 0)
+    plant_end.verify(controller_end.secure(controller_status))
+    controller_end.verify(plant_end.secure(plant_status))
+    plant_end.verify(controller_end.secure(controller_status))
+
+
+class Pair:
+    """Both nodes in virtual time, each behind the end it is given."""
+
+    def __init__(
+        self,
+        plant_end: Authentication | None,
+        controller_end: Authentication | None,
+        bus: BusModel | None = None,
+        others: Sequence[Node] = (),
+    ) -> None:
+        self.plant = PlantNode(PLANT_SETTINGS, 0)
+        self.controller = ControllerNode(CONTROLLER_SETTINGS, 0, samples_max=10_000)
+        self.plant_end = None if plant_end is None else AuthenticatedNode(self.plant, plant_end)
+        self.controller_end = (
+            None if controller_end is None else AuthenticatedNode(self.controller, controller_end)
+        )
+        self.heard: list[Heard] = []
+        nodes: list[Node] = [
+            self.plant if self.plant_end is None else self.plant_end,
+            self.controller if self.controller_end is None else self.controller_end,
+        ]
+        executor = VirtualTimeExecutor(
+            [*nodes, *others], bus, lambda *heard: self.heard.append(Heard(*heard))
+        )
+        executor.run(LIMIT_NS)
+
+    @property
+    def run(self) -> tuple[object, ...]:
+        """All that the two nodes did: motion, control periods and figures."""
+        return (
+            tuple(map(repr, self.plant.samples)),
+            tuple(map(repr, self.controller.samples)),
+            repr(self.plant.report()),
+            repr(self.controller.report()),
+        )
+
+    @property
+    def report(self) -> Mapping[str, Any]:
+        assert self.plant_end is not None
+        report: Mapping[str, Any] = self.plant_end.report()["authentication"]
+        return report
+
+
+@pytest.fixture(scope="module")
+def classic() -> Pair:
+    return Pair(None, None)
+
+
+@pytest.fixture(scope="module")
+def authenticated() -> Pair:
+    both = ends()
+    meet(*both)
+    return Pair(*both)
+
+
+# The same run
+
+
+def test_a_pair_that_has_met_drives_the_same_run_bit_for_bit(
+    classic: Pair, authenticated: Pair
+) -> None:
+    assert authenticated.run == classic.run
+    assert len(classic.plant.samples) == round(100 * DURATION_S)
+    assert authenticated.report["refused"] == {}
+    as_classic = [heard._replace(frame=plain(heard.frame)) for heard in authenticated.heard]
+    assert as_classic == classic.heard
+    assert all(len(heard.frame.data) in (20, 48) for heard in authenticated.heard)
+
+
+def test_a_pair_that_has_not_met_needs_three_status_messages_and_then_drives(
+    classic: Pair,
+) -> None:
+    """Before, the controller does not believe the measurements, and so does not command."""
+    pair = Pair(*ends())
+    commands = [heard for heard in pair.heard if heard.frame.can_id == CAN_IDS[SteeringCommand]]
+    assert 0 < commands[0].time_ns <= 200 * MS_NS
+    assert len(pair.plant.samples) == len(classic.plant.samples)
+    assert set(pair.report["refused"]) <= {Refused.UNSYNCHRONISED.value}
+    assert pair.report["synchronised"]
+
+
+def test_on_a_bus_with_a_bit_rate_the_other_lengths_change_the_run_by_their_times_only() -> None:
+    both = ends()
+    meet(*both)
+    secured = Pair(*both, bus=BusModel(500_000, 2_000_000))
+    unsecured = Pair(None, None, bus=BusModel(500_000))
+    assert secured.report["refused"] == {}
+    rms_m = [pair.plant.report()["lateral_error_rms_m"] for pair in (secured, unsecured)]
+    assert rms_m[0] != rms_m[1]
+    assert rms_m[0] == pytest.approx(rms_m[1], rel=0.02)
+
+
+def test_who_only_listens_reads_the_same_from_authenticated_frames(
+    classic: Pair, authenticated: Pair
+) -> None:
+    readings = []
+    for pair in (classic, authenticated):
+        listener = BusListener()
+        readings.append([listener.take(heard.frame) for heard in pair.heard])
+        assert set(listener.refused) <= {"repeated"}
+        assert listener.foreign_frames == 0
+    assert readings[0] == readings[1]
+    assert len(readings[0]) > 1500
+
+
+# Nobody else
+
+
+def test_with_different_keys_nothing_moves_and_both_say_why() -> None:
+    pair = Pair(*ends(controller_key=OTHER_KEY))
+    assert pair.plant.samples == []
+    assert pair.controller.report()["mode_s"]["waiting"] == pytest.approx(8.0, abs=0.02)
+    # CONTROLLER_STATUS, which would synchronise, and what needs it: DELAY_STATUS with it, and
+    # CONTROLLER_SAFETY every 20 ms to tell of the frames refused at the other end.
+    refused_by_plant = {"forged": 80, "unsynchronised": 80 + 400}
+    assert pair.report == {"synchronised": False, "verified": 0, "refused": refused_by_plant}
+    assert pair.controller_end is not None
+    refused = pair.controller_end.refused
+    assert refused["forged"] == 80  # status messages
+    assert set(refused) == {"forged", "unsynchronised"}
+
+
+def test_refusals_of_authentication_are_told_on_the_bus_and_kept_apart_in_the_reports() -> None:
+    pair = Pair(*ends(controller_key=OTHER_KEY))
+    assert pair.controller_end is not None
+    assert pair.plant_end is not None
+    told = [decode(plain(heard.frame)) for heard in pair.heard]
+    messages = [one.message for one in told if isinstance(one, Decoded)]
+    by_controller = [one.rejected for one in messages if isinstance(one, ControllerSafety)]
+    by_plant = [one.rejected for one in messages if isinstance(one, PlantStatus)]
+    for rejected, modulus, end in (
+        (by_controller, 4096, pair.controller_end),
+        (by_plant, 64, pair.plant_end),
+    ):
+        # All but those since the last frame that told of them.
+        assert 0 <= (sum(end.refused.values()) - rejected[-1]) % modulus < 20
+        assert len(set(rejected)) > 30
+        assert end.node.report()["rejected"] == {}
+
+
+def test_a_plant_with_a_key_and_a_controller_without_both_say_what_they_refuse() -> None:
+    pair = Pair(ends()[0], None)
+    assert pair.plant.samples == []
+    assert pair.report["refused"] == {"unauthenticated": 160 + 400}  # its status messages
+    rejected = pair.controller.report()["rejected"]
+    assert set(rejected) == {"no_key"}
+    assert rejected["no_key"] > 1000
+
+
+def test_a_controller_with_a_key_and_a_plant_without_both_say_what_they_refuse() -> None:
+    pair = Pair(None, ends()[1])
+    assert pair.plant.samples == []
+    assert pair.plant.report()["rejected"] == {}  # it receives commands, and there were none
+    assert pair.controller_end is not None
+    assert set(pair.controller_end.refused) == {"unauthenticated"}
+
+
+class Intruder:
+    """Puts a frame on the bus each millisecond: of ``frames``, over and over."""
+
+    finished = False
+
+    def __init__(self, frames: Sequence[Frame]) -> None:
+        self._frames = frames
+        self.sent = 0
+
+    @property
+    def deadline_ns(self) -> int:
+        return self.sent * MS_NS if self._frames else NEVER_NS
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:  # noqa: ARG002
+        return ()
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:  # noqa: ARG002
+        frame = self._frames[self.sent % len(self._frames)]
+        self.sent += 1
+        return [frame]
+
+
+def spoofed() -> list[Frame]:
+    """Full steer, classic; the same with a trailer that is guessed."""
+    frames = []
+    for counter in range(256):
+        command = encode(SteeringCommand(0.6, counter, Mode.ACTIVE), counter)
+        frames.append(command)
+        frames.append(command._replace(data=command.data + bytes([counter | 1]) * 12, flags=FD))
+    return frames
+
+
+def test_a_spoofed_command_steers_a_classic_plant(classic: Pair) -> None:
+    """What authentication is for: the intruder's commands are as good as the controller's."""
+    pair = Pair(None, None, others=[Intruder(spoofed())])
+    assert pair.plant.report()["lateral_error_peak_m"] > (
+        3.0 * classic.plant.report()["lateral_error_peak_m"]
+    )
+
+
+def test_spoofed_commands_change_no_bit_of_an_authenticated_run(authenticated: Pair) -> None:
+    both = ends()
+    meet(*both)
+    intruder = Intruder(spoofed())
+    pair = Pair(*both, others=[intruder])
+    assert pair.run == authenticated.run
+    assert pair.report["refused"] == {
+        "forged": intruder.sent // 2,
+        "unauthenticated": (intruder.sent + 1) // 2,
+    }
+
+
+def test_replayed_recordings_change_no_bit_of_an_authenticated_run(authenticated: Pair) -> None:
+    """Of a session before, with the same key: of every message, in order, over and over."""
+    earlier = [heard.frame for heard in authenticated.heard]
+    both = ends(run=1)
+    meet(*both)
+    intruder = Intruder(earlier)
+    pair = Pair(*both, others=[intruder])
+    assert pair.run == authenticated.run
+    assert sum(pair.report["refused"].values()) == intruder.sent
+    assert set(pair.report["refused"]) <= {"forged", "replayed", "unauthenticated"}
+
+
+class Echo:
+    """Repeats every frame of the bus ``delay_ns`` later."""
+
+    finished = False
+
+    def __init__(self, delay_ns: int) -> None:
+        self._delay_ns = delay_ns
+        self._waiting: list[tuple[int, Frame]] = []
+        self.sent = 0
+
+    @property
+    def deadline_ns(self) -> int:
+        return self._waiting[0][0] if self._waiting else NEVER_NS
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        self._waiting.append((now_ns + self._delay_ns, frame))
+        return ()
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:  # noqa: ARG002
+        self.sent += 1
+        return [self._waiting.pop(0)[1]]
+
+
+@pytest.mark.parametrize("delay_ns", [1, 7 * MS_NS, 1100 * MS_NS])
+def test_frames_repeated_within_the_session_change_no_bit_of_the_run(
+    authenticated: Pair, delay_ns: int
+) -> None:
+    both = ends()
+    meet(*both)
+    echo = Echo(delay_ns)
+    pair = Pair(*both, others=[echo])
+    assert pair.run == authenticated.run
+    assert echo.sent > 900
+    refused = pair.report["refused"]
+    told_by_controller = (SteeringCommand, ControllerStatus, ControllerSafety, DelayStatus)
+    assert refused["replayed"] == sum(
+        heard.frame.can_id in {CAN_IDS[told] for told in told_by_controller}
+        for heard in pair.heard
+        if heard.sender == 2
+    )
+    assert sum(refused.values()) == echo.sent
+
+
+def test_the_latency_cannot_be_changed_by_who_has_no_key() -> None:
+    config = encode(LatencyConfig(Direction.BOTH, LatencyModel.CONSTANT, 0.4, 0.0, 0.5), 0)
+    both = ends()
+    meet(*both)
+    intruder = Intruder([config])
+    pair = Pair(*both, others=[intruder])
+    assert pair.plant.report()["downlink"]["latency"]["max_s"] < 0.4
+    assert pair.report["refused"] == {"unauthenticated": intruder.sent}

@@ -1,0 +1,194 @@
+"""Both programs with a key file: they run, refuse and restart, and the key is seen nowhere."""
+
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import can
+import pytest
+
+from steer_by_wire.controller.program import main as controller_main
+from steer_by_wire.dbc.messages import CAN_IDS, Mode, SteeringCommand, encode
+from steer_by_wire.dbc.secured_dbc import secured_dbc
+from steer_by_wire.dbc.secured_program import AUTHENTICATED, NOBODY
+from steer_by_wire.plant_emulator.program import main as plant_main
+from steer_by_wire.runtime.candump import CandumpReader
+from steer_by_wire.runtime.emulated_bus.launch import launched_broker
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
+from steer_by_wire.runtime.message import frame_of, message_of
+from steer_by_wire.runtime.program import ExitStatus
+from tests.support.running_program import RunningProgram, running, wait_until
+
+pytestmark = pytest.mark.skipif(
+    sys.platform == "win32", reason="key files are refused there; ends programs with SIGINT"
+)
+KEY = "c0ffee00112233445566778899aabbcc"
+OTHER_KEY = "c0ffee00112233445566778899aabbcd"
+COMMANDS_MIN = 30
+PATIENCE_S = 60.0
+
+
+def key_file(path: Path, key: str = KEY) -> str:
+    path.write_text(key + "\n", encoding="ascii")
+    path.chmod(0o600)
+    return str(path)
+
+
+@pytest.fixture
+def key(tmp_path: Path) -> str:
+    return key_file(tmp_path / "steer.key")
+
+
+@pytest.fixture
+def bus() -> Iterator[list[str]]:
+    """Options by which a program joins an emulated bus with CAN FD."""
+    with launched_broker(["--data-bitrate", "2000000"]) as address:
+        yield ["-i", "emulated", "--bus-kwargs", f"address={address}"]
+
+
+def commands(client: can.BusABC, count: int) -> list[Frame]:
+    """All frames until ``count`` commands have come."""
+    frames: list[Frame] = []
+    while sum(frame.can_id == CAN_IDS[SteeringCommand] for frame in frames) < count:
+        message = client.recv(PATIENCE_S)
+        assert message is not None, "the bus has fallen silent"
+        frames.append(frame_of(message))
+    return frames
+
+
+def text_of(paths: Sequence[Path], programs: Sequence[RunningProgram]) -> str:
+    """All that was written and printed, in lower case."""
+    printed = [line for program in programs for line in program.printed]
+    read = [path.read_bytes().decode("latin-1") for path in paths]
+    return "\n".join([*printed, *read]).lower()
+
+
+def test_a_pair_with_a_key_withstands_an_intruder_and_a_restart_and_shows_no_key(
+    tmp_path: Path, key: str, bus: list[str]
+) -> None:
+    _, address = bus[-1].split("=")
+    plant_options = [*bus, "--key-file", key, "--record", str(tmp_path / "run.log")]
+    controller_options = [*bus, "--key-file", key]
+    reports = [tmp_path / f"{name}.json" for name in ("plant", "first", "second")]
+    with (
+        can.Bus(interface="emulated", address=address, fd=True, ignore_config=True) as client,
+        running("plant_emulator", plant_options, reports[0]) as plant,
+    ):
+        with running("controller", controller_options, reports[1]) as first:
+            heard = commands(client, COMMANDS_MIN)
+            assert first.interrupt() == ExitStatus.OK
+        with running("controller", controller_options, reports[2]) as second:
+            commands(client, COMMANDS_MIN)
+            for frame in heard:
+                client.send(message_of(frame))
+            spoof = encode(SteeringCommand(0.6, 1, Mode.ACTIVE), 1)
+            guess = Frame(spoof.can_id, spoof.data + b"\x55" * 12, FD | BITRATE_SWITCH)
+            for frame in (spoof, guess) * 10:
+                client.send(message_of(frame))
+            commands(client, COMMANDS_MIN)
+            assert second.interrupt() == ExitStatus.OK
+        assert plant.interrupt() == ExitStatus.OK
+    figures = plant.report()["node"]["authentication"]
+    replayed = sum(frame.can_id in (0x100, 0x300) for frame in heard)
+    assert figures["refused"]["unauthenticated"] == 10
+    assert figures["refused"]["forged"] == 10
+    assert figures["refused"]["replayed"] == replayed
+    assert figures["verified"] >= 3 * COMMANDS_MIN
+    assert any(AUTHENTICATED in line for line in plant.printed)
+    assert any("refused by authentication: forged 10" in line for line in plant.printed)
+    assert set(second.report()["node"]["authentication"]["refused"]) <= {
+        *("unsynchronised", "forged", "replayed"),
+    }
+    everything = text_of([*reports, tmp_path / "run.log"], [plant, first, second])
+    assert key.lower() not in text_of(reports, [])  # not even where it is
+    for shown in (KEY, repr(bytes.fromhex(KEY))[2:-1].lower(), KEY[:16], KEY[16:]):
+        assert shown not in everything
+
+
+def test_both_ends_say_what_they_refuse_where_a_key_is_different_or_missing(
+    tmp_path: Path, key: str, bus: list[str]
+) -> None:
+    other = key_file(tmp_path / "other.key", OTHER_KEY)
+    short = [*bus, "--duration", "0.4"]
+    reports = [tmp_path / f"{name}.json" for name in ("plant", "other", "keyless")]
+    with running("plant_emulator", [*bus, "--key-file", key], reports[0]) as plant:
+        with running("controller", [*short, "--key-file", other], reports[1]) as different:
+            assert different.end() == ExitStatus.OK
+        with running("controller", [*short, "--fd"], reports[2]) as keyless:
+            assert keyless.end() == ExitStatus.OK
+        assert plant.interrupt() == ExitStatus.OK
+    figures = plant.report()["node"]["authentication"]
+    assert figures["verified"] == 0
+    assert figures["refused"].keys() == {"forged", "unauthenticated"}
+    assert different.report()["node"]["authentication"]["verified"] == 0
+    assert different.report()["node"]["commands_sent"] == 0
+    assert any("refused by authentication: forged" in line for line in different.printed)
+    assert sum(NOBODY in line for line in keyless.printed) == 1
+    rejected = keyless.report()["node"]["rejected"]
+    assert set(rejected) == {"no_key"}
+    assert any(f"frames refused: {rejected['no_key']}" in line for line in keyless.printed)
+
+
+@pytest.mark.parametrize("main", [plant_main, controller_main])
+def test_a_key_file_that_cannot_be_used_is_one_line_and_status_2(
+    capsys: pytest.CaptureFixture[str], main: object, key: str
+) -> None:
+    assert callable(main)
+    Path(key).chmod(0o640)
+    assert main(["--key-file", key, "-i", "virtual"]) == ExitStatus.SETTINGS
+    (line,) = (line for line in capsys.readouterr().err.splitlines() if "error:" in line)
+    assert f"error: {key}: " in line
+    assert line.endswith("chmod 600 it")
+
+
+def test_a_bus_for_classic_frames_only_is_one_line_and_status_3(tmp_path: Path, key: str) -> None:
+    with launched_broker() as address:
+        options = ["-i", "emulated", "--bus-kwargs", f"address={address}", "--key-file", key]
+        with running("plant_emulator", options, tmp_path / "p.json") as plant:
+            assert plant.end() == ExitStatus.BUS
+    (line,) = plant.printed
+    assert "start it with --data-bitrate for CAN FD" in line
+
+
+def test_a_program_without_a_key_does_without_cryptography() -> None:
+    code = (
+        "import sys, controller.program, plant_emulator.program;"
+        "sys.exit('cryptography' in sys.modules or 'cantools.autosar' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.vcan
+def test_a_pair_with_a_key_runs_on_vcan0_and_candump_and_cantools_read_it(
+    tmp_path: Path, key: str
+) -> None:
+    on_vcan = ["-i", "socketcan", "-c", "vcan0", "--key-file", key]
+    log, definitions = tmp_path / "candump.log", tmp_path / "secured.dbc"
+    definitions.write_text(secured_dbc(), encoding="ascii")
+    with log.open("wb") as file, subprocess.Popen(["candump", "-L", "vcan0"], stdout=file) as dump:
+        try:
+            with (
+                running("plant_emulator", on_vcan, tmp_path / "p.json") as plant,
+                running("controller", on_vcan, tmp_path / "c.json") as controller,
+            ):
+                wait_until(
+                    lambda: log.read_text("ascii").count(" 100##") > COMMANDS_MIN, "commands"
+                )
+                assert controller.interrupt() == ExitStatus.OK
+                assert plant.interrupt() == ExitStatus.OK
+        finally:
+            dump.terminate()
+    assert plant.report()["node"]["authentication"]["refused"].keys() <= {"unsynchronised"}
+    assert plant.report()["connection"]["driver"] == "AF_CAN"
+    with log.open(encoding="ascii") as lines:
+        assert {len(entry.frame.data) for entry in CandumpReader(lines)} == {20, 48}
+    decoded = subprocess.run(
+        [sys.executable, "-m", "cantools", "decode", "--single-line", str(definitions)],
+        input=log.read_bytes(),
+        capture_output=True,
+        check=True,
+    ).stdout.decode("utf-8")
+    command_lines = [line for line in decoded.splitlines() if "STEERING_COMMAND(" in line]
+    assert len(command_lines) > COMMANDS_MIN
+    assert all("AUTHENTICATOR: " in line and "STEER: " in line for line in command_lines)

@@ -1,0 +1,166 @@
+"""A node whose host leaves it too little time notices by the periods it misses; nothing waits."""
+
+from collections.abc import Sequence
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.dbc.messages import ControllerFault, ControllerSafety, LateralError, encode
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.overruns import MissedPeriods, OverrunSettings, OverrunSupervision
+from steer_by_wire.runtime.periodic import PeriodicTimer
+from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from tests.support.controller_link import START_NS as CONTROLLER_START_NS
+from tests.support.controller_link import Link as ControllerLink
+from tests.support.controller_link import controller_settings
+from tests.support.plant_link import PERIOD_NS, START_NS, link
+
+MS = 1_000_000
+PRESET = "practical_pd_ddob"
+
+
+def starved(supervision: OverrunSupervision, stalls: Sequence[int], served: int) -> list[str]:
+    """Miss so many periods, then serve some on time, again and again; returns what is told."""
+    timer = PeriodicTimer(0, PERIOD_NS)
+    told = []
+    for missed in stalls:
+        for late in [missed] + [0] * (served - 1):
+            timer.advance(timer.deadline_ns + late * PERIOD_NS)
+            supervision.on_tick(timer)
+        told.append(supervision.failure)
+    return told
+
+
+def by_default() -> OverrunSupervision:
+    return OverrunSupervision.of(OverrunSettings())
+
+
+def test_a_node_stopped_for_most_of_the_time_has_a_fault() -> None:
+    """120 ms of every 150: four ticks are served, of which one overruns, and eleven missed."""
+    told = starved(by_default(), [11] * 46, 4)
+    assert told[44] == ""
+    assert told[45] == (
+        "506 of the last 687 periods were missed, a stall counted as 250 at most, "
+        "allowed are 500 of 1000"
+    )
+
+
+@pytest.mark.parametrize(("missed", "fails"), [(10, False), (11, True)])
+def test_half_of_the_periods_may_be_missed_and_not_more(missed: int, fails: bool) -> None:
+    told = starved(by_default(), [missed] * 1000, 10)
+    assert bool(told[-1]) is fails
+
+
+@pytest.mark.parametrize(
+    ("stalls", "served"),
+    [([10_000_000], 1000), ([10_000_000] * 2, 1), ([10_000_000] * 100, 250), ([50] * 1000, 100)],
+    ids=["one for a day", "two", "one every 2.5 s", "half a second every 1.5 s"],
+)
+def test_stalls_now_and_then_are_borne_however_long(stalls: list[int], served: int) -> None:
+    assert not starved(by_default(), stalls, served)[-1]
+
+
+@pytest.mark.parametrize(("served", "fails"), [(249, True), (250, False)])
+def test_long_stalls_are_a_fault_when_little_is_served_between_them(
+    served: int, fails: bool
+) -> None:
+    assert bool(starved(by_default(), [10_000] * 100, served)[-1]) is fails
+
+
+def test_one_long_stall_can_be_made_a_fault() -> None:
+    """By a machine that must not sleep."""
+    settings = OverrunSettings(missed_periods_max=500, stall_periods_max=501)
+    assert not starved(OverrunSupervision.of(settings), [500], 1)[-1]
+    assert starved(OverrunSupervision.of(settings), [501], 1)[-1]
+
+
+def test_missed_periods_that_are_not_to_be_watched_are_borne_all() -> None:
+    unwatched = OverrunSupervision.of(OverrunSettings(missed_periods_max="off", overruns_max="off"))
+    assert not starved(unwatched, [100] * 1000, 1)[-1]
+
+
+def test_the_first_fault_stays() -> None:
+    supervision = OverrunSupervision(0, 5, MissedPeriods(1, 10, 10))
+    first, second = starved(supervision, [1, 9], 1)
+    assert first == second == "1 of the last 1 ticks overran, allowed are 0 of 5"
+
+
+@pytest.mark.parametrize("bad", [(-1, 10, 1), (1, 0, 1), (1, 10, 0)])
+def test_what_cannot_be_allowed_is_refused(bad: tuple[int, int, int]) -> None:
+    with pytest.raises(ValueError, match="cannot be allowed"):
+        MissedPeriods(*bad)
+
+
+@given(
+    st.lists(st.integers(0, 9) | st.just(0), max_size=60),
+    st.integers(0, 12),
+    st.integers(1, 20),
+    st.integers(1, 12),
+)
+def test_the_verdict_is_that_of_the_last_periods_one_by_one(
+    late: list[int], missed_max: int, window: int, stall_max: int
+) -> None:
+    judged = MissedPeriods(missed_max, window, stall_max)
+    periods: list[bool] = []
+    for missed in late:
+        told = judged.on_tick(missed)
+        periods += [False] + [True] * min(missed, stall_max)
+        count = sum(periods[-window:])
+        assert bool(told) is (count > missed_max)
+        if told:
+            assert told.startswith(f"{count} of the last {min(window, len(periods))} periods")
+
+
+def test_a_starved_controller_stops_steering_for_good_and_says_why() -> None:
+    settings = load_settings(
+        ControllerSettings, read_preset("steer_by_wire.controller.presets", PRESET)
+    )
+    node = ControllerNode(settings, 0)
+    frames: list[Frame] = []
+    for cycle in range(100):
+        for offset in range(4):
+            now_ns = cycle * 150 * MS + offset * 10 * MS + MS // 20
+            counter = (4 * cycle + offset) % 256
+            node.on_frame(encode(LateralError(0.01, 0.0), counter), now_ns)
+            frames += node.on_tick(now_ns)
+    report = node.report()
+    assert "periods were missed" in report["failure"]
+    # Found within half of the fifteen seconds.
+    assert report["mode_s"]["safe_stop"] > 7.0
+
+
+def test_the_bus_hears_of_a_starved_controller() -> None:
+    settings = controller_settings(overruns={"missed_periods_max": 20, "window_periods": 40})
+    tested = ControllerLink(ControllerNode(settings, CONTROLLER_START_NS))
+    for _ in range(2):
+        tested.now_ns = tested.node.deadline_ns + 11 * PERIOD_NS
+        tested.keep(tested.node.on_tick(tested.now_ns))
+    told = [message for _, message, _ in tested.sent if isinstance(message, ControllerSafety)]
+    assert told[-1].fault is ControllerFault.OVERRUNS
+
+
+@pytest.mark.parametrize(("stalls", "fails"), [(45, False), (46, True)])
+def test_a_starved_plant_ends_in_its_safe_state(stalls: int, fails: bool) -> None:
+    tested = link(duration_s=1e6)
+    tested.command(START_NS, 0.1)
+    for _ in range(stalls):
+        tested.tick(tested.node.deadline_ns + 11 * PERIOD_NS)
+        tested.tick_until(tested.node.deadline_ns + 2 * PERIOD_NS)
+    failure = tested.node.report()["failure"]
+    assert ("periods were missed" in failure) is fails
+
+
+@pytest.mark.parametrize(
+    "key", ["missed_periods_max=-1", "window_periods=0", "stall_periods_max=0"]
+)
+def test_a_bad_bound_is_told_in_one_line(key: str) -> None:
+    preset = read_preset("steer_by_wire.controller.presets", PRESET)
+    for model, below in ((PlantSettings, None), (ControllerSettings, preset)):
+        with pytest.raises(SettingsError) as caught:
+            load_settings(model, below, overrides=[f"overruns.{key}"])
+        (line,) = caught.value.mistakes
+        assert f"overruns.{key.partition('=')[0]} = " in line

@@ -1,0 +1,333 @@
+"""Both programs on a real vcan0, among the programs of can-utils.
+
+One run, in phases that foreign frames on the bus set apart from each other: every assertion is
+about what the log and the reports hold, and none about when.
+"""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    MESSAGE_TYPES,
+    Decoded,
+    LatencyConfig,
+    LateralError,
+    Message,
+    Mode,
+    PlantStatus,
+    SteeringCommand,
+    decode,
+)
+from steer_by_wire.pair.live import Bus, LivePair, PairFiles, PairResult
+from steer_by_wire.runtime.candump import CandumpReader
+from steer_by_wire.runtime.frame import FD, Frame
+from tests.support.running_program import UNSUPERVISED
+
+pytestmark = pytest.mark.vcan
+
+ROOT = Path(__file__).resolve().parents[2]
+DBC = ROOT / "dbc" / "steer_by_wire.dbc"
+CHANNEL = "vcan0"
+PATIENCE_S = 60.0
+LATENCY_CONFIG = "320#2320032C016400"
+"""As in the README: 80 ms ± 30 ms, 1 % lost, both directions."""
+LATENCY_S = 0.08
+MARK_ID = 0x7F0
+A_COMMAND = " 100#"
+FOREIGN_ID = 0x5A0
+FLOOD_FRAMES = 10_000
+FD_FRAMES = 100
+PHASE_COMMANDS = 120
+"""Of a phase in which nothing is done to the pair: more than a second."""
+PLANT_OPTIONS = [
+    "--preset", "paper_nominal", "--set", "duration_s=600",
+    "--set", "path.kind=ellipse", "--set", "path.semi_major_axis_m=20",
+    "--set", "path.semi_minor_axis_m=10", *UNSUPERVISED,
+]  # fmt: skip
+CONTROLLER_OPTIONS = ["--preset", "practical_pd", *UNSUPERVISED]
+LOGGED = f"{CHANNEL},000:400,{MARK_ID:X}:7FF"
+"""Without the flood, which would fill the buffer of candump's socket."""
+
+
+class Log(list[Frame]):
+    """Every frame on the bus, in the bus's order."""
+
+    def messages(self, kind: type[Message]) -> list[Message]:
+        """Decode what is ``kind``; what does not decode is somebody else's."""
+        decoded = [decode(frame) for frame in self if frame.can_id == CAN_IDS[kind]]
+        return [found.message for found in decoded if isinstance(found, Decoded)]
+
+
+class Phases(NamedTuple):
+    """The log of a run, cut into its phases."""
+
+    alone: Log
+    latency: Log
+    foreign_fd: Log
+    flood: Log
+    after: Log
+
+
+class Run(NamedTuple):
+    phases: Phases
+    decoded: list[str]
+    result: PairResult
+
+
+def read(path: Path) -> Log:
+    with path.open(encoding="ascii") as lines:
+        return Log(entry.frame for entry in CandumpReader(lines))
+
+
+def wait_until(condition: Callable[[], bool], what: str) -> None:
+    until_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < until_s, f"still not: {what}"
+        time.sleep(0.1)
+
+
+@contextmanager
+def candump(log: Path) -> Iterator[None]:
+    with log.open("wb") as file:
+        command = ["candump", "-L", LOGGED]
+        with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=file) as process:
+            try:
+                yield
+            finally:
+                process.terminate()
+
+
+def call(*command: str) -> None:
+    subprocess.run(command, check=True, timeout=PATIENCE_S, stdin=subprocess.DEVNULL)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("on_vcan")
+
+
+@pytest.fixture(scope="module")
+def run(folder: Path) -> Run:
+    """Drive: alone, with latency, among foreign frames of CAN FD, in a flood, and after it."""
+    log, decoded = folder / "log", folder / "decoded"
+
+    def await_commands(count: int) -> None:
+        wanted = log.read_text(encoding="ascii").count(A_COMMAND) + count
+        wait_until(
+            lambda: log.read_text(encoding="ascii").count(A_COMMAND) >= wanted, "commands flow"
+        )
+
+    def end_phase() -> None:
+        call("cansend", CHANNEL, f"{MARK_ID:03X}#")
+
+    pair = LivePair(
+        Bus("socketcan", CHANNEL, {}),
+        PLANT_OPTIONS,
+        [*CONTROLLER_OPTIONS, "--fd"],
+        PairFiles(folder / "pair"),
+    )
+    with candump(log):
+        with pair:
+            with decoding(decoded):
+                await_commands(PHASE_COMMANDS)
+            end_phase()
+            call("cansend", CHANNEL, LATENCY_CONFIG)
+            await_commands(PHASE_COMMANDS)
+            end_phase()
+            call("cansend", CHANNEL, f"{CAN_IDS[LateralError]:03X}##0{'00' * 12}")
+            call("cangen", CHANNEL, "-f", "-b", "-g", "1", "-I", "r", "-n", str(FD_FRAMES))
+            await_commands(PHASE_COMMANDS)
+            end_phase()
+            flood = ["-g", "0", "-I", f"{FOREIGN_ID:X}", "-L", "8", "-n", str(FLOOD_FRAMES)]
+            call("cangen", CHANNEL, *flood)
+            end_phase()
+            await_commands(PHASE_COMMANDS)
+            end_phase()
+            assert pair.plant_is_running
+        wait_until(lambda: len(cut(read(log))) == len(Phases._fields), "the log is complete")
+    return Run(
+        Phases(*cut(read(log))), decoded.read_text(encoding="utf-8").splitlines(), pair.result()
+    )
+
+
+@contextmanager
+def decoding(output: Path) -> Iterator[None]:
+    """Run ``candump vcan0 | cantools decode --single-line`` during the block."""
+    cantools = [sys.executable, "-m", "cantools", "decode", "--single-line", str(DBC)]
+    with (
+        output.open("wb") as file,
+        subprocess.Popen(["candump", CHANNEL], stdout=subprocess.PIPE) as dump,
+        subprocess.Popen(cantools, stdin=dump.stdout, stdout=file) as decoder,
+    ):
+        assert dump.stdout is not None
+        dump.stdout.close()
+        try:
+            yield
+        finally:
+            dump.terminate()
+        assert decoder.wait(PATIENCE_S) == 0
+
+
+def cut(log: Log) -> list[Log]:
+    """Cut the log at its marks; what comes after the last belongs to no phase."""
+    phases, current = [], Log()
+    for frame in log:
+        if frame.can_id == MARK_ID and not frame.flags & FD:
+            phases.append(current)
+            current = Log()
+        else:
+            current.append(frame)
+    return phases
+
+
+def commands(log: Log) -> list[SteeringCommand]:
+    return [
+        message for message in log.messages(SteeringCommand) if isinstance(message, SteeringCommand)
+    ]
+
+
+def mostly_active(log: Log) -> bool:
+    """Whether the law was in force, but for a stall of the machine."""
+    modes = [command.mode for command in commands(log)]
+    return modes.count(Mode.ACTIVE) > 0.5 * len(modes) and modes[-1] is Mode.ACTIVE
+
+
+def statuses(log: Log) -> list[PlantStatus]:
+    return [message for message in log.messages(PlantStatus) if isinstance(message, PlantStatus)]
+
+
+def test_the_loop_closes_with_every_message_of_the_contract(run: Run) -> None:
+    expected = set(MESSAGE_TYPES.values()) - {LatencyConfig}
+    assert {kind for kind in expected if run.phases.alone.messages(kind)} == expected
+    assert mostly_active(run.phases.alone)
+    assert run.result.plant["node"]["motion_s"] > 0
+
+
+def test_no_command_is_lost_on_its_way_to_the_log(run: Run) -> None:
+    counters = [command.command_counter for phase in run.phases for command in commands(phase)]
+    assert len(counters) >= 3 * PHASE_COMMANDS
+    assert counters[0] == 0
+    assert all(after - before == 1 for before, after in pairwise(counters))
+
+
+def test_both_reports_name_the_bus_and_a_clean_end(run: Run) -> None:
+    for report in (run.result.plant, run.result.controller):
+        assert CHANNEL in report["bus"]
+        assert report["ended_by"] == "SIGINT"
+
+
+def test_cantools_decodes_every_frame_that_candump_shows(run: Run) -> None:
+    frames = [line for line in run.decoded if line.strip()]
+    assert len(frames) >= PHASE_COMMANDS
+    names = [line.partition("::")[2].partition("(")[0].strip() for line in frames]
+    assert set(names) == {
+        "STEERING_COMMAND",
+        "LATERAL_ERROR",
+        "STEERING_STATUS",
+        "VEHICLE_STATE",
+        "CONTROLLER_STATUS",
+        "CONTROLLER_SAFETY",
+        "DELAY_STATUS",
+        "PLANT_STATUS",
+    }
+
+
+def test_a_latency_sent_by_cansend_is_in_force_in_both_directions(run: Run) -> None:
+    before, after = statuses(run.phases.alone), statuses(run.phases.latency)
+    assert {status.downlink_latency_s + status.uplink_latency_s for status in before} == {0.0}
+    assert max(status.downlink_latency_s for status in after) > 0.5 * LATENCY_S
+    assert max(status.uplink_latency_s for status in after) > 0.5 * LATENCY_S
+    for direction in ("downlink", "uplink"):
+        assert run.result.plant["node"][direction]["injected"]["max_s"] > LATENCY_S
+
+
+def test_foreign_frames_of_can_fd_do_no_harm(run: Run) -> None:
+    assert any(frame.flags & FD for frame in run.phases.foreign_fd)
+    assert {command.mode for command in commands(run.phases.foreign_fd)} <= {
+        Mode.ACTIVE,
+        Mode.HOLDING,
+    }
+    # The plant's socket does not see them; the controller's does, and takes none for a message.
+    assert run.result.plant["node"]["rejected"] == {}
+    assert sum(run.result.controller["node"]["rejected"].values()) >= 1
+
+
+def test_the_pair_survives_a_flood(run: Run) -> None:
+    assert commands(run.phases.flood), "no command came between two frames of the flood"
+    assert mostly_active(run.phases.after)
+
+
+def steer_by_measurement(log: Log) -> dict[int, float]:
+    """Return the command [rad] by the number of the newest measurement before it."""
+    steer_rad, number, last = {}, -1, None
+    for frame in log:
+        found = decode(frame)
+        if not isinstance(found, Decoded):
+            continue
+        if isinstance(found.message, LateralError):
+            number += 1 if last is None else (found.counter - last) % 256
+            last = found.counter
+        elif isinstance(found.message, SteeringCommand):
+            steer_rad[number] = found.message.steer_rad
+    return steer_rad
+
+
+@pytest.fixture(scope="module")
+def replayed(folder: Path, run: Run) -> Log:
+    """Play the plant's frames of the first phase to a new controller; returns the bus's log."""
+    del run  # its log is there now
+    before_mark = (folder / "log").read_text(encoding="ascii").partition(f" {MARK_ID:X}#")[0]
+    lines = before_mark.splitlines(keepends=True)[:-1]
+    script, log = folder / "script", folder / "replayed"
+    script.write_text("".join(line for line in lines if A_COMMAND not in line), encoding="ascii")
+    controller = [
+        sys.executable,
+        "-m",
+        "steer_by_wire.controller",
+        "-i",
+        "socketcan",
+        "-c",
+        CHANNEL,
+    ]
+    with (
+        candump(log),
+        subprocess.Popen(
+            [*controller, *CONTROLLER_OPTIONS], stdout=subprocess.PIPE, text=True
+        ) as process,
+    ):
+        assert process.stdout is not None
+        assert "ready" in process.stdout.readline()
+        call("canplayer", "-I", str(script))
+        process.send_signal(signal.SIGINT)
+        assert "ended by SIGINT" in process.communicate(timeout=PATIENCE_S)[0]
+        assert process.returncode == 0
+        wait_until(
+            lambda: (
+                log.read_text(encoding="ascii").count(" 110#") == script.read_text().count(" 110#")
+            ),
+            "the log is complete",
+        )
+    return read(log)
+
+
+def test_a_fresh_controller_commands_the_same_when_canplayer_replays_the_log(
+    run: Run, replayed: Log
+) -> None:
+    first, second = steer_by_measurement(run.phases.alone), steer_by_measurement(replayed)
+    common = sorted(first.keys() & second.keys())
+    assert len(common) > 0.5 * PHASE_COMMANDS
+    peak_rad = max(abs(steer_rad) for steer_rad in first.values())
+    assert peak_rad > 0.1
+    same = [abs(first[number] - second[number]) <= 0.01 * peak_rad for number in common]
+    # The two need not wake up between the same measurements, and the machine may stall either.
+    assert sum(same) > 0.8 * len(common)

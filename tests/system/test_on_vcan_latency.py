@@ -1,0 +1,144 @@
+"""The kernel's network emulator in place of our own latency lines: two makers of latency.
+
+Every frame on the interface with netem meets its delay once, whichever way it goes. The same of our
+own is that delay on commands and on measurements.
+"""
+
+import json
+import shutil
+import subprocess
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.pair.live import Bus, LivePair, PairFiles, PairResult
+from steer_by_wire.pair.virtual import run_virtual_pair
+from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, LatencySettings
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.settings import dump_toml, load_settings, read_preset
+from steer_by_wire.vcan.request import program_path
+from tests.support.running_program import UNSUPERVISED
+
+pytestmark = pytest.mark.vcan
+
+OWN_CHANNEL, NETEM_CHANNEL = "vcan0", "vcan1"
+DURATION_S = 7.0
+TIMEOUT_S = 120.0
+ATTEMPTS = 3
+RMS_TOLERANCE = 0.1
+LATENCY_EFFECT_MIN = 0.15
+"""How much of RMS the latency adds at least: else the comparison would prove nothing."""
+CONTROLLER = load_settings(
+    ControllerSettings,
+    read_preset("steer_by_wire.controller.presets", "practical_pd"),
+    overrides=UNSUPERVISED[1::2],
+)
+
+
+class Pairs(NamedTuple):
+    own: PairResult
+    netem: PairResult
+
+
+def plant_settings(latency_s: float) -> PlantSettings:
+    """A pulse of the steering offset on a straight road; 40 ms each way add a third to its RMS.
+
+    Late enough for the programs of the other pair to have started.
+    """
+    overrides = [
+        f"duration_s={DURATION_S}",
+        *UNSUPERVISED[1::2],
+        "path.kind=straight",
+        "vehicle.speed_km_h=15",
+        "disturbance.steps=[{at_s=3,steering_offset_rad=0.05},{at_s=3.3,steering_offset_rad=0}]",
+    ]
+    preset = read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal")
+    line = LatencySettings(mean_s=latency_s)
+    return load_settings(PlantSettings, preset, None, overrides).model_copy(
+        update={"latency": BothLatencySettings(downlink=line, uplink=line)}
+    )
+
+
+@pytest.fixture(scope="module")
+def delay_s() -> float:
+    """What netem adds on its interface [s]."""
+    program = shutil.which("tc", path=program_path())
+    if program is None:
+        pytest.skip("no program tc (apt-get install iproute2)")
+    command = [program, "-json", "qdisc", "show", "dev", NETEM_CHANNEL]
+    shown = subprocess.run(command, capture_output=True, text=True, check=False)
+    queues = json.loads(shown.stdout or "[]")
+    delays = [queue["options"]["delay"] for queue in queues if queue["kind"] == "netem"]
+    if not delays:
+        pytest.skip(
+            f"no CAN interface {NETEM_CHANNEL} with netem: modprobe vcan echo=1; ip link add "
+            f"{NETEM_CHANNEL} type vcan; ip link set {NETEM_CHANNEL} up; "
+            f"tc qdisc add dev {NETEM_CHANNEL} root netem delay 40ms"
+        )
+    return float(delays[0]["delay"])
+
+
+def drive(folder: Path, delay_s: float) -> Pairs:
+    """Run both pairs side by side, so that a busy machine is as busy for either."""
+    pairs = []
+    with ExitStack() as stack:
+        for channel, latency_s in ((OWN_CHANNEL, delay_s), (NETEM_CHANNEL, 0.0)):
+            files = PairFiles(folder / channel)
+            files.folder.mkdir(parents=True)
+            files.settings("plant_emulator").write_text(
+                dump_toml(plant_settings(latency_s)), encoding="utf-8"
+            )
+            files.settings("controller").write_text(dump_toml(CONTROLLER), encoding="utf-8")
+            pair = LivePair(
+                Bus("socketcan", channel, {}),
+                [str(files.settings("plant_emulator"))],
+                [str(files.settings("controller"))],
+                files,
+            )
+            pairs.append(stack.enter_context(pair))
+        until_s = time.monotonic() + TIMEOUT_S
+        while sum(pair.plant_is_running for pair in pairs):
+            assert time.monotonic() < until_s, "the plants do not come to their ends"
+            time.sleep(0.1)
+    return Pairs(*(pair.result() for pair in pairs))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("latency")
+
+
+@pytest.fixture(scope="module")
+def first_run(folder: Path, delay_s: float) -> Pairs:
+    return drive(folder / "0", delay_s)
+
+
+def rms_m(result: PairResult) -> float:
+    return float(result.plant["node"]["lateral_error_rms_m"])
+
+
+def test_both_latencies_act_in_both_directions(first_run: Pairs, delay_s: float) -> None:
+    for result in first_run:
+        assert result.controller["node"]["round_trip"]["samples"] > 0
+        assert result.controller["node"]["round_trip"]["mean_s"] >= 2.0 * delay_s
+        assert result.controller["node"]["rejected"] == result.plant["node"]["rejected"] == {}
+
+
+def test_our_own_latency_line_does_to_the_error_what_netem_does(
+    folder: Path, first_run: Pairs, delay_s: float
+) -> None:
+    without_m = rms_m(run_virtual_pair(plant_settings(0.0), CONTROLLER))
+    runs, ratios = first_run, []
+    for attempt in range(1, ATTEMPTS + 1):
+        ratios.append(rms_m(runs.own) / rms_m(runs.netem))
+        if abs(ratios[-1] - 1.0) <= RMS_TOLERANCE:
+            break
+        if attempt < ATTEMPTS:  # the machine may have stalled one of the pairs
+            runs = drive(folder / str(attempt), delay_s)
+    assert abs(ratios[-1] - 1.0) <= RMS_TOLERANCE, ratios
+    for result in runs:
+        assert rms_m(result) > (1.0 + LATENCY_EFFECT_MIN) * without_m

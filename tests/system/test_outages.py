@@ -1,0 +1,163 @@
+"""Commands stay away, the steering falls back, and laws that look back know where the wheel was."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.dbc.messages import SteeringStatus, SteeringStatusCode
+from steer_by_wire.pair.virtual import run_virtual_nodes
+from steer_by_wire.plant_emulator.faults import with_faults
+from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from tests.support.compiled_runs import assert_same_as_nodes, controller_settings, plant_settings
+from tests.support.fed_memory import MS, PERIOD_NS, Wire, driven
+from tests.support.plant_link import START_NS, link
+
+ONSET_S = 6.0
+OUTAGES = ("latency.downlink.loss=0.25", "latency.downlink.burst_frames=90")
+"""Gaps of the commands of 0.9 s on average."""
+
+
+class Outage:
+    """A run with an outage of the commands; what the controller sent in the 3 s after it."""
+
+    def __init__(self, outage_s: float, delay_s: float, extra: Sequence[str] = ()) -> None:
+        drop = 'kind="drop", direction="downlink", message="STEERING_COMMAND", magnitude=1.0'
+        fault = f"faults=[{{{drop}, onset_s={ONSET_S}, duration_s={outage_s}}}]"
+        plant = load_settings(
+            PlantSettings,
+            read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal"),
+            None,
+            [
+                "path.semi_major_axis_m=60",
+                "path.semi_minor_axis_m=30",
+                f"duration_s={ONSET_S + outage_s + 3}",
+                f"latency.downlink.mean_s={delay_s}",
+                fault,
+                *extra,
+            ],
+        )
+        law = load_settings(
+            ControllerSettings,
+            read_preset("steer_by_wire.controller.presets", "practical_predictor"),
+        )
+        self.plant, controller = PlantNode(plant, 0), ControllerNode(law, 0, 10_000)
+        edge = with_faults(self.plant, plant.faults, plant.seed)
+        run_virtual_nodes(edge, controller, None, None, lambda: False)
+        ticks = [s for s in controller.samples if s.time_ns >= (ONSET_S + outage_s) * 1e9]
+        sent_rad = np.array([tick.sent_steer_rad for tick in ticks])
+        self.rates_rad_s = np.diff(sent_rad) * 100.0
+        self.report = controller.report()
+
+
+@pytest.mark.parametrize(("outage_s", "delay_s"), [(0.9, 0.0), (1.1, 0.0), (1.1, 0.4)])
+def test_the_predictors_steer_is_calm_after_an_outage(outage_s: float, delay_s: float) -> None:
+    """The steering fell back; with the command believed instead the rate reached its limit, 2."""
+    run = Outage(outage_s, delay_s)
+    assert run.plant.report()["safety"]["fallbacks"] == 1
+    assert 0.05 < np.max(np.abs(run.rates_rad_s)) < 0.3
+    assert math.sqrt(np.mean(run.rates_rad_s**2)) < 0.12
+
+
+def test_an_outage_says_nothing_of_the_delay() -> None:
+    """Echoes go on naming the last command followed, which grows old."""
+    wire = driven(100, 5)
+    assert wire.link(99).delay_ns == 45 * MS
+    for code in (
+        SteeringStatusCode.HOLDING,
+        SteeringStatusCode.FALLBACK,
+        SteeringStatusCode.SAFE_STATE,
+    ):
+        told(wire, 100, 94, code)
+        assert wire.memory.link(100, 100 * PERIOD_NS).delay_ns == 45 * MS
+    told(wire, 101, 94, SteeringStatusCode.LIMITED_BY_SAFETY)
+    assert wire.memory.link(101, 101 * PERIOD_NS).delay_ns > 45 * MS
+
+
+def told(wire: Wire, sample: int, counter: int, code: SteeringStatusCode) -> None:
+    """Echo of a sample with the wheel at a thousandth of its number."""
+    status = SteeringStatus(0.001 * sample, counter, code)
+    wire.memory.on_echo(status, sample % 256, sample * PERIOD_NS)
+
+
+@pytest.mark.parametrize(
+    ("code", "is_overruled"),
+    [
+        (SteeringStatusCode.NO_COMMAND, False),
+        (SteeringStatusCode.APPLYING, False),
+        (SteeringStatusCode.LIMITED, False),
+        (SteeringStatusCode.LIMITED_BY_SAFETY, True),
+        (SteeringStatusCode.HOLDING, True),
+        (SteeringStatusCode.FALLBACK, True),
+        (SteeringStatusCode.SAFE_STATE, True),
+    ],
+)
+def test_the_wheel_is_remembered_where_its_command_does_not_act(
+    code: SteeringStatusCode, is_overruled: bool
+) -> None:
+    wire = driven(100, 5)
+    told(wire, 100, 94, code)
+    history = wire.memory.history
+    assert history.is_overruled[100] is is_overruled
+    assert history.wheel_rad[100] == pytest.approx(0.1)
+    assert not any(history.is_overruled[:100])
+
+
+def test_where_echoes_are_lost_the_wheel_is_taken_to_stay() -> None:
+    wire = driven(100, 5)
+    told(wire, 100, 94, SteeringStatusCode.FALLBACK)
+    told(wire, 104, 100, SteeringStatusCode.APPLYING)
+    history = wire.memory.history
+    assert history.is_overruled[99:105] == [False, True, True, True, True, False]
+    assert history.wheel_rad[100:104] == pytest.approx([0.1] * 4)
+
+
+def test_the_fade_after_a_fallback_is_told_as_long_as_it_lasts() -> None:
+    tested = link(safety={"hold_ms": 100.0})
+    for step in range(51):
+        tested.command(START_NS + step * PERIOD_NS, 0.1)
+    back_ns = START_NS + 100 * PERIOD_NS
+    for step in range(80):
+        tested.command(back_ns + step * PERIOD_NS, 0.1)
+    tested.tick_until(back_ns + 80 * PERIOD_NS)
+    statuses = [(m.status, m.wheel_angle_rad) for _, m in tested.messages(SteeringStatus)]
+    recovered = [code for code, _ in statuses[100:]]
+    fading = recovered.count(SteeringStatusCode.LIMITED_BY_SAFETY)
+    first = recovered.index(SteeringStatusCode.LIMITED_BY_SAFETY)
+    # From 0.04 rad, where the ramp was at the fifth command, to 0.1 rad at 0.2 rad/s.
+    assert 29 <= fading <= 31
+    assert set(recovered[first + fading :]) == {SteeringStatusCode.APPLYING}
+    assert statuses[-1][1] == pytest.approx(0.1, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        OUTAGES,
+        (*OUTAGES, "latency.downlink.mean_s=0.3", "actuator.lag_s=0.2"),
+        (
+            *OUTAGES,
+            *("latency.uplink.loss=0.2", "latency.uplink.mean_s=0.0333"),
+            *("latency.uplink.model=gamma", "latency.uplink.spread_s=0.02"),
+        ),
+        (*OUTAGES, "sensor_period_ms=7", "start_on_first_command=false"),
+        ("safety.override_at_s=4", "latency.downlink.mean_s=0.1"),
+        (*OUTAGES, "safety.angle_rad_max=0.02"),
+    ],
+    ids=["outages", "lag", "uplink", "sensors", "override", "limit"],
+)
+def test_a_compiled_run_with_outages_equals_the_nodes(overrides: Sequence[str]) -> None:
+    period = ["link.sensor_period_ms=7"] if "sensor_period_ms=7" in overrides else []
+    law = controller_settings("practical_predictor", period)
+    run = assert_same_as_nodes(plant_settings(overrides), law)
+    assert np.abs(run.wheel_angle_rad - run.command_rad)[200:].max() > 1e-3
+
+
+def test_a_filtered_derivative_with_outages_is_compiled_as_it_is_in_the_nodes() -> None:
+    law = controller_settings("practical_pd_ddob", ["pd.derivative=kalman"])
+    assert_same_as_nodes(plant_settings(OUTAGES), law)

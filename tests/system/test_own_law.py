@@ -1,0 +1,281 @@
+"""A law of another package runs wherever ours do, to the same bits, or is refused in one line."""
+
+import json
+from collections.abc import Sequence
+from importlib import import_module, metadata
+from importlib.metadata import EntryPoint, EntryPoints
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from steer_by_wire.compiled.engine import Outcome, run_batch
+from steer_by_wire.compiled.own_law import LawNotCompiledError
+from steer_by_wire.compiled.steps import ForeignParamsError
+from steer_by_wire.controller import own_law, program
+from steer_by_wire.controller.design import design_law
+from steer_by_wire.controller.laws import LawInput
+from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.dbc.messages import ControllerStatus, Law, Mode, Rejection, decode
+from steer_by_wire.pair.virtual import make_virtual_pair, run_virtual_nodes
+from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.settings import SettingsError, dump_toml, load_settings
+from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+from steer_by_wire.studies.compute import Computer
+from steer_by_wire.studies.verdict import RUN_ENDS, RunEnd
+from steer_by_wire.tools.closed_loop import __main__ as closed_loop
+from steer_by_wire.tools.compare_laws import __main__ as compare_laws
+from steer_by_wire.tools.compare_laws import runs
+from steer_by_wire.tools.compare_laws.picture import draw_comparison
+from steer_by_wire.tools.compare_laws.tables import markdown_lines, table_lines
+from tests.support.compiled_runs import assert_same_as_nodes, controller_settings, plant_settings
+from tests.support.small_study import make_scenarios, never
+
+OWN = "own_law:LAW"
+LAWS = "tests.support.own_laws"
+
+
+@pytest.fixture(autouse=True)
+def _examples(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "examples"))
+
+
+def controller(law: str, *overrides: str) -> ControllerSettings:
+    return controller_settings("practical_pd", [f"law={law}", *overrides])
+
+
+def run_nodes(
+    settings: ControllerSettings, end_ns: int = 2_000_000_000
+) -> tuple[ControllerNode, list[ControllerStatus]]:
+    """Return the controller after a run of both nodes, and its statuses."""
+    node, statuses = ControllerNode(settings, 0, samples_max=10_000), []
+
+    def on_wire(_time_ns: int, _sender: int, frame: Frame) -> None:
+        message = decode(frame)
+        if not isinstance(message, Rejection) and isinstance(message[0], ControllerStatus):
+            statuses.append(message[0])
+
+    plant = PlantNode(plant_settings(()), 0)
+    VirtualTimeExecutor((plant, node), None, on_wire).run(end_ns)
+    return node, statuses
+
+
+def test_the_example_runs_and_leaves_a_picture(tmp_path: Path) -> None:
+    import_module("own_law").main(tmp_path)
+    assert (tmp_path / "own_law.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("around", [(), ("feed_forward={}",)], ids=["alone", "with feed-forward"])
+def test_compiled_it_gives_the_bits_of_the_nodes(around: Sequence[str]) -> None:
+    network = ["latency.downlink.mean_s=0.08", "latency.uplink.loss=0.1", "seed=3"]
+    assert_same_as_nodes(plant_settings(network), controller(OWN, *around))
+
+
+def test_what_is_put_around_our_laws_is_put_around_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    example = import_module("own_law")
+    derived = example.LAW._replace(takes_derivative=True)
+    monkeypatch.setattr(example, "DERIVED", derived, raising=False)
+    settings = controller("own_law:DERIVED", "pd.derivative=kalman", "feed_forward={}")
+    network = ["latency.downlink.mean_s=0.08"]
+    run = assert_same_as_nodes(plant_settings(network, 3.0), settings)
+    plain = run_batch(plant_settings(network, 3.0), controller(OWN, "feed_forward={}"))
+    assert (run.lateral_error_m != plain.lateral_error_m).any()
+
+
+def test_a_node_runs_it_as_it_is() -> None:
+    settings = controller(OWN)
+    node, _ = run_nodes(settings)
+    law = settings.law_record
+    params, sent_rad = law.design(settings), 0.0
+    state = law.at_rest(params, node.samples[0].lateral_error_m)
+    for sample in node.samples:
+        state, output = law.step(params, state, LawInput(sample.lateral_error_m, sent_rad))
+        assert output == sample.law_output
+        sent_rad = sample.sent_steer_rad
+    assert len(node.samples) > 100
+
+
+def test_with_hardly_any_integral_it_is_nearly_pd_and_with_more_it_is_not() -> None:
+    def error_m(law: str, *overrides: str) -> np.ndarray:
+        return run_batch(plant_settings(()), controller(law, *overrides)).lateral_error_m
+
+    weak = error_m(OWN, "own_law.integral_gain_rad_s_m=1e-9")
+    assert np.max(np.abs(weak - error_m("pd"))) < 1e-6
+    assert np.max(np.abs(error_m(OWN) - error_m("pd"))) > 1e-3
+
+
+def test_on_the_wire_it_is_custom_and_in_the_report_it_has_its_name() -> None:
+    node, statuses = run_nodes(controller(OWN))
+    assert {status.law for status in statuses} == {Law.CUSTOM}
+    assert node.report()["law"] == OWN
+    assert node.report()["law_failures"] == 0
+
+
+def test_its_settings_are_read_written_and_hashed(tmp_path: Path) -> None:
+    settings = controller(OWN, "own_law.tracking_time_s=2")
+    file = tmp_path / "own.toml"
+    file.write_text(dump_toml(settings), encoding="utf-8")
+    assert "[own_law]\nintegral_gain_rad_s_m = 0.5\ntracking_time_s = 2.0\n" in dump_toml(settings)
+    again = load_settings(ControllerSettings, None, file)
+    assert again == settings
+    assert hash(again) == hash(settings)
+    assert again.model_validate(settings.model_dump()) == settings
+
+
+def test_an_entry_point_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    installed = EntryPoints([EntryPoint("integral_pd", OWN, own_law.GROUP)])
+    monkeypatch.setattr(metadata, "entry_points", installed.select)
+    own_law.find_own_law.cache_clear()
+    assert design_law(controller("integral_pd")).params == design_law(controller(OWN)).params
+
+
+@pytest.mark.parametrize(
+    ("law", "overrides", "line"),
+    [
+        ("nowhere.law:LAW", [], "the module nowhere.law cannot be imported: ModuleNotFoundError:"),
+        (":LAW", [], "cannot be imported: ValueError: Empty module name"),
+        ("own_law:NONE", [], "the module own_law has no NONE"),
+        (f"{LAWS}:PLAIN", [], "is no law but of type dict: it has to be a controller.laws.Law"),
+        (f"{LAWS}:NO_DESIGN", [], "its design fails: ZeroDivisionError: no gain"),
+        (
+            f"{LAWS}:NEEDS_TABLE",
+            [],
+            "law = 'tests.support.own_laws:NEEDS_TABLE' needs the table [own_law]",
+        ),
+        (OWN, ["own_law.tracking_time_s=0"], "own_law.tracking_time_s = 0 should be greater than"),
+        (OWN, ["own_law.tracking_tim_s=1"], "(did you mean own_law.tracking_time_s?)"),
+        (OWN, ['own_law.tracking_time_s="1"'], 'own_law.tracking_time_s = "1" should be a valid'),
+        ("pd", ["own_law.gain=1"], "law = 'pd' has no table [own_law]"),
+        (OWN, ["pd.derivative=kalman"], "pd.derivative = 'kalman' is not for law = 'own_law:LAW'"),
+        ("own_law", [], 'law = "own_law" is not a known one (allowed: pd, pd_dob,'),
+    ],
+)
+def test_what_is_wrong_with_it_is_said_in_one_line(
+    law: str, overrides: Sequence[str], line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sets = [word for override in overrides for word in ("--set", override)]
+    status = program.main(["--preset", "practical_pd", "--law", law, *sets, "--check"])
+    errors = [text for text in capsys.readouterr().err.splitlines() if "error:" in text]
+    assert status == 2
+    assert len(errors) == 1
+    assert line in errors[0]
+
+
+def test_what_cannot_be_imported_is_no_traceback(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "leaves.py").write_text("import sys\nsys.exit('bye')\n")
+    (tmp_path / "half.py").write_text("def law(:\n")
+    with pytest.raises(SettingsError, match=r"leaves cannot be imported: SystemExit: bye$"):
+        controller("leaves:LAW")
+    with pytest.raises(SettingsError, match="half cannot be imported: SyntaxError: invalid syntax"):
+        controller("half:LAW")
+
+
+def test_check_analyses_a_linear_one_and_says_of_others_that_they_are_not(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def text(law: str) -> str:
+        assert program.main(["--preset", "practical_pd", "--law", law, "--check"]) == 0
+        return capsys.readouterr().out
+
+    own = text(OWN)
+    assert "# Margins without delay, at the command on the wire:" in own
+    assert "#   delay margin  " in own
+    other = text(f"{LAWS}:DIVIDES")
+    assert other.splitlines()[-1] == (
+        "# Not analysed: the law is not linear in the lateral error and its own commands."
+    )
+    none = text(f"{LAWS}:NO_OUTPUT")
+    assert none.endswith("# Not analysed: the law has no finite answer to a small error.\n")
+
+
+@pytest.mark.parametrize(
+    ("law", "mistake"),
+    [
+        ("DIVIDES", ": ZeroDivisionError: float division by zero"),
+        ("NOT_A_NUMBER", ""),
+        ("NO_OUTPUT", ": TypeError: "),
+        ("NO_REST", ": RuntimeError: no rest"),
+    ],
+)
+def test_one_that_fails_is_held_started_anew_once_and_then_stopped(law: str, mistake: str) -> None:
+    node, statuses = run_nodes(controller(f"{LAWS}:{law}"), 4_000_000_000)
+    report = node.report()
+    assert report["law_failures"] == 2
+    assert report["failure"].startswith("the law's output was again no finite number")
+    assert f"started anew{mistake}" in report["failure"]
+    assert node.finished
+    assert Mode.HOLDING in {status.mode for status in statuses}
+    assert all(np.isfinite(sample.sent_steer_rad) for sample in node.samples)
+
+
+@pytest.mark.parametrize("law", ["DIVIDES", "NOT_A_NUMBER"])
+def test_a_run_ends_where_it_fails_compiled_or_not(law: str) -> None:
+    plant, settings = plant_settings((), 4.0), controller(f"{LAWS}:{law}")
+    run = run_batch(plant, settings)
+    pair = make_virtual_pair(plant, settings, controller_samples_max=50)
+    run_virtual_nodes(pair.edge, pair.controller, None, None, lambda: False)
+    assert run.outcome is Outcome.LAW_FAILED
+    assert (len(run.tick_s), len(run.time_s)) == (50, 50)
+    assert run.sent_rad.tolist() == [sample.sent_steer_rad for sample in pair.controller.samples]
+
+
+def test_what_numba_cannot_compile_is_refused_in_one_line() -> None:
+    settings = controller(f"{LAWS}:NOT_COMPILED")
+    with pytest.raises(LawNotCompiledError) as refused:
+        run_batch(plant_settings(()), settings)
+    (line,) = str(refused.value).splitlines()
+    assert "law = 'tests.support.own_laws:NOT_COMPILED': numba cannot compile it: " in line
+    assert "Unknown attribute 'loads' of type Module(<module 'json'" in line
+    assert 'own_laws.py", line ' in line
+    assert line.endswith("steer-by-wire run")
+
+
+def test_params_that_another_law_has_are_refused() -> None:
+    run_batch(plant_settings((), 4.0), controller(f"{LAWS}:DIVIDES"))
+    with pytest.raises(ForeignParamsError, match="BORROWED': a compiled run needs params of"):
+        run_batch(plant_settings(()), controller(f"{LAWS}:BORROWED"))
+
+
+def test_a_study_computes_it_compiled(tmp_path: Path) -> None:
+    study = """
+[base]
+plant_preset = "paper_nominal"
+controllers = ["practical_pd"]
+[base.plant]
+duration_s = 2.0
+[base.controller]
+law = "own_law:LAW"
+own_law = { tracking_time_s = 0.7 }
+"""
+    computed = Computer(make_scenarios(tmp_path, study)).compute([0], never)
+    assert computed.ends[0] == RUN_ENDS.index(RunEnd.COMPLETE)
+
+
+def test_closed_loop_runs_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--duration", "1", "--controller-preset", "practical_pd", "--out", str(tmp_path)]
+    assert closed_loop.main([*options, "--law", OWN]) == 0
+    assert "law           own_law:LAW at 100 Hz" in capsys.readouterr().out
+    report = json.loads((tmp_path / "controller.json").read_text())
+    assert report["settings"]["own_law"] == {"integral_gain_rad_s_m": 0.5, "tracking_time_s": 0.5}
+
+
+def test_it_takes_part_in_the_comparison(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runs, "CONTESTANTS", ())
+    further = [runs.own_contestant(OWN, ["own_law.tracking_time_s=2"])]
+    cells = runs.compare([0.1], 1, 20.0, lambda _done, _of: None, further)
+    assert {cell.contestant for cell in cells} == {OWN}
+    assert all(cell.settled_rms_m < runs.BROKEN_M for cell in cells)
+    assert sum(line.startswith(OWN) for line in table_lines(cells, further)) == len(runs.NETWORKS)
+    assert any(line.startswith(f"| {OWN} |") for line in markdown_lines(cells, further))
+    figure = draw_comparison(cells, further)
+    assert figure.axes[0].get_lines()[-2].get_label() == OWN
+
+
+def test_compare_laws_refuses_one_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
+    assert compare_laws.main(["--law", "own_law:NONE"]) == 2
+    assert "the module own_law has no NONE" in capsys.readouterr().err

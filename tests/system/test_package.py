@@ -1,0 +1,96 @@
+"""What ``pip install .`` brings along, and that the README tells the truth about it."""
+
+import re
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
+    """The project's wheel, built from a copy of what git knows, so that nothing else slips in."""
+    copy = tmp_path_factory.mktemp("source")
+    names = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.splitlines()
+    for name in names:
+        (copy / name).parent.mkdir(parents=True, exist_ok=True)
+        if (ROOT / name).is_symlink():
+            (copy / name).symlink_to((ROOT / name).readlink())
+        else:
+            (copy / name).write_bytes((ROOT / name).read_bytes())
+    out = tmp_path_factory.mktemp("wheel")
+    options = ["--no-deps", "--no-build-isolation", "--quiet", "--disable-pip-version-check"]
+    subprocess.run(
+        [sys.executable, "-m", "pip", "wheel", *options, "--wheel-dir", str(out), str(copy)],
+        check=True,
+        capture_output=True,
+    )
+    (path,) = out.glob("*.whl")
+    return zipfile.ZipFile(path)
+
+
+def test_the_wheel_holds_the_dbc_every_preset_and_every_module(wheel: zipfile.ZipFile) -> None:
+    packages = ("controller", "dbc", "plant_emulator", "runtime", "tools")
+    wanted = {
+        f"steer_by_wire/{path.relative_to(ROOT)}"
+        for package in packages
+        for suffix in ("*.py", "*.toml", "*.dbc", "py.typed")
+        for path in (ROOT / package).rglob(suffix)
+    }
+    assert "steer_by_wire/dbc/steer_by_wire.dbc" in wanted
+    assert wanted - set(wheel.namelist()) == set()
+
+
+def test_the_wheel_holds_no_tests_and_nothing_generated(wheel: zipfile.ZipFile) -> None:
+    assert [name for name in wheel.namelist() if name.startswith(("tests", "out", "docs"))] == []
+
+
+def test_the_wheel_brings_the_programs_and_the_interface(wheel: zipfile.ZipFile) -> None:
+    (entry_points,) = [name for name in wheel.namelist() if name.endswith("entry_points.txt")]
+    text = wheel.read(entry_points).decode()
+    for name in ("steering-controller", "plant-emulator", "emulated-can-bus", "emulated ="):
+        assert name in text
+
+
+@pytest.mark.parametrize("program", ["steering-controller", "plant-emulator", "emulated-can-bus"])
+def test_every_program_tells_its_options(program: str) -> None:
+    path = Path(sys.executable).with_name(program)
+    result = subprocess.run([path, "--help"], capture_output=True, text=True, check=True)
+    assert result.stdout.startswith(f"usage: {program}")
+
+
+@pytest.mark.parametrize("target", re.findall(r"\]\(([^)#]+)\)", README))
+def test_the_readme_points_at_files_that_exist(target: str) -> None:
+    assert (ROOT / target).is_file()
+
+
+@pytest.mark.parametrize(
+    "preset", sorted(set(re.findall(r"--preset ((?:paper|practical)_\w+)", README)))
+)
+def test_the_readme_names_presets_that_exist(preset: str) -> None:
+    assert list(ROOT.glob(f"*/presets/{preset}.toml"))
+
+
+@pytest.mark.parametrize("target", re.findall(r"^make (\w+)", README, re.MULTILINE))
+def test_the_readme_names_make_targets_that_exist(target: str) -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert re.search(rf"^{target}:", makefile, re.MULTILINE)
+
+
+def test_the_lock_pins_everything_and_names_no_registry() -> None:
+    lines = (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines()
+    pins = [line for line in lines if line and not line.startswith("#")]
+    assert pins
+    assert all(re.match(r"[a-z0-9-]+==[\w.]+( ;|$)", pin) for pin in pins)
+    assert not any("://" in line or line.startswith("-") for line in lines)

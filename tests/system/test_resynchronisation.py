@@ -1,0 +1,100 @@
+"""When a stream of counters that does not go on from the last one is believed: after a hold."""
+
+import pytest
+
+from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.settings import ControllerSettings, resync_ns_of
+from steer_by_wire.dbc.messages import LateralError, Mode, SteeringStatus, SteeringStatusCode
+from steer_by_wire.dbc.protection import SequenceCheck, SequenceResult
+from steer_by_wire.plant_emulator.safety_settings import SafetySettings
+from steer_by_wire.plant_emulator.safety_settings import resync_ns_of as plant_resync_ns_of
+from tests.support.controller_link import MS_NS, PERIOD_NS, Link, controller_settings
+from tests.support.plant_link import START_NS, link
+
+ACCEPTED = SequenceResult.ACCEPTED
+SILENCE_NS = 145 * MS_NS
+
+
+def test_a_new_start_is_believed_at_the_time_that_is_set_and_no_sooner() -> None:
+    for since_ns, is_believed in ((SILENCE_NS - 1, False), (SILENCE_NS, True)):
+        check = SequenceCheck(10, 3, SILENCE_NS)
+        assert check.check(50, 1000) is ACCEPTED
+        for counter in (200, 201, 202):
+            assert check.check(counter, 2000) is not ACCEPTED
+        assert (check.check(203, 1000 + since_ns) is ACCEPTED) == is_believed
+        assert check.resynchronised == is_believed
+
+
+def test_the_silence_counts_from_the_newest_accepted_frame_and_the_run_is_not_lost_by_it() -> None:
+    check = SequenceCheck(10, 3, SILENCE_NS)
+    check.check(50, 0)
+    check.check(51, 100 * MS_NS)
+    taken = [check.check(200 + step, (110 + 10 * step) * MS_NS) for step in range(20)]
+    # The first at 245 ms or later is the one at 250 ms.
+    assert [result is ACCEPTED for result in taken] == [False] * 14 + [True] * 6
+
+
+def test_the_times_follow_from_the_fault_tolerant_time() -> None:
+    assert resync_ns_of(controller_settings(supervision={})) == 145 * MS_NS + 1
+    assert plant_resync_ns_of(SafetySettings()) == 140 * MS_NS + 1
+    short = controller_settings(supervision={"fault_tolerant_time_ms": 100.0})
+    assert resync_ns_of(short) == 95 * MS_NS + 1
+    assert plant_resync_ns_of(SafetySettings(ftti_ms=100.0)) == 90 * MS_NS + 1
+    assert plant_resync_ns_of(SafetySettings(ftti_ms="off")) == 0
+    unlimited = controller_settings(supervision={"vehicle_state_timeout_ms": "off"})
+    assert resync_ns_of(unlimited) == 145 * MS_NS + 1
+
+
+def test_a_setting_of_zero_or_more_is_wanted() -> None:
+    with pytest.raises(ValueError, match="resync_ns = -1: allowed is 0 or more"):
+        SequenceCheck(10, 3, -1)
+
+
+def modes_after_a_jump(settings: ControllerSettings, phase_ns: int) -> list[Mode]:
+    """The commands' modes when the measurements' counters jump back, so late in each period."""
+    tested = Link(ControllerNode(settings, 7 * MS_NS))
+    tested.drive(20, 0.1)
+    tested.tick_until(tested.now_ns + phase_ns)
+    sent = len(tested.commands)
+    tested.deliver(LateralError(0.1, 0.0), skip=156)
+    for _ in range(40):
+        tested.tick_until(tested.now_ns + PERIOD_NS)
+        tested.deliver(LateralError(0.1, 0.0))
+    return [command.mode for command in tested.commands[sent:]]
+
+
+def test_the_controller_holds_before_it_steers_by_a_stream_that_does_not_go_on() -> None:
+    settings = controller_settings(supervision={})
+    for phase_ns in (0, 1, 4 * MS_NS, 5 * MS_NS, 5 * MS_NS + 1, PERIOD_NS - 1):
+        modes = modes_after_a_jump(settings, phase_ns)
+        held = [index for index, mode in enumerate(modes) if mode is Mode.HOLDING]
+        assert set(modes) == {Mode.ACTIVE, Mode.HOLDING}, phase_ns
+        # It holds in time, and comes back by the run of good frames after the silence.
+        assert 11 <= held[0] <= 14
+        assert held == list(range(held[0], held[-1] + 1))
+        assert 5 <= len(held) <= 7
+        assert modes[-1] is Mode.ACTIVE
+
+
+def test_the_steering_holds_before_it_follows_a_stream_that_does_not_go_on() -> None:
+    tested = link()
+    for step in range(60):
+        if step == 20:
+            tested.counter += 156
+        tested.command(START_NS + step * PERIOD_NS, 0.1)
+    tested.tick_until(START_NS + 60 * PERIOD_NS)
+    codes = [status.status for _, status in tested.messages(SteeringStatus)]
+    assert codes.count(SteeringStatusCode.HOLDING) >= 1
+    report = tested.node.report()
+    assert report["resynchronised"] == 1
+    assert report["safety"]["holdings"] == 1
+    # Accepted are the 20 before, and those that come more than 140 ms after the last of them.
+    assert report["accepted"] == 20 + 60 - 34
+
+
+def test_a_sender_that_was_away_for_longer_is_believed_as_soon_as_by_the_run_alone() -> None:
+    for resync_ns in (0, SILENCE_NS):
+        check = SequenceCheck(10, 5, resync_ns)
+        check.check(50, 0)
+        taken = [check.check(step, (300 + 10 * step) * MS_NS) for step in range(8)]
+        assert [result is ACCEPTED for result in taken] == [False] * 5 + [True] * 3

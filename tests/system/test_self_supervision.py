@@ -1,0 +1,338 @@
+"""The plant finds faults in itself, and ends safely: too slow, or a motion that is no number."""
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    Decoded,
+    LateralError,
+    Mode,
+    PlantStatus,
+    SafetyState,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    VehicleState,
+    decode,
+)
+from steer_by_wire.plant_emulator import program
+from steer_by_wire.plant_emulator.motion import LARGEST
+from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.self_supervision import (
+    NOT_FINITE_COMMAND,
+    NOT_FINITE_VEHICLE,
+    TELLING_NS,
+)
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.program import ExitStatus
+from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+from steer_by_wire.tools.closed_loop import __main__ as closed_loop
+from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
+
+OVERSTEER = {
+    "speed_km_h": 250,
+    "virtual_mass_kg": 100_000.0,
+    "yaw_inertia_kg_m2": 100.0,
+    "front_cornering_stiffness_n_rad": 1e7,
+    "rear_cornering_stiffness_n_rad": 1000.0,
+}
+"""The fastest growth that the settings allow: e-fold in 27 ms."""
+
+
+def late(tested: Link, samples: int, late_periods: float = 1.0) -> None:
+    """Tick so many times, each late by so many periods of the sensors, unless it has finished."""
+    for _ in range(samples):
+        if not tested.node.finished:
+            now_ns = tested.node.deadline_ns + round(late_periods * PERIOD_NS)
+            tested.tick(now_ns)
+
+
+def finish(tested: Link) -> int:
+    """Tick on time until the node has finished; returns when that was [ns]."""
+    while not tested.node.finished:
+        now_ns = tested.node.deadline_ns
+        assert now_ns < START_NS + 100_000 * MS_NS
+        tested.tick(now_ns)
+    return now_ns
+
+
+def steering(tested: Link, steer_rad: float = 0.1) -> Link:
+    """Command an angle for half a second."""
+    for step in range(51):
+        tested.command(START_NS + step * PERIOD_NS, steer_rad)
+    return tested
+
+
+# Too slow
+
+
+def test_a_plant_that_does_not_keep_its_rate_steers_straight_says_so_and_ends() -> None:
+    tested = steering(link())
+    before = len(tested.frames)
+    late(tested, 60)
+    report = tested.node.report()
+    assert report["failure"] == "51 of the last 100 ticks overran, allowed are 50 of 100"
+    safe_state = report["safety"]["safe_state"]
+    assert safe_state["cause"] == report["failure"]
+    assert not tested.node.finished
+    end_ns = finish(tested)
+    told = [message.status for _, message in tested.messages(SteeringStatus)]
+    first = told.index(SteeringStatusCode.SAFE_STATE)
+    assert set(told[first:]) == {SteeringStatusCode.SAFE_STATE}
+    assert tested.last(PlantStatus).safety is SafetyState.SAFE_STATE
+    assert tested.last(SteeringStatus).wheel_angle_rad == 0.0
+    # From 0.1 rad at 0.2 rad/s is sooner than the telling is over.
+    failed_ns = START_NS + round(safe_state["at_s"] * 1e9)
+    assert end_ns == failed_ns + TELLING_NS
+    assert len(tested.frames) > before
+
+
+def test_overruns_that_are_borne_change_nothing() -> None:
+    tested = steering(link())
+    late(tested, 50)
+    tested.tick_until(START_NS + 300 * PERIOD_NS)
+    report = tested.node.report()
+    assert (report["failure"], report["safety"]["safe_state"]) == ("", None)
+    assert report["skipped_samples"] == 50
+    assert not tested.node.finished
+
+
+@pytest.mark.parametrize(
+    ("overruns", "samples", "fails"),
+    [
+        ({"overruns_max": 2}, 2, False),
+        ({"overruns_max": 2}, 3, True),
+        ({"overruns_max": "off"}, 500, False),
+        ({"overruns_max": 100}, 500, False),
+        ({"overruns_max": 0, "window_ticks": 1}, 1, True),
+    ],
+    ids=str,
+)
+def test_how_many_overruns_are_borne_is_a_setting(
+    overruns: dict[str, Any], samples: int, fails: bool
+) -> None:
+    tested = link(overruns=overruns)
+    late(tested, samples)
+    assert bool(tested.node.report()["failure"]) is fails
+
+
+@pytest.mark.parametrize("pause_s", [1.0, 3600.0])
+def test_a_pause_however_long_is_one_overrun_after_which_the_plant_goes_on(pause_s: float) -> None:
+    """A process that was stopped, or a machine that slept with its clock running."""
+    tested = steering(link(duration_s=1e6))
+    back_ns = tested.node.deadline_ns + round(pause_s * 1e9)
+    tested.tick(back_ns)
+    for step in range(20):
+        tested.command(back_ns + step * PERIOD_NS, 0.0)
+    tested.tick_until(back_ns + 20 * PERIOD_NS)
+    report = tested.node.report()
+    assert report["failure"] == ""
+    assert report["skipped_samples"] >= round(pause_s * 100) - 1
+    assert report["safety"]["mode"] == "following"
+
+
+def test_the_end_comes_when_the_wheel_has_been_ramped_to_zero() -> None:
+    tested = steering(link(overruns={"overruns_max": 0}), 0.6)
+    late(tested, 1)
+    failed_s = tested.node.report()["safety"]["safe_state"]["at_s"]
+    end_ns = finish(tested)
+    assert (end_ns - START_NS) * 1e-9 - failed_s == pytest.approx(3.0, abs=0.011)
+    assert tested.last(SteeringStatus).wheel_angle_rad == 0.0
+
+
+def test_a_wheel_whose_target_is_kept_is_told_for_a_second() -> None:
+    tested = steering(link(overruns={"overruns_max": 0}, safety={"fallback": "keep"}))
+    late(tested, 1)
+    failed_s = tested.node.report()["safety"]["safe_state"]["at_s"]
+    end_ns = finish(tested)
+    assert end_ns - START_NS == pytest.approx(failed_s * 1e9 + TELLING_NS, abs=1)
+    assert tested.last(SteeringStatus).wheel_angle_rad == pytest.approx(0.1, abs=1e-4)
+    states = [message.safety for _, message in tested.messages(PlantStatus)]
+    assert states.count(SafetyState.SAFE_STATE) == 11
+
+
+def test_a_plant_that_nobody_has_driven_yet_ends_too() -> None:
+    tested = link(overruns={"overruns_max": 0})
+    late(tested, 1)
+    finish(tested)
+    assert tested.last(SteeringStatus).status is SteeringStatusCode.SAFE_STATE
+    assert tested.node.report()["motion_s"] == 0.0
+
+
+def test_commands_after_a_fault_are_ignored() -> None:
+    tested = steering(link(overruns={"overruns_max": 0}))
+    late(tested, 1)
+    for step in range(60, 80):
+        tested.command(START_NS + step * PERIOD_NS, 0.5)
+    tested.tick_until(START_NS + 80 * PERIOD_NS)
+    assert tested.node.report()["safety"]["ignored_commands"] == 20
+    assert abs(tested.last(SteeringStatus).wheel_angle_rad) < 0.1
+
+
+@pytest.mark.parametrize("value", ["-1", "10001", "never", "true", "2.5"])
+def test_a_bad_bound_is_told_in_one_line(value: str) -> None:
+    preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
+    for model, below in ((PlantSettings, None), (ControllerSettings, preset)):
+        with pytest.raises(SettingsError) as caught:
+            load_settings(model, below, overrides=[f"overruns.overruns_max={value}"])
+        (line,) = caught.value.mistakes
+        assert "overruns.overruns_max = " in line
+        assert line.endswith("or off)")
+
+
+# No number
+
+
+def numbers(value: Any) -> list[float]:
+    """All numbers in a report."""
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        return [number for item in value for number in numbers(item)]
+    return [value] if isinstance(value, int | float) else []
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "steer_rad"),
+    [
+        (OVERSTEER, 0.1),
+        ({"speed_km_h": 250, "rear_cornering_stiffness_n_rad": 50_000}, 0.1),
+    ],
+    ids=["fastest", "oversteering"],
+)
+def test_a_vehicle_that_spins_without_bound_ends_safely_before_it_is_no_number(
+    vehicle: dict[str, float], steer_rad: float
+) -> None:
+    """Oversteering at high speed (1) grows exponentially, until floats overflow."""
+    tested = link(vehicle=vehicle, duration_s=1e6)
+    tested.command(START_NS, steer_rad)
+    finish(tested)
+    report = tested.node.report()
+    assert report["failure"] == NOT_FINITE_VEHICLE
+    assert report["safety"]["safe_state"]["cause"] == NOT_FINITE_VEHICLE
+    assert all(map(math.isfinite, numbers(report)))
+    json.dumps(report, allow_nan=False)
+    last = tested.node.samples[-1]
+    assert 1e140 < max(abs(last.lateral_error_m), abs(last.yaw_rate_rad_s)) <= LARGEST
+    assert report["lateral_error_final_m"] == last.lateral_error_m
+    # The last sample before the fault, and none after it.
+    assert 0.0 < report["safety"]["safe_state"]["at_s"] - last.time_s <= 0.0100001
+    assert tested.last(SteeringStatus).status is SteeringStatusCode.SAFE_STATE
+    assert tested.last(PlantStatus).safety is SafetyState.SAFE_STATE
+    for _, frame in tested.frames:
+        decoded = decode(frame)
+        if isinstance(decoded, Decoded):
+            assert all(map(math.isfinite, decoded.message))
+        else:
+            assert (str(decoded), frame.can_id) == ("not_available", CAN_IDS[LateralError])
+
+
+def test_the_wheel_is_brought_back_while_the_vehicle_is_no_number() -> None:
+    tested = link(vehicle=OVERSTEER, actuator={"lag_s": 0.1}, safety={"hold_ms": 60_000.0})
+    tested.command(START_NS, 0.02)
+    end_ns = finish(tested)
+    wheel = [(now_ns, m.wheel_angle_rad) for now_ns, m in tested.messages(SteeringStatus)]
+    at_ns = START_NS + round(tested.node.report()["safety"]["safe_state"]["at_s"] * 1e9)
+    before = [rad for now_ns, rad in wheel if at_ns - 100 * MS_NS < now_ns < at_ns]
+    assert min(before) > 0.001
+    assert wheel[-1][0] == end_ns
+    assert abs(wheel[-1][1]) < 1e-4
+    assert tested.last(VehicleState).yaw_rate_rad_s != 0.0
+
+
+def test_a_command_that_is_no_number_never_reaches_the_wheel(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The wire cannot carry one, so it is put behind the decoding."""
+    tested = steering(link())
+    monkeypatch.setattr(
+        "steer_by_wire.dbc.reception.Reception.take",
+        lambda _self, _frame, _now_ns: SteeringCommand(math.nan, 51, Mode.ACTIVE),
+    )
+    tested.node.on_frame(Frame(CAN_IDS[SteeringCommand], b""), START_NS + 51 * PERIOD_NS)
+    finish(tested)
+    assert tested.node.report()["failure"] == NOT_FINITE_COMMAND
+    assert {status.status for _, status in tested.messages(SteeringStatus)[52:]} == {
+        SteeringStatusCode.SAFE_STATE
+    }
+    assert tested.last(SteeringStatus).wheel_angle_rad == 0.0
+    assert all(math.isfinite(sample.wheel_angle_rad) for sample in tested.node.samples)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "allowed"),
+    [
+        ("actuator.lag_s", "1e-12", "must be 0 or 1e-06 to 10"),
+        ("actuator.lag_s", "1e-310", "must be 0 or 1e-06 to 10"),
+        ("disturbance.steps", "[{at_s=1e308,friction=0.5}]", "1000000"),
+    ],
+)
+def test_settings_that_no_motion_can_be_computed_of_are_refused(
+    key: str, value: str, allowed: str
+) -> None:
+    with pytest.raises(SettingsError, match=allowed):
+        load_settings(PlantSettings, overrides=[f"{key}={value}"])
+
+
+def test_the_fastest_lag_that_is_allowed_is_computed() -> None:
+    tested = link(actuator={"lag_s": 1e-6})
+    tested.command(START_NS, 0.1)
+    tested.tick_until(START_NS + PERIOD_NS)
+    assert tested.last(SteeringStatus).wheel_angle_rad == pytest.approx(0.1, abs=1e-4)
+
+
+# Around the node
+
+
+def test_in_virtual_time_no_sample_is_late() -> None:
+    plant = PlantNode(PlantSettings.model_validate({"overruns": {"overruns_max": 0}}), 0)
+    controller = load_settings(
+        ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
+    )
+    VirtualTimeExecutor((plant, ControllerNode(controller, 0))).run(2_000 * MS_NS)
+    report = plant.report()
+    assert (report["failure"], report["skipped_samples"]) == ("", 0)
+
+
+def test_the_program_ends_with_a_report_a_line_and_a_status_of_its_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An oversteering vehicle runs away by itself, once something has moved it."""
+    report = tmp_path / "report.json"
+    growing = [f"vehicle.{key}={value}" for key, value in OVERSTEER.items()]
+    push = "disturbance.steps=[{at_s=0.01,yaw_moment_n_m=1e6}]"
+    overrides = [*growing, push, "start_on_first_command=false"]
+    monkeypatch.setattr(
+        "steer_by_wire.plant_emulator.motion.LARGEST", 1e9
+    )  # in half a second, not in seven
+    options = [text for override in overrides for text in ("--set", override)]
+    arguments = ["-i", "virtual", "-c", "self supervision", "--priority", "0", "--no-memory-lock"]
+    status = program.main([*options, *arguments, "--report", str(report)])
+    assert status == ExitStatus.SAFE_STATE
+    told = capsys.readouterr()
+    assert f"plant-emulator: error: safe state: {NOT_FINITE_VEHICLE}\n" in told.err
+    written = json.loads(report.read_text())
+    assert written["ended_by"] == f"safe state: {NOT_FINITE_VEHICLE}"
+    assert written["node"]["failure"] == NOT_FINITE_VEHICLE
+
+
+def test_a_run_of_both_nodes_says_so_too(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    growing = [f"--plant-set=vehicle.{key}={value}" for key, value in OVERSTEER.items()]
+    push = "--plant-set=disturbance.steps=[{at_s=0.01,yaw_moment_n_m=1e6}]"
+    monkeypatch.setattr("steer_by_wire.plant_emulator.motion.LARGEST", 1e9)
+    assert closed_loop.main([*growing, push]) == ExitStatus.SAFE_STATE
+    assert f"safe state    plant emulator: {NOT_FINITE_VEHICLE}\n" in capsys.readouterr().out
+    assert closed_loop.main(["--duration", "0.1"]) == ExitStatus.OK
+    assert "safe state" not in capsys.readouterr().out

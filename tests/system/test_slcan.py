@@ -1,0 +1,165 @@
+"""Both programs through python-can's ``slcan`` and emulated adapters, which can be unplugged."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.dbc.messages import CAN_IDS, Decoded, Mode, SteeringCommand, decode
+from steer_by_wire.runtime.program import ExitStatus
+from tests.support.running_program import RunningProgram, running, wait_until
+from tests.support.slcan_adapter import Adapter, AdapterBus
+
+pytest.importorskip("serial", reason="python-can's slcan needs pyserial")
+if sys.platform == "win32":
+    pytest.skip("Windows has no pseudo-terminals", allow_module_level=True)
+
+PLANT, CONTROLLER = 0, 1
+
+
+@pytest.fixture
+def bus(tmp_path: Path) -> Iterator[AdapterBus]:
+    with AdapterBus([tmp_path / "tty_plant", tmp_path / "tty_controller"]) as adapters:
+        yield adapters
+
+
+def options(adapter: Adapter, *more: str) -> list[str]:
+    arguments = ("--bus-kwargs", "sleep_after_open=0")
+    return ["-i", "slcan", "-c", str(adapter.path), "-b", "500000", *arguments, *more]
+
+
+def start_plant(stack: ExitStack, bus: AdapterBus, *more: str) -> RunningProgram:
+    report = bus.adapters[PLANT].path.with_name("plant.json")
+    given = options(bus.adapters[PLANT], *more)
+    return stack.enter_context(running("plant_emulator", given, report))
+
+
+def start_controller(stack: ExitStack, bus: AdapterBus, *more: str) -> RunningProgram:
+    report = bus.adapters[CONTROLLER].path.with_name("controller.json")
+    given = options(bus.adapters[CONTROLLER], "--preset", "practical_pd_ddob", *more)
+    return stack.enter_context(running("controller", given, report))
+
+
+def commands(bus: AdapterBus) -> list[SteeringCommand]:
+    """The steering commands that the controller's adapter was given so far."""
+    decoded = [
+        decode(frame)
+        for frame in list(bus.adapters[CONTROLLER].frames)
+        if frame.can_id == CAN_IDS[SteeringCommand]
+    ]
+    assert all(isinstance(found, Decoded) for found in decoded)
+    return [
+        found.message
+        for found in decoded
+        if isinstance(found, Decoded) and isinstance(found.message, SteeringCommand)
+    ]
+
+
+def wait_for_mode(bus: AdapterBus, mode: Mode, after: int = 0) -> None:
+    wait_until(
+        lambda: any(command.mode is mode for command in commands(bus)[after:]), f"mode {mode.name}"
+    )
+
+
+def test_the_pair_closes_the_loop(bus: AdapterBus) -> None:
+    with ExitStack() as stack:
+        controller = start_controller(stack, bus)
+        plant = start_plant(stack, bus, "--set", "duration_s=1")
+        assert plant.end() == ExitStatus.OK
+        assert controller.interrupt() == ExitStatus.OK
+        assert plant.report()["ended_by"] == "finished"
+        for program in (plant, controller):
+            report = program.report()
+            assert report["node"]["accepted"] > 0
+            assert report["node"]["rejected"] == {}
+            assert report["connection"]["driver"] == "python-can"
+            assert report["connection"]["outages"] == 0
+    assert Mode.ACTIVE in {command.mode for command in commands(bus)}
+
+
+def test_bit_rate_and_listening_only_reach_the_adapter(bus: AdapterBus) -> None:
+    with ExitStack() as stack:
+        plant = start_plant(stack, bus)
+        arguments = ("--bus-kwargs", "sleep_after_open=0", "listen_only=True")
+        controller = start_controller(stack, bus, *arguments)
+        assert [program.interrupt() for program in (controller, plant)] == [ExitStatus.OK] * 2
+        assert plant.report()["node"]["accepted"] == 0
+    wanted = [adapter.commands[-4:] for adapter in bus.adapters]
+    assert wanted == [["S6", "O", "O", "C"], ["S6", "L", "L", "C"]]
+
+
+def test_an_unplugged_adapter_ends_the_run_with_one_line_a_report_and_status_3(
+    bus: AdapterBus,
+) -> None:
+    with ExitStack() as stack:
+        plant = start_plant(stack, bus)
+        controller = start_controller(stack, bus)
+        wait_for_mode(bus, Mode.ACTIVE)
+        bus.unplug(CONTROLLER)
+        assert controller.end() == ExitStatus.BUS
+        (error,) = [line for line in controller.printed if "error:" in line]
+        assert "cannot receive" in error or "cannot send" in error
+        report = controller.report()
+        assert report["ended_by"] in error
+        assert report["node"]["commands_sent"] > 0
+        assert plant.interrupt() == ExitStatus.OK
+
+
+def test_who_stays_on_the_bus_goes_to_the_safe_state(bus: AdapterBus) -> None:
+    with ExitStack() as stack:
+        plant = start_plant(stack, bus)
+        controller = start_controller(stack, bus)
+        wait_for_mode(bus, Mode.ACTIVE)
+        bus.unplug(PLANT)
+        assert plant.end() == ExitStatus.BUS
+        wait_for_mode(bus, Mode.SAFE_STOP)
+        wait_until(lambda: commands(bus)[-1].steer_rad == 0.0, "straight wheels")
+        assert controller.interrupt() == ExitStatus.OK
+
+
+@pytest.mark.parametrize("unplugged", [CONTROLLER, PLANT])
+def test_with_reconnect_an_adapter_that_is_plugged_in_again_is_taken_up(
+    bus: AdapterBus, unplugged: int
+) -> None:
+    with ExitStack() as stack:
+        plant = start_plant(stack, bus, "--reconnect")
+        controller = start_controller(stack, bus, "--reconnect")
+        programs = {PLANT: plant, CONTROLLER: controller}
+        wait_for_mode(bus, Mode.ACTIVE)
+        bus.unplug(unplugged)
+        programs[unplugged].wait_for("cannot .*; waiting 60 s at most for the bus to return")
+        before = commands(bus)
+        bus.plug_in(unplugged)
+        programs[unplugged].wait_for("the bus is back after")
+        wait_for_mode(bus, Mode.ACTIVE, len(before))
+        assert [program.interrupt() for program in programs.values()] == [ExitStatus.OK] * 2
+        connection = programs[unplugged].report()["connection"]
+        assert (connection["outages"], connection["reconnections"]) == (1, 1)
+        assert connection["outage_s"] > 0.0
+        # The node ran on meanwhile: its counters, and its modes.
+        counters = [command.command_counter for command in commands(bus)]
+        assert counters == sorted(set(counters))
+        if unplugged == CONTROLLER:
+            assert counters[len(before)] > counters[len(before) - 1] + 1
+        assert controller.report()["node"]["mode_s"]["holding"] > 0.0
+
+
+def test_an_adapter_that_stays_away_ends_the_run_after_the_limit(bus: AdapterBus) -> None:
+    with ExitStack() as stack:
+        controller = start_controller(stack, bus, "--reconnect", "--reconnect-limit", "0.1")
+        bus.unplug(CONTROLLER)
+        assert controller.end() == ExitStatus.BUS
+        error = controller.wait_for("error:")
+        assert "the bus has not returned for 0.1 s" in error
+        assert controller.report()["connection"]["reconnections"] == 0
+
+
+def test_a_run_can_be_ended_while_the_adapter_is_away(bus: AdapterBus) -> None:
+    with ExitStack() as stack:
+        controller = start_controller(stack, bus, "--reconnect")
+        bus.unplug(CONTROLLER)
+        controller.wait_for("waiting 60 s")
+        assert controller.interrupt() == ExitStatus.OK
+        assert controller.report()["connection"]["outages"] == 1

@@ -1,0 +1,320 @@
+"""SocketCAN without python-can on real network interfaces, which come and go and fail.
+
+A CAN controller with errors, error states and bus-off is the kernel's slcan with an emulated
+adapter at the other end of its terminal. Needs the rights to make network interfaces.
+"""
+
+import errno
+import fcntl
+import os
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    ControllerStatus,
+    LateralError,
+    SteeringCommand,
+    encode,
+)
+from steer_by_wire.runtime.bus import BusError, socketcan_obstacle
+from steer_by_wire.runtime.error_frames import error_causes
+from steer_by_wire.runtime.frame import ERROR, Frame
+from steer_by_wire.runtime.program import ExitStatus
+from steer_by_wire.runtime.socketcan import SocketCanPort
+from tests.support.running_program import RunningProgram, running, wait_until
+from tests.support.slcan_adapter import AdapterBus
+
+pytestmark = pytest.mark.vcan
+
+CHANNEL = "vcan0"
+PATIENCE_S = 60.0
+_TIOCSETD, _N_SLCAN, _SIOCGIFNAME = 0x5423, 17, 0x8910
+ADAPTER = 0
+WARNING, PASSIVE, BUS_OFF, ACTIVE = b"sw110120", b"sp150140", b"sb256256", b"sa000000"
+"""What an adapter says of its error counters: state, received, transmitted."""
+NO_ACKNOWLEDGE = b"e1a"
+
+
+def ip(*arguments: str) -> None:
+    """Change the network interfaces, or skip the test where that is not granted."""
+    done = subprocess.run(["ip", *arguments], capture_output=True, text=True, check=False)
+    if "not permitted" in done.stderr:
+        pytest.skip(f"needs the right to change network interfaces: ip {' '.join(arguments)}")
+    assert done.returncode == 0, f"ip {' '.join(arguments)}: {done.stderr}"
+
+
+@pytest.fixture
+def interface() -> Iterator[str]:
+    """A virtual interface of this test's own, up."""
+    name = "vcantest"
+    make(name)
+    yield name
+    subprocess.run(["ip", "link", "del", name], capture_output=True, check=False)
+
+
+def make(name: str) -> None:
+    ip("link", "add", name, "type", "vcan")
+    ip("link", "set", name, "up")
+
+
+@pytest.fixture
+def adapters(tmp_path: Path) -> Iterator[AdapterBus]:
+    with AdapterBus([tmp_path / "tty"]) as bus:
+        yield bus
+
+
+@contextmanager
+def attached(bus: AdapterBus) -> Iterator[str]:
+    """Make the adapter a network interface, up, as ``slcand`` does; yields its name."""
+    terminal = os.open(bus.adapters[ADAPTER].path, os.O_RDWR | os.O_NOCTTY)
+    try:
+        try:
+            fcntl.ioctl(terminal, _TIOCSETD, _N_SLCAN.to_bytes(4, "little"))
+        except OSError as error:
+            if error.errno in (errno.EINVAL, errno.EPERM):
+                pytest.skip(f"no slcan in this kernel, or no right to it ({error.strerror})")
+            raise
+        name = fcntl.ioctl(terminal, _SIOCGIFNAME, bytes(16)).rstrip(b"\0").decode()
+        if not Path("/sys/class/net", name).exists():
+            pytest.skip("slcan makes its interface in the host's network, not in this namespace")
+        ip("link", "set", name, "type", "can", "bitrate", "500000")
+        ip("link", "set", name, "up")
+        yield name
+    finally:
+        os.close(terminal)
+
+
+def receive(port: SocketCanPort) -> Frame:
+    received = port.recv(PATIENCE_S)
+    assert received is not None, "a frame was lost"
+    return received.frame
+
+
+def wait_for_frame(channel: str, can_id: int) -> None:
+    """Wait until somebody sends a frame of this identifier."""
+    port = SocketCanPort(channel, [{"can_id": can_id, "can_mask": 0x7FF, "extended": False}])
+    assert receive(port).can_id == can_id
+    port.shutdown()
+
+
+# A virtual interface
+
+
+def test_a_frame_comes_with_its_time_of_arrival() -> None:
+    sender, receiver = SocketCanPort(CHANNEL), SocketCanPort(CHANNEL)
+    arrivals_ns = []
+    before_ns = time.monotonic_ns()
+    for number in range(3):
+        sender.send(Frame(0x5A0 + number, b""))
+    after_ns = time.monotonic_ns()
+    for number in range(3):
+        received = receiver.recv(PATIENCE_S)
+        assert received is not None
+        assert received.frame == Frame(0x5A0 + number, b"")
+        assert received.arrival_ns is not None
+        arrivals_ns.append(received.arrival_ns)
+    assert arrivals_ns == sorted(arrivals_ns)
+    # Two clocks were read to compare them, which takes a stalled machine some time.
+    slack_ns = 100_000_000
+    assert before_ns - slack_ns <= arrivals_ns[0] <= arrivals_ns[-1] <= after_ns + slack_ns
+    sender.shutdown()
+    receiver.shutdown()
+
+
+def test_can_fd_is_seen_only_by_who_asks_for_it() -> None:
+    sender = SocketCanPort(CHANNEL, fd=True)
+    classic, both = SocketCanPort(CHANNEL), SocketCanPort(CHANNEL, fd=True)
+    fd_frame, last = Frame(0x5A0, bytes(64), 8), Frame(0x5A1, b"last")
+    assert sender.send(fd_frame)
+    assert sender.send(last)
+    assert [receive(both), receive(both)] == [fd_frame, last]
+    assert receive(classic) == last
+    for port in (sender, classic, both):
+        port.shutdown()
+
+
+def test_frames_that_are_not_read_in_time_are_counted() -> None:
+    sender, receiver = SocketCanPort(CHANNEL), SocketCanPort(CHANNEL)
+    sent = received = 0
+    for _ in range(2000):
+        sent += sender.send(Frame(0x5A0, b"12345678"))
+    while receiver.recv(0.0):
+        received += 1
+    assert receiver.dropped == 0  # it is told with the next frame
+    sent += sender.send(Frame(0x5A0, b"12345678"))
+    receive(receiver)
+    assert received + 1 < sent
+    assert receiver.dropped == sent - received - 1
+    sender.shutdown()
+    receiver.shutdown()
+
+
+def test_a_queue_that_is_full_refuses_frames_and_carries_on(interface: str) -> None:
+    queue = ("root", "netem", "delay", "100s", "limit", "3")
+    added = subprocess.run(
+        ["tc", "qdisc", "add", "dev", interface, *queue],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if added.returncode:
+        pytest.skip(f"no queue with a limit here: {added.stderr.strip()}")
+    port = SocketCanPort(interface)
+    assert [port.send(Frame(0x5A0, b"12345678")) for _ in range(5)] == [True] * 3 + [False] * 2
+    subprocess.run(["tc", "qdisc", "del", "dev", interface, "root"], check=True)
+    assert port.send(Frame(0x5A0, b"12345678"))
+    port.shutdown()
+
+
+def test_an_interface_that_goes_down_or_away_is_told(interface: str) -> None:
+    port = SocketCanPort(interface)
+    ip("link", "set", interface, "down")
+    with pytest.raises(BusError, match=f"cannot receive: the network interface {interface} is do"):
+        port.recv(PATIENCE_S)
+    with pytest.raises(BusError, match=f"cannot send: the network interface {interface} is down"):
+        port.send(Frame(1, b""))
+    ip("link", "del", interface)
+    with pytest.raises(BusError, match=f"cannot receive: the network interface {interface} has be"):
+        port.recv(PATIENCE_S)
+    with pytest.raises(BusError, match=f"cannot send: the network interface {interface} has been"):
+        port.send(Frame(1, b""))
+    port.shutdown()
+
+
+@pytest.fixture
+def report(tmp_path: Path) -> Path:
+    return tmp_path / "report.json"
+
+
+def start(stack: ExitStack, channel: str, report: Path, *more: str) -> RunningProgram:
+    options = ["-i", "socketcan", "-c", channel, "--preset", "practical_pd", *more]
+    return stack.enter_context(running("controller", options, report))
+
+
+@pytest.mark.parametrize("more", [(), ("--no-fast-socketcan",)], ids=["AF_CAN", "python-can"])
+def test_foreign_traffic_does_not_wake_a_program(report: Path, more: tuple[str, ...]) -> None:
+    with ExitStack() as stack:
+        controller = start(stack, CHANNEL, report, *more)
+        sender = SocketCanPort(CHANNEL)
+        for number in range(500):
+            assert sender.send(Frame(0x5A0 + number % 2, b"foreign"))
+        assert sender.send(encode(LateralError(0.0, 0.0), 0))
+        sender.shutdown()
+        wait_for_frame(CHANNEL, CAN_IDS[SteeringCommand])  # the measurement, sent last, was read
+        assert controller.interrupt() == ExitStatus.OK
+        loop = controller.report()["loop"]
+        assert loop["frames_received"] == 1
+        assert controller.report()["connection"]["driver"] == ("python-can" if more else "AF_CAN")
+
+
+@pytest.mark.parametrize("more", [(), ("--no-fast-socketcan",)], ids=["AF_CAN", "python-can"])
+def test_a_program_comes_back_to_an_interface_that_was_down_and_to_one_that_was_made_anew(
+    interface: str, report: Path, more: tuple[str, ...]
+) -> None:
+    with ExitStack() as stack:
+        controller = start(stack, interface, report, "--reconnect", *more)
+        losses = [("set", interface, "down"), ("del", interface)]
+        for loss, restore in zip(losses, (ip_up, make), strict=True):
+            told = len(controller.printed)
+            ip("link", *loss)
+            controller.wait_for("waiting 60 s at most", skip=told)
+            restore(interface)
+            controller.wait_for("the bus is back after", skip=told)
+        wait_for_frame(interface, CAN_IDS[ControllerStatus])
+        assert controller.interrupt() == ExitStatus.OK
+        connection = controller.report()["connection"]
+        assert (connection["outages"], connection["reconnections"]) == (2, 2)
+
+
+def ip_up(name: str) -> None:
+    ip("link", "set", name, "up")
+
+
+def test_without_reconnect_an_interface_that_goes_down_ends_the_run_with_status_3(
+    interface: str, report: Path
+) -> None:
+    with ExitStack() as stack:
+        controller = start(stack, interface, report)
+        ip("link", "set", interface, "down")
+        assert controller.end() == ExitStatus.BUS
+        (error,) = [line for line in controller.printed if "error:" in line]
+        assert f"the network interface {interface} is down" in error
+        assert controller.report()["ended_by"] in error
+
+
+# A CAN controller with errors
+
+
+def test_error_frames_name_what_the_controller_saw(adapters: AdapterBus) -> None:
+    with attached(adapters) as name:
+        port = SocketCanPort(name, [{"can_id": 0x201, "can_mask": 0x7FF, "extended": False}])
+        for said, causes in (
+            (NO_ACKNOWLEDGE, {"bus_error", "no_acknowledge"}),
+            (b"e1c", {"bus_error", "bit_error", "crc_error"}),
+            (WARNING, {"error_warning"}),
+            (PASSIVE, {"error_passive"}),
+            (BUS_OFF, {"bus_off"}),
+        ):
+            assert not socketcan_obstacle(name)
+            adapters.say(ADAPTER, said)
+            frame = receive(port)
+            assert frame.flags & ERROR
+            # A driver may add that no acknowledge is a bit error too.
+            assert causes <= set(error_causes(frame))
+        assert "no carrier" in socketcan_obstacle(name)
+        port.shutdown()
+
+
+def test_bus_off_ends_the_run_with_one_line_its_causes_and_status_3(
+    adapters: AdapterBus, report: Path
+) -> None:
+    with ExitStack() as stack:
+        name = stack.enter_context(attached(adapters))
+        controller = start(stack, name, report)
+        for said in (NO_ACKNOWLEDGE, NO_ACKNOWLEDGE, WARNING, PASSIVE, BUS_OFF):
+            adapters.say(ADAPTER, said)
+        assert controller.end() == ExitStatus.BUS
+        (error,) = [line for line in controller.printed if "error:" in line]
+        assert "error: bus-off: " in error
+        counts = controller.report()["connection"]["error_frames"]
+        assert counts["no_acknowledge"] == 2
+        assert counts["error_warning"] == counts["error_passive"] == counts["bus_off"] == 1
+        assert any("error frames by cause: " in line for line in controller.printed)
+
+
+def test_a_program_waits_in_bus_off_until_the_controller_is_started_again(
+    adapters: AdapterBus, report: Path
+) -> None:
+    with ExitStack() as stack:
+        name = stack.enter_context(attached(adapters))
+        controller = start(stack, name, report, "--reconnect")
+        adapters.say(ADAPTER, BUS_OFF)
+        controller.wait_for("bus-off: .*; waiting 60 s at most")
+        # Error-active again, but its queue is still closed: nothing would be sent.
+        adapters.say(ADAPTER, ACTIVE)
+        sent = len(adapters.adapters[ADAPTER].frames)
+        ip("link", "set", name, "down")
+        ip("link", "set", name, "up")
+        controller.wait_for("the bus is back after")
+        wait_until(lambda: len(adapters.adapters[ADAPTER].frames) > sent, "frames again")
+        assert controller.interrupt() == ExitStatus.OK
+        connection = controller.report()["connection"]
+        assert connection["error_frames"]["bus_off"] == 1
+        assert (connection["outages"], connection["reconnections"]) == (1, 1)
+
+
+def test_an_adapter_that_is_unplugged_takes_its_interface_away(
+    adapters: AdapterBus, report: Path
+) -> None:
+    with ExitStack() as stack:
+        name = stack.enter_context(attached(adapters))
+        controller = start(stack, name, report)
+        adapters.unplug(ADAPTER)
+        assert controller.end() == ExitStatus.BUS
+        controller.wait_for(f"error: cannot (receive|send): the network interface {name} ")

@@ -1,0 +1,77 @@
+"""Worker processes end with the process that handed out the work, however it ends."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.worker_processes import worker_pool
+from tests.support.running_program import wait_until
+
+PATIENCE_S = 60.0
+
+PARENT = """
+import os, sys, time
+from steer_by_wire.worker_processes import worker_pool
+
+if __name__ == "__main__":
+    with worker_pool(2) as pool:
+        pids = [pool.submit(os.getpid) for _ in range(2)]
+        print(*{pid.result() for pid in pids}, flush=True)
+        pool.submit(time.sleep, 3600.0).result()
+"""
+
+
+def _is_there(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rsplit(")", 1)[1].split()[0]
+    except OSError:
+        return False
+    return state not in "ZX"
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_workers_end_with_their_parent(end: signal.Signals, tmp_path: Path) -> None:
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT, encoding="utf-8")
+    command = (sys.executable, str(script))
+    root = str(Path(__file__).resolve().parents[2])
+    parent = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env={**os.environ, "PYTHONPATH": root},
+    )
+    assert parent.stdout is not None
+    workers = [int(pid) for pid in parent.stdout.readline().split()]
+    assert workers
+    assert all(_is_there(pid) for pid in workers)
+    parent.send_signal(end)
+    parent.communicate(timeout=PATIENCE_S)
+    wait_until(lambda: not any(map(_is_there, workers)), "the workers' end")
+
+
+def _fail_beside_work(children: list[BaseProcess]) -> None:
+    with worker_pool(1) as pool:
+        pool.submit(time.sleep, 3600.0)
+        children += multiprocessing.active_children()
+        raise ZeroDivisionError
+
+
+def test_an_exception_ends_what_the_workers_do() -> None:
+    before = set(multiprocessing.active_children())
+    children: list[BaseProcess] = []
+    with pytest.raises(ZeroDivisionError):
+        _fail_beside_work(children)
+    (worker,) = set(children) - before
+    # The pool's own thread waits for it, too: a join that comes second returns without the status.
+    wait_until(lambda: worker.exitcode is not None, "the worker's end")
+    assert worker.exitcode == -signal.SIGTERM

@@ -1,0 +1,193 @@
+"""Bad input of the fault campaign: specifications that no run could have, and results of others."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from steer_by_wire.runtime.settings import SettingsError, load_settings
+from steer_by_wire.tools.fault_campaign.__main__ import main
+from steer_by_wire.tools.fault_campaign.execution import (
+    RESULTS,
+    read_results,
+    read_stored,
+    write_result,
+)
+from steer_by_wire.tools.fault_campaign.specification import CampaignSettings
+from steer_by_wire.tools.fault_campaign.trial import Result
+from steer_by_wire.tools.fuzz.campaign_targets import whole_result
+
+TINY = """
+motion_s = 1.0
+onset_s = 0.5
+fault_s = 0.1
+golden_seeds = 1
+residual_frames = 1000
+memory_s = 0
+laws = ["practical_pd"]
+"""
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    return whole_result()
+
+
+@pytest.fixture
+def spec_file(tmp_path: Path) -> Path:
+    file = tmp_path / "tiny.toml"
+    file.write_text(TINY)
+    return file
+
+
+def case(text: str) -> str:
+    return f"cases=[{{{text}}}]"
+
+
+@pytest.mark.parametrize(
+    ("override", "told"),
+    [
+        (
+            case('kind="burst_loss",messages=["LATERAL_ERROR"],magnitudes=[3.5]'),
+            "magnitude of burst_loss (frames in a burst) must be 1 to 1000, whole, not 3.5",
+        ),
+        (
+            case('kind="stuck",messages=["CONTROLLER_SAFETY"],magnitudes=[1.0]'),
+            "stuck needs a quantity, and CONTROLLER_SAFETY has none",
+        ),
+        (
+            case('kind="drop",signal="steer_rad",messages=["STEERING_COMMAND"],magnitudes=[1.0]'),
+            "drop changes no single signal: leave signal out",
+        ),
+        (
+            case('kind="offset",messages=["STEERING_COMMAND"],magnitudes=[1.0,1.0000001]'),
+            "cases must differ: 'offset 1 STEERING_COMMAND' is there 2 times",
+        ),
+        ('node_cases=[{kind="clock_jump",nodes=["controller"],magnitudes=[1e-10]}]', "1e-10"),
+        ('node_cases=[{kind="killed",nodes=["plant"],magnitudes=[]}]', "magnitudes"),
+        ('laws=["practical_pd","practical_pd"]', "laws must differ"),
+        ('points=[{name="a",laws=["x","x"]}]', "laws of a must differ: 'x' is there 2 times"),
+        ('points=[{name="a\\tb"}]', "must be printable"),
+        ("memory_s=9.9", "memory_s must be 0 or from 10 on, not 9.9"),
+    ],
+)
+def test_what_no_run_could_have_is_refused_in_one_line(override: str, told: str) -> None:
+    with pytest.raises(SettingsError) as raised:
+        load_settings(CampaignSettings, overrides=[override])
+    assert len(raised.value.mistakes) == 1
+    assert told in str(raised.value)
+
+
+def test_a_clock_jump_and_a_time_at_the_bound_are_allowed() -> None:
+    jump = 'node_cases=[{kind="clock_jump",nodes=["controller"],magnitudes=[0.001]}]'
+    assert load_settings(CampaignSettings, overrides=[jump, "memory_s=10"]).memory_s == 10.0
+
+
+def line_of(result: Result, **changes: Any) -> str:
+    return json.dumps({"specification": "a", **result._asdict(), **changes})
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"name": [1, 2]},
+        {"name": "\x1b[2J"},
+        {"fhti_s": "abc"},
+        {"counts": 7},
+        {"counts": {"plant.lost": None}},
+        {"changed": None},
+        {"changed": [-1]},
+        {"seed": 2**70},
+        {"verdict": "fine"},
+        {"magnitude": float("nan")},
+        {"further": 1},
+    ],
+)
+def test_a_result_with_a_field_that_is_none_of_its_kind_is_left_out(
+    result: Result, changes: dict[str, Any], tmp_path: Path
+) -> None:
+    lines = [line_of(result), line_of(result, **changes)]
+    (tmp_path / RESULTS).write_text("\n".join(lines))
+    assert read_stored(tmp_path, "a") == ([("a", result)], 0, 1)
+    assert read_results(tmp_path) == [result]
+
+
+@pytest.mark.parametrize(
+    "line", [b"\xff\xfe", b"7", b"[]", b"null", b"{}", b"[" * 100_000, b"x" * 3_000_000, b'{"a":1}']
+)
+def test_a_line_that_is_no_result_costs_none_of_the_others(
+    result: Result, line: bytes, tmp_path: Path
+) -> None:
+    write_result(tmp_path, "a", result)
+    with (tmp_path / RESULTS).open("ab") as file:
+        file.write(line + b"\n")
+    write_result(tmp_path, "a", result)
+    stored = read_stored(tmp_path, "a")
+    assert stored.results == [("a", result)] * 2
+    assert stored.not_whole >= 1
+
+
+def test_what_cannot_be_compared_with_is_told_in_one_line(
+    spec_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "noise").mkdir()
+    (tmp_path / "noise" / RESULTS).write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "folder" / RESULTS).mkdir(parents=True)
+    for earlier, told in (
+        (tmp_path / "none", "has no whole result"),
+        (tmp_path / "noise", "has no whole result"),
+        (tmp_path / "folder", "is no file"),
+        (spec_file, "has no whole result"),
+    ):
+        words = [str(spec_file), "--out", str(tmp_path / "out"), "--compare", str(earlier)]
+        assert main(words) == 2
+        error = capsys.readouterr().err
+        assert len(error.splitlines()) == 1
+        assert str(earlier / RESULTS) in error
+        assert told in error
+    assert not (tmp_path / "out").exists()
+
+
+def test_results_of_another_specification_are_not_lost(
+    spec_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second = str(tmp_path / "first"), str(tmp_path / "second")
+    words = [str(spec_file), "--processes", "1", "--out"]
+    assert main([*words, first]) != 2  # what it shows is not asked here
+    kept = (tmp_path / "first" / RESULTS).read_text()
+    capsys.readouterr()
+    assert main([*words, first, "--set", "seed=2"]) == 2
+    told = capsys.readouterr().err
+    assert "has 1 results of another specification" in told
+    assert len(told.splitlines()) == 1
+    assert (tmp_path / "first" / RESULTS).read_text() == kept
+    assert main([*words, second, "--set", "seed=2", "--compare", first]) != 2
+    assert "1 runs added, 1 no longer run" in capsys.readouterr().out
+
+
+def test_results_that_programs_of_before_have_written_otherwise_are_not_lost_either(
+    result: Result, spec_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A line with a field that there is no more cannot be read, and is another's all the same."""
+    (tmp_path / RESULTS).write_text(line_of(result, further=1) + "\n")
+    assert main([str(spec_file), "--out", str(tmp_path)]) == 2
+    assert "another specification" in capsys.readouterr().err
+    assert "further" in (tmp_path / RESULTS).read_text()
+
+
+def test_a_line_that_was_cut_is_told_and_its_run_made_again(
+    spec_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    words = [str(spec_file), "--processes", "1", "--out", str(out)]
+    assert main(words) != 2
+    whole = (out / RESULTS).read_text()
+    shutil.copytree(out, tmp_path / "cut")
+    (out / RESULTS).write_text(whole[:-40])
+    capsys.readouterr()
+    assert main(words) != 2
+    printed = capsys.readouterr()
+    assert "1 lines that are no whole results are left out" in printed.err
+    assert (out / RESULTS).read_text() == whole

@@ -1,0 +1,131 @@
+import json
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.dbc.messages import CAN_IDS, ControllerStatus, LateralError, SteeringCommand
+from steer_by_wire.pair.trace import Trace
+from steer_by_wire.runtime.candump import CandumpReader
+from steer_by_wire.tools.closed_loop import __main__ as closed_loop
+
+LATENCY = ["--plant-set", "latency.downlink.mean_s=0.08"]
+
+
+def frames_by_id(log: Path) -> dict[int, int]:
+    counts: dict[int, int] = {}
+    with log.open(encoding="ascii") as lines:
+        for entry in CandumpReader(lines):
+            counts[entry.frame.can_id] = counts.get(entry.frame.can_id, 0) + 1
+    return counts
+
+
+def test_a_run_in_virtual_time_leaves_its_files_and_prints_its_figures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        closed_loop.main(["--duration", "2", "--seed", "5", "--out", str(tmp_path), *LATENCY]) == 0
+    )
+    plant = json.loads((tmp_path / "plant_emulator.json").read_text())
+    controller = json.loads((tmp_path / "controller.json").read_text())
+    assert plant["ended_by"] == controller["ended_by"] == "finished"
+    assert plant["settings"]["seed"] == 5
+    assert controller["node"]["law"] == "pd_ddob"
+    assert len(Trace.read(tmp_path / "plant_trace.csv").time_s) == plant["node"]["samples"] >= 200
+    counts = frames_by_id(tmp_path / "candump.log")
+    assert counts[CAN_IDS[SteeringCommand]] == pytest.approx(200, abs=2)
+    assert counts[CAN_IDS[LateralError]] == pytest.approx(200, abs=2)
+    printed = capsys.readouterr().out
+    assert f"{1e3 * plant['node']['lateral_error_rms_m']:.2f} mm" in printed
+
+
+@pytest.mark.parametrize("wire", [["--bitrate", "250000"], ["--ideal-wire"]])
+def test_the_command_it_prints_makes_the_same_run_again(
+    wire: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    jitter = [
+        *LATENCY,
+        *("--plant-set", "latency.downlink.model=gamma"),
+        *("--plant-set", "latency.downlink.spread_s=0.03"),
+        *("--controller-preset", "practical_pd_cdob"),
+        *("--controller-set", "supervision.hold_ms=123"),
+    ]
+    options = ["--duration", "1.5", "--seed", "9", *jitter, *wire, "--out", str(first)]
+    assert closed_loop.main(options) == 0
+    again = capsys.readouterr().out.splitlines()[-1].removeprefix("again").strip()
+    _python, _m, _tool, *arguments = shlex.split(again)
+    assert closed_loop.main([*arguments, "--out", str(second)]) == 0
+    for file in sorted(first.iterdir()):
+        assert (second / file.name).read_bytes() == file.read_bytes()
+
+
+def test_both_nodes_run_in_real_time_on_python_can_s_virtual_bus(tmp_path: Path) -> None:
+    options = ["--interface", "virtual", "--duration", "1", "--out", str(tmp_path), *LATENCY]
+    assert closed_loop.main(options) == 0
+    plant = json.loads((tmp_path / "plant_emulator.json").read_text())
+    controller = json.loads((tmp_path / "controller.json").read_text())
+    assert plant["ended_by"] == "finished"
+    assert plant["node"]["motion_s"] >= 1.0
+    assert controller["node"]["round_trip"]["p50_s"] >= 0.079
+    for report in (plant, controller):
+        assert report["loop"]["lateness"]["samples"] > 0
+        assert report["node"]["rejected"] == {}
+    counts = frames_by_id(tmp_path / "candump.log")
+    assert {CAN_IDS[kind] for kind in (SteeringCommand, LateralError, ControllerStatus)} <= {
+        *counts
+    }
+
+
+def test_an_interrupt_ends_a_run_with_what_there_is(tmp_path: Path) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "steer_by_wire.tools.closed_loop",
+        "--duration",
+        "1e6",
+        "--out",
+        str(tmp_path),
+    ]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        log = tmp_path / "candump.log"
+        while process.poll() is None and not (log.exists() and log.stat().st_size):
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        printed, _ = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert "by SIGINT" in printed
+    report = json.loads((tmp_path / "plant_emulator.json").read_text())
+    assert 0.0 < report["node"]["motion_s"] < 1e6
+
+
+@pytest.mark.parametrize(
+    ("options", "status", "complaint"),
+    [
+        (["--plant-set", "vehicle.speed_km_h=-3"], 2, "vehicle.speed_km_h"),
+        (["--plant-preset", "none"], 2, "preset none"),
+        (["--controller-preset", "practical_pd", "--controller-set", "rate_hz=1"], 2, "rate_hz"),
+        (["--controller", "missing.toml"], 2, "missing.toml"),
+        (["--bitrate", "1000"], 3, "1000 bit/s are too few"),
+    ],
+)
+def test_a_mistake_is_one_line_and_a_status(
+    options: list[str], status: int, complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert closed_loop.main(options) == status
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("closed_loop: error: ")
+    assert complaint in line
+
+
+@pytest.mark.parametrize("bitrate", ["0", "-5", "2000000", "fast"])
+def test_an_impossible_bit_rate_is_refused(
+    bitrate: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        closed_loop.main([f"--bitrate={bitrate}"])
+    assert "1 to 1000000" in capsys.readouterr().err

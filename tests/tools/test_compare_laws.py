@@ -1,0 +1,77 @@
+"""The comparison of the laws, and the designed predictors: what they say is measured anew."""
+
+import re
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.tools.compare_laws import runs
+from steer_by_wire.tools.compare_laws.picture import draw_comparison
+from steer_by_wire.tools.compare_laws.runs import OFF_PATH_M, Cell, breaks_at_s, compare
+from steer_by_wire.tools.compare_laws.tables import markdown_lines, table_lines
+from steer_by_wire.tools.design_gains.predictor import describe_predictor
+from steer_by_wire.tools.design_gains.preset_text import predictor_figures
+from steer_by_wire.tools.design_gains.specification import Specification
+from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
+
+GAIN_DESIGN = Path(__file__).parents[2] / "tools" / "design_gains"
+
+
+@pytest.mark.parametrize(
+    ("preset", "vehicle", "specification"),
+    [
+        ("practical_predictor", "paper_vehicle", "practical_predictor"),
+        ("highway_predictor", "highway_vehicle", "highway"),
+    ],
+)
+def test_a_designed_predictor_says_what_is_measured_anew(
+    preset: str, vehicle: str, specification: str
+) -> None:
+    text = read_preset("steer_by_wire.controller.presets", preset)
+    settings = load_settings(ControllerSettings, text)
+    spec = load_settings(Specification, None, GAIN_DESIGN / f"{specification}.toml")
+    box = load_settings(VehicleFile, None, GAIN_DESIGN / f"{vehicle}.toml")
+    assert spec.predictor is not None
+    with ThreadPoolExecutor(2) as pool:
+        design = describe_predictor(pool, spec, spec.predictor, box, settings)
+    said = re.findall(
+        r"^#   (RMS error|jitter|noise|without echoes) +(.*)$", text.text, re.MULTILINE
+    )
+    assert said == list(predictor_figures(spec, spec.predictor, design))
+
+
+def test_the_predictor_holds_half_a_second_and_the_observers_do_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    chosen = tuple(one for one in runs.CONTESTANTS if one.label in ("PD+DDOB", "predictor"))
+    monkeypatch.setattr(runs, "CONTESTANTS", chosen)
+    told: list[tuple[int, int]] = []
+    cells = compare([0.0, 0.5], 1, 20.0, lambda done, of: told.append((done, of)))
+    assert told[-1] == (20, 20)
+    worst = {(cell.contestant, cell.network, cell.delay_s): cell.settled_rms_m for cell in cells}
+    for network in ("constant", "jitter", "in_order", "loss"):
+        assert worst["predictor", network, 0.5] < 0.003
+    assert worst["PD+DDOB", "constant", 0.5] > 0.1
+    assert worst["predictor", "lag", 0.5] < 0.02
+    # Newest wins, what acts is younger than the mean, and hides what jitter does in order.
+    assert worst["PD+DDOB", "jitter", 0.5] < 0.01
+    assert worst["PD+DDOB", "in_order", 0.5] > 0.1
+    lines = table_lines(cells)
+    assert any(line.startswith("PD+DDOB") and line.endswith("500 ms") for line in lines)
+    assert any(line.startswith("predictor") and line.endswith("-") for line in lines)
+    assert "| PD+DDOB | 500 | - | 500 | 500 | 500 |" in markdown_lines(cells)
+    assert len(draw_comparison(cells).axes) == 6
+
+
+def test_a_law_breaks_at_the_first_delay_at_which_it_does_not_hold_the_path() -> None:
+    cells = [
+        Cell("law", "constant", delay_s, rms_m, rms_m)
+        for delay_s, rms_m in ((0.0, 0.1), (0.1, 0.1001), (0.2, 0.01), (0.3, OFF_PATH_M))
+    ]
+    assert breaks_at_s(cells) == 0.1
+    assert breaks_at_s(cells[:1]) is None
+    assert np.isfinite(cells[0].rms_m)

@@ -1,0 +1,398 @@
+"""The design of gains: the search, the shipped presets, refusals, and one run of the program."""
+
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from steer_by_wire.compiled.engine import Outcome, run_batch
+from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
+from steer_by_wire.controller.design import design_law
+from steer_by_wire.controller.laws import PAPER_LAWS
+from steer_by_wire.controller.nominal_model import steer_to_lateral_error
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.loop_theory.tracking import rms_m, tracking_grid
+from steer_by_wire.loop_theory.uncertainty import paper_box
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.tools.design_gains import __main__ as design_gains
+from steer_by_wire.tools.design_gains.candidate import (
+    KEYS,
+    SETTINGS_KEYS,
+    Candidate,
+    controller_settings,
+    lattice_place,
+    lattice_value,
+)
+from steer_by_wire.tools.design_gains.confirmation import confirm
+from steer_by_wire.tools.design_gains.courses import unsteered_runs_m
+from steer_by_wire.tools.design_gains.design import Design, NoDesignError, describe, design
+from steer_by_wire.tools.design_gains.evolution import evolve
+from steer_by_wire.tools.design_gains.preset_text import preset_text
+from steer_by_wire.tools.design_gains.regions import why_no_gains
+from steer_by_wire.tools.design_gains.search import Found, neighbours
+from steer_by_wire.tools.design_gains.specification import Specification
+from steer_by_wire.tools.design_gains.study import Judgement, judge_candidate, make_study
+from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
+from steer_by_wire.tools.design_gains.virtual_check import (
+    constant_drives,
+    drive,
+    jitter_drives,
+    plant_settings,
+)
+
+ROOT = Path(__file__).resolve().parents[2]
+SHIPPED = ROOT / "tools" / "design_gains"
+PAPER_VEHICLE, PRACTICAL = SHIPPED / "paper_vehicle.toml", SHIPPED / "practical.toml"
+RMS_M_MAX = 0.011
+FAST_HEAVY = paper_box().vertices()[3]
+
+SMALL = """
+name = "small"
+laws = ["pd"]
+peak_sensitivity_max = 3
+noise_gain_rad_m_max = 4
+[delay]
+ms_max = 100
+step_ms = 50
+margin_ms = 50
+[d_stability]
+settling_1_s = 0.3
+bandwidth_rad_s = 5
+[course]
+duration_s = 10
+paths = [{ kind = "circle", radius_m = 30 }]
+[search]
+starts = 1
+generations = 30
+"""
+
+
+def shipped_spec(*overrides: str) -> Specification:
+    return load_settings(Specification, None, PRACTICAL, overrides)
+
+
+def shipped_vehicle() -> VehicleFile:
+    return load_settings(VehicleFile, None, PAPER_VEHICLE)
+
+
+def small_spec(folder: Path, *overrides: str) -> Specification:
+    file = folder / "small.toml"
+    file.write_text(SMALL)
+    return load_settings(Specification, None, file, overrides)
+
+
+def shipped_candidate(name: str, law: str) -> Candidate:
+    settings = load_settings(
+        ControllerSettings, read_preset("steer_by_wire.controller.presets", name)
+    )
+    values = settings.model_dump()
+    places = []
+    for key in KEYS[law]:
+        table, name = SETTINGS_KEYS[key].split(".")
+        places.append(lattice_place(values[table][name]))
+    return Candidate(law, tuple(places))
+
+
+def nobody(_done: float, _best: float) -> None:
+    """Is told how far a search is."""
+
+
+# The lattice and the evolution strategy
+
+
+def test_the_lattice_rises_in_steps_of_at_most_two_and_a_half_percent() -> None:
+    values = [lattice_value(place) for place in range(-400, 400)]
+    ratios = np.array(values[1:]) / np.array(values[:-1])
+    assert 1.009 < ratios.min() < ratios.max() < 1.0251
+    assert lattice_value(0) == 1.0
+    assert all(float(f"{value:.3g}") == value for value in values)
+
+
+@pytest.mark.parametrize("place", [-321, -160, -1, 0, 1, 49, 50, 159, 160, 777])
+def test_a_value_of_the_lattice_has_its_place_and_so_has_what_is_between(place: int) -> None:
+    assert lattice_place(lattice_value(place)) == place
+    assert lattice_place(1.004 * lattice_value(place)) == place
+    assert lattice_place(0.999 * lattice_value(place)) == place - 1
+
+
+def ridge(x: NDArray[np.float64]) -> float:
+    """Rosenbrock's function; its minimum is at 1, at the end of a bent ridge."""
+    return float(np.sum(100.0 * (x[1:] - x[:-1] ** 2) ** 2 + (1.0 - x[:-1]) ** 2))
+
+
+def cornered(x: NDArray[np.float64]) -> float:
+    """Falls with both coordinates down to where their product has to be 1: at (0.5, 2)."""
+    short = 1.0 - x[0] * x[1] if min(x) > 0.0 else 10.0
+    return 1e6 * (1.0 + short) if short > 0.0 else float(4.0 * x[0] + x[1])
+
+
+@pytest.mark.parametrize(
+    ("cost", "start", "minimum"),
+    [(ridge, [-1.0, 2.0, 0.0], [1.0, 1.0, 1.0]), (cornered, [3.0, 3.0], [0.5, 2.0])],
+)
+def test_the_evolution_follows_a_ridge_and_a_demand_to_the_minimum(
+    cost: Callable[[NDArray[np.float64]], float], start: list[float], minimum: list[float]
+) -> None:
+    random = np.random.default_rng(3)
+    for generation in evolve(cost, np.array(start), np.ones(len(start)), 14, random):
+        if generation.number == 250:
+            assert generation.best == pytest.approx(minimum, abs=2e-3)
+            assert generation.judged == 250 * 14
+            break
+
+
+# The shipped presets are the program's output
+
+
+@pytest.mark.parametrize(
+    ("family", "law"),
+    [
+        *(("practical", law) for law in PAPER_LAWS),
+        ("practical_long_delay", "pd_ddob"),
+        ("practical_half_second", "pd_ddob"),
+    ],
+)
+def test_a_designed_preset_says_what_is_measured_anew(family: str, law: str) -> None:
+    """All of the file but the jitter, which takes long in virtual time."""
+    file = SHIPPED / f"{family}.toml"
+    spec, vehicle = load_settings(Specification, None, file, ["jitter=[]"]), shipped_vehicle()
+    name = f"{family}_{law}"
+    study, candidate = make_study(spec, vehicle, fine=True), shipped_candidate(name, law)
+    judgement, confirmation = judge_candidate(study, candidate), confirm(study, candidate)
+    found = Found(candidate, judgement, confirmation, judged=0)
+    assert found.feasible
+    assert judgement.violation == 0.0
+    text = preset_text(spec, vehicle, describe(study, found), (PAPER_VEHICLE.name, file.name))
+    lines = read_preset("steer_by_wire.controller.presets", name).text.splitlines(keepends=True)
+    assert text == "".join(line for line in lines if not line.startswith("#   jitter"))
+
+
+def test_the_ddob_preset_keeps_under_jitter_what_its_file_states() -> None:
+    """The spread and the loss that the preset was made for, at the corner that is the worst."""
+    spec, vehicle = shipped_spec(), shipped_vehicle()
+    settings = load_settings(
+        ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
+    )
+    text = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob").text
+    stated = [float(value) for value in re.findall(r"# +jitter +([\d.]+) m", text)]
+    assert len(stated) == len(spec.jitter) == 2
+    worst = [
+        asked for asked in jitter_drives(spec, vehicle, settings) if asked.corner == FAST_HEAVY
+    ]
+    for asked, rms in zip(worst, stated, strict=True):
+        assert drive(asked).rms_m == pytest.approx(rms, abs=6e-5)
+        assert rms < RMS_M_MAX
+
+
+def test_the_ddob_preset_keeps_its_rms_at_every_corner_and_delay_by_the_linear_analysis() -> None:
+    spec, vehicle = shipped_spec(), shipped_vehicle()
+    models = [steer_to_lateral_error(corner) for corner in vehicle.box.vertices()]
+    delays_ns = [5_000_000 * index for index in range(51)]
+    assert list(spec.delays_ns) == delays_ns
+    grid = tracking_grid(models, unsteered_runs_m(spec, vehicle), delays_ns, spec.period_ns)
+    settings = load_settings(
+        ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
+    )
+    design_ddob = design_law(settings)
+    all_m = rms_m(grid, design_ddob)
+    assert all_m.shape == (1, 4, 51)
+    assert 0.004 < all_m.min() < all_m.max() < RMS_M_MAX
+    for model in models:
+        loop = SampledLoop(design_ddob, model, spec.period_ns)
+        assert all(loop.decay_1_s(delay_ns) > 0.3 for delay_ns in delays_ns[::5])
+
+
+@pytest.mark.parametrize("delay_ms", [0, 135, 250])
+def test_the_ddob_preset_keeps_its_rms_in_virtual_time(delay_ms: int) -> None:
+    spec, vehicle = shipped_spec(), shipped_vehicle()
+    settings = load_settings(
+        ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
+    )
+    # Compiled, which tests/test_batch.py holds to be bit for bit the two nodes.
+    runs = [
+        run_batch(plant_settings(asked), settings)
+        for asked in constant_drives(spec, vehicle, settings, [delay_ms * 1_000_000])
+    ]
+    assert all(run.outcome is Outcome.COMPLETE for run in runs)
+    assert 0.004 < max(run.lateral_error_rms_m for run in runs) < RMS_M_MAX
+    assert max(np.abs(run.sent_rad).max() for run in runs) < 0.3
+
+
+# Searching
+
+
+@pytest.fixture(scope="module")
+def designed(tmp_path_factory: pytest.TempPathFactory) -> Design:
+    return design(small_spec(tmp_path_factory.mktemp("spec")), shipped_vehicle(), "pd", nobody)
+
+
+def test_a_search_meets_all_demands(designed: Design) -> None:
+    assert designed.found.feasible
+    assert designed.found.judgement.violation == 0.0
+    values = {demand.name: demand.value for demand in designed.found.judgement.demands}
+    assert values["peak sensitivity"] <= 3.0
+    assert values["noise gain"] <= 4.0
+    design_pd = design_law(designed.settings)
+    for corner in shipped_vehicle().box.vertices():
+        loop = SampledLoop(design_pd, steer_to_lateral_error(corner), designed.settings.period_ns)
+        assert all(loop.decay_1_s(ms * 1_000_000) > 0.3 for ms in (0, 50, 100))
+        assert loop.is_stable(150_000_000)
+
+
+def test_no_step_of_a_parameter_makes_a_design_better(designed: Design, tmp_path: Path) -> None:
+    study = make_study(small_spec(tmp_path), shipped_vehicle(), fine=True)
+    best = designed.found.judgement.objective
+    for neighbour in neighbours(designed.found.candidate):
+        judgement = judge_candidate(study, neighbour)
+        assert judgement.violation > 0.0 or judgement.objective >= best
+
+
+def test_a_tighter_demand_costs_tracking(designed: Design, tmp_path: Path) -> None:
+    tight = design(
+        small_spec(tmp_path, "noise_gain_rad_m_max=1"), shipped_vehicle(), "pd", nobody
+    ).found.judgement
+    assert tight.objective > 1.5 * designed.found.judgement.objective
+
+
+def test_what_is_minimised_can_be_chosen(tmp_path: Path) -> None:
+    spec = small_spec(tmp_path, "minimise=peak_sensitivity", "rms_m_max.pd=0.2")
+    found = design(spec, shipped_vehicle(), "pd", nobody).found
+    values = {demand.name: demand.value for demand in found.judgement.demands}
+    assert found.judgement.objective == values["peak sensitivity"] < 2.0
+    assert values["RMS error"] <= 0.2
+
+
+def test_an_unstable_law_is_judged_by_how_many_of_its_loops_are() -> None:
+    study = make_study(shipped_spec(), shipped_vehicle(), fine=False)
+    wild = Candidate("pd", tuple(map(lattice_place, (10.0, 1.0, 100.0))))
+    worse: Judgement = judge_candidate(study, wild)
+    assert math.isinf(worse.objective)
+    assert worse.violation > 100.0
+    settings = controller_settings(study.spec, study.vehicle, wild.law, wild.values())
+    assert settings.pd.proportional_gain_rad_m == 10.0
+
+
+# Refusals
+
+
+@pytest.mark.parametrize(
+    ("override", "culprit"),
+    [
+        ("d_stability.settling_1_s=2", "settling_1_s = 2"),
+        ("d_stability.bandwidth_rad_s=0.31", "bandwidth_rad_s = 0.31"),
+        ("d_stability.delays_ms=[1500]", "in the way: d_stability.delays_ms"),
+    ],
+)
+def test_an_empty_region_is_refused_naming_the_demand_in_the_way(
+    tmp_path: Path, override: str, culprit: str
+) -> None:
+    reason = why_no_gains(small_spec(tmp_path, "rate_hz=20", override), shipped_vehicle())
+    assert reason is not None
+    assert "\n" not in reason
+    assert culprit in reason
+
+
+def test_a_specification_without_a_design_is_refused_naming_the_demand_in_the_way(
+    tmp_path: Path,
+) -> None:
+    spec = small_spec(tmp_path, "rms_m_max.pd=0.001", "search.generations=4")
+    reason = r"pd\.proportional_gain_rad_m = .*; without one of .*: RMS error$"
+    with pytest.raises(NoDesignError, match=reason):
+        design(spec, shipped_vehicle(), "pd", nobody)
+
+
+# The program
+
+
+def test_the_program_leaves_a_preset_and_a_picture_and_says_why(
+    designed: Design, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spec = small_spec(tmp_path)
+    (tmp_path / "small.toml").write_text(SMALL.replace("duration_s = 10", "duration_s = 12"))
+    out, pictures = tmp_path / "presets", tmp_path / "pictures"
+    status = design_gains.main(
+        [
+            str(PAPER_VEHICLE),
+            *("--spec", str(tmp_path / "small.toml")),
+            *("--out", str(out), "--pictures", str(pictures)),
+            *("--verify", "--set", "course.duration_s=10"),
+        ]
+    )
+    printed = capsys.readouterr()
+    assert status == 0, printed.err
+    sources = (PAPER_VEHICLE.name, "small.toml")
+    # The same demands give the same preset, also in another process.
+    text = preset_text(spec, shipped_vehicle(), designed, sources)
+    assert (out / "small_pd.toml").read_text(encoding="utf-8") == text
+    settings = load_settings(ControllerSettings, None, out / "small_pd.toml")
+    assert settings.law == "pd"
+    assert (pictures / "small_pd.png").stat().st_size > 20_000
+    assert "pd.proportional_gain_rad_m = " in printed.out
+    assert printed.out.count("10 % less: ") == printed.out.count("10 % more: ") == 3
+    assert "12 runs: RMS at most" in printed.out
+    assert "held" in printed.out
+
+
+@pytest.mark.parametrize(
+    ("table", "line", "complaint"),
+    [
+        ("vehicle", "wheels = 4", "wheels"),
+        ("vehicle", "[uncertainty]\nspeed_m_s = [2, 1]", "minimum must be below"),
+        ("vehicle", "[uncertainty]\nspeed_m_s = [1.5]", "uncertainty.speed_m_s"),
+        ("vehicle", "[uncertainty]\nspeed_m_s = [2, 3]", "must lie within its range"),
+        ("vehicle", "[uncertainty]\ncolour = [2, 3]", "colour"),
+        ("vehicle", "[uncertainty]\nspeed_m_s = [0.1, 3]", "plant emulator cannot drive"),
+        ("spec", 'laws = ["pid"]', "laws"),
+        ("spec", "laws = []", "laws"),
+        ("spec", 'laws = ["pd", "pd"]', "twice"),
+        ("spec", "delay.ms_max = -1", "ms_max"),
+        ("spec", "delay.step_ms = 0", "step_ms"),
+        ("spec", "delay.margin_ms = 1999\ndelay.step_ms = 1", "500 delays"),
+        ("spec", "course.paths = []", "paths"),
+        ("spec", "course.duration_s = 3600\nrate_hz = 1000", "100000 ticks"),
+        ("spec", "peak_sensitivity_max = 0.5", "peak_sensitivity_max"),
+        ("spec", "d_stability.cone_angle_deg = 45", "cone_angle_deg"),
+        ("spec", "d_stability.bandwidth_rad_s = 0.1", "radius"),
+        ("spec", "d_stability.bandwidth_rad_s = 1000", "must be below pi * rate_hz"),
+        ("spec", 'minimise = "fun"', "minimise"),
+    ],
+)
+def test_a_mistake_in_a_file_is_one_line_and_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], table: str, line: str, complaint: str
+) -> None:
+    vehicle, spec = tmp_path / "vehicle.toml", tmp_path / "spec.toml"
+    nominal, _, _ = PAPER_VEHICLE.read_text().partition("[uncertainty]")
+    vehicle.write_text(nominal + (line if table == "vehicle" else ""))
+    spec.write_text(SMALL)
+    overrides = line.splitlines() if table == "spec" else []
+    options = [option for override in overrides for option in ("--set", override)]
+    assert design_gains.main([str(vehicle), "--spec", str(spec), *options]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith("design_gains: error: ")
+    assert complaint in said
+
+
+def test_a_missing_file_is_one_line_and_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    missing = tmp_path / "none.toml"
+    assert design_gains.main([str(missing), "--spec", str(PRACTICAL)]) == 2
+    assert design_gains.main([str(PAPER_VEHICLE), "--spec", str(missing)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    assert all("none.toml: cannot be read" in line for line in lines)
+
+
+def test_a_folder_that_cannot_be_is_one_line_and_status_4(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small_spec(tmp_path)
+    spec = tmp_path / "small.toml"
+    options = [str(PAPER_VEHICLE), "--spec", str(spec), "--out", str(spec / "presets")]
+    assert design_gains.main(options) == 4
+    (said,) = capsys.readouterr().err.splitlines()
+    assert "small.toml" in said

@@ -1,0 +1,150 @@
+"""Figures 2, 9, 10, 11 and 12: what their functions yield, and the numbers behind the verdicts."""
+
+import math
+
+import numpy as np
+import pytest
+
+from steer_by_wire.controller.design import q_order_2
+from steer_by_wire.controller.nominal_model import paper_eq19
+from steer_by_wire.tools.reproduce_paper.corners import CORNERS, published_law
+from steer_by_wire.tools.reproduce_paper.frequency_figures import (
+    SPREAD_AT_RAD_S,
+    corner_spreads,
+    figure_2,
+    figure_9,
+    figure_10,
+    figure_11,
+    figure_12,
+    help_ends_rad_s,
+)
+from steer_by_wire.tools.reproduce_paper.network_figure import (
+    DELAY_S,
+    first_intersection_rad_s,
+    network_verdict,
+)
+from steer_by_wire.tools.reproduce_paper.result import Reproduction, Verdict
+from steer_by_wire.tools.reproduce_paper.uncertainty_figure import exact_cutoffs
+
+
+def decibels(ratio: float) -> float:
+    return 20.0 * math.log10(ratio)
+
+
+def check_form(reproduction: Reproduction, key: str) -> None:
+    assert reproduction.key == key
+    for picture in reproduction.pictures:
+        assert picture.name.startswith(key)
+        assert len({len(column) for column in picture.columns.values()}) == 1
+        assert all(np.all(np.isfinite(column)) for column in picture.columns.values())
+        for axes in picture.figure.axes:
+            assert axes.get_ylabel()
+        assert picture.figure.axes[-1].get_xlabel()
+    assert reproduction.comparisons
+    assert reproduction.why
+
+
+def test_figure_2_is_the_box_of_the_text() -> None:
+    reproduction = figure_2()
+    check_form(reproduction, "figure_02")
+    assert reproduction.verdict is Verdict.REPRODUCED
+    columns = reproduction.pictures[0].columns
+    np.testing.assert_allclose(columns["speed_km_h"], [4.0, 4.0, 7.0, 7.0])
+    np.testing.assert_allclose(columns["virtual_mass_kg"], [1600.0, 5000.0, 1600.0, 5000.0])
+
+
+def test_figure_9_meets_its_condition_at_every_vertex() -> None:
+    reproduction = figure_9()
+    check_form(reproduction, "figure_09")
+    for picture in reproduction.pictures:
+        q_db = picture.columns["q_db"]
+        for corner in CORNERS:
+            assert np.all(q_db < picture.columns[f"inverse_uncertainty_{corner}_db"])
+    published, *others = reproduction.comparisons
+    assert published.agrees is True
+    assert published.reproduced == "a 4.4, b 4.4, c 13.4, d 13.8 dB"
+    assert all(comparison.agrees is None for comparison in others)
+
+
+def test_the_exact_bound_of_the_cutoff_is_above_the_sufficient_one() -> None:
+    (found,) = exact_cutoffs(q_order_2, paper_eq19(), DELAY_S)
+    assert found.minimum_rad_s == 0.0
+    assert 35.8 < found.maximum_rad_s < 36.0
+
+
+def test_at_a_tenth_of_a_radian_per_second_the_observer_takes_nearly_all_of_the_spread() -> None:
+    without, with_dob = corner_spreads("pd"), corner_spreads("pd_dob")
+    closed = decibels(without.closed_loop.spread_at(SPREAD_AT_RAD_S))
+    closed_dob = decibels(with_dob.closed_loop.spread_at(SPREAD_AT_RAD_S))
+    assert 0.109 < closed < 0.110
+    assert 0.0022 < closed_dob < 0.0024
+    assert 9.4 < decibels(without.regulated.spread_at(SPREAD_AT_RAD_S)) < 9.5
+    assert 0.108 < decibels(with_dob.regulated.spread_at(SPREAD_AT_RAD_S)) < 0.110
+
+
+def test_without_observer_the_vehicle_spreads_as_the_square_of_the_speed_at_rest() -> None:
+    """(7/4)², less what understeer takes: V²/(l_f + l_r + K V²)."""
+    spread = corner_spreads("pd").regulated.spread[0]
+    assert 3.0 < spread < (7.0 / 4.0) ** 2
+
+
+def test_towards_its_cutoff_the_observer_no_longer_helps() -> None:
+    without, with_dob = corner_spreads("pd"), corner_spreads("pd_dob")
+    ends_rad_s = help_ends_rad_s(without.regulated, with_dob.regulated)
+    assert 3.4 < ends_rad_s < 3.7
+    worst, omega_rad_s = without.closed_loop.largest_spread(1.0)
+    assert 1.4 < decibels(worst) < 1.5
+    assert omega_rad_s == pytest.approx(1.0, rel=0.01)
+    worst_dob, omega_rad_s = with_dob.closed_loop.largest_spread(1.0)
+    assert 0.35 < decibels(worst_dob) < 0.38
+    assert 0.7 < omega_rad_s < 0.85
+
+
+def test_figures_10_and_11_agree_with_what_the_text_says_of_them() -> None:
+    tenth, eleventh = figure_10(), figure_11()
+    check_form(tenth, "figure_10")
+    check_form(eleventh, "figure_11")
+    assert {comparison.agrees for comparison in eleventh.comparisons} == {True, None}
+    first, last = (figure.pictures[0].columns["y_per_r_a_db"] for figure in (tenth, eleventh))
+    assert abs(first[0]) < 0.01  # |y/r| is 1 where ω is small, with and without
+    assert abs(last[0]) < 0.01
+
+
+def test_figure_12_holds_with_a_filtered_derivative_and_not_with_an_ideal_one() -> None:
+    reproduction = figure_12()
+    check_form(reproduction, "figure_12")
+    assert reproduction.verdict is Verdict.WITH_CORRECTION
+    verdicts = {comparison.quantity: comparison.agrees for comparison in reproduction.comparisons}
+    ideal = [agrees for quantity, agrees in verdicts.items() if "ideal" in quantity]
+    filtered = [
+        agrees for quantity, agrees in verdicts.items() if quantity.endswith("N = 20 rad/s")
+    ]
+    assert ideal == [False, False, False]
+    assert filtered == [True, True]
+
+
+def test_the_curves_of_figure_12_first_meet_beyond_100_rad_s() -> None:
+    ideal = published_law("pd_cdob")
+    assert 105.0 < first_intersection_rad_s(ideal, DELAY_S) < 106.0
+    filtered = published_law("pd_cdob", "pd.derivative_filter_rad_s=20")
+    assert math.isinf(first_intersection_rad_s(filtered, DELAY_S))
+
+
+def test_condition_and_roots_at_80_ms_are_these() -> None:
+    ideal = network_verdict(published_law("pd_cdob"), DELAY_S)
+    assert 1.32 < ideal.ratio < 1.33
+    assert 195.0 < ideal.omega_rad_s < 197.0
+    assert (ideal.right, ideal.at_origin, ideal.outside) == (6, 2, 6)
+    filtered = network_verdict(published_law("pd_cdob", "pd.derivative_filter_rad_s=20"), DELAY_S)
+    assert 0.59 < filtered.ratio < 0.60
+    assert filtered.printed_ratio > 1.0
+    assert (filtered.right, filtered.at_origin, filtered.outside) == (0, 2, 0)
+
+
+def test_the_last_picture_shows_the_sufficient_condition_failing_where_the_loop_is_stable() -> None:
+    columns = figure_12().pictures[-1].columns
+    for index in (1, 2, 3):
+        proven = columns[f"small_gain_{index}"] < 1.0
+        assert np.all(columns[f"stable_{index}"][proven] == 1.0)
+    missed = (columns["small_gain_3"] > 1.0) & (columns["stable_3"] == 1.0)
+    assert 10 <= np.count_nonzero(missed) <= 25

@@ -1,0 +1,179 @@
+"""What fuzzing has found, in words: each of these once ended in a traceback, or in no end."""
+
+import argparse
+import importlib.resources
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.dbc.codec import ContractError, codecs_of, parse_database
+from steer_by_wire.dbc.messages import MESSAGE_TYPES
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.waypoints import waypoint_path
+from steer_by_wire.recordings.file_analysis import analyse_files
+from steer_by_wire.recordings.log_file import LogError
+from steer_by_wire.runtime.emulated_bus.address import AddressError, parse_address
+from steer_by_wire.runtime.option_types import output_file
+from steer_by_wire.runtime.settings import Settings, SettingsError, load_settings, read_preset
+from steer_by_wire.tools.fuzz.__main__ import main as fuzz_main
+
+ROOT = Path(__file__).resolve().parents[2]
+DBC = (
+    importlib.resources.files("steer_by_wire.dbc").joinpath("steer_by_wire.dbc").read_text("ascii")
+)
+
+
+def refusal(load: Callable[[], object]) -> str:
+    with pytest.raises(SettingsError) as raised:
+        load()
+    for mistake in raised.value.mistakes:
+        assert mistake.isprintable()
+    return str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"a = " + b"[" * 3000 + b"]" * 3000, "nested more than 30 deep"),
+        (b".".join([b"a"] * 3000) + b" = 1", "nested more than 30 deep"),
+        (b"seed = " + b"1" * 5000, "Exceeds the limit"),
+        (b"seed = 0x" + b"f" * 5000, "seed has more than 1024 bits"),
+        (b"path.kind = []", "path.kind"),
+        (b'"a\\nb\\u001b[2J" = 1', r"a\nb\x1b[2J is not a known key"),
+    ],
+)
+def test_a_settings_file_beyond_reading_is_refused_in_one_line_that_names_it(
+    tmp_path: Path, content: bytes, told: str
+) -> None:
+    file = tmp_path / "plant.toml"
+    file.write_bytes(content)
+    text = refusal(lambda: load_settings(PlantSettings, file=file))
+    assert text.startswith(str(file))
+    assert told in text
+
+
+def test_a_settings_file_without_end_is_refused() -> None:
+    if not Path("/dev/zero").exists():
+        pytest.skip("there is no /dev/zero")
+    assert "longer than" in refusal(lambda: load_settings(PlantSettings, file=Path("/dev/zero")))
+
+
+@pytest.mark.parametrize(
+    "override", ["seed=\udcff", "\udcff=1", "a" + ".a" * 3000 + "=1", "path.file=\udcff"]
+)
+def test_an_override_of_any_bytes_is_refused(override: str) -> None:
+    assert refusal(lambda: load_settings(PlantSettings, overrides=[override])).startswith("--set")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "allowed"),
+    [
+        ("nominal_model.speed_m_s", "1e-200", "from 0.01, up to 200.0"),
+        ("nominal_model.front_axle_distance_m", "1e200", "from 0.001, up to 100.0"),
+        ("cdob.q_cutoff_rad_s", "1e-200", "from 1e-06, up to 10000.0"),
+        ("pd.proportional_gain_rad_m", "1e308", "above 0.0, up to 1000000.0"),
+    ],
+)
+def test_a_value_that_would_overflow_on_the_way_to_a_filter_is_refused_with_its_range(
+    key: str, value: str, allowed: str
+) -> None:
+    preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
+    load: Callable[[], Settings] = lambda: load_settings(  # noqa: E731 one argument of refusal
+        ControllerSettings, preset, overrides=[f"{key}={value}"]
+    )
+    text = refusal(load)
+    assert text.startswith(f"--set: {key} = {float(value)}")
+    assert allowed in text
+
+
+def test_waypoints_that_fall_into_one_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "points.csv"
+    file.write_text("x_m,y_m\n0,0\n1e6,0\n1e6,1e-11\n0,1e6\n0,5\n")
+    assert "point 3 repeats" in refusal(lambda: waypoint_path(file, closed=False))
+
+
+def test_a_file_name_with_a_nul_is_refused() -> None:
+    assert "null byte" in refusal(lambda: waypoint_path(Path("a\0b"), closed=False))
+
+
+@pytest.mark.parametrize("stamp", ["999999999999.0", "9999999999.0"])
+def test_a_time_that_no_log_can_have_is_a_line_that_is_not_read(tmp_path: Path, stamp: str) -> None:
+    file = tmp_path / "run.log"
+    file.write_text(f"({stamp}) vcan0 123#11\n(1600000000.0) vcan0 123#11\n")
+    figures, _ = analyse_files([file])
+    assert (figures["frames"], figures["unreadable"]) == (1, 1)
+
+
+def test_a_log_without_lines_has_an_end() -> None:
+    if not Path("/dev/zero").exists():
+        pytest.skip("there is no /dev/zero")
+    with pytest.raises(LogError, match="no text"):
+        analyse_files([Path("/dev/zero")])
+
+
+def test_an_enumeration_that_the_dbc_makes_wider_than_ours_is_refused_when_it_is_read() -> None:
+    wider = DBC.replace("SG_ MODE : 58|3@1+ (1,0) [0|3]", "SG_ MODE : 58|3@1+ (1,0) [0|7]")
+    assert wider != DBC
+    with pytest.raises(ContractError, match=r"steer_by_wire.dbc: STEERING_COMMAND: MODE: 0 to 7"):
+        codecs_of(parse_database(wider), MESSAGE_TYPES.items())
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "\0", DBC[: len(DBC) // 3], DBC[: DBC.index("BA_DEF_")], DBC.replace("0.00001", "0")],
+)
+def test_a_damaged_dbc_is_told_in_one_line(text: str) -> None:
+    with pytest.raises(ContractError) as raised:
+        codecs_of(parse_database(text), MESSAGE_TYPES.items())
+    assert str(raised.value).startswith("steer_by_wire.dbc: ")
+    assert len(str(raised.value).splitlines()) == 1
+
+
+def test_a_port_of_thousands_of_digits_is_no_port() -> None:
+    try:
+        address = parse_address("localhost:" + "9" * 5000)
+    except AddressError:
+        return
+    assert "9999" in str(address)
+
+
+def test_a_name_that_no_file_can_have_is_told_by_the_option() -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match="too long"):
+        output_file("9" * 5000)
+
+
+@pytest.mark.parametrize(
+    ("raised", "status", "told"),
+    [
+        ("KeyboardInterrupt", -signal.SIGINT, ""),
+        ("ImportError('no rich')", 1, "error: no rich (installed with pip install '.[tools]'?)\n"),
+    ],
+)
+def test_what_ends_a_tool_while_it_is_read_leaves_no_traceback(
+    raised: str, status: int, told: str
+) -> None:
+    if os.name != "posix":
+        pytest.skip("statuses of signals are for Unix")
+    code = f"import sys; sys.argv[0] = '-m'; import tools; raise {raised}"
+    result = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (result.returncode, result.stderr) == (status, told)
+
+
+def test_the_fuzzer_says_what_it_needs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setattr("steer_by_wire.tools.fuzz.__main__.find_spec", lambda _name: None)
+    assert fuzz_main(["plant"]) == 2
+    assert "steer-by-wire-emulator[fuzz]" in capsys.readouterr().err
+    saved = tmp_path / "input"
+    saved.write_bytes(b"\2")
+    assert fuzz_main(["plant", "--replay", str(saved)]) == 0
+    assert fuzz_main(["plant", "--replay", str(tmp_path / "gone")]) == 2

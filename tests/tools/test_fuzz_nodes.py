@@ -1,0 +1,129 @@
+"""What a node keeps does not grow with what it is sent, and a stall of an hour ends."""
+
+from collections.abc import Callable, Iterable
+from random import Random
+from typing import Any
+
+import pytest
+
+from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S, ReportingNode
+from steer_by_wire.tools.fuzz.choices import Choices
+from steer_by_wire.tools.fuzz.node_targets import (
+    CONTROLLERS,
+    PLANTS,
+    controller_settings,
+    plant_settings,
+)
+from steer_by_wire.tools.fuzz.promises import BrokenPromiseError, promise
+from steer_by_wire.tools.fuzz.traffic import Sender
+
+PERIOD_NS = 10 * NS_PER_MS
+OUR_MODULES = ("controller.", "plant_emulator.", "dbc.", "runtime.")
+
+
+def make_controller(number: int) -> ControllerNode:
+    return ControllerNode(controller_settings(number), 0)
+
+
+def make_plant(number: int) -> PlantNode:
+    settings, params = plant_settings(number)
+    return PlantNode(settings, 0, params, samples_max=0)
+
+
+def entries(root: object) -> int:
+    """Count what lies in containers that a node holds, however deep."""
+    seen: set[int] = set()
+    waiting: list[Any] = [root]
+    count = 0
+    while waiting:
+        item = waiting.pop()
+        if id(item) in seen:
+            continue
+        seen.add(id(item))
+        if isinstance(item, dict):
+            count += len(item)
+            waiting += [*item.keys(), *item.values()]
+        elif isinstance(item, list | tuple | set | frozenset) or type(item).__name__ == "deque":
+            count += len(item)
+            waiting += item
+        elif type(item).__module__.startswith(OUR_MODULES):
+            waiting += members(item)
+    return count
+
+
+def members(item: object) -> Iterable[Any]:
+    slots = [name for kind in type(item).__mro__ for name in getattr(kind, "__slots__", ())]
+    return [
+        *getattr(item, "__dict__", {}).values(),
+        *(getattr(item, name) for name in slots if hasattr(item, name)),
+    ]
+
+
+def send_garbage(node: ReportingNode, seed: int, frames: int, start_ns: int) -> int:
+    """Send frames of every kind, one in a period; returns the time at the end [ns]."""
+    random, sender = Random(seed), Sender()
+    now_ns = start_ns
+    for _ in range(frames):
+        now_ns += PERIOD_NS
+        node.on_frame(sender.frame(Choices(random.randbytes(80))), now_ns)
+        if node.deadline_ns <= now_ns:
+            node.on_tick(now_ns)
+    return now_ns
+
+
+@pytest.mark.parametrize(
+    ("make", "number", "margin"),
+    [
+        # A few bins of statistics more with every power of two.
+        (make_controller, 0, 300),
+        (make_controller, 6, 300),
+        # What waits in the lines comes and goes; it is as much as 6 s of the two.
+        (make_plant, 0, 6_000),
+        (make_plant, 3, 6_000),
+    ],
+)
+def test_what_a_node_keeps_does_not_grow_with_garbage(
+    make: Callable[[int], ReportingNode], number: int, margin: int
+) -> None:
+    node = make(number)
+    now_ns = send_garbage(node, 1, 5_000, 0)
+    settled = entries(node)
+    send_garbage(node, 2, 5_000, now_ns)
+    assert entries(node) < settled + margin
+
+
+def test_what_grows_would_be_noticed() -> None:
+    node = make_controller(0)
+    before = entries(node)
+    node.__dict__["kept"] = [object() for _ in range(3_000)]
+    assert entries(node) >= before + 3_000
+
+
+@pytest.mark.parametrize("number", range(len(CONTROLLERS)))
+def test_a_controller_goes_on_after_an_hour_without_a_call(number: int) -> None:
+    node = make_controller(number)
+    send_garbage(node, 3, 200, 0)
+    now_ns = 3_600 * NS_PER_S
+    node.on_tick(now_ns)
+    assert node.deadline_ns > now_ns
+    assert node.report()["skipped_ticks"] > 0
+
+
+@pytest.mark.parametrize("number", range(len(PLANTS)))
+def test_a_plant_goes_on_after_five_minutes_without_a_call(number: int) -> None:
+    node = make_plant(number)
+    send_garbage(node, 3, 200, 0)
+    now_ns = 300 * NS_PER_S
+    for _ in range(3):
+        node.on_tick(now_ns)
+        assert node.deadline_ns > now_ns
+        now_ns += PERIOD_NS
+    assert node.report()["skipped_samples"] > 0
+
+
+def test_a_broken_promise_says_what_it_was() -> None:
+    promise(True, "never said")
+    with pytest.raises(BrokenPromiseError, match="the deadline stays"):
+        promise(False, "the deadline stays")

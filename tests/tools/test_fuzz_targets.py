@@ -1,0 +1,86 @@
+"""Any bytes into whatever reads bytes: the targets of ``tools.fuzz``, with hypothesis.
+
+What the promises are is said by each target. The examples are the same in every run; atheris looks
+for new ones, and what it has found is kept below.
+"""
+
+from random import Random
+
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from steer_by_wire.tools.fuzz.__main__ import NAMES
+from steer_by_wire.tools.fuzz.targets import TARGETS
+
+EXAMPLES = {
+    "authentication": 60,
+    "broker": 150,
+    "bus_client": 80,
+    "candump": 600,
+    "command_line": 80,
+    "contract": 60,
+    "controller": 120,
+    "log": 120,
+    "plant": 60,
+    "protocol": 600,
+    "results": 40,
+    "settings": 150,
+    "specification": 40,
+    "trace": 40,
+    "waypoints": 25,
+}
+"""How many of each, so that all together take seconds."""
+LENGTHS = (40, 400, 1500)
+NEEDS_POSIX = {"broker", "bus_client", "command_line"}
+FOUND = {
+    # A point with a law twice: two runs of one name.
+    "specification": ("2545cfd2cf4f3173706f6f66cfcfcf",),
+    # Points so near, beside others so far, that their places along the path were one.
+    "waypoints": ("da0000010000000000991163489ef516810100008feed461ba7200b4598f671c3718102c35a4",),
+}
+"""Inputs that once broke a promise, by target."""
+
+
+def needs(name: str) -> None:
+    if name in NEEDS_POSIX:
+        pytest.importorskip("fcntl", reason="Unix sockets and devices are for Unix")
+
+
+@pytest.mark.parametrize("name", sorted(EXAMPLES))
+def test_no_bytes_break_a_promise(name: str) -> None:
+    needs(name)
+
+    @settings(
+        max_examples=EXAMPLES[name],
+        derandomize=True,
+        deadline=None,
+        database=None,
+        phases=(Phase.generate, Phase.shrink),
+        suppress_health_check=tuple(HealthCheck),
+    )
+    @given(st.binary(max_size=300))
+    def small(data: bytes) -> None:
+        TARGETS[name](data)
+
+    small()
+
+
+@pytest.mark.parametrize("name", sorted(EXAMPLES))
+def test_no_long_noise_breaks_a_promise(name: str) -> None:
+    """hypothesis prefers short inputs; these are as long as a run of a second."""
+    needs(name)
+    random = Random(name)
+    for index in range(EXAMPLES[name] // 4):
+        TARGETS[name](random.randbytes(LENGTHS[index % len(LENGTHS)]))
+
+
+@pytest.mark.parametrize(
+    ("name", "found"), [(name, found) for name, all_of in FOUND.items() for found in all_of]
+)
+def test_what_broke_a_promise_once_breaks_none_now(name: str, found: str) -> None:
+    TARGETS[name](bytes.fromhex(found))
+
+
+def test_every_target_is_run_here_and_can_be_named() -> None:
+    assert set(TARGETS) == set(EXAMPLES) == set(NAMES)

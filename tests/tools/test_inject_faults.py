@@ -1,0 +1,265 @@
+"""The live injector: what it is asked for; what it sends and when is seeded and repeatable."""
+
+import os
+from itertools import islice, pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from steer_by_wire.bus_faults.kinds import (
+    FRAME_KINDS,
+    MAGNITUDES,
+    LiveFault,
+    LiveKind,
+    list_lines,
+    parse_fault,
+)
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    Decoded,
+    LateralError,
+    Mode,
+    Rejection,
+    SteeringCommand,
+    decode,
+    encode,
+)
+from steer_by_wire.runtime.frame import ERROR, Frame
+from steer_by_wire.runtime.frame_length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
+from steer_by_wire.tools.inject_faults import __main__ as inject_faults
+from steer_by_wire.tools.inject_faults.frames import (
+    FRAMES_AT_ONCE,
+    FrameSource,
+    frame_source,
+    recording_of,
+)
+
+BITRATE_BIT_S = 500_000
+START_NS = 7_000_000_000
+COMMAND_ID = CAN_IDS[SteeringCommand]
+
+
+def source_of(text: str, seed: int = 1, recording: Any = ()) -> FrameSource:
+    return frame_source(parse_fault(text), START_NS, seed, BITRATE_BIT_S, recording)
+
+
+def sent(source: FrameSource, step_ns: int = 1_000_000) -> list[tuple[int, Frame]]:
+    """Ask a source every ``step_ns`` until it has nothing more."""
+    frames = []
+    now_ns = START_NS
+    while source.next_due_ns != NEVER_NS and now_ns < source.end_ns:
+        frames += [(now_ns, frame) for frame in source.due(now_ns)]
+        now_ns += step_ns
+    return frames
+
+
+# What is asked for
+
+
+def test_a_fault_is_its_kind_and_what_is_said_of_it() -> None:
+    assert parse_fault("spoof") == LiveFault(LiveKind.SPOOF, 0.0, 1.0, 0.5)
+    assert parse_fault("spoof,onset_s=2,magnitude=-0.1,duration_s=3").end_s == 5.0
+    assert parse_fault("bit_flips,to=plant").to == "plant"
+    assert parse_fault("pause,pid=4711,duration_s=0.5") == LiveFault(
+        LiveKind.PAUSE, 0.0, 0.5, 1.0, "both", 4711
+    )
+    assert parse_fault("kill,onset_s=1", pid=17) == LiveFault(
+        LiveKind.KILL, 1.0, 1.0, 1.0, "both", 17
+    )
+    assert parse_fault("kill,onset_s=1", pid=17).end_s == 1.0
+
+
+def test_a_clock_jumps_by_its_magnitude_and_a_controller_is_off_for_its_duration() -> None:
+    jump = parse_fault("clock_jump,onset_s=1,magnitude=2.5", pid=17)
+    assert (jump.magnitude, jump.end_s, jump.pid) == (2.5, 3.5, 17)
+    assert parse_fault("bus_off").of == "controller"
+    off = parse_fault("bus_off,of=plant,onset_s=1,duration_s=3", pid=17)
+    assert (off.of, off.end_s, off.pid) == ("plant", 4.0, 0)
+
+
+@pytest.mark.parametrize("kind", sorted(FRAME_KINDS))
+def test_a_magnitude_is_taken_at_the_ends_of_its_range_and_not_beyond(kind: LiveKind) -> None:
+    what, low, high, default, is_whole = MAGNITUDES[kind]
+    assert parse_fault(kind).magnitude == default
+    step = 1.0 if is_whole else 1e-6
+    for good in (low, high):
+        assert parse_fault(f"{kind},magnitude={good!r}").magnitude == good
+    for bad in (low - step, high + step):
+        with pytest.raises(ValueError, match=f"{kind}: magnitude .* must be") as error:
+            parse_fault(f"{kind},magnitude={bad!r}")
+        assert what in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "'': no such fault; there are babble, "),
+        ("jam", "'jam': no such fault"),
+        ("spoof,seed=3", "spoof: 'seed=3' is not KEY=VALUE with a key of onset_s, duration_s"),
+        ("spoof,onset_s", "spoof: 'onset_s' is not KEY=VALUE"),
+        ("spoof,onset_s=1,onset_s=2", "spoof: onset_s is given twice"),
+        ("spoof,onset_s=nan", "spoof: onset_s must be 0 to 100000, not 'nan'"),
+        ("spoof,onset_s=-1", "spoof: onset_s must be 0 to 100000, not '-1'"),
+        ("spoof,duration_s=0", "spoof: duration_s must be 0.001 to 100000, not '0'"),
+        ("wrong_length,magnitude=2.5", "wrong_length: magnitude .* must be whole, not 2.5"),
+        ("noise,to=plant", "noise: 'to=plant' is not KEY=VALUE"),
+        ("bit_flips,to=me", "bit_flips: to must be plant, controller, both, not 'me'"),
+        ("kill,duration_s=1,pid=3", "kill: 'duration_s=1' is not KEY=VALUE"),
+        ("clock_jump,duration_s=1", "clock_jump: 'duration_s=1' is not KEY=VALUE"),
+        ("clock_jump,magnitude=0", "clock_jump: magnitude .* must be 0.001 to 1000, not '0'"),
+        ("clock_jump", "clock_jump: needs a process"),
+        ("bus_off,of=both", "bus_off: of must be plant or controller, not 'both'"),
+        ("bus_off,magnitude=2", "bus_off: 'magnitude=2' is not KEY=VALUE"),
+        ("kill", "kill: needs a process, by pid=N here or --pid N, 2 to 4194304"),
+        ("pause,pid=1", "pause: needs a process, .*, not '1'"),
+        ("pause,pid=-7", "pause: needs a process, .*, not '-7'"),
+        ("pause,pid=4194305", "pause: needs a process, .*, not '4194305'"),
+        ("pause,pid=²", "pause: needs a process, .*, not '²'"),
+    ],
+)
+def test_a_mistake_in_a_fault_is_one_clear_line(text: str, complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint) as error:
+        parse_fault(text)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        ([], "give 1 to 100 faults, not 0"),
+        (["babble"] * 101, "give 1 to 100 faults, not 101"),
+        (["jam"], "no such fault"),
+        (["spoof", "--seed", "-1"], "--seed must be 0 to 4294967296, whole, not '-1'"),
+        (["kill", "--pid", "1"], "--pid must be 2 to 4194304, whole, not '1'"),
+        (["kill", "--pid", "4194304"], "kill: process 4194304: there is none"),
+        (["pause", "--pid", str(os.getpid())], "is this program itself"),
+        (["replay"], "replay: needs a log, by --recording FILE"),
+        (["replay", "--recording", "no.log"], "no.log: No such file or directory"),
+        (["bus_off", "-i", "virtual"], "bus_off: only on an emulated bus (-i emulated)"),
+    ],
+)
+def test_a_mistake_on_the_command_line_is_one_clear_line(
+    words: list[str],
+    complaint: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert inject_faults.main(words) == 2
+    printed = capsys.readouterr()
+    assert complaint in printed.err
+    assert printed.err.count("\n") == 1
+    assert "ready" not in printed.out
+
+
+def test_the_list_has_every_kind_with_its_range(capsys: pytest.CaptureFixture[str]) -> None:
+    assert inject_faults.main(["--list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == list_lines()
+    assert [line.split()[0] for line in lines] == list(LiveKind)
+
+
+# What is sent
+
+
+@pytest.mark.parametrize("kind", sorted(FRAME_KINDS))
+def test_the_same_seed_sends_the_same_frames_at_the_same_times(kind: LiveKind) -> None:
+    recording = recording_of([(index * 1_000_000, Frame(index, b"")) for index in range(50)])
+    text = f"{kind},onset_s=0.02,duration_s=0.1"
+    first, again = (sent(source_of(text, 5, recording)) for _ in range(2))
+    assert first == again
+    if kind is not LiveKind.SPOOF_NEXT:
+        assert first
+        assert first[0][0] == START_NS + 20_000_000
+        assert first[-1][0] < START_NS + 120_000_000
+    if kind in (LiveKind.SPOOF, LiveKind.BIT_FLIPS, LiveKind.NOISE):
+        assert sent(source_of(text, 6, recording)) != first
+
+
+def test_a_spoofed_command_is_a_valid_one_with_a_counter_of_its_own() -> None:
+    frames = [decode(frame) for _, frame in sent(source_of("spoof,magnitude=0.3"))]
+    assert len(frames) == 100
+    counters = []
+    for decoded in frames:
+        assert isinstance(decoded, Decoded)
+        assert isinstance(decoded.message, SteeringCommand)
+        assert decoded.message.steer_rad == pytest.approx(0.3)
+        counters.append(decoded.counter)
+    steps = {(after - before) % 256 for before, after in pairwise(counters)}
+    assert steps == {1}
+
+
+def test_who_listens_forges_the_next_command_and_only_while_it_is_time() -> None:
+    source = source_of("spoof_next,onset_s=1,magnitude=-0.2")
+    true = encode(SteeringCommand(0.1, 300, Mode.ACTIVE), 255)
+    onset_ns = START_NS + NS_PER_S
+    assert source.on_frame(true, onset_ns - 1) == ()
+    assert source.on_frame(true, onset_ns + NS_PER_S) == ()
+    (forged,) = source.on_frame(true, onset_ns)
+    decoded = decode(forged)
+    assert isinstance(decoded, Decoded)
+    assert isinstance(decoded.message, SteeringCommand)
+    assert decoded.counter == 0
+    assert decoded.message.steer_rad == pytest.approx(-0.2)
+    assert source.on_frame(Frame(0x111, true.data), onset_ns) == ()
+    assert source.on_frame(true._replace(data=bytes(8)), onset_ns) == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "rejection"),
+    [
+        ("bit_flips,magnitude=0.001", Rejection.BAD_CRC),
+        ("wrong_length,magnitude=7", Rejection.WRONG_LENGTH),
+        ("wrong_length,magnitude=0", Rejection.WRONG_LENGTH),
+        ("wrong_identifier", Rejection.MASQUERADED),
+    ],
+)
+def test_a_malformed_frame_is_refused_for_what_is_wrong_with_it(
+    text: str, rejection: Rejection
+) -> None:
+    both = [frame for _, frame in sent(source_of(text))]
+    assert {decode(frame) for frame in both} == {rejection}
+    ids = {frame.can_id for frame in both}
+    plant, controller = (
+        {frame.can_id for _, frame in sent(source_of(f"{text},to={to}"))}
+        for to in ("plant", "controller")
+    )
+    assert plant == {COMMAND_ID}
+    assert ids == plant | controller
+    assert not plant & controller
+
+
+def test_half_of_the_noise_comes_where_somebody_listens() -> None:
+    ids = [frame.can_id for _, frame in sent(source_of("noise,magnitude=2000,duration_s=2"))]
+    heard = sum(can_id in (COMMAND_ID, CAN_IDS[LateralError]) for can_id in ids)
+    assert 0.45 < heard / len(ids) < 0.55
+    assert max(ids) > 0x700
+
+
+def test_a_node_that_babbles_takes_the_share_of_the_bus_it_is_told() -> None:
+    frames = [frame for _, frame in sent(source_of("babble,magnitude=0.25"))]
+    assert {frame.can_id for frame in frames} == {0}
+    bits = sum(frame_bits(frame).nominal + INTERMISSION_BITS for frame in frames)
+    assert bits / BITRATE_BIT_S == pytest.approx(0.25, rel=0.1)  # stuff bits differ
+
+
+def test_a_node_that_babbles_at_full_load_always_has_a_frame_ready() -> None:
+    source = source_of("babble")
+    assert len(list(source.due(START_NS))) == FRAMES_AT_ONCE
+    assert source.next_due_ns <= START_NS
+    assert len(list(islice(source.due(START_NS + 1), 3))) == 3
+    assert not list(source.due(START_NS + NS_PER_S))
+
+
+def test_a_recording_is_sent_in_its_order_and_at_its_times() -> None:
+    first, second, broken = Frame(1, b"a"), Frame(2, b"b"), Frame(3, b"", ERROR)
+    recording = recording_of([(5_000_000_000, second), (2_000_000_000, first), (1, broken)])
+    assert recording == [(0, first), (3_000_000_000, second)]
+    source = source_of("replay,magnitude=10,onset_s=0.1", recording=recording)
+    assert sent(source) == [(START_NS + 100_000_000, first), (START_NS + 400_000_000, second)]
+    source = source_of("replay,magnitude=2", recording=recording)
+    assert [frame for _, frame in sent(source)] == [first], "the second is beyond the duration"
+    assert recording_of([(0, broken)]) == []

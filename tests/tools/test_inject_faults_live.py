@@ -1,0 +1,191 @@
+"""The live injector at work: on processes, on a bus, on clocks, and on a live pair.
+
+The live run asserts what happens, and no time: a shared machine may stall for long.
+"""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import can
+import pytest
+
+from steer_by_wire.bus_faults.kinds import parse_fault
+from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.dbc.messages import CAN_IDS, Decoded, Mode, SteeringCommand, decode
+from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.bus import BusPort
+from steer_by_wire.runtime.bus_model import BusModel
+from steer_by_wire.runtime.emulated_bus.launch import launched_broker
+from steer_by_wire.runtime.message import frame_of
+from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+from steer_by_wire.tools.fault_campaign.node_faults import NodeFault, with_node_faults
+from steer_by_wire.tools.fault_campaign.scenario import controller_settings_of
+from steer_by_wire.tools.fault_campaign.specification import NodeFaultKind
+from steer_by_wire.tools.inject_faults import __main__ as inject_faults
+from steer_by_wire.tools.inject_faults.bus_off import BusOffFault
+from tests.support.running_program import running, wait_until
+
+BITRATE_BIT_S = 500_000
+START_NS = 7_000_000_000
+COMMAND_ID = CAN_IDS[SteeringCommand]
+
+
+# Processes
+
+
+@pytest.fixture
+def sleeper() -> Iterator[subprocess.Popen[bytes]]:
+    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"]) as process:
+        yield process
+        process.kill()
+
+
+def state_of(pid: int) -> str:
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are held by descriptors of Linux")
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_whatever_ends_the_injector_a_paused_process_goes_on(
+    end: signal.Signals, sleeper: subprocess.Popen[bytes]
+) -> None:
+    words = ["pause,duration_s=1000", "--pid", str(sleeper.pid)]
+    with subprocess.Popen(
+        [sys.executable, "-m", "steer_by_wire.tools.inject_faults", *words],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as injector:
+        wait_until(lambda: state_of(sleeper.pid) == "T", "the process stops")
+        injector.send_signal(end)
+        printed, _ = injector.communicate(timeout=60)
+    assert injector.returncode == 0
+    assert state_of(sleeper.pid) != "T"
+    assert f"SIGSTOP to process {sleeper.pid}" in printed
+    assert printed.splitlines()[-1].endswith(f"pause: SIGCONT to process {sleeper.pid}")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are held by descriptors of Linux")
+def test_a_killed_process_is_killed_once_and_what_comes_later_is_told(
+    sleeper: subprocess.Popen[bytes], capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["kill", "pause,onset_s=0.2,duration_s=0.01", "--pid", str(sleeper.pid)]
+    assert inject_faults.main(words) == 0
+    printed = capsys.readouterr().out
+    assert f"kill: SIGKILL to process {sleeper.pid}" in printed
+    assert sleeper.wait(60) == -signal.SIGKILL
+
+
+# A live pair
+
+
+def wait_for_control(address: str) -> None:
+    """Wait until the controller steers: one that waits yet has nothing to hold."""
+
+    def steers(message: can.Message | None) -> bool:
+        if message is None or message.arbitration_id != COMMAND_ID:
+            return False
+        decoded = decode(frame_of(message))
+        return (
+            isinstance(decoded, Decoded)
+            and isinstance(decoded.message, SteeringCommand)
+            and decoded.message.mode is Mode.ACTIVE
+        )
+
+    with can.Bus(interface="emulated", channel="can0", address=address) as bus:
+        wait_until(lambda: steers(bus.recv(1.0)), "a command in ACTIVE")
+
+
+def test_a_live_pair_refuses_spoofed_commands_holds_while_the_plant_is_paused_and_sees_bus_off(
+    tmp_path: Path,
+) -> None:
+    with launched_broker(["--allow-bus-off"]) as address:
+        bus = ["-i", "emulated", "-c", "can0", "--bus-kwargs", f"address={address}"]
+        plant_options = ["--set", "duration_s=600", "--reconnect", *bus]
+        with (
+            running("plant_emulator", plant_options, tmp_path / "plant.json") as plant,
+            running(
+                "controller", [*bus, "--preset", "practical_pd"], tmp_path / "controller.json"
+            ) as controller,
+        ):
+            wait_for_control(address)
+            pause = f"pause,onset_s=0.7,duration_s=0.6,pid={plant.pid}"
+            off = "bus_off,onset_s=1.5,duration_s=0.2,of=plant"
+            words = ["spoof,duration_s=0.5", pause, off]
+            report = tmp_path / "injector.json"
+            injector = [sys.executable, "-m", "steer_by_wire.tools.inject_faults", *words, *bus]
+            done = subprocess.run(
+                [*injector, "--report", str(report)], capture_output=True, text=True, check=True
+            )
+            plant.wait_for("the bus is back after")
+            assert plant.interrupt() == 0
+            assert controller.interrupt() == 0
+    assert "spoof: begins" in done.stdout
+    assert plant.report()["connection"]["error_frames"] == {"bus_off": 1, "restarted": 1}
+    assert [line for line in done.stdout.splitlines() if "frames sent" in line]
+    # Whether its counter fits or not, some are refused: the spoofed ones, or the true ones.
+    assert sum(plant.report()["node"]["rejected"].values()) > 0
+    assert controller.report()["node"]["holds"] >= 1
+
+
+# Bus-off and clocks
+
+
+def test_a_node_is_in_bus_off_from_onset_to_end_or_until_the_injector_goes() -> None:
+    fault = parse_fault("bus_off,onset_s=1,duration_s=2,of=controller")
+    options = {"interface": "emulated", "channel": "can0"}
+    with (
+        launched_broker(["--allow-bus-off"]) as address,
+        can.Bus(**options, address=address) as node,  # type: ignore[arg-type]
+        can.Bus(**options, address=address) as own,  # type: ignore[arg-type]
+    ):
+        node.send(can.Message(arbitration_id=COMMAND_ID, is_extended_id=False))
+        assert own.recv(10.0) is not None
+        port = BusPort(own)
+        whole, cut, early = (BusOffFault(fault, START_NS, port) for _ in range(3))
+        assert whole.next_due_ns == START_NS + NS_PER_S
+        assert whole.act(START_NS) == ""
+        assert whole.act(START_NS + NS_PER_S) == "bus-off"
+        assert whole.next_due_ns == START_NS + 3 * NS_PER_S
+        assert whole.act(START_NS + 3 * NS_PER_S) == "restart"
+        assert whole.close() == "", "nothing lasts"
+        heard = [node.recv(10.0) for _ in range(2)]
+        assert [one and one.arbitration_id for one in heard] == [0x40, 0x100]
+        assert cut.act(START_NS + NS_PER_S) == "bus-off"
+        assert cut.close() == "restart"
+        assert early.close() == "", "it has not begun"
+
+
+def test_a_broker_that_takes_no_bus_off_is_told_before_anything_begins() -> None:
+    with (
+        launched_broker() as address,
+        can.Bus(interface="emulated", channel="can0", address=address) as bus,
+        pytest.raises(SettingsError, match="start its broker with --allow-bus-off"),
+    ):
+        BusOffFault(parse_fault("bus_off"), START_NS, BusPort(bus))
+
+
+def struck_in_virtual_time(kind: NodeFaultKind, jump_s: float) -> dict[str, Any]:
+    """The controller's report after 3 s, struck after 1 s."""
+    controller = ControllerNode(controller_settings_of("practical_pd"), 0)
+    fault = NodeFault(kind, "controller", 1.0, jump_s, jump_s)
+    struck = with_node_faults(controller, "controller", [fault])
+    plant = PlantNode(PlantSettings(duration_s=60.0), 0)
+    VirtualTimeExecutor([plant, struck], BusModel(BITRATE_BIT_S)).run(3 * NS_PER_S)
+    return dict(controller.report())
+
+
+@pytest.mark.parametrize("jump_s", [0.015, 0.1, 0.5])
+def test_a_pause_shows_a_node_on_its_own_clock_what_a_jump_does(jump_s: float) -> None:
+    jumped = struck_in_virtual_time(NodeFaultKind.CLOCK_JUMP, jump_s)
+    paused = struck_in_virtual_time(NodeFaultKind.PAUSED, jump_s)
+    assert jumped["skipped_ticks"] == paused["skipped_ticks"] == int(jump_s * 100)
+    assert jumped["rejected"] == paused["rejected"] == {}
+    # What waited for the paused one is fresh when it goes on; the other one has nothing so young.
+    assert (jumped["holds"], paused["holds"]) == (int(jump_s > 0.135), 0)

@@ -1,0 +1,311 @@
+"""The monitor: what it makes of frames, what it shows of them, and what its keys ask for."""
+
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.dbc.messages import (
+    Decoded,
+    Direction,
+    LatencyConfig,
+    LatencyModel,
+    LateralError,
+    Law,
+    Mode,
+    PlantStatus,
+    SteeringCommand,
+    SteeringStatusCode,
+    decode,
+    encode,
+    limits,
+)
+from steer_by_wire.pair.virtual import run_virtual_pair
+from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, LatencySettings
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.candump import CandumpReader, LogEntry
+from steer_by_wire.runtime.frame import ERROR, Frame
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.tools.monitor.latency_keys import LatencyChoice, pressed
+from steer_by_wire.tools.monitor.screen import LINES, as_text, one_line, screen_lines, strip_text
+from steer_by_wire.tools.monitor.terminal_keys import keys_in
+from steer_by_wire.tools.monitor.watch import SPAN_S, STRIP_LENGTH, BusWatch, View, strip_of
+
+NS = 1_000_000_000
+BLOCKS = "▁▂▃▄▅▆▇█"
+BUS = "emulated bus, channel can0, 500000 bit/s (from the command line)"
+
+
+@pytest.fixture(scope="module")
+def entries(tmp_path_factory: pytest.TempPathFactory) -> list[LogEntry]:
+    """Return the frames of 20 s with 80 ms down and 20 ms up."""
+    log = tmp_path_factory.mktemp("run") / "run.log"
+    plant = PlantSettings(
+        duration_s=20.0,
+        latency=BothLatencySettings(
+            downlink=LatencySettings(mean_s=0.08), uplink=LatencySettings(mean_s=0.02)
+        ),
+    )
+    preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
+    run_virtual_pair(plant, load_settings(ControllerSettings, preset), candump_log=log)
+    with log.open(encoding="ascii") as lines:
+        return list(CandumpReader(lines))
+
+
+def view_of(entries: list[LogEntry], more: list[tuple[int, Frame]] | None = None) -> View:
+    watch = BusWatch(0)
+    now_ns = 0
+    for now_ns, _, frame in entries:
+        watch.on_frame(frame, now_ns)
+    for now_ns, frame in more or ():
+        watch.on_frame(frame, now_ns)
+    return watch.view(now_ns)
+
+
+# From frames to a view
+
+
+def test_a_view_has_the_newest_of_every_signal(entries: list[LogEntry]) -> None:
+    view = view_of(entries)
+    newest = {}
+    for _, _, frame in entries:
+        decoded = decode(frame)
+        assert isinstance(decoded, Decoded)
+        newest[type(decoded.message)] = decoded.message
+    assert view.error == newest[LateralError]
+    assert view.command == newest[SteeringCommand]
+    assert view.plant == newest[PlantStatus]
+    assert (view.mode, view.law) == (Mode.ACTIVE, Law.PD_DDOB)
+    assert view.actuator is SteeringStatusCode.APPLYING
+    assert view.frames == len(entries)
+    assert view.elapsed_s == pytest.approx(20.0, abs=0.2)
+    assert view.frames_per_s == pytest.approx(len(entries) / view.elapsed_s, rel=0.1)
+
+
+def test_a_view_has_round_trip_and_lateness_of_the_last_seconds(entries: list[LogEntry]) -> None:
+    view = view_of(entries)
+    assert view.round_trip is not None
+    assert 0.098 < view.round_trip.p50_s <= view.round_trip.p99_s <= view.round_trip.max_s < 0.112
+    assert view.lateness is not None
+    assert 0.0 <= view.lateness.p50_s <= view.lateness.max_s < 0.001  # the bus was busy, at most
+    commands = next(row for row in view.messages if row.name == "STEERING_COMMAND")
+    assert commands.cycle is not None
+    assert commands.cycle.p50_s == pytest.approx(0.01, abs=1e-4)
+    assert (commands.missing, commands.late, commands.refused) == (0, 0, 0)
+
+
+def test_one_late_command_is_late_by_as_much_as_it_came_late() -> None:
+    watch = BusWatch(0)
+    late_ns = {500: 7_000_000}
+    for number in range(1000):
+        frame = encode(SteeringCommand(0.0, number, Mode.ACTIVE), number % 256)
+        watch.on_frame(frame, number * 10_000_000 + late_ns.get(number, 0))
+    lateness = watch.view(10 * NS).lateness
+    assert lateness is not None
+    assert lateness.max_s == pytest.approx(0.007, abs=1e-4)
+    assert lateness.p99_s < 1e-4
+
+
+def test_a_view_counts_what_is_refused_by_cause(entries: list[LogEntry]) -> None:
+    now_ns = entries[-1].time_ns
+    good = encode(LateralError(0.0, 0.0), 0)
+    bad = Frame(good.can_id, bytes([good.data[0] ^ 1]) + good.data[1:])
+    foreign = [(now_ns, Frame(0x7A0 + number, b"")) for number in range(3)]
+    view = view_of(
+        entries, [(now_ns, bad), (now_ns, Frame(0x20, b"", ERROR)), *foreign, (now_ns, bad)]
+    )
+    assert view.refused == {"bad_crc": 2}
+    assert (view.foreign_frames, view.foreign_ids) == (3, (0x7A0, 0x7A1, 0x7A2))
+    assert view.error_frames == 1
+    assert next(row.refused for row in view.messages if row.name == "LATERAL_ERROR") == 2
+
+
+def test_what_stays_away_is_stale_and_forgotten_from_the_strips(entries: list[LogEntry]) -> None:
+    watch = BusWatch(0)
+    for now_ns, _, frame in entries:
+        watch.on_frame(frame, now_ns)
+    later = watch.view(entries[-1].time_ns + 2 * NS)
+    assert later.is_stale("LATERAL_ERROR")
+    assert later.frames_per_s == 0.0
+    assert later.strips["lateral_error_m"][-1] is None
+    assert later.strips["lateral_error_m"][0] is not None
+    much_later = watch.view(entries[-1].time_ns + round(2 * SPAN_S * NS))
+    assert set(much_later.strips["lateral_error_m"]) == {None}
+    assert much_later.error == later.error
+
+
+def test_a_controller_that_is_started_anew_is_followed() -> None:
+    watch = BusWatch(0)
+    for start, count in ((60_000, 300), (0, 300)):
+        for number in range(start, start + count):
+            frame = encode(SteeringCommand(0.0, number, Mode.ACTIVE), number % 256)
+            watch.on_frame(frame, (number - start + (start == 0) * 400) * 10_000_000)
+    lateness = watch.view(7 * NS).lateness
+    assert lateness is not None
+    assert lateness.max_s < 1e-6
+
+
+def test_before_the_first_frame_there_is_a_view() -> None:
+    view = BusWatch(0).view(0)
+    assert (view.error, view.mode, view.round_trip, view.frames_per_s) == (None, None, None, 0.0)
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(0, 60 * NS),
+            st.builds(
+                Frame,
+                st.sampled_from([0x100, 0x110, 0x120, 0x130, 0x300, 0x310, 0x320, 0x7FF]),
+                st.binary(max_size=8),
+            ),
+        ),
+        max_size=30,
+    )
+)
+def test_no_frame_makes_the_monitor_raise(frames: list[tuple[int, Frame]]) -> None:
+    watch = BusWatch(0)
+    now_ns = 0
+    for now_ns, frame in sorted(frames, key=lambda timed: timed[0]):
+        watch.on_frame(frame, now_ns)
+    assert len(screen_lines(watch.view(now_ns), LatencyChoice(), 0, BUS)) == LINES
+
+
+# From a view to text
+
+
+def text_of(view: View, width: int = 80, choice: LatencyChoice | None = None) -> str:
+    return as_text(
+        screen_lines(view, choice or LatencyChoice(), int(choice is not None), BUS, width)
+    )
+
+
+@pytest.mark.parametrize("width", [80, 81, 100, 132, 200])
+def test_the_screen_has_24_lines_that_fit(entries: list[LogEntry], width: int) -> None:
+    for view in (view_of(entries), BusWatch(0).view(0)):
+        lines = screen_lines(view, LatencyChoice(), 0, BUS, width)
+        assert len(lines) == LINES == 24
+        assert all(line.cell_len <= width for line in lines)
+
+
+@pytest.mark.parametrize("width", [1, 20, 79])
+def test_a_narrower_terminal_gets_lines_that_are_cut(entries: list[LogEntry], width: int) -> None:
+    lines = screen_lines(view_of(entries), LatencyChoice(), 0, BUS, width)
+    assert all(line.cell_len <= width for line in lines)
+
+
+def test_the_screen_shows_signals_with_units_modes_and_counts(entries: list[LogEntry]) -> None:
+    view = view_of(entries)
+    text = text_of(view)
+    assert view.error is not None
+    assert view.command is not None
+    for shown in (
+        "controller ACTIVE PD_DDOB, 0 ticks skipped   actuator APPLYING",
+        f"{1e3 * view.error.lateral_error_m:+.2f} mm",
+        f"{1e3 * view.command.steer_rad:+.2f} mrad",
+        "80.00 ms",
+        "20.00 ms",
+        "m/s",
+        "1/m",
+        "refused: 0; foreign 0; error frames 0; lost/refused: plant 0/0, controller 0/0",
+        "q quit",
+        "0:00:20",
+    ):
+        assert shown in text
+    assert re.search(r"^STEERING_COMMAND +10 +10\.0 +10\.\d+ +10\.\d+ +\d+ +0 +0 +0$", text, re.M)
+    assert set(BLOCKS) & set(text)
+
+
+def test_a_terminal_without_block_characters_gets_ascii(entries: list[LogEntry]) -> None:
+    lines = screen_lines(view_of(entries), LatencyChoice(), 0, BUS, plain_ascii=True)
+    assert as_text(lines).isascii()
+
+
+def test_what_stays_away_is_said(entries: list[LogEntry]) -> None:
+    watch = BusWatch(0)
+    for now_ns, _, frame in entries:
+        watch.on_frame(frame, now_ns)
+    text = text_of(watch.view(entries[-1].time_ns + 3 * NS))
+    assert text.count("stays away") == 8
+    assert "0 frames/s" in text
+
+
+def test_the_screen_says_which_latency_was_asked_for() -> None:
+    view = BusWatch(0).view(0)
+    assert "none yet; a key sends it at once" in text_of(view)
+    choice = LatencyChoice(Direction.UPLINK, LatencyModel.GAMMA, 0.12, 0.03, 0.05)
+    assert "UPLINK GAMMA 120 ms, spread 30 ms, 5 % lost (sent 1)" in text_of(view, 80, choice)
+
+
+def test_a_line_for_a_pipe_has_the_most_important(entries: list[LogEntry]) -> None:
+    line = one_line(view_of(entries))
+    assert re.fullmatch(
+        r"20\.\d s  ACTIVE  error [+-][\d.]+ mm  steer [+-][\d.]+ mrad  down/up 80\.0/20\.0 ms  "
+        r"round trip 1\d\d\.\d/1\d\d\.\d ms  \d+ frames/s  missing 0  refused 0  foreign 0",
+        line,
+    )
+    assert "error -  " not in line
+    assert "error - mm" in one_line(BusWatch(0).view(0))
+
+
+def test_a_strip_goes_from_its_least_to_its_greatest_value() -> None:
+    strip = tuple(float(number) for number in range(STRIP_LENGTH))
+    assert strip_text(strip, 8, BLOCKS) == BLOCKS
+    assert strip_text((None,) * STRIP_LENGTH, 8, BLOCKS) == " " * 8
+    assert strip_text((1.0,) * STRIP_LENGTH, 8, BLOCKS) == BLOCKS[0] * 8
+    half = (None,) * (STRIP_LENGTH // 2) + (0.0, -3.0) * (STRIP_LENGTH // 4)
+    assert strip_text(half, 4, BLOCKS).startswith("  ")
+
+
+def test_a_strip_keeps_the_largest_of_what_falls_together() -> None:
+    import numpy as np
+
+    part_ns = round(SPAN_S * NS / STRIP_LENGTH)
+    ages_ns = np.array([0, 1, 2, part_ns + 1, STRIP_LENGTH * part_ns + 5])
+    strip = strip_of(ages_ns, np.array([0.1, -0.4, 0.2, 0.3, 9.0]))
+    assert strip[-2:] == (0.3, -0.4)
+    assert set(strip[:-2]) == {None}
+
+
+# Keys
+
+
+def choice_after(keys: str, choice: LatencyChoice | None = None) -> LatencyChoice:
+    choice = choice or LatencyChoice()
+    for key in keys:
+        changed = pressed(choice, key)
+        assert changed is not None
+        choice = changed
+    return choice
+
+
+def test_keys_change_the_latency() -> None:
+    assert choice_after("+++") == LatencyChoice(mean_s=0.03)
+    assert choice_after("+++-") == LatencyChoice(mean_s=0.02)
+    assert choice_after("-[<") == LatencyChoice()  # nothing below zero
+    assert choice_after("]]>>>") == LatencyChoice(spread_s=0.02, loss=0.03)
+    assert choice_after("m").model is LatencyModel.LOGNORMAL
+    assert choice_after("mmmmm").model is LatencyChoice().model
+    assert [choice_after("d" * n).direction for n in (1, 2, 3)] == [
+        Direction.DOWNLINK, Direction.UPLINK, Direction.BOTH,
+    ]  # fmt: skip
+    assert choice_after("d+]>0") == LatencyChoice(Direction.DOWNLINK)
+    assert pressed(LatencyChoice(), "up") == LatencyChoice(mean_s=0.01)
+    assert pressed(LatencyChoice(), "x") is None
+
+
+@given(st.text(alphabet="+-=[]<>,.md0", max_size=30), st.integers(0, 700))
+def test_whatever_is_pressed_can_be_sent(keys: str, tens: int) -> None:
+    start = LatencyChoice(mean_s=min(tens / 100, limits(LatencyConfig)["mean_s"].maximum))
+    choice = choice_after(keys, start)
+    decoded = decode(encode(choice.message(), 0))
+    assert isinstance(decoded, Decoded)
+    assert decoded.message == pytest.approx(choice.message(), abs=1e-4)
+
+
+def test_keys_are_told_apart_from_escape_sequences() -> None:
+    assert keys_in("+\x1b[A\x1b[B-\x1bOCq") == ["+", "up", "down", "-", "right", "q"]
+    assert keys_in("\x1b[1;5H\x1b[3~\x1b\x1b[D") == ["left"]
+    assert keys_in("") == []

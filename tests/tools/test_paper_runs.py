@@ -1,0 +1,156 @@
+"""Runs of the paper from both sides, and against views of them that share no code."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_trapezoid, trapezoid
+from scipy.special import ellipe
+
+from steer_by_wire.controller.nominal_model import paper_eq19, steer_to_lateral_error
+from steer_by_wire.loop_theory.uncertainty import paper_box
+from steer_by_wire.tools.reproduce_paper import published
+from steer_by_wire.tools.reproduce_paper.continuous_runs import PD as NO_OBSERVER
+from steer_by_wire.tools.reproduce_paper.continuous_runs import (
+    DrivenEllipse,
+    Observer,
+    curvature_met,
+    order_2,
+    table_2_row,
+)
+from steer_by_wire.tools.reproduce_paper.delay_runs import (
+    CDOB,
+    DDOB,
+    FILTER,
+    PD,
+    TYPE_2,
+    WASHOUT,
+    delayed_plant,
+    drive,
+    lap_s,
+    mean_before,
+    peak,
+)
+from steer_by_wire.tools.reproduce_paper.delay_steps import largest_filter_rad_s
+from steer_by_wire.tools.reproduce_paper.reference_step import reference_step
+from steer_by_wire.tools.reproduce_paper.simulation import paper_controller, rms, thinned
+from steer_by_wire.tools.reproduce_paper.table_2 import CORRECTED, PRINTED, corner_run
+from steer_by_wire.tools.reproduce_paper.table_2_attempts import PATH
+
+PD_ROW_M = tuple(column.pd_m for column in published.TABLE_2)
+PD_DOB_ROW_M = tuple(column.pd_dob_m for column in published.TABLE_2)
+
+
+def test_the_pd_row_comes_out_with_the_zero_restored() -> None:
+    assert table_2_row(NO_OBSERVER, PATH) == pytest.approx(PD_ROW_M, abs=2e-4)
+
+
+def test_another_ellipse_gives_the_pd_row_too_so_that_it_does_not_tell_the_axes() -> None:
+    row_m = table_2_row(NO_OBSERVER, DrivenEllipse(86.8, 32.4, 100.0))
+    assert row_m == pytest.approx(PD_ROW_M, abs=2e-4)
+
+
+def test_the_printed_stiffness_gives_the_mass_trend_the_wrong_sign() -> None:
+    light_slow, heavy_slow, light_fast, heavy_fast = table_2_row(NO_OBSERVER, PATH, PRINTED)
+    assert -0.001 < heavy_slow - light_slow < -0.0003
+    assert -0.002 < heavy_fast - light_fast < -0.001
+
+
+def test_the_pd_dob_row_is_a_thirtieth_of_the_pd_row_and_not_half_of_it() -> None:
+    row_m = table_2_row(order_2(5.0), PATH)
+    assert row_m == pytest.approx((0.0014, 0.0014, 0.0018, 0.0018), abs=5e-5)
+    assert all(ours < 0.06 * theirs for ours, theirs in zip(row_m, PD_DOB_ROW_M, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("preset", "observer"), [("paper_pd", NO_OBSERVER), ("paper_pd_dob", order_2(5.0))]
+)
+def test_the_nodes_drive_what_the_continuous_loop_says(preset: str, observer: Observer) -> None:
+    driven_m = rms(corner_run("d", preset, CORRECTED).lateral_error_m)
+    assert driven_m == pytest.approx(table_2_row(observer, PATH)[3], abs=3e-5)
+
+
+def test_a_lap_is_the_circumference_over_the_speed() -> None:
+    a, b = 78.2, 41.74
+    circumference_m = 4.0 * a * float(ellipe(1.0 - (b / a) ** 2))
+    assert lap_s(delayed_plant(1.0)) == pytest.approx(circumference_m / (5.0 / 3.6), rel=1e-6)
+
+
+def test_pd_survives_the_paper_s_delay_only_with_a_slow_derivative() -> None:
+    last_rad_s = largest_filter_rad_s(PD)
+    assert 18.0 < last_rad_s < 20.0
+    plant = delayed_plant(60.0)
+    steers_rad = [
+        peak(run.wheel_angle_rad[run.time_s > 50.0])
+        for share in (0.9, 1.2)
+        for run in drive(
+            [PD.changed(f"pd.derivative_filter_rad_s={share * last_rad_s}")], plant
+        ).values()
+    ]
+    assert steers_rad[0] < 0.03
+    assert steers_rad[1] == pytest.approx(0.6)
+
+
+def gain_ratio_at_rest() -> float:
+    """G/G_n at s = 0, the vehicle's over that of (19); both have two integrators."""
+    (zeros,), (poles,) = steer_to_lateral_error(paper_box().nominal)[1:]
+    (nominal_zeros,), (nominal_poles,) = paper_eq19()[1:]
+    return (zeros.s0 / poles.s0) / (nominal_zeros.s0 / nominal_poles.s0)
+
+
+def test_cdob_as_published_hardly_steers_so_that_curvature_acts_twice_integrated() -> None:
+    plant = delayed_plant(60.0)
+    run = drive([CDOB.changed(*FILTER)], plant)[CDOB.label]
+    speed_m_s = plant.vehicle.speed_km_h / 3.6
+    time_s, rho_1_m = curvature_met(speed_m_s, PATH._replace(duration_s=60.0))
+    heading_rad = cumulative_trapezoid(speed_m_s * rho_1_m, time_s, initial=0.0)
+    unsteered_m = -trapezoid(speed_m_s * heading_rad, time_s)
+    assert peak(run.wheel_angle_rad) < 1e-3
+    assert run.lateral_error_m[-1] == pytest.approx(unsteered_m, rel=2e-3)
+
+
+def test_ddob_as_published_drifts_and_with_washout_and_type_2_q_does_not() -> None:
+    """Drift: (13) towards rest, G_n/G (1 - Q) = G_n/G 2s/ω_D, of (5), with the mean curvature."""
+    lap = lap_s(delayed_plant(1.0))
+    plant = delayed_plant(2.0 * lap)
+    speed_m_s = plant.vehicle.speed_km_h / 3.6
+    mean_curvature_1_m = 2.0 * math.pi / (lap * speed_m_s)
+    drift_m_s = -2.0 / 5.0 * speed_m_s**2 * mean_curvature_1_m / gain_ratio_at_rest()
+    ends_m = {}
+    for overrides in (FILTER, (*FILTER, *WASHOUT, *TYPE_2)):
+        run = drive([DDOB.changed(*overrides)], plant)[DDOB.label]
+        ends_m[overrides] = mean_before(run, lap), mean_before(run, 2.0 * lap)
+    first_m, second_m = ends_m[FILTER]
+    assert -6.0 < first_m < -5.0
+    assert (second_m - first_m) / lap == pytest.approx(drift_m_s, rel=0.01)
+    first_m, second_m = ends_m[(*FILTER, *WASHOUT, *TYPE_2)]
+    assert abs(first_m) < 2e-4
+    assert abs(second_m - first_m) < 1e-5
+
+
+def test_a_reference_step_of_the_cdob_ends_where_the_gains_at_rest_say() -> None:
+    """At rest (18) is C G/(1 + C G_n), the two integrators leave G/G_n: the models' ratio."""
+    plant = delayed_plant(1.0)
+    controller = paper_controller("paper_pd_cdob", FILTER)
+    step = reference_step(plant, controller, 0.1, 0.08, 20.0)
+    assert step.error_m[-1] == pytest.approx(0.1 * (gain_ratio_at_rest() - 1.0), abs=2e-4)
+
+
+def test_a_reference_step_without_delay_is_followed_by_pd() -> None:
+    step = reference_step(delayed_plant(1.0), paper_controller("paper_pd"), 0.1, 0.0, 15.0)
+    assert step.error_m[0] == -0.1
+    assert abs(step.error_m[-1]) < 1e-3
+    assert step.time_s[-1] == pytest.approx(14.999)
+
+
+def test_of_latencies_drawn_for_every_command_only_the_short_ones_come_through() -> None:
+    gamma = ("latency.downlink.model=gamma", "latency.downlink.spread_s=0.03")
+    run = drive([PD.changed(*FILTER)], delayed_plant(5.0, *gamma))[PD.label]
+    assert 0.025 < float(np.nanmean(run.downlink_latency_s)) < 0.045
+
+
+def test_thinning_keeps_every_so_many_rows() -> None:
+    run = drive([PD], delayed_plant(1.0))[PD.label]
+    few = thinned(run, 0.02)
+    assert few.time_s.size == math.ceil(run.time_s.size / 20)
+    assert few.lateral_error_m[1] == run.lateral_error_m[20]

@@ -1,0 +1,226 @@
+"""The program that reproduces the paper, on one cheap figure; its page; bad input."""
+
+import csv
+import json
+import re
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.tools.reproduce_paper import __main__ as reproduce_paper
+from steer_by_wire.tools.reproduce_paper.index_page import agreement, heading, index_page
+from steer_by_wire.tools.reproduce_paper.registry import (
+    ENTRIES,
+    NOT_COMPUTED,
+    Entry,
+    entry_of,
+    function_of,
+    numbers_of,
+)
+from steer_by_wire.tools.reproduce_paper.result import Comparison, Picture, Reproduction, Verdict
+from steer_by_wire.tools.reproduce_paper.written import Written, read_written, write_reproduction
+
+PNG = b"\x89PNG\r\n\x1a\n"
+COMPARISONS = (
+    Comparison("RMS", "0.1 m", "0.1 m; peak 0.2 m", True),
+    Comparison("peak", "0.3 m", "0.2 m", False),
+    Comparison("end", "", "0.0 m", None),
+)
+
+
+def written(key: str = "figure_08", verdict: Verdict = Verdict.REPRODUCED) -> Written:
+    return Written(key, "A title", "A caption", ("one", "two"), COMPARISONS, verdict, "A reason")
+
+
+def page_of(*items: Written) -> str:
+    return index_page(items, lambda _: PNG)
+
+
+def parsed(page: str) -> ET.Element:
+    return ET.fromstring(page)  # noqa: S314  # our own page
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("paper")
+    assert reproduce_paper.main(["--figure", "15", "--out", str(folder)]) == 0
+    return folder
+
+
+def test_every_computed_figure_and_table_of_the_paper_is_registered() -> None:
+    assert numbers_of("figure") == ("2", *map(str, range(7, 13)), *map(str, range(14, 25)))
+    assert "2" in numbers_of("table")
+    in_the_paper = {str(number) for number in range(1, 25)}
+    assert set(numbers_of("figure")) | set(NOT_COMPUTED["figure"]) == in_the_paper
+    assert not set(numbers_of("figure")) & set(NOT_COMPUTED["figure"])
+
+
+def test_every_key_is_unique_and_has_a_function() -> None:
+    assert len({entry.key for entry in ENTRIES}) == len(ENTRIES)
+    assert all(callable(function_of(entry)) for entry in ENTRIES)
+
+
+def test_one_figure_leaves_its_picture_its_data_its_summary_and_the_page(out: Path) -> None:
+    assert {path.name for path in out.iterdir()} == {
+        "figure_15.png",
+        "figure_15.csv",
+        "figure_15.json",
+        "index.html",
+    }
+    assert (out / "figure_15.png").read_bytes().startswith(PNG)
+    summary = json.loads((out / "figure_15.json").read_text(encoding="utf-8"))
+    assert summary["verdict"] == Verdict.NOT_REPRODUCIBLE
+
+
+def test_the_data_are_those_of_the_ellipse(out: Path) -> None:
+    with (out / "figure_15.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    curvature_1_m = np.array([float(row["curvature_1_m"]) for row in rows])
+    assert curvature_1_m.max() == pytest.approx(78.2 / 41.74**2, rel=1e-3)
+    assert curvature_1_m.min() == pytest.approx(41.74 / 78.2**2, rel=1e-3)
+
+
+def test_the_page_of_a_run_is_self_contained_and_well_formed(out: Path) -> None:
+    text = (out / "index.html").read_text(encoding="utf-8")
+    root = parsed(text)
+    assert [image.get("src", "")[:22] for image in root.iter("img")] == ["data:image/png;base64,"]
+    assert [link.get("href") for link in root.iter("a")] == ["#figure_15", "figure_15.csv"]
+    assert root.find(".//section[@id='figure_15']") is not None
+    assert not re.search(r"<script|<link|@import|url\(|https?:", text)
+    assert Verdict.NOT_REPRODUCIBLE in text
+
+
+def test_the_page_says_every_verdict_and_every_comparison() -> None:
+    keys = [entry.key for entry in ENTRIES]
+    items = [written(key, verdict) for key, verdict in zip(keys, Verdict, strict=False)]
+    root = parsed(page_of(*items))
+    for item in items:
+        section = root.find(f".//section[@id='{item.key}']")
+        assert section is not None
+        text = "".join(section.itertext())
+        for expected in (item.verdict, item.why, item.caption, "0.3 m", "peak 0.2 m", "one.csv"):
+            assert expected in text
+
+
+def test_whatever_a_figure_says_is_escaped() -> None:
+    evil = "<script>alert('&')</script>"
+    item = Written(
+        evil,
+        evil,
+        evil,
+        (evil,),
+        (Comparison(evil, evil, evil, None),),
+        Verdict.BEYOND,
+        evil,
+    )
+    text = page_of(item)
+    assert "<script" not in text
+    root = parsed(text)
+    assert "".join(root.itertext()).count("<script>") == 8
+
+
+def test_a_page_of_nothing_is_a_page() -> None:
+    assert parsed(page_of()).tag == "html"
+
+
+def test_headings_carry_the_number_once() -> None:
+    assert heading(written("figure_08")) == "Figure 8: A title"
+    beyond = written("figure_21_varying", Verdict.BEYOND)
+    assert heading(beyond) == "Beyond Figure 21: A title"
+    assert heading(written("table_2")) == "Table 2: A title"
+    assert heading(written("robustness_table")) == "A title"
+    assert heading(written()._replace(title="Figure 8: again")) == "Figure 8: again"
+
+
+def test_only_what_can_agree_is_counted() -> None:
+    assert agreement(COMPARISONS) == "1 of 2"
+    assert agreement(COMPARISONS[2:]) == "-"
+
+
+def test_a_figure_that_fails_does_not_keep_the_others_from_being_written(tmp_path: Path) -> None:
+    broken = Entry("figure_99", "figure", "99", "no_module", "figure_99")
+    with pytest.raises(KeyError, match="figure_99"):
+        reproduce_paper.reproduce_all(
+            (broken, entry_of("figure_15")), tmp_path, Console(quiet=True)
+        )
+    assert "figure_15" in (tmp_path / "index.html").read_text(encoding="utf-8")
+
+
+def test_figures_of_several_runs_end_up_on_one_page_in_the_paper_s_order(tmp_path: Path) -> None:
+    for key in ("table_2", "figure_09"):
+        picture = Picture(
+            key, Figure(), {"time_s": np.array([0.0, 0.1]), "end_m": np.array([np.nan, 2.0])}
+        )
+        write_reproduction(
+            Reproduction(key, "t", "c", (picture,), COMPARISONS, Verdict.REPRODUCED, "w"), tmp_path
+        )
+    page = reproduce_paper.write_index(tmp_path).read_text(encoding="utf-8")
+    assert re.findall(r'<section id="(\w+)">', page) == ["figure_09", "table_2"]
+    assert (tmp_path / "table_2.csv").read_text(encoding="utf-8") == "time_s,end_m\n0.0,\n0.1,2.0\n"
+    assert read_written(tmp_path, ["table_2"])[0].comparisons == COMPARISONS
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"key": "figure_09"}'])
+def test_a_summary_that_is_none_is_named(text: str, tmp_path: Path) -> None:
+    (tmp_path / "figure_09.json").write_text(text, encoding="utf-8")
+    with pytest.raises(SettingsError, match=r"figure_09\.json: is not a summary"):
+        read_written(tmp_path, ["figure_09"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--figure", "13"], "--figure 13: a block diagram, nothing to compute; allowed are 2, 7,"),
+        (["--figure", "1"], "--figure 1: a sketch of the vehicle"),
+        (["--figure", "25"], "the paper has no figure 25; allowed are"),
+        (["--figure", "-1"], "the paper has no figure -1"),
+        (["--figure", "14", "--figure", "x"], "--figure x: the paper has no figure x"),
+        (["--table", "1"], "--table 1: the vehicle's parameters, an input"),
+        (["--table", "3"], "the paper has no table 3; allowed are 2"),
+    ],
+)
+def test_what_cannot_be_computed_is_refused_in_one_line(
+    arguments: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert reproduce_paper.main([*arguments, "--out", str(tmp_path / "new")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("reproduce_paper: error: ")
+    assert error.count("\n") == 1
+    assert told in error
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_folder_that_cannot_be_made_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    assert reproduce_paper.main(["--figure", "15", "--out", str(tmp_path / "file")]) == 4
+    assert f"{tmp_path / 'file'}: File exists" in capsys.readouterr().err
+
+
+def test_the_example_in_the_documentation_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "paper.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    exec(example, {})  # noqa: S102
+    assert capsys.readouterr().out.startswith(Verdict.NOT_REPRODUCIBLE)
+
+
+def test_without_a_choice_everything_is_computed() -> None:
+    assert reproduce_paper.selected([], [], everything=False) == ENTRIES
+    assert reproduce_paper.selected(["2"], [], everything=True) == ENTRIES
+
+
+def test_a_number_selects_all_that_belongs_to_it_in_the_paper_s_order() -> None:
+    entries = reproduce_paper.selected(["21", "8"], ["2"], everything=False)
+    assert [entry.key for entry in entries] == [
+        "figure_08",
+        "figure_08_beyond",
+        "table_2",
+        "figure_21",
+        "figure_21_varying",
+    ]

@@ -1,0 +1,293 @@
+"""The soak: what a babbling node does to the pair in virtual time, its bound, and its logs."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from steer_by_wire.bus_faults.babbling import (
+    HIGHEST_PRIORITY_IDS,
+    LOWEST_PRIORITY_IDS,
+    BabbledBus,
+    babble,
+)
+from steer_by_wire.controller.settings import ControllerSettings, supervision_of
+from steer_by_wire.dbc.messages import CAN_IDS, Mode, SteeringCommand
+from steer_by_wire.pair.process_memory import GROWTH_KIB_MAX, children_of, figures_of, resident_kib
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.recordings.census import count_messages, gaps, read_bus_log
+from steer_by_wire.runtime.bus_model import BusModel
+from steer_by_wire.runtime.candump import LogEntry, format_entry
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.frame_length import INTERMISSION_BITS, frame_bits
+from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.tools.soak.bounds import delay_bounds_ns, longest_frame_ns
+from steer_by_wire.tools.soak.virtual import QUEUE_LIMIT, VirtualSoak, run_virtual_soak
+
+BITRATE_BIT_S = 500_000
+BABBLE_NS = (2 * NS_PER_S, 8 * NS_PER_S)
+END_NS = 10 * NS_PER_S
+COMMAND_ID = CAN_IDS[SteeringCommand]
+LOWEST_PRIORITY_ID, HIGHEST_PRIORITY_ID = max(LOWEST_PRIORITY_IDS), min(HIGHEST_PRIORITY_IDS)
+CONTROLLER = load_settings(
+    ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
+)
+
+
+def run(can_id: int) -> VirtualSoak:
+    return run_virtual_soak(PlantSettings(), CONTROLLER, can_id, BABBLE_NS, END_NS)
+
+
+@pytest.fixture(scope="module")
+def loaded() -> VirtualSoak:
+    return run(LOWEST_PRIORITY_ID)
+
+
+@pytest.fixture(scope="module")
+def starved() -> VirtualSoak:
+    return run(HIGHEST_PRIORITY_ID)
+
+
+# A bus that is full of frames of lower priority
+
+
+def test_the_bus_is_full(loaded: VirtualSoak) -> None:
+    """But for what is cut off at the two ends."""
+    frames_cut = 2 * longest_frame_ns(BITRATE_BIT_S) / (BABBLE_NS[1] - BABBLE_NS[0])
+    assert 1.0 - frames_cut <= loaded.load <= 1.0 + frames_cut
+    assert loaded.babbled > 15_000
+
+
+def test_the_pair_loses_and_reorders_nothing(loaded: VirtualSoak) -> None:
+    assert loaded.refused == 0
+    for frames in loaded.on_bus.values():
+        assert gaps([frame.data[2] for _, frame in frames]) == (0, 0)
+        times = [time_ns for time_ns, _ in frames]
+        assert times == sorted(times)
+    assert sum(map(len, loaded.on_bus.values())) == sum(map(len, loaded.delays_ns.values()))
+    # Each message as often as in ten seconds without a babbling node.
+    assert len(loaded.on_bus[COMMAND_ID]) == pytest.approx(1000, abs=2)
+    assert loaded.controller["lost"] == loaded.plant["lost_on_the_bus"] == 0
+
+
+def test_the_pair_keeps_its_priority(loaded: VirtualSoak) -> None:
+    bounds_ns = delay_bounds_ns(list(loaded.on_bus), BITRATE_BIT_S)
+    frame_ns = longest_frame_ns(BITRATE_BIT_S)
+    for can_id, delays_ns in loaded.delays_ns.items():
+        worst_ns = max(delays_ns)
+        assert worst_ns <= bounds_ns[can_id]
+        # From the other side: it does wait for the babbling node, and for those before it.
+        assert worst_ns > 0.8 * bounds_ns[can_id] - frame_ns / 2
+
+
+def test_the_controller_stays_in_control(loaded: VirtualSoak) -> None:
+    assert [mode for _, mode in loaded.modes] == [Mode.ACTIVE]
+
+
+def test_the_same_soak_gives_the_same_frames(loaded: VirtualSoak) -> None:
+    assert run(LOWEST_PRIORITY_ID) == loaded
+
+
+# A bus that is full of frames of the highest priority
+
+
+def test_nothing_of_the_pair_gets_through(starved: VirtualSoak) -> None:
+    after_ns = BABBLE_NS[0] + longest_frame_ns(BITRATE_BIT_S) * 2
+    through = [
+        time_ns
+        for frames in starved.on_bus.values()
+        for time_ns, _ in frames
+        if after_ns < time_ns < BABBLE_NS[1]
+    ]
+    assert through == []
+    assert starved.load > 0.999
+
+
+def test_the_controller_notices_holds_and_stops(starved: VirtualSoak) -> None:
+    supervision = CONTROLLER.supervision
+    modes = {mode: time_ns for time_ns, mode in reversed(starved.modes)}
+    periods_ns = 2 * CONTROLLER.period_ns
+    held_after_ns = modes[Mode.HOLDING] - BABBLE_NS[0]
+    timeout_ns = supervision_of(CONTROLLER).measurement_timeout_ns
+    assert timeout_ns - periods_ns < held_after_ns <= timeout_ns + periods_ns
+    stopped_after_ns = modes[Mode.SAFE_STOP] - modes[Mode.HOLDING]
+    hold_ns = supervision.hold_ms * NS_PER_MS
+    assert hold_ns <= stopped_after_ns <= hold_ns + periods_ns
+
+
+def test_the_plant_falls_back_once_and_follows_again(starved: VirtualSoak) -> None:
+    guard = starved.plant["safety"]
+    assert (guard["fallbacks"], guard["recoveries"], guard["safe_state"]) == (1, 1, None)
+    babble_s = (BABBLE_NS[1] - BABBLE_NS[0]) / NS_PER_S
+    assert babble_s < guard["longest_silence_s"] < babble_s + 0.1
+
+
+def test_on_a_bus_that_is_only_full_the_plant_never_misses_a_command(loaded: VirtualSoak) -> None:
+    guard = loaded.plant["safety"]
+    assert (guard["holdings"], guard["fallbacks"], guard["interventions"]) == (0, 0, {})
+
+
+def test_when_the_babbling_ends_the_controller_is_in_control_again(starved: VirtualSoak) -> None:
+    last_ns, last = starved.modes[-1]
+    assert last is Mode.ACTIVE
+    assert BABBLE_NS[1] < last_ns < BABBLE_NS[1] + 200 * NS_PER_MS
+
+
+def test_what_waited_for_the_bus_is_bounded(starved: VirtualSoak) -> None:
+    old = [
+        delay_ns
+        for delays_ns in starved.delays_ns.values()
+        for delay_ns in delays_ns
+        if delay_ns > 100 * NS_PER_MS  # what comes afterwards waits until these are sent
+    ]
+    assert len(old) == 2 * QUEUE_LIMIT
+    assert starved.refused > 0
+
+
+# The babbling node itself
+
+
+@pytest.mark.parametrize("can_id", [LOWEST_PRIORITY_ID, HIGHEST_PRIORITY_ID])
+def test_a_babbling_node_leaves_the_bus_not_one_bit(can_id: int) -> None:
+    model = BusModel(BITRATE_BIT_S)
+    bus = BabbledBus(model, can_id, 1000, 50 * NS_PER_MS)
+    while bus.next_event_ns < 100 * NS_PER_MS:
+        assert bus.advance(bus.next_event_ns) == []
+    bits = sum(
+        frame_bits(babble(can_id, number)).nominal + INTERMISSION_BITS
+        for number in range(bus.babbled)
+    )
+    assert model.load.busy_ns == bits * NS_PER_S // BITRATE_BIT_S
+    assert model.load.busy_ns >= 50 * NS_PER_MS - 1000
+    assert bus.babbled > 150
+
+
+# The bound
+
+
+def test_the_longest_frame_has_135_bits() -> None:
+    """As in the literature on the schedulability of CAN."""
+    assert longest_frame_ns(BITRATE_BIT_S) == 135 * 2000
+
+
+@given(st.integers(0, 0x7FF), st.binary(max_size=8))
+def test_no_frame_is_longer(can_id: int, data: bytes) -> None:
+    bits = frame_bits(Frame(can_id, data)).nominal + INTERMISSION_BITS
+    assert bits * 2000 <= longest_frame_ns(BITRATE_BIT_S)
+
+
+def test_each_message_waits_for_one_frame_and_for_those_before_it() -> None:
+    bounds_ns = delay_bounds_ns([0x300, 0x100, 0x110], BITRATE_BIT_S)
+    assert bounds_ns == {0x100: 270_000, 0x110: 540_000, 0x300: 810_000}
+    # One that comes with a second one waits for the first, too.
+    bounds_ns = delay_bounds_ns([0x300, 0x100, 0x110], BITRATE_BIT_S, at_once=2)
+    assert bounds_ns == {0x100: 540_000, 0x110: 1_080_000, 0x300: 1_620_000}
+    # PLANT_STATUS is sent in between, too, and may wait for itself.
+    bounds_ns = delay_bounds_ns([0x310, 0x100], BITRATE_BIT_S)
+    assert bounds_ns == {0x100: 270_000, 0x310: 810_000}
+
+
+# What the logs tell
+
+
+def command(counter: int) -> Frame:
+    return Frame(COMMAND_ID, bytes([0, 0, counter % 256, counter // 256, 0, 0, 0, 0]))
+
+
+def write_log(path: Path, entries: list[tuple[int, Frame, str]]) -> None:
+    lines = [f"{format_entry(LogEntry(t, 'can0', frame))} {side}\n" for t, frame, side in entries]
+    path.write_text("".join(lines))
+
+
+@pytest.mark.parametrize(
+    ("counters", "expected"),
+    [
+        ([], (0, 0)),
+        ([254, 255, 0, 1], (0, 0)),
+        ([1, 2, 5, 6], (2, 0)),
+        ([1, 3, 2, 4], (2, 1)),
+        ([7, 7], (0, 1)),
+    ],
+)
+def test_counters_tell_what_is_missing_and_what_goes_back(
+    counters: list[int], expected: tuple[int, int]
+) -> None:
+    assert gaps(counters) == expected
+
+
+def test_a_census_finds_what_is_lost_reordered_and_late(tmp_path: Path) -> None:
+    period_ns = 10 * NS_PER_MS
+    sent = [(NS_PER_S + n * period_ns, command(n), "T") for n in range(6)]
+    on_bus = [(time_ns + 500_000, frame, "R") for time_ns, frame, _ in sent]
+    write_log(tmp_path / "own.log", sent)
+
+    write_log(tmp_path / "bus.log", on_bus)
+    bus = read_bus_log(tmp_path / "bus.log", LOWEST_PRIORITY_IDS, BITRATE_BIT_S)
+    (count,) = count_messages(bus, [tmp_path / "own.log"], BITRATE_BIT_S)
+    assert (count.name, count.sent, count.on_bus) == ("SteeringCommand", 6, 6)
+    assert (count.is_same, count.lost, count.reordered) == (True, 0, 0)
+    durations_ns = [frame_bits(frame).nominal * 2000 for _, frame, _ in sent]
+    assert count.waited.max_ns == 500_000 - min(durations_ns)
+
+    times = [time_ns for time_ns, _, _ in on_bus]
+    shuffled = [0, 2, 1, 4, 5]
+    write_log(
+        tmp_path / "bus.log",
+        [(times[place], on_bus[n][1], "R") for place, n in enumerate(shuffled)],
+    )
+    bus = read_bus_log(tmp_path / "bus.log", LOWEST_PRIORITY_IDS, BITRATE_BIT_S)
+    (count,) = count_messages(bus, [tmp_path / "own.log"], BITRATE_BIT_S)
+    assert (count.is_same, count.lost, count.reordered) == (False, 3, 1)
+
+
+def test_a_census_finds_what_was_taken_with_gaps(tmp_path: Path) -> None:
+    """A node that comes later and goes earlier than the other takes a run of what it sends."""
+    times_ns = [NS_PER_S + n * 10 * NS_PER_MS for n in range(6)]
+    write_log(tmp_path / "bus.log", [(t, command(n), "R") for n, t in enumerate(times_ns)])
+    bus = read_bus_log(tmp_path / "bus.log", LOWEST_PRIORITY_IDS, BITRATE_BIT_S)
+    for taken, is_run, missed in (([1, 2, 3], True, 0), ([1, 3, 4], False, 1), ([], True, 0)):
+        write_log(tmp_path / "own.log", [(times_ns[n], command(n), "R") for n in taken])
+        (count,) = count_messages(bus, [tmp_path / "own.log"], BITRATE_BIT_S)
+        assert (count.taken, count.is_run, count.missed) == (len(taken), is_run, missed)
+
+
+def test_a_census_finds_what_the_recorder_has_missed(tmp_path: Path) -> None:
+    numbers = [0, 1, 2, 5, 6]
+    frames = [babble(LOWEST_PRIORITY_ID, number) for number in numbers]
+    ends_ns, now_ns = [], NS_PER_S
+    for frame in frames:
+        now_ns += (frame_bits(frame).nominal + INTERMISSION_BITS) * 2000
+        ends_ns.append(now_ns)
+    write_log(tmp_path / "bus.log", [(t, f, "R") for t, f in zip(ends_ns, frames, strict=True)])
+    bus = read_bus_log(tmp_path / "bus.log", LOWEST_PRIORITY_IDS, BITRATE_BIT_S)
+    assert (bus.babbled, bus.babble_missing, bus.disordered) == (5, 2, 0)
+    assert bus.load == pytest.approx(1.0, abs=1e-6)
+    write_log(tmp_path / "bus.log", [(NS_PER_S, frame, "R") for frame in frames])
+    assert read_bus_log(tmp_path / "bus.log", LOWEST_PRIORITY_IDS, BITRATE_BIT_S).disordered == 4
+
+
+# Memory
+
+
+def test_memory_that_stays_is_flat_and_memory_that_grows_is_not() -> None:
+    minutes = [0.5 * n for n in range(21)]
+    still = [(60.0 * m, 50_000 + (n % 3)) for n, m in enumerate(minutes)]
+    assert figures_of(still).is_flat
+    filled = [(60.0 * m, 40_000 if m < 5.0 else 50_000) for m in minutes]
+    assert figures_of(filled).is_flat  # in the first half only
+    leaking = [(60.0 * m, 50_000 + round(200 * m)) for m in minutes]
+    figures = figures_of(leaking)
+    assert not figures.is_flat
+    assert figures.slope_kib_min == pytest.approx(200.0)
+    assert figures.growth_kib == pytest.approx(0.5 * 2000)
+    assert (figures.start_kib, figures.middle_kib, figures.end_kib) == (50_000, 51_000, 52_000)
+    almost = [(60.0 * m, 50_000 + round(0.99 * GROWTH_KIB_MAX / 5.0 * m)) for m in minutes]
+    assert figures_of(almost).is_flat
+    assert figures_of([(0.0, 7)]).is_flat
+
+
+def test_a_process_that_is_gone_has_no_memory() -> None:
+    assert resident_kib(2**22 + 1) is None
+    assert children_of(2**22 + 1) == []

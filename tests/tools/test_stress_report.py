@@ -1,0 +1,293 @@
+"""The report of a stress study: what it aggregates by hand, its bounds, and the page as a whole."""
+
+import math
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+
+from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.studies.scenario import Scenarios
+from steer_by_wire.studies.store import Store
+from steer_by_wire.studies.study import load_study
+from steer_by_wire.studies.verdict import Verdict
+from steer_by_wire.tools.stress_latency.runner import run_study
+from steer_by_wire.tools.stress_latency.workers import Threads
+from steer_by_wire.tools.stress_report import __main__, write_report
+from steer_by_wire.tools.stress_report.axes import LEVELS_MAX, study_axes
+from steer_by_wire.tools.stress_report.break_points import (
+    HELD_SHARE,
+    STEP_NS,
+    break_points,
+    largest_held,
+)
+from steer_by_wire.tools.stress_report.comparison import comparisons
+from steer_by_wire.tools.stress_report.heat_maps import heat_maps
+from steer_by_wire.tools.stress_report.order_statistics import held_bound, median_interval
+from steer_by_wire.tools.stress_report.report import PAGE, write
+from steer_by_wire.tools.stress_report.results import (
+    VERDICTS,
+    Rows,
+    StudyRecord,
+    read_rows,
+    read_study,
+)
+from steer_by_wire.tools.stress_report.worst_runs import worst_runs
+
+STUDY = """
+name = "small"
+title = "Small & <quick>"
+[base]
+plant_preset = "paper_nominal"
+controllers = ["practical_pd_ddob", "practical_pd"]
+[base.plant]
+duration_s = 40.0
+path = "practical_ellipse"
+disturbance = { steps = [{ at_s = 1.0, steering_offset_rad = 0.05 }] }
+latency = { downlink = { model = "gamma" } }
+safety = { ftti_ms = "off" }
+[[factors]]
+key = "plant.latency.downlink.mean_s"
+values = [0.1, 0.9]
+[[factors]]
+name = "jitter"
+key = "plant.latency.downlink.spread_fraction"
+values = [0.0, 0.2]
+[[factors]]
+use = "paper_corners"
+[sampling]
+seed = 7
+replicates = 2
+"""
+RUNS = 2 * 2 * 4 * 2 * 2
+PICTURES = ("heat_map_rms", "heat_map_held", "break_points", "worst_runs", "expected_cost")
+PNG = b"\x89PNG"
+
+
+def computed(folder: Path, text: str) -> Path:
+    file = folder / "study.toml"
+    file.write_text(text, encoding="utf-8")
+    scenarios = Scenarios(load_study(file))
+    store = Store(folder / "out", scenarios)
+    store.open(text)
+    assert run_study(store, Threads(scenarios, 1), lambda _: None, lambda: False)
+    return store.folder
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return computed(tmp_path_factory.mktemp("study"), STUDY)
+
+
+@pytest.fixture(scope="module")
+def study(results: Path) -> StudyRecord:
+    return read_study(results)
+
+
+# The whole
+
+
+def test_the_page_holds_everything_and_needs_nothing(results: Path) -> None:
+    file = write(results, break_point_seeds=3)
+    text = file.read_text(encoding="utf-8")
+    root = ET.fromstring(text.partition("\n")[2])  # noqa: S314 - our own page
+    assert file == results / PAGE
+    assert "Small &amp; <quick>" not in text
+    assert next(root.iter("h2")).text == "Small & <quick>"
+    for word in ("http:", "https:", "<script", "href="):
+        assert word not in text
+    images = [image.get("src", "") for image in root.iter("img")]
+    assert len(images) == len(PICTURES)
+    assert all(source.startswith("data:image/png;base64,") for source in images)
+    for name in PICTURES:
+        assert (results / f"{name}.png").read_bytes().startswith(PNG)
+    commands = [shlex.split(code.text or "") for code in root.iter("code")]
+    assert len(commands) == 10
+    for command in commands:
+        assert command[:2] == ["steer-by-wire", "stress"]
+        assert Path(command[2]).exists()
+        assert 0 <= int(command[-1]) < RUNS
+
+
+def test_a_folder_without_results_is_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SettingsError, match=r"study\.json: cannot be read"):
+        write_report(tmp_path)
+    assert __main__.main([str(tmp_path)]) == 2
+    assert "give the folder of a study's results" in capsys.readouterr().err
+    (tmp_path / "study.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(SettingsError, match="is not the record of a study of this version"):
+        write_report(tmp_path)
+
+
+def test_drawn_factors_go_into_bins_and_the_page_is_the_same_whenever_it_is_written(
+    tmp_path: Path,
+) -> None:
+    drawn = STUDY.replace("values = [0.1, 0.9]", "start = 0.0\nstop = 0.9")
+    drawn = drawn.replace("values = [0.0, 0.2]", "start = 0.0\nstop = 0.2")
+    drawn = drawn.replace("duration_s = 40.0", "duration_s = 2.0").replace("at_s = 1.0", "at_s = 0")
+    folder = computed(tmp_path, drawn + 'kind = "latin_hypercube"\ncount = 50\n')
+    study = read_study(folder)
+    axes = study_axes(study, read_rows(study))
+    assert len(axes.mean.values) <= LEVELS_MAX
+    assert axes.mean.values == tuple(sorted(axes.mean.values))
+    assert {int(place) for place in axes.mean.place} <= set(range(len(axes.mean.values)))
+    first = write(folder, break_point_seeds=1).read_bytes()
+    assert write(folder, break_point_seeds=1).read_bytes() == first
+
+
+def test_a_study_without_latencies_has_a_page_too(tmp_path: Path) -> None:
+    bare = STUDY.partition("[[factors]]")[0].replace("duration_s = 40.0", "duration_s = 2.0")
+    folder = computed(tmp_path, bare)
+    text = write(folder).read_text(encoding="utf-8")
+    assert "varies no mean latency" in text
+    assert "nothing to compare" in text
+
+
+# What is read and aggregated
+
+
+def test_rows_are_read_as_they_are_stored(study: StudyRecord) -> None:
+    rows = read_rows(study)
+    assert len(rows.id) == RUNS == study.runs
+    np.testing.assert_array_equal(rows.id, np.arange(RUNS))
+    np.testing.assert_array_equal(rows.controller, np.arange(RUNS) % 2)
+    assert study.names[study.reference] == "practical_pd"
+    assert 0 < np.count_nonzero(rows.holds) < RUNS
+
+
+def made_rows(rms_m: list[float], verdicts: list[Verdict], controllers: int) -> Rows:
+    """Rows of one point, replicate by replicate."""
+    count = len(rms_m)
+    return Rows(
+        id=np.arange(count),
+        case=np.arange(count) // controllers,
+        controller=np.arange(count) % controllers,
+        verdict=np.array([VERDICTS.index(verdict) for verdict in verdicts]),
+        rms_m=np.array(rms_m),
+        peak_m=np.array(rms_m),
+        duration_s=np.ones(count),
+        latency_mean_s=np.zeros(count),
+        steer_rms_rad=np.array(rms_m) / 10.0,
+        steer_rate_rms_rad_s=np.array(rms_m),
+        limited_share=np.zeros(count),
+        factors={
+            "mean_s": np.zeros(count),
+            "jitter": np.zeros(count),
+            "corner": np.array(["a", "b"], dtype=object)[np.arange(count) // (count // 2)],
+        },
+    )
+
+
+def test_a_cell_shows_the_worst_corner_and_there_the_median(study: StudyRecord) -> None:
+    one_law = study._replace(controllers={"practical_pd": study.controllers["practical_pd"]})
+    holds, cycle = Verdict.HOLDS, Verdict.LIMIT_CYCLE
+    rows = made_rows([1.0, 2.0, 9.0, 3.0, 4.0, 5.0], [holds, holds, cycle, holds, holds, holds], 1)
+    maps = heat_maps(rows, study_axes(one_law, rows), 1)
+    assert maps.rms_m.item() == 4.0
+    assert maps.held.item() == pytest.approx(2 / 3)
+    assert maps.family.item() == 1
+
+
+def test_laws_are_compared_run_by_run_where_both_hold(study: StudyRecord) -> None:
+    holds, cycle = Verdict.HOLDS, Verdict.LIMIT_CYCLE
+    # practical_pd_ddob and practical_pd in turn
+    rms_m = [1.0, 2.0, 3.0, 4.0, 50.0, 5.0, 6.0, 60.0]
+    rows = made_rows(rms_m, [holds, holds, holds, holds, cycle, holds, holds, cycle], 2)
+    ddob, pd = comparisons(study, rows)
+    assert (ddob.held, ddob.only_it, ddob.only_reference) == (3, 1, 1)
+    assert ddob.median == pytest.approx(0.5 * (1 / 2 + 3 / 4))
+    assert ddob.better == 1.0
+    assert (pd.median, pd.better, pd.rms_worst_held_m) == (1.0, 0.0, 5.0)
+
+
+def test_the_worst_runs_are_the_rows_made_again(study: StudyRecord) -> None:
+    rows = read_rows(study)
+    found = worst_runs(study, rows)
+    assert len(found) == 10
+    assert len({(worst.controller, worst.id // 4) for worst in found}) == 10
+    assert found[0].again_rms_m == pytest.approx(np.nanmax(rows.rms_m), rel=1e-12)
+    for worst in found:
+        assert worst.again_rms_m == pytest.approx(rows.rms_m[worst.row], rel=1e-12)
+
+
+# Break-points
+
+
+@pytest.mark.parametrize("edge", [-1, 0, 1, 17, 99, 100])
+@pytest.mark.parametrize("guess", [0, 16, 40, 100, 1000])
+def test_the_search_finds_the_edge_from_anywhere_and_asks_little(edge: int, guess: int) -> None:
+    asked: list[int] = []
+
+    def holds(at: int) -> bool:
+        asked.append(at)
+        return at <= edge
+
+    assert largest_held(holds, guess, 100) == edge
+    assert len(asked) == len(set(asked)) <= 14
+    assert min(asked) >= 0
+    assert max(asked) <= 100
+
+
+def test_the_bound_of_the_lowest_of_29_is_that_of_clopper_and_pearson() -> None:
+    from scipy.stats import beta
+
+    ascending = tuple(float(value) for value in range(29))
+    assert held_bound(ascending, HELD_SHARE, 0.95) == 0.0
+    assert math.isnan(held_bound(ascending[:28], HELD_SHARE, 0.95))
+    assert beta.ppf(0.05, 29, 1) > HELD_SHARE > beta.ppf(0.05, 28, 1)
+
+
+def coverage(draw: Callable[[Any], Any], is_right: Callable[[tuple[float, ...]], bool]) -> float:
+    random = np.random.default_rng(5)
+    return float(np.mean([is_right(tuple(sorted(draw(random).tolist()))) for _ in range(2000)]))
+
+
+def test_the_bounds_are_right_as_often_as_they_say() -> None:
+    """From below: 95 %. From above: what the steps of the binomial allow."""
+    low = coverage(lambda r: r.random(60), lambda b: held_bound(b, 0.9, 0.95) <= 0.1)
+    assert 0.94 < low < 0.99
+
+    def holds_the_median(ascending: tuple[float, ...]) -> bool:
+        first, last = median_interval(ascending, 0.95)
+        return first <= 0.5 <= last
+
+    assert 0.94 < coverage(lambda r: r.random(29), holds_the_median) < 0.99
+    assert median_interval((1.0, 2.0), 0.95) == (-math.inf, math.inf)
+
+
+def test_a_break_point_lies_between_what_holds_and_what_does_not(study: StudyRecord) -> None:
+    rows = read_rows(study)
+    axes = study_axes(study, rows)
+    points = break_points(study, rows, axes, count=2)
+    assert {(point.controller, point.jitter) for point in points} == {
+        (0, 0),
+        (0, 1),
+        (1, 0),
+        (1, 1),
+    }
+    for point in points:
+        # 100 ms holds at every corner, 900 ms at none.
+        assert all(0.1 <= value < 0.9 for value in point.by_seed_s)
+        steps = np.array(point.by_seed_s) * 1e9 / STEP_NS
+        np.testing.assert_allclose(steps, np.round(steps))
+    without_jitter = [point for point in points if point.jitter == 0]
+    assert all(len(set(point.by_seed_s)) == 1 for point in without_jitter)
+
+
+def test_a_break_point_beyond_the_study_is_found_where_the_law_breaks_first(
+    study: StudyRecord, tmp_path: Path
+) -> None:
+    """Where all runs hold, the slow corners have the largest errors, but the fast ones break."""
+    mild = read_study(computed(tmp_path, STUDY.replace("[0.1, 0.9]", "[0.1, 0.15]")))
+    found = []
+    for one in (study, mild):
+        rows = read_rows(one)
+        found.append(break_points(one, rows, study_axes(one, rows), count=1))
+    assert read_rows(mild).holds.all()
+    assert [point.by_seed_s for point in found[0]] == [point.by_seed_s for point in found[1]]

@@ -1,0 +1,82 @@
+"""What a log's reader says of faults on the messages that no node receives."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.pair.virtual import run_virtual_pair
+from steer_by_wire.plant_emulator.fault_settings import FaultKind, FaultSettings
+from steer_by_wire.plant_emulator.faults import FaultStage
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.recordings.file_analysis import analyse_files
+from steer_by_wire.runtime.candump import CandumpReader, LogEntry, format_entry
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.tools.fault_campaign.detectability import UNHEARD
+from steer_by_wire.tools.fault_campaign.specification import direction_of
+
+FIRST_S, LAST_S = 0.95, 1.55
+"""Six frames of each of these messages, which come every 100 ms, or some more."""
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run without faults: those of the downlink act behind the bus, where no log is written."""
+    file = tmp_path_factory.mktemp("log") / "run.log"
+    controller = load_settings(
+        ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd")
+    )
+    run_virtual_pair(PlantSettings(duration_s=2.5), controller, candump_log=file)
+    return file
+
+
+@pytest.mark.parametrize("message", sorted(UNHEARD))
+@pytest.mark.parametrize(
+    ("kind", "counted"),
+    [
+        (FaultKind.BIT_FLIPS, "bad_crc"),
+        (FaultKind.FREEZE, "repeated"),
+        (FaultKind.DROP, ""),
+        (FaultKind.OUT_OF_RANGE, "out_of_range"),
+    ],
+)
+def test_a_log_tells_each_fault_of_a_message_that_no_node_receives(
+    log: Path, tmp_path: Path, message: str, kind: FaultKind, counted: str
+) -> None:
+    fault = FaultSettings(
+        kind=kind,
+        direction=direction_of(message),
+        message=message,
+        onset_s=FIRST_S,
+        duration_s=LAST_S - FIRST_S,
+        magnitude=0.5 if kind is FaultKind.BIT_FLIPS else 1.0,
+    )
+    stage = FaultStage(fault, 1, 0)
+    changed = tmp_path / "changed.log"
+    changed.write_text("".join(format_entry(entry) + "\n" for entry in passed(log, stage)))
+    before, told = messages_of(log), messages_of(changed)
+    assert stage.changed >= 6
+    assert told[message]["refused"] == ({counted: stage.changed} if counted else {})
+    assert told[message]["accepted"] == before[message]["accepted"] - stage.changed
+    assert told[message]["missing"] == stage.changed
+    others = before.keys() - {message}
+    assert [told[name]["refused"] for name in others] == [
+        before[name]["refused"] for name in others
+    ]
+
+
+def messages_of(log: Path) -> dict[str, Any]:
+    messages: dict[str, Any] = analyse_files([log]).figures["messages"]
+    return messages
+
+
+def passed(log: Path, stage: FaultStage) -> Iterator[LogEntry]:
+    """Return a log's entries as the stage lets them go on."""
+    start_ns = None
+    with log.open(encoding="ascii") as lines:
+        for entry in CandumpReader(lines):
+            start_ns = entry.time_ns if start_ns is None else start_ns
+            for frame in stage.take(entry.frame, entry.time_ns, entry.time_ns - start_ns):
+                yield entry._replace(frame=frame)

@@ -1,0 +1,397 @@
+"""``tools/with_vcan``: what the command finds, what comes back, and that nothing stays behind.
+
+User Mode Linux is tried from here. The other two ways need a kernel with vcan: those tests run on
+one (``tests/conftest.py``), below a wrapper themselves.
+"""
+
+import os
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
+from pathlib import Path
+from typing import IO, NamedTuple
+
+import pytest
+
+from steer_by_wire.vcan import request as request_module
+from steer_by_wire.vcan.__main__ import choose, main
+from steer_by_wire.vcan.frames import Kind, LineFrame, Unpacker, pack
+from steer_by_wire.vcan.guard import descendants
+from steer_by_wire.vcan.request import (
+    BackendError,
+    Request,
+    interface_names,
+    link_commands,
+    netem_of,
+)
+
+ROOT = Path(__file__).resolve().parents[2]
+WITH_VCAN = str(ROOT / "tools" / "with_vcan")
+PATIENCE_S = 60.0
+NOBODY = 65534
+
+HOST = pytest.param("host", marks=pytest.mark.vcan)
+NAMESPACE = pytest.param("namespace", marks=pytest.mark.vcan)
+
+
+@pytest.fixture(params=[NAMESPACE, "uml"])
+def backend(request: pytest.FixtureRequest) -> str:
+    """A backend; one that this machine does not have skips the test."""
+    name: str = request.param
+    if missing := obstacle(name):
+        pytest.skip(missing)
+    return name
+
+
+@cache
+def obstacle(name: str) -> str:
+    try:
+        choose(name, Request(("true",)))
+    except BackendError as error:
+        return str(error)
+    return ""
+
+
+def run(
+    *arguments: str,
+    cwd: Path | None = None,
+    variables: Mapping[str, str] | None = None,
+    file_mask: int = -1,
+    given: str = "",
+) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [WITH_VCAN, *arguments],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+        cwd=cwd,
+        env={**os.environ, **(variables or {})},
+        umask=file_mask,
+        input=given,
+    )
+
+
+class Wrapper(NamedTuple):
+    """A running wrapper and what its command prints."""
+
+    process: subprocess.Popen[str]
+    output: IO[str]
+
+
+@contextmanager
+def wrapper(*arguments: str) -> Iterator[Wrapper]:
+    """Run with_vcan during the block, as a shell does: with a process group of its own."""
+    with subprocess.Popen(
+        [WITH_VCAN, *arguments], stdout=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        assert process.stdout is not None
+        try:
+            yield Wrapper(process, process.stdout)
+        finally:
+            process.kill()
+
+
+def wait_until(condition: Callable[[], bool], what: str) -> None:
+    until_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < until_s, f"still not: {what}"
+        time.sleep(0.02)
+
+
+def is_alive(pid: int) -> bool:
+    with suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    return False
+
+
+@pytest.mark.parametrize("backend", [HOST, NAMESPACE, "uml"], indirect=True)
+def test_the_command_finds_vcan0_and_all_that_it_had_outside(backend: str, tmp_path: Path) -> None:
+    script = (
+        "import os, socket, sys;"
+        "s = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW); s.bind(('vcan0',));"
+        "print(os.getcwd(), os.getuid(), os.getgid(), oct(os.umask(0)), os.environ['A_VARIABLE']);"
+        "print(sys.argv[1:], sys.stdin.read(), sys.stdout.isatty());"
+        "print(os.environ['WITH_VCAN_BACKEND']);"
+        "print(open('/sys/class/net/vcan0/mtu').read().strip());"
+        "print('complaint', file=sys.stderr);"
+        "open('made', 'w').write('here');"
+        "sys.exit(7)"
+    )
+    done = run(
+        "--backend", backend, sys.executable, "-c", script, "a b", "'\"$x", "--timeout",
+        cwd=tmp_path, variables={"A_VARIABLE": "ä \n'\""}, file_mask=0o27, given="fed",
+    )  # fmt: skip
+    assert done.stdout.splitlines() == [
+        f"{tmp_path} {os.getuid()} {os.getgid()} 0o27 ä ",
+        "'\"",
+        "['a b', '\\'\"$x', '--timeout'] fed False",
+        backend,
+        "72",
+    ], done
+    assert done.stderr == "complaint\n"
+    assert done.returncode == 7
+    assert (tmp_path / "made").read_text() == "here"
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="only root may become another")
+def test_an_ordinary_user_stays_who_it_is(backend: str) -> None:
+    readable = all(path.stat().st_mode & 0o5 for path in (ROOT, *ROOT.parents))
+    if not (readable and os.access("/usr/bin/env", os.X_OK)):
+        pytest.skip("this folder is not for others to read")
+    script = "id -u; id -g; ls -d /sys/class/net/vcan0"
+    done = subprocess.run(
+        ["python3", "-B", WITH_VCAN, "--backend", backend, "sh", "-c", script],
+        capture_output=True, text=True, timeout=PATIENCE_S, check=False, cwd="/",
+        user=NOBODY, group=NOBODY, extra_groups=[],
+    )  # fmt: skip
+    if done.returncode == 3:
+        pytest.skip(f"not for an ordinary user: {done.stderr}")
+    assert done.stdout.split() == [str(NOBODY), str(NOBODY), "/sys/class/net/vcan0"], done
+
+
+@pytest.mark.parametrize("backend", ["uml"], indirect=True)
+def test_much_output_comes_through_whole_while_both_streams_flow(backend: str) -> None:
+    # What still runs must not keep the streams open.
+    script = "sleep 1000 & seq 1 60000 >&2 & seq 1 50000; wait $!"
+    done = run("--backend", backend, "sh", "-c", script)
+    assert done.stdout == "".join(f"{number}\n" for number in range(1, 50001))
+    assert done.stderr == "".join(f"{number}\n" for number in range(1, 60001))
+
+
+@pytest.mark.parametrize("backend", [NAMESPACE], indirect=True)
+def test_what_the_command_leaves_running_ends_with_it(backend: str) -> None:
+    done = run("--backend", backend, "sh", "-c", "sleep 1000 & echo $!; exit 3")
+    assert done.returncode == 3
+    assert not is_alive(int(done.stdout))
+
+
+def test_the_time_is_limited(backend: str, tmp_path: Path) -> None:
+    timeout_s = "4" if backend == "uml" else "1"  # it has to boot
+    command = ["sh", "-c", "sleep 1000 & sleep 1000"]
+    done = run(
+        *("--backend", backend, "--timeout", timeout_s, *command),
+        variables={"TMPDIR": str(tmp_path)},
+    )
+    assert done.returncode == 124
+    assert f"ended after {timeout_s} s" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("backend", ["uml"], indirect=True)
+def test_the_time_is_limited_also_where_nobody_reads_the_output(backend: str) -> None:
+    with wrapper("--backend", backend, "--timeout", "5", "yes") as (process, _):
+        assert process.wait(PATIENCE_S) == 124
+
+
+def test_a_signal_reaches_the_command_and_its_answer_comes_back(backend: str) -> None:
+    script = "trap 'echo caught; exit 9' TERM; echo ready; while :; do sleep 0.05; done"
+    with wrapper("--backend", backend, "sh", "-c", script) as (process, output):
+        assert output.readline() == "ready\n"
+        process.terminate()
+        assert output.read() == "caught\n"
+        assert process.wait(PATIENCE_S) == 9
+
+
+def test_ctrl_c_at_the_terminal_comes_once(backend: str) -> None:
+    script = (
+        "n=0; trap 'n=$((n+1))' INT; stty size; i=0; "
+        "while [ $i -lt 4 ]; do sleep 0.2; i=$((i+1)); done; echo $n times; tty; exit 5"
+    )
+    terminal, theirs = os.openpty()
+    command = ["setsid", "--ctty", WITH_VCAN, "--backend", backend, "sh", "-c", script]
+    with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs) as process:
+        os.close(theirs)
+        shown = read_terminal(terminal, until="0 0")
+        os.write(terminal, b"\x03")
+        shown += read_terminal(terminal)
+        assert process.wait(PATIENCE_S) == 5, shown
+    os.close(terminal)
+    assert "1 times" in shown
+    assert "/dev/pts/" in shown
+
+
+def read_terminal(terminal: int, until: str = "\0") -> str:
+    shown = ""
+    while until not in shown and select.select([terminal], [], [], PATIENCE_S)[0]:
+        try:
+            shown += os.read(terminal, 4096).decode()
+        except OSError:  # so is the end of a terminal told
+            break
+    return shown
+
+
+def test_nothing_stays_when_the_wrapper_is_killed(
+    backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    with wrapper("--backend", backend, "sh", "-c", "sleep 1000 & echo ready; sleep 1000") as (
+        process,
+        output,
+    ):
+        assert output.readline() == "ready\n"
+        below = descendants(process.pid)
+        assert len(below) >= 2
+        process.kill()
+        process.wait()
+        wait_until(lambda: not any(map(is_alive, below)), "all have ended")
+    wait_until(lambda: list(tmp_path.iterdir()) == [], "its folder is gone")
+
+
+SEND_AND_HEAR = """
+import socket, struct, sys
+first, second = (socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) for _ in range(2))
+first.bind(("vcan0",)), second.bind(("vcan0",))
+for line in sys.stdin:
+    if line == "send\\n":
+        first.send(struct.pack("=IB3x8x", int(sys.argv[1]), 0))
+    print(struct.unpack("=IB3x8x", second.recv(16))[0] if line == "hear\\n" else "done", flush=True)
+"""
+
+
+def test_two_at_once_do_not_hear_each_other(backend: str) -> None:
+    command = [WITH_VCAN, "--backend", backend, sys.executable, "-c", SEND_AND_HEAR]
+    with ExitStack() as stack:
+        one, two = (
+            stack.enter_context(
+                subprocess.Popen(
+                    [*command, number], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+                )
+            )
+            for number in ("1", "2")
+        )
+
+        def ask(process: subprocess.Popen[str], what: str) -> str:
+            assert process.stdin is not None
+            assert process.stdout is not None
+            process.stdin.write(f"{what}\n")
+            process.stdin.flush()
+            return process.stdout.readline().strip()
+
+        assert [ask(one, "start"), ask(two, "start")] == ["done", "done"]
+        assert [ask(two, "send"), ask(one, "send")] == ["done", "done"]
+        assert [ask(one, "hear"), ask(two, "hear")] == ["1", "2"]
+        for process in (one, two):
+            process.communicate()
+            assert process.returncode == 0
+
+
+@pytest.mark.parametrize("backend", [NAMESPACE], indirect=True)
+def test_a_command_that_cannot_be_run_is_told_as_by_a_shell(backend: str) -> None:
+    absent, folder = run("--backend", backend, "/absent"), run("--backend", backend, "/")
+    assert (absent.returncode, folder.returncode) == (127, 126)
+    assert absent.stderr.startswith("with_vcan: error: /absent: No such file")
+
+
+def test_netem_delays_every_frame_of_its_interface() -> None:
+    """In the kernel: the queue is there before the command, and long enough."""
+    request = Request(("true",), ("vcan0", "vcan1"), netem_of(["vcan1:delay 9ms"], ["vcan1"]))
+    assert link_commands(request)[-1] == [
+        *("tc", "qdisc", "add", "dev", "vcan1", "root"),
+        *("netem", "limit", "100000", "delay", "9ms"),
+    ]  # fmt: skip
+    own_limit = request._replace(netem=(("vcan0", ("limit", "5")),))
+    assert link_commands(own_limit)[-1][-3:] == ["netem", "limit", "5"]
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [("1", ["vcan0"]), ("3", ["vcan0", "vcan1", "vcan2"]), ("can0,a.b-c", ["can0", "a.b-c"])],
+)
+def test_interfaces_are_a_number_or_names(text: str, names: list[str]) -> None:
+    assert list(interface_names(text)) == names
+
+
+@pytest.mark.parametrize("text", ["0", "65", "", "a,,b", "a,a", "0can", "a/b", "a" * 16, "-1", "²"])
+def test_what_is_no_interface_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r"interface|1 to 64"):
+        interface_names(text)
+
+
+def test_netem_is_for_all_interfaces_or_for_one() -> None:
+    both = ["vcan0", "vcan1"]
+    assert dict(netem_of(["delay 1ms 2ms"], both)) == dict.fromkeys(both, ("delay", "1ms", "2ms"))
+    assert dict(netem_of(["loss 1%", "vcan1:delay 1ms"], both))["vcan1"] == ("delay", "1ms")
+    for wrong in ("vcan2:delay 1ms", "vcan0:", ""):
+        with pytest.raises(ValueError, match=r"interface|parameters"):
+            netem_of([wrong], both)
+
+
+def test_frames_are_put_together_from_any_pieces() -> None:
+    sent = [
+        LineFrame(Kind.STDOUT, b"x" * 300),
+        LineFrame(Kind.READY, b""),
+        LineFrame(Kind.STATUS, b"7"),
+    ]
+    wire = b"".join(pack(*frame) for frame in sent)
+    for size in (1, 2, 7, len(wire)):
+        unpacker = Unpacker()
+        pieces = [wire[start : start + size] for start in range(0, len(wire), size)]
+        assert [frame for piece in pieces for frame in unpacker.feed(piece)] == sent
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["--timeout", "0", "true"],
+        ["--timeout", "nan", "true"],
+        ["--interfaces", "0", "true"],
+        ["--memory", "1", "true"],
+        ["--netem", "vcan9:delay 1ms", "true"],
+        ["--backend", "qemu", "true"],
+    ],
+    ids=" ".join,
+)
+def test_wrong_arguments_are_told_before_anything_starts(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    assert end.value.code == 2
+    assert "with_vcan: error: " in capsys.readouterr().err
+
+
+def test_where_there_is_no_way_the_packages_to_install_are_named(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.setattr(request_module, "SYSTEM_FOLDERS", "/nowhere")
+    assert main(["--interfaces", "nocan0", "true"]) == 3
+    (line,) = capsys.readouterr().err.splitlines()
+    for word in (
+        "nocan0",
+        "user-mode-linux kmod can-utils iproute2",
+        "host: ",
+        "namespace: ",
+        "uml: ",
+    ):
+        assert word in line
+
+
+STOPPED_UNDER_A_TRACER = """
+import ctypes, os, signal, time
+from steer_by_wire.vcan.guard import _reap
+child = os.fork()
+if child == 0:
+    ctypes.CDLL(None).ptrace(0, 0, None, None)  # PTRACE_TRACEME
+    os.kill(os.getpid(), signal.SIGTRAP)
+    os._exit(0)
+while open(f"/proc/{child}/stat").read().rpartition(")")[2].split()[0] != "t":
+    time.sleep(0.01)
+assert _reap() == {}, "it has stopped, not ended"
+os.kill(child, signal.SIGKILL)
+ended = {}
+while not ended:
+    ended = _reap()
+    time.sleep(0.01)
+assert ended == {child: 128 + signal.SIGKILL}, ended
+"""
+
+
+def test_a_process_that_a_tracer_has_stopped_is_not_taken_for_one_that_ended() -> None:
+    subprocess.run([sys.executable, "-c", STOPPED_UNDER_A_TRACER], cwd=ROOT, check=True)

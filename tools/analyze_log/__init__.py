@@ -1,0 +1,1 @@
+"""Analyse a recording or candump's log."""

@@ -1,0 +1,249 @@
+"""What logs of the bus tell: signals, latency and jitter, cycle times, frames lost and refused.
+
+    steer-by-wire analyze run.log
+    steer-by-wire analyze controller.blf candump-2026-11-21.log --out out/logs --mcap
+
+Reads .log .asc .blf .csv .db .trc .mf4 of python-can and what candump prints or logs. Of each FILE
+it leaves in a folder under --out: report.html, figures.json and signals.csv; signals.parquet where
+pyarrow is installed; signals.mcap (Foxglove, PlotJuggler) with --mcap. A FILE that is no log leaves
+nothing and does not keep the others from being analysed; the exit status is 2 then.
+"""
+
+import argparse
+import logging
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+from rich.text import Text
+
+from steer_by_wire.recordings.file_analysis import analyse_files
+from steer_by_wire.recordings.log_file import LogError
+from steer_by_wire.recordings.signal_table import (
+    CsvTable,
+    Export,
+    MissingLibraryError,
+    ParquetTable,
+)
+from steer_by_wire.runtime.program import ExitStatus, run_main
+from steer_by_wire.runtime.report import write_json
+from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.tools.analyze_log.html_report import milliseconds, report_html
+from steer_by_wire.tools.analyze_log.mcap_export import McapFile
+
+NAME = "analyze_log"
+
+
+class Result(NamedTuple):
+    """What became of one log, and the folder with its files."""
+
+    figures: dict[str, Any]
+    folder: Path
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    return run_main(NAME, partial(_run, _parser().parse_args(arguments)))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="steer-by-wire analyze",
+        description=(__doc__ or "").splitlines()[0],
+        allow_abbrev=False,
+    )
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/logs"),
+        metavar="DIR",
+        help="each FILE gets a folder of its name in it (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--join", action="store_true", help="the files are one log, one after the other"
+    )
+    parser.add_argument("--channel", help="of a log with several; all unless given")
+    parser.add_argument("--mcap", action="store_true", help="also write signals.mcap")
+    parser.add_argument(
+        "--parquet",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="also write signals.parquet; unless said, where pyarrow is installed",
+    )
+    return parser
+
+
+def _run(options: argparse.Namespace) -> int:
+    # python-can's readers tell a terminal of every line they pass over.
+    logging.getLogger("can").addHandler(logging.NullHandler())
+    logs = [options.files] if options.join else [[path] for path in options.files]
+    results, mistakes = [], []
+    try:
+        with _progress() as advance:
+            for paths, folder in zip(logs, _folders(logs, options.out), strict=True):
+                try:
+                    results.append(_analyse(paths, folder, options, advance))
+                except LogError as error:
+                    mistakes.append(str(error))
+    except MissingLibraryError as error:
+        raise SettingsError(str(error)) from error
+    if results:
+        _tell(results)
+    if mistakes:
+        raise SettingsError(*mistakes)
+    return ExitStatus.OK
+
+
+def _folders(logs: Sequence[Sequence[Path]], out: Path) -> list[Path]:
+    """Return a folder for each log, named as its first file; with its suffix where that is not
+    enough, and with a number where that is not either.
+    """
+    stems = [paths[0].name.split(".")[0] or paths[0].name for paths in logs]
+    names = [
+        paths[0].name.replace(".", "_") if stems.count(stem) > 1 else stem
+        for paths, stem in zip(logs, stems, strict=True)
+    ]
+    return [
+        out / (f"{name}-{names[:index].count(name) + 1}" if names.count(name) > 1 else name)
+        for index, name in enumerate(names)
+    ]
+
+
+def _analyse(
+    paths: Sequence[Path],
+    folder: Path,
+    options: argparse.Namespace,
+    advance: Callable[[str, float | None], None],
+) -> Result:
+    """Analyse one log and write its files; without a log nothing is left or changed."""
+    with _all_or_nothing(folder) as partial:
+        with ExitStack() as stack:
+            exports = _exports(partial, options)
+            for export in exports:
+                stack.callback(export.close)
+            figures, analysis = analyse_files(paths, options.channel, exports, advance)
+        # Only a report needs matplotlib, and a mistake in the file should not have to wait for it.
+        from steer_by_wire.tools.analyze_log.pictures import draw_pictures
+
+        write_json(partial / "figures.json", figures)
+        title = f"Log of the bus: {', '.join(path.name for path in paths)}"
+        page = report_html(title, figures, draw_pictures(analysis, figures))
+        (partial / "report.html").write_text(page, encoding="utf-8")
+    return Result(figures, folder)
+
+
+@contextmanager
+def _all_or_nothing(folder: Path) -> Iterator[Path]:
+    """Give a folder to write to; its files come into ``folder`` if the block ends well."""
+    missing = [place for place in folder.parents if not place.exists()]  # the deepest first
+    partial = folder.with_name(f".{folder.name}.partial")
+    partial.mkdir(parents=True, exist_ok=True)
+    try:
+        yield partial
+        folder.mkdir(exist_ok=True)
+        for file in partial.iterdir():
+            file.replace(folder / file.name)
+    finally:
+        shutil.rmtree(partial)
+        for place in missing:
+            with suppress(OSError):  # it holds something
+                place.rmdir()
+
+
+def _exports(folder: Path, options: argparse.Namespace) -> list[Export]:
+    exports: list[Export] = []
+    if options.mcap:
+        exports.append(McapFile(folder / "signals.mcap"))
+    try:
+        if options.parquet is not False:
+            exports.append(ParquetTable(folder / "signals.parquet"))
+    except MissingLibraryError:
+        if options.parquet:
+            raise
+    exports.append(CsvTable(folder / "signals.csv"))
+    return exports
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str, float | None], None]]:
+    """Show how far the reading is, on a terminal and when it takes longer than a moment."""
+    console = Console(stderr=True)
+    start_s = time.monotonic()
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        tasks: dict[str, Any] = {}
+
+        def advance(name: str, fraction: float | None) -> None:
+            if time.monotonic() - start_s < 0.5:
+                return
+            if name not in tasks:
+                tasks[name] = progress.add_task(name, total=None if fraction is None else 1.0)
+            progress.update(tasks[name], completed=fraction)
+
+        yield advance
+
+
+def _tell(results: Sequence[Result]) -> None:
+    """Print the most important figures, a column a log."""
+    table = Table(box=None, pad_edge=False)
+    table.add_column("")
+    for result in results:
+        table.add_column(result.folder.name, justify="right", overflow="fold")
+    for label, read in _ROWS.items():  # their units are in brackets, as markup would be
+        table.add_row(Text(label), *(read(result.figures) for result in results))
+    console = Console(width=None if sys.stdout.isatty() else 100)
+    console.print(table)
+    for result in results:
+        figures = result.figures
+        if figures["unreadable"]:
+            print(f"{figures['unreadable']} lines not read, the first: ", end="")
+            print(figures["first_unreadable"])
+        if len(figures["channels"]) > 1 and figures["messages"]["STEERING_COMMAND"]["accepted"]:
+            print(f"several channels ({', '.join(figures['channels'])}): choose with --channel")
+        print(f"report: {result.folder / 'report.html'}")
+
+
+def _signal(name: str, key: str, digits: int) -> Callable[[dict[str, Any]], str]:
+    return lambda figures: milliseconds(figures["signals"][name][key], digits)
+
+
+def _latency(name: str) -> Callable[[dict[str, Any]], str]:
+    def read(figures: dict[str, Any]) -> str:
+        report = figures["latency"][name]
+        return "/".join(milliseconds(report[key], 1) for key in ("p50_s", "p99_s", "jitter_s"))
+
+    return read
+
+
+def _missing(figures: dict[str, Any]) -> str:
+    messages = figures["messages"].values()
+    return f"{sum(m['missing'] for m in messages)}/{sum(m['late'] for m in messages)}"
+
+
+_ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "frames": lambda figures: str(figures["frames"]),
+    "duration [s]": lambda f: "no times" if f["duration_s"] is None else f"{f['duration_s']:.2f}",
+    "lateral error, RMS [mm]": _signal("lateral_error_m", "rms", 2),
+    "lateral error, peak [mm]": _signal("lateral_error_m", "peak", 2),
+    "steer, RMS [mrad]": _signal("steer_rad", "rms", 2),
+    "steer, peak [mrad]": _signal("steer_rad", "peak", 2),
+    "round trip, p50/p99/jitter [ms]": _latency("round_trip"),
+    "downlink, p50/p99/jitter [ms]": _latency("downlink"),
+    "uplink, p50/p99/jitter [ms]": _latency("uplink"),
+    "counters missing/of them late": _missing,
+    "refused": lambda figures: str(sum(figures["refused"].values())),
+    "foreign": lambda figures: str(figures["foreign_frames"]),
+    "gaps": lambda figures: str(sum(m["gaps"] for m in figures["messages"].values())),
+}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

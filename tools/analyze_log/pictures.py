@@ -1,0 +1,119 @@
+"""Pictures of a log."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ...recordings.analysis import LogAnalysis
+from ...recordings.durations import Durations
+from ...reports.figures import COLOURS, STYLE
+
+ORANGE, BLUE, GREEN, PURPLE = COLOURS
+WIDTH_IN = 10.5
+
+
+def draw_pictures(analysis: LogAnalysis, figures: Mapping[str, Any]) -> dict[str, Figure]:
+    """Draw what the log has the frames for; the names say what is on the pictures."""
+    draw: dict[str, Callable[[LogAnalysis, Mapping[str, Any]], Figure | None]] = {
+        "Lateral error and steer": _draw_motion,
+        "Latency": _draw_latency,
+        "Cycle times": _draw_cycles,
+    }
+    if not figures["has_times"]:
+        return {}
+    with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
+        drawn = {title: function(analysis, figures) for title, function in draw.items()}
+    return {title: figure for title, figure in drawn.items() if figure is not None}
+
+
+def _draw_motion(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:
+    """Lateral error, and below it what was commanded and what the wheel did."""
+    if not (figures["signals"]["lateral_error_m"]["samples"]):
+        return None
+    figure = Figure(figsize=(WIDTH_IN, 5.4))
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1.0))
+    time_s, error_m = analysis.histories["lateral_error_m"].points()
+    above.plot(time_s, 1e3 * error_m, color=BLUE, lw=1.2)
+    report = figures["signals"]["lateral_error_m"]
+    above.set_title(
+        f"Lateral error at the preview point: RMS {1e3 * report['rms']:.1f} mm, "
+        f"peak {1e3 * report['peak']:.1f} mm at {report['peak_at_s']:.2f} s"
+    )
+    above.set_ylabel("lateral error [mm]")
+    above.axhline(0.0, color="black", lw=0.6)
+    for label, colour, text in (
+        ("steer_rad", ORANGE, "commanded, as sent"),
+        ("wheel_angle_rad", GREEN, "at the wheel, as reported"),
+    ):
+        below.plot(*analysis.histories[label].points(), color=colour, lw=1.0, label=text)
+    below.set(xlabel="time since the first frame [s]", ylabel="steer [rad]")
+    below.legend(loc="upper center", bbox_to_anchor=(0.5, -0.24), ncols=2)
+    for axes in (above, below):
+        _mark_gaps(axes, figures)
+    return figure
+
+
+def _draw_latency(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:
+    """Round trip and directions over time, and how often they were how long."""
+    latencies = analysis.latencies
+    if not figures["latency"]["round_trip"]["samples"]:
+        return None
+    figure = Figure(figsize=(WIDTH_IN, 4.4))
+    left, right = figure.subplots(1, 2, width_ratios=(2.4, 1.0))
+    measured: dict[str, tuple[str, Durations]] = {
+        "round_trip": (PURPLE, latencies.round_trip),
+        "downlink": (BLUE, latencies.downlink),
+        "uplink": (GREEN, latencies.uplink),
+    }
+    fractions = np.linspace(0.0, 1.0, 201)
+    for name, (colour, durations) in measured.items():
+        time_s, latency_s = latencies.history[name].points()
+        median_ms = 1e3 * figures["latency"][name]["p50_s"]
+        text = f"{name.replace('_', ' ')}, median {median_ms:.1f} ms"
+        left.plot(time_s, 1e3 * latency_s, ".", ms=2.0, color=colour, label=text)
+        right.plot(1e3 * durations.quantiles_s(fractions), 100.0 * fractions, color=colour)
+    time_s, told_s = latencies.history["told_downlink"].points()
+    left.plot(time_s, 1e3 * told_s, "+", ms=4.0, color="black", label="downlink, the plant's word")
+    left.set(xlabel="time since the first frame [s]", ylabel="latency [ms]", ylim=(0.0, None))
+    left.set_title("Latency, by the counters in the log")
+    left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, markerscale=3.0)
+    right.set(xlabel="latency [ms]", ylabel="share of frames below [%]", ylim=(0.0, 100.0))
+    right.set_xlim(left=0.0)
+    return figure
+
+
+def _draw_cycles(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:
+    """Distance of the frames of each message over time, against what the DBC wants."""
+    names = [
+        name for name, message in figures["messages"].items() if message["cycle"]["samples"] > 1
+    ]
+    if not names:
+        return None
+    figure = Figure(figsize=(WIDTH_IN, 1.0 + 1.05 * len(names)))
+    rows = np.atleast_1d(figure.subplots(len(names), 1, sharex=True))
+    for axes, name in zip(rows, names, strict=True):
+        message = figures["messages"][name]
+        time_s, cycle_s = analysis.cycle_histories[name].points()
+        axes.plot(time_s, 1e3 * cycle_s, ".", ms=2.0, color=BLUE)
+        axes.axhline(1e3 * message["cycle_dbc_s"], color="black", lw=0.8, ls="--")
+        cycle = message["cycle"]
+        axes.set_title(
+            f"{name}: median {1e3 * cycle['p50_s']:.2f} ms, 99 % below {1e3 * cycle['p99_s']:.2f} "
+            f"ms, longest {1e3 * cycle['max_s']:.1f} ms",
+            fontsize=9.5,
+        )
+        axes.set_ylabel("[ms]")
+        axes.set_ylim(0.0, 1.08e3 * max(cycle["max_s"], 1.1 * message["cycle_dbc_s"]))
+    rows[-1].set_xlabel("time since the first frame [s]      (dashed: the DBC's cycle time)")
+    return figure
+
+
+def _mark_gaps(axes: Axes, figures: Mapping[str, Any]) -> None:
+    """Shade where the commands or the measurements stayed away."""
+    for gap in figures["gaps"]:
+        if gap["name"] in ("STEERING_COMMAND", "LATERAL_ERROR", "STEERING_STATUS"):
+            axes.axvspan(gap["at_s"], gap["at_s"] + gap["duration_s"], color="0.85", lw=0)

@@ -1,0 +1,1 @@
+"""What a control step and a run in virtual time cost here."""

@@ -1,0 +1,111 @@
+"""How fast it is on this machine, beside what it should be.
+
+    steer-by-wire benchmark [--json FILE] [--against SAVED]
+
+Prints the median of several repetitions with the least and the most, the target where there is
+one, and the ratio of the time behind each figure to that of a fixed loop of arithmetic. A start is
+timed to the program's first frame on an emulated bus. Other work on the machine shows in the
+spread; a target that is missed then says little. ``--against`` names what got slower than in a file
+that ``--json`` wrote.
+"""
+
+import argparse
+import json
+import os
+import platform
+import sys
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from steer_by_wire.benchmarking.measurement import Line, calibration
+from steer_by_wire.benchmarking.table import line_record, lines_table
+from steer_by_wire.runtime.bus import BusError
+from steer_by_wire.runtime.host import StealClock
+from steer_by_wire.runtime.option_types import output_file
+from steer_by_wire.runtime.program import ExitStatus, run_main
+from steer_by_wire.tools.benchmark.comparison import comparison_text, ratios_of, read_ratios
+from steer_by_wire.tools.benchmark.loop import (
+    controller_node_line,
+    frame_lines,
+    law_lines,
+    virtual_time_lines,
+)
+from steer_by_wire.tools.benchmark.startup import StartupError, heavy_modules, startup_lines
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run all benchmarks; returns the exit status, which does not depend on the figures."""
+    parser = argparse.ArgumentParser(
+        prog="steer-by-wire benchmark",
+        description=(__doc__ or "").splitlines()[0],
+        allow_abbrev=False,
+    )
+    parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
+    parser.add_argument(
+        "--against", type=Path, metavar="SAVED", help="name what got slower than in a saved file"
+    )
+    options = parser.parse_args(arguments)
+    return run_main("benchmark", partial(_run, options))
+
+
+def _run(options: argparse.Namespace) -> int:
+    before = None if options.against is None else read_ratios(options.against)
+    try:
+        now = _benchmark(options.json)
+    except StartupError as error:
+        raise BusError(str(error)) from error
+    if before is not None:
+        print(comparison_text(before, now))
+    return ExitStatus.OK
+
+
+def _benchmark(json_file: Path | None) -> dict[str, float]:
+    """Time everything; returns the ratios to the calibration loop by name."""
+    console, steal = Console(), StealClock()
+    loop = calibration()
+    lines = [
+        *law_lines(),
+        *frame_lines(),
+        controller_node_line(),
+        *virtual_time_lines(),
+        *startup_lines(),
+    ]
+    heavy = heavy_modules()
+    machine = {
+        "python": f"{platform.python_implementation()} {platform.python_version()}",
+        "platform": platform.platform(),
+        "processors": os.cpu_count(),
+        "steal_fraction": steal.fraction(),
+    }
+    console.print(lines_table([loop, *lines], loop.median))
+    for program, modules in heavy.items():
+        console.print(f"heavy modules {program} imports (target: none): {_listed(modules)}")
+    stolen = machine["steal_fraction"]
+    console.print(f"{machine['python']}, {machine['processors']} processors, ", end="")
+    console.print("steal unknown" if stolen is None else f"{100 * stolen:.1f} % stolen by the host")
+    records = [_as_json(line, loop.median) for line in lines]
+    if json_file is not None:
+        content = {
+            "machine": machine,
+            "calibration_us": loop.median,
+            "lines": records,
+            "heavy_modules": heavy,
+        }
+        json_file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    return ratios_of(records)
+
+
+def _as_json(line: Line, calibration_us: float) -> dict[str, Any]:
+    return {**line_record(line), "ratio_to_calibration": line.ratio(calibration_us)}
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names) or "none"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

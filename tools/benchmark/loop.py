@@ -1,0 +1,148 @@
+"""Benchmarks within one process: laws, frames, controller node, the whole loop in virtual time."""
+
+import math
+import time
+from collections.abc import Sequence
+from functools import partial
+
+from ...benchmarking.measurement import Line, Target, timed
+from ...controller.design import LawDesign, design_law
+from ...controller.law_interface import LawInput
+from ...controller.laws import LAWS
+from ...controller.node import ControllerNode
+from ...controller.settings import ControllerSettings
+from ...dbc.messages import (
+    ControllerStatus,
+    Direction,
+    LatencyConfig,
+    LatencyModel,
+    LateralError,
+    Law,
+    Message,
+    Mode,
+    PlantStatus,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    VehicleState,
+    decode,
+    encode,
+)
+from ...dbc.protection import COUNTERS
+from ...pair.virtual import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.bus_model import BusModel
+from ...runtime.frame import Frame
+from ...runtime.settings import load_settings, preset_names, read_preset
+
+STEPS = 10_000
+PRESETS = "steer_by_wire.controller.presets"
+JUDGED_LAW = "pd_ddob"
+CONTROL_STEP_TARGET_US = 5.0
+SPEED_TARGET = 200.0
+MOTION_S = 20.0
+VIRTUAL_REPETITIONS = 5
+PERIOD_NS = 10_000_000
+
+MESSAGES: tuple[Message, ...] = (
+    SteeringCommand(0.01234, 4321, Mode.ACTIVE),
+    LateralError(0.01234, -0.002),
+    SteeringStatus(0.01234, 4321, SteeringStatusCode.APPLYING),
+    VehicleState(1.39, 0.012, 0.033),
+    ControllerStatus(Mode.ACTIVE, Law.PD_DDOB, 0.012, -0.034, 5),
+    PlantStatus(0.08, 0.02, 7, 0),
+    LatencyConfig(Direction.BOTH, LatencyModel.NORMAL, 0.08, 0.03, 0.01),
+)
+
+
+def law_lines() -> list[Line]:
+    """Time one control step of each law."""
+    errors_m = [0.01 * math.sin(0.01 * step) for step in range(STEPS)]
+    return [
+        timed(
+            f"control step {law}",
+            partial(_control_often, design_law(_controller_settings(law)), errors_m),
+            STEPS,
+            CONTROL_STEP_TARGET_US if law == JUDGED_LAW else None,
+        )
+        for law in LAWS
+        if f"practical_{law}" in preset_names(PRESETS)
+    ]
+
+
+def frame_lines() -> list[Line]:
+    """Time encoding and decoding of each message."""
+    lines = []
+    for message in MESSAGES:
+        name, frame = type(message).__name__, encode(message, 7)
+        lines.append(timed(f"encode {name}", partial(_encode_often, message), STEPS))
+        lines.append(timed(f"decode {name}", partial(_decode_often, frame), STEPS))
+    return lines
+
+
+def controller_node_line() -> Line:
+    """Time a LATERAL_ERROR frame in, a tick, and its STEERING_COMMAND frame out, with pd_ddob."""
+    node = ControllerNode(_controller_settings(JUDGED_LAW), 0)
+    frames = [
+        encode(LateralError(0.01 * math.sin(0.1 * counter), 0.0), counter)
+        for counter in range(COUNTERS)
+    ]
+    return timed(
+        "controller node, in to out",
+        partial(_answer_often, node, frames),
+        STEPS,
+    )
+
+
+def virtual_time_lines() -> list[Line]:
+    """Measure how many times as fast as real time both nodes run, with pd_ddob at 100 Hz.
+
+    The ratio is that of the time of one control period.
+    """
+    wires = {"ideal wire": None, f"{BITRATE_BIT_S // 1000} kbit/s": BITRATE_BIT_S}
+    return [_virtual_time_line(name, bitrate_bit_s) for name, bitrate_bit_s in wires.items()]
+
+
+def _virtual_time_line(wire: str, bitrate_bit_s: int | None) -> Line:
+    factors, work_us = [], []
+    for _ in range(VIRTUAL_REPETITIONS):
+        pair = make_virtual_pair(
+            PlantSettings(duration_s=MOTION_S), _controller_settings(JUDGED_LAW)
+        )
+        bus = None if bitrate_bit_s is None else BusModel(bitrate_bit_s)
+        begin_s = time.perf_counter()
+        run_virtual_nodes(pair.edge, pair.controller, bus, None, lambda: False)
+        elapsed_s = time.perf_counter() - begin_s
+        factors.append(MOTION_S / elapsed_s)
+        work_us.append(1e6 * elapsed_s / MOTION_S * PERIOD_NS * 1e-9)
+    target = Target(at_most=False, value=SPEED_TARGET)
+    return Line(f"virtual time, {wire}", "x", factors, work_us, target)
+
+
+def _control_often(design: LawDesign, errors_m: Sequence[float]) -> None:
+    params, step, state = design.params, design.step, design.initial_state(0.0)
+    steer_rad = 0.0
+    for error_m in errors_m:
+        state, output = step(params, state, LawInput(error_m, steer_rad))
+        steer_rad = output.steer_rad
+
+
+def _encode_often(message: Message) -> None:
+    for index in range(STEPS):
+        encode(message, index % COUNTERS)
+
+
+def _decode_often(frame: Frame) -> None:
+    for _ in range(STEPS):
+        decode(frame)
+
+
+def _answer_often(node: ControllerNode, frames: Sequence[Frame]) -> None:
+    for _ in range(STEPS):
+        now_ns = node.deadline_ns
+        node.on_frame(frames[now_ns // PERIOD_NS % COUNTERS], now_ns)
+        node.on_tick(now_ns)
+
+
+def _controller_settings(law: str) -> ControllerSettings:
+    return load_settings(ControllerSettings, read_preset(PRESETS, f"practical_{law}"))

@@ -1,0 +1,90 @@
+"""Benchmarks of the two programs' start: how long to the first frame, and what they import."""
+
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from ...benchmarking.measurement import Line, Target
+from ...pair.live import Bus
+from ...runtime.emulated_bus.launch import launched_broker
+
+PROGRAMS = {
+    "plant_emulator": ["--preset", "paper_nominal"],
+    "controller": ["--preset", "practical_pd_ddob"],
+}
+"""The programs, and a usual command line of each."""
+HEAVY = ("numba", "scipy", "matplotlib")
+"""What no live process needs; each alone takes longer to import than all the rest."""
+REPETITIONS = 5
+TARGET_S = 1.0
+TIMEOUT_S = 30.0
+_IMPORTED = re.compile(r"import time: .*\| +(\S+)")
+
+
+class StartupError(Exception):
+    """A program has not started; the text is one line for the user."""
+
+
+def startup_lines() -> list[Line]:
+    """Time each program from its start to its first frame on an emulated bus."""
+    lines = []
+    with launched_broker() as address:
+        bus = Bus("emulated", "startup", {"address": address})
+        for program in PROGRAMS:
+            seconds = [_first_frame_s(program, bus) for _ in range(REPETITIONS)]
+            lines.append(
+                Line(
+                    f"start of {program}",
+                    "s",
+                    seconds,
+                    [1e6 * value_s for value_s in seconds],
+                    Target(at_most=True, value=TARGET_S),
+                )
+            )
+    return lines
+
+
+def heavy_modules() -> dict[str, list[str]]:
+    """Return which of HEAVY each program has imported when its first frame is out."""
+    with launched_broker() as address:
+        bus = Bus("emulated", "imports", {"address": address})
+        return {program: _heavy_imports(program, bus) for program in PROGRAMS}
+
+
+def _first_frame_s(program: str, bus: Bus) -> float:
+    with bus.open() as listener:
+        begin_s = time.perf_counter()
+        with _running(program, bus, ()):
+            if listener.recv(TIMEOUT_S) is None:
+                raise StartupError(f"{program} has sent no frame within {TIMEOUT_S:g} s")
+            return time.perf_counter() - begin_s
+
+
+def _heavy_imports(program: str, bus: Bus) -> list[str]:
+    with bus.open() as listener, _running(program, bus, ("-X", "importtime")) as process:
+        listener.recv(TIMEOUT_S)
+        process.send_signal(signal.SIGINT)
+        _, told = process.communicate()
+    packages = {match[1].partition(".")[0] for match in _IMPORTED.finditer(told)}
+    if program not in packages:
+        raise StartupError(f"{program} does not tell what it imports")
+    return [package for package in HEAVY if package in packages]
+
+
+@contextmanager
+def _running(
+    program: str, bus: Bus, python_options: Sequence[str]
+) -> Iterator[subprocess.Popen[str]]:
+    """Run a program until the end of the block."""
+    command = [sys.executable, *python_options, "-m", program, *bus.options, *PROGRAMS[program]]
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.send_signal(signal.SIGINT)

@@ -1,0 +1,130 @@
+"""How fast compiled runs are: beside C, in threads, from a cold start, and beside other tools.
+
+    steer-by-wire benchmark-batch [--json FILE] [--chart FILE.png]
+
+Everything that is compared is timed turn by turn in one process; what is told are medians. The C
+program does the same arithmetic (it has to give the same bits, and is refused otherwise).
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from steer_by_wire.benchmarking.measurement import Line, Target
+from steer_by_wire.benchmarking.table import line_record, lines_table
+from steer_by_wire.runtime.bus import BusError
+from steer_by_wire.runtime.host import StealClock
+from steer_by_wire.runtime.option_types import output_file
+from steer_by_wire.runtime.program import ExitStatus, run_main
+from steer_by_wire.tools.benchmark_batch.c_pair import MissingCompilerError
+from steer_by_wire.tools.benchmark_batch.comparison import (
+    line_of_threads,
+    lines_beside_c,
+    lines_beside_others,
+    seconds_of_runs,
+)
+
+COUNTS = (10, 30, 100, 300, 1000)
+LENGTHS_S = (10.0, 30.0, 100.0, 300.0, 1000.0)
+STARTS = 5
+_FIRST_RESULT = (
+    "from steer_by_wire.tools.benchmark_batch.subject import NETWORKS, pair_settings;"
+    "from compiled.engine import run_batch;"
+    "run_batch(*pair_settings(NETWORKS['80 ms']))"
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the benchmark; returns the exit status, which does not depend on the figures."""
+    parser = argparse.ArgumentParser(
+        prog="steer-by-wire benchmark-batch",
+        description=(__doc__ or "").splitlines()[0],
+        allow_abbrev=False,
+    )
+    parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
+    parser.add_argument("--chart", type=output_file, metavar="FILE.png", help="time against runs")
+    options = parser.parse_args(arguments)
+    return run_main("benchmark_batch", partial(_run, options))
+
+
+def _run(options: argparse.Namespace) -> int:
+    try:
+        _benchmark(options.json, options.chart)
+    except MissingCompilerError as error:
+        raise BusError(str(error)) from error
+    return ExitStatus.OK
+
+
+def _benchmark(json_file: Path | None, chart: Path | None) -> None:
+    console, steal = Console(), StealClock()
+    with console.status("compiled runs beside C"):
+        lines = lines_beside_c()
+    with console.status("threads"):
+        lines.append(line_of_threads())
+    with console.status("cold and warm starts"):
+        lines += start_lines()
+    with console.status("other tools"):
+        lines += lines_beside_others()
+    seconds = seconds_of_runs(COUNTS, LENGTHS_S)
+    console.print(lines_table(lines))
+    stolen = steal.fraction()
+    console.print("steal unknown" if stolen is None else f"{100 * stolen:.1f} % stolen by the host")
+    if json_file is not None:
+        content = {
+            "lines": [line_record(line) for line in lines],
+            "runs": COUNTS,
+            "lengths_s": LENGTHS_S,
+            **seconds,
+            "steal_fraction": stolen,
+        }
+        json_file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    if chart is not None:
+        draw_chart(seconds).savefig(chart, dpi=100)
+
+
+def start_lines() -> list[Line]:
+    """Time a new process up to its first result, without and with a cache on disk."""
+    cold: list[float] = []
+    warm: list[float] = []
+    for _ in range(STARTS):
+        with tempfile.TemporaryDirectory() as cache:
+            cold.append(_first_result_s(cache))
+            warm.append(_first_result_s(cache))
+    return [
+        Line("import to first result, cold", "s", cold, [1e6 * s for s in cold], Target(True, 5.0)),
+        Line("import to first result, warm", "s", warm, [1e6 * s for s in warm], Target(True, 1.5)),
+    ]
+
+
+def _first_result_s(cache: str) -> float:
+    begin_s = time.perf_counter()
+    environment = {**os.environ, "XDG_CACHE_HOME": cache}
+    subprocess.run((sys.executable, "-c", _FIRST_RESULT), check=True, env=environment)
+    return time.perf_counter() - begin_s
+
+
+def draw_chart(seconds: dict[str, list[float]]) -> Figure:
+    """Draw time against the number of runs and against their length."""
+    figure = Figure(figsize=(10.0, 4.0), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    left.loglog(COUNTS, seconds["by_count"], "o-", color="#0072b2")
+    left.set(xlabel="runs of 60 s at 100 Hz", ylabel="time [s]", title="Number of runs")
+    right.loglog(LENGTHS_S, seconds["by_length"], "o-", color="#d55e00")
+    right.set(xlabel="length of each of 10 runs [s]", ylabel="time [s]", title="Length")
+    for axes in (left, right):
+        axes.grid(True, which="both", alpha=0.3)
+    return figure
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,244 @@
+"""How fast the controller answers and how punctual it is on a CAN bus, beside C and bare Python.
+
+    tools/with_vcan steer-by-wire benchmark-bus [--json FILE]
+    steer-by-wire benchmark-bus --no-can
+
+Everything that is compared runs in turns on the same machine within minutes, or at once; each
+figure is the median of several repetitions, each ratio is within one repetition. docs/real_time.md
+says what is measured and why.
+"""
+
+import argparse
+import os
+import platform
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from steer_by_wire.benchmarking.measurement import Line
+from steer_by_wire.benchmarking.table import line_record, lines_table
+from steer_by_wire.runtime.bus import BusError, socketcan_obstacle
+from steer_by_wire.runtime.emulated_bus.launch import launched_broker
+from steer_by_wire.runtime.host import StealClock
+from steer_by_wire.runtime.option_types import output_file, seconds
+from steer_by_wire.runtime.program import ExitStatus, run_main
+from steer_by_wire.runtime.report import write_json
+from steer_by_wire.tools.benchmark_bus.allocations import tick_memory
+from steer_by_wire.tools.benchmark_bus.c_programs import CompileError, compile_all
+from steer_by_wire.tools.benchmark_bus.lines import (
+    answer_lines,
+    memory_lines,
+    parts,
+    skipped_lines,
+    tick_lines,
+)
+from steer_by_wire.tools.benchmark_bus.processes import (
+    PRIORITY_MAX,
+    PRIORITY_MIN,
+    ProcessError,
+    may_have_priority,
+)
+from steer_by_wire.tools.benchmark_bus.runs import (
+    BARE_PYTHON,
+    C_ECHO,
+    NODE,
+    PRESET,
+    PYTHON_WITH_TIMEOUT,
+    AnswerRun,
+    Bench,
+    TickRun,
+    answer_run,
+    socketcan_options,
+    tick_run,
+    write_frames,
+)
+
+NAME = "benchmark_bus"
+ANSWERING = (C_ECHO, BARE_PYTHON, PYTHON_WITH_TIMEOUT, NODE)
+RATE_HZ, LONG_RATE_HZ = 100, 1000
+PARTS = 5
+"""Of the long run: repetitions of its lateness."""
+MEMORY_TICKS = 5000
+WIDTH_MIN = 110
+"""Of the table, whose figures are no use cut short."""
+BETWEEN_S = 2.0
+"""What starting a run takes, for the progress bar."""
+
+
+class _Runs(NamedTuple):
+    """All that was run; ``answers`` is empty without CAN."""
+
+    answers: Mapping[str, list[AnswerRun]]
+    ticks: list[TickRun]
+    long: TickRun
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the benchmark; returns the exit status, which does not depend on the figures."""
+    return run_main(NAME, partial(_run, _parse(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
+    try:
+        _benchmark(options)
+    except (CompileError, ProcessError) as error:
+        raise BusError(str(error)) from error
+    return ExitStatus.OK
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="steer-by-wire benchmark-bus",
+        description=(__doc__ or "").splitlines()[0],
+        allow_abbrev=False,
+    )
+    parser.add_argument("-c", "--channel", default="vcan0", help="default: %(default)s")
+    parser.add_argument(
+        "--no-can",
+        action="store_true",
+        help="only lateness and skipped ticks, on an emulated bus: no CAN in the kernel is needed",
+    )
+    parser.add_argument(
+        "--seconds", type=seconds, default=4.0, help="of each short run (default: %(default)g)"
+    )
+    parser.add_argument("--repetitions", type=_count, default=5, help="default: %(default)s")
+    parser.add_argument(
+        "--long-seconds",
+        type=seconds,
+        default=60.0,
+        metavar="SECONDS",
+        help=f"of the run at {LONG_RATE_HZ} Hz (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--priority",
+        type=_priority,
+        default=50,
+        metavar=f"0|{PRIORITY_MIN}..{PRIORITY_MAX}",
+        help="of SCHED_FIFO, for C and Python alike; 0: none (default: %(default)s)",
+    )
+    parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
+    return parser.parse_args(arguments)
+
+
+def _benchmark(options: argparse.Namespace) -> None:
+    obstacle = "" if options.no_can else socketcan_obstacle(options.channel)
+    if obstacle:
+        raise BusError(
+            f"{obstacle}; this brings one: tools/with_vcan steer-by-wire benchmark-bus; "
+            "--no-can measures what can be measured without"
+        )
+    console, steal = Console(markup=False, highlight=False), StealClock()
+    granted = bool(options.priority) and may_have_priority()
+    with tempfile.TemporaryDirectory(prefix="bus-benchmark-") as name, _bus(options) as bus:
+        folder = Path(name)
+        priority = options.priority if granted else 0
+        bench = Bench(*bus, folder, compile_all(folder), priority)
+        write_frames(bench.frames)
+        runs = _run_all(bench, options)
+    lines = _lines(runs)
+    machine = {
+        "python": f"{platform.python_implementation()} {platform.python_version()}",
+        "platform": platform.platform(),
+        "vcan_backend": os.environ.get("WITH_VCAN_BACKEND"),
+        "processors": os.cpu_count(),
+        "sched_fifo": bench.priority,
+        "steal_fraction": steal.fraction(),
+    }
+    console.width = max(console.width, WIDTH_MIN)
+    console.print(lines_table(lines))
+    for line in _machine_lines(machine, refused=bool(options.priority) and not granted):
+        console.print(line, soft_wrap=True)
+    if options.json is not None:
+        write_json(
+            options.json, {"machine": machine, "lines": [line_record(line) for line in lines]}
+        )
+
+
+@contextmanager
+def _bus(options: argparse.Namespace) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield the SocketCAN channel, if any, and the options with which a program joins the bus."""
+    if not options.no_can:
+        yield options.channel, socketcan_options(options.channel)
+        return
+    with (
+        open(os.devnull, "w", encoding="utf-8") as nowhere,
+        launched_broker(log=nowhere) as address,
+    ):
+        yield "", ("-i", "emulated", "-c", NAME, "--bus-kwargs", f"address={address}")
+
+
+def _run_all(bench: Bench, options: argparse.Namespace) -> _Runs:
+    """Run everything, in turns, so that what else the machine does meets all alike."""
+    answered: dict[str, list[AnswerRun]] = {who: [] for who in ANSWERING if bench.channel}
+    ticks = []
+    short_s, long_s = options.seconds + BETWEEN_S, options.long_seconds + BETWEEN_S
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        total_s = options.repetitions * (len(answered) + 1) * short_s + long_s
+        task = progress.add_task("", total=total_s)
+        for _ in range(options.repetitions):
+            for who in answered:
+                progress.update(task, description=who)
+                answered[who].append(answer_run(bench, who, RATE_HZ, options.seconds))
+                progress.advance(task, short_s)
+            progress.update(task, description=f"lateness at {RATE_HZ} Hz")
+            ticks.append(tick_run(bench, RATE_HZ, options.seconds))
+            progress.advance(task, short_s)
+        progress.update(task, description=f"{options.long_seconds:g} s at {LONG_RATE_HZ} Hz")
+        long = tick_run(bench, LONG_RATE_HZ, options.long_seconds)
+    return _Runs(answered, ticks, long)
+
+
+def _lines(runs: _Runs) -> list[Line]:
+    reports = [run.report["node"] for run in (*runs.ticks, runs.long)]
+    reports += [run.report["node"] for run in runs.answers.get(NODE, []) if run.report is not None]
+    return [
+        *(answer_lines(runs.answers) if runs.answers else []),
+        *tick_lines(runs.ticks),
+        *tick_lines(parts(runs.long, PARTS)),
+        *skipped_lines(runs.long),
+        *memory_lines(tick_memory(PRESET, MEMORY_TICKS), reports),
+    ]
+
+
+def _machine_lines(machine: Mapping[str, Any], *, refused: bool) -> list[str]:
+    """Say what the figures are of."""
+    stolen, priority = machine["steal_fraction"], machine["sched_fifo"]
+    backend = machine["vcan_backend"]
+    if backend == "uml":
+        steal = "what the host took cannot be seen in User Mode Linux"
+    else:
+        steal = "steal unknown" if stolen is None else f"{100 * stolen:.1f} % stolen by the host"
+    fifo = f"SCHED_FIFO {priority}" if priority else "ordinary priority"
+    return [
+        f"{machine['python']}, {machine['processors']} processors, {steal}",
+        f"{fifo}{', SCHED_FIFO refused by the host' if refused else ''}"
+        f"{f'; with_vcan: {backend}' if backend else ''}",
+    ]
+
+
+def _count(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and 1 <= int(text) <= 1000):
+        raise argparse.ArgumentTypeError(f"allowed is 1 to 1000, not {text!r}")
+    return int(text)
+
+
+def _priority(text: str) -> int:
+    """Read a priority that leaves room above and below."""
+    allowed = (0, *range(PRIORITY_MIN, PRIORITY_MAX + 1))
+    if not (text.isascii() and text.isdecimal() and int(text) in allowed):
+        raise argparse.ArgumentTypeError(
+            f"allowed is 0 or {PRIORITY_MIN} to {PRIORITY_MAX}, not {text!r}"
+        )
+    return int(text)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

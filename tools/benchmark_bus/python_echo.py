@@ -1,0 +1,47 @@
+"""Answers every frame with its payload: the least that Python can do on ``socket.AF_CAN``.
+
+    python -m steer_by_wire.tools.benchmark_bus.python_echo CHANNEL REQUEST_ID REPLY_ID bare|select
+
+``bare`` waits in recv: no time-out, no time stamp, nothing it could do but echo. ``select`` waits
+with a time-out and asks when the frame arrived, as whoever has something to do at a deadline and
+wants to know the age of a measurement must. Either runs until it is killed.
+"""
+
+import select
+import socket
+import struct
+import sys
+from typing import NoReturn
+
+_11_BIT_DATA = 0xC000_07FF
+_FRAME_BYTES, _ANCILLARY_BYTES = 16, 128
+_SO_TIMESTAMPNS = 35  # asm-generic/socket.h
+_TIMEOUT_S = 0.05
+
+
+def main() -> NoReturn:
+    """Answer for ever."""
+    channel, request_id, reply_id, wait = sys.argv[1:]
+    bus = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+    wanted = struct.pack("=II", int(request_id, 0), _11_BIT_DATA)
+    bus.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, wanted)
+    bus.bind((channel,))
+    head = struct.pack("=I", int(reply_id, 0))
+    print("ready", flush=True)
+    (_echo_with_timeout if wait == "select" else _echo)(bus, head)
+
+
+def _echo(bus: socket.socket, head: bytes) -> NoReturn:
+    while True:
+        bus.send(head + bus.recv(_FRAME_BYTES)[4:])
+
+
+def _echo_with_timeout(bus: socket.socket, head: bytes) -> NoReturn:
+    bus.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+    while True:
+        if select.select([bus], [], [], _TIMEOUT_S)[0]:
+            bus.send(head + bus.recvmsg(_FRAME_BYTES, _ANCILLARY_BYTES)[0][4:])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,168 @@
+"""The controller program, which keeps when each tick ran and may tick for other reasons.
+
+    python -m steer_by_wire.tools.benchmark_bus.watched_controller --answer WHEN --ticks FILE ...
+
+Node, port, executor and what is asked of the host are the program's own, and so are all other
+options. WHEN is one of
+
+    at-rate   the program as it is
+    fed       the same, with a measurement of its own before each tick: for a bus with nobody else
+    at-once   does the whole tick when a measurement comes instead of when it is due, so that what
+              is timed is the work, and not the wait for the period
+
+FILE holds two int64 a tick, its deadline and when it ran [ns, monotonic clock].
+"""
+
+import argparse
+import gc
+import sys
+from array import array
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ...benchmarking.wake_ups import measurements
+from ...controller.node import RECEIVED, ControllerNode
+from ...controller.settings import ControllerSettings
+from ...dbc.messages import CAN_IDS, LateralError
+from ...runtime.frame import Frame
+from ...runtime.node import NEVER_NS, Wrapper
+from ...runtime.option_types import output_file
+from ...runtime.program import load_program_settings, make_parser, run_main, run_node
+
+NAME = "watched-controller"
+PRESETS = "steer_by_wire.controller.presets"
+WARM_UP_TICKS = 100
+"""After these every cache and every bin of the statistics that a quiet run needs is there."""
+_MEASUREMENT_ID = CAN_IDS[LateralError]
+
+
+class Watch:
+    """What the interpreter does from the tick ``WARM_UP_TICKS`` to the last one."""
+
+    def __init__(self) -> None:
+        self._ticks = 0
+        self._blocks_before = 0
+        self._seen = 0  # collections of garbage, also those after the run, when it is on again
+        self._seen_before = 0
+        self._seen_at_last_tick = 0
+        gc.callbacks.append(self._on_collection)
+
+    def tick(self) -> None:
+        """Count a tick."""
+        self._ticks += 1
+        self._seen_at_last_tick = self._seen
+        if self._ticks == WARM_UP_TICKS:
+            self._seen_before = self._seen
+            self._blocks_before = sys.getallocatedblocks()
+
+    def report(self) -> Mapping[str, Any]:
+        """Stop watching; returns collections, and blocks of memory taken and kept, each tick."""
+        ticks = self._ticks - WARM_UP_TICKS
+        kept = sys.getallocatedblocks() - self._blocks_before
+        gc.callbacks.remove(self._on_collection)
+        return {
+            "ticks_watched": max(ticks, 0),
+            "collections": self._seen_at_last_tick - self._seen_before if ticks > 0 else 0,
+            "blocks_kept_per_tick": kept / ticks if ticks > 0 else None,
+        }
+
+    def _on_collection(self, phase: str, _info: Mapping[str, int]) -> None:
+        self._seen += phase == "start"
+
+
+class AtRate(Wrapper[ControllerNode]):
+    """``node`` as it is, watched.
+
+    ``feed``  measurements that it is handed in turn, one before each tick
+    """
+
+    def __init__(self, node: ControllerNode, feed: Sequence[Frame] = ()) -> None:
+        super().__init__(node)
+        self._feed = feed
+        self._watch = Watch()
+        self.ticks = array("q")
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        """Tick, and keep when."""
+        self._watch.tick()
+        self.ticks.append(self.node.deadline_ns)
+        self.ticks.append(now_ns)
+        if self._feed:
+            self.node.on_frame(self._feed[len(self.ticks) // 2 % len(self._feed)], now_ns)
+        return self.node.on_tick(now_ns)
+
+    def report(self) -> Mapping[str, Any]:
+        """Return what the node and the watch have to report."""
+        return {**self.node.report(), **self._watch.report()}
+
+
+class AtOnce(Wrapper[ControllerNode]):
+    """``node``, its time running on by one period with each measurement."""
+
+    def __init__(self, node: ControllerNode) -> None:
+        super().__init__(node)
+        self._watch = Watch()
+        self.ticks = array("q")
+
+    @property
+    def deadline_ns(self) -> int:
+        """Never: only a measurement makes it tick."""
+        return NEVER_NS
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        """Take a frame; a measurement is answered by the command that it leads to."""
+        due_ns = self.node.deadline_ns
+        self.node.on_frame(frame, due_ns)
+        if frame.can_id != _MEASUREMENT_ID:
+            return ()
+        self._watch.tick()
+        self.ticks.append(now_ns)
+        self.ticks.append(now_ns)
+        return self.node.on_tick(due_ns)
+
+    def on_tick(self, _now_ns: int) -> Sequence[Frame]:
+        """Is never due."""
+        return ()
+
+    def report(self) -> Mapping[str, Any]:
+        """Return what the node and the watch have to report."""
+        return {**self.node.report(), **self._watch.report()}
+
+
+ANSWERS: dict[str, Callable[[ControllerNode], AtRate | AtOnce]] = {
+    "at-rate": AtRate,
+    "fed": lambda node: AtRate(node, measurements()),
+    "at-once": AtOnce,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    parser = make_parser(NAME, "The controller program, watched.", PRESETS)
+    parser.add_argument("--answer", choices=tuple(ANSWERS), default="at-rate")
+    parser.add_argument("--ticks", type=output_file, metavar="FILE", help="when each tick ran")
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
+    settings = load_program_settings(ControllerSettings, PRESETS, options)
+    answer = ANSWERS[options.answer]
+    return run_node(
+        NAME,
+        options,
+        settings,
+        lambda start_ns: answer(ControllerNode(settings, start_ns)),
+        lambda node: _write_ticks(options.ticks, node),
+        [CAN_IDS[message_type] for message_type in RECEIVED],
+    )
+
+
+def _write_ticks(path: Path | None, node: AtRate | AtOnce) -> None:
+    if path is not None:
+        path.write_bytes(node.ticks.tobytes())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Both nodes in one process, in virtual time."""

@@ -1,0 +1,285 @@
+"""Plant emulator and controller in one process: in virtual time, or in real time on one bus.
+
+    steer-by-wire run --controller-preset practical_pd --out out/run
+    steer-by-wire run plant.toml --controller controller.toml --interface virtual
+
+Without ``--interface`` the run is in virtual time: the same settings and seed give the same run, to
+the last bit, on every machine. With ``--out DIR`` it leaves there the settings in force, the two
+reports, the plant's trace and every frame, and prints the command that makes the run again. The
+exit status is that of the two programs: 5 where one of them found a fault in itself.
+"""
+
+import argparse
+import shlex
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.pair.live import PairFiles
+from steer_by_wire.pair.threaded import run_threaded_nodes
+from steer_by_wire.pair.virtual import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
+from steer_by_wire.plant_emulator.faults import FaultyNode, with_faults
+from steer_by_wire.plant_emulator.node import PlantNode, motion_params
+from steer_by_wire.plant_emulator.plant_samples import write_trace
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.bus import BusError
+from steer_by_wire.runtime.bus_model import BusModel, BusOverflowError
+from steer_by_wire.runtime.host import RealTimeRequest, StealClock, real_time
+from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
+from steer_by_wire.runtime.report import host_report, loop_report, write_json
+from steer_by_wire.runtime.settings import (
+    Settings,
+    dump_toml,
+    load_settings,
+    preset_names,
+    read_preset,
+)
+
+NAME = "closed_loop"
+PLANT, CONTROLLER = PROGRAMS = ("plant_emulator", "controller")
+FINISHED = "finished"
+BITRATE_BIT_S_MAX = 1_000_000
+"""What classic CAN goes up to."""
+PLANT_PRESETS = "steer_by_wire.plant_emulator.presets"
+CONTROLLER_PRESETS = "steer_by_wire.controller.presets"
+CONTROLLER_PRESET = "practical_pd_ddob"
+"""What controls when nothing is said about the controller."""
+
+
+class Run(NamedTuple):
+    """One run: its nodes, what carried their frames, what ended it.
+
+    ``elapsed_s``  how long it took [s]
+    ``loops``      what the loop of each program adds to its report; nothing in virtual time
+    """
+
+    plant: PlantNode | FaultyNode[PlantNode]
+    controller: ControllerNode
+    bus: str
+    elapsed_s: float
+    ended_by: str
+    loops: Mapping[str, Mapping[str, Any]]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    return run_main(NAME, partial(_run, _parser().parse_args(arguments)))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="steer-by-wire run",
+        description=(__doc__ or "").splitlines()[0],
+        allow_abbrev=False,
+    )
+    plant = parser.add_argument_group("plant")
+    plant.add_argument("plant", nargs="?", type=Path, metavar="PLANT.toml")
+    plant.add_argument(
+        "--plant-preset", metavar="NAME", help=", ".join(preset_names(PLANT_PRESETS))
+    )
+    plant.add_argument(
+        "--plant-set", action="append", default=[], metavar="TABLE.KEY=VALUE", help="repeatable"
+    )
+    plant.add_argument("--duration", type=float, metavar="SECONDS", help="of motion")
+    plant.add_argument("--seed", type=int, metavar="N", help="of all randomness of the run")
+    controller = parser.add_argument_group("controller")
+    controller.add_argument("--controller", type=Path, metavar="CONTROLLER.toml")
+    controller.add_argument(
+        "--controller-preset",
+        metavar="NAME",
+        help=f"{', '.join(preset_names(CONTROLLER_PRESETS))}; "
+        f"without this and without a file: {CONTROLLER_PRESET}",
+    )
+    controller.add_argument(
+        "--law", metavar="NAME", help="short for --controller-set law=NAME; also package.module:LAW"
+    )
+    controller.add_argument(
+        "--controller-set", action="append", default=[], metavar="TABLE.KEY=VALUE"
+    )
+    wire = parser.add_mutually_exclusive_group()
+    wire.add_argument(
+        "--bitrate",
+        type=_bitrate,
+        default=BITRATE_BIT_S,
+        metavar="BIT/S",
+        help="of the bus in virtual time (default: %(default)s)",
+    )
+    wire.add_argument(
+        "--ideal-wire", action="store_true", help="virtual time; frames take no time on the wire"
+    )
+    wire.add_argument(
+        "--interface", choices=("virtual",), help="real time, on python-can's bus in one process"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where the run's files go")
+    return parser
+
+
+def _run(options: argparse.Namespace) -> int:
+    plant_settings, controller_settings = _plant_settings(options), _controller_settings(options)
+    files = None if options.out is None else PairFiles(options.out)
+    if files is not None:
+        files.folder.mkdir(parents=True, exist_ok=True)
+        for program, settings in zip(PROGRAMS, (plant_settings, controller_settings), strict=True):
+            files.settings(program).write_text(dump_toml(settings), encoding="utf-8")
+    run_nodes = _run_in_real_time if options.interface else _run_in_virtual_time
+    run = run_nodes(options, plant_settings, controller_settings, files and files.candump_log)
+    reports = {
+        PLANT: _report(run, PLANT, plant_settings, run.plant.report()),
+        CONTROLLER: _report(run, CONTROLLER, controller_settings, run.controller.report()),
+    }
+    lines = _summary(run, reports)
+    if files is not None:
+        for program, report in reports.items():
+            write_json(files.report(program), report)
+        rig = run.plant.node if isinstance(run.plant, FaultyNode) else run.plant
+        write_trace(files.plant_trace, rig.path, rig.samples)
+        lines += [("files", str(files.folder)), ("again", _command(options, files))]
+    width = max(len(heading) for heading, _ in lines)
+    for heading, text in lines:
+        print(f"{heading:{width}}  {text}")
+    has_failed = any(report["node"]["failure"] for report in reports.values())
+    return ExitStatus.SAFE_STATE if has_failed else ExitStatus.OK
+
+
+def _plant_settings(options: argparse.Namespace) -> PlantSettings:
+    preset = read_preset(PLANT_PRESETS, options.plant_preset) if options.plant_preset else None
+    given = {"duration_s": options.duration, "seed": options.seed}
+    overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
+    return load_settings(PlantSettings, preset, options.plant, [*options.plant_set, *overrides])
+
+
+def _controller_settings(options: argparse.Namespace) -> ControllerSettings:
+    name = options.controller_preset or (None if options.controller else CONTROLLER_PRESET)
+    preset = read_preset(CONTROLLER_PRESETS, name) if name else None
+    overrides = [*options.controller_set, *([f"law={options.law}"] if options.law else [])]
+    return load_settings(ControllerSettings, preset, options.controller, overrides)
+
+
+def _run_in_virtual_time(
+    options: argparse.Namespace,
+    plant_settings: PlantSettings,
+    controller_settings: ControllerSettings,
+    candump_log: Path | None,
+) -> Run:
+    pair = make_virtual_pair(plant_settings, controller_settings)
+    bus = None if options.ideal_wire else BusModel(options.bitrate)
+    stop = StopRequest()
+    begin_s = time.perf_counter()
+    with stop.on_signals():
+        try:
+            run_virtual_nodes(pair.edge, pair.controller, bus, candump_log, stop)
+        except BusOverflowError as error:
+            raise BusError(f"{options.bitrate} bit/s are too few: {error}") from error
+    elapsed_s = time.perf_counter() - begin_s
+    wire = "a wire that takes no time" if bus is None else f"a bus of {options.bitrate} bit/s"
+    ended_by = stop.reason or FINISHED
+    return Run(pair.edge, pair.controller, f"virtual time over {wire}", elapsed_s, ended_by, {})
+
+
+def _run_in_real_time(
+    options: argparse.Namespace,
+    plant_settings: PlantSettings,
+    controller_settings: ControllerSettings,
+    candump_log: Path | None,
+) -> Run:
+    params = motion_params(plant_settings)  # takes long, so before the first tick is due
+    stop = StopRequest()
+    with real_time(RealTimeRequest()) as answers, stop.on_signals():
+        steal = StealClock()
+        plant, controller, figures = run_threaded_nodes(
+            lambda start_ns: with_faults(
+                PlantNode(plant_settings, start_ns, params),
+                plant_settings.faults,
+                plant_settings.seed,
+            ),
+            lambda start_ns: ControllerNode(controller_settings, start_ns),
+            candump_log,
+            stop,
+        )
+        host = host_report(answers, steal.fraction())
+    loops = {name: {"loop": loop_report(loop), "host": host} for name, loop in figures.items()}
+    description = f"real time over python-can's interface {options.interface}"
+    elapsed_s = max(loop.duration_ns for loop in figures.values()) / NS_PER_S
+    return Run(plant, controller, description, elapsed_s, stop.reason or FINISHED, loops)
+
+
+def _report(run: Run, program: str, settings: Settings, node: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the report of one node, in the layout of the two programs."""
+    return {
+        "program": NAME,
+        "ended_by": run.ended_by,
+        "bus": run.bus,
+        "settings": settings.model_dump(mode="json"),
+        "node": dict(node),
+        **run.loops.get(program, {}),
+    }
+
+
+def _summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """Return the figures of a run, each with its heading."""
+    plant, controller = reports[PLANT]["node"], reports[CONTROLLER]["node"]
+    down, up = plant["downlink"], plant["uplink"]
+    rejected = sum(plant["rejected"].values()) + sum(controller["rejected"].values())
+    lines = [
+        ("run", f"{plant['motion_s']:.2f} s of motion in {run.elapsed_s:.2f} s, {run.bus}"),
+        ("law", f"{controller['law']} at {controller['rate_hz']:g} Hz, seed {plant['seed']}"),
+        (
+            "error",
+            f"RMS {1e3 * plant['lateral_error_rms_m']:.2f} mm, "
+            f"peak {1e3 * plant['lateral_error_peak_m']:.2f} mm",
+        ),
+        ("steer", f"peak {controller['peak_steer_rad']:.4f} rad"),
+        ("commands", f"latency {_quantiles(down['latency'])}, {down['lost']} lost"),
+        ("measurements", f"latency {_quantiles(up['latency'])}, {up['lost']} lost"),
+        ("round trip", _quantiles(controller["round_trip"])),
+        ("rejected", f"{rejected} frames"),
+    ]
+    lines += [
+        (program.replace("_", " "), f"lateness {_quantiles(reports[program]['loop']['lateness'])}")
+        for program in run.loops
+    ]
+    lines += [
+        ("safe state", f"{program.replace('_', ' ')}: {report['node']['failure']}")
+        for program, report in reports.items()
+        if report["node"]["failure"]
+    ]
+    if run.ended_by != FINISHED:
+        lines.append(("ended", f"by {run.ended_by}, before the plant had finished"))
+    return lines
+
+
+def _quantiles(durations: Mapping[str, float]) -> str:
+    """Return the median and the 99th percentile of durations in a report."""
+    if not durations["samples"]:
+        return "unknown"
+    return f"p50 {1e3 * durations['p50_s']:.2f} ms, p99 {1e3 * durations['p99_s']:.2f} ms"
+
+
+def _command(options: argparse.Namespace, files: PairFiles) -> str:
+    """Return the command that makes a run again from the settings it has left."""
+    command = ["steer-by-wire", "run", str(files.settings(PLANT))]
+    command += ["--controller", str(files.settings(CONTROLLER))]
+    if options.interface:
+        command += ["--interface", options.interface]
+    elif options.ideal_wire:
+        command.append("--ideal-wire")
+    else:
+        command += ["--bitrate", str(options.bitrate)]
+    return shlex.join(command)
+
+
+def _bitrate(text: str) -> int:
+    """Read a bit rate; argparse turns the error into one line."""
+    if not (text.isascii() and text.isdigit()) or not 0 < int(text) <= BITRATE_BIT_S_MAX:
+        raise argparse.ArgumentTypeError(f"allowed is 1 to {BITRATE_BIT_S_MAX}, not {text!r}")
+    return int(text)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,103 @@
+"""Compare every law over delay, jitter, loss and an actuator lag, and say where each breaks.
+
+    steer-by-wire compare [--out DIR] [--step-ms 25] [--seeds 3]
+
+Leaves in DIR comparison.csv, a line for each law, network and delay, comparison.png, and
+comparison.md, the tables of docs/predictor.md; prints the worst RMS over the uncertainty box at a
+few delays, and the first delay at which a law does not hold the path.
+"""
+
+import argparse
+import csv
+import sys
+import time
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+from steer_by_wire.runtime.program import ExitStatus, run_main
+from steer_by_wire.tools.compare_laws.picture import draw_comparison
+from steer_by_wire.tools.compare_laws.runs import Cell, compare, controller_settings, own_contestant
+from steer_by_wire.tools.compare_laws.tables import markdown_lines, table_lines
+
+NAME = "compare_laws"
+DELAY_MS_MAX = 600
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    parser = argparse.ArgumentParser(
+        prog="steer-by-wire compare",
+        description=(__doc__ or "").splitlines()[0],
+        allow_abbrev=False,
+    )
+    parser.add_argument("--out", type=Path, default=Path("out/comparison"), metavar="DIR")
+    parser.add_argument("--step-ms", type=int, default=25, choices=(10, 20, 25, 50, 100))
+    parser.add_argument("--seeds", type=int, default=3, choices=range(1, 101), metavar="1..100")
+    parser.add_argument(
+        "--duration-s", type=float, default=60.0, choices=(20.0, 60.0, 120.0), metavar="S"
+    )
+    parser.add_argument(
+        "--law",
+        action="append",
+        default=[],
+        metavar="PACKAGE.MODULE:LAW",
+        help="a law of your own, with the tables of practical_pd_ddob; repeatable",
+    )
+    parser.add_argument(
+        "--law-set",
+        action="append",
+        default=[],
+        metavar="TABLE.KEY=VALUE",
+        help="a setting of your laws, as own_law.gain=2; repeatable",
+    )
+    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
+    begin_s = time.perf_counter()
+    further = [own_contestant(law, options.law_set) for law in options.law]
+    for one in further:  # before anything is run
+        controller_settings(one, has_lag=False)
+    options.out.mkdir(parents=True, exist_ok=True)
+    console = Console(markup=False, highlight=False, soft_wrap=True)
+    delays_s = [1e-3 * ms for ms in range(0, DELAY_MS_MAX + 1, options.step_ms)]
+    with Progress(
+        BarColumn(30),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as bars:
+        task = bars.add_task("")
+        cells = compare(
+            delays_s,
+            options.seeds,
+            options.duration_s,
+            lambda done, of: bars.update(task, completed=done, total=of),
+            further,
+        )
+    _write(cells, options.out / "comparison.csv")
+    draw_comparison(cells, further).savefig(options.out / "comparison.png", dpi=110)
+    markdown = "\n".join([*markdown_lines(cells, further), ""])
+    (options.out / "comparison.md").write_text(markdown, encoding="utf-8")
+    for line in table_lines(cells, further):
+        print(line)
+    elapsed_s = time.perf_counter() - begin_s
+    print(f"\n{elapsed_s:.0f} s; comparison.csv, comparison.png and comparison.md in {options.out}")
+    return ExitStatus.OK
+
+
+def _write(cells: Sequence[Cell], path: Path) -> None:
+    with path.open("w", newline="", encoding="utf-8") as opened:
+        writer = csv.writer(opened)
+        writer.writerow(Cell._fields)
+        writer.writerows(cells)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,212 @@
+"""The runs of the comparison: law by network by delay by corner of the box, compiled.
+
+RMS of the lateral error, worst over the corners of SAE 2018-01-1086, Figure 2 (4 and 7 km/h, 1600
+and 5000 kg), on an ellipse of 60 by 30 m, which begins where it bends most. The latency is that of
+the commands; where it is random, all laws meet the same draws.
+
+What a jitter does depends on the order of arrival. Where the newest command wins, the one that acts
+has overtaken others and is younger than the mean; in order, as on one wire behind a queue, a late
+command holds up all behind it, and the one that acts is older than the mean.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import product
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...compiled.engine import Outcome, run_batch
+from ...controller.settings import ControllerSettings
+from ...pair.unguarded import UNGUARDED
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.settings import load_settings, read_preset
+
+FloatArray = NDArray[np.float64]
+
+CORNERS = ("a", "b", "c", "d")
+PATH = 'path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0}'
+LAG_S = 0.27
+"""Of the steering actuator in Autoware's simulator, which comes with a delay of 0.24 s."""
+SETTLED_S = 5.0
+BROKEN_M = 0.1
+"""RMS beyond which a law does not hold the path: there it is a limit cycle, or worse."""
+OFF_PATH_M = 1e3
+_THREADS = 2
+
+
+class Contestant(NamedTuple):
+    """A law of the comparison: a preset, and what is changed of it.
+
+    ``told_of_lag``  what is changed besides where the actuator lags, if the law can be told
+    """
+
+    label: str
+    preset: str
+    overrides: tuple[str, ...] = ()
+    told_of_lag: tuple[str, ...] = ()
+
+
+CONTESTANTS = (
+    Contestant("PD", "practical_pd"),
+    Contestant("PD + map curvature", "practical_pd", ("feed_forward={}",)),
+    Contestant("PD+DOB", "practical_pd_dob"),
+    Contestant("PD+CDOB", "practical_pd_cdob"),
+    Contestant("PD+DDOB", "practical_pd_ddob"),
+    Contestant("PD+DDOB, long delay", "practical_long_delay_pd_ddob"),
+    Contestant("PD+DDOB, half a second", "practical_half_second_pd_ddob"),
+    Contestant("Smith predictor", "practical_smith"),
+    Contestant("delayed set point", "practical_delayed_set_point"),
+    Contestant("predictor", "practical_predictor"),
+    Contestant(
+        "predictor, lag known",
+        "practical_predictor",
+        told_of_lag=(f"estimator.actuator_lag_s={LAG_S}",),
+    ),
+)
+
+
+class Network(NamedTuple):
+    """Overrides of the plant for a mean latency [s]; ``short`` is the title of a column."""
+
+    title: str
+    short: str
+    overrides: Callable[[float], Sequence[str]]
+    has_lag: bool = False
+    is_random: bool = False
+
+
+def _constant(delay_s: float) -> list[str]:
+    return [f"latency.downlink.mean_s={delay_s}"]
+
+
+def _jittery(delay_s: float) -> list[str]:
+    return [
+        "latency.downlink.model=normal",
+        f"latency.downlink.mean_s={delay_s}",
+        f"latency.downlink.spread_s={0.3 * delay_s}",
+    ]
+
+
+def _jittery_in_order(delay_s: float) -> list[str]:
+    return [*_jittery(delay_s), "latency.downlink.order=in_order"]
+
+
+def _lossy(delay_s: float) -> list[str]:
+    return [*_constant(delay_s), "latency.downlink.loss=0.05", "latency.uplink.loss=0.05"]
+
+
+def _lagging(delay_s: float) -> list[str]:
+    return [*_constant(delay_s), f"actuator.lag_s={LAG_S}"]
+
+
+NETWORKS: Mapping[str, Network] = MappingProxyType(
+    {
+        "constant": Network("constant delay", "constant", _constant),
+        "jitter": Network(
+            "standard deviation 30 %, newest wins", "± 30 %, newest wins", _jittery, is_random=True
+        ),
+        "in_order": Network(
+            "standard deviation 30 %, in order",
+            "± 30 %, in order",
+            _jittery_in_order,
+            is_random=True,
+        ),
+        "loss": Network("5 % lost, both ways", "5 % lost", _lossy, is_random=True),
+        "lag": Network(
+            f"constant, behind an actuator lag of {LAG_S:g} s",
+            f"lag {LAG_S:g} s",
+            _lagging,
+            has_lag=True,
+        ),
+    }
+)
+
+
+class Cell(NamedTuple):
+    """Worst RMS over corners and seeds [m], from the start and from ``SETTLED_S`` on."""
+
+    contestant: str
+    network: str
+    delay_s: float
+    rms_m: float
+    settled_rms_m: float
+
+
+def own_contestant(law: str, overrides: Sequence[str]) -> Contestant:
+    """Return a law of another package, with the tables of a preset that has them all."""
+    return Contestant(law, "practical_pd_ddob", (*overrides, f"law={law}"))
+
+
+def contestants_of(network: Network, further: Sequence[Contestant] = ()) -> list[Contestant]:
+    """Return who takes part: one who is told of a lag only where there is one."""
+    everyone = (*CONTESTANTS, *further)
+    return [one for one in everyone if network.has_lag or not one.told_of_lag]
+
+
+def compare(
+    delays_s: Sequence[float],
+    seeds: int,
+    duration_s: float,
+    progress: Callable[[int, int], None],
+    further: Sequence[Contestant] = (),
+) -> list[Cell]:
+    """Return a cell for every network, contestant and delay; ``progress`` is told runs of all."""
+    asked = [
+        (key, one, delay_s)
+        for key, network in NETWORKS.items()
+        for one, delay_s in product(contestants_of(network, further), delays_s)
+    ]
+    cells: list[Cell] = []
+    with ThreadPoolExecutor(_THREADS) as pool:
+        work = (pool.submit(_cell, *one, seeds, duration_s) for one in asked)
+        for future in list(work):
+            cells.append(future.result())
+            progress(len(cells), len(asked))
+    return cells
+
+
+def controller_settings(one: Contestant, *, has_lag: bool) -> ControllerSettings:
+    """Return the settings of a contestant."""
+    overrides = (*one.overrides, *(one.told_of_lag if has_lag else ()))
+    preset = read_preset("steer_by_wire.controller.presets", one.preset)
+    return load_settings(ControllerSettings, preset, None, overrides)
+
+
+def plant_settings(
+    network: Network, delay_s: float, corner: str, seed: int, duration_s: float
+) -> PlantSettings:
+    """Return the settings of a rig."""
+    overrides = [f"seed={seed}", f"duration_s={duration_s}", PATH, *network.overrides(delay_s)]
+    preset = read_preset("steer_by_wire.plant_emulator.presets", f"paper_corner_{corner}")
+    settings = load_settings(PlantSettings, preset, None, overrides)
+    return settings.model_copy(update={"safety": UNGUARDED})
+
+
+def _cell(key: str, one: Contestant, delay_s: float, seeds: int, duration_s: float) -> Cell:
+    network = NETWORKS[key]
+    controller = controller_settings(one, has_lag=network.has_lag)
+    figures = [
+        _figures(plant_settings(network, delay_s, corner, seed, duration_s), controller)
+        for seed in range(1, (seeds if network.is_random else 1) + 1)
+        for corner in CORNERS
+    ]
+    worst = np.max(figures, axis=0)
+    return Cell(one.label, key, delay_s, float(worst[0]), float(worst[1]))
+
+
+def _figures(plant: PlantSettings, controller: ControllerSettings) -> tuple[float, float]:
+    run = run_batch(plant, controller)
+    if run.outcome is not Outcome.COMPLETE:
+        return OFF_PATH_M, OFF_PATH_M
+    squares = np.square(run.lateral_error_m)
+    settled = squares[run.time_s >= SETTLED_S]
+    return float(np.sqrt(squares.mean())), float(np.sqrt(settled.mean()))
+
+
+def breaks_at_s(cells: Sequence[Cell]) -> float | None:
+    """Return the first delay at which a law does not hold the path, None if at none."""
+    broken = [cell.delay_s for cell in cells if cell.settled_rms_m > BROKEN_M]
+    return min(broken, default=None)

@@ -1,0 +1,1 @@
+"""How well the delay is known without an echo."""

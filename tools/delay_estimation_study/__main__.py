@@ -1,0 +1,152 @@
+"""How well the delay is estimated without an echo, over delays, paths, vehicles and laws.
+
+    steer-by-wire delay-study --out out/delay_estimation
+
+Runs the true nodes in virtual time on two processes and prints tables of the estimate's error
+against the truth that only the rig knows (module ``runs``). Leaves ``runs.csv`` with every run and
+ ``delay_estimation.png`` in the folder. The same every time: seeded, no clock.
+"""
+
+import argparse
+import csv
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from steer_by_wire.runtime.program import run_main
+from steer_by_wire.tools.delay_estimation_study.pictures import draw
+from steer_by_wire.tools.delay_estimation_study.runs import (
+    CORNERS,
+    LAWS,
+    NETWORKS,
+    NOISES_M,
+    PATHS,
+    Case,
+    Result,
+    cases,
+    run_case,
+)
+from steer_by_wire.worker_processes import worker_pool
+
+PROCESSES = 2
+NAME = "delay_estimation_study"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    return run_main(NAME, partial(_run, _parser().parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> int:
+    options.out.mkdir(parents=True, exist_ok=True)
+    todo = cases(options.laws, options.paths, options.networks, options.corners)
+    results = []
+    with worker_pool(PROCESSES) as pool, (options.out / "runs.csv").open("w") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow([*Case._fields, *Result._fields[1:]])
+        for number, result in enumerate(pool.map(_figures, todo), 1):
+            results.append(result)
+            table.writerow([*result.case, *result[1:]])
+            file.flush()
+            print(f"\r{number} of {len(todo)} runs", end="", file=sys.stderr, flush=True)
+        print(file=sys.stderr)
+    text = report(results)
+    (options.out / "tables.txt").write_text(text, encoding="utf-8")
+    print(text, end="")
+    picture = options.out / "delay_estimation.png"
+    draw(picture)
+    print(f"wrote {picture}")
+    return 0
+
+
+def report(results: Sequence[Result]) -> str:
+    """Return the tables, over all stable runs."""
+    stable = [result for result in results if result.is_stable]
+    parts = [f"{len(stable)} of {len(results)} runs are stable.\n"]
+    groups: tuple[tuple[str, Iterable[str], Callable[[Case], str]], ...] = (
+        ("path", PATHS, lambda case: case.path),
+        ("law", LAWS, lambda case: case.law),
+        ("delay", NETWORKS, lambda case: case.network),
+        ("corner", CORNERS, lambda case: case.corner),
+    )
+    for heading, names, name_of in groups:
+        parts.append(_table(heading, names, name_of, stable))
+    return "\n".join(parts)
+
+
+def _table(
+    heading: str, names: Iterable[str], name_of: Callable[[Case], str], results: Sequence[Result]
+) -> str:
+    lines = [
+        f"| {heading} | noise | runs | observable | never | first, median / last | error 5 / 50 /"
+        " 95 % | largest | within 10 ms | echo's error |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for name in names:
+        for noise_m in NOISES_M:
+            group = [
+                result
+                for result in results
+                if name_of(result.case) == name and result.case.noise_m == noise_m
+            ]
+            if group:
+                lines.append(f"| {name} | {100 * noise_m:g} cm | {_row(group)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _row(group: Sequence[Result]) -> str:
+    """Return the figures of some runs; the time that each was observable is its weight."""
+    share = np.array([result.observable_share for result in group])
+    seen = [result for result in group if result.observable_share > 0.0]
+    echo = 1e3 * np.mean([result.echo_error_s for result in group])
+    cells = [f"{len(group)}", f"{100 * share.mean():.0f} %", f"{len(group) - len(seen)}"]
+    if not seen:
+        return " | ".join([*cells, "-", "-", "-", "-", f"{echo:+.1f} ms"])
+    first_s = [result.first_s for result in seen]
+    low, middle, high = (
+        1e3 * np.array([getattr(result, name) for result in seen])
+        for name in ("error_p05_s", "error_p50_s", "error_p95_s")
+    )
+    within = np.average(
+        [result.within_tolerance for result in seen],
+        weights=[result.observable_share for result in seen],
+    )
+    largest = 1e3 * max(result.error_max_s for result in seen)
+    cells += [
+        f"{np.median(first_s):.1f} / {max(first_s):.1f} s",
+        f"{low.min():+.1f} / {np.median(middle):+.1f} / {high.max():+.1f} ms",
+        f"{largest:.1f} ms",
+        f"{100 * within:.1f} %",
+        f"{echo:+.1f} ms",
+    ]
+    return " | ".join(cells)
+
+
+def _figures(case: Case) -> Result:
+    return run_case(case)[0]
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="steer-by-wire delay-study",
+        description=(__doc__ or "").splitlines()[0],
+        allow_abbrev=False,
+    )
+    parser.add_argument("--out", type=Path, default=Path("out/delay_estimation"), metavar="DIR")
+    for name, values in (
+        ("laws", LAWS),
+        ("paths", tuple(PATHS)),
+        ("networks", tuple(NETWORKS)),
+        ("corners", tuple(CORNERS)),
+    ):
+        parser.add_argument(
+            f"--{name}", nargs="+", choices=values, default=values, metavar=name.upper()
+        )
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Three laws side by side in real time."""

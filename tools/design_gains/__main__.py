@@ -1,0 +1,255 @@
+"""Design gains and filters of a controller for a vehicle known within bounds.
+
+    steer-by-wire design VEHICLE.toml --spec SPEC.toml [--out DIR] [--verify]
+
+From the vehicle and its uncertainty, a range of delays, a rate and a specification to a controller
+preset for each law of the specification. Leaves in DIR the presets and a picture of each, and
+prints why each value is what it is. The presets practical_* are the output of
+
+    steer-by-wire design tools/gain_design/paper_vehicle.toml \
+        --spec tools/gain_design/practical.toml --out controller/presets
+
+Exit status: 0, 1 where a law has no design, 2 for bad settings, 4 for a file that cannot be
+written.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, wait
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from steer_by_wire.controller.laws.predictor import FALLBACK
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.runtime.program import ExitStatus, run_main, say
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.tools.design_gains.candidate import KEYS, any_settings
+from steer_by_wire.tools.design_gains.design import Design, NoDesignError
+from steer_by_wire.tools.design_gains.explanation import demand_lines, reason_lines
+from steer_by_wire.tools.design_gains.predictor import design_predictor
+from steer_by_wire.tools.design_gains.preset_text import (
+    predictor_figures,
+    predictor_preset_text,
+    preset_name,
+)
+from steer_by_wire.tools.design_gains.specification import Specification
+from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
+from steer_by_wire.tools.design_gains.verification import Verification, verification_line, verify
+from steer_by_wire.tools.design_gains.virtual_check import refuse_what_the_rig_does_not_drive
+from steer_by_wire.tools.design_gains.worker import (
+    Job,
+    SharedProgress,
+    begin_worker,
+    run_job,
+    shared_progress,
+)
+from steer_by_wire.worker_processes import worker_pool
+
+NAME = "design_gains"
+NO_DESIGN = 1
+WORKERS = 2
+_POLL_S = 0.2
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    return run_main(NAME, partial(_run, _parser().parse_args(arguments)))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="steer-by-wire design",
+        description=(__doc__ or "").splitlines()[0],
+        allow_abbrev=False,
+    )
+    parser.add_argument("vehicle", type=Path, metavar="VEHICLE.toml")
+    parser.add_argument("--spec", type=Path, required=True, metavar="SPEC.toml")
+    parser.add_argument(
+        "--set",
+        dest="overrides",
+        action="append",
+        default=[],
+        metavar="TABLE.KEY=VALUE",
+        help="one value on top of the specification; repeatable",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/gains"),
+        metavar="DIR",
+        help="where the presets go (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--pictures", type=Path, metavar="DIR", help="where the pictures go (default: as --out)"
+    )
+    parser.add_argument(
+        "--verify",
+        action="store_true",
+        help="run every corner and delay in virtual time too, half a second each",
+    )
+    return parser
+
+
+def _run(options: argparse.Namespace) -> int:
+    begin_s = time.perf_counter()
+    vehicle = load_settings(VehicleFile, None, options.vehicle)
+    spec = load_settings(Specification, None, options.spec, options.overrides)
+    refuse_what_the_rig_does_not_drive(spec, vehicle, any_settings(spec, vehicle))
+    pictures = options.pictures or options.out
+    for folder in (options.out, pictures):
+        folder.mkdir(parents=True, exist_ok=True)
+    sources = (options.vehicle.name, options.spec.name)
+    jobs = [
+        Job(spec, vehicle, law, sources, str(options.out), str(pictures), index)
+        for index, law in enumerate(linear_laws(spec))
+    ]
+    console = Console(markup=False, highlight=False, soft_wrap=True)
+    _tell_demands(spec, vehicle)
+    status = int(ExitStatus.OK)
+    fallback: ControllerSettings | None = None
+    progress = shared_progress(len(jobs))
+    workers = max(1, min(WORKERS, len(jobs))) if not options.verify else WORKERS
+    with worker_pool(workers, begin_worker, progress) as pool:
+        futures = [pool.submit(run_job, job) for job in jobs]
+        _watch(console, linear_laws(spec), futures, progress)
+        for future in futures:
+            try:
+                design = future.result()
+            except NoDesignError as error:
+                say(NAME, f"error: {error}", sys.stderr)
+                status = NO_DESIGN
+                continue
+            for line in _lines(spec, design, options.out):
+                print(line)
+            if options.verify:
+                verification = verify(pool, spec, vehicle, design)
+                print(verification_line(spec, design, verification))
+                status = _status_of(verification, status)
+            if design.law == FALLBACK:
+                fallback = design.settings
+    if "predictor" in spec.laws and spec.predictor is not None:
+        status = max(status, _design_predictor(console, spec, vehicle, fallback, sources, options))
+    print(f"\n{time.perf_counter() - begin_s:.0f} s")
+    return status
+
+
+def linear_laws(spec: Specification) -> list[str]:
+    """Return the laws that are designed by the linear analysis."""
+    return [law for law in spec.laws if law in KEYS]
+
+
+def _design_predictor(
+    console: Console,
+    spec: Specification,
+    vehicle: VehicleFile,
+    fallback: ControllerSettings | None,
+    sources: tuple[str, str],
+    options: argparse.Namespace,
+) -> int:
+    """Design the predictor around the pd_ddob that it falls back to, write and tell it."""
+    table = spec.predictor
+    if table is None:
+        raise ValueError("the specification has no table [predictor]")
+    if table.fallback is not None:
+        preset = read_preset("steer_by_wire.controller.presets", table.fallback)
+        fallback = load_settings(ControllerSettings, preset)
+    if fallback is None:
+        say(NAME, "error: predictor: there is no pd_ddob for it to fall back to", sys.stderr)
+        return NO_DESIGN
+    name = preset_name(spec, "predictor")
+    with Progress(
+        TextColumn("predictor"),
+        BarColumn(30),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[best]}"),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as bars:
+        task = bars.add_task(name, total=1.0, best="")
+        design = design_predictor(
+            spec,
+            table,
+            vehicle,
+            fallback,
+            lambda done, best: bars.update(task, completed=done, best=f"best {best:.4g}"),
+        )
+    print(f"\npredictor  ({design.judged} sets of parameters judged)")
+    for label, text in predictor_figures(spec, table, design):
+        print(f"  {label:18}{text}")
+    text = predictor_preset_text(spec, table, vehicle, design, sources)
+    (options.out / f"{name}.toml").write_text(text, encoding="utf-8")
+    print(f"  -> {options.out / name}.toml")
+    held = bool(np.isfinite(design.steer_noise_rad)) and float(design.rms_m.max()) < 1.0
+    return int(ExitStatus.OK) if held else NO_DESIGN
+
+
+def _status_of(verification: Verification, status: int) -> int:
+    return status if verification.held else NO_DESIGN
+
+
+def _tell_demands(spec: Specification, vehicle: VehicleFile) -> None:
+    corners = vehicle.box.vertices()
+    print(
+        f"{len(corners)} corners x {len(spec.delays_ns)} delays from 0 to"
+        f" {spec.delay.ms_max:g} ms at {spec.rate_hz:g} Hz; minimised is the worst"
+        f" {spec.minimise.replace('_', ' ')}"
+    )
+
+
+def _watch(
+    console: Console,
+    laws: Sequence[str],
+    futures: Sequence[Future[Design]],
+    shared: SharedProgress,
+) -> None:
+    """Show how far every law is until all are done."""
+    with Progress(
+        TextColumn("{task.description:8}"),
+        BarColumn(30),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[best]}"),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    ) as bars:
+        tasks = [bars.add_task(law, total=1.0, best="") for law in laws]
+        waiting: set[Future[Design]] = set(futures)
+        while waiting:
+            _, waiting = wait(waiting, timeout=_POLL_S)
+            for index, task in enumerate(tasks):
+                done, best = shared[2 * index], shared[2 * index + 1]
+                told = f"best {best:.4g}" if 0.0 < best < 1e3 else ""
+                bars.update(task, completed=1.0 if futures[index].done() else done, best=told)
+
+
+def _lines(spec: Specification, design: Design, out: Path) -> Iterator[str]:
+    """Yield what is printed of a design."""
+    judgement = design.found.judgement
+    yield ""
+    yield f"{design.law}  ({design.found.judged} sets of parameters judged)"
+    yield from demand_lines(judgement)
+    confirmation = design.found.confirmation
+    if confirmation is not None:
+        yield f"  stable up to      {confirmation.stable_up_to_ns / 1e6:g} ms"
+        if spec.actuator is not None and confirmation.with_lag_up_to_ns is not None:
+            lag_ms = confirmation.with_lag_up_to_ns / 1e6
+            yield f"                    {lag_ms:g} ms behind a lag of {spec.actuator.lag_s:g} s"
+        yield f"  slowest mode      {confirmation.decay_1_s:.3g} 1/s"
+    if design.rms_held_up_to_ns is not None:
+        yield f"  RMS limit kept    up to {design.rms_held_up_to_ns / 1e6:g} ms"
+    for table, rms_m in zip(spec.jitter, design.jitter_rms_m, strict=True):
+        yield f"  jitter            {rms_m:.4g} m at {table.mean_ms:g} ± {table.spread_ms:g} ms"
+    for reason in design.reasons:
+        yield from reason_lines(reason, judgement.objective)
+    yield f"  -> {out / preset_name(spec, design.law)}.toml"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

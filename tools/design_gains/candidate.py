@@ -1,0 +1,149 @@
+"""What is searched for: the free parameters of a law, on a lattice of numbers that can be read.
+
+A parameter is 1.00, 1.02, 1.04, ..., 2.0, 2.05, ..., 5.0, 5.1, ..., 9.9 times a power of ten: steps
+of 1 to 2.5 %. The end of the search moves on this lattice, so that what is judged is what the
+preset will say, and nothing is rounded afterwards.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...controller.design import LawDesign, design_law
+from ...controller.nominal_model import NominalVehicle, steer_to_lateral_error
+from ...controller.settings import ControllerSettings
+from ...controller.shared_settings import CdobSettings, DobSettings, PdSettings
+from .specification import Specification
+from .vehicle_file import VehicleFile
+
+_MANTISSAS = (
+    *(1.0 + 0.02 * index for index in range(50)),
+    *(2.0 + 0.05 * index for index in range(60)),
+    *(5.0 + 0.1 * index for index in range(50)),
+)
+_DIGITS = 3
+_BELOW_NYQUIST = 0.8
+
+KEYS = {
+    "pd": ("k_p", "k_d", "derivative_filter"),
+    "pd_dob": ("k_p", "k_d", "derivative_filter", "dob"),
+    "pd_cdob": ("k_p", "k_d", "derivative_filter", "cdob", "washout"),
+    "pd_ddob": ("k_p", "k_d", "derivative_filter", "dob", "cdob", "washout"),
+}
+"""The free parameters of each law."""
+
+SETTINGS_KEYS = {
+    "k_p": "pd.proportional_gain_rad_m",
+    "k_d": "pd.derivative_gain_rad_s_m",
+    "derivative_filter": "pd.derivative_filter_rad_s",
+    "dob": "dob.q_cutoff_rad_s",
+    "cdob": "cdob.q_cutoff_rad_s",
+    "washout": "cdob.washout_rad_s",
+}
+"""What a free parameter is called in the controller's settings."""
+
+
+class Candidate(NamedTuple):
+    """A law and the places of its parameters on the lattice, in the order of KEYS."""
+
+    law: str
+    places: tuple[int, ...]
+
+    def values(self) -> dict[str, float]:
+        """Return the parameters by their keys [rad/m, rad s/m, rad/s]."""
+        keys = KEYS[self.law]
+        return {key: lattice_value(place) for key, place in zip(keys, self.places, strict=True)}
+
+    def moved(self, index: int, steps: int) -> "Candidate":
+        """Return the neighbour whose parameter lies some steps of the lattice further."""
+        places = list(self.places)
+        places[index] += steps
+        return self._replace(places=tuple(places))
+
+
+def lattice_value(place: int) -> float:
+    """Return the number at a place; 1 is at 0."""
+    decade, index = divmod(place, len(_MANTISSAS))
+    return float(f"{_MANTISSAS[index] * 10.0**decade:.{_DIGITS}g}")
+
+
+def lattice_place(value: float) -> int:
+    """Return the place of the largest number of the lattice that is not above ``value`` > 0."""
+    place = math.floor(math.log10(value)) * len(_MANTISSAS)
+    while lattice_value(place + 1) <= value:
+        place += 1
+    while lattice_value(place) > value:
+        place -= 1
+    return place
+
+
+def values_at(law: str, places: NDArray[np.float64]) -> dict[str, float]:
+    """Return the parameters between the places of the lattice, geometrically interpolated."""
+    keys = KEYS[law]
+    return {key: _between(place) for key, place in zip(keys, places, strict=True)}
+
+
+def _between(place: float) -> float:
+    low = math.floor(place)
+    below, above = lattice_value(low), lattice_value(low + 1)
+    return float(below * (above / below) ** (place - low))
+
+
+def bounds(law: str, vehicle: NominalVehicle, rate_hz: float) -> list[tuple[int, int]]:
+    """Return between which places each parameter is searched.
+
+    The gains go by the vehicle's: below its own dynamics it answers as k/s², so that K_p = ω²/k
+    makes a loop of about ω.
+    """
+    (zeros,), (poles,) = (
+        steer_to_lateral_error(vehicle).numerator,
+        steer_to_lateral_error(vehicle).denominator,
+    )
+    gain = zeros.s0 / poles.s0
+    fast = _BELOW_NYQUIST * math.pi * rate_hz
+    ranges = {
+        "k_p": (0.02 / gain, 20.0 / gain),
+        "k_d": (0.005 / gain, 10.0 / gain),
+        "derivative_filter": (min(0.5, 0.1 * fast), fast),
+        "dob": (0.05, min(30.0, fast)),
+        "cdob": (0.1, min(60.0, fast)),
+        "washout": (0.05, min(30.0, fast)),
+    }
+    return [(lattice_place(ranges[k][0]), lattice_place(ranges[k][1])) for k in KEYS[law]]
+
+
+def controller_settings(
+    spec: Specification, vehicle: VehicleFile, law: str, values: dict[str, float]
+) -> ControllerSettings:
+    """Return the settings of a law with these parameters."""
+    dob, cdob = values.get("dob"), values.get("cdob")
+    return ControllerSettings(
+        law=law,
+        rate_hz=spec.rate_hz,
+        pd=PdSettings(
+            proportional_gain_rad_m=values["k_p"],
+            derivative_gain_rad_s_m=values["k_d"],
+            derivative_filter_rad_s=values["derivative_filter"],
+        ),
+        dob=None if dob is None else DobSettings(q_cutoff_rad_s=dob, q_kind=spec.dob_q_kind),
+        cdob=None
+        if cdob is None
+        else CdobSettings(q_cutoff_rad_s=cdob, washout_rad_s=values["washout"]),
+        nominal_model=vehicle.vehicle.nominal_model,
+        limits=spec.limits,
+    )
+
+
+def any_settings(spec: Specification, vehicle: VehicleFile) -> ControllerSettings:
+    """Return settings from the middle of what is searched, of the simplest law."""
+    law = "pd"
+    middle = [round(sum(ends) / 2) for ends in bounds(law, vehicle.vehicle.vehicle, spec.rate_hz)]
+    return controller_settings(spec, vehicle, law, Candidate(law, tuple(middle)).values())
+
+
+def designs(settings: ControllerSettings) -> tuple[LawDesign, LawDesign]:
+    """Return the law, and its PD without any observer."""
+    alone = settings.model_copy(update={"law": "pd", "dob": None, "cdob": None})
+    return design_law(settings), design_law(alone)

@@ -1,0 +1,129 @@
+"""Designs one law: search, confirmation, reasons, jitter; all that is told and drawn of it."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...controller.design import design_law
+from ...controller.settings import ControllerSettings
+from ...loop_theory.tracking import rms_m, tracking_grid
+from ...runtime.node import NS_PER_MS
+from .candidate import SETTINGS_KEYS, controller_settings
+from .courses import unsteered_runs_m
+from .explanation import Reason, failed, reasons
+from .regions import why_no_gains
+from .search import Found, Progress, find, find_any
+from .specification import Specification
+from .study import DEMANDS, Study, make_study
+from .vehicle_file import VehicleFile
+from .virtual_check import drive, jitter_drives
+
+FloatArray = NDArray[np.float64]
+
+
+class NoDesignError(Exception):
+    """No parameters of a law meet all demands; the text says which are in the way."""
+
+
+class RmsByDelay(NamedTuple):
+    """RMS of the lateral error of the worst path; ``rms_m`` of shape (corners, delays)."""
+
+    delays_ns: tuple[int, ...]
+    rms_m: FloatArray
+
+
+class Design(NamedTuple):
+    """A law that meets all demands.
+
+    ``rms``               over all delays at which every corner is stable
+    ``rms_held_up_to_ns``  up to which delay the RMS keeps its limit; None where it has none
+    ``jitter_rms_m``      worst corner and path of each jitter of the specification, virtual time
+    """
+
+    law: str
+    settings: ControllerSettings
+    found: Found
+    reasons: tuple[Reason, ...]
+    rms: RmsByDelay
+    rms_held_up_to_ns: int | None
+    jitter_rms_m: tuple[float, ...]
+
+
+def design(spec: Specification, vehicle: VehicleFile, law: str, progress: Progress) -> Design:
+    """Return the law that is best by the specification; raises NoDesignError."""
+    reason = why_no_gains(spec, vehicle)
+    if reason is not None:
+        raise NoDesignError(f"{law}: {reason}")
+    fine = make_study(spec, vehicle, fine=True)
+    found = find(make_study(spec, vehicle, fine=False), fine, law, progress)
+    if not found.feasible:
+        raise NoDesignError(f"{law}: {_why_no_design(spec, vehicle, found, progress)}")
+    described = describe(fine, found)
+    return described._replace(reasons=tuple(reasons(fine, found.candidate)))
+
+
+def describe(study: Study, found: Found) -> Design:
+    """Return everything about a law that has been found but the reasons for it."""
+    spec, vehicle, law = study.spec, study.vehicle, found.candidate.law
+    settings = controller_settings(spec, vehicle, law, found.candidate.values())
+    by_delay = rms_by_delay(study, settings, found)
+    drives = jitter_drives(spec, vehicle, settings)
+    jitter_m = np.array([drive(asked).rms_m for asked in drives])
+    worst_m = jitter_m.reshape(-1, max(1, len(spec.jitter))).max(axis=0, initial=0.0)
+    return Design(
+        law,
+        settings,
+        found,
+        (),
+        by_delay,
+        _held_up_to_ns(by_delay, spec.rms_m_max_of(law)),
+        tuple(float(value) for value in worst_m[: len(spec.jitter)]),
+    )
+
+
+def rms_by_delay(study: Study, settings: ControllerSettings, found: Found) -> RmsByDelay:
+    """Return the RMS at every delay of the range, and beyond it as long as all is stable."""
+    spec = study.spec
+    last_ns = spec.delays_ns[-1]
+    if found.confirmation is not None:
+        last_ns = max(last_ns, found.confirmation.stable_up_to_ns)
+    delays_ns = tuple(sorted({*spec.delays_ns, *spec.delay.up_to_ns(last_ns / NS_PER_MS)}))
+    grid = tracking_grid(
+        study.models, unsteered_runs_m(spec, study.vehicle), delays_ns, spec.period_ns
+    )
+    return RmsByDelay(delays_ns, rms_m(grid, design_law(settings)).max(axis=0))
+
+
+def _held_up_to_ns(by_delay: RmsByDelay, largest_m: float | None) -> int | None:
+    """Return the last delay before the first at which the RMS is above its limit [ns]."""
+    if largest_m is None:
+        return None
+    beyond = np.flatnonzero(by_delay.rms_m.max(axis=0) > largest_m)
+    last = int(beyond[0]) - 1 if len(beyond) else len(by_delay.delays_ns) - 1
+    return by_delay.delays_ns[last] if last >= 0 else -1
+
+
+def _why_no_design(
+    spec: Specification,
+    vehicle: VehicleFile,
+    found: Found,
+    progress: Callable[[float, float], None],
+) -> str:
+    """Return which demands the best law fails, and which of all, dropped, would let one through."""
+    best = ", ".join(
+        f"{SETTINGS_KEYS[key]} = {value:g}" for key, value in found.candidate.values().items()
+    )
+    fails = "; ".join(failed(found.judgement)) or "unstable by its eigenvalues"
+    culprits = []
+    for name in DEMANDS:
+        relaxed = make_study(spec, vehicle, fine=False, without=frozenset({name}))
+        if find_any(relaxed, found.candidate.law, progress):
+            culprits.append(name)
+    dropped = (
+        f"without one of these there is a design: {', '.join(culprits)}"
+        if culprits
+        else "with any single demand dropped none was found either"
+    )
+    return f"no design; the nearest ({best}) fails: {fails}; {dropped}"

@@ -1,0 +1,101 @@
+"""Why each value: the demands that hold it where it is, and what moving it does."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from .candidate import SETTINGS_KEYS, Candidate
+from .study import Demand, Judgement, Study, judge_law
+
+_ACTIVE = 0.02
+"""A demand is active if the law is within this share of its limit."""
+_MOVE = 0.1
+_UNITS = {"k_p": "rad/m", "k_d": "rad s/m"}
+_MEANINGS = {
+    "settling": "a mode slower than sigma",
+    "delay margin": "unstable within the delay margin",
+    "actuator lag": "unstable behind the actuator lag",
+    "PD settling": "PD alone slower than sigma",
+    "PD damping": "PD alone outside the cone",
+    "PD bandwidth": "PD alone beyond the bandwidth R",
+}
+"""What it means to fail a demand that is no number."""
+_NUMBER_UNITS = {
+    "RMS error": " m",
+    "peak sensitivity": "",
+    "noise gain": " rad/m",
+    "steer": " rad",
+    "steer rate": " rad/s",
+}
+
+
+class Move(NamedTuple):
+    """A parameter moved by a tenth, all others kept."""
+
+    value: float
+    judgement: Judgement
+
+
+class Reason(NamedTuple):
+    """A parameter and what happens to the law when it is moved down or up."""
+
+    key: str
+    value: float
+    down: Move
+    up: Move
+
+
+def reasons(study: Study, candidate: Candidate) -> Iterator[Reason]:
+    """Yield the reason for each parameter."""
+    values = candidate.values()
+    for key, value in values.items():
+        down, up = (
+            Move(moved, judge_law(study, candidate.law, {**values, key: moved}))
+            for moved in (value * (1.0 - _MOVE), value * (1.0 + _MOVE))
+        )
+        yield Reason(key, value, down, up)
+
+
+def active(judgement: Judgement) -> list[Demand]:
+    """Return the numeric demands that are met with hardly anything to spare."""
+    return [d for d in judgement.demands if d.limit and d.value > (1.0 - _ACTIVE) * d.limit]
+
+
+def failed(judgement: Judgement) -> list[str]:
+    """Return in words which demands are not met."""
+    return [_failure(demand) for demand in judgement.demands if demand.excess]
+
+
+def outcome(judgement: Judgement, now: float) -> str:
+    """Return what a moved parameter does to the objective, and which demands it breaks."""
+    breaks = "; ".join(failed(judgement))
+    if judgement.objective == float("inf"):
+        return breaks
+    change = f"{100.0 * (judgement.objective / now - 1.0):+.1f} %"
+    return f"{change}, but {breaks}" if breaks else change
+
+
+def reason_lines(found: Reason, now: float) -> Iterator[str]:
+    """Yield the lines of one parameter; ``now`` is the objective it has."""
+    unit = _UNITS.get(found.key, "rad/s")
+    yield f"  {SETTINGS_KEYS[found.key]} = {found.value:g} {unit}"
+    for label, move in (("10 % less", found.down), ("10 % more", found.up)):
+        yield f"      {label}: {outcome(move.judgement, now)}"
+
+
+def demand_lines(judgement: Judgement) -> Iterator[str]:
+    """Yield one line for each demand that is a number."""
+    held = {demand.name for demand in active(judgement)}
+    for demand in judgement.demands:
+        if demand.name not in _NUMBER_UNITS:
+            continue
+        unit = _NUMBER_UNITS[demand.name]
+        at_most = "" if demand.limit == float("inf") else f", at most {demand.limit:g}{unit}"
+        note = "  <- active" if demand.name in held else ""
+        yield f"  {demand.name:17} {demand.value:.4g}{unit}{at_most}{note}"
+
+
+def _failure(demand: Demand) -> str:
+    if demand.name in _MEANINGS:
+        return _MEANINGS[demand.name]
+    unit = _NUMBER_UNITS[demand.name]
+    return f"{demand.name} {demand.value:.3g} above {demand.limit:g}{unit}"

@@ -1,0 +1,170 @@
+"""The preset that a design is written as: settings, below comments with what was measured."""
+
+from collections.abc import Iterator, Sequence
+
+from ...controller.settings import ControllerSettings
+from ...plant_emulator.rig_settings import PathSettings
+from ...runtime.node import NS_PER_MS
+from ...runtime.settings import Settings, dump_toml
+from .design import Design
+from .predictor import PredictorDesign
+from .specification import PredictorTable, Specification
+from .study import Demand
+from .vehicle_file import VehicleFile
+
+_TITLES = {
+    "pd": "PD",
+    "pd_dob": "PD with disturbance observer",
+    "pd_cdob": "PD with communication disturbance observer",
+    "pd_ddob": "PD with double disturbance observer",
+    "predictor": "Predictor",
+}
+_NOISE_M = 0.02
+_LABEL_WIDTH = 18
+
+
+def preset_name(spec: Specification, law: str) -> str:
+    """Return what the preset of a law is called."""
+    return f"{spec.name}_{law}"
+
+
+def preset_text(
+    spec: Specification, vehicle: VehicleFile, design: Design, sources: tuple[str, str]
+) -> str:
+    """Return the TOML of a preset; ``sources`` are the names of the vehicle's and spec's files.
+
+    The supervision is left out: it has nothing to do with the design, and its defaults hold.
+    """
+    comments = [
+        f"{_TITLES[design.law]} for {spec.rate_hz:g} Hz and any constant delay from 0 to"
+        f" {spec.delay.ms_max:g} ms.",
+        f"Written by tools.design_gains from {sources[0]} and {sources[1]}; do not edit.",
+        "",
+        *_conditions(spec, vehicle),
+        "",
+        *(f"  {label:{_LABEL_WIDTH}}{text}" for label, text in _figures(spec, design)),
+    ]
+    return _commented(comments, design.settings)
+
+
+def predictor_preset_text(
+    spec: Specification,
+    table: PredictorTable,
+    vehicle: VehicleFile,
+    design: PredictorDesign,
+    sources: tuple[str, str],
+) -> str:
+    """Return the TOML of a predictor's preset."""
+    comments = [
+        f"{_TITLES['predictor']} for {spec.rate_hz:g} Hz and any delay from 0 to"
+        f" {table.delay_ms_max:g} ms, measured by the echo.",
+        f"Written by tools.design_gains from {sources[0]} and {sources[1]}; do not edit.",
+        "",
+        *_conditions(spec, vehicle),
+        "",
+        *(
+            f"  {label:{_LABEL_WIDTH}}{text}"
+            for label, text in predictor_figures(spec, table, design)
+        ),
+    ]
+    return _commented(comments, design.settings)
+
+
+def predictor_figures(
+    spec: Specification, table: PredictorTable, design: PredictorDesign
+) -> Iterator[tuple[str, str]]:
+    """Yield a heading and a figure, line by line."""
+    for ns, rms_m, settled_m in zip(
+        design.delays_ns, design.rms_m, design.settled_rms_m, strict=True
+    ):
+        yield (
+            "RMS error",
+            f"{settled_m:.4f} m at {ns // NS_PER_MS} ms from {table.ignore_s:g} s on,"
+            f" {rms_m:.4f} m from the start",
+        )
+    for jitter, rms_m in zip(spec.jitter, design.jitter_rms_m, strict=True):
+        yield (
+            "jitter",
+            f"{rms_m:.4f} m at {jitter.mean_ms:g} ± {jitter.spread_ms:g} ms,"
+            f" {100.0 * jitter.loss:g} % lost (gamma, newest wins)",
+        )
+    yield (
+        "noise",
+        f"{1e2 * table.lateral_error_noise_m:g} cm add {design.steer_noise_rad:.2g} rad of steer,"
+        f" limit {table.steer_noise_rad_max:g}",
+    )
+    yield (
+        "without echoes",
+        f"pd_ddob, stable up to a constant delay of {design.fallback_up_to_ns // NS_PER_MS} ms",
+    )
+
+
+def _commented(comments: Sequence[str], settings: ControllerSettings) -> str:
+    lines = [f"# {comment}".rstrip() for comment in comments]
+    return "\n".join(lines) + "\n" + dump_toml(settings, _untouched(settings))
+
+
+def _untouched(settings: ControllerSettings) -> list[str]:
+    """Return the tables with nothing but defaults, but for the limits, which every preset tells."""
+    return [
+        name
+        for name, field in ControllerSettings.model_fields.items()
+        if isinstance(field.default, Settings)
+        and getattr(settings, name) == field.default
+        and name != "limits"
+    ]
+
+
+def _conditions(spec: Specification, vehicle: VehicleFile) -> Iterator[str]:
+    box = vehicle.box
+    yield f"Worst of {len(box.vertices())} corners and, where none is given, of all delays:"
+    for field, minimum, maximum in box.ranges:
+        yield f"  {field} {minimum:.6g} to {maximum:.6g}"
+    for path in spec.course.paths:
+        yield f"  {path_in_words(path)}, {spec.course.duration_s:g} s"
+
+
+def path_in_words(path: PathSettings) -> str:
+    """Return a path with its measures."""
+    kind, *measures = path.model_dump(mode="json").items()
+    words = [str(kind[1]).replace("_", " "), *(f"{key} {value}" for key, value in measures)]
+    return ", ".join(words)
+
+
+def _figures(spec: Specification, design: Design) -> Iterator[tuple[str, str]]:
+    """Yield a heading and a figure, line by line."""
+    demands = {demand.name: demand for demand in design.found.judgement.demands}
+    worst_m = design.rms.rms_m.max(axis=0)
+    last = design.rms.delays_ns.index(spec.delays_ns[-1])
+    yield (
+        "RMS error",
+        f"{worst_m[0]:.4f} m at 0 ms, {worst_m[last]:.4f} m at {spec.delay.ms_max:g} ms",
+    )
+    if design.rms_held_up_to_ns is not None:
+        held_ms = design.rms_held_up_to_ns // NS_PER_MS
+        yield "", f"at most {spec.rms_m_max_of(design.law):g} m up to {held_ms} ms"
+    for table, rms_m in zip(spec.jitter, design.jitter_rms_m, strict=True):
+        yield (
+            "jitter",
+            f"{rms_m:.4f} m at {table.mean_ms:g} ± {table.spread_ms:g} ms,"
+            f" {100.0 * table.loss:g} % lost (gamma, newest wins; virtual time)",
+        )
+    confirmation = design.found.confirmation
+    if confirmation is not None:
+        yield "stable", f"up to {confirmation.stable_up_to_ns // NS_PER_MS} ms"
+        if spec.actuator is not None and confirmation.with_lag_up_to_ns is not None:
+            lag_ms = confirmation.with_lag_up_to_ns // NS_PER_MS
+            yield (
+                "",
+                f"up to {lag_ms} ms behind a steering actuator lag of {spec.actuator.lag_s:g} s",
+            )
+        yield "settling", f"no mode decays more slowly than {confirmation.decay_1_s:.3g} 1/s"
+    yield "peak sensitivity", _limited(demands["peak sensitivity"], "")
+    noise = demands["noise gain"]
+    yield "noise gain", _limited(noise, " rad/m")
+    yield "", f"{1e2 * _NOISE_M:g} cm of white noise: {_NOISE_M * noise.value:.2g} rad of steer"
+    yield "largest steer", _limited(demands["steer"], " rad")
+
+
+def _limited(demand: Demand, unit: str) -> str:
+    return f"{demand.value:.3g}{unit}, limit {demand.limit:g}"

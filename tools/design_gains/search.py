@@ -1,0 +1,161 @@
+"""Finds the parameters of a law: an evolution strategy, then descent on the lattice.
+
+Demands that are not met count before the objective, by how far they are from being met, so that
+the search finds its way into the feasible set first and down in it afterwards. It judges by the
+coarse study, in the logarithms of the parameters; what it ends with is put on the lattice, where it
+goes to better neighbours until there is none, first judged by the coarse study, then by the fine
+one. The best on the lattice whose stability the eigenvalues confirm is what is returned.
+"""
+
+from collections.abc import Callable, Iterator
+from itertools import combinations, product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .candidate import Candidate, bounds, values_at
+from .confirmation import Confirmation, confirm
+from .evolution import Generation, evolve
+from .study import Judgement, Study, judge_candidate, judge_law
+
+FloatArray = NDArray[np.float64]
+
+_INFEASIBLE = 1e6
+"""Cost of a violation of 0; no objective comes near."""
+_KEPT = 40
+"""How many of the best of one study are tried in the next until one passes."""
+_SPREAD_MIN = 0.3
+"""Steps of the lattice; an evolution that varies less has ended."""
+_FIRST_SPREAD = 0.25
+"""Standard deviation of the first generation, of the range that is searched."""
+
+Progress = Callable[[float, float], None]
+"""Told which share of the search is done at most, and the best cost so far."""
+
+
+class Found(NamedTuple):
+    """The outcome of a search.
+
+    ``candidate``     the best; with the least violation where none meets all demands
+    ``judgement``     of the fine study
+    ``confirmation``  by eigenvalues; None where the fine study did not pass it
+    ``judged``        how many sets of parameters were judged
+    """
+
+    candidate: Candidate
+    judgement: Judgement
+    confirmation: Confirmation | None
+    judged: int
+
+    @property
+    def feasible(self) -> bool:
+        """Whether all demands are met."""
+        return self.confirmation is not None and self.confirmation.stable
+
+
+class _Lattice:
+    """Judges each candidate of the lattice once."""
+
+    def __init__(self, study: Study) -> None:
+        self._study = study
+        self.known: dict[Candidate, float] = {}
+
+    def cost(self, candidate: Candidate) -> float:
+        if candidate not in self.known:
+            self.known[candidate] = cost(judge_candidate(self._study, candidate))
+        return self.known[candidate]
+
+    def best(self) -> list[Candidate]:
+        return sorted(self.known, key=lambda candidate: (self.known[candidate], candidate))
+
+
+def cost(judgement: Judgement) -> float:
+    """Return what is minimised: the objective, or more than any where a demand is not met."""
+    if judgement.violation:
+        return _INFEASIBLE * (1.0 + judgement.violation)
+    return judgement.objective
+
+
+def find(coarse: Study, fine: Study, law: str, progress: Progress) -> Found:
+    """Search the parameters of a law; deterministic for the seed of the specification."""
+    lattice, judged = _Lattice(coarse), 0
+    starts = coarse.spec.search.starts
+    for start in range(starts):
+        places, count = _evolved(coarse, law, start, progress)
+        judged += count
+        rounded = product(*((int(np.floor(x)), int(np.ceil(x))) for x in places))
+        nearest = min((Candidate(law, corner) for corner in rounded), key=lattice.cost)
+        descend(lattice.cost, nearest)
+    judged += len(lattice.known)
+    finely = _Lattice(fine)
+    for candidate in lattice.best()[:_KEPT]:
+        if finely.cost(candidate) < _INFEASIBLE:
+            break
+    descend(finely.cost, finely.best()[0])
+    for candidate in finely.best()[:_KEPT]:
+        if finely.known[candidate] >= _INFEASIBLE:
+            break
+        confirmation = confirm(fine, candidate)
+        if confirmation.stable:
+            return Found(candidate, judge_candidate(fine, candidate), confirmation, judged)
+    best = finely.best()[0]
+    return Found(best, judge_candidate(fine, best), None, judged)
+
+
+def find_any(study: Study, law: str, progress: Progress) -> bool:
+    """Whether an evolution from the first start meets all demands of a coarse study."""
+    return any(
+        generation.best_cost < _INFEASIBLE for generation in _evolution(study, law, 0, progress)
+    )
+
+
+def _evolved(study: Study, law: str, start: int, progress: Progress) -> tuple[FloatArray, int]:
+    """Return where on the lattice, between its places, an evolution ends, and what it took."""
+    *_, last = _evolution(study, law, start, progress)
+    return last.best, last.judged
+
+
+def _evolution(study: Study, law: str, start: int, progress: Progress) -> Iterator[Generation]:
+    """Yield the generations of an evolution until it varies no more."""
+    table, limits = study.spec.search, _bounds(study, law)
+    low, high = limits.T
+    random = np.random.default_rng([table.seed, start])
+
+    def cost_at(places: FloatArray) -> float:
+        beyond = float(np.maximum(0.0, np.maximum(low - places, places - high)).sum())
+        if beyond:
+            return _INFEASIBLE * (1e3 + beyond)
+        return cost(judge_law(study, law, values_at(law, places)))
+
+    points = table.points_per_parameter * len(limits)
+    middle, spread = 0.5 * (low + high), _FIRST_SPREAD * (high - low)
+    for generation in evolve(cost_at, middle, spread, points, random):
+        done = (start + generation.number / table.generations) / table.starts
+        progress(done, generation.best_cost)
+        yield generation
+        if generation.spread < _SPREAD_MIN or generation.number >= table.generations:
+            return
+
+
+def _bounds(study: Study, law: str) -> FloatArray:
+    return np.array(bounds(law, study.vehicle.box.nominal, study.spec.rate_hz), dtype=np.float64)
+
+
+def descend(cost_of: Callable[[Candidate], float], start: Candidate) -> Candidate:
+    """Go to the best neighbour on the lattice until none is better."""
+    while True:
+        best = min(neighbours(start), key=cost_of)
+        if cost_of(best) >= cost_of(start):
+            return start
+        start = best
+
+
+def neighbours(candidate: Candidate) -> Iterator[Candidate]:
+    """Yield what differs by a step in one parameter or in two."""
+    indices = range(len(candidate.places))
+    for index in indices:
+        yield from (candidate.moved(index, steps) for steps in (-1, 1))
+    for first, second in combinations(indices, 2):
+        for one in (-1, 1):
+            yield from (candidate.moved(first, one).moved(second, two) for two in (-1, 1))

@@ -1,0 +1,109 @@
+"""VEHICLE.toml: the nominal vehicle, and between which bounds its parameters may lie.
+
+[vehicle]                              as [nominal_model] of the controller's settings, in SI
+virtual_mass_kg = 2000
+...
+[uncertainty]                          any of the same keys, as [minimum, maximum]
+virtual_mass_kg = [1600, 5000]
+"""
+
+from typing import Self
+
+from pydantic import model_validator
+
+from ...controller.nominal_model import NominalVehicle, vehicle_model
+from ...controller.shared_settings import (
+    AxleDistanceM,
+    MassKg,
+    PreviewDistanceM,
+    SpeedMS,
+    StiffnessNRad,
+    VehicleModelSettings,
+    YawInertiaKgM2,
+)
+from ...loop_theory.uncertainty import ParameterRange, UncertaintyBox
+from ...runtime.settings import Settings
+
+_RANGES_MAX = 6
+"""2^6 corners; more would take longer than anybody waits."""
+
+
+class VehicleTable(Settings):
+    """`[vehicle]`: parameters of the single-track model; see ``NominalVehicle``."""
+
+    virtual_mass_kg: MassKg
+    yaw_inertia_kg_m2: YawInertiaKgM2
+    front_cornering_stiffness_n_rad: StiffnessNRad
+    rear_cornering_stiffness_n_rad: StiffnessNRad
+    front_axle_distance_m: AxleDistanceM
+    rear_axle_distance_m: AxleDistanceM
+    preview_distance_m: PreviewDistanceM
+    speed_m_s: SpeedMS
+
+    @property
+    def vehicle(self) -> NominalVehicle:
+        """Return the nominal vehicle."""
+        return NominalVehicle(**self.model_dump())
+
+    @property
+    def nominal_model(self) -> VehicleModelSettings:
+        """Return the controller's table [nominal_model]."""
+        return VehicleModelSettings(kind="vehicle", **self.model_dump())
+
+    @model_validator(mode="after")
+    def _refuse_a_model_without_stable_inverse(self) -> Self:
+        vehicle_model(self.vehicle)
+        return self
+
+
+class UncertaintyTable(Settings):
+    """`[uncertainty]`: [minimum, maximum] of any of the vehicle's parameters."""
+
+    virtual_mass_kg: tuple[MassKg, MassKg] | None = None
+    yaw_inertia_kg_m2: tuple[YawInertiaKgM2, YawInertiaKgM2] | None = None
+    front_cornering_stiffness_n_rad: tuple[StiffnessNRad, StiffnessNRad] | None = None
+    rear_cornering_stiffness_n_rad: tuple[StiffnessNRad, StiffnessNRad] | None = None
+    front_axle_distance_m: tuple[AxleDistanceM, AxleDistanceM] | None = None
+    rear_axle_distance_m: tuple[AxleDistanceM, AxleDistanceM] | None = None
+    preview_distance_m: tuple[PreviewDistanceM, PreviewDistanceM] | None = None
+    speed_m_s: tuple[SpeedMS, SpeedMS] | None = None
+
+    def ranges(self) -> tuple[ParameterRange, ...]:
+        """Return those that are given; speed first, so that corners are in the paper's order."""
+        given = {key: bounds for key, bounds in self if bounds is not None}
+        order = sorted(given, key=lambda key: key != "speed_m_s")
+        return tuple(ParameterRange(key, *given[key]) for key in order)
+
+
+class VehicleFile(Settings):
+    """All of VEHICLE.toml."""
+
+    vehicle: VehicleTable
+    uncertainty: UncertaintyTable = UncertaintyTable()
+
+    @property
+    def box(self) -> UncertaintyBox:
+        """Return the vehicles between the bounds."""
+        return UncertaintyBox(self.vehicle.vehicle, self.uncertainty.ranges())
+
+    @model_validator(mode="after")
+    def _refuse_ranges_without_the_nominal_value(self) -> Self:
+        ranges = self.uncertainty.ranges()
+        if len(ranges) > _RANGES_MAX:
+            raise ValueError(
+                f"[uncertainty] has {len(ranges)} ranges; at most {_RANGES_MAX} are possible,"
+                f" which are {2**_RANGES_MAX} corners"
+            )
+        for field, minimum, maximum in ranges:
+            if minimum >= maximum:
+                raise ValueError(
+                    f"uncertainty.{field} = [{minimum:g}, {maximum:g}]: the minimum must be below"
+                    " the maximum; leave the key out where there is no uncertainty"
+                )
+            nominal = getattr(self.vehicle, field)
+            if not minimum <= nominal <= maximum:
+                raise ValueError(
+                    f"vehicle.{field} = {nominal:g} must lie within its range in [uncertainty],"
+                    f" {minimum:g} to {maximum:g}"
+                )
+        return self

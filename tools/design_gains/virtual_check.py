@@ -1,0 +1,135 @@
+"""The design in virtual time: both nodes, their frames and limits, quantised, with real jitter.
+
+The linear analysis leaves out limits, quantisation and jitter; this has them all. One run of 60 s
+takes about half a second, so the constant delays are run only when asked for.
+"""
+
+from collections.abc import Sequence
+from itertools import product
+from typing import NamedTuple
+
+from pydantic import ValidationError
+
+from ...controller.nominal_model import NominalVehicle
+from ...controller.settings import ControllerSettings
+from ...pair.unguarded import UNGUARDED
+from ...pair.virtual import run_virtual_pair
+from ...plant_emulator.latency import Distribution
+from ...plant_emulator.latency_settings import BothLatencySettings, LatencySettings
+from ...plant_emulator.path_shapes import build_path
+from ...plant_emulator.rig_settings import PathSettings, VehicleSettings
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.node import NS_PER_MS, NS_PER_S
+from ...runtime.settings import SettingsError
+from .specification import JitterTable, Specification
+from .vehicle_file import VehicleFile
+
+_MS_PER_S = 1e3
+_KM_H_PER_M_S = 3.6
+
+
+class Drive(NamedTuple):
+    """One run: a law, a corner of the box, a path, and the latency of the commands."""
+
+    settings: ControllerSettings
+    corner: NominalVehicle
+    path: PathSettings
+    duration_s: float
+    latency: LatencySettings
+
+
+class Driven(NamedTuple):
+    """What came of it: RMS of the lateral error [m], and the largest steer [rad]."""
+
+    rms_m: float
+    steer_rad: float
+
+
+def drive(asked: Drive) -> Driven:
+    """Run both nodes on a wire that takes no time."""
+    result = run_virtual_pair(plant_settings(asked), asked.settings, None)
+    return Driven(
+        float(result.plant["node"]["lateral_error_rms_m"]),
+        float(result.controller["node"]["peak_steer_rad"]),
+    )
+
+
+def plant_settings(asked: Drive) -> PlantSettings:
+    """Return the rig's settings; raises pydantic's ValidationError for what it does not drive."""
+    vehicle = asked.corner
+    return PlantSettings(
+        duration_s=asked.duration_s,
+        sensor_period_ms=asked.settings.period_ns / NS_PER_MS,
+        vehicle=VehicleSettings(
+            speed_km_h=vehicle.speed_m_s * _KM_H_PER_M_S,
+            virtual_mass_kg=vehicle.virtual_mass_kg,
+            yaw_inertia_kg_m2=vehicle.yaw_inertia_kg_m2,
+            front_cornering_stiffness_n_rad=vehicle.front_cornering_stiffness_n_rad,
+            rear_cornering_stiffness_n_rad=vehicle.rear_cornering_stiffness_n_rad,
+            front_axle_m=vehicle.front_axle_distance_m,
+            rear_axle_m=vehicle.rear_axle_distance_m,
+            preview_m=vehicle.preview_distance_m,
+        ),
+        path=asked.path,
+        latency=BothLatencySettings(downlink=asked.latency),
+        safety=UNGUARDED,
+    )
+
+
+def refuse_what_the_rig_does_not_drive(
+    spec: Specification, vehicle: VehicleFile, settings: ControllerSettings
+) -> None:
+    """Raise SettingsError where a corner or a path is not one the plant emulator can run."""
+    for path in spec.course.paths:
+        build_path(path)
+    for asked in constant_drives(spec, vehicle, settings, [0]):
+        try:
+            plant_settings(asked)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(map(str, first["loc"]))
+            raise SettingsError(
+                f"the plant emulator cannot drive a corner: {where} = {first['input']}:"
+                f" {first['msg'].lower()}"
+            ) from error
+
+
+def constant_drives(
+    spec: Specification,
+    vehicle: VehicleFile,
+    settings: ControllerSettings,
+    delays_ns: Sequence[int],
+) -> list[Drive]:
+    """Return a run for each path, corner and constant delay, in this order."""
+    latencies = [LatencySettings(mean_s=delay_ns / NS_PER_S) for delay_ns in delays_ns]
+    return _drives(spec, vehicle, settings, latencies)
+
+
+def jitter_drives(
+    spec: Specification, vehicle: VehicleFile, settings: ControllerSettings
+) -> list[Drive]:
+    """Return a run for each path, corner and jitter of the specification, in this order."""
+    return _drives(spec, vehicle, settings, [jittered(table) for table in spec.jitter])
+
+
+def jittered(table: JitterTable) -> LatencySettings:
+    """Return the latency of commands: gamma, anew for each, the newest wins."""
+    return LatencySettings(
+        model=Distribution.GAMMA,
+        mean_s=table.mean_ms / _MS_PER_S,
+        spread_s=table.spread_ms / _MS_PER_S,
+        loss=table.loss,
+    )
+
+
+def _drives(
+    spec: Specification,
+    vehicle: VehicleFile,
+    settings: ControllerSettings,
+    latencies: Sequence[LatencySettings],
+) -> list[Drive]:
+    cells = product(spec.course.paths, vehicle.box.vertices(), latencies)
+    return [
+        Drive(settings, corner, path, spec.course.duration_s, latency)
+        for path, corner, latency in cells
+    ]

@@ -1,0 +1,291 @@
+"""Which fault is detectable, and by which mechanism: decided by what a fault is, before any run.
+
+A mechanism sees one thing, and what it sees is all that it can detect:
+
+    E2E               CRC, length, identifier and counter of a frame that arrives
+    RANGE             a raw value outside its signal's range or value table
+    FRESHNESS         no acceptable frame of a message to a node within the message's age limit
+    LIMITER           a command beyond the safety limiter's bounds
+    SELF_SUPERVISION  own ticks missed
+
+A fault that shows none of them nothing: a plausible value with a valid CRC and counter cannot be
+told from a true one by a receiver that has one source for it, and a frame that comes late by less
+than the age limit cannot be told from what the network is allowed to do.
+"""
+
+from collections.abc import Mapping
+from enum import StrEnum
+from types import MappingProxyType
+from typing import NamedTuple
+
+from ...controller.freshness import NO_LIMIT_NS
+from ...controller.node import RECEIVED as CONTROLLER_RECEIVES
+from ...controller.node import STATUS_PERIOD_NS
+from ...controller.settings import ControllerSettings, age_limits_of
+from ...dbc.messages import MESSAGE_TYPES
+from ...dbc.protection import COUNTERS
+from ...plant_emulator.fault_effects import BURST_CHANCE, REORDER_CHANCE
+from ...plant_emulator.fault_settings import ALL, FaultDirection, FaultKind, FaultSettings
+from ...plant_emulator.node import RECEIVED as PLANT_RECEIVES
+from ...plant_emulator.node import VEHICLE_STATE_PERIOD_NS
+from ...plant_emulator.safety_settings import design_guard
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.node import NS_PER_S
+from .node_faults import NodeFault
+from .specification import NodeFaultKind
+
+LAW_RAD_MAX = 0.2
+"""What a law is taken to want at the most, if the limiter leaves it as much."""
+NO_EFFECT_CHANCE_MAX = 1e-4
+"""A fault whose chance to change nothing is larger may do so."""
+WATCHING_PERIOD_S = STATUS_PERIOD_NS / NS_PER_S
+"""Cycle of the messages for watching."""
+CONTROLS = frozenset({"LATERAL_ERROR", "STEERING_COMMAND", ALL})
+"""Messages without which there is nothing left to act on."""
+STREAMS = CONTROLS | {"STEERING_STATUS", "VEHICLE_STATE"}
+"""Messages whose age is watched."""
+UNHEARD = frozenset(
+    name
+    for name, message_type in MESSAGE_TYPES.items()
+    if message_type not in (*CONTROLLER_RECEIVES, *PLANT_RECEIVES)
+)
+"""Messages for watching: no node receives them."""
+
+
+class Mechanism(StrEnum):
+    """What can see a fault."""
+
+    E2E = "E2E"
+    RANGE = "range"
+    FRESHNESS = "freshness"
+    LIMITER = "limiter"
+    SELF_SUPERVISION = "self-supervision"
+
+
+MECHANISM_OF: Mapping[str, Mechanism] = MappingProxyType(
+    {
+        "bad_crc": Mechanism.E2E,
+        "masqueraded": Mechanism.E2E,
+        "wrong_length": Mechanism.E2E,
+        "wrong_format": Mechanism.E2E,
+        "repeated": Mechanism.E2E,
+        "out_of_order": Mechanism.E2E,
+        "too_far": Mechanism.E2E,
+        "lost": Mechanism.E2E,
+        "out_of_range": Mechanism.RANGE,
+        "not_available": Mechanism.RANGE,
+        "silence": Mechanism.FRESHNESS,
+        "stale": Mechanism.FRESHNESS,
+        "intervention": Mechanism.LIMITER,
+        "skipped_ticks": Mechanism.SELF_SUPERVISION,
+        "law_failures": Mechanism.SELF_SUPERVISION,
+        "failure": Mechanism.SELF_SUPERVISION,
+        "safe_state": Mechanism.SELF_SUPERVISION,
+    }
+)
+"""Which mechanism a count in a node's report belongs to."""
+
+
+class Sight(NamedTuple):
+    """How far the mechanisms of a pair see, by its settings.
+
+    ``age_limit_s``     the longest of both nodes' age limits: what lasts longer is silence for both
+    ``limiter_rad``     largest command that the safety limiter lets through, at this speed
+    ``control_period_s``, ``sensor_period_s``  of the commands and of the measurements
+    ``counter_jump_max``  how far a counter may go on at once, for either node
+    ``jitters_down``    whether a silence of the commands on the bus may be shorter at the actuator
+    """
+
+    age_limit_s: float
+    limiter_rad: float
+    control_period_s: float
+    sensor_period_s: float
+    counter_jump_max: int
+    jitters_down: bool = False
+
+
+class Expectation(NamedTuple):
+    """What is expected of a fault.
+
+    ``mechanisms``   that can see it; none: it is not detectable
+    ``safe_state``   whether the receiver has to leave control, as it has nothing left to act on
+    ``why``          in a line
+    ``is_followed``  whether false frames may be accepted after it has been detected, as no receiver
+                     can tell them from true ones
+    ``may_be_idle``  whether it may come to nothing: by chance, or as its magnitude is none
+    """
+
+    mechanisms: tuple[Mechanism, ...]
+    safe_state: bool
+    why: str
+    is_followed: bool = False
+    may_be_idle: bool = False
+
+
+def sight_of(plant: PlantSettings, controller: ControllerSettings) -> Sight:
+    """Return how far the mechanisms of a pair see."""
+    guard = design_guard(plant.safety, plant.vehicle, plant.actuator)
+    ages = (age for age in age_limits_of(controller) if age != NO_LIMIT_NS)
+    return Sight(
+        max(guard.silence_ns, *ages) / NS_PER_S,
+        min(row.reach_rad for row in guard.limiter.rows),
+        controller.period_ns / NS_PER_S,
+        plant.sensor_period_ns / NS_PER_S,
+        max(plant.max_counter_jump, controller.supervision.max_counter_jump),
+        plant.latency.downlink.spread_s > 0.0,
+    )
+
+
+_E2E, _RANGE = (Mechanism.E2E,), (Mechanism.RANGE,)
+_FRESHNESS = (Mechanism.FRESHNESS,)
+_PAYLOAD_BITS = 64
+_EITHER = (Mechanism.E2E, Mechanism.FRESHNESS)
+_TELLING = "a plausible value, valid CRC and counter: one source, nothing to compare it with"
+
+
+def expect_fault(fault: FaultSettings, sight: Sight) -> Expectation:
+    """Return what is expected of a fault of the stage at the plant's edge."""
+    expected = _expect(fault, sight)
+    return expected._replace(may_be_idle=no_effect_chance(fault, sight) > NO_EFFECT_CHANCE_MAX)
+
+
+def _expect(fault: FaultSettings, sight: Sight) -> Expectation:
+    if is_unheard(fault):
+        return Expectation((), False, "no node receives this message: nothing may change")
+    is_stream, is_control = fault.message in STREAMS, fault.message in CONTROLS
+    magnitude, period_s = fault.magnitude, period_s_of(fault, sight)
+    match fault.kind:
+        case FaultKind.DROP if magnitude >= 1.0:
+            return _silence(fault, sight, is_stream, is_control)
+        case FaultKind.BURST_LOSS if period_s * magnitude > sight.age_limit_s and is_stream:
+            return Expectation(_EITHER, is_control, "a burst longer than the age limit")
+        case FaultKind.DROP | FaultKind.BURST_LOSS:
+            return Expectation(_E2E, False, "the counter jumps")
+        case FaultKind.DUPLICATE:
+            return Expectation(_E2E, False, "a counter comes twice")
+        case FaultKind.REORDER:
+            return Expectation(_E2E, False, "the counter jumps, then goes back")
+        case FaultKind.DELAY_SPIKE if (
+            is_stream and min(magnitude, fault.duration_s) > sight.age_limit_s
+        ):
+            return Expectation(
+                _FRESHNESS, is_control, "nothing arrives for longer than the age limit"
+            )
+        case FaultKind.DELAY_SPIKE:
+            return Expectation((), False, "late by less than the age limit: the network may")
+        case FaultKind.FREEZE:
+            return Expectation(_E2E, is_control, "the same counter again and again")
+        case FaultKind.BIT_FLIPS:
+            every_frame = is_control and (1.0 - magnitude) ** 64 < 1e-3
+            return Expectation(_E2E, every_frame, "the CRC is not that of the content")
+        case FaultKind.WRONG_LENGTH:
+            return Expectation(_E2E, is_control, "not the length of the message")
+        case FaultKind.WRONG_IDENTIFIER:
+            return _moved(fault, is_control)
+        case FaultKind.SPOOF:
+            why = "the true sender's counter then comes twice"
+            return Expectation(_E2E, False, why, is_followed=True)
+        case FaultKind.REPLAY:
+            # Counters turn over and go on: old ones look like those after some that were lost, or
+            # are refused until they have come as far as the newest that was accepted.
+            behind = round(magnitude / period_s) % COUNTERS
+            refused_s = behind * period_s if COUNTERS - behind > sight.counter_jump_max else 0.0
+            is_long = min(fault.duration_s, refused_s) > sight.age_limit_s + period_s
+            why = "the counter goes back; what goes on so is a new start, after a hold"
+            # As it goes on when the bus was silent for the age limit, jitter may hide the silence.
+            is_hidden = sight.jitters_down and fault.message == "STEERING_COMMAND"
+            is_left = is_control and is_long and not is_hidden
+            return Expectation(_E2E, is_left, why, is_followed=True)
+        case FaultKind.OUT_OF_RANGE:
+            silent = is_control and magnitude >= 1.0
+            return Expectation(_RANGE, silent, "a raw value outside the range")
+        case FaultKind.OFFSET if _beats_limiter(fault, sight, magnitude):
+            why = "beyond what the limiter lets through"
+            return Expectation((Mechanism.LIMITER,), False, why, is_followed=True)
+        case FaultKind.NOISE if _beats_limiter(fault, sight, 0.25 * magnitude):
+            why = "often beyond what the limiter lets through"
+            return Expectation((Mechanism.LIMITER,), False, why, is_followed=True)
+        case _:
+            return Expectation((), False, _TELLING)
+
+
+def is_unheard(fault: FaultSettings) -> bool:
+    """Whether no node receives what the fault acts on, nor what it makes of it."""
+    return fault.message in UNHEARD and fault.kind is not FaultKind.WRONG_IDENTIFIER
+
+
+def expect_node_fault(fault: NodeFault, sight: Sight) -> Expectation:
+    """Return what is expected of a fault of a node."""
+    if fault.kind is NodeFaultKind.CLOCK_JUMP:
+        supervision = (Mechanism.SELF_SUPERVISION,)
+        if fault.magnitude > sight.age_limit_s:
+            both = (Mechanism.SELF_SUPERVISION, Mechanism.FRESHNESS)
+            return Expectation(both, True, "ticks missed, and its measurement looks old")
+        if fault.magnitude > 2.0 * sight.control_period_s:
+            return Expectation(supervision, False, "ticks missed")
+        return Expectation((), False, "less than two periods")
+    if fault.duration_s <= sight.age_limit_s and fault.kind is not NodeFaultKind.KILLED:
+        return Expectation((), False, "shorter than the age limit")
+    return Expectation(_FRESHNESS, True, "its peer hears nothing")
+
+
+def period_s_of(fault: FaultSettings, sight: Sight) -> float:
+    """Return the time from one frame that a fault acts on to the next [s]."""
+    if fault.message in UNHEARD:
+        return WATCHING_PERIOD_S
+    if fault.direction is FaultDirection.DOWNLINK:
+        return sight.control_period_s
+    if fault.message == "VEHICLE_STATE":
+        samples = max(1, VEHICLE_STATE_PERIOD_NS // round(sight.sensor_period_s * NS_PER_S))
+        return samples * sight.sensor_period_s
+    return sight.sensor_period_s
+
+
+def no_effect_chance(fault: FaultSettings, sight: Sight) -> float:
+    """Return the probability that a fault changes no frame at all, by what it draws.
+
+    1 for a value that is none (an offset of 0), and for the speed, which is stuck anyway.
+    """
+    magnitude = fault.magnitude
+    frames = int(fault.duration_s / period_s_of(fault, sight))
+    match fault.kind:
+        case FaultKind.BURST_LOSS:
+            spared = 1.0 - BURST_CHANCE
+        case FaultKind.REORDER:
+            spared = 1.0 - REORDER_CHANCE
+        case FaultKind.BIT_FLIPS:
+            spared = (1.0 - magnitude) ** _PAYLOAD_BITS
+        case FaultKind.WRONG_LENGTH:
+            spared = float(magnitude >= _PAYLOAD_BITS / 8)
+        case FaultKind.SCALE:
+            spared = float(magnitude == 1.0)
+        case FaultKind.OFFSET | FaultKind.DRIFT | FaultKind.NOISE | FaultKind.DELAY_SPIKE:
+            spared = float(magnitude == 0.0)
+        case FaultKind.STUCK:
+            spared = float(fault.signal == "speed_m_s")
+        case FaultKind.SPOOF | FaultKind.REPLAY:
+            spared = 0.0
+        case _:  # a share of the frames
+            spared = 1.0 - min(magnitude, 1.0)
+    return float(max(spared, 0.0) ** frames) if frames else 1.0
+
+
+def _silence(fault: FaultSettings, sight: Sight, is_stream: bool, is_control: bool) -> Expectation:
+    if not is_stream:
+        return Expectation((), False, "this message has no age limit")
+    if fault.duration_s <= sight.age_limit_s:
+        return Expectation((), False, "shorter than the age limit, and then a counter that jumps")
+    return Expectation(_FRESHNESS, is_control, "nothing arrives")
+
+
+def _moved(fault: FaultSettings, is_control: bool) -> Expectation:
+    """A frame under another identifier: its receiver refuses it by the Data ID, if it has one."""
+    if fault.message == "STEERING_COMMAND":
+        return Expectation(_FRESHNESS, True, "the plant does not receive that identifier")
+    return Expectation(_E2E, is_control, "the CRC is that of another identifier")
+
+
+def _beats_limiter(fault: FaultSettings, sight: Sight, value_rad: float) -> bool:
+    """Whether a command that is wrong by so much is beyond the bound, whatever the law wants."""
+    wanted_rad = min(LAW_RAD_MAX, sight.limiter_rad)
+    return fault.message == "STEERING_COMMAND" and abs(value_rad) >= sight.limiter_rad + wanted_rad

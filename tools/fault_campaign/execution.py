@@ -1,0 +1,176 @@
+"""Runs scenarios or walks on processes, and keeps every result the moment it is there.
+
+Results are one JSON object a line. A campaign that is run again with the same specification goes on
+where it was left, as long as no program has changed since; a folder with results of another one is
+refused, so that none are lost. A line that is not whole, as of a run that was killed, is left out.
+"""
+
+import json
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import suppress
+from hashlib import sha256
+from importlib.resources import files
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from ...plant_emulator.rig_settings import WaypointSettings
+from ...runtime.settings import SettingsError
+from ...worker_processes import worker_pool
+from .specification import CampaignSettings
+from .trial import Result, Verdict
+
+Item = TypeVar("Item")
+Done = TypeVar("Done")
+RESULTS = "results.jsonl"
+_WAITING_PER_PROCESS = 4
+_JUDGED = ("controller", "dbc", "plant_emulator", "runtime", "steer_by_wire.tools.fault_campaign")
+_SOURCES = (".py", ".toml", ".dbc")
+_LINE_BYTES_MAX = 1 << 20
+_WHOLE_MAX = 1 << 53
+_FIELDS = TypeAdapter(Result, config=ConfigDict(strict=True, allow_inf_nan=False))
+
+
+class Stored(NamedTuple):
+    """What a folder holds.
+
+    ``results``   each with its specification's hash
+    ``others``    lines of specifications other than the one that was asked for, whole or not
+    ``not_whole`` lines that are left out
+    """
+
+    results: list[tuple[str, Result]]
+    others: int
+    not_whole: int
+
+
+def specification_hash(spec: CampaignSettings) -> str:
+    """Return what tells one specification, of one state of the programs, from another.
+
+    Results of programs, or of files of waypoints, that have changed since are no results of these.
+    """
+    text = spec.model_dump_json(exclude={"residual_frames", "memory_s"})  # no run depends on them
+    told = sha256(text.encode())
+    for point in spec.points:
+        if isinstance(point.path, WaypointSettings):
+            with suppress(OSError):  # refused where the path is made
+                told.update(point.path.file.read_bytes())
+    for package in _JUDGED:
+        for file in sorted(Path(str(files(package))).rglob("*")):
+            if file.suffix in _SOURCES:
+                told.update(file.read_bytes())
+    return told.hexdigest()[:16]
+
+
+def execute(
+    work: Callable[[Item], Done],
+    items: Iterable[Item],
+    processes: int,
+    take: Callable[[Done], None],
+) -> None:
+    """Do ``work`` for every item, on further processes where there are to be more than one.
+
+    ``work``  found by its name in the other process, as a function of a module is
+    ``take``  gets what came of every item, in the order in which they are done
+
+    Raises what ``work`` raises. On Ctrl-C, and where ``take`` raises, what is not done is given up.
+    """
+    if processes <= 1:
+        for item in items:
+            take(work(item))
+        return
+    with worker_pool(processes) as pool:
+        source = iter(items)
+        waiting: set[Future[Done]] = set()
+        while True:
+            free = processes * _WAITING_PER_PROCESS - len(waiting)
+            waiting |= {pool.submit(work, item) for item in islice(source, free)}
+            if not waiting:
+                return
+            done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in done:
+                take(future.result())
+
+
+def read_results(folder: Path, spec_hash: str | None = None) -> list[Result]:
+    """Return the results in a folder; those of ``spec_hash`` alone, if it is given."""
+    stored = read_stored(folder, spec_hash)
+    return [result for told, result in stored.results if spec_hash in (None, told)]
+
+
+def read_stored(folder: Path, spec_hash: str | None = None) -> Stored:
+    """Return all that a folder holds; raises SettingsError, and OSError."""
+    file = folder / RESULTS
+    stored = Stored([], 0, 0)
+    if not file.exists():
+        return stored
+    if not file.is_file():  # a folder cannot be read, and a device may have no end
+        raise SettingsError(f"{file}: is no file")
+    others = not_whole = 0
+    for line in _lines(file):
+        told, result = _of_line(line)
+        if result is not None:
+            stored.results.append((told, result))
+        if told and spec_hash not in (None, told):
+            others += 1
+        elif result is None:
+            not_whole += 1
+    return stored._replace(others=others, not_whole=not_whole)
+
+
+def write_result(folder: Path, spec_hash: str, result: Result) -> None:
+    """Add a result to those in a folder."""
+    with (folder / RESULTS).open("a", encoding="utf-8") as opened:
+        opened.write(_line_of(spec_hash, result))
+
+
+def keep_only(folder: Path, spec_hash: str, results: Iterable[Result]) -> None:
+    """Leave these results in a folder, and no others."""
+    kept = folder / f"{RESULTS}.new"  # a kill meanwhile leaves those that are there
+    kept.write_text("".join(_line_of(spec_hash, result) for result in results), encoding="utf-8")
+    kept.replace(folder / RESULTS)
+
+
+def _line_of(spec_hash: str, result: Result) -> str:
+    return json.dumps({"specification": spec_hash, **result._asdict()}) + "\n"
+
+
+def _lines(file: Path) -> Iterator[bytes]:
+    with file.open("rb") as opened:
+        while line := opened.readline(_LINE_BYTES_MAX):
+            if line.strip():
+                yield line
+
+
+def _of_line(line: bytes) -> tuple[str, Result | None]:
+    """Return a line's hash, empty where there is none, and its result, None if it is not whole."""
+    try:
+        record: Any = json.loads(line)
+    except (ValueError, RecursionError):  # of UnicodeDecodeError too
+        return "", None
+    told = record.pop("specification", "") if isinstance(record, dict) else ""
+    if not (isinstance(told, str) and told):
+        return "", None
+    try:
+        result = _FIELDS.validate_python(record)
+        result = result._replace(verdict=Verdict(result.verdict))
+    except (ValidationError, ValueError):
+        return told, None
+    return told, result if _can_be_told([*result]) else None
+
+
+def _can_be_told(value: Any) -> bool:
+    """Whether tables and figures can be made of it."""
+    match value:
+        case str():
+            return value.isprintable()
+        case int():
+            return 0 <= value <= _WHOLE_MAX
+        case list():
+            return all(map(_can_be_told, value))
+        case dict():
+            return _can_be_told([*value, *value.values()])
+    return True

@@ -1,0 +1,139 @@
+"""The pair of a run: both nodes watched, the plant behind the fault stage, the bus between them."""
+
+from collections.abc import Sequence
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
+
+from ...bus_faults.babbling import BabbledBus
+from ...controller.node import ControllerNode
+from ...controller.settings import ControllerSettings
+from ...plant_emulator.fault_settings import SIGNAL_FAULTS, FaultDirection, FaultKind
+from ...plant_emulator.faults import FaultyNode
+from ...plant_emulator.motion_design import MotionParams
+from ...plant_emulator.node import PlantNode, motion_params
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.bus_model import BusModel
+from ...runtime.frame import Frame
+from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode
+from ...runtime.virtual_time import VirtualTimeExecutor
+from .detectability import MECHANISM_OF, Sight, is_unheard, sight_of
+from .node_faults import NodeFault, with_node_faults
+from .observation import Watch, bounds_of
+from .recovery import Way, way_of
+from .scenario import Case, Scenario, controller_settings_of, plant_settings_of
+from .specification import CONTROLLER, PLANT, NodeFaultKind
+
+BABBLER_ID = 0x000
+"""It beats every frame of the pair."""
+QUEUE_LIMIT = 64
+"""Frames of one node that wait for the bus, as on the emulated bus."""
+_CORRUPTING = frozenset({FaultKind.BIT_FLIPS, FaultKind.WRONG_LENGTH, FaultKind.WRONG_IDENTIFIER})
+"""What breaks a frame's protection."""
+_FORGING = SIGNAL_FAULTS | {FaultKind.OUT_OF_RANGE}
+"""What makes frames that nobody has sent, with a valid protection."""
+_FALSIFYING = frozenset(FaultKind) - {
+    FaultKind.DROP,
+    FaultKind.BURST_LOSS,
+    FaultKind.DUPLICATE,
+    FaultKind.REORDER,
+    FaultKind.DELAY_SPIKE,
+}
+"""What hands the receiver other frames than were sent now; the others lose, double or delay."""
+_PARAMS_KEPT = 64
+
+
+class Pair(NamedTuple):
+    """The two nodes of a run, watched; the plant behind the fault stage."""
+
+    plant_node: PlantNode
+    edge: FaultyNode[Watch]
+    plant: Watch
+    controller: Watch
+    bus: BabbledBus
+    sight: Sight
+    way: Way
+
+
+def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
+    """Return the pair of a run, not yet run.
+
+    ``further``  faults of nodes beside that of the case; of all, one may be a babbling node
+    """
+    case = scenario.case
+    node_faults = [*further] if case.node_fault is None else [case.node_fault, *further]
+    plant = plant_settings_of(scenario, case.faults)
+    controller = _within(_controller_settings(scenario.law), scenario.spec.ftti_ms)
+    onset_ns = min([onset_ns_of(case), *(fault.window_ns[0] for fault in further)])
+    bounds = bounds_of(plant, controller)
+    wanted = [cause for cause, by in MECHANISM_OF.items() if by in case.expected.mechanisms]
+    kinds = {fault.kind for fault in case.faults}
+    # Where frames are forged too, one that nobody has sent may be intact.
+    # Whom nobody receives, nobody can accept.
+    is_corrupting = bool(kinds & _CORRUPTING) and not kinds & _FORGING
+    is_corrupting = is_corrupting and not all(map(is_unheard, case.faults))
+
+    def watched(node: ReportingNode, name: str, peer_sent: set[Any] | None) -> Watch:
+        own = wanted if case.receiver in (name, "both") else ()
+        struck = with_node_faults(node, name, node_faults)
+        seen_from = peer_sent if is_corrupting else None
+        return Watch(struck, bounds, onset_ns, own, case.expected.safe_state, seen_from)
+
+    sent_by_plant: set[Any] = set()
+    controller_watch = watched(ControllerNode(controller, 0), CONTROLLER, sent_by_plant)
+    node = PlantNode(plant, 0, _motion_params(_fixed(plant)))
+    plant_watch = watched(node, PLANT, controller_watch.sent)
+    plant_watch.sent = sent_by_plant
+    start_ns, stop_ns = NEVER_NS, NEVER_NS
+    for fault in node_faults:
+        if fault.kind is NodeFaultKind.BABBLING:
+            start_ns, stop_ns = fault.window_ns
+    model = BusModel(scenario.spec.bitrate_bit_s, queue_limit=QUEUE_LIMIT)
+    bus = BabbledBus(model, BABBLER_ID, start_ns, stop_ns)
+    edge = FaultyNode(plant_watch, case.faults, scenario.seed)
+    for stage in edge.stages:
+        is_down = stage.settings.direction is FaultDirection.DOWNLINK
+        if stage.settings.kind in _FALSIFYING:
+            stage.on_change = partial(_note_false, plant_watch if is_down else controller_watch)
+    way = way_of(plant, controller, scenario.point, 1e-3 * scenario.spec.ftti_ms)
+    sight = sight_of(plant, controller)
+    return Pair(node, edge, plant_watch, controller_watch, bus, sight, way)
+
+
+def run_pair(scenario: Scenario, pair: Pair) -> None:
+    """Run a pair to the end of its motion."""
+    end_ns = round((scenario.spec.motion_s + 0.2) * NS_PER_S)
+    VirtualTimeExecutor((pair.edge, pair.controller), pair.bus).run(end_ns)
+
+
+def onset_ns_of(case: Case) -> int:
+    """Return from when on counts are held against those before [ns]; 0 for a golden run."""
+    if case.node_fault is not None:
+        return case.node_fault.window_ns[0]
+    # The stage's clock starts with the first command, some periods after this one.
+    return min((round(fault.onset_s * NS_PER_S) for fault in case.faults), default=0)
+
+
+def _note_false(receiver: Watch, frame: Frame, out: Sequence[Frame]) -> None:
+    """Announce what goes on in the place of a frame, or beside it."""
+    receiver.expect_false(one for one in out if one != frame)
+
+
+def _within(settings: ControllerSettings, ftti_ms: float) -> ControllerSettings:
+    """Return the settings with the campaign's fault tolerant time; age limits follow from it."""
+    table = settings.supervision.model_copy(update={"fault_tolerant_time_ms": ftti_ms})
+    return settings.model_copy(update={"supervision": table})
+
+
+@lru_cache(maxsize=_PARAMS_KEPT)
+def _motion_params(settings: PlantSettings) -> MotionParams:
+    return motion_params(settings)
+
+
+def _fixed(settings: PlantSettings) -> PlantSettings:
+    """Return the settings without what the motion does not depend on, so that runs share it."""
+    return settings.model_copy(update={"seed": 1, "faults": ()})
+
+
+@lru_cache(maxsize=_PARAMS_KEPT)
+def _controller_settings(law: str) -> ControllerSettings:
+    return controller_settings_of(law)

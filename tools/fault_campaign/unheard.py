@@ -1,0 +1,58 @@
+"""Faults on messages that no node receives: the run has to be the golden one, bit for bit.
+
+Such messages are for watching alone. Nobody in the loop can detect what happens to them, and
+nobody may act otherwise for it: every sample of the plant and every command must be the same as in
+the run of the same seed without a fault.
+"""
+
+from functools import lru_cache
+from hashlib import sha256
+
+import numpy as np
+
+from ...dbc.messages import CAN_IDS, SteeringCommand
+from .detectability import is_unheard
+from .pair import Pair, make_pair, run_pair
+from .scenario import Case, Scenario, golden_case
+
+_COMMAND_ID = CAN_IDS[SteeringCommand]
+_GOLDEN_KEPT = 32
+UNHINDERED_BIT_S = 1_000_000_000
+"""A frame takes less than a microsecond."""
+
+
+def is_heard_by_nobody(case: Case) -> bool:
+    """Whether all that goes wrong does so where no node listens."""
+    return bool(case.faults) and all(map(is_unheard, case.faults))
+
+
+def is_as_golden(scenario: Scenario, pair: Pair) -> bool:
+    """Whether a run that is over moved as the run without a fault does.
+
+    A frame that is on the wire holds up the others, which at high rates is all that a message for
+    watching may do to them: such runs are the same on a bus where no frame has to wait.
+    """
+    golden = scenario._replace(case=golden_case())
+    return _digest(pair) == _digest_of(golden) or (
+        _digest_of(_unhindered(scenario)) == _digest_of(_unhindered(golden))
+    )
+
+
+def _unhindered(scenario: Scenario) -> Scenario:
+    spec = scenario.spec.model_copy(update={"bitrate_bit_s": UNHINDERED_BIT_S})
+    return scenario._replace(spec=spec)
+
+
+@lru_cache(_GOLDEN_KEPT)
+def _digest_of(scenario: Scenario) -> str:
+    pair = make_pair(scenario)
+    run_pair(scenario, pair)
+    return _digest(pair)
+
+
+def _digest(pair: Pair) -> str:
+    """Return what tells one motion from another: samples with all their bits, and commands."""
+    told = sha256(np.array(pair.plant_node.samples, dtype=np.float64).tobytes())
+    commands = sorted(frame.data for frame in pair.controller.sent if frame.can_id == _COMMAND_ID)
+    told.update(b"".join(commands))
+    return told.hexdigest()

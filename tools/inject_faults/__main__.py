@@ -1,0 +1,217 @@
+"""Faults on a live bus and of live processes, at set times, seeded: what a pair makes of them.
+
+    steer-by-wire inject babble,onset_s=2,duration_s=1 -i emulated -c can0
+    steer-by-wire inject spoof,magnitude=0.3 noise,onset_s=3 -i socketcan -c vcan0
+    steer-by-wire inject pause,onset_s=1,duration_s=0.5 --pid 4711
+    steer-by-wire inject --list
+
+Times count from when it says "ready". Ctrl-C ends it in order; a process that it has stopped goes
+on whatever ends the run. ``tools.fault_campaign --live`` has it at a pair of its own, fault by
+fault.
+"""
+
+import argparse
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+
+from steer_by_wire.bus_faults.kinds import (
+    FRAME_KINDS,
+    PID_MAX,
+    PROCESS_KINDS,
+    LiveFault,
+    LiveKind,
+    list_lines,
+    parse_fault,
+)
+from steer_by_wire.dbc.messages import CAN_IDS, SteeringCommand
+from steer_by_wire.recordings.log_file import LogError, open_log
+from steer_by_wire.runtime.bus import BusPort, add_bus_arguments, shutting_down
+from steer_by_wire.runtime.frame import FD
+from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.runtime.option_types import output_file
+from steer_by_wire.runtime.port import ClosablePort, open_port
+from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main, say
+from steer_by_wire.runtime.report import write_json
+from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.runtime.socketcan import SocketCanPort
+from steer_by_wire.tools.inject_faults.bus_off import BusOffFault
+from steer_by_wire.tools.inject_faults.frames import FrameSource, Timed, frame_source, recording_of
+from steer_by_wire.tools.inject_faults.injection import Action, Deed, Injection
+from steer_by_wire.tools.inject_faults.processes import ProcessFault
+
+NAME = "inject_faults"
+FAULTS_MAX = 100
+SEED_MAX = 1 << 32
+REPLAY_FRAMES_MAX = 2_000_000
+"""Ten minutes of a full bus."""
+BITRATE_BIT_S = 500_000
+_HEARD = frozenset({CAN_IDS[SteeringCommand]})
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    return run_main(NAME, partial(_run, _parser().parse_args(arguments)))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="steer-by-wire inject",
+        # Faults first: behind --bus-kwargs they would be taken for more of its arguments.
+        usage="%(prog)s FAULT... [options]   or   --list",
+        description=(__doc__ or "").splitlines()[0],
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "faults", nargs="*", metavar="FAULT", help="KIND[,KEY=VALUE...], as --list says"
+    )
+    parser.add_argument("--list", action="store_true", help="say which faults there are")
+    parser.add_argument(
+        "--pid", metavar="N", help="the process that kill, pause and clock_jump mean"
+    )
+    parser.add_argument(
+        "--recording", type=Path, metavar="FILE", help="what replay sends; any log of analyze_log"
+    )
+    parser.add_argument("--seed", default="1", metavar="N", help="of all that is random")
+    parser.add_argument("--report", type=output_file, metavar="FILE", help="what was done, JSON")
+    add_bus_arguments(parser)
+    return parser
+
+
+def _run(options: argparse.Namespace) -> int:
+    if options.list:
+        print("\n".join(list_lines()))
+        return ExitStatus.OK
+    seed = _whole(options.seed, "--seed", 0, SEED_MAX)
+    faults = _faults(options)
+    recording = _recording(options, faults)
+    stop = StopRequest()
+    with ExitStack() as stack:
+        port = None
+        if any(fault.kind not in PROCESS_KINDS for fault in faults):
+            opened = open_port(options, _HEARD)
+            stack.enter_context(shutting_down(opened.port))
+            port, where = opened.port, opened.description
+            _refuse_fd_on_a_classic_bus(options, recording, port)
+        else:
+            where = "no bus"
+        stack.enter_context(stop.on_signals())
+        stack.enter_context(_hang_up_ends())
+        start_ns = time.monotonic_ns()
+        bitrate = getattr(options, "bitrate", None) or BITRATE_BIT_S
+        sources = list(_sources(faults, start_ns, seed, bitrate, recording))
+        deeds: list[Deed] = []
+        injection = Injection(port, sources, deeds, start_ns, _tell)
+        with injection.running():
+            for fault in faults:
+                # One by one: those already held are let go of when the next cannot be.
+                if fault.kind is LiveKind.BUS_OFF:
+                    deeds.append(BusOffFault(fault, start_ns, port))
+                elif fault.kind in PROCESS_KINDS:
+                    process = ProcessFault(fault, start_ns)
+                    deeds.append(process)
+                    say(NAME, f"{process.where} is {process.name or 'of unknown name'}")
+            say(NAME, f"ready on {where}, seed {seed}")
+            is_over = injection.run(stop)
+    if options.report is not None:
+        report = {
+            "seed": seed,
+            "ended_by": "finished" if is_over else stop.reason,
+            "actions": [action._asdict() for action in injection.actions],
+            "frames": injection.results,
+        }
+        write_json(options.report, report)
+    return ExitStatus.OK
+
+
+def _faults(options: argparse.Namespace) -> list[LiveFault]:
+    if not 0 < len(options.faults) <= FAULTS_MAX:
+        raise SettingsError(f"give 1 to {FAULTS_MAX} faults, not {len(options.faults)} (--list)")
+    pid = 0 if options.pid is None else _whole(options.pid, "--pid", 2, PID_MAX)
+    try:
+        return [parse_fault(text, pid) for text in options.faults]
+    except ValueError as error:
+        raise SettingsError(str(error)) from error
+
+
+def _whole(text: str, what: str, low: int, high: int) -> int:
+    is_whole = text.isascii() and text.isdecimal() and len(text) < 12
+    if not (is_whole and low <= int(text) <= high):
+        raise SettingsError(f"{what} must be {low} to {high}, whole, not {text[:40]!r}")
+    return int(text)
+
+
+def _recording(options: argparse.Namespace, faults: Sequence[LiveFault]) -> list[Timed]:
+    """Read what a replay sends."""
+    if not any(fault.kind is LiveKind.REPLAY for fault in faults):
+        return []
+    if options.recording is None:
+        raise SettingsError("replay: needs a log, by --recording FILE")
+    frames = []
+    try:
+        for logged in open_log(options.recording):
+            if logged.time_ns is None:
+                raise SettingsError(f"{options.recording}: has no times to send its frames at")
+            frames.append((logged.time_ns, logged.frame))
+            if len(frames) > REPLAY_FRAMES_MAX:
+                raise SettingsError(f"{options.recording}: has over {REPLAY_FRAMES_MAX} frames")
+    except LogError as error:
+        raise SettingsError(str(error)) from error
+    found = recording_of(frames)
+    if not found:
+        raise SettingsError(f"{options.recording}: has error frames only")
+    return found
+
+
+def _refuse_fd_on_a_classic_bus(
+    options: argparse.Namespace, recording: Sequence[Timed], port: ClosablePort
+) -> None:
+    """Raise SettingsError where a replay would end at its first CAN FD frame."""
+    has_fd = any(one.frame.flags & FD for one in recording)
+    if has_fd and isinstance(port, BusPort | SocketCanPort) and not port.takes_fd:
+        raise SettingsError(
+            f"{options.recording}: has CAN FD frames, and the bus takes classic ones only;"
+            " give --fd, if it can carry them"
+        )
+
+
+def _sources(
+    faults: Sequence[LiveFault],
+    start_ns: int,
+    seed: int,
+    bitrate_bit_s: int,
+    recording: Sequence[Timed],
+) -> Iterator[FrameSource]:
+    for place, fault in enumerate(faults):
+        if fault.kind in FRAME_KINDS:
+            fault_seed = seed * FAULTS_MAX + place
+            yield frame_source(fault, start_ns, fault_seed, bitrate_bit_s, recording)
+
+
+def _tell(action: Action) -> None:
+    clock = datetime.fromtimestamp(action.time_ns / NS_PER_S, UTC).astimezone()
+    at = f"{clock:%H:%M:%S}.{clock.microsecond // 1000:03d}"
+    say(NAME, f"{at}  {action.since_s:8.3f} s  {action.fault}: {action.what}")
+
+
+@contextmanager
+def _hang_up_ends() -> Iterator[None]:
+    """Let the end of the terminal be a request to end: else a process would stay stopped."""
+
+    def end(_number: int, _frame: object) -> None:
+        signal.raise_signal(signal.SIGTERM)
+
+    previous = signal.signal(signal.SIGHUP, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGHUP, previous)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,85 @@
+"""A node's CAN controller that is in bus-off for a while, on an emulated bus.
+
+The broker does it on request and ends it by itself, so that nothing stays when the injector dies.
+On a real bus a controller goes into bus-off by errors on the wire, which takes hardware; what the
+programs make of that, tests ask with the kernel's own driver for serial adapters.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import can
+
+from ...bus_faults.kinds import LiveFault
+from ...dbc.messages import CAN_IDS, LateralError, SteeringCommand
+from ...runtime.bus import BusError, BusPort
+from ...runtime.emulated_bus.client import EmulatedBus
+from ...runtime.error_text import one_line
+from ...runtime.node import NS_PER_S
+from ...runtime.port import ClosablePort
+from ...runtime.settings import SettingsError
+
+_IDENTIFIERS: Mapping[str, int] = MappingProxyType(
+    {"plant": CAN_IDS[LateralError], "controller": CAN_IDS[SteeringCommand]}
+)
+"""What only that node sends; an intruder that forges it would be taken for the node."""
+
+
+class BusOffFault:
+    """One fault of one node's CAN controller; ``close`` ends it where it lasts still.
+
+    Raises SettingsError where the bus cannot do that.
+    """
+
+    def __init__(self, fault: LiveFault, start_ns: int, port: ClosablePort | None) -> None:
+        bus = port.bus if isinstance(port, BusPort) else None
+        if not isinstance(bus, EmulatedBus):
+            raise SettingsError(f"{fault.kind}: only on an emulated bus (-i emulated)")
+        if not bus.takes_bus_off:
+            raise SettingsError(
+                f"{fault.kind}: this bus does not take it: start its broker with --allow-bus-off"
+            )
+        self.fault = fault
+        self._bus = bus
+        self._plan = [
+            start_ns + round(fault.onset_s * NS_PER_S),
+            start_ns + round(fault.end_s * NS_PER_S),
+        ]
+
+    @property
+    def where(self) -> str:
+        """What it acts on."""
+        return self.fault.of
+
+    @property
+    def next_due_ns(self) -> int | None:
+        """When there is something to do next [ns]; None for never."""
+        return self._plan[0] if self._plan else None
+
+    def act(self, now_ns: int) -> str:
+        """Do what is due; returns what was done, empty for nothing. Raises BusError."""
+        if not self._plan or now_ns < self._plan[0]:
+            return ""
+        self._plan.pop(0)
+        if self._plan:
+            self._ask(max(self._plan[0] - now_ns, 0) / NS_PER_S)
+            return "bus-off"
+        self._ask(0.0)
+        return "restart"
+
+    def close(self) -> str:
+        """End it, if it has begun; returns what was done."""
+        if len(self._plan) != 1:
+            return ""
+        self._plan.clear()
+        try:
+            self._ask(0.0)
+        except BusError:
+            return ""  # the broker has gone, and bus-off with it
+        return "restart"
+
+    def _ask(self, restart_after_s: float) -> None:
+        try:
+            self._bus.send_bus_off(_IDENTIFIERS[self.fault.of], restart_after_s)
+        except can.CanError as error:
+            raise BusError(f"cannot ask for a bus-off: {one_line(error)}") from error

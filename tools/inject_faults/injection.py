@@ -1,0 +1,167 @@
+"""Faults at work on a bus and on processes, and the account of what was done and when."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple, Protocol
+
+from ...bus_faults.kinds import LiveFault
+from ...runtime.node import NS_PER_S
+from ...runtime.port import ClosablePort
+from .frames import FrameSource
+
+TURN_NS = 1_000_000
+"""How long a full bus is left alone: it carries four frames meanwhile and has 64 of ours ready."""
+_WAIT_NS_MAX = 50_000_000
+"""How long a request to end may go unnoticed."""
+_HEARD_PER_TURN_MAX = 100
+
+
+class Action(NamedTuple):
+    """Something that was done.
+
+    ``time_ns``  wall clock, as bus time stamps are
+    ``since_s``  since the injector was ready [s]
+    """
+
+    time_ns: int
+    since_s: float
+    fault: str
+    what: str
+
+
+class Deed(Protocol):
+    """A fault that is no frame: a process is stopped, a CAN controller is off the bus."""
+
+    fault: LiveFault
+
+    @property
+    def where(self) -> str:
+        """What it acts on."""
+        ...
+
+    @property
+    def next_due_ns(self) -> int | None:
+        """When there is something to do next [ns]; None for never."""
+        ...
+
+    def act(self, now_ns: int) -> str:
+        """Do what is due; returns what was done, empty for nothing."""
+        ...
+
+    def close(self) -> str:
+        """Undo what lasts still; returns what was done."""
+        ...
+
+
+class Injection:
+    """Runs faults; use ``running`` so that no process stays stopped.
+
+    ``port``      of the bus; None when no fault needs one
+    ``tell``      takes each action when it is done
+    """
+
+    def __init__(
+        self,
+        port: ClosablePort | None,
+        sources: Sequence[FrameSource],
+        deeds: Sequence[Deed],
+        start_ns: int,
+        tell: Callable[[Action], None] = lambda _action: None,
+    ) -> None:
+        self._port = port
+        self._deeds = deeds
+        self._start_ns = start_ns
+        self._tell = tell
+        self._waiting = list(sources)
+        self._active: list[FrameSource] = []
+        self._sent = {id(source): 0 for source in sources}
+        self._refused = {id(source): 0 for source in sources}
+        self.actions: list[Action] = []
+        self.results: list[dict[str, Any]] = []
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """At the end of the block, undo what lasts and account for what has not ended."""
+        try:
+            yield
+        finally:
+            for deed in self._deeds:
+                done = deed.close()
+                if done:
+                    self._note(deed.fault.kind, f"{done} to {deed.where}")
+            for source in self._active:
+                self._end(source, "cut short")
+
+    def run(self, stop: Callable[[], bool]) -> bool:
+        """Inject until all is over or ``stop``; returns whether all is over. Raises BusError."""
+        while not stop():
+            now_ns = time.monotonic_ns()
+            was_refused = self._turn(now_ns)
+            if self._is_over():
+                return True
+            self._listen(self._next_ns(now_ns, was_refused))
+        return False
+
+    def _turn(self, now_ns: int) -> bool:
+        """Do what is due; returns whether the bus had no room."""
+        for deed in self._deeds:
+            done = deed.act(now_ns)
+            if done:
+                self._note(deed.fault.kind, f"{done} to {deed.where}")
+        for source in [one for one in self._waiting if one.onset_ns <= now_ns]:
+            self._waiting.remove(source)
+            self._active.append(source)
+            self._note(source.fault.kind, "begins")
+        was_refused = False
+        for source in list(self._active):
+            for frame in source.due(now_ns):
+                if not self._send(source, frame):
+                    was_refused = True
+                    break
+            if now_ns >= source.end_ns:
+                self._active.remove(source)
+                self._end(source, "ends")
+        return was_refused
+
+    def _send(self, source: FrameSource, frame: Any) -> bool:
+        has_room = self._port is not None and self._port.send(frame)
+        (self._sent if has_room else self._refused)[id(source)] += 1
+        return has_room
+
+    def _next_ns(self, now_ns: int, was_refused: bool) -> int:
+        """Return when there is something to do again [ns]."""
+        times = [one.onset_ns for one in self._waiting]
+        times += [min(one.next_due_ns, one.end_ns) for one in self._active]
+        times += [one.next_due_ns for one in self._deeds if one.next_due_ns is not None]
+        earliest_ns = now_ns + (TURN_NS if was_refused else 0)
+        return max(min([*times, now_ns + _WAIT_NS_MAX]), earliest_ns)
+
+    def _listen(self, until_ns: int) -> None:
+        """Take what others send until then; those that listen answer at once."""
+        if self._port is None:
+            time.sleep(max(until_ns - time.monotonic_ns(), 0) / NS_PER_S)
+            return
+        for _ in range(_HEARD_PER_TURN_MAX):
+            received = self._port.recv(max(until_ns - time.monotonic_ns(), 0) / NS_PER_S)
+            if received is None:
+                return
+            for source in self._active:
+                for answer in source.on_frame(received.frame, time.monotonic_ns()):
+                    self._send(source, answer)
+
+    def _is_over(self) -> bool:
+        is_done = all(deed.next_due_ns is None for deed in self._deeds)
+        return is_done and not self._waiting and not self._active
+
+    def _end(self, source: FrameSource, how: str) -> None:
+        sent, refused = self._sent[id(source)], self._refused[id(source)]
+        self.results.append({"fault": source.fault._asdict(), "sent": sent, "refused": refused})
+        full = f", {refused} times no room" if refused else ""
+        self._note(source.fault.kind, f"{how}: {sent} frames sent{full}")
+
+    def _note(self, fault: str, what: str) -> None:
+        since_s = (time.monotonic_ns() - self._start_ns) / NS_PER_S
+        action = Action(time.time_ns(), since_s, str(fault), what)
+        self.actions.append(action)
+        self._tell(action)

@@ -1,1 +1,0 @@
-"""What a log of the bus tells: signals, latency, cycle times, frames lost and refused."""

@@ -1,0 +1,144 @@
+"""A live view of the bus in a terminal: signals, modes, latency, cycle times, frames by cause.
+
+    steer-by-wire monitor -i socketcan -c vcan0
+
+Keys change the latency that the plant injects, by LATENCY_CONFIG. Without a terminal it prints one
+line a second.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+from rich.console import Console, Group
+from rich.live import Live
+
+from steer_by_wire.dbc.messages import encode
+from steer_by_wire.runtime.bus import add_bus_arguments, shutting_down
+from steer_by_wire.runtime.node import NS_PER_S
+from steer_by_wire.runtime.port import ClosablePort, open_port
+from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
+from steer_by_wire.tools.monitor.latency_keys import QUIT_KEYS, LatencyChoice, pressed
+from steer_by_wire.tools.monitor.screen import one_line, screen_lines
+from steer_by_wire.tools.monitor.terminal_keys import terminal_keys
+from steer_by_wire.tools.monitor.watch import BusWatch
+
+NAME = "monitor"
+REFRESHES_PER_S = 4
+"""Of the screen; each sends some kilobytes over ssh."""
+_WAIT_S = 0.05
+"""How long a key may wait to be noticed."""
+_FRAMES_PER_TURN_MAX = 1000
+"""A flood must not keep the monitor from drawing, nor from hearing a key."""
+
+
+class _Settings(NamedTuple):
+    """What the latency keys have come to, and how often that was sent."""
+
+    choice: LatencyChoice = LatencyChoice()
+    sent: int = 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    return run_main(NAME, partial(_run, _parser().parse_args(arguments)))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="steer-by-wire monitor",
+        description=(__doc__ or "").splitlines()[0],
+        allow_abbrev=False,
+    )
+    parser.add_argument("--duration", type=float, metavar="SECONDS", help="end after this time")
+    add_bus_arguments(parser)
+    return parser
+
+
+def _run(options: argparse.Namespace) -> int:
+    opened = open_port(options)
+    stop = StopRequest()
+    with shutting_down(opened.port), stop.on_signals():
+        start_ns = time.monotonic_ns()
+        if options.duration is not None:
+            stop.end_at(start_ns + round(options.duration * NS_PER_S))
+        watch = BusWatch(start_ns)
+        if sys.stdout.isatty():
+            _show(opened.port, opened.description, watch, stop)
+        else:
+            _print(opened.port, watch, stop, start_ns)
+    return ExitStatus.OK
+
+
+def _show(port: ClosablePort, bus: str, watch: BusWatch, stop: Callable[[], bool]) -> None:
+    """Draw the screen until a key or a signal ends it; the terminal is as before then."""
+    console = Console()
+    plain_ascii = not console.encoding.lower().startswith("utf")
+    settings = _Settings()
+    period_ns = NS_PER_S // REFRESHES_PER_S
+    draw_ns = 0
+    with (
+        terminal_keys() as read_keys,
+        Live(console=console, screen=True, auto_refresh=False, vertical_overflow="crop") as live,
+    ):
+        while not stop():
+            now_ns = _listen(port, watch, _WAIT_S)
+            keys = read_keys()
+            if any(key in QUIT_KEYS for key in keys):
+                return
+            settings = _take_keys(keys, settings, port, watch)
+            if keys or now_ns >= draw_ns:
+                draw_ns = now_ns + period_ns
+                lines = screen_lines(
+                    watch.view(now_ns), *settings, bus, console.width, plain_ascii=plain_ascii
+                )
+                live.update(Group(*lines), refresh=True)
+
+
+def _print(port: ClosablePort, watch: BusWatch, stop: Callable[[], bool], start_ns: int) -> None:
+    """Print one line a second."""
+    print_ns = start_ns + NS_PER_S
+    while not stop():
+        wait_s = min(max((print_ns - time.monotonic_ns()) / NS_PER_S, 0.0), _WAIT_S)
+        now_ns = _listen(port, watch, wait_s)
+        if now_ns >= print_ns:
+            print(one_line(watch.view(now_ns)), flush=True)
+            print_ns += max((now_ns - print_ns) // NS_PER_S + 1, 1) * NS_PER_S
+
+
+def _listen(port: ClosablePort, watch: BusWatch, wait_s: float) -> int:
+    """Take the frames that come within ``wait_s`` [s]; returns the time now [ns]."""
+    end_ns = time.monotonic_ns() + round(wait_s * NS_PER_S)
+    now_ns = end_ns - 1
+    for _ in range(_FRAMES_PER_TURN_MAX):
+        received = port.recv(max(end_ns - time.monotonic_ns(), 0) / NS_PER_S)
+        now_ns = time.monotonic_ns()
+        if received is not None:
+            frame, arrival_ns = received
+            watch.on_frame(frame, now_ns if arrival_ns is None else min(arrival_ns, now_ns))
+        if now_ns >= end_ns:
+            break
+    return now_ns
+
+
+def _take_keys(
+    keys: Sequence[str], settings: _Settings, port: ClosablePort, watch: BusWatch
+) -> _Settings:
+    """Let keys change the latency, and send what they came to."""
+    choice, sent = settings
+    for key in keys:
+        changed = pressed(choice, key)
+        if changed is not None:
+            choice = changed
+            frame = encode(choice.message(), 0)
+            if port.send(frame):
+                sent += 1
+                watch.on_frame(frame, time.monotonic_ns())  # nobody hears himself
+    return _Settings(choice, sent)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

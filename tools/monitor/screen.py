@@ -1,0 +1,275 @@
+"""From a view to lines of text: 24 of them, as wide as the terminal, 80 columns at least."""
+
+from collections.abc import Mapping, Sequence
+
+from rich.text import Text
+
+from ...dbc.messages import ControllerFault, EchoState, EstimateState, Freshness
+from .latency_keys import LatencyChoice
+from .watch import MessageView, Spread, Strip, View
+
+LINES = 24
+WIDTH_MIN = 80
+_BLOCKS = "▁▂▃▄▅▆▇█"
+_ASCII_BLOCKS = "_.-=+*#@"
+_ONE_MS = 1e3
+_MODE_STYLES = {"ACTIVE": "bold green", "HOLDING": "bold yellow", "SAFE_STOP": "bold red"}
+
+
+def screen_lines(
+    view: View,
+    choice: LatencyChoice,
+    sent: int,
+    bus: str,
+    width: int = WIDTH_MIN,
+    *,
+    plain_ascii: bool = False,
+) -> list[Text]:
+    """Return the LINES lines of the screen, none wider than ``width``.
+
+    ``sent``         how often a latency was sent
+    ``plain_ascii``  for a terminal that has no block characters
+    """
+    blocks = _ASCII_BLOCKS if plain_ascii else _BLOCKS
+    strip_width = max(width, WIDTH_MIN) - 60
+    lines = [_title(view, bus, width), _state(view)]
+    lines += _signals(view, strip_width, blocks)
+    lines += _latency(view, strip_width, blocks)
+    lines += [Text(_HEAD, style="bold"), *(_message(row) for row in view.messages)]
+    lines += [_refused(view), _choice(choice, sent), Text(_KEYS, style="dim")]
+    for line in lines:
+        line.truncate(width)
+    return lines
+
+
+def one_line(view: View) -> str:
+    """Return the most important of a view on one line, for a file or a pipe."""
+    plant = view.plant
+    told = (
+        "-/-" if plant is None else f"{_ms(plant.downlink_latency_s)}/{_ms(plant.uplink_latency_s)}"
+    )
+    round_trip = view.round_trip
+    trip = "-/-" if round_trip is None else f"{_ms(round_trip.p50_s)}/{_ms(round_trip.p99_s)}"
+    error = "-" if view.error is None else f"{_ONE_MS * view.error.lateral_error_m:+.2f}"
+    steer = "-" if view.command is None else f"{_ONE_MS * view.command.steer_rad:+.2f}"
+    missing = sum(row.missing - row.late for row in view.messages)
+    mode = "-" if view.mode is None else view.mode.name
+    return (
+        f"{view.elapsed_s:.1f} s  {mode}  error {error} mm  steer {steer} mrad  "
+        f"down/up {told} ms  round trip {trip} ms  {view.frames_per_s:.0f} frames/s  "
+        f"missing {missing}  refused {sum(view.refused.values())}  foreign {view.foreign_frames}"
+    )
+
+
+def strip_text(strip: Strip, width: int, blocks: str) -> str:
+    """Return a strip as ``width`` characters, the newest last, low for its least value.
+
+    What is constant is drawn low, what is missing is blank.
+    """
+    shown = _largest_of_groups(strip, width)
+    there = [value for value in shown if value is not None]
+    low = min(there, default=0.0)
+    span = max(there, default=0.0) - low
+    scale = (len(blocks) - 1) / span if span > 0 else 0.0
+    return "".join(" " if v is None else blocks[round((v - low) * scale)] for v in shown)
+
+
+def _largest_of_groups(strip: Strip, width: int) -> list[float | None]:
+    """Return ``width`` values, each the largest of its share of the strip."""
+    shown: list[float | None] = []
+    for index in range(width):
+        group = strip[index * len(strip) // width : (index + 1) * len(strip) // width]
+        there = [value for value in group if value is not None]
+        shown.append(max(there, key=abs) if there else None)
+    return shown
+
+
+def _title(view: View, bus: str, width: int) -> Text:
+    seconds = int(view.elapsed_s)
+    clock = f"{seconds // 3600}:{seconds // 60 % 60:02}:{seconds % 60:02}"
+    name = "monitor  "
+    room = max(width - len(name) - len(clock) - 2, 0)
+    text = Text(name, style="bold")
+    text.append(bus[:room].ljust(room), style="not bold")
+    return text.append(f"  {clock}", style="not bold")
+
+
+def _state(view: View) -> Text:
+    mode = "not heard" if view.mode is None else view.mode.name
+    law = "" if view.law is None else f" {view.law.name}"
+    skipped = "-" if view.controller is None else str(view.controller.skipped_ticks)
+    actuator = "not heard" if view.actuator is None else view.actuator.name
+    text = Text("controller ").append(mode, style=_MODE_STYLES.get(mode, "bold"))
+    text.append(f"{law}, {skipped} ticks skipped").append(_alarms(view), style="bold red")
+    text.append("   actuator ").append(actuator, style="bold")
+    return text.append(f"   {view.frames_per_s:.0f} frames/s")
+
+
+def _signals(view: View, strip_width: int, blocks: str) -> list[Text]:
+    error, command, steering = view.error, view.command, view.steering
+    vehicle, controller = view.vehicle, view.controller
+    strips = {
+        name: strip_text(view.strips[name], strip_width, blocks)
+        for name in ("lateral_error_m", "steer_rad")
+    }
+    blank = " " * strip_width
+    return [
+        _pair(
+            _value("lateral error", error and error.lateral_error_m, _ONE_MS, 2, "mm"),
+            strips["lateral_error_m"],
+            _value("heading err", error and error.heading_error_rad, _ONE_MS, 1, "mrad"),
+            view.is_stale("LATERAL_ERROR"),
+        ),
+        _pair(
+            _value("steer", command and command.steer_rad, _ONE_MS, 2, "mrad"),
+            strips["steer_rad"],
+            _value("wheel", steering and steering.wheel_angle_rad, _ONE_MS, 2, "mrad"),
+            view.is_stale("STEERING_COMMAND"),
+        ),
+        _pair(
+            _value("speed", vehicle and vehicle.speed_m_s, 1.0, 3, "m/s"),
+            blank,
+            _value("yaw rate", vehicle and vehicle.yaw_rate_rad_s, _ONE_MS, 1, "mrad/s"),
+            view.is_stale("VEHICLE_STATE"),
+        ),
+        _pair(
+            _value("curvature", vehicle and vehicle.preview_curvature_1_m, 1.0, 5, "1/m"),
+            blank,
+            _delay(view),
+            view.is_stale("VEHICLE_STATE"),
+        ),
+        _pair(
+            _value("disturbance", controller and controller.disturbance_rad, _ONE_MS, 0, "mrad"),
+            blank,
+            _value(
+                "of network", controller and controller.network_disturbance_rad, _ONE_MS, 0, "mrad"
+            ),
+            view.is_stale("CONTROLLER_STATUS"),
+        ),
+    ]
+
+
+def _latency(view: View, strip_width: int, blocks: str) -> list[Text]:
+    plant = view.plant
+    rows = (
+        ("downlink", plant and plant.downlink_latency_s, "downlink_s", "the plant's word"),
+        ("uplink", plant and plant.uplink_latency_s, "uplink_s", "the plant's word"),
+        ("round trip", _newest(view, "round_trip_s"), "round_trip_s", _figures(view.round_trip)),
+        ("lateness", _newest(view, "lateness_s"), "lateness_s", _figures(view.lateness)),
+    )
+    return [
+        _pair(
+            _value(label, value, _ONE_MS, 2, "ms", sign="").ljust(30),
+            strip_text(view.strips[name], strip_width, blocks),
+            remark,
+            view.is_stale("PLANT_STATUS") and name in ("downlink_s", "uplink_s"),
+        )
+        for label, value, name, remark in rows
+    ]
+
+
+def _delay(view: View) -> str:
+    """Return the delay down and up, by echo and by estimate; - is not known now."""
+    delay = view.delay
+    if delay is None:
+        return ""
+    echo = f"{_ONE_MS * delay.echo_delay_s:.0f}" if delay.echo_state is EchoState.KNOWN else "-"
+    is_observable = delay.estimate_state is EstimateState.OBSERVABLE
+    estimate = f"{_ONE_MS * delay.estimated_delay_s:.0f}" if is_observable else "-"
+    return f"delay: echo {echo}, est. {estimate} ms"
+
+
+def _newest(view: View, name: str) -> float | None:
+    return next((value for value in reversed(view.strips[name]) if value is not None), None)
+
+
+def _figures(spread: Spread | None) -> str:
+    if spread is None:
+        return ""
+    return f"p50 {_ms(spread.p50_s)} p99 {_ms(spread.p99_s)} max {_ms(spread.max_s)}"
+
+
+def _pair(left: str, strip: str, right: str, is_stale: bool) -> Text:
+    text = Text(f"{left:30}", style="dim" if is_stale else "")
+    return text.append(strip, style="not dim cyan").append(f" {right}")
+
+
+def _value(
+    label: str, value: float | None, scale: float, digits: int, unit: str, sign: str = "+"
+) -> str:
+    number = "-" if value is None else f"{scale * value:{sign}.{digits}f}"
+    return f"{label}{number:>{22 - len(label)}} {unit}"
+
+
+_HEAD = (
+    f"{'message':17}{'DBC':>5}{'median':>8}{'p99':>8}{'max':>8}{'frames':>10}"
+    f"{'missing':>8}{'late':>6}{'refused':>8}"
+)
+
+
+def _message(row: MessageView) -> Text:
+    period = "-" if row.period_s is None else f"{_ONE_MS * row.period_s:.0f}"
+    cycle = "" if row.cycle is None else "".join(f"{_ms(value):>8}" for value in row.cycle)
+    middle = "  stays away" if row.is_stale else cycle
+    text = Text(
+        f"{row.name:17}{period:>5}{middle:24}{row.accepted:>10}{row.missing:>8}{row.late:>6}",
+        style="dim" if row.is_stale or not row.accepted else "",
+    )
+    return text.append(f"{row.refused:>8}", style="red" if row.refused else "")
+
+
+def _refused(view: View) -> Text:
+    ids = ",".join(f"{can_id:X}" for can_id in view.foreign_ids[:4])
+    more = ",.." if len(view.foreign_ids) > 4 else ""
+    told = (("plant", view.plant), ("controller", view.safety))
+    counts = ", ".join(f"{name} {one.lost}/{one.rejected}" for name, one in told if one is not None)
+    counted = f"; lost/refused: {counts}" if counts else ""
+    return Text(
+        f"refused: {_causes(view.refused)}; foreign {view.foreign_frames}"
+        f"{f' ({ids}{more})' if ids else ''}; error frames {view.error_frames}{counted}"
+    )
+
+
+def _alarms(view: View) -> str:
+    """Return what the controller says is wrong: stale messages, and a fault of its own."""
+    safety = view.safety
+    if safety is None:
+        return ""
+    ages = {
+        "LATERAL_ERROR": safety.lateral_error_freshness,
+        "STEERING_STATUS": safety.steering_status_freshness,
+        "VEHICLE_STATE": safety.vehicle_state_freshness,
+    }
+    stale = "".join(f", {name} stale" for name, age in ages.items() if age is Freshness.STALE)
+    has_fault = safety.fault is not ControllerFault.NONE
+    return stale + (f", fault {safety.fault.name}" if has_fault else "")
+
+
+def _causes(refused: Mapping[str, int]) -> str:
+    return ", ".join(f"{cause} {count}" for cause, count in refused.items()) or "0"
+
+
+def _choice(choice: LatencyChoice, sent: int) -> Text:
+    text = Text("latency asked for: ")
+    if not sent:
+        return text.append("none yet; a key sends it at once")
+    text.append(
+        f"{choice.direction.name} {choice.model.name} {_ONE_MS * choice.mean_s:.0f} ms, "
+        f"spread {_ONE_MS * choice.spread_s:.0f} ms, {100 * choice.loss:.0f} % lost",
+        style="bold",
+    )
+    return text.append(f" (sent {sent})")
+
+
+_KEYS = "+ - mean  [ ] spread  < > loss  m model  d direction  0 no latency  q quit"
+
+
+def _ms(value_s: float) -> str:
+    """Return a time in ms with four digits or so."""
+    value_ms = _ONE_MS * value_s
+    return f"{value_ms:.{2 if value_ms < 10 else 1 if value_ms < 1000 else 0}f}"
+
+
+def as_text(lines: Sequence[Text]) -> str:
+    """Return lines as plain text, for a test or a file."""
+    return "\n".join(line.plain for line in lines)

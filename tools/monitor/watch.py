@@ -1,0 +1,281 @@
+"""From frames to a view: what is on the bus now, and what it was like for the last SPAN_S.
+
+Times are when the monitor took a frame. So everything it says about latency and lateness contains
+its own waiting; on a machine that is not overloaded that is some hundredths of a millisecond.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...dbc.messages import (
+    COMMAND_COUNTERS,
+    CYCLE_TIMES_MS,
+    MESSAGE_TYPES,
+    ControllerSafety,
+    ControllerStatus,
+    DelayStatus,
+    LateralError,
+    Law,
+    Mode,
+    PlantStatus,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    VehicleState,
+)
+from ...recordings.bus_listener import BusListener, Heard
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_MS, NS_PER_S
+
+SPAN_S = 15.0
+POINTS_MAX = 1 << 14
+"""Points of one quantity that are kept: SPAN_S at 1 kHz."""
+STRIP_LENGTH = 120
+"""Values of a strip: as many as a wide terminal has room for."""
+STRIPS = ("lateral_error_m", "steer_rad", "downlink_s", "uplink_s", "round_trip_s", "lateness_s")
+_STALE_NS = NS_PER_S
+_MARK_NS = NS_PER_S // 10
+_IN_FLIGHT_MAX = 4096
+_SPAN_NS = round(SPAN_S * NS_PER_S)
+
+Strip = tuple[float | None, ...]
+"""The largest value of each of STRIP_LENGTH equal parts of SPAN_S, oldest first; None for none."""
+
+
+class Spread(NamedTuple):
+    """Median, 99th percentile and maximum of the last SPAN_S [s]."""
+
+    p50_s: float
+    p99_s: float
+    max_s: float
+
+
+class MessageView(NamedTuple):
+    """One message on the bus.
+
+    ``period_s``    the DBC's; None for one that is sent when needed
+    ``cycle``       distances of its frames; None with fewer than two of them
+    ``is_stale``    whether it has stayed away for a second and more
+    """
+
+    name: str
+    period_s: float | None
+    cycle: Spread | None
+    accepted: int
+    missing: int
+    late: int
+    refused: int
+    is_stale: bool
+
+
+class View(NamedTuple):
+    """Everything the monitor shows; what was not heard yet is None."""
+
+    elapsed_s: float
+    frames: int
+    frames_per_s: float
+    error: LateralError | None
+    command: SteeringCommand | None
+    steering: SteeringStatus | None
+    vehicle: VehicleState | None
+    controller: ControllerStatus | None
+    safety: ControllerSafety | None
+    delay: DelayStatus | None
+    plant: PlantStatus | None
+    mode: Mode | None
+    law: Law | None
+    actuator: SteeringStatusCode | None
+    strips: Mapping[str, Strip]
+    round_trip: Spread | None
+    lateness: Spread | None
+    messages: tuple[MessageView, ...]
+    refused: Mapping[str, int]
+    foreign_frames: int
+    foreign_ids: tuple[int, ...]
+    error_frames: int
+
+    def is_stale(self, name: str) -> bool:
+        """Whether the message called ``name`` in the DBC was heard, but not lately."""
+        return any(row.name == name and row.is_stale for row in self.messages)
+
+
+class _Recent:
+    """Points of the last SPAN_S."""
+
+    def __init__(self) -> None:
+        self._points: deque[tuple[int, float]] = deque(maxlen=POINTS_MAX)
+
+    def add(self, time_ns: int, value: float) -> None:
+        self._points.append((time_ns, value))
+        while time_ns - self._points[0][0] > _SPAN_NS:
+            self._points.popleft()
+
+    def arrays(self, now_ns: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return times before now [ns] and values, each of shape (n,)."""
+        if not self._points:
+            return np.empty(0, dtype=np.int64), np.empty(0)
+        times, values = zip(*self._points, strict=True)
+        return now_ns - np.array(times, dtype=np.int64), np.array(values)
+
+    def strip(self, now_ns: int) -> Strip:
+        return strip_of(*self.arrays(now_ns))
+
+    def spread(self, now_ns: int) -> Spread | None:
+        return _spread(self.arrays(now_ns)[1])
+
+
+class BusWatch:
+    """Takes every frame on the bus; ``view`` says what there is to see."""
+
+    def __init__(self, start_ns: int) -> None:
+        self._start_ns = start_ns
+        self._listener = BusListener()
+        self._frames = 0
+        self._marks: deque[tuple[int, int]] = deque([(start_ns, 0)], maxlen=11)
+        self._newest: dict[str, tuple[Heard, int]] = {}
+        self._recent = {name: _Recent() for name in STRIPS if name != "lateness_s"}
+        self._cycles = {name: _Recent() for name in MESSAGE_TYPES}
+        self._commands: deque[tuple[int, int]] = deque(maxlen=POINTS_MAX)  # time, number
+        self._sent_ns: dict[int, int] = {}
+
+    def on_frame(self, frame: Frame, now_ns: int) -> None:
+        """Take a frame that arrived at ``now_ns``."""
+        self._frames += 1
+        if now_ns - self._marks[-1][0] >= _MARK_NS:
+            self._marks.append((now_ns, self._frames))
+        heard = self._listener.take(frame)
+        if heard is None or heard.is_late:
+            return
+        before = self._newest.get(heard.name)
+        if before is not None:
+            self._cycles[heard.name].add(now_ns, (now_ns - before[1]) / NS_PER_S)
+        self._newest[heard.name] = (heard, now_ns)
+        self._follow(heard, now_ns)
+
+    def view(self, now_ns: int) -> View:
+        """Return what there is to see at ``now_ns``."""
+        late_ages_ns, lateness_s = self._lateness(now_ns)
+        strips = {name: recent.strip(now_ns) for name, recent in self._recent.items()}
+        strips["lateness_s"] = strip_of(late_ages_ns, lateness_s)
+        newest = {type(heard.message): heard.message for heard, _ in self._newest.values()}
+        error, command = newest.get(LateralError), newest.get(SteeringCommand)
+        steering, vehicle = newest.get(SteeringStatus), newest.get(VehicleState)
+        controller, plant = newest.get(ControllerStatus), newest.get(PlantStatus)
+        delay, safety = newest.get(DelayStatus), newest.get(ControllerSafety)
+        return View(
+            elapsed_s=(now_ns - self._start_ns) / NS_PER_S,
+            frames=self._frames,
+            frames_per_s=self._rate(now_ns),
+            error=error if isinstance(error, LateralError) else None,
+            command=command if isinstance(command, SteeringCommand) else None,
+            steering=steering if isinstance(steering, SteeringStatus) else None,
+            vehicle=vehicle if isinstance(vehicle, VehicleState) else None,
+            controller=controller if isinstance(controller, ControllerStatus) else None,
+            safety=safety if isinstance(safety, ControllerSafety) else None,
+            delay=delay if isinstance(delay, DelayStatus) else None,
+            plant=plant if isinstance(plant, PlantStatus) else None,
+            mode=controller.mode if isinstance(controller, ControllerStatus) else None,
+            law=controller.law if isinstance(controller, ControllerStatus) else None,
+            actuator=steering.status if isinstance(steering, SteeringStatus) else None,
+            strips=strips,
+            round_trip=self._recent["round_trip_s"].spread(now_ns),
+            lateness=_spread(lateness_s),
+            messages=tuple(self._message(name, now_ns) for name in MESSAGE_TYPES),
+            refused=self._listener.refused,
+            foreign_frames=self._listener.foreign_frames,
+            foreign_ids=tuple(self._listener.foreign),
+            error_frames=self._listener.error_frames,
+        )
+
+    def _follow(self, heard: Heard, now_ns: int) -> None:
+        """Take what is shown over time from a message."""
+        message = heard.message
+        if isinstance(message, LateralError):
+            self._recent["lateral_error_m"].add(now_ns, message.lateral_error_m)
+        elif isinstance(message, SteeringCommand):
+            self._recent["steer_rad"].add(now_ns, message.steer_rad)
+            self._take_command(message.command_counter, now_ns)
+        elif isinstance(message, SteeringStatus):
+            sent_ns = self._sent_ns.pop(message.applied_counter, None)
+            if sent_ns is not None and message.status is not SteeringStatusCode.NO_COMMAND:
+                self._recent["round_trip_s"].add(now_ns, (now_ns - sent_ns) / NS_PER_S)
+        elif isinstance(message, PlantStatus):
+            self._recent["downlink_s"].add(now_ns, message.downlink_latency_s)
+            self._recent["uplink_s"].add(now_ns, message.uplink_latency_s)
+
+    def _take_command(self, counter: int, now_ns: int) -> None:
+        if len(self._sent_ns) >= _IN_FLIGHT_MAX:
+            del self._sent_ns[next(iter(self._sent_ns))]  # the oldest: a dict keeps its order
+        self._sent_ns[counter] = now_ns
+        number = self._commands[-1][1] if self._commands else counter
+        step = (counter - number) % COMMAND_COUNTERS
+        if step > _IN_FLIGHT_MAX:  # a controller that was started anew
+            self._commands.clear()
+            number, step = counter, 0
+        self._commands.append((now_ns, number + step))
+        while now_ns - self._commands[0][0] > _SPAN_NS:
+            self._commands.popleft()
+
+    def _lateness(self, now_ns: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return age [ns] and lateness [s] of the last commands, each of shape (n,).
+
+        Commands are numbered, and due at a fixed period: the straight line through time over
+        number, moved down to the earliest command, is when they were due.
+        """
+        if len(self._commands) < 3:
+            return np.empty(0, dtype=np.int64), np.empty(0)
+        times_ns, numbers = np.array(self._commands, dtype=np.int64).T
+        ages_ns = now_ns - times_ns
+        elapsed_s = (times_ns - times_ns[0]) / NS_PER_S
+        count = (numbers - numbers[0]).astype(np.float64)
+        if not count[-1]:
+            return np.empty(0, dtype=np.int64), np.empty(0)
+        slope_s = np.polynomial.polynomial.polyfit(count, elapsed_s, 1)[1]
+        late_s = elapsed_s - slope_s * count
+        return ages_ns, late_s - late_s.min()
+
+    def _message(self, name: str, now_ns: int) -> MessageView:
+        counts = self._listener.counts(name)
+        period_ms = CYCLE_TIMES_MS[MESSAGE_TYPES[name]]
+        newest = self._newest.get(name)
+        period_s = period_ms * NS_PER_MS / NS_PER_S if period_ms else None
+        return MessageView(
+            name,
+            period_s,
+            None if period_s is None else self._cycles[name].spread(now_ns),
+            counts.accepted,
+            counts.missing,
+            counts.late,
+            sum(counts.refused.values()),
+            period_s is not None and newest is not None and now_ns - newest[1] >= _STALE_NS,
+        )
+
+    def _rate(self, now_ns: int) -> float:
+        """Return the frames a second of the last second or so."""
+        since_ns, frames = self._marks[0]
+        if now_ns - self._marks[-1][0] >= _STALE_NS or now_ns <= since_ns:
+            return 0.0
+        return (self._frames - frames) * NS_PER_S / (now_ns - since_ns)
+
+
+def strip_of(ages_ns: NDArray[np.int64], values: NDArray[np.float64]) -> Strip:
+    """Return the strip of ``values`` that are ``ages_ns`` old [ns], both of shape (n,)."""
+    strip: list[float | None] = [None] * STRIP_LENGTH
+    places = STRIP_LENGTH - 1 - ages_ns * STRIP_LENGTH // _SPAN_NS
+    for place, value in zip(places.tolist(), values.tolist(), strict=True):
+        if 0 <= place < STRIP_LENGTH:
+            there = strip[place]
+            if there is None or abs(value) > abs(there):
+                strip[place] = value
+    return tuple(strip)
+
+
+def _spread(values_s: NDArray[np.float64]) -> Spread | None:
+    if not values_s.size:
+        return None
+    p50_s, p99_s = np.quantile(values_s, (0.5, 0.99))
+    return Spread(float(p50_s), float(p99_s), float(values_s.max()))

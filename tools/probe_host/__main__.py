@@ -1,0 +1,107 @@
+"""How punctual this machine is, how fast its bus is, and which controller rate it can keep.
+
+    steer-by-wire probe [-i INTERFACE -c CHANNEL] [--seconds SECONDS] [--json FILE]
+
+Measures twice: as an ordinary program, and with the real-time rights that the host grants. Without
+``-i`` the bus is chosen as the programs choose it; where that is the emulated bus and nobody runs
+one, the probe brings its own. On the bus it sends nothing but its own requests and echoes, 0x7FE
+and 0x7FF, a hundred a second each. docs/real_time.md says how to read the result.
+"""
+
+import argparse
+import platform
+import sys
+from collections.abc import Sequence
+from functools import partial
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from steer_by_wire.runtime.bus import add_bus_arguments
+from steer_by_wire.runtime.option_types import output_file, priority, seconds, spin_us
+from steer_by_wire.runtime.program import ExitStatus, run_main, say
+from steer_by_wire.runtime.report import write_json
+from steer_by_wire.tools.probe_host.presentation import record_of, sentences, table_of
+from steer_by_wire.tools.probe_host.probe import Probe, probe, steps
+
+NAME = "probe_host"
+WIDTH_MIN = 95
+"""Of the table, whose figures are no use cut short."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the probe; returns the exit status, which does not depend on the verdict."""
+    return run_main(NAME, partial(_run, _parse(arguments)))
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="steer-by-wire probe", description=(__doc__ or "").splitlines()[0], allow_abbrev=False
+    )
+    parser.add_argument(
+        "--seconds", type=seconds, default=1.0, help="of each measurement (default: %(default)g)"
+    )
+    parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
+    group = parser.add_argument_group("real time, as far as the host grants it")
+    group.add_argument(
+        "--priority",
+        type=priority,
+        default=50,
+        metavar="0..99",
+        help="SCHED_FIFO priority; 0 does not ask for it (default: %(default)s)",
+    )
+    group.add_argument("--cpu", type=int, metavar="N", help="run on processor N only")
+    group.add_argument("--no-memory-lock", dest="lock_memory", action="store_false")
+    group.add_argument(
+        "--spin-us",
+        type=spin_us,
+        default=0,
+        metavar="US",
+        help="do not sleep this long before a deadline; takes a processor",
+    )
+    add_bus_arguments(parser)
+    parser.add_argument(
+        "--no-fast-socketcan",
+        dest="fast_socketcan",
+        action="store_false",
+        help="open SocketCAN through python-can too",
+    )
+    return parser.parse_args(arguments)
+
+
+def _run(options: argparse.Namespace) -> int:
+    result = _probe_with_progress(options)
+    console = Console(markup=False, highlight=False)
+    console.width = max(console.width, WIDTH_MIN)
+    console.print(
+        f"bus: {result.bus}\n"
+        f"{platform.python_implementation()} {platform.python_version()}, {platform.platform()}",
+        soft_wrap=True,
+    )
+    console.print(table_of(result.measured))
+    for sentence in sentences(result):
+        console.print(sentence, soft_wrap=True)
+    if options.json is not None:
+        write_json(options.json, record_of(result))
+    return ExitStatus.OK
+
+
+def _probe_with_progress(options: argparse.Namespace) -> Probe:
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        return probe(options, lambda what: say(NAME, what, sys.stderr))
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("opening the bus", total=steps(options))
+        begun = False
+
+        def tell(what: str) -> None:
+            nonlocal begun
+            progress.update(task, description=what, advance=int(begun))
+            begun = True
+
+        return probe(options, tell)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

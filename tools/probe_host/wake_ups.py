@@ -1,0 +1,123 @@
+"""How late this machine wakes a program up, and when a controller's work of the period is done.
+
+The executor is the one that the programs use, waiting on the real port. Its node does what the
+controller does in a period, with a measurement that it makes up and a command that nobody gets:
+a probe has no business on somebody's bus.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from ...benchmarking.wake_ups import measurements
+from ...controller.node import ControllerNode
+from ...controller.settings import ControllerSettings
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_S
+from ...runtime.real_time import Port, RealTimeExecutor
+from ...runtime.settings import load_settings, read_preset
+from ...runtime.statistics import DurationStatistics, DurationSummary
+from .steal import Sliced, Slices
+
+PRESET = "practical_pd_ddob"
+"""The law that takes longest."""
+
+
+class Sample(NamedTuple):
+    """One period: from its deadline to the wake-up, and to the end of its work [ns]."""
+
+    lateness_ns: int
+    done_ns: int
+
+
+class Figures(NamedTuple):
+    """What a number of periods were like; ``missed`` ones passed without a wake-up."""
+
+    lateness: DurationSummary
+    done: DurationSummary
+    missed: int
+
+
+class WakeUps(NamedTuple):
+    """A measurement at one rate.
+
+    ``undisturbed``  the same without the slices in which the host took time
+    """
+
+    rate_hz: int
+    everything: Figures
+    undisturbed: Figures
+    steal_fraction: float | None
+
+
+class WorkingNode:
+    """Does a controller's work in every period until ``end_ns``."""
+
+    def __init__(
+        self,
+        settings: ControllerSettings,
+        start_ns: int,
+        end_ns: int,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._controller = ControllerNode(settings, start_ns)
+        self._frames = measurements()
+        self._end_ns = end_ns
+        self._clock_ns = clock_ns
+        self._ticks = 0
+        self._slices: Slices[Sample] = Slices()
+
+    @property
+    def deadline_ns(self) -> int:
+        """When the next period begins [ns]."""
+        return self._controller.deadline_ns
+
+    @property
+    def finished(self) -> bool:
+        """Whether the time is up."""
+        return self._controller.deadline_ns >= self._end_ns
+
+    def on_frame(self, _frame: Frame, _now_ns: int) -> Sequence[Frame]:
+        """Take no notice."""
+        return ()
+
+    def on_tick(self, now_ns: int) -> Sequence[Frame]:
+        """Work, in silence."""
+        deadline_ns = self._controller.deadline_ns
+        self._controller.on_frame(self._frames[self._ticks % len(self._frames)], now_ns)
+        self._controller.on_tick(now_ns)
+        self._ticks += 1
+        done_ns = self._clock_ns()
+        self._slices.add(Sample(now_ns - deadline_ns, done_ns - deadline_ns), done_ns)
+        return ()
+
+    def result(self) -> Sliced[Sample]:
+        """Return what was measured."""
+        return self._slices.result()
+
+
+def measure_wake_ups(port: Port, rate_hz: int, seconds: float, spin_ns: int) -> WakeUps:
+    """Work ``rate_hz`` times a second for ``seconds``; raises BusError."""
+    preset = read_preset("steer_by_wire.controller.presets", PRESET)
+    settings = load_settings(ControllerSettings, preset, None, [f"rate_hz={rate_hz}"])
+    start_ns = time.monotonic_ns() + NS_PER_S // 10  # the design of the law takes milliseconds
+    node = WorkingNode(settings, start_ns, start_ns + round(seconds * NS_PER_S))
+    RealTimeExecutor(node, port, spin_ns=spin_ns).run(lambda: False)
+    sliced = node.result()
+    period_ns = settings.period_ns
+    return WakeUps(
+        rate_hz,
+        figures_of(sliced.samples, period_ns),
+        figures_of(sliced.undisturbed, period_ns),
+        sliced.steal_fraction,
+    )
+
+
+def figures_of(samples: Sequence[Sample], period_ns: int) -> Figures:
+    """Summarise periods."""
+    lateness, done = DurationStatistics(), DurationStatistics()
+    for sample in samples:
+        lateness.record(sample.lateness_ns)
+        done.record(sample.done_ns)
+    missed = sum(sample.lateness_ns // period_ns for sample in samples)
+    return Figures(lateness.summary(), done.summary(), missed)

@@ -1,0 +1,161 @@
+"""Reproduce the figures and tables of SAE 2018-01-1086 with this project's models and laws.
+
+    steer-by-wire paper [--figure N ...] [--table N ...] [--all] [--out DIR]
+
+Leaves in DIR, as they come, a PNG and a CSV per picture and a JSON per figure, and at the end
+``index.html``, which shows everything in DIR: published against reproduced values, and a verdict.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from functools import partial
+from pathlib import Path
+
+import matplotlib as mpl
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from steer_by_wire.reports.figures import STYLE
+from steer_by_wire.runtime.program import ExitStatus, run_main
+from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.tools.reproduce_paper.index_page import index_page
+from steer_by_wire.tools.reproduce_paper.registry import (
+    ENTRIES,
+    NOT_COMPUTED,
+    Entry,
+    entry_of,
+    function_of,
+    numbers_of,
+)
+from steer_by_wire.tools.reproduce_paper.written import Written, read_written, write_reproduction
+from steer_by_wire.worker_processes import worker_pool
+
+NAME = "reproduce_paper"
+WORKERS = 2
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Reproduce what is asked for; returns the exit status."""
+    return run_main(NAME, partial(_reproduce, _parse(arguments)))
+
+
+def _reproduce(options: argparse.Namespace) -> int:
+    console = Console(markup=False, highlight=False, soft_wrap=True)
+    entries = selected(options.figure, options.table, everything=options.all)
+    options.out.mkdir(parents=True, exist_ok=True)
+    reproduce_all(entries, options.out, console)
+    return ExitStatus.OK
+
+
+def selected(
+    figures: Sequence[str], tables: Sequence[str], *, everything: bool
+) -> tuple[Entry, ...]:
+    """Return what to compute, all where nothing is named; raises SettingsError."""
+    wanted = [("figure", number) for number in figures] + [("table", number) for number in tables]
+    for kind, number in wanted:
+        _check(kind, number)
+    if everything or not wanted:
+        return ENTRIES
+    return tuple(entry for entry in ENTRIES if (entry.kind, entry.number) in wanted)
+
+
+def _check(kind: str, number: str) -> None:
+    numbers = numbers_of(kind)
+    if number not in numbers:
+        reason = NOT_COMPUTED[kind].get(number)
+        told = f"{reason}, nothing to compute" if reason else f"the paper has no {kind} {number}"
+        raise SettingsError(f"--{kind} {number}: {told}; allowed are {', '.join(numbers)}")
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="steer-by-wire paper", description=(__doc__ or "").splitlines()[0], allow_abbrev=False
+    )
+    for kind in ("figure", "table"):
+        parser.add_argument(
+            f"--{kind}",
+            action="append",
+            default=[],
+            metavar="N",
+            help=f"repeatable: {', '.join(numbers_of(kind))}",
+        )
+    parser.add_argument("--all", action="store_true", help="everything, the default")
+    parser.add_argument("--out", type=Path, default=Path("out/paper"), metavar="DIR")
+    return parser.parse_args(arguments)
+
+
+def reproduce_all(entries: Sequence[Entry], out: Path, console: Console) -> None:
+    """Compute and write in worker processes, then write the index page.
+
+    A failure does not keep the others from being written; the first one is raised at the end.
+    """
+    start_s = time.perf_counter()
+    failures: list[BaseException] = []
+    workers = min(WORKERS, len(entries))
+    with worker_pool(workers) as pool, _progress(console, len(entries)) as progress:
+        task = progress.add_task("", total=len(entries))
+        for done, running in _run(pool, entries, out):
+            progress.update(task, description=", ".join(running))
+            for entry, future in done:
+                progress.advance(task)
+                failure = future.exception()
+                if failure is None:
+                    console.print(f"{entry.key:18}  {future.result().verdict}")
+                else:
+                    console.print(f"{entry.key:18}  failed: {failure}")
+                    failures.append(failure)
+    index = write_index(out)
+    elapsed_s = time.perf_counter() - start_s
+    console.print(f"{len(entries) - len(failures)} results in {elapsed_s:.0f} s: {index}")
+    if failures:
+        raise failures[0]
+
+
+def _run(
+    pool: ProcessPoolExecutor, entries: Sequence[Entry], out: Path
+) -> Iterator[tuple[list[tuple[Entry, Future[Written]]], list[str]]]:
+    """Yield, whenever that changes, what has finished since and what is running."""
+    waiting = sorted(entries, key=lambda entry: entry.kind != "table")  # they take longest
+    running: dict[Future[Written], Entry] = {}
+    while waiting or running:
+        while waiting and len(running) < WORKERS:
+            entry = waiting.pop(0)
+            running[pool.submit(reproduce, entry.key, str(out))] = entry
+        yield [], [entry.key for entry in running.values()]
+        finished, _ = wait(running, return_when=FIRST_COMPLETED)
+        done = [(running.pop(future), future) for future in finished]
+        yield done, [entry.key for entry in running.values()]
+
+
+def reproduce(key: str, out: str) -> Written:
+    """Compute one entry and write its files; runs in a worker process."""
+    with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
+        return write_reproduction(function_of(entry_of(key))(), Path(out))
+
+
+def write_index(out: Path) -> Path:
+    """Write the page of everything in a folder; returns its path."""
+    written = read_written(out, [entry.key for entry in ENTRIES])
+    index = out / "index.html"
+    page = index_page(written, lambda name: (out / f"{name}.png").read_bytes())
+    index.write_text(page, encoding="utf-8")
+    return index
+
+
+def _progress(console: Console, total: int) -> Progress:
+    return Progress(
+        BarColumn(30),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal or total == 0,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,31 @@
+"""The four vertices of the paper's uncertainty box and its published laws, as the figures use them.
+
+Lettered a to d in the order of Table II, which its text does not contradict.
+"""
+
+from ...controller.nominal_model import steer_to_lateral_error
+from ...controller.settings import ControllerSettings
+from ...controller.transfer_function import TransferFunction
+from ...loop_theory.uncertainty import paper_box
+from ...runtime.settings import load_settings, read_preset
+
+CORNERS = ("a", "b", "c", "d")
+
+
+def corner_plants() -> tuple[TransferFunction, ...]:
+    """Return (4) at the four vertices, C_r = 500,000 N/rad and l_s = 1.912 m."""
+    return tuple(steer_to_lateral_error(vehicle) for vehicle in paper_box().vertices())
+
+
+def corner_labels() -> tuple[str, ...]:
+    """Return what the vertices are called in legends."""
+    return tuple(
+        f"{corner}: {3.6 * vehicle.speed_m_s:.0f} km/h, {vehicle.virtual_mass_kg:.0f} kg"
+        for corner, vehicle in zip(CORNERS, paper_box().vertices(), strict=True)
+    )
+
+
+def published_law(law: str, *overrides: str) -> ControllerSettings:
+    """Return the preset paper_``law`` with settings overridden, each ``table.key=value``."""
+    preset = read_preset("steer_by_wire.controller.presets", f"paper_{law}")
+    return load_settings(ControllerSettings, preset, None, overrides)

@@ -1,0 +1,153 @@
+"""Beside Figure 21: which derivative filter, and what comes of a step of the reference."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ...controller.analysis.sampled_loop import SampledLoop
+from ...controller.design import design_law
+from ...controller.nominal_model import steer_to_lateral_error
+from ...controller.settings import ControllerSettings
+from ...controller.shared_settings import VehicleModelSettings
+from ...loop_theory.uncertainty import paper_box
+from ...pair.trace import FloatArray
+from ...plant_emulator.settings import PlantSettings
+from ...reports.figures import COLOURS
+from ...runtime.node import NS_PER_S
+from .delay_runs import CDOB, FILTER, PD, Law, delayed_plant, drive
+from .reference_step import Step, reference_step
+from .result import Comparison, Picture
+from .simulation import PAPER_DELAY_S, paper_controller, rms
+
+_FILTERS_RAD_S = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0)
+_WASHOUTS_RAD_S = (1.0, 3.0)
+_SCAN_DURATION_S = 60.0
+
+_REFERENCE_M = 0.1
+_STEP_DURATION_S = 20.0
+_TAIL_S = 5.0
+
+
+def filter_scan(name: str) -> Picture:
+    """Draw the RMS error over the derivative filter, PD and PD+CDOB with either washout."""
+    plant = delayed_plant(_SCAN_DURATION_S)
+    columns: dict[str, FloatArray] = {"derivative_filter_rad_s": np.array(_FILTERS_RAD_S)}
+    figure = Figure(figsize=(9.0, 4.6))
+    axes = figure.subplots()
+    for colour, law in zip(COLOURS, _scanned_laws(), strict=False):
+        filtered = [
+            law.changed(f"pd.derivative_filter_rad_s={filter_rad_s}")
+            for filter_rad_s in _FILTERS_RAD_S
+        ]
+        rms_m = np.array([rms(drive([one], plant)[one.label].lateral_error_m) for one in filtered])
+        last_rad_s = largest_filter_rad_s(law)
+        columns[f"{law.label} rms_m"] = rms_m
+        label = f"{law.label}: stable up to N = {last_rad_s:.1f} rad/s"
+        axes.plot(_FILTERS_RAD_S, rms_m, "o-", color=colour, label=label)
+        axes.axvline(last_rad_s, color=colour, lw=0.8, ls=":")
+    axes.set(xlabel="derivative filter N [rad/s]", ylabel="RMS lateral error, 60 s [m]")
+    axes.set_ylim(bottom=0.0)
+    axes.set_title("80 ms of delay: where CDOB has the smaller error")
+    axes.legend(loc="upper left")
+    return Picture(name, figure, columns)
+
+
+def filter_comparisons() -> tuple[Comparison, ...]:
+    """Return up to which derivative filter each law is stable at the paper's delay."""
+    return tuple(
+        Comparison(
+            f"stable at 80 ms, sampled loop with exact delay, {law.label}",
+            "",
+            f"up to N = {largest_filter_rad_s(law):.1f} rad/s",
+            None,
+        )
+        for law in _scanned_laws()
+    )
+
+
+def _scanned_laws() -> list[Law]:
+    return [PD] + [
+        Law(f"PD+CDOB, washout {washout:g} rad/s", CDOB.preset).changed(
+            f"cdob.washout_rad_s={washout}"
+        )
+        for washout in _WASHOUTS_RAD_S
+    ]
+
+
+def largest_filter_rad_s(law: Law) -> float:
+    """Return the N at which the sampled loop loses its stability at the paper's delay [rad/s].
+
+    By bisection between the ends of the scan, of which the lower is stable and the upper is not.
+    """
+    low_rad_s, high_rad_s = _FILTERS_RAD_S[0], _FILTERS_RAD_S[-1]
+    while high_rad_s - low_rad_s > 0.05:
+        middle_rad_s = 0.5 * (low_rad_s + high_rad_s)
+        changed = law.changed(f"pd.derivative_filter_rad_s={middle_rad_s}")
+        if _is_stable(paper_controller(changed.preset, changed.overrides)):
+            low_rad_s = middle_rad_s
+        else:
+            high_rad_s = middle_rad_s
+    return low_rad_s
+
+
+def _is_stable(controller: ControllerSettings) -> bool:
+    model = steer_to_lateral_error(paper_box().nominal)
+    loop = SampledLoop(design_law(controller), model, controller.period_ns)
+    return loop.is_stable(round(PAPER_DELAY_S * NS_PER_S))
+
+
+def step_picture(name: str, plant: PlantSettings) -> Picture:
+    """Draw the answers to a step of the reference on a straight road."""
+    figure = Figure(figsize=(10.5, 4.4))
+    left, right = figure.subplots(1, 2)
+    columns: dict[str, FloatArray] = {}
+    for colour, (label, step) in zip(COLOURS, _steps(plant).items(), strict=False):
+        stride = 20
+        columns["time_s"] = step.time_s[::stride]
+        columns[f"{label} error_m"] = step.error_m[::stride]
+        columns[f"{label} steer_rad"] = step.steer_rad[::stride]
+        left.plot(step.time_s[::stride], step.error_m[::stride], color=colour, lw=1.0)
+        right.plot(
+            step.time_s[::stride], step.steer_rad[::stride], color=colour, lw=0.8, label=label
+        )
+    left.axhline(0.0, color="black", lw=0.6)
+    left.set(xlabel="time [s]", ylabel="y - r [m]")
+    left.set_title("Reference step of 0.1 m, straight road")
+    right.set(xlabel="time [s]", ylabel="steering angle [rad]")
+    figure.legend(loc="outside lower center", ncols=3)
+    return Picture(name, figure, columns)
+
+
+def step_comparisons(plant: PlantSettings) -> tuple[Comparison, ...]:
+    """Return what is left of a reference step in the last seconds, and how much is steered."""
+    return tuple(
+        Comparison(
+            f"reference step of {_REFERENCE_M:g} m, straight road, 80 ms, N = 30 rad/s, {label}",
+            "",
+            f"RMS error of the last {_TAIL_S:g} of {_STEP_DURATION_S:g} s: {_tail(step):.4f} m; "
+            f"RMS steer {rms(step.steer_rad):.4f} rad",
+            None,
+        )
+        for label, step in _steps(plant).items()
+    )
+
+
+def _tail(step: Step) -> float:
+    return rms(step.error_m[step.time_s >= _STEP_DURATION_S - _TAIL_S])
+
+
+def _steps(plant: PlantSettings) -> dict[str, Step]:
+    pd = paper_controller(PD.preset, FILTER)
+    cdob = paper_controller(CDOB.preset, FILTER)
+    own = cdob.model_copy(update={"nominal_model": _model_of(plant)})
+    laws = {"PD": pd, "PD+CDOB, G_n of (19)": cdob, "PD+CDOB, G_n of the vehicle": own}
+    return {
+        label: reference_step(plant, law, _REFERENCE_M, PAPER_DELAY_S, _STEP_DURATION_S)
+        for label, law in laws.items()
+    }
+
+
+def _model_of(plant: PlantSettings) -> VehicleModelSettings:
+    """Return the model of (4) with the parameters of the plant's own vehicle."""
+    nominal = paper_box().nominal._asdict()
+    speed_m_s = plant.vehicle.speed_km_h / 3.6
+    return VehicleModelSettings(kind="vehicle", **(nominal | {"speed_m_s": speed_m_s}))

@@ -1,0 +1,302 @@
+"""Figures 7 and 8: D-stability boundaries and region of (K_p, K_d), and what the paper leaves out.
+
+The paper designs for the continuous nominal loop alone. Beyond it: all four corners of the
+uncertainty box at once, and the loop as it runs, sampled, held and delayed.
+"""
+# ruff: noqa: RUF001  # σ is the paper's symbol
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ...controller.nominal_model import NominalVehicle, paper_eq19, steer_to_lateral_error
+from ...loop_theory.d_stability import DStability, judge, paper_d_stability
+from ...loop_theory.gain_boundaries import Bound, BoundaryCurve, RootKind, Window
+from ...loop_theory.gain_loops import ContinuousGainLoop, GainLoop, SampledGainLoop
+from ...loop_theory.parameter_space import GainRegion, d_stable_region, verified
+from ...loop_theory.uncertainty import paper_box
+from ...reports.figures import COLOURS
+from ...reports.gain_drawing import GAIN_LABELS, draw_curves, draw_gamma, fill_region
+from ...runtime.node import NS_PER_MS
+from .result import Comparison, Picture, Reproduction, Verdict
+
+PUBLISHED_K_P_RAD_M = 1.0596
+PUBLISHED_K_D_RAD_S_M = 0.939
+WINDOW = Window(-0.5, 3.5, -0.6, 2.4)
+PERIOD_NS = 10 * NS_PER_MS
+DELAYS_MS = (0, 80, 160)
+FILTERS_RAD_S = (None, 20.0, 5.0)
+CHECKED_GAINS = 4000
+_SEED = 7
+
+_PUBLISHED_GAINS = np.array([[PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M]])
+_READING = (
+    "R is read as bounding the two roots nearest the origin. No gains at all bring all four within"
+    " 1.3 rad/s: their sum, -(459.2 + 227.6 K_d) rad/s, alone asks for K_d near -2. Every root has"
+    " to be left of -σ, every root within R inside the cone. The boundaries are found by crossing"
+    " ∂Γ, not by gridding."
+)
+
+
+class _Case(NamedTuple):
+    """A loop or several, and how they are called."""
+
+    name: str
+    loops: tuple[GainLoop, ...]
+
+
+def figure_7() -> Reproduction:
+    """Return ∂Γ with the roots of the published loop, and its image in the plane of the gains."""
+    spec, loop = paper_d_stability(), ContinuousGainLoop(paper_eq19())
+    region = d_stable_region([loop], spec, WINDOW)
+    roots_rad_s = _roots(loop)
+    figure = Figure(figsize=(10.5, 5.6))
+    left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.35))
+    draw_gamma(left, spec)
+    near = roots_rad_s[np.abs(roots_rad_s) < 3.0]
+    left.plot(near.real, near.imag, "x", color="black", ms=8, mew=2, label="published loop")
+    left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
+    left.set_title("∂Γ in the plane of the roots")
+    draw_curves(right, region.curves)
+    _draw_published(right)
+    right.set(xlim=WINDOW[:2], ylim=WINDOW[2:], **GAIN_LABELS)
+    right.set_title("Its image in the plane of the gains")
+    right.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3)
+    pair, others = roots_rad_s[0], roots_rad_s[2:]
+    judged = judge(spec, roots_rad_s)
+    return Reproduction(
+        "figure_07",
+        "D-stability boundaries",
+        "Plant (19), continuous, C = K_p + K_d s; σ = 0.3 1/s, θ = 135°, R = 1.3 rad/s.",
+        (Picture("figure_07", figure, _curve_columns(region.curves)),),
+        (
+            Comparison("dominant roots at the published gains", "", _pair(pair), None),
+            Comparison(
+                "their damping ratio",
+                f"at least {-math.cos(spec.cone_angle_rad):.3f} (θ)",
+                f"{-pair.real / abs(pair):.3f}",
+                bool(judged.damped),
+            ),
+            Comparison(
+                "their modulus",
+                f"at most {spec.radius_rad_s:g} rad/s (R)",
+                f"{abs(pair):.3f} rad/s",
+                bool(judged.dominant),
+            ),
+            Comparison(
+                "largest real part of any root",
+                f"below {-spec.sigma_1_s:g} 1/s (σ)",
+                f"{max(roots_rad_s.real):.3f} 1/s",
+                bool(judged.settled),
+            ),
+            Comparison(
+                "the other roots",
+                f"read literally, within {spec.radius_rad_s:g} rad/s too",
+                " and ".join(f"{root.real:.1f}" for root in others) + " rad/s",
+                None,
+            ),
+            Comparison("infinite root boundary", "", "none: P C is strictly proper", None),
+        ),
+        _verdict(bool(judged.satisfied)),
+        _READING,
+    )
+
+
+def figure_8() -> Reproduction:
+    """Return the gains for which the nominal loop is D-stable, and where the published ones are."""
+    spec, loop = paper_d_stability(), ContinuousGainLoop(paper_eq19())
+    region = d_stable_region([loop], spec, WINDOW)
+    inside = region.contains(PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M)
+    figure = Figure(figsize=(8.5, 5.4))
+    axes = figure.subplots()
+    fill_region(axes, region, "D-stable")
+    draw_curves(axes, region.curves)
+    _draw_published(axes)
+    axes.set(xlim=WINDOW[:2], ylim=WINDOW[2:], **GAIN_LABELS)
+    axes.set_title("D-stable gains of the nominal loop")
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return Reproduction(
+        "figure_08",
+        "Overall solution region",
+        "Plant (19), continuous, C = K_p + K_d s; σ = 0.3 1/s, θ = 135°, R = 1.3 rad/s; published"
+        f" gains K_p = {PUBLISHED_K_P_RAD_M}, K_d = {PUBLISHED_K_D_RAD_S_M}. The region goes on"
+        " above the picture.",
+        (Picture("figure_08", figure, _region_columns([region])),),
+        (
+            Comparison("published gains", "in the region", _inside(inside), inside),
+            *_margin_comparisons(region),
+            _checked(region, [loop], spec),
+        ),
+        _verdict(inside),
+        _READING,
+    )
+
+
+def figure_8_beyond() -> Reproduction:
+    """Return the regions of the four corners, and of the sampled loop with delay."""
+    spec = paper_d_stability()
+    corners = _corners()
+    figure = Figure(figsize=(11.0, 8.4))
+    panels = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
+    regions = [_draw_corners(panels[0], corners, spec)]
+    comparisons = [_judged(case, spec) for case in corners]
+    comparisons.append(_checked(regions[0], [case.loops[0] for case in corners], spec))
+    for axes, filter_rad_s in zip(panels[1:], FILTERS_RAD_S, strict=True):
+        cases = _sampled_cases(filter_rad_s)
+        axes.set_title(f"sampled at 100 Hz, plant (19), {_filter_text(filter_rad_s)}", fontsize=10)
+        for case, delay_ms, shade in zip(cases, DELAYS_MS, (0.15, 0.3, 0.6), strict=True):
+            regions.append(d_stable_region(case.loops, spec, WINDOW))
+            area = regions[-1].polygon.area
+            fill_region(axes, regions[-1], f"{delay_ms} ms: area {area:.2f}", shade)
+            comparisons.append(_judged(case, spec))
+        _draw_published(axes)
+    for axes in panels:
+        axes.legend(loc="upper right", frameon=True, framealpha=0.9, fontsize=9)
+        axes.set(xlim=WINDOW[:2], ylim=WINDOW[2:], **GAIN_LABELS)
+        axes.label_outer()
+    return Reproduction(
+        "figure_08_beyond",
+        "Solution region: all corners, and the sampled loop with delay",
+        "As Figure 8. Corners: continuous, V = 4 and 7 km/h, virtual mass 1600 and 5000 kg,"
+        " C_r = 500,000 N/rad. Sampled: hold, delay and controller as they run, exact. Areas within"
+        " the picture [rad² s/m²].",
+        (Picture("figure_08_beyond", figure, _region_columns(regions)),),
+        tuple(comparisons),
+        Verdict.BEYOND,
+        "Not in the paper: its region is that of one continuous loop without delay. The robustness"
+        " over the corners that it claims is there. A delay of the network takes the region from"
+        " above, at K_d, and the published gains leave it unless the derivative is filtered (N).",
+    )
+
+
+def _corners() -> tuple[_Case, ...]:
+    """Return the continuous loop around each corner of the uncertainty box."""
+
+    def name(vehicle: NominalVehicle) -> str:
+        return f"{vehicle.speed_m_s * 3.6:.0f} km/h, {vehicle.virtual_mass_kg:.0f} kg"
+
+    return tuple(
+        _Case(name(vehicle), (ContinuousGainLoop(steer_to_lateral_error(vehicle)),))
+        for vehicle in paper_box().vertices()
+    )
+
+
+def _sampled_cases(filter_rad_s: float | None) -> tuple[_Case, ...]:
+    """Return the loop around (19) at 100 Hz with each delay."""
+    return tuple(
+        _Case(
+            f"sampled, {_filter_text(filter_rad_s)}, {delay_ms} ms",
+            (SampledGainLoop(paper_eq19(), PERIOD_NS, delay_ms * NS_PER_MS, filter_rad_s),),
+        )
+        for delay_ms in DELAYS_MS
+    )
+
+
+def _filter_text(filter_rad_s: float | None) -> str:
+    return "ideal derivative" if filter_rad_s is None else f"N = {filter_rad_s:g} rad/s"
+
+
+def _roots(loop: ContinuousGainLoop) -> NDArray[np.complex128]:
+    """Return the roots at the published gains, nearest the origin first, Im > 0 before Im < 0."""
+    roots_rad_s = loop.roots(_PUBLISHED_GAINS)[0]
+    order = np.lexsort((-roots_rad_s.imag, np.round(np.abs(roots_rad_s), 9)))
+    return np.asarray(roots_rad_s[order])
+
+
+def _draw_published(axes: Axes) -> None:
+    axes.plot(*_PUBLISHED_GAINS[0], "o", color="black", label="published gains")
+
+
+def _draw_corners(axes: Axes, corners: Sequence[_Case], spec: DStability) -> GainRegion:
+    """Draw the edge of each corner's region, and fill what all of them share; returns that."""
+    common = d_stable_region([case.loops[0] for case in corners], spec, WINDOW)
+    fill_region(axes, common, f"all four: area {common.polygon.area:.2f}", 0.3)
+    for index, (case, colour) in enumerate(zip(corners, COLOURS, strict=True)):
+        region = d_stable_region(case.loops, spec, WINDOW)
+        style = {"ls": "--", "lw": 2.0} if index % 2 else {"lw": 1.2}  # equal but for a hair
+        axes.plot(*region.polygon.exterior.xy, color=colour, label=case.name, **style)
+    _draw_published(axes)
+    axes.set_title("continuous, every corner of the uncertainty box", fontsize=10)
+    return common
+
+
+def _judged(case: _Case, spec: DStability) -> Comparison:
+    """Compare: the published gains with this loop."""
+    region = d_stable_region(case.loops, spec, WINDOW)
+    inside = region.contains(PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M)
+    distance = abs(region.relative_distance(PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M))
+    text = f"{_inside(inside)}, {distance:.0%} of the gains from the edge"
+    return Comparison(f"published gains: {case.name}", "", text, None)
+
+
+def _margin_comparisons(region: GainRegion) -> tuple[Comparison, ...]:
+    """Say how far each boundary of the region is from the published gains."""
+    return tuple(
+        Comparison(
+            f"distance to the boundary {margin.bound}, {margin.kind} root",
+            "",
+            f"{margin.relative:.0%} of the gains",
+            None,
+        )
+        for margin in region.margins(PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M)
+    )
+
+
+def _checked(region: GainRegion, loops: Sequence[GainLoop], spec: DStability) -> Comparison:
+    """Say what judging the roots anew at random gains made of the region."""
+    inside, outside, wrong = verified(region, loops, spec, CHECKED_GAINS, _SEED)
+    text = f"{inside} inside and {outside} outside, {len(wrong)} of them judged otherwise"
+    return Comparison("gains at which the roots were computed again", "", text, None)
+
+
+def _curve_columns(curves: Sequence[BoundaryCurve]) -> dict[str, NDArray[np.float64]]:
+    """Return every boundary, point by point; bound and root count the legend's from 1."""
+    bounds, kinds = list(Bound), list(RootKind)
+    labels = [(i, bounds.index(c.bound) + 1, kinds.index(c.kind) + 1) for i, c in enumerate(curves)]
+    each = np.repeat(np.array(labels, dtype=np.float64), [len(c.gains) for c in curves], axis=0)
+    gains = np.concatenate([curve.gains for curve in curves])
+    s_rad_s = np.concatenate([curve.s_rad_s for curve in curves])
+    return {
+        "curve": each[:, 0],
+        "bound_sigma_theta_r": each[:, 1],
+        "root_complex_real_infinite": each[:, 2],
+        "k_p_rad_m": gains[:, 0],
+        "k_d_rad_s_m": gains[:, 1],
+        "s_real_rad_s": s_rad_s.real,
+        "s_imag_rad_s": s_rad_s.imag,
+    }
+
+
+def _region_columns(regions: Sequence[GainRegion]) -> dict[str, NDArray[np.float64]]:
+    """Return the edge of every region, ring by ring."""
+    rings = [
+        (index, np.asarray(ring.coords))
+        for index, region in enumerate(regions)
+        for part in shapely.get_parts(region.polygon)
+        for ring in (part.exterior, *part.interiors)
+    ]
+    gains = np.concatenate([ring for _, ring in rings])
+    return {
+        "region": np.concatenate([np.full(len(ring), float(index)) for index, ring in rings]),
+        "ring": np.concatenate([np.full(len(ring), float(i)) for i, (_, ring) in enumerate(rings)]),
+        "k_p_rad_m": gains[:, 0],
+        "k_d_rad_s_m": gains[:, 1],
+    }
+
+
+def _pair(root: complex) -> str:
+    return f"{root.real:.4f} ± {abs(root.imag):.4f}j rad/s"
+
+
+def _inside(inside: bool) -> str:
+    return "inside" if inside else "outside"
+
+
+def _verdict(agrees: bool) -> Verdict:
+    return Verdict.WITH_CORRECTION if agrees else Verdict.NOT_REPRODUCIBLE

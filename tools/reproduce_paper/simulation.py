@@ -1,0 +1,71 @@
+"""The one place where figures of the paper are simulated: presets, runs, and numbers of a run.
+
+Both nodes run in virtual time on a wire that takes no time (compiled: the same bits), so what is
+simulated is what runs on a bus. The paper's laws are continuous; 1 kHz comes closest. The plant
+then measures at 1 kHz too: the ideal derivative of a value that is held for longer is another law.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ...compiled.engine import Outcome, run_batch
+from ...controller.settings import ControllerSettings
+from ...pair.trace import FloatArray
+from ...pair.virtual import run_virtual_pair
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.settings import load_settings, read_preset
+
+PAPER_DELAY_S = 0.08
+AT_1_KHZ = "sensor_period_ms=1"
+
+
+class History(NamedTuple):
+    """Time histories of one run, each of shape (samples,); see ``pair.trace.Trace``."""
+
+    time_s: FloatArray
+    lateral_error_m: FloatArray
+    wheel_angle_rad: FloatArray
+    downlink_latency_s: FloatArray
+
+
+def simulate(plant_settings: PlantSettings, controller_settings: ControllerSettings) -> History:
+    """Return the time histories of one run, compiled.
+
+    A run that leaves what the wire can carry is one for the nodes, whose modes then decide.
+    """
+    run = run_batch(plant_settings, controller_settings)
+    if run.outcome is Outcome.COMPLETE:
+        return History(*(getattr(run, name) for name in History._fields))
+    trace = run_virtual_pair(plant_settings, controller_settings, bitrate_bit_s=None).trace
+    return History(*(getattr(trace, name) for name in History._fields))
+
+
+def paper_plant(preset: str, *overrides: str) -> PlantSettings:
+    """Return a preset of the plant, measuring at 1 kHz, below ``table.key=value`` overrides."""
+    return load_settings(
+        PlantSettings,
+        read_preset("steer_by_wire.plant_emulator.presets", preset),
+        None,
+        [AT_1_KHZ, *overrides],
+    )
+
+
+def paper_controller(preset: str, overrides: Sequence[str] = ()) -> ControllerSettings:
+    """Return a preset of the controller, below ``table.key=value`` overrides."""
+    return load_settings(
+        ControllerSettings, read_preset("steer_by_wire.controller.presets", preset), None, overrides
+    )
+
+
+def rms(values: FloatArray) -> float:
+    """Return the root mean square of an array of any shape."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def thinned(trace: History, step_s: float) -> History:
+    """Return every so many rows of a trace, for pictures and tables; numbers take all rows."""
+    period_s = float(trace.time_s[1] - trace.time_s[0])
+    stride = max(1, round(step_s / period_s))
+    return History(*(column[::stride] for column in trace))

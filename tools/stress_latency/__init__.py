@@ -1,0 +1,1 @@
+"""Run, resume and replay stress studies."""

@@ -1,0 +1,167 @@
+"""Runs of a study with the real programs on a bus, compared with what the study has of them.
+
+Each run takes its own time. What differs is the time on the wire and when the programs are woken;
+the latencies, losses and noise are the same, drawn from the same seed.
+"""
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...dbc.messages import LateralError, limits
+from ...pair.channels import open_channels
+from ...pair.live import Bus, LivePair, PairError, PairFiles
+from ...pair.trace import Trace
+from ...runtime.bus import socketcan_obstacle
+from ...runtime.settings import SettingsError, dump_toml
+from ...studies.compute import Computer
+from ...studies.figures import COLUMNS, figures_of
+from ...studies.scenario import Pair
+from ...studies.verdict import RUN_ENDS, RunEnd, rules_of, verdicts
+
+GRACE_S = 30.0
+"""How much longer than its motion a run may take on a stalled machine."""
+POLL_S = 0.1
+COMPARED = ("verdict", "rms_m", "peak_m", "amplitude_m", "latency_mean_s", "latency_p99_s")
+"""What is compared; a plant's trace says nothing of the commands' limits."""
+
+
+class LiveRun(NamedTuple):
+    """One run: figures of the study, and those of the real programs."""
+
+    run: int
+    study: Mapping[str, Any]
+    live: Mapping[str, Any]
+
+
+def subset(runs: int, count: int) -> list[int]:
+    """Return ``count`` ids spread evenly over a study, the same ones every time."""
+    count = min(count, runs)
+    return [(2 * index + 1) * runs // (2 * count) for index in range(count)]
+
+
+@contextmanager
+def open_bus(name: str, folder: Path) -> Iterator[Bus]:
+    """Give the bus that ``--live`` names, until the end of the block.
+
+    ``name``  emulated: a bus of its own; a SocketCAN interface such as vcan0; or INTERFACE:CHANNEL
+              of python-can
+
+    Raises SettingsError.
+    """
+    if name == "emulated":
+        with open_channels("emulated", ["stress"], folder / "bus.txt") as channels:
+            yield channels.buses[0]
+        return
+    interface, colon, channel = name.partition(":")
+    if colon and not (interface and channel):
+        raise SettingsError(f"--live {name}: is neither emulated, vcan0 nor INTERFACE:CHANNEL")
+    if not colon:
+        interface, channel = "socketcan", name
+    obstacle = socketcan_obstacle(channel) if interface == "socketcan" else ""
+    if obstacle:
+        raise SettingsError(f"--live {name}: {obstacle}")
+    yield Bus(interface, channel, {})
+
+
+def run_live(
+    computer: Computer,
+    ids: Sequence[int],
+    bus: Bus,
+    folder: Path,
+    on_run: Callable[[LiveRun], None],
+    should_stop: Callable[[], bool],
+) -> list[LiveRun]:
+    """Run each of ``ids`` live, one after the other; raises PairError and what opening raises."""
+    done: list[LiveRun] = []
+    for run in ids:
+        pair = computer.scenarios.pair(run)
+        files = PairFiles(folder / str(run))
+        files.folder.mkdir(parents=True, exist_ok=True)
+        files.settings("plant_emulator").write_text(dump_toml(pair.plant), encoding="utf-8")
+        files.settings("controller").write_text(dump_toml(pair.controller), encoding="utf-8")
+        row = np.full(len(COLUMNS), np.nan)
+        end = computer.one(pair.plant, pair.controller, row)
+        if end is RunEnd.NO_START or not _drive(pair, bus, files, should_stop):
+            if should_stop():
+                break
+            continue
+        study = dict(zip(COLUMNS, row.tolist(), strict=True))
+        study["verdict"] = _verdict(computer, row, end)
+        done.append(
+            LiveRun(run, study, live_figures(computer, pair, Trace.read(files.plant_trace)))
+        )
+        on_run(done[-1])
+        _write(folder / "live.json", done)
+    return done
+
+
+def live_figures(computer: Computer, pair: Pair, trace: Trace) -> dict[str, Any]:
+    """Return the figures of a plant's trace."""
+    outside = np.abs(trace.lateral_error_m) > limits(LateralError)["lateral_error_m"].maximum
+    end = RunEnd.LEFT_RANGE if outside.any() else RunEnd.COMPLETE
+    samples = int(np.argmax(outside)) + 1 if outside.any() else len(outside)
+    rules = rules_of(computer.scenarios.study.settings.verdict, pair.plant, pair.controller)
+    figures = figures_of(
+        rules,
+        np.ascontiguousarray(trace.time_s[:samples]),
+        np.ascontiguousarray(trace.lateral_error_m[:samples]),
+        np.zeros(0),
+        trace.downlink_latency_s[:samples],
+    )
+    row = np.full(len(COLUMNS), np.nan)
+    row[: len(figures)] = figures
+    return {**figures._asdict(), "verdict": _verdict(computer, row, end)}
+
+
+def live_line(one: LiveRun) -> str:
+    """Return one run in a line: study, then live."""
+    parts = [f"run {one.run}"]
+    for name in COMPARED:
+        study, live = one.study[name], one.live[name]
+        if isinstance(study, str):
+            parts.append(study if study == live else f"{study} -> {live}")
+        else:
+            label = name.rpartition("_")[0].replace("_", " ")
+            parts.append(f"{label} {1e3 * study:.1f} -> {1e3 * live:.1f} m{name[-1]}")
+    return ", ".join(parts)
+
+
+def _drive(pair: Pair, bus: Bus, files: PairFiles, should_stop: Callable[[], bool]) -> bool:
+    """Run both programs to the end; returns whether they came to it."""
+    plant, controller = (str(files.settings(name)) for name in ("plant_emulator", "controller"))
+    live = LivePair(bus, [plant], [controller], files)
+    with live:
+        end_s = time.monotonic() + pair.plant.duration_s + GRACE_S
+        while live.plant_is_running:
+            if should_stop():
+                return False
+            if time.monotonic() > end_s:
+                raise PairError(f"the plant still runs {GRACE_S:g} s after it should have finished")
+            time.sleep(POLL_S)
+    live.result()
+    return True
+
+
+def _write(file: Path, runs: Sequence[LiveRun]) -> None:
+    """Write the runs as JSON, which has no NaN."""
+
+    def known(figures: Mapping[str, Any]) -> dict[str, Any]:
+        return {
+            name: None if isinstance(value, float) and math.isnan(value) else value
+            for name, value in figures.items()
+        }
+
+    rows = [{"run": one.run, "study": known(one.study), "live": known(one.live)} for one in runs]
+    file.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+
+
+def _verdict(computer: Computer, row: Any, end: RunEnd) -> str:
+    rules = computer.scenarios.study.settings.verdict
+    return str(verdicts(rules, np.array([RUN_ENDS.index(end)]), row[None, :])[0])

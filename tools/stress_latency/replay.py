@@ -1,0 +1,152 @@
+"""Makes one run of a study again: compiled, and with the two nodes in virtual time.
+
+The nodes run on a wire that takes no time, as the study does. Their samples and commands go through
+the same figures; every figure must come out as it is stored, to the last digit.
+"""
+
+import math
+import shlex
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...pair.live import PairFiles
+from ...pair.virtual import make_virtual_pair, run_virtual_nodes
+from ...runtime.settings import SettingsError, dump_toml
+from ...studies.compute import Computer
+from ...studies.figures import COLUMNS, COUNTS, Figures, figures_of
+from ...studies.scenario import Pair
+from ...studies.store import Store
+from ...studies.verdict import RUN_ENDS, RunEnd, rules_of, verdicts
+
+TICKS_MAX = 10_000_000
+
+
+class Replay(NamedTuple):
+    """One run made again.
+
+    ``stored``    the row; None where the study has not come to it yet
+    ``compiled``  figures by column, and the verdict, computed anew
+    ``virtual``   those that the nodes give; empty where there was nothing to run
+    ``fastmath``  whether the compiled run may differ from the nodes
+    """
+
+    pair: Pair
+    files: PairFiles
+    stored: Mapping[str, Any] | None
+    compiled: Mapping[str, Any]
+    virtual: Mapping[str, Any]
+    fastmath: bool
+
+    @property
+    def differences(self) -> list[str]:
+        """Columns in which the three do not agree to the last digit; with fastmath the nodes, which
+        do not use it, are not asked.
+        """
+        asked = (self.stored,) if self.fastmath else (self.stored, self.virtual)
+        views = [view for view in asked if view]
+        return [
+            name
+            for name, value in self.compiled.items()
+            if any(name in view and not _same(view[name], value) for view in views)
+        ]
+
+
+def replay(store: Store, computer: Computer, run: int) -> Replay:
+    """Make run number ``run`` again; raises SettingsError where there is none of this number."""
+    scenarios = computer.scenarios
+    study = scenarios.study
+    if not 0 <= run < study.runs:
+        raise SettingsError(f"--replay {run}: the study has runs 0 to {study.runs - 1}")
+    pair = scenarios.pair(run)
+    files = PairFiles(store.folder / "replay" / str(run))
+    files.folder.mkdir(parents=True, exist_ok=True)
+    files.settings("plant_emulator").write_text(dump_toml(pair.plant), encoding="utf-8")
+    files.settings("controller").write_text(dump_toml(pair.controller), encoding="utf-8")
+    row = np.full(len(COLUMNS), np.nan)
+    end = computer.one(pair.plant, pair.controller, row)
+    compiled = _named(row.tolist(), end)
+    compiled["verdict"] = _verdict(computer, row, end)
+    virtual = {} if end is RunEnd.NO_START else _virtual(computer, pair, compiled, end)
+    return Replay(pair, files, store.find(run), compiled, virtual, study.fastmath)
+
+
+def commands(files: PairFiles) -> list[str]:
+    """Return the commands that make the run again, in virtual time and live."""
+    plant, controller = (
+        shlex.quote(str(files.settings(name))) for name in ("plant_emulator", "controller")
+    )
+    return [
+        f"steer-by-wire run {plant} --controller {controller} --ideal-wire",
+        f"python -m plant_emulator {plant} --interface socketcan --channel vcan0 & "
+        f"python -m controller {controller} --interface socketcan --channel vcan0",
+    ]
+
+
+def _virtual(
+    computer: Computer, pair: Pair, compiled: Mapping[str, Any], end: RunEnd
+) -> dict[str, Any]:
+    """Return what the two nodes give, up to where the compiled run ended."""
+    made = make_virtual_pair(pair.plant, pair.controller, controller_samples_max=TICKS_MAX)
+    plant, controller = made.plant, made.controller
+    samples, ticks = compiled["samples"], compiled["commands_sent"]
+    is_complete = end is RunEnd.COMPLETE
+    run_virtual_nodes(
+        made.edge,
+        controller,
+        None,
+        None,
+        lambda: not is_complete and len(plant.samples) > samples and samples > 0,
+    )
+    columns = np.array(plant.samples, dtype=np.float64).reshape(-1, 10)[:samples]
+    sent_rad = np.array([sample.sent_steer_rad for sample in controller.samples][:ticks])
+    rules = rules_of(computer.scenarios.study.settings.verdict, pair.plant, pair.controller)
+    time_s, error_m, latency_s = (np.ascontiguousarray(columns[:, place]) for place in (0, 2, 7))
+    figures = figures_of(rules, time_s, error_m, sent_rad, latency_s)
+    found: dict[str, Any] = figures._asdict()
+    if is_complete:
+        report = plant.report()
+        found["samples"] = len(plant.samples)
+        found["commands_sent"] = len(controller.samples)
+        found["downlink_lost"] = report["downlink"]["lost"]
+        found["uplink_lost"] = report["uplink"]["lost"]
+    row = np.full(len(COLUMNS), np.nan)
+    row[: len(figures)] = figures
+    found["verdict"] = _verdict(computer, row, end)
+    return found
+
+
+def _named(row: list[float], end: RunEnd) -> dict[str, Any]:
+    values: dict[str, Any] = dict(zip(COLUMNS, row, strict=True))
+    return {
+        "ended_by": str(end),
+        **values,
+        **{name: int(values[name]) for name in COUNTS},
+    }
+
+
+def _verdict(computer: Computer, row: Any, end: RunEnd) -> str:
+    rules = computer.scenarios.study.settings.verdict
+    return str(verdicts(rules, np.array([RUN_ENDS.index(end)]), row[None, :])[0])
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, float) and isinstance(other, float):
+        return one == other or (math.isnan(one) and math.isnan(other))
+    return bool(one == other)
+
+
+def replay_lines(made: Replay) -> list[str]:
+    """Return the table of a replay."""
+    lines = [f"{'':22}{'stored':>24}{'virtual time':>24}"]
+    for name in ("verdict", "ended_by", *Figures._fields, *COUNTS):
+        stored = "-" if made.stored is None else _text(made.stored[name])
+        virtual = _text(made.virtual[name]) if name in made.virtual else "-"
+        mark = "  DIFFERS" if name in made.differences else ""
+        lines.append(f"{name:22}{stored:>24}{virtual:>24}{mark}")
+    return lines
+
+
+def _text(value: Any) -> str:
+    return repr(value) if isinstance(value, float) else str(value)

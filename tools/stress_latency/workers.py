@@ -1,0 +1,87 @@
+"""Threads over scenarios: the compiled loop does without the interpreter's lock."""
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from itertools import islice
+from typing import Protocol
+
+from ...studies.compute import Computed, Computer
+from ...studies.scenario import Scenarios
+
+WAITING_PER_WORKER = 3
+"""Blocks handed out and not yet taken back, a worker: memory stays bounded, nobody idles."""
+PATIENCE_S = 0.25
+"""How long to wait for a block before looking whether to stop."""
+
+Block = list[int]
+ShouldStop = Callable[[], bool]
+
+
+class Workers(Protocol):
+    """What computes blocks of ids, in any order."""
+
+    @property
+    def description(self) -> str:
+        """What they are, in a few words."""
+        ...
+
+    @property
+    def count(self) -> int:
+        """How many compute at the same time."""
+        ...
+
+    def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
+        """Yield what is done, nothing computed lost when it should stop; an empty one now and
+        then, so that the caller comes to speak.
+        """
+        ...
+
+
+class Threads:
+    """Threads of this process."""
+
+    def __init__(self, scenarios: Scenarios, count: int) -> None:
+        self._computer = Computer(scenarios)
+        self.count = count
+
+    @property
+    def description(self) -> str:
+        """What they are, in a few words."""
+        return f"{self.count} thread{'s' if self.count > 1 else ''}"
+
+    def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
+        """Yield what is done."""
+        failed: list[BaseException] = []
+
+        def stops() -> bool:
+            return bool(failed) or should_stop()
+
+        with ThreadPoolExecutor(self.count, thread_name_prefix="stress") as pool:
+            source = iter(blocks)
+            waiting: set[Future[Computed]] = set()
+            while True:
+                free = self.count * WAITING_PER_WORKER - len(waiting)
+                fresh = [] if stops() else islice(source, free)
+                waiting |= {pool.submit(self._computer.compute, block, stops) for block in fresh}
+                if not waiting:
+                    break
+                done, waiting = wait(waiting, PATIENCE_S, FIRST_COMPLETED)
+                for future in done:
+                    error = future.exception()
+                    if error is not None:
+                        failed.append(error)
+                    else:
+                        yield future.result()
+                if not done:
+                    yield NOTHING
+        if failed:
+            raise failed[0]
+
+
+def _nothing() -> Computed:
+    import numpy as np
+
+    return Computed(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 0)))
+
+
+NOTHING = _nothing()
