@@ -1,6 +1,6 @@
 """Prints the DBC of the authenticated frames, for tools that want all bytes of a frame described.
 
-python -m dbc.secured_dbc > secured.dbc
+python -m steer_by_wire.dbc.secured_dbc > secured.dbc
 candump vcan0 | cantools decode --single-line secured.dbc
 
 It is ``steer_by_wire.dbc`` with longer messages: what is behind the eighth byte, as

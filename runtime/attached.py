@@ -1,6 +1,6 @@
 """Programs that end with the one that started them, however it ends: in order or by ``kill -9``.
 
-    python -m runtime.attached [--after SECONDS] [--remove FOLDER] MODULE [ARGUMENTS]
+    python -m steer_by_wire.runtime.attached [--after SECONDS] [--remove FOLDER] MODULE [ARGUMENTS]
 
 runs ``python -m MODULE`` in this process and watches standard input, a pipe of which the program
 that has started it alone holds the other end. When that is closed, the module's program gets
@@ -81,7 +81,9 @@ def lifeline() -> Iterator[Lifeline]:
 
 def main() -> None:
     """Run the module that the command line names; ends as it does."""
-    parser = argparse.ArgumentParser(prog="python -m runtime.attached", allow_abbrev=False)
+    parser = argparse.ArgumentParser(
+        prog="python -m steer_by_wire.runtime.attached", allow_abbrev=False
+    )
     parser.add_argument("--after", type=float, default=0.0, metavar="SECONDS")
     parser.add_argument("--remove", type=Path, metavar="FOLDER")
     parser.add_argument("module")

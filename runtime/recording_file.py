@@ -46,7 +46,7 @@ def main() -> int:
     """Record what comes on standard input until it ends; tell the program what became of it."""
     # The terminal's Ctrl-C ends the program, and the end of the pipe then ends the recorder.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parser = argparse.ArgumentParser(prog="python -m runtime.recording_file")
+    parser = argparse.ArgumentParser(prog="python -m steer_by_wire.runtime.recording_file")
     parser.add_argument("path", type=Path)
     parser.add_argument("channel")
     options = parser.parse_args()

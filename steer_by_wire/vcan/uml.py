@@ -184,7 +184,7 @@ def _make_folder(request: Request) -> Path:
     (folder / "python").symlink_to(os.path.realpath(sys.executable))
     (folder / "init.py").write_text(
         f"import sys\nsys.path.append({str(root)!r})\nsys.dont_write_bytecode = True\n"
-        f"from vcan.uml_guest import main\nmain({str(folder)!r})\n",
+        f"from steer_by_wire.vcan.uml_guest import main\nmain({str(folder)!r})\n",
         encoding="utf-8",
     )
     return folder

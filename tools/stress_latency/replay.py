@@ -79,8 +79,8 @@ def commands(files: PairFiles) -> list[str]:
     )
     return [
         f"steer-by-wire run {plant} --controller {controller} --ideal-wire",
-        f"python -m plant_emulator {plant} --interface socketcan --channel vcan0 & "
-        f"python -m controller {controller} --interface socketcan --channel vcan0",
+        f"plant-emulator {plant} --interface socketcan --channel vcan0 & "
+        f"steering-controller {controller} --interface socketcan --channel vcan0",
     ]
 
 
