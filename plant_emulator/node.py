@@ -128,6 +128,11 @@ class PlantNode:
         return self._finished
 
     @property
+    def motion_start_ns(self) -> int:
+        """When the motion started [ns]; NEVER_NS before."""
+        return self._motion_start_ns
+
+    @property
     def samples(self) -> Sequence[PlantSample]:
         """One sample a sensor period since the start of motion, oldest first."""
         return self._record.samples

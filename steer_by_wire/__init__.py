@@ -1,1 +1,61 @@
-"""The import package: public names, the one command, and what several programs share."""
+"""A steer-by-wire emulator to build on: the names below are stable, everything else may change.
+
+>>> import steer_by_wire
+>>> run = steer_by_wire.simulate(controller="practical_pd", seed=7, duration_s=2.0)
+>>> run.outcome, len(run.plant.time_s)
+('complete', 200)
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .controller.settings import ControllerSettings
+    from .dbc.messages import Mode
+    from .plant_emulator.settings import PlantSettings
+    from .run_tables import ControllerTable, PlantTable, Track
+    from .runtime.settings import Settings, SettingsError
+    from .simulated_run import Run
+    from .simulation import controller_presets, plant_presets, simulate
+
+_MODULES = {
+    "ControllerSettings": "controller.settings",
+    "ControllerTable": "run_tables",
+    "Mode": "dbc.messages",
+    "PlantSettings": "plant_emulator.settings",
+    "PlantTable": "run_tables",
+    "Run": "simulated_run",
+    "Settings": "runtime.settings",
+    "SettingsError": "runtime.settings",
+    "Track": "run_tables",
+    "controller_presets": "simulation",
+    "plant_presets": "simulation",
+    "simulate": "simulation",
+}
+"""Where each name comes from. It is imported when it is first asked for: to import the package
+itself takes the standard library alone."""
+
+__all__ = [
+    "ControllerSettings",
+    "ControllerTable",
+    "Mode",
+    "PlantSettings",
+    "PlantTable",
+    "Run",
+    "Settings",
+    "SettingsError",
+    "Track",
+    "controller_presets",
+    "plant_presets",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_MODULES[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]
