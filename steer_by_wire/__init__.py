@@ -12,7 +12,17 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .controller.settings import ControllerSettings
     from .dbc.messages import Mode
+    from .plant_emulator.own_parts import (
+        DisturbanceModel,
+        LatencyModel,
+        PathModel,
+        VehicleModel,
+        VehicleState,
+    )
+    from .plant_emulator.path_shapes import path_of_curvature
+    from .plant_emulator.rig_settings import DisturbanceStep
     from .plant_emulator.settings import PlantSettings
+    from .plant_emulator.waypoints import path_through
     from .run_tables import ControllerTable, PlantTable, Track
     from .runtime.settings import Settings, SettingsError
     from .simulated_run import Run
@@ -21,14 +31,22 @@ if TYPE_CHECKING:
 _MODULES = {
     "ControllerSettings": "controller.settings",
     "ControllerTable": "run_tables",
+    "DisturbanceModel": "plant_emulator.own_parts",
+    "DisturbanceStep": "plant_emulator.rig_settings",
+    "LatencyModel": "plant_emulator.own_parts",
     "Mode": "dbc.messages",
+    "PathModel": "plant_emulator.own_parts",
     "PlantSettings": "plant_emulator.settings",
     "PlantTable": "run_tables",
     "Run": "simulated_run",
     "Settings": "runtime.settings",
     "SettingsError": "runtime.settings",
     "Track": "run_tables",
+    "VehicleModel": "plant_emulator.own_parts",
+    "VehicleState": "plant_emulator.own_parts",
     "controller_presets": "simulation",
+    "path_of_curvature": "plant_emulator.path_shapes",
+    "path_through": "plant_emulator.waypoints",
     "plant_presets": "simulation",
     "simulate": "simulation",
 }
@@ -38,14 +56,22 @@ itself takes the standard library alone."""
 __all__ = [
     "ControllerSettings",
     "ControllerTable",
+    "DisturbanceModel",
+    "DisturbanceStep",
+    "LatencyModel",
     "Mode",
+    "PathModel",
     "PlantSettings",
     "PlantTable",
     "Run",
     "Settings",
     "SettingsError",
     "Track",
+    "VehicleModel",
+    "VehicleState",
     "controller_presets",
+    "path_of_curvature",
+    "path_through",
     "plant_presets",
     "simulate",
 ]

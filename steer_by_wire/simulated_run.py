@@ -62,10 +62,11 @@ class Run(NamedTuple):
             import pandas as pd
         except ImportError as error:
             raise ValueError("to_pandas() needs pandas: pip install pandas") from error
-        return tuple(  # type: ignore[return-value]  # of two
+        plant, controller = (
             pd.DataFrame(table._asdict()).set_index("time_s")
             for table in (self.plant, self.controller)
         )
+        return plant, controller
 
     def plot(self) -> "Figure":
         """Draw error, steer, estimates and latency over time; raises ValueError.
