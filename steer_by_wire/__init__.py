@@ -16,17 +16,20 @@ if TYPE_CHECKING:
         DisturbanceModel,
         LatencyModel,
         PathModel,
+        VehicleInput,
         VehicleModel,
         VehicleState,
     )
     from .plant_emulator.path_shapes import path_of_curvature
     from .plant_emulator.rig_settings import DisturbanceStep
     from .plant_emulator.settings import PlantSettings
+    from .plant_emulator.vehicle import VehicleParams
     from .plant_emulator.waypoints import path_through
     from .run_tables import ControllerTable, PlantTable, Track
     from .runtime.settings import Settings, SettingsError
     from .simulated_run import Run
     from .simulation import controller_presets, plant_presets, simulate
+    from .study_table import run_study
 
 _MODULES = {
     "ControllerSettings": "controller.settings",
@@ -42,12 +45,15 @@ _MODULES = {
     "Settings": "runtime.settings",
     "SettingsError": "runtime.settings",
     "Track": "run_tables",
+    "VehicleInput": "plant_emulator.own_parts",
     "VehicleModel": "plant_emulator.own_parts",
+    "VehicleParams": "plant_emulator.vehicle",
     "VehicleState": "plant_emulator.own_parts",
     "controller_presets": "simulation",
     "path_of_curvature": "plant_emulator.path_shapes",
     "path_through": "plant_emulator.waypoints",
     "plant_presets": "simulation",
+    "run_study": "study_table",
     "simulate": "simulation",
 }
 """Where each name comes from. It is imported when it is first asked for: to import the package
@@ -67,12 +73,15 @@ __all__ = [
     "Settings",
     "SettingsError",
     "Track",
+    "VehicleInput",
     "VehicleModel",
+    "VehicleParams",
     "VehicleState",
     "controller_presets",
     "path_of_curvature",
     "path_through",
     "plant_presets",
+    "run_study",
     "simulate",
 ]
 

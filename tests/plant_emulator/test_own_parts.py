@@ -49,7 +49,7 @@ def test_a_latency_model_equal_to_ours_gives_the_same_bits(engine: Any) -> None:
 
 def test_a_latency_model_has_a_table_of_its_own() -> None:
     network = own(
-        DOWN, "TWO_ROUTES", mean_s=0.02, own__share=0.3, own__slow_s=0.2, order="in_order"
+        DOWN, "TWO_ROUTES", mean_s=0.02, own__share=0.3, own__slow_s=0.2, order="as_arrives"
     )
     virtual = run(network)
     latency_s = virtual.plant.downlink_latency_s
