@@ -20,7 +20,7 @@ STEER_RAD_MAX, MODE_ACTIVE = 0.6, 1
 SILENCE_S, PATIENCE_S = 2.0, 60.0
 
 
-def crc16(data: bytes) -> int:
+def crc16(data: bytes | bytearray) -> int:
     """Return the CRC of AUTOSAR E2E profile 5: polynomial 0x1021, start 0xFFFF."""
     crc = 0xFFFF
     for byte in data:
@@ -32,7 +32,7 @@ def crc16(data: bytes) -> int:
 
 class ForeignController:
     def __init__(self, dbc: Path) -> None:
-        database = cantools.database.load_file(dbc)
+        database: Any = cantools.database.load_file(dbc)
         self.error, self.command = (
             database.get_message_by_name(name) for name in ("LATERAL_ERROR", "STEERING_COMMAND")
         )
@@ -43,7 +43,8 @@ class ForeignController:
         """Return the answer to a measurement, None to all else."""
         if message.arbitration_id != self.error.frame_id or not self.is_intact(message.data):
             return None
-        error_m = self.error.decode(message.data, allow_truncated=False)["LATERAL_ERROR"]
+        decoded: Any = self.error.decode(bytes(message.data))
+        error_m = decoded["LATERAL_ERROR"]
         if not isinstance(error_m, float):  # NOT_AVAILABLE is a word
             return None
         change_m = error_m - (self.errors_m[-1] if self.errors_m else error_m)
@@ -54,9 +55,9 @@ class ForeignController:
         return self.steer(min(max(steer_rad, -STEER_RAD_MAX), STEER_RAD_MAX))
 
     def steer(self, steer_rad: float) -> can.Message:
-        values = {"STEER": steer_rad, "COMMAND_COUNTER": self.sent % 65536, "MODE": MODE_ACTIVE}
-        header = {"CRC": 0, "COUNTER": self.sent % 256}
-        data = bytearray(self.command.encode(values | header))
+        counters = {"COUNTER": self.sent % 256, "COMMAND_COUNTER": self.sent % 65536}
+        values = {"CRC": 0, "STEER": steer_rad, "MODE": MODE_ACTIVE, **counters}
+        data = bytearray(self.command.encode(values))
         data[:2] = crc16(data[2:] + data_id(self.command)).to_bytes(2, "little")
         self.sent += 1
         return can.Message(arbitration_id=self.command.frame_id, data=data, is_extended_id=False)

@@ -38,9 +38,8 @@ def main(folder: Path = Path("out/examples")) -> list[Run]:
         run = simulate(duration_s=30.0, overrides={"plant.latency.downlink": network})
         label = f"{order}, RMS {1e3 * run.lateral_error_rms_m:.1f} mm"
         error.plot(run.plant.time_s, 1e3 * run.plant.lateral_error_m, label=label)
-        latency.hist(
-            1e3 * run.plant.downlink_latency_s, bins=range(0, 200, 10), histtype="step", label=order
-        )
+        latency_ms = 1e3 * run.plant.downlink_latency_s
+        latency.hist(latency_ms, bins=range(0, 200, 10), histtype="step", label=order)
         runs.append(run)
     error.set(xlabel="time [s]", ylabel="lateral error [mm]")
     latency.set(xlabel="latency of the command in effect [ms]", ylabel="samples")

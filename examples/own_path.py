@@ -5,6 +5,7 @@ PYTHONPATH=examples plant-emulator --set path.kind=own --set path.model=own_path
 """
 
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 from pydantic import Field
@@ -18,7 +19,7 @@ class Slalom(Settings):  # [path.own] of a settings file
     curvature_1_m: float = Field(0.05, gt=0.0, le=0.2)
 
 
-def slalom(own: Slalom) -> object:
+def slalom(own: Slalom) -> Any:
     """Return a road that bends to the left and right in turn; straight before and after."""
     points, start_m = [(5.0, 0.0)], 5.0
     for bend in range(own.bends):

@@ -6,6 +6,7 @@ PYTHONPATH=examples plant-emulator --set vehicle.model=own_vehicle:SATURATING
 
 from math import tanh
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 from pydantic import Field
@@ -46,14 +47,14 @@ SATURATING = VehicleModel(rates, settings=Tyres)
 
 
 def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
-    road = {
+    road: dict[str, Any] = {
         "plant.vehicle.speed_km_h": 40.0,
         # The steering is to refuse nothing: it would keep the tyres from their limits.
         "plant.safety.lateral_acceleration_m_s2_max": "off",
         "plant.safety.lateral_jerk_m_s3_max": "off",
         "plant.path": {"kind": "single_lane_change", "start_m": 20.0, "length_m": 30.0},
     }
-    own = {"plant.vehicle.model": f"{Path(__file__).stem}:SATURATING"}
+    own: dict[str, Any] = {"plant.vehicle.model": f"{Path(__file__).stem}:SATURATING"}
     kinds = {
         "linear": {},
         "saturating at 5 kN": own,
