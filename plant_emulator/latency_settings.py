@@ -104,7 +104,7 @@ class LatencySettings(Settings):
 
     @property
     def quantile(self) -> Quantile:
-        """The quantile function; that of another package raises SettingsError where it fails."""
+        """The quantile function; that of another package raises PartError where it fails."""
         if isinstance(self.model, Distribution):
             return QUANTILES[self.model]
         return own_quantile(self.model, self.own)

@@ -32,7 +32,7 @@ class OwnMotion:
         self._vehicle = vehicle_params(settings)
 
     def advance(self, p: MotionParams, x: MotionState, to_ns: int) -> MotionState:
-        """Return the state at ``to_ns`` >= its time; raises SettingsError where the model fails."""
+        """Return the state at ``to_ns`` >= its time; raises PartError where the model fails."""
         while True:
             event_ns = min(x.wheel.end_ns, x.place_end_ns, x.interval_end_ns)
             end_ns = min(to_ns, event_ns, x.time_ns + STEP_NS)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from pydantic import AfterValidator, Field, PlainValidator, SerializeAsAny, WithJsonSchema
 
-from ..runtime.own_part import asked, find_part, own_table
-from ..runtime.settings import Settings, SettingsError
+from ..runtime.own_part import PartError, asked, find_part, own_table
+from ..runtime.settings import Settings
 from .latency_profile import LATENCY_S_MAX
 from .path import Path
 from .vehicle import VehicleParams
@@ -120,13 +120,13 @@ DisturbancePlace = Annotated[str, AfterValidator(_checked(find_disturbance_model
 
 
 def own_quantile(place: str, own: Settings | None) -> Callable[[float, float, float], float]:
-    """Return the quantile function of a latency model; it raises SettingsError."""
+    """Return the quantile function of a latency model; it raises PartError."""
     model, what = find_latency_model(place), f"latency model {place}"
 
     def quantile(u: float, mean_s: float, spread_s: float) -> float:
         latency_s = asked(what, model.quantile, u, mean_s, spread_s, own)
         if not (isinstance(latency_s, float | int) and 0.0 <= latency_s <= LATENCY_S_MAX):
-            raise SettingsError(
+            raise PartError(
                 f"{what} gives {latency_s!r} s at u = {u:g}, mean_s = {mean_s:g}, spread_s ="
                 f" {spread_s:g} (allowed: number from 0, up to {LATENCY_S_MAX:g})"
             )
@@ -136,11 +136,11 @@ def own_quantile(place: str, own: Settings | None) -> Callable[[float, float, fl
 
 
 def own_path(place: str, own: Settings | None) -> Path:
-    """Return the path of a path model; raises SettingsError."""
+    """Return the path of a path model; raises PartError."""
     what = f"path model {place}"
     path = asked(what, find_path_model(place).build, own)
     if not isinstance(path, Path):
-        raise SettingsError(
+        raise PartError(
             f"{what} gives a {type(path).__name__}: it has to be what path_through or"
             " path_of_curvature give"
         )

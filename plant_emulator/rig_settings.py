@@ -9,8 +9,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from ..runtime.own_part import asked
-from ..runtime.settings import Settings, SettingsError
+from ..runtime.own_part import PartError, asked
+from ..runtime.settings import Settings
 from .own_parts import (
     OWN_TABLE,
     DisturbancePlace,
@@ -205,7 +205,7 @@ class DisturbanceSettings(Settings):
 
     @property
     def all_steps(self) -> tuple[DisturbanceStep, ...]:
-        """The steps, whoever gives them; those of another package raise SettingsError."""
+        """The steps, whoever gives them; those of another package raise PartError."""
         if self.model is None:
             return self.steps
         what = f"disturbance model {self.model}"
@@ -215,7 +215,7 @@ class DisturbanceSettings(Settings):
         except ValidationError as error:
             mistake = error.errors(include_url=False)[0]
             where = ".".join(map(str, mistake["loc"]))
-            raise SettingsError(f"{what} gives {where or 'steps'}: {mistake['msg']}") from error
+            raise PartError(f"{what} gives {where or 'steps'}: {mistake['msg']}") from error
 
 
 class SensorNoiseSettings(Settings):

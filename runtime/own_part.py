@@ -25,6 +25,10 @@ class Part(Protocol):
         ...
 
 
+class PartError(SettingsError):
+    """A part has failed, or gives what is not allowed; the text is one line."""
+
+
 P = TypeVar("P", bound=Part)
 R = TypeVar("R")
 
@@ -85,14 +89,14 @@ def own_table(
 
 
 def asked(what: str, function: Callable[..., R], *arguments: object) -> R:
-    """Return what a part's function gives; what it raises becomes a SettingsError of one line.
+    """Return what a part's function gives; what it raises becomes a PartError.
 
     ``what``  the part, as "latency model package.module:ATTRIBUTE"
     """
     try:
         return function(*arguments)
     except Exception as error:
-        raise SettingsError(f"{what} raises {cause(error)}") from error
+        raise PartError(f"{what} raises {cause(error)}") from error
 
 
 def cause(error: BaseException) -> str:

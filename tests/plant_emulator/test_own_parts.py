@@ -8,7 +8,10 @@ import pytest
 
 from steer_by_wire import Run, SettingsError, simulate
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.emulated_bus.launch import launched_broker
+from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.runtime.settings import dump_toml, load_settings
+from tests.support.running_program import running
 from tests.support.small_study import make_scenarios
 
 PARTS = "tests.support.own_parts"
@@ -202,3 +205,17 @@ def test_a_vehicle_that_grows_without_bound_ends_the_run_safely() -> None:
     made = run(own("plant.vehicle", "EXPLODES"))
     assert made.outcome == made.plant_report["failure"] != ""
     assert np.isfinite(made.plant.lateral_error_m).all()
+
+
+def test_one_that_fails_on_a_bus_leaves_a_report_and_one_line(tmp_path: Path) -> None:
+    report = tmp_path / "plant.json"
+    network = ("latency.uplink.mean_s=0.01", f"latency.uplink.model={PARTS}:RARELY_NAN")
+    sets = [word for key in network for word in ("--set", key)]
+    with launched_broker() as address:
+        bus = ("-i", "emulated", "-c", "can0", "--bus-kwargs", f"address={address}")
+        with running("steer_by_wire.plant_emulator", [*bus, *sets], report) as plant:
+            assert plant.end() == ExitStatus.SETTINGS
+            errors = [line for line in plant.printed if "error:" in line]
+            assert len(errors) == 1
+            assert f"latency model {PARTS}:RARELY_NAN gives nan s at u = 0.6" in errors[0]
+            assert errors[0].endswith(plant.report()["ended_by"])

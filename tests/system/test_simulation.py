@@ -200,7 +200,15 @@ def test_every_public_name_is_there_and_has_a_docstring() -> None:
         _ = steer_by_wire.simulat
 
 
-@pytest.mark.parametrize("name", ["steer_by_wire", "steer_by_wire.simulation"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "steer_by_wire",
+        "steer_by_wire.simulation",
+        "steer_by_wire.plant_emulator.path_shapes",
+        "steer_by_wire.plant_emulator.waypoints",
+    ],
+)
 def test_the_examples_of_the_docstrings_run(name: str) -> None:
     result = doctest.testmod(import_module(name), optionflags=doctest.ELLIPSIS)
     assert result.attempted > 0
