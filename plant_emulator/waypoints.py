@@ -45,7 +45,7 @@ def path_through(points: Sequence[tuple[float, float]], *, closed: bool = False)
 
     >>> road = path_through([(0.0, 0.0), (10.0, 0.0), (20.0, 1.0), (30.0, 1.0)])
     >>> road.closed, round(road.length_m, 2)
-    (False, 30.13)
+    (False, 30.06)
     """
     points = [*points]
     if not POINTS_MIN <= len(points) <= POINTS_MAX:
