@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .controller.laws import Law, LawInput, LawOutput
     from .controller.settings import ControllerSettings
     from .dbc.messages import Mode
     from .plant_emulator.own_parts import (
@@ -37,6 +38,9 @@ _MODULES = {
     "DisturbanceModel": "plant_emulator.own_parts",
     "DisturbanceStep": "plant_emulator.rig_settings",
     "LatencyModel": "plant_emulator.own_parts",
+    "Law": "controller.laws",
+    "LawInput": "controller.laws",
+    "LawOutput": "controller.laws",
     "Mode": "dbc.messages",
     "PathModel": "plant_emulator.own_parts",
     "PlantSettings": "plant_emulator.settings",
@@ -65,6 +69,9 @@ __all__ = [
     "DisturbanceModel",
     "DisturbanceStep",
     "LatencyModel",
+    "Law",
+    "LawInput",
+    "LawOutput",
     "Mode",
     "PathModel",
     "PlantSettings",

@@ -6,13 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steer_by_wire import Run, SettingsError, simulate
+from steer_by_wire import Run, SettingsError, run_study, simulate
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.runtime.settings import dump_toml, load_settings
 from tests.support.running_program import running
-from tests.support.small_study import make_scenarios
 
 PARTS = "tests.support.own_parts"
 DOWN = "plant.latency.downlink"
@@ -96,16 +95,14 @@ def test_the_rig_s_own_equations_put_in_for_it_give_its_motion() -> None:
         )
 
 
-def test_compiled_runs_refuse_other_equations_and_studies_leave_them_to_the_nodes(
-    tmp_path: Path,
-) -> None:
-    from steer_by_wire.studies.compute import Computer
-    from steer_by_wire.studies.figures import COLUMNS
-
-    with pytest.raises(SettingsError, match=r"vehicle\.model = 'tests.*:SAME': compiled runs have"):
+def test_compiled_runs_and_studies_refuse_other_equations(tmp_path: Path) -> None:
+    line = r"vehicle\.model = 'tests.*:SAME': compiled runs have"
+    with pytest.raises(SettingsError, match=line):
         run(own("plant.vehicle", "SAME"), engine="compiled")
-    done = Computer(make_scenarios(tmp_path, STUDY)).compute([0], lambda: False)
-    assert done.figures[0][COLUMNS.index("by_nodes")] == 1.0
+    file = tmp_path / "study.toml"
+    file.write_text(STUDY, encoding="utf-8")
+    with pytest.raises(SettingsError, match=f"run 0: {line}"):
+        run_study(file)
 
 
 @pytest.mark.parametrize("engine", ["virtual", "compiled"])

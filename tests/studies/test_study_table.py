@@ -15,7 +15,7 @@ def test_the_columns_are_those_that_are_stored(tmp_path: Path) -> None:
     table = run_study(tmp_path / "study.toml")
     assert {len(column) for column in table.values()} == {stored.num_rows} == {48}
     shared = [name for name in table if name in stored.column_names]
-    assert {"controller", "replicate", "verdict", "rms_m", "by_nodes"} <= set(shared)
+    assert {"controller", "replicate", "verdict", "rms_m"} <= set(shared)
     for name in shared:
         np.testing.assert_array_equal(
             table[name], stored[name].to_numpy(zero_copy_only=False), err_msg=name

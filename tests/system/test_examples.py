@@ -83,6 +83,12 @@ def check_own_disturbance(runs: Any) -> None:
     assert 0.4 < ddob < pd < 1.2
 
 
+def check_own_law(runs: Any) -> None:
+    pd_mm, own_mm = map(rms_mm, runs.values())
+    assert 28.0 < pd_mm < 35.0
+    assert 9.0 < own_mm < 13.0
+
+
 CHECKS: dict[str, Callable[[Any], None]] = {
     "first_loop": check_first_loop,
     "own_network_from_a_log": check_own_network,
@@ -91,6 +97,7 @@ CHECKS: dict[str, Callable[[Any], None]] = {
     "own_path": check_own_path,
     "own_vehicle": check_own_vehicle,
     "own_disturbance": check_own_disturbance,
+    "own_law": check_own_law,
 }
 
 
