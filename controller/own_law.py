@@ -7,11 +7,11 @@ command, starts the law anew once, and then stops safely.
 
 from collections.abc import Callable
 from functools import cache
-from importlib import import_module
 from math import isfinite, nan
 from typing import Any
 
 from ..dbc.messages import Law as LawNumber
+from ..runtime.own_part import cause, find_part
 from .law_interface import LawInput, LawOutput
 from .law_record import Law
 
@@ -41,21 +41,10 @@ def find_own_law(name: str) -> Law:
     place = place_of(name)
     if place is None:
         raise NoLawError(f"there is no law {name}")
-    module_name, _, attribute = place.partition(":")
-    law: Any
     try:
-        law = import_module(module_name)
-    except (Exception, SystemExit) as error:
-        cause = f"{type(error).__name__}: {error}".splitlines()[0]
-        raise NoLawError(f"the module {module_name} cannot be imported: {cause}") from error
-    for part in attribute.split("."):
-        try:
-            law = getattr(law, part)
-        except AttributeError as error:
-            raise NoLawError(f"the module {module_name} has no {attribute}") from error
-    if not isinstance(law, Law):
-        kind = type(law).__name__
-        raise NoLawError(f"is no law but of type {kind}: it has to be a controller.laws.Law")
+        law = find_part(place, Law, "law")
+    except ValueError as error:
+        raise NoLawError(str(error)) from error
     return law._replace(number=LawNumber.CUSTOM)
 
 
@@ -95,7 +84,7 @@ class Guard:
             return None
 
     def _note(self, error: Exception) -> None:
-        self.mistake = f"{type(error).__name__}: {error}".splitlines()[0]
+        self.mistake = cause(error)
 
 
 def numbers_or_none(output: LawOutput) -> LawOutput:

@@ -12,15 +12,12 @@ from typing import NamedTuple
 from matplotlib.figure import Figure
 from pydantic import PositiveFloat
 
+from steer_by_wire import Law, LawInput, LawOutput, Run, Settings, simulate
 from steer_by_wire.controller.design import design_pd
 from steer_by_wire.controller.law_settings import LawSettings
-from steer_by_wire.controller.laws import Law, LawInput, LawOutput, last_command
+from steer_by_wire.controller.laws import last_command
 from steer_by_wire.controller.pd import PdParams, pd_at_rest, pd_step
 from steer_by_wire.controller.sections import SectionState
-from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.pair.virtual import run_virtual_pair
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import Settings, load_settings, read_preset
 
 
 class OwnTable(Settings):  # [own_law] of a settings file; C(s) is that of [pd]
@@ -61,21 +58,23 @@ def at_rest(p: Params, lateral_error_m: float) -> State:
 LAW = Law(step, at_rest, design, settings=OwnTable, commands_read=last_command)
 
 
-def main(folder: Path = Path("out/examples")) -> None:
-    rig = read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal")
-    push = "disturbance.steps=[{at_s=10, steering_offset_rad=0.02}]"
-    plant = load_settings(PlantSettings, rig, overrides=["latency.downlink.mean_s=0.08", push])
-    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
+def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
+    network = {
+        "plant.latency.downlink.mean_s": 0.08,
+        "plant.disturbance.steps": [{"at_s": 10.0, "steering_offset_rad": 0.02}],
+    }
+    figure = Figure(figsize=(8.0, 4.0), layout="constrained", dpi=110)
     axes = figure.subplots()
-    for law in ("pd", "own_law:LAW"):
-        preset = read_preset("steer_by_wire.controller.presets", "practical_pd")
-        controller = load_settings(ControllerSettings, preset, overrides=[f"law={law}"])
-        trace = run_virtual_pair(plant, controller).trace
-        axes.plot(trace.time_s, 1e3 * trace.lateral_error_m, label=law)
+    runs = {}
+    for law in ("pd", f"{Path(__file__).stem}:LAW"):
+        run = simulate(controller="practical_pd", law=law, overrides=network)
+        axes.plot(run.plant.time_s, 1e3 * run.plant.lateral_error_m, label=law)
+        runs[law] = run
     axes.set(xlabel="time [s]", ylabel="lateral error [mm]")
     axes.legend()
     folder.mkdir(parents=True, exist_ok=True)
-    figure.savefig(folder / "own_law.png", dpi=110)
+    figure.savefig(folder / "own_law.png")
+    return runs
 
 
 if __name__ == "__main__":

@@ -43,7 +43,7 @@ def disturbance_intervals(
     """Return the profile; its first interval starts with the motion, at 0."""
     load = _Load()
     intervals = [_interval(0, load, settings.side_force_arm_m, vehicle)]
-    for step in settings.steps:
+    for step in settings.all_steps:
         load = load._replace(**step.model_dump(exclude={"at_s"}, exclude_none=True))
         start_ns = round(step.at_s * NS_PER_S)
         if intervals[-1].start_ns == start_ns:

@@ -73,7 +73,9 @@ def gamma_quantile(u: float, mean_s: float, spread_s: float) -> float:
     return mean_s / shape * float(gammaincinv(shape, u))
 
 
-QUANTILES: dict[Distribution, Callable[[float, float, float], float]] = {
+Quantile = Callable[[float, float, float], float]
+
+QUANTILES: dict[Distribution, Quantile] = {
     Distribution.CONSTANT: constant_quantile,
     Distribution.UNIFORM: uniform_quantile,
     Distribution.NORMAL: normal_quantile,

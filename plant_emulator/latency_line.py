@@ -75,7 +75,7 @@ class LatencyLine(Generic[Item]):
         self._settings = settings
         self._uniforms = uniforms
         self._duplicate_uniforms = duplicate_uniforms
-        self._quantile = QUANTILES[settings.model]
+        self._quantile = settings.quantile
         self._schedule = tuple(
             ProfilePoint(point.time_s, point.mean_s, point.spread_s, point.loss)
             for point in settings.schedule

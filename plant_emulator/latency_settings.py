@@ -3,16 +3,38 @@
 from enum import StrEnum
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
+from pydantic_core import PydanticKnownError
 
 from ..runtime.settings import Settings
-from .latency import Distribution
+from .latency import QUANTILES, Distribution, Quantile
 from .latency_profile import LATENCY_S_MAX, Shape, read_trace
+from .own_parts import OWN_TABLE, LatencyTable, find_latency_model, own_quantile
 
 LatencySeconds = Annotated[float, Field(ge=0.0, le=LATENCY_S_MAX)]
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+_TRIED = (0.001, 0.5, 0.999)
+"""Uniforms at which a latency model of another package is tried before it is believed."""
+
+
+def _known_model(name: Any) -> Distribution | str:
+    if isinstance(name, str) and ":" in name:
+        find_latency_model(name)
+        return name
+    known = [*Distribution]
+    if name not in known:
+        raise PydanticKnownError("enum", {"expected": ", ".join(known)})
+    return Distribution(name)
+
+
+LatencyModelName = Annotated[
+    Distribution | str,
+    PlainValidator(_known_model),
+    WithJsonSchema({"enum": [*Distribution], "type": "string"}),
+]
+"""One of ours, or ``package.module:ATTRIBUTE`` of a ``LatencyModel``."""
 
 
 class Order(StrEnum):
@@ -38,7 +60,8 @@ class SchedulePoint(Settings):
 class LatencySettings(Settings):
     """What the network does to frames in one direction; the default is nothing at all."""
 
-    model: Distribution = Distribution.CONSTANT
+    model: LatencyModelName = Distribution.CONSTANT
+    own: LatencyTable = OWN_TABLE
     mean_s: LatencySeconds = 0.0
     spread_s: LatencySeconds = 0.0
     """Standard deviation."""
@@ -74,7 +97,17 @@ class LatencySettings(Settings):
             if self.schedule:
                 raise ValueError("schedule and trace_file exclude each other")
             _check_trace(self.trace_file)
+        if not isinstance(self.model, Distribution):
+            for u in _TRIED:
+                self.quantile(u, self.mean_s, self.spread_s)
         return self
+
+    @property
+    def quantile(self) -> Quantile:
+        """The quantile function; that of another package raises PartError where it fails."""
+        if isinstance(self.model, Distribution):
+            return QUANTILES[self.model]
+        return own_quantile(self.model, self.own)
 
 
 class BothLatencySettings(Settings):

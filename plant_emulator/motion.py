@@ -12,6 +12,7 @@ behind the path's start.
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 from ..runtime.node import NEVER_NS, NS_PER_S
@@ -148,7 +149,7 @@ def has_finite_vehicle(z: LinearState) -> bool:
     )
 
 
-def _with_vehicle(
+def with_vehicle(
     x: MotionState,
     side_slip_rad: float,
     yaw_rate_rad_s: float,
@@ -160,16 +161,22 @@ def _with_vehicle(
     return x._replace(linear=linear)
 
 
+Advance = Callable[[MotionParams, MotionState, int], MotionState]
+
+
 class Motion:
     """Holds the state of one motion; every read-out is the one at ``time_ns``, and finite.
 
     An unstable vehicle that nobody holds grows without bound: (1) is linear. When its state is
     finite no more, the vehicle stays in its last state that was, for good, while the wheel and the
     path go on; ``is_finite`` says so.
+
+    ``advance``  ``advance_motion``, or what has other equations of motion
     """
 
-    def __init__(self, params: MotionParams) -> None:
+    def __init__(self, params: MotionParams, advance: Advance = advance_motion) -> None:
         self._params = params
+        self._advance = advance
         self._state = start_motion(params)
         self._is_finite = True
 
@@ -183,13 +190,13 @@ class Motion:
             raise ValueError(f"cannot move from {self._state.time_ns} ns back to {to_ns} ns")
         before = self._state
         if self._is_finite:
-            self._state = advance_motion(self._params, before, to_ns)
+            self._state = self._advance(self._params, before, to_ns)
             self._is_finite = has_finite_vehicle(self._state.linear)
         if not self._is_finite:
             # From a vehicle at rest: nothing else depends on where it is.
-            started = _with_vehicle(before, 0.0, 0.0, 0.0, 0.0)
+            started = with_vehicle(before, 0.0, 0.0, 0.0, 0.0)
             after = advance_motion(self._params, started, to_ns)
-            self._state = _with_vehicle(after, *before.linear[:4])
+            self._state = with_vehicle(after, *before.linear[:4])
 
     @property
     def path(self) -> Path:

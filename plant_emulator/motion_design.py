@@ -62,34 +62,39 @@ def design_motion_arrays(
     disturbance: DisturbanceSettings,
 ) -> MotionParams:
     """Return the same on a path that is built, with arrays for ``table`` and ``first_rows``."""
-    vehicle_params = VehicleParams(
-        vehicle.speed_km_h / 3.6,
-        vehicle.virtual_mass_kg,
-        vehicle.yaw_inertia_kg_m2,
-        vehicle.front_cornering_stiffness_n_rad,
-        vehicle.rear_cornering_stiffness_n_rad,
-        vehicle.front_axle_m,
-        vehicle.rear_axle_m,
-        vehicle.preview_m,
-    )
+    params = vehicle_params(vehicle)
     actuator_params = ActuatorParams(
         actuator.lag_s,
         math.inf if actuator.angle_limit_rad is None else actuator.angle_limit_rad,
         math.inf if actuator.rate_limit_rad_s is None else actuator.rate_limit_rad_s,
         actuator.dead_band_rad,
     )
-    intervals = disturbance_intervals(disturbance, vehicle_params)
+    intervals = disturbance_intervals(disturbance, params)
     table: Any
     first_rows: Any
-    table, first_rows = _transitions(vehicle_params, actuator_params, intervals)
+    table, first_rows = _transitions(params, actuator_params, intervals)
     return MotionParams(
-        vehicle_params.speed_m_s,
-        vehicle_params.preview_m,
+        params.speed_m_s,
+        params.preview_m,
         actuator_params,
         path,
         intervals,
         table,
         first_rows,
+    )
+
+
+def vehicle_params(settings: VehicleSettings) -> VehicleParams:
+    """Return the vehicle that the settings describe."""
+    return VehicleParams(
+        settings.speed_km_h / 3.6,
+        settings.virtual_mass_kg,
+        settings.yaw_inertia_kg_m2,
+        settings.front_cornering_stiffness_n_rad,
+        settings.rear_cornering_stiffness_n_rad,
+        settings.front_axle_m,
+        settings.rear_axle_m,
+        settings.preview_m,
     )
 
 

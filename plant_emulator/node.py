@@ -39,9 +39,9 @@ from ..runtime.frame import Frame
 from ..runtime.node import NEVER_NS
 from ..runtime.periodic import PeriodicTimer
 from .latency_line import Passage
-from .motion import Motion
 from .motion_design import MotionParams, design_motion
 from .network import Network
+from .own_motion import make_motion
 from .path import Path
 from .plant_messages import PlantMessages
 from .plant_report import line_report, motion_report
@@ -95,7 +95,8 @@ class PlantNode:
         self._seed = settings.seed
         self._duration_ns = settings.duration_ns
         self._motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
-        self._motion = Motion(motion_params(settings) if params is None else params)
+        params = motion_params(settings) if params is None else params
+        self._motion = make_motion(settings.vehicle, params)
         self._unit = SteeringUnit(
             design_guard(settings.safety, settings.vehicle, settings.actuator)
         )
@@ -126,6 +127,11 @@ class PlantNode:
     def finished(self) -> bool:
         """Whether the motion has lasted as long as it was to, or a fault has ended it."""
         return self._finished
+
+    @property
+    def motion_start_ns(self) -> int:
+        """When the motion started [ns]; NEVER_NS before."""
+        return self._motion_start_ns
 
     @property
     def samples(self) -> Sequence[PlantSample]:

@@ -9,17 +9,20 @@ other lane, 25 m along it, 25 m back.
 """
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from .circular import cos_and_sin
 from .curve import CurvePoints, Floats, path_along
+from .own_parts import own_path
 from .path import Path, Pose, along_clothoid
 from .rig_settings import (
     CircleSettings,
     DoubleLaneChangeSettings,
     EllipseSettings,
+    OwnPathSettings,
     PathSettings,
     SingleLaneChangeSettings,
     StraightSettings,
@@ -56,11 +59,13 @@ def build_path(settings: PathSettings) -> Path:
             from .waypoints import waypoint_path
 
             return waypoint_path(settings.file, closed=settings.closed)
+        case OwnPathSettings():
+            return own_path(settings.model, settings.own)
 
 
 def straight() -> Path:
     """Return the x axis."""
-    return _open_path([])
+    return path_of_curvature([])
 
 
 def circle(radius_m: float) -> Path:
@@ -88,7 +93,7 @@ def single_lane_change(start_m: float, offset_m: float, length_m: float) -> Path
 
     Both are measured across and along the road; |offset| may be half the length.
     """
-    return _open_path(_lane_change(start_m, offset_m, length_m))
+    return path_of_curvature(_lane_change(start_m, offset_m, length_m))
 
 
 def double_lane_change(start_m: float, offset_m: float, length_m: float) -> Path:
@@ -96,7 +101,7 @@ def double_lane_change(start_m: float, offset_m: float, length_m: float) -> Path
     way_out = _lane_change(start_m, offset_m, length_m)
     side_lane_m = ISO_3888_1_SIDE_LANE * length_m
     back_m = way_out[-1][0] + side_lane_m
-    return _open_path(way_out + _lane_change(back_m, -offset_m, side_lane_m))
+    return path_of_curvature(way_out + _lane_change(back_m, -offset_m, side_lane_m))
 
 
 def _lane_change(start_m: float, offset_m: float, length_m: float) -> list[BreakPoint]:
@@ -122,11 +127,26 @@ def _shape(start_m: float, peak_1_m: float, arc_m: float) -> list[BreakPoint]:
 
 
 def _end_of(points: list[BreakPoint]) -> Pose:
-    return _open_path(points).pose[-1]
+    return path_of_curvature(points).pose[-1]
 
 
-def _open_path(points: list[BreakPoint]) -> Path:
-    """Return the path eastward through break points of continuous curvature, straight around."""
+def path_of_curvature(points: Sequence[BreakPoint]) -> Path:
+    """Return the path that starts eastward and has these curvatures, straight before and after.
+
+    ``points``  (arc length [m] from 0 on, curvature there [1/m]) with arc lengths that rise, the
+                last with curvature 0; between two points the curvature is linear (a clothoid)
+
+    Raises ValueError.
+
+    >>> road = path_of_curvature([(10.0, 0.0), (15.0, 0.02), (20.0, 0.0)])
+    >>> road.length_m, round(road.pose[-1].heading_rad, 9)
+    (20.0, 0.1)
+    """
+    points = [*points]
+    if any(later[0] <= earlier[0] for earlier, later in pairwise(points)):
+        raise ValueError("arc lengths must rise")
+    if points and (points[0][0] < 0.0 or points[-1][1] != 0.0):
+        raise ValueError("the first arc length must not be negative, the last curvature must be 0")
     if not points or points[0][0] > 0.0:
         points = [(0.0, 0.0), *points]
     slopes = [

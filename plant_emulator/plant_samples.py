@@ -25,6 +25,7 @@ class PlantSample(NamedTuple):
     downlink_latency_s: float  # of the command in effect
     uplink_latency_s: float  # of the measurement that left last
     curvature_1_m: float
+    side_slip_rad: float
 
 
 class PlacedSample(NamedTuple):
@@ -97,6 +98,7 @@ class RunRecord:
                 math.nan if command is None else command.latency_ns * 1e-9,
                 uplink_latency_s,
                 z.curvature_1_m,
+                z.side_slip_rad,
             )
         )
 

@@ -7,9 +7,20 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
+from ..runtime.own_part import PartError, asked
 from ..runtime.settings import Settings
+from .own_parts import (
+    OWN_TABLE,
+    DisturbancePlace,
+    DisturbanceTable,
+    PathPlace,
+    PathTable,
+    VehiclePlace,
+    VehicleTable,
+    find_disturbance_model,
+)
 
 
 class VehicleSettings(Settings):
@@ -31,6 +42,9 @@ class VehicleSettings(Settings):
     """From the centre of gravity to the rear axle."""
     preview_m: float = Field(1.912, ge=0.0, le=100.0)
     """From the centre of gravity to the point whose lateral error is measured."""
+    model: VehiclePlace | None = None
+    """Equations of motion of another package (``VehicleModel``), instead of (1)."""
+    own: VehicleTable = OWN_TABLE
 
 
 LAG_S_MIN = 1e-6
@@ -127,13 +141,23 @@ class WaypointSettings(Settings):
     """Whether the path returns from the last point to the first."""
 
 
+class OwnPathSettings(Settings):
+    """`[path]`: a path of another package."""
+
+    kind: Literal["own"] = "own"
+    model: PathPlace
+    """``package.module:ATTRIBUTE`` of a ``PathModel``."""
+    own: PathTable = OWN_TABLE
+
+
 PathSettings = Annotated[
     StraightSettings
     | CircleSettings
     | EllipseSettings
     | SingleLaneChangeSettings
     | DoubleLaneChangeSettings
-    | WaypointSettings,
+    | WaypointSettings
+    | OwnPathSettings,
     Field(discriminator="kind"),
 ]
 """`[path]`: one table per kind of path."""
@@ -160,6 +184,9 @@ class DisturbanceSettings(Settings):
     side_force_arm_m: float = Field(0.0, ge=-20.0, le=20.0)
     """Where the side force acts, ahead of the centre of gravity."""
     steps: tuple[DisturbanceStep, ...] = Field((), max_length=10_000)
+    model: DisturbancePlace | None = None
+    """Steps of another package (``DisturbanceModel``), instead of those above."""
+    own: DisturbanceTable = OWN_TABLE
 
     @model_validator(mode="after")
     def _steps_follow_each_other(self) -> Self:
@@ -170,7 +197,25 @@ class DisturbanceSettings(Settings):
         frictions = {step.friction for step in self.steps if step.friction is not None}
         if len(frictions) > 16:
             raise ValueError(f"at most 16 different values of friction, not {len(frictions)}")
+        if self.model is not None:
+            if self.steps:
+                raise ValueError("steps and model exclude each other")
+            _ = self.all_steps
         return self
+
+    @property
+    def all_steps(self) -> tuple[DisturbanceStep, ...]:
+        """The steps, whoever gives them; those of another package raise PartError."""
+        if self.model is None:
+            return self.steps
+        what = f"disturbance model {self.model}"
+        steps = asked(what, lambda: tuple(find_disturbance_model(self.model or "").steps(self.own)))
+        try:
+            return DisturbanceSettings(steps=steps).steps
+        except ValidationError as error:
+            mistake = error.errors(include_url=False)[0]
+            where = ".".join(map(str, mistake["loc"]))
+            raise PartError(f"{what} gives {where or 'steps'}: {mistake['msg']}") from error
 
 
 class SensorNoiseSettings(Settings):

@@ -5,6 +5,7 @@ with ``#`` are skipped. The spline's curvature is continuous and the path meets 
 """
 
 import math
+from collections.abc import Sequence
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -27,15 +28,36 @@ def waypoint_path(file: FilePath, *, closed: bool) -> Path:
 
     Raises SettingsError in one line that names the file and, where it can, the line in it.
     """
-    points = _read(file)
+    try:
+        return path_through(_read(file), closed=closed)
+    except SettingsError:
+        raise
+    except ValueError as error:
+        raise SettingsError(f"{file}: {error}") from error
+
+
+def path_through(points: Sequence[tuple[float, float]], *, closed: bool = False) -> Path:
+    """Return the smooth path through points (x [m], y [m]): a cubic spline.
+
+    ``closed``  whether it returns from the last point to the first
+
+    Raises ValueError.
+
+    >>> road = path_through([(0.0, 0.0), (10.0, 0.0), (20.0, 1.0), (30.0, 1.0)])
+    >>> road.closed, round(road.length_m, 2)
+    (False, 30.06)
+    """
+    points = [*points]
+    if not POINTS_MIN <= len(points) <= POINTS_MAX:
+        raise ValueError(f"must hold {POINTS_MIN} to {POINTS_MAX} points, not {len(points)}")
     if closed and points[0] != points[-1]:
         points = [*points, points[0]]
     xy = np.array(points)
     chords = np.sqrt(np.square(np.diff(xy, axis=0)).sum(axis=1))
     if chords.min() < DISTANCE_MIN_M:
         number = int(np.argmin(chords)) + 2
-        raise SettingsError(
-            f"{file}: point {number} repeats the one before it, or is nearer than"
+        raise ValueError(
+            f"point {number} repeats the one before it, or is nearer than"
             f" {DISTANCE_MIN_M:g} m to it"
         )
     knots = np.concatenate(([0.0], np.cumsum(chords)))
@@ -45,10 +67,7 @@ def waypoint_path(file: FilePath, *, closed: bool) -> Path:
     def curve(t: Floats) -> CurvePoints:
         return CurvePoints(*spline(t).T, *first(t).T, *second(t).T)
 
-    try:
-        return path_along(curve, knots, closed=closed)
-    except ValueError as error:
-        raise SettingsError(f"{file}: {error}") from error
+    return path_along(curve, knots, closed=closed)
 
 
 def _read(file: FilePath) -> list[tuple[float, float]]:
@@ -67,12 +86,7 @@ def _read(file: FilePath) -> list[tuple[float, float]]:
     ]
     if not rows or rows[0][1] != HEADER:
         raise SettingsError(f"{file}: must start with the header {','.join(HEADER)}")
-    points = [_point(file, number, cells) for number, cells in rows[1:]]
-    if not POINTS_MIN <= len(points) <= POINTS_MAX:
-        raise SettingsError(
-            f"{file}: must hold {POINTS_MIN} to {POINTS_MAX} points, not {len(points)}"
-        )
-    return points
+    return [_point(file, number, cells) for number, cells in rows[1:]]
 
 
 def _point(file: FilePath, number: int, cells: list[str]) -> tuple[float, float]:

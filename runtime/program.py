@@ -32,6 +32,7 @@ from .option_types import (
     seconds,
     spin_us,
 )
+from .own_part import PartError
 from .port import open_port
 from .real_time import LoopFigures, RealTimeExecutor
 from .recording import Recording, RecordingPort
@@ -111,11 +112,13 @@ class StopRequest:
 class _Run(NamedTuple):
     """What has become of a run, beside what the node itself reports.
 
-    ``failure``  of the bus; empty when it has not failed
+    ``failure``  of the bus, or of a part from another package; empty when none has failed
+    ``status``   what follows from the failure
     """
 
     ended_by: str
     failure: str
+    status: ExitStatus
     loop: LoopFigures
     connection: ConnectionFigures
     host: Mapping[str, Any]
@@ -211,8 +214,9 @@ def run_node(
     ``can_ids``    identifiers the node receives; None for all
     ``notice``     is said on standard error when the bus is open
 
-    Returns the exit status: a bus, a node or a recording that fails leaves a report too. Raises
-    BusError when the bus cannot be opened, and OSError when a file cannot be written.
+    Returns the exit status: a bus, a node, a part of another package or a recording that fails
+    leaves a report too. Raises BusError when the bus cannot be opened, and OSError when a file
+    cannot be written.
     """
     opened = open_port(options, can_ids, fast=options.fast_socketcan)
     connection = Connection(
@@ -252,7 +256,7 @@ def run_node(
             say(name, f"error: {recorded.file}: {recorded.failure}", sys.stderr)
         conclude(node)
     if run.failure:
-        return ExitStatus.BUS
+        return run.status
     if fault:
         return ExitStatus.SAFE_STATE
     return ExitStatus.OUTPUT if recorded is not None and recorded.failure else ExitStatus.OK
@@ -274,7 +278,7 @@ def _run_in_real_time(
 ) -> tuple[N, _Run]:
     """Make the node and run it to its end."""
     request = RealTimeRequest(options.priority, options.cpu, options.lock_memory)
-    failure = ""
+    failure, status = "", ExitStatus.OK
     with real_time(request) as answers:
         steal = StealClock()
         start_ns = time.monotonic_ns()
@@ -286,10 +290,12 @@ def _run_in_real_time(
         try:
             executor.run(stop)
         except BusError as error:
-            failure = str(error)
+            failure, status = str(error), ExitStatus.BUS
+        except PartError as error:
+            failure, status = str(error), ExitStatus.SETTINGS
     ended_by = failure or stop.reason or FINISHED
     host = host_report(answers, steal.fraction())
-    return node, _Run(ended_by, failure, executor.figures, connection.figures, host)
+    return node, _Run(ended_by, failure, status, executor.figures, connection.figures, host)
 
 
 @contextmanager

@@ -107,6 +107,38 @@ def load_settings(
         _merge(merged, _parse(_read(file), str(file)), str(file), (), sources)
     if overrides:
         _merge(merged, _parse_overrides(overrides), "--set", (), sources)
+    return _checked(model, merged, sources)
+
+
+def with_values(settings: S, values: Mapping[str, Any], source: str) -> S:
+    """Return ``settings`` with other ``values``, each by its dotted key, as ``table.key``.
+
+    ``values``  what TOML has (numbers, words, lists, tables), NumPy's numbers, paths, or settings
+    ``source``  what an error says of where they come from
+
+    Raises SettingsError.
+    """
+    merged: dict[str, Any] = {}
+    sources: dict[KeyPath, str] = {(): "settings"}
+    _merge(merged, settings.model_dump(mode="json", exclude_none=True), "settings", (), sources)
+    tables: dict[str, Any] = {}
+    for key, value in values.items():
+        if value is None:
+            raise SettingsError(f"{source}: {key} = None: settings have no such value")
+        _set(tables, key.split("."), json.loads(json.dumps(value, default=_plain)), source)
+    _merge(merged, tables, source, (), sources)
+    return _checked(type(settings), merged, sources)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value that JSON does not have as one that it has."""
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json", exclude_none=True)
+    return value.tolist() if hasattr(value, "tolist") else str(value)  # NumPy's
+
+
+def _checked(model: type[S], merged: dict[str, Any], sources: dict[KeyPath, str]) -> S:
+    """Return the settings that tables make; raises SettingsError."""
     try:
         # By way of JSON, because there "strict" still means lists for tuples and words for enums.
         return model.model_validate_json(json.dumps(merged, default=str), strict=True)
@@ -186,14 +218,19 @@ def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
         *parents, key = (part.strip() for part in place.split("."))
         if not equals or not text.strip() or not all((*parents, key)):
             raise SettingsError(f"--set {override}: is not of the form table.key=value")
-        table = tables
-        for parent in parents:
-            table = table.setdefault(parent, {})
-            if not isinstance(table, dict):
-                raise SettingsError(f"--set {override}: {parent} is set to a value before")
-        table[key] = _parse_value(text)
+        _set(tables, [*parents, key], _parse_value(text), f"--set {override}")
     _refuse_monsters(tables, "--set")
     return tables
+
+
+def _set(tables: dict[str, Any], keys: Sequence[str], value: Any, source: str) -> None:
+    """Set a value by the keys that lead to it; raises SettingsError."""
+    *parents, key = keys
+    for parent in parents:
+        tables = tables.setdefault(parent, {})
+        if not isinstance(tables, dict):
+            raise SettingsError(f"{source}: {parent} is set to a value before")
+    tables[key] = value
 
 
 def _is_unicode(text: str) -> bool:

@@ -1,1 +1,103 @@
-"""The import package: public names, the one command, and what several programs share."""
+"""A steer-by-wire emulator to build on: the names below are stable, everything else may change.
+
+>>> import steer_by_wire
+>>> run = steer_by_wire.simulate(controller="practical_pd", seed=7, duration_s=2.0)
+>>> run.outcome, len(run.plant.time_s)
+('complete', 200)
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .controller.laws import Law, LawInput, LawOutput
+    from .controller.settings import ControllerSettings
+    from .dbc.messages import Mode
+    from .plant_emulator.own_parts import (
+        DisturbanceModel,
+        LatencyModel,
+        PathModel,
+        VehicleInput,
+        VehicleModel,
+        VehicleState,
+    )
+    from .plant_emulator.path_shapes import path_of_curvature
+    from .plant_emulator.rig_settings import DisturbanceStep
+    from .plant_emulator.settings import PlantSettings
+    from .plant_emulator.vehicle import VehicleParams
+    from .plant_emulator.waypoints import path_through
+    from .run_tables import ControllerTable, PlantTable, Track
+    from .runtime.settings import Settings, SettingsError
+    from .simulated_run import Run
+    from .simulation import controller_presets, plant_presets, simulate
+    from .study_table import run_study
+
+_MODULES = {
+    "ControllerSettings": "controller.settings",
+    "ControllerTable": "run_tables",
+    "DisturbanceModel": "plant_emulator.own_parts",
+    "DisturbanceStep": "plant_emulator.rig_settings",
+    "LatencyModel": "plant_emulator.own_parts",
+    "Law": "controller.laws",
+    "LawInput": "controller.laws",
+    "LawOutput": "controller.laws",
+    "Mode": "dbc.messages",
+    "PathModel": "plant_emulator.own_parts",
+    "PlantSettings": "plant_emulator.settings",
+    "PlantTable": "run_tables",
+    "Run": "simulated_run",
+    "Settings": "runtime.settings",
+    "SettingsError": "runtime.settings",
+    "Track": "run_tables",
+    "VehicleInput": "plant_emulator.own_parts",
+    "VehicleModel": "plant_emulator.own_parts",
+    "VehicleParams": "plant_emulator.vehicle",
+    "VehicleState": "plant_emulator.own_parts",
+    "controller_presets": "simulation",
+    "path_of_curvature": "plant_emulator.path_shapes",
+    "path_through": "plant_emulator.waypoints",
+    "plant_presets": "simulation",
+    "run_study": "study_table",
+    "simulate": "simulation",
+}
+"""Where each name comes from. It is imported when it is first asked for: to import the package
+itself takes the standard library alone."""
+
+__all__ = [
+    "ControllerSettings",
+    "ControllerTable",
+    "DisturbanceModel",
+    "DisturbanceStep",
+    "LatencyModel",
+    "Law",
+    "LawInput",
+    "LawOutput",
+    "Mode",
+    "PathModel",
+    "PlantSettings",
+    "PlantTable",
+    "Run",
+    "Settings",
+    "SettingsError",
+    "Track",
+    "VehicleInput",
+    "VehicleModel",
+    "VehicleParams",
+    "VehicleState",
+    "controller_presets",
+    "path_of_curvature",
+    "path_through",
+    "plant_presets",
+    "run_study",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_MODULES[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]

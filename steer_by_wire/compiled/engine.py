@@ -54,6 +54,10 @@ class FaultsNotCompiledError(SettingsError):
     """The settings have faults, which pass raw frames; the compiled loop has none."""
 
 
+class OwnVehicleNotCompiledError(SettingsError):
+    """The vehicle moves by equations of another package, which the nodes alone integrate."""
+
+
 class Outcome(StrEnum):
     """How a run ended."""
 
@@ -151,14 +155,19 @@ def run_batch(
     ``fastmath``  whether operations may change order and fuse; numbers are then close to those of
                   the nodes, not the same
 
-    Raises FaultsNotCompiledError for settings with faults, LawNotCompiledError for a law of another
-    package that does not compile, and NothingArrivesError where no measurement would ever reach the
-    controller.
+    Raises FaultsNotCompiledError for settings with faults, OwnVehicleNotCompiledError for a vehicle
+    of another package, LawNotCompiledError for a law of another package that does not compile, and
+    NothingArrivesError where no measurement would ever reach the controller.
     """
     if plant.faults:
         raise FaultsNotCompiledError(
             f"faults: {len(plant.faults)} given, but compiled runs have none; leave [[faults]] out,"
             " or run the nodes: steer-by-wire run"
+        )
+    if plant.vehicle.model is not None:
+        raise OwnVehicleNotCompiledError(
+            f"vehicle.model = {plant.vehicle.model!r}: compiled runs have the rig's own equations"
+            " of motion alone; leave it out, or run the nodes: steer-by-wire run"
         )
     register_steps()
     loop = _loop_of(controller, fastmath=fastmath)

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..plant_emulator.latency import (
-    QUANTILES,
     RESOLUTION_S,
     Distribution,
     uniform_of_score,
@@ -211,7 +210,7 @@ def _latencies_ns(
         return _whole_ns(_lognormal_quantiles(u[wanted], settings.mean_s, settings.spread_s))
     if settings.model is Distribution.NORMAL:
         return _whole_ns(np.maximum(0.0, mean_s + spread_s * normal_scores(u[wanted])))
-    quantile = QUANTILES[settings.model]
+    quantile = settings.quantile
     return _whole_ns(
         np.array(list(map(quantile, u[wanted].tolist(), mean_s.tolist(), spread_s.tolist())))
     )

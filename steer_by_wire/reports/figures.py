@@ -11,8 +11,6 @@ from matplotlib.figure import Figure
 
 from ..pair.trace import FloatArray, Trace
 
-mpl.use("Agg")
-
 COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7")
 """Okabe and Ito's palette, told apart with any colour vision."""
 MANY_COLOURS = (*COLOURS, "#E69F00", "#56B4E9", "#000000")

@@ -277,7 +277,7 @@ def test_settings_that_make_no_road_are_refused() -> None:
 
 def test_only_waypoints_import_scipy() -> None:
     code = (
-        "import sys, plant_emulator.path_shapes as shapes; shapes.ellipse(60, 30);"
+        "import sys, steer_by_wire.plant_emulator.path_shapes as shapes; shapes.ellipse(60, 30);"
         "print('scipy' in sys.modules)"
     )
     result = subprocess.run(

@@ -24,7 +24,7 @@ CIRCLE = build_path(CircleSettings(radius_m=50.0))
 
 def sample(arc_length_m: float, lateral_error_m: float, command_rad: float = 0.125) -> PlantSample:
     return PlantSample(
-        0.25, arc_length_m, lateral_error_m, 0.5, -0.1, command_rad, 0.1, 0.08, math.nan, 0.02
+        0.25, arc_length_m, lateral_error_m, 0.5, -0.1, command_rad, 0.1, 0.08, math.nan, 0.02, 0.0
     )
 
 

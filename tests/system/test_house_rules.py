@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS = ("controller", "dbc", "plant_emulator", "runtime", "steer_by_wire", "tools", "tests")
+FOLDERS = (
+    *("controller", "dbc", "examples", "plant_emulator", "runtime", "steer_by_wire", "tools"),
+    "tests",
+)
 FILE_LINES_MAX = 400
 
 

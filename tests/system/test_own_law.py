@@ -137,7 +137,7 @@ def test_an_entry_point_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
         ("nowhere.law:LAW", [], "the module nowhere.law cannot be imported: ModuleNotFoundError:"),
         (":LAW", [], "cannot be imported: ValueError: Empty module name"),
         ("own_law:NONE", [], "the module own_law has no NONE"),
-        (f"{LAWS}:PLAIN", [], "is no law but of type dict: it has to be a controller.laws.Law"),
+        (f"{LAWS}:PLAIN", [], "is no law but of type dict: it has to be a steer_by_wire.Law"),
         (f"{LAWS}:NO_DESIGN", [], "its design fails: ZeroDivisionError: no gain"),
         (
             f"{LAWS}:NEEDS_TABLE",

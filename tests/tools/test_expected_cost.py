@@ -154,6 +154,15 @@ def test_the_distributions_are_those_of_the_plant(model: Distribution) -> None:
             "disturbance.steps=[{at_s=1,friction=0.5}]",
             "disturbance.steps: must not change friction",
         ),
+        (
+            "disturbance.model=tests.support.own_parts:PUSHES",
+            "disturbance.steps: must not change friction",
+        ),
+        ("vehicle.model=tests.support.own_parts:SAME", "vehicle.model: must be left out"),
+        (
+            "latency.downlink.model=tests.support.own_parts:LIKE_UNIFORM",
+            "latency.downlink.model: must be one of ours",
+        ),
         ("latency.downlink.loss=1", "latency.downlink.loss: must be below 1"),
         ("latency.downlink={model='gamma',mean_s=3,spread_s=0.1}", "take a shorter latency"),
     ],

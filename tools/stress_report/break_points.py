@@ -185,7 +185,7 @@ class _Search:
         ]
         lines = [line for p in plants for line in (p.latency.downlink, p.latency.uplink)]
         return all(
-            line.model.value == "constant" and line.loss == 0.0 and line.loss_in_good == 0.0
+            line.model == "constant" and line.loss == 0.0 and line.loss_in_good == 0.0
             for line in lines
             if not line.schedule
         ) and not any(p.sensor_noise.lateral_error_m or p.latency.downlink.schedule for p in plants)

@@ -23,7 +23,9 @@ from ...controller.analysis.linear_system import LinearSystem, floats_of, law_sy
 from ...controller.design import design_law
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.disturbance import disturbance_intervals
+from ...plant_emulator.latency import Distribution
 from ...plant_emulator.latency_settings import LatencySettings, Order
+from ...plant_emulator.motion_design import vehicle_params
 from ...plant_emulator.path import Path, curvature
 from ...plant_emulator.path_shapes import build_path
 from ...plant_emulator.rig_settings import DisturbanceSettings
@@ -70,17 +72,7 @@ def linear_loop(
         raise SettingsError(*mistakes)
     step_s = controller.period_ns / NS_PER_S / steps_per_period
     periods = -(-plant.duration_ns // controller.period_ns)
-    vehicle = plant.vehicle
-    params = VehicleParams(
-        vehicle.speed_km_h / 3.6,
-        vehicle.virtual_mass_kg,
-        vehicle.yaw_inertia_kg_m2,
-        vehicle.front_cornering_stiffness_n_rad,
-        vehicle.rear_cornering_stiffness_n_rad,
-        vehicle.front_axle_m,
-        vehicle.rear_axle_m,
-        vehicle.preview_m,
-    )
+    params = vehicle_params(plant.vehicle)
     a, b = _plant_matrices(params, plant.actuator.lag_s)
     transition, (hold, at_start, *disturbed), rise = _over_step(a, b, step_s)
     ends_s = step_s * np.arange(periods * steps_per_period + 1, dtype=np.float64)
@@ -163,8 +155,10 @@ def _unfit(plant: PlantSettings, controller: ControllerSettings) -> list[str]:
         "actuator.rate_limit_rad_s: must be left out": actuator.rate_limit_rad_s is not None,
         "actuator.dead_band_rad: must be 0": actuator.dead_band_rad > 0.0,
         "disturbance.steps: must not change friction": any(
-            step.friction is not None for step in plant.disturbance.steps
+            step.friction is not None for step in plant.disturbance.all_steps
         ),
+        "vehicle.model: must be left out": plant.vehicle.model is not None,
+        "latency.downlink.model: must be one of ours": not isinstance(down.model, Distribution),
         "latency.downlink.order: must be newest_wins": down.order is not Order.NEWEST_WINS,
         "latency.downlink.duplicates: must be 0": down.duplicates > 0.0,
         "latency.downlink.burst_frames: must be left out": down.burst_frames is not None,

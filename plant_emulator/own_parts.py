@@ -1,0 +1,147 @@
+"""Parts of the rig that another package may bring: latency model, path, vehicle, disturbance.
+
+Each is a record of functions, named in the settings by ``model = "package.module:ATTRIBUTE"``. With
+``settings``, a model derived from ``Settings``, it has a table ``own`` beside that key. Every
+function takes that table as its last argument, None for a part without one. They must be functions
+of their arguments alone: runs are repeated, shared and compared to the last bit.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+from pydantic import AfterValidator, Field, PlainValidator, SerializeAsAny, WithJsonSchema
+
+from ..runtime.own_part import PartError, asked, find_part, own_table
+from ..runtime.settings import Settings
+from .latency_profile import LATENCY_S_MAX
+from .path import Path
+from .vehicle import VehicleParams
+
+if TYPE_CHECKING:
+    from .rig_settings import DisturbanceStep
+
+
+class VehicleState(NamedTuple):
+    """What moves, after (1): see ``plant_emulator.vehicle``; also its rates, per second."""
+
+    side_slip_rad: float
+    yaw_rate_rad_s: float
+    heading_error_rad: float
+    lateral_error_m: float
+
+
+class VehicleInput(NamedTuple):
+    """What moves it: wheel angle behind actuator, curvature of the path, and disturbances."""
+
+    wheel_rad: float
+    curvature_1_m: float
+    side_slip_disturbance_rad_s: float
+    yaw_disturbance_rad_s2: float
+
+
+class LatencyModel(NamedTuple):
+    """Latency of frames: ``quantile(u, mean_s, spread_s, own) -> latency_s``.
+
+    ``u`` is uniform in (0, 1); a larger u must give no shorter a latency; allowed is 0 to 10 s.
+    """
+
+    quantile: Callable[[float, float, float, Any], float]
+    settings: type[Settings] | None = None
+
+
+class PathModel(NamedTuple):
+    """A path: ``build(own) -> Path``, made by ``path_through`` or ``path_of_curvature``."""
+
+    build: Callable[[Any], Path]
+    settings: type[Settings] | None = None
+
+
+class VehicleModel(NamedTuple):
+    """Equations of motion: ``rates(vehicle, state, input, own) -> (β', r', Δψ', y')``.
+
+    ``vehicle`` are the parameters of [vehicle] on the friction of the moment. Actuator, path and
+    disturbances are the rig's, and so is the speed, which is constant.
+    """
+
+    rates: Callable[[VehicleParams, VehicleState, VehicleInput, Any], Sequence[float]]
+    settings: type[Settings] | None = None
+
+
+class DisturbanceModel(NamedTuple):
+    """Disturbances over time: ``steps(own)`` gives what ``[[disturbance.steps]]`` holds."""
+
+    steps: Callable[[Any], Iterable["DisturbanceStep"]]
+    settings: type[Settings] | None = None
+
+
+def find_latency_model(place: str) -> LatencyModel:
+    """Return the latency model at a place; raises ValueError."""
+    return find_part(place, LatencyModel, "latency model")
+
+
+def find_path_model(place: str) -> PathModel:
+    """Return the path model at a place; raises ValueError."""
+    return find_part(place, PathModel, "path model")
+
+
+def find_vehicle_model(place: str) -> VehicleModel:
+    """Return the vehicle model at a place; raises ValueError."""
+    return find_part(place, VehicleModel, "vehicle model")
+
+
+def find_disturbance_model(place: str) -> DisturbanceModel:
+    """Return the disturbance model at a place; raises ValueError."""
+    return find_part(place, DisturbanceModel, "disturbance model")
+
+
+def _checked(find: Callable[[str], Any]) -> Callable[[str], str]:
+    def check(place: str) -> str:
+        find(place)
+        return place
+
+    return check
+
+
+def _table(find: Callable[[str], Any]) -> Any:
+    return PlainValidator(own_table("model", find))
+
+
+_TABLE_SCHEMA = WithJsonSchema({"type": "object"})
+_Table = SerializeAsAny[Settings] | None
+OWN_TABLE: Any = Field(default_factory=dict, validate_default=True)
+"""Default of a table ``own``: that of the part's model."""
+LatencyTable = Annotated[_Table, _table(find_latency_model), _TABLE_SCHEMA]
+PathTable = Annotated[_Table, _table(find_path_model), _TABLE_SCHEMA]
+VehicleTable = Annotated[_Table, _table(find_vehicle_model), _TABLE_SCHEMA]
+DisturbanceTable = Annotated[_Table, _table(find_disturbance_model), _TABLE_SCHEMA]
+PathPlace = Annotated[str, AfterValidator(_checked(find_path_model))]
+VehiclePlace = Annotated[str, AfterValidator(_checked(find_vehicle_model))]
+DisturbancePlace = Annotated[str, AfterValidator(_checked(find_disturbance_model))]
+
+
+def own_quantile(place: str, own: Settings | None) -> Callable[[float, float, float], float]:
+    """Return the quantile function of a latency model; it raises PartError."""
+    model, what = find_latency_model(place), f"latency model {place}"
+
+    def quantile(u: float, mean_s: float, spread_s: float) -> float:
+        latency_s = asked(what, model.quantile, u, mean_s, spread_s, own)
+        if not (isinstance(latency_s, float | int) and 0.0 <= latency_s <= LATENCY_S_MAX):
+            raise PartError(
+                f"{what} gives {latency_s!r} s at u = {u:g}, mean_s = {mean_s:g}, spread_s ="
+                f" {spread_s:g} (allowed: number from 0, up to {LATENCY_S_MAX:g})"
+            )
+        return latency_s
+
+    return quantile
+
+
+def own_path(place: str, own: Settings | None) -> Path:
+    """Return the path of a path model; raises PartError."""
+    what = f"path model {place}"
+    path = asked(what, find_path_model(place).build, own)
+    if not isinstance(path, Path):
+        raise PartError(
+            f"{what} gives a {type(path).__name__}: it has to be what path_through or"
+            " path_of_curvature give"
+        )
+    return path

@@ -1,0 +1,218 @@
+"""Parts of another package: they act as ours do, everywhere, and fail in one line."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from steer_by_wire import Run, SettingsError, run_study, simulate
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.emulated_bus.launch import launched_broker
+from steer_by_wire.runtime.program import ExitStatus
+from steer_by_wire.runtime.settings import dump_toml, load_settings
+from tests.support.running_program import running
+
+PARTS = "tests.support.own_parts"
+DOWN = "plant.latency.downlink"
+STUDY = f"""
+name = "own"
+[base]
+plant_preset = "paper_nominal"
+controllers = ["practical_pd"]
+[base.plant]
+duration_s = 0.3
+[[factors]]
+key = "plant.vehicle.model"
+values = ["{PARTS}:SAME"]
+"""
+
+
+def own(table: str, part: str, **others: Any) -> dict[str, Any]:
+    keys = {f"{table}.{key.replace('__', '.')}": value for key, value in others.items()}
+    return {f"{table}.model": f"{PARTS}:{part}", **keys}
+
+
+def run(overrides: dict[str, Any], **others: Any) -> Run:
+    return simulate(controller="practical_pd", duration_s=2.0, overrides=overrides, **others)
+
+
+def assert_same(one: Run, other: Run) -> None:
+    np.testing.assert_array_equal(one.plant.lateral_error_m, other.plant.lateral_error_m)
+    np.testing.assert_array_equal(one.controller.sent_rad, other.controller.sent_rad)
+
+
+@pytest.mark.parametrize("engine", ["virtual", "compiled"])
+def test_a_latency_model_equal_to_ours_gives_the_same_bits(engine: Any) -> None:
+    network = {f"{DOWN}.mean_s": 0.08, f"{DOWN}.spread_s": 0.03}
+    ours = run(network | {f"{DOWN}.model": "uniform"}, engine=engine)
+    assert_same(run(network | own(DOWN, "LIKE_UNIFORM"), engine=engine), ours)
+
+
+def test_a_latency_model_has_a_table_of_its_own() -> None:
+    network = own(
+        DOWN, "TWO_ROUTES", mean_s=0.02, own__share=0.3, own__slow_s=0.2, order="as_arrives"
+    )
+    virtual = run(network)
+    latency_s = virtual.plant.downlink_latency_s
+    assert np.nanmin(latency_s) == pytest.approx(0.02)
+    assert np.nanmax(latency_s) == pytest.approx(0.22)
+    assert_same(run(network, engine="compiled"), virtual)
+
+
+@pytest.mark.parametrize("engine", ["virtual", "compiled"])
+def test_a_path_is_followed(engine: Any) -> None:
+    bend = {"plant.path.kind": "own", **own("plant.path", "BEND", own__curvature_1_m=0.05)}
+    made = run(bend, engine=engine)
+    assert np.max(made.plant.curvature_1_m) == 0.0  # 2 s at 5 km/h end before it
+    fast = run(bend | {"plant.vehicle.speed_km_h": 20.0}, engine=engine)
+    assert np.max(fast.plant.curvature_1_m) == pytest.approx(0.05, rel=0.02)
+    assert np.all(np.diff(fast.track().path_x_m) > 0.0)
+
+
+def test_a_closed_path_through_points_returns() -> None:
+    square = {"plant.path.kind": "own", **own("plant.path", "SQUARE")}
+    track = run(square | {"plant.vehicle.speed_km_h": 240.0}).track()
+    assert np.hypot(track.path_x_m - 30.0, track.path_y_m - 30.0).min() < 0.5
+    assert track.path_x_m[-1] < 15.0
+
+
+def test_the_rig_s_own_equations_put_in_for_it_give_its_motion() -> None:
+    """Events of wheel, path and disturbance are all met, and the integration adds nothing."""
+    busy = {
+        "plant.actuator.lag_s": 0.05,
+        "plant.actuator.rate_limit_rad_s": 0.3,
+        "plant.vehicle.speed_km_h": 30.0,
+        "plant.path": {"kind": "double_lane_change", "start_m": 1.0},
+        **own("plant.disturbance", "PUSHES"),
+    }
+    exact = run(busy).plant
+    integrated = run(busy | own("plant.vehicle", "SAME")).plant
+    assert np.ptp(exact.lateral_error_m) > 0.03
+    for name in ("lateral_error_m", "heading_error_rad", "yaw_rate_rad_s", "side_slip_rad"):
+        np.testing.assert_allclose(
+            getattr(integrated, name), getattr(exact, name), rtol=0.0, atol=1e-8, err_msg=name
+        )
+
+
+def test_compiled_runs_and_studies_refuse_other_equations(tmp_path: Path) -> None:
+    line = r"vehicle\.model = 'tests.*:SAME': compiled runs have"
+    with pytest.raises(SettingsError, match=line):
+        run(own("plant.vehicle", "SAME"), engine="compiled")
+    file = tmp_path / "study.toml"
+    file.write_text(STUDY, encoding="utf-8")
+    with pytest.raises(SettingsError, match=f"run 0: {line}"):
+        run_study(file)
+
+
+@pytest.mark.parametrize("engine", ["virtual", "compiled"])
+def test_disturbances_are_those_of_a_settings_file(engine: Any) -> None:
+    steps = [
+        {"at_s": 0.5, "steering_offset_rad": 0.02},
+        {"at_s": 1.0, "side_force_n": 300.0, "friction": 0.8},
+    ]
+    ours = run({"plant.disturbance.steps": steps}, engine=engine)
+    assert np.max(np.abs(ours.plant.lateral_error_m)) > 1e-3
+    assert_same(run(own("plant.disturbance", "PUSHES"), engine=engine), ours)
+
+
+def test_its_settings_are_written_and_read_again(tmp_path: Path) -> None:
+    network = own(DOWN, "TWO_ROUTES", own__slow_s=0.2)
+    settings = simulate(duration_s=0.1, overrides=network).plant_settings
+    file = tmp_path / "plant.toml"
+    file.write_text(dump_toml(settings), encoding="utf-8")
+    assert "[latency.downlink.own]\nshare = 0.1\nslow_s = 0.2\n" in dump_toml(settings)
+    assert load_settings(PlantSettings, file=file) == settings
+    assert hash(load_settings(PlantSettings, file=file)) == hash(settings)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "line"),
+    [
+        (
+            {f"{DOWN}.model": "nowhere:X"},
+            "module nowhere cannot be imported: ModuleNotFoundError: ",
+        ),
+        ({f"{DOWN}.model": ":X"}, "cannot be imported: ValueError: Empty module name"),
+        (own(DOWN, "NONE"), "the module tests.support.own_parts has no NONE"),
+        (
+            own(DOWN, "PLAIN"),
+            "is no latency model but of type dict: it has to be a steer_by_wire.L",
+        ),
+        (own(DOWN, "BEND"), "is no latency model but of type PathModel: it has to be a steer_by_w"),
+        (
+            {f"{DOWN}.model": "gama"},
+            'model = "gama" is not a known one (allowed: constant, uniform,',
+        ),
+        ({f"{DOWN}.model": 3}, "model = 3 is not a known one (allowed: constant, uniform,"),
+        (own(DOWN, "TWO_ROUTES"), "latency.downlink: own.slow_s is missing (allowed: number from"),
+        (
+            own(DOWN, "TWO_ROUTES", own__slow_s=0.2, own__share=2),
+            "own: share = 2 should be less than or equal to 1 (allowed: number from 0.0, up to 1.0",
+        ),
+        (
+            own(DOWN, "TWO_ROUTES", own__slow_s=0.2, own__shar=1),
+            "own: shar is not a known key (did you mean share?)",
+        ),
+        ({f"{DOWN}.own.share": 0.5}, "own: model = constant has no table of its own"),
+        (
+            own(DOWN, "NEGATIVE"),
+            ":NEGATIVE gives -1.0 s at u = 0.001, mean_s = 0, spread_s = 0 (al",
+        ),
+        (own(DOWN, "WORD"), ":WORD gives 'soon' s at u = 0.001, "),
+        (own(DOWN, "DIVIDES"), ":DIVIDES raises ZeroDivisionError: "),
+        (own(DOWN, "RARELY_NAN", mean_s=0.01), ":RARELY_NAN gives nan s at u = 0.6"),
+        ({"plant.path": {"kind": "own"}}, "path.model is missing"),
+        (
+            {"plant.path": {"kind": "own", "model": "x"}},
+            "there is no path model x; one of your own ",
+        ),
+        (
+            {"plant.path": {"kind": "own", "model": f"{PARTS}:THREE_POINTS"}},
+            ":THREE_POINTS raises ValueError: must hold 4 to 10000 points, not 3",
+        ),
+        (
+            {"plant.path": {"kind": "own", "model": f"{PARTS}:POINTS"}},
+            ":POINTS gives a list: it has to be what path_through or path_of_curvature give",
+        ),
+        (own("plant.vehicle", "SHORT"), ":SHORT raises TypeError: "),
+        (own("plant.vehicle", "FALLS"), ":FALLS raises ZeroDivisionError: float division by zero"),
+        (
+            own("plant.disturbance", "BACKWARDS"),
+            "steps must follow each other in time: 0.5 after 1",
+        ),
+        (
+            own("plant.disturbance", "NUMBERS"),
+            ":NUMBERS gives steps.0: Input should be a valid dict",
+        ),
+        (
+            own("plant.disturbance", "PUSHES", steps=[{"at_s": 1}]),
+            "steps and model exclude each ot",
+        ),
+    ],
+)
+def test_what_is_wrong_with_it_is_said_in_one_line(overrides: dict[str, Any], line: str) -> None:
+    with pytest.raises(SettingsError) as refused:
+        run(overrides)
+    assert line in str(refused.value)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+def test_a_vehicle_that_grows_without_bound_ends_the_run_safely() -> None:
+    made = run(own("plant.vehicle", "EXPLODES"))
+    assert made.outcome == made.plant_report["failure"] != ""
+    assert np.isfinite(made.plant.lateral_error_m).all()
+
+
+def test_one_that_fails_on_a_bus_leaves_a_report_and_one_line(tmp_path: Path) -> None:
+    report = tmp_path / "plant.json"
+    network = ("latency.uplink.mean_s=0.01", f"latency.uplink.model={PARTS}:RARELY_NAN")
+    sets = [word for key in network for word in ("--set", key)]
+    with launched_broker() as address:
+        bus = ("-i", "emulated", "-c", "can0", "--bus-kwargs", f"address={address}")
+        with running("steer_by_wire.plant_emulator", [*bus, *sets], report) as plant:
+            assert plant.end() == ExitStatus.SETTINGS
+            errors = [line for line in plant.printed if "error:" in line]
+            assert len(errors) == 1
+            assert f"latency model {PARTS}:RARELY_NAN gives nan s at u = 0.6" in errors[0]
+            assert errors[0].endswith(plant.report()["ended_by"])

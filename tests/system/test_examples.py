@@ -1,0 +1,247 @@
+"""Every example runs, leaves its picture, and comes to the figure it shows."""
+
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+
+import steer_by_wire
+from steer_by_wire import simulate
+from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.emulated_bus.launch import launched_broker
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NEVER_NS
+from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+from tests.support.running_program import RunningProgram, running
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "examples"
+DBC = ROOT / "dbc" / "steer_by_wire.dbc"
+PNG = b"\x89PNG\r\n\x1a\n"
+PATIENCE_S = 120.0
+LIVE = ("--set", "duration_s=3", "--set", "safety.ftti_ms=off", "--preset", "paper_nominal")
+
+
+def rms_mm(run: Any) -> float:
+    return 1e3 * float(run.lateral_error_rms_m)
+
+
+def check_first_loop(run: Any) -> None:
+    assert 6.0 < rms_mm(run) < 9.0
+    late = run.plant.time_s > 18.0
+    assert np.max(np.abs(run.plant.lateral_error_m[late])) < 1e-3
+
+
+def check_own_network(runs: Any) -> None:
+    assert 35.0 < rms_mm(runs["practical_pd"]) < 42.0
+    assert 3.0 < rms_mm(runs["practical_pd_ddob"]) < 5.0
+    assert 0.5 < rms_mm(runs["practical_predictor"]) < 2.0
+    latency_s = runs["practical_pd"].plant.downlink_latency_s
+    assert 0.02 < np.nanmedian(latency_s[:2500]) < 0.04
+    assert 0.06 < np.nanmedian(latency_s[3000:]) < 0.09
+
+
+def check_two_studies(tables: Any) -> None:
+    worst = {
+        order: np.max(table["rms_m"][table["controller"] == "practical_pd_ddob"])
+        for order, table in tables.items()
+    }
+    assert 0.004 < worst["newest_wins"] < 0.008
+    assert 0.2 < worst["in_order"] < 2.0
+
+
+def check_own_latency_model(runs: Any) -> None:
+    overtaken, queued = (np.nanmedian(run.plant.downlink_latency_s) for run in runs)
+    assert 0.02 < overtaken < 0.03
+    assert 0.10 < queued < 0.17
+    assert all(5.0 < rms_mm(run) < 6.5 for run in runs)
+
+
+def check_own_path(run: Any) -> None:
+    assert np.max(run.plant.curvature_1_m) == pytest.approx(0.05, rel=0.02)
+    assert 10.0 < rms_mm(run) < 14.0
+
+
+def check_own_vehicle(runs: Any) -> None:
+    linear, at_5_kn, at_3_kn = (run.lateral_error_peak_m for run in runs.values())
+    assert 0.13 < linear < 0.14 < at_5_kn < 0.16
+    assert 0.3 < at_3_kn < 0.5
+
+
+def check_own_disturbance(runs: Any) -> None:
+    pd, ddob = (rms_mm(run) for run in runs.values())
+    assert 0.4 < ddob < pd < 1.2
+
+
+def check_own_law(runs: Any) -> None:
+    pd_mm, own_mm = map(rms_mm, runs.values())
+    assert 28.0 < pd_mm < 35.0
+    assert 9.0 < own_mm < 13.0
+
+
+CHECKS: dict[str, Callable[[Any], None]] = {
+    "first_loop": check_first_loop,
+    "own_network_from_a_log": check_own_network,
+    "two_studies_compared": check_two_studies,
+    "own_latency_model": check_own_latency_model,
+    "own_path": check_own_path,
+    "own_vehicle": check_own_vehicle,
+    "own_disturbance": check_own_disturbance,
+    "own_law": check_own_law,
+}
+
+
+@pytest.fixture(autouse=True)
+def _examples(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    monkeypatch.chdir(tmp_path)
+    yield
+    for file in EXAMPLES.glob("*.py"):
+        sys.modules.pop(file.stem, None)
+
+
+@pytest.mark.parametrize("name", CHECKS)
+def test_an_example_leaves_its_picture_and_its_figure(name: str, tmp_path: Path) -> None:
+    made = import_module(name).main()
+    assert (tmp_path / "out" / "examples" / f"{name}.png").read_bytes().startswith(PNG)
+    CHECKS[name](made)
+
+
+def test_every_example_is_tested_and_listed() -> None:
+    names = {path.name for path in EXAMPLES.iterdir() if path.suffix in ("", ".py")}
+    names -= {"__pycache__"}
+    assert {f"{name}.py" for name in CHECKS} <= names
+    text = (EXAMPLES / "README.md").read_text(encoding="utf-8")
+    assert [name for name in sorted(names) if f"({name}" not in text] == []
+
+
+def test_the_library_page_names_every_public_name_and_example() -> None:
+    text = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
+    assert [name for name in steer_by_wire.__all__ if f"`{name}" not in text] == []
+    assert [name for name in CHECKS if f"examples/{name}.py" not in text] == []
+
+
+def test_the_ten_lines_of_the_library_page_run(capsys: pytest.CaptureFixture[str]) -> None:
+    text = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    exec(code, {})  # noqa: S102
+    assert re.fullmatch(r"[67]\.\d+ mm 0\.1\d+ rad\n", capsys.readouterr().out)
+    assert Path("out/first/run.png").read_bytes().startswith(PNG)
+
+
+class ForeignNode:
+    """The foreign controller in virtual time: it has no deadline, it answers."""
+
+    deadline_ns, finished = NEVER_NS, False
+
+    def __init__(self, controller: Any) -> None:
+        self._controller = controller
+        self.heard: list[bytes] = []
+        self.said: list[bytes] = []
+
+    def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+        message = can.Message(
+            timestamp=now_ns * 1e-9, arbitration_id=frame.can_id, data=bytearray(frame.data)
+        )
+        answer = self._controller.on_message(message)
+        if answer is None:
+            return ()
+        self.heard.append(frame.data)
+        self.said.append(bytes(answer.data))
+        return (Frame(answer.arbitration_id, bytes(answer.data)),)
+
+    def on_tick(self, _now_ns: int) -> Sequence[Frame]:
+        return ()
+
+
+def foreign_run() -> tuple[PlantNode, ForeignNode]:
+    example: ModuleType = import_module("foreign_controller")
+    # The rig shows its path to a controller that answers, from the first measurement on.
+    plant = PlantNode(PlantSettings(duration_s=20.0), 0)
+    node = ForeignNode(example.ForeignController(DBC))
+    VirtualTimeExecutor((plant, node)).run(NEVER_NS)
+    return plant, node
+
+
+def test_a_controller_from_the_dbc_alone_holds_the_path_as_ours_does() -> None:
+    plant, node = foreign_run()
+    report = plant.report()
+    assert report["accepted"] == len(node.said) == 2001
+    assert report["rejected"] == {}
+    assert report["failure"] == ""
+    ours = simulate(controller="practical_pd", duration_s=20.0)
+    assert report["lateral_error_rms_m"] == pytest.approx(ours.lateral_error_rms_m, rel=0.05)
+
+
+def test_it_drives_a_plant_in_another_process(tmp_path: Path) -> None:
+    with launched_broker() as address:
+        bus = ("-i", "emulated", "-c", "can0", "--bus-kwargs", f"address={address}")
+        report = tmp_path / "plant.json"
+        with running("steer_by_wire.plant_emulator", [*bus, *LIVE], report) as plant:
+            plant.wait_for("ready")
+            finished = run_foreign(
+                [sys.executable, str(EXAMPLES / "foreign_controller.py"), str(DBC), *bus]
+            )
+            judge_live(plant, finished)
+    assert (tmp_path / "out" / "examples" / "foreign_controller.png").read_bytes().startswith(PNG)
+
+
+def run_foreign(command: Sequence[str]) -> str:
+    result = subprocess.run(
+        command, capture_output=True, text=True, timeout=PATIENCE_S, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+def judge_live(plant: RunningProgram, printed: str) -> None:
+    """Only what a stalled machine cannot spoil: frames flow, and are believed."""
+    plant.end()
+    report = plant.report()
+    assert "commands sent" in printed
+    assert report["node"]["accepted"] > 50
+    assert not set(report["node"]["rejected"]) & {"bad_crc", "wrong_length", "out_of_range"}
+
+
+@pytest.fixture(scope="module")
+def c_controller(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None or sys.platform != "linux":
+        pytest.skip("no C compiler, or no SocketCAN: the controller in C was not compiled")
+    folder = tmp_path_factory.mktemp("foreign_controller_c")
+    generate = (sys.executable, "-m", "cantools", "generate_c_source", str(DBC))
+    subprocess.run(generate, cwd=folder, check=True, capture_output=True)
+    source = EXAMPLES / "foreign_controller_c" / "controller.c"
+    options = ("-std=c11", "-O1", "-Wall", "-Wextra", "-Werror", "-I.", "-o", "controller")
+    command = (compiler, *options, str(source), "steer_by_wire.c", "-lm")
+    compiled = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert compiled.returncode == 0, compiled.stderr
+    return folder / "controller"
+
+
+def test_the_controller_in_c_sends_the_same_bytes(c_controller: Path) -> None:
+    _, node = foreign_run()
+    lines = "".join(f"110#{data.hex()}\n" for data in node.heard)
+    spoilt = f"110#{bytes(8).hex()}\n100#{node.said[0].hex()}\n110#00\n"
+    result = subprocess.run(
+        [c_controller, "-"], input=spoilt + lines, capture_output=True, text=True, check=True
+    )
+    assert result.stdout.splitlines() == [f"100#{data.hex().upper()}" for data in node.said]
+
+
+@pytest.mark.vcan
+def test_the_controller_in_c_drives_a_plant_on_vcan0(c_controller: Path, tmp_path: Path) -> None:
+    options = ["-i", "socketcan", "-c", "vcan0", *LIVE]
+    with running("steer_by_wire.plant_emulator", options, tmp_path / "plant.json") as plant:
+        plant.wait_for("ready")
+        judge_live(plant, run_foreign([str(c_controller), "vcan0"]))

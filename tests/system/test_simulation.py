@@ -1,0 +1,215 @@
+"""The library: runs from Python, the same from both engines, and one line on errors."""
+
+import doctest
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import steer_by_wire
+from steer_by_wire import Mode, PlantSettings, Run, SettingsError, simulate
+from steer_by_wire.plant_emulator.rig_settings import CircleSettings
+
+NETWORK = {
+    "plant.latency.downlink": {"model": "gamma", "mean_s": 0.08, "spread_s": 0.03, "loss": 0.02},
+    "plant.latency.uplink.loss": 0.3,
+    "plant.sensor_noise.lateral_error_m": 0.003,
+}
+NOT_COMPILED = {"uplink_latency_s", "side_slip_rad", "measured_m", "sample_age_s"}
+TABLES = ("plant", "controller")
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    return simulate(seed=5, duration_s=6.0, overrides=NETWORK)
+
+
+@pytest.fixture(scope="module")
+def compiled(run: Run) -> Run:
+    return simulate(run.plant_settings, run.controller_settings, engine="compiled")
+
+
+@pytest.mark.parametrize("side", TABLES)
+def test_compiled_and_virtual_give_the_same_bits(run: Run, compiled: Run, side: str) -> None:
+    virtual, other = getattr(run, side), getattr(compiled, side)
+    for name in virtual._fields:
+        assert getattr(other, name).shape == getattr(virtual, name).shape
+        if name in NOT_COMPILED:
+            assert np.isnan(getattr(other, name)).all()
+            assert not np.isnan(getattr(virtual, name)).all()
+        else:
+            np.testing.assert_array_equal(getattr(other, name), getattr(virtual, name), name)
+
+
+def test_the_figures_are_those_of_the_report(run: Run, compiled: Run) -> None:
+    for one in (run, compiled):
+        assert one.lateral_error_rms_m == run.plant_report["lateral_error_rms_m"]
+        assert one.lateral_error_peak_m == run.plant_report["lateral_error_peak_m"]
+        assert one.outcome == "complete"
+    assert not compiled.plant_report
+    assert run.controller_report["law"] == run.controller_settings.law
+
+
+def test_both_tables_count_time_from_the_start_of_motion(run: Run) -> None:
+    assert run.plant.time_s[[0, -1]] == pytest.approx([0.01, 6.0])
+    assert run.controller.time_s[[0, -1]] == pytest.approx([0.0, 6.0])
+
+
+def test_a_command_comes_into_effect_one_latency_after_it_was_sent() -> None:
+    run = simulate(duration_s=1.0, overrides={"plant.latency.downlink.mean_s": 0.08})
+    in_effect = run.plant.time_s > 0.085
+    sent_rad = np.interp(run.plant.time_s - 0.08, run.controller.time_s, run.controller.sent_rad)
+    np.testing.assert_allclose(run.plant.command_rad[in_effect], sent_rad[in_effect], atol=1e-5)
+    assert np.ptp(sent_rad) > 0.01
+
+
+def test_on_a_bus_with_a_bit_rate_the_first_command_takes_time() -> None:
+    run = simulate(duration_s=0.5, bitrate_bit_s=500_000)
+    assert -1e-3 < run.controller.time_s[0] < 0.0
+    assert set(run.controller.mode) == {Mode.ACTIVE}
+    assert np.all(run.controller.sample_age_s < 0.02)
+
+
+def test_a_run_that_is_saved_can_be_made_again(run: Run, tmp_path: Path) -> None:
+    run.save(tmp_path / "run")
+    again = simulate(tmp_path / "run" / "plant.toml", str(tmp_path / "run" / "controller.toml"))
+    np.testing.assert_array_equal(again.plant.lateral_error_m, run.plant.lateral_error_m)
+    table = np.genfromtxt(tmp_path / "run" / "controller.csv", delimiter=",", names=True)
+    assert table.dtype.names == run.controller._fields
+    np.testing.assert_array_equal(table["sent_rad"], run.controller.sent_rad)
+
+
+def test_seen_from_above_the_error_is_the_distance_from_the_path(run: Run) -> None:
+    track = run.track()
+    distance_m = np.hypot(track.x_m - track.path_x_m, track.y_m - track.path_y_m)
+    assert distance_m == pytest.approx(np.abs(run.plant.lateral_error_m), abs=1e-12)
+
+
+def test_settings_come_from_everywhere_and_the_nearest_wins() -> None:
+    rig = PlantSettings(path=CircleSettings(radius_m=40.0), seed=9, duration_s=60.0)
+    run = simulate(
+        rig,
+        "practical_pd",
+        duration_s=np.float64(0.1),
+        law="pd_dob",
+        overrides={"controller.rate_hz": np.int64(50), "controller.dob": {"q_cutoff_rad_s": 2.0}}
+        | {"controller.nominal_model": {"kind": "paper_eq19"}},
+    )
+    assert run.plant_settings == rig.model_copy(update={"duration_s": 0.1})
+    assert (run.controller_settings.law, run.controller_settings.rate_hz) == ("pd_dob", 50.0)
+    path = CircleSettings(radius_m=20.0)
+    assert simulate(duration_s=0.1, overrides={"plant.path": path}).plant_settings.path == path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        ({"plant": "papr_nominal"}, r"preset papr_nominal: .*\(did you mean paper_nominal\?\)"),
+        ({"plant": "no.toml"}, r"no\.toml: cannot be read: No such file or directory"),
+        ({"plant": 3}, r"plant is of type int \(allowed: name of a preset, path of a settings"),
+        ({"seed": -1}, r"overrides of plant: seed = -1 .* \(allowed: integer from 0, up to"),
+        ({"law": "pdd"}, r'overrides of controller: law = "pdd" is not a known one \(allowed: pd,'),
+        ({"overrides": {"plant.sed": 1}}, r"sed is not a known key \(did you mean seed\?\)"),
+        ({"overrides": {"seed": 1}}, r"key seed starts with neither plant\. nor controller\."),
+        ({"overrides": {"plant.seed": None}}, r"seed = None: settings have no such value"),
+        (
+            {"overrides": {"plant.path": 1, "plant.path.kind": "circle"}},
+            r"overrides of plant: path is set to a value before",
+        ),
+        ({"engine": "fast"}, r"engine = 'fast' is not a known one \(allowed: virtual, compiled\)"),
+        ({"engine": "compiled", "bitrate_bit_s": 1000}, r"bitrate_bit_s = 1000: in a compiled run"),
+    ],
+)
+def test_what_cannot_be_run_is_refused_in_one_line(arguments: dict[str, Any], line: str) -> None:
+    with pytest.raises(SettingsError, match=line) as refused:
+        simulate(**arguments)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+def test_a_network_that_lets_nothing_through_ends_the_wait() -> None:
+    with pytest.raises(ValueError, match="no command reached the plant within 60 s of the start"):
+        simulate(overrides={"plant.latency.uplink.loss": 1.0, "controller.rate_hz": 10.0})
+
+
+class _Frame:
+    """Stands for a pandas.DataFrame."""
+
+    def __init__(self, columns: dict[str, Any]) -> None:
+        self.columns, self.index = dict(columns), ""
+
+    def set_index(self, name: str) -> "_Frame":
+        self.index = name
+        return self
+
+
+def test_tables_become_pandas_frames(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=_Frame))
+    plant, controller = run.to_pandas()
+    assert tuple(plant.columns) == run.plant._fields
+    assert tuple(controller.columns) == run.controller._fields
+    assert plant.index == controller.index == "time_s"
+
+
+@pytest.mark.parametrize(
+    ("missing", "method", "line"),
+    [
+        ("pandas", "to_pandas", r"^to_pandas\(\) needs pandas: pip install pandas$"),
+        ("matplotlib", "plot", r"^plot\(\) needs matplotlib: pip install '.*\[tools\]'$"),
+    ],
+)
+def test_what_is_not_installed_is_named_in_one_line(
+    run: Run, missing: str, method: str, line: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, missing, None)
+    monkeypatch.delitem(sys.modules, "steer_by_wire.reports.run_drawing", raising=False)
+    with pytest.raises(ValueError, match=line):
+        getattr(run, method)()
+
+
+def test_a_run_is_drawn(run: Run, tmp_path: Path) -> None:
+    figure = run.plot()
+    figure.savefig(tmp_path / "run.png")
+    error, *_ = figure.axes
+    np.testing.assert_array_equal(error.lines[0].get_ydata(), 1e3 * run.plant.lateral_error_m)
+    assert "RMS" in error.get_title(loc="left")
+
+
+def test_the_package_itself_imports_the_standard_library_alone() -> None:
+    code = (
+        "import sys, steer_by_wire; third = {'numpy', 'pydantic', 'can', 'steer_by_wire.runtime'};"
+        "print(sorted(third & set(sys.modules)))"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.strip() == "[]"
+
+
+def test_every_public_name_is_there_and_has_a_docstring() -> None:
+    assert sorted(steer_by_wire.__all__) == steer_by_wire.__all__
+    assert set(steer_by_wire.__all__) == set(steer_by_wire._MODULES)
+    for name in steer_by_wire.__all__:
+        assert getattr(steer_by_wire, name).__doc__
+        assert name in dir(steer_by_wire)
+    with pytest.raises(AttributeError, match="has no attribute 'simulat'"):
+        _ = steer_by_wire.simulat
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "steer_by_wire",
+        "steer_by_wire.simulation",
+        "steer_by_wire.plant_emulator.path_shapes",
+        "steer_by_wire.plant_emulator.waypoints",
+    ],
+)
+def test_the_examples_of_the_docstrings_run(name: str) -> None:
+    result = doctest.testmod(import_module(name), optionflags=doctest.ELLIPSIS)
+    assert result.attempted > 0
+    assert result.failed == 0
