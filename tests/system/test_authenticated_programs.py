@@ -153,7 +153,7 @@ def test_a_bus_for_classic_frames_only_is_one_line_and_status_3(tmp_path: Path, 
 
 def test_a_program_without_a_key_does_without_cryptography() -> None:
     code = (
-        "import sys, controller.program, plant_emulator.program;"
+        "import sys, steer_by_wire.controller.program, steer_by_wire.plant_emulator.program;"
         "sys.exit('cryptography' in sys.modules or 'cantools.autosar' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

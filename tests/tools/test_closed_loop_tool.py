@@ -58,7 +58,7 @@ def test_the_command_it_prints_makes_the_same_run_again(
     options = ["--duration", "1.5", "--seed", "9", *jitter, *wire, "--out", str(first)]
     assert closed_loop.main(options) == 0
     again = capsys.readouterr().out.splitlines()[-1].removeprefix("again").strip()
-    _python, _m, _tool, *arguments = shlex.split(again)
+    _command, _run, *arguments = shlex.split(again)
     assert closed_loop.main([*arguments, "--out", str(second)]) == 0
     for file in sorted(first.iterdir()):
         assert (second / file.name).read_bytes() == file.read_bytes()

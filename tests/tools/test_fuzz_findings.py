@@ -160,7 +160,7 @@ def test_what_ends_a_tool_while_it_is_read_leaves_no_traceback(
 ) -> None:
     if os.name != "posix":
         pytest.skip("statuses of signals are for Unix")
-    code = f"import sys; sys.argv[0] = '-m'; import tools; raise {raised}"
+    code = f"import sys; sys.argv[0] = '-m'; import steer_by_wire.tools; raise {raised}"
     result = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
     )
