@@ -10,7 +10,8 @@ from pathlib import Path
 
 from ..runtime.node import N
 from ..runtime.program import ExitStatus, run_node, say
-from ..runtime.settings import Settings
+from ..runtime.recording import fd_obstacle
+from ..runtime.settings import Settings, SettingsError
 from .messages import CAN_IDS, Message
 from .secured_frame import End, Refused
 
@@ -44,7 +45,8 @@ def run_secured_node(
     ``received``  the messages it receives
 
     Says on standard error who is believed, and at the end what was refused. Raises SettingsError
-    for a key file that cannot be used, and what ``run_node`` raises.
+    for a key file that cannot be used and a recording that would stay empty, and what ``run_node``
+    raises.
     """
     can_ids = {CAN_IDS[message_type] for message_type in received}
     if options.key_file is None:
@@ -56,6 +58,8 @@ def run_secured_node(
             conclude(node)
 
         return run_node(name, options, settings, make_node, conclude_classic, can_ids, NOBODY)
+    if options.record is not None and (obstacle := fd_obstacle(options.record)):
+        raise SettingsError(f"{obstacle}; with --key-file all frames are CAN FD")
     # Not above: they read the DBC once more, for which classic CAN has no use.
     from .authenticated_node import AuthenticatedNode
     from .key_file import open_authentication

@@ -3,7 +3,9 @@
 Rules:
 
 1. Whenever the bus is free, every frame that waits competes, those submitted at that very instant
-   included. The lowest arbitration field wins; between equal ones, the one submitted first.
+   included. The lowest arbitration field wins; between equal ones, the one submitted first. A
+   sender has a transmit buffer for each identifier, so that none of its frames waits behind one
+   of lower priority. As a FIFO, which it is with SocketCAN's queue, only its oldest one competes.
 2. A frame on the wire is never interrupted.
 3. A frame is complete at its end of frame, and the next one may start three bits (intermission)
    later. Acknowledgement, errors, retransmission and clock tolerance are not modelled.
@@ -18,6 +20,7 @@ The same class serves virtual time and, with the real clock's readings, the emul
 """
 
 import heapq
+from collections import deque
 from collections.abc import Callable
 from math import gcd, lcm
 from typing import NamedTuple
@@ -28,7 +31,7 @@ from .node import NEVER_NS, NS_PER_S
 
 
 class BusOverflowError(RuntimeError):
-    """A sender has as many frames waiting as it may have."""
+    """A sender has as many frames of one identifier waiting as it may have."""
 
 
 class Delivery(NamedTuple):
@@ -48,7 +51,7 @@ class BusLoad(NamedTuple):
 
     ``frames``   complete frames
     ``busy_ns``  time they took, intermissions included [ns]
-    ``refused``  frames not taken because their sender's queue was full
+    ``refused``  frames not taken because their transmit buffer was full
     """
 
     frames: int
@@ -65,6 +68,7 @@ class _Waiting(NamedTuple):
     sender: int
     frame: Frame
     submitted_ticks: int
+    buffer: tuple[int, int]
 
 
 def arbitration_field(frame: Frame) -> int:
@@ -86,9 +90,11 @@ class BusModel:
     ``bitrate_bit_s``       nominal bit rate [bit/s]
     ``data_bitrate_bit_s``  bit rate of the data phase of FD frames with BITRATE_SWITCH [bit/s];
                             the nominal one unless given
-    ``queue_limit``         frames one sender may have waiting
+    ``queue_limit``         frames of one identifier that a sender may have waiting; with
+                            ``is_fifo``, of all
     ``on_start``            called as ``on_start(frame, delay_ns)`` when a frame wins the bus, with
                             the time from its submission to its start of frame [ns]
+    ``is_fifo``             whether the frames of one sender keep their order
 
     ``next_event_ns``  when the next frame will be complete [ns]; NEVER_NS with nothing on the bus.
                        Until the bus is free this may change with every submission
@@ -102,6 +108,8 @@ class BusModel:
         data_bitrate_bit_s: int | None = None,
         queue_limit: int = 1000,
         on_start: Callable[[Frame, int], None] | None = None,
+        *,
+        is_fifo: bool = False,
     ) -> None:
         data_rate = bitrate_bit_s if data_bitrate_bit_s is None else data_bitrate_bit_s
         if bitrate_bit_s <= 0 or data_rate <= 0 or queue_limit <= 0:
@@ -117,8 +125,11 @@ class BusModel:
         self._data_bit_ticks = NS_PER_S * self._ticks_per_ns // data_rate
         self._queue_limit = queue_limit
         self._on_start = on_start
+        self._is_fifo = is_fifo
         self._queue: list[_Waiting] = []
-        self._waiting_of: dict[int, int] = {}
+        # By sender and identifier; in a FIFO by sender, and what waits behind its oldest frame.
+        self._waiting_of: dict[tuple[int, int], int] = {}
+        self._behind: dict[int, deque[_Waiting]] = {}
         self._sequence = 0
         self._on_wire: _Waiting | None = None
         self._end_ticks = 0
@@ -137,35 +148,42 @@ class BusModel:
     def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
         """Queue ``frame`` of ``sender``, ready to compete from ``now_ns`` on.
 
-        Raises ValueError for what is not a frame that can be sent, BusOverflowError when the
-        sender's queue is full; the frame is not taken then.
+        Raises ValueError for what is not a frame that can be sent, BusOverflowError when its
+        transmit buffer is full; the frame is not taken then.
         """
         bits = frame_bits(frame)
         now_ticks = now_ns * self._ticks_per_ns
         self._settle(now_ticks)
-        waiting = self._waiting_of.get(sender, 0)
+        arbitration = arbitration_field(frame)
+        buffer = (sender, 0 if self._is_fifo else arbitration)
+        waiting = self._waiting_of.get(buffer, 0)
         if waiting >= self._queue_limit:
             self._refused += 1
-            raise BusOverflowError(f"sender {sender} has {waiting} frames waiting for the bus")
-        self._waiting_of[sender] = waiting + 1
-        self._next_start_ticks = max(self._next_start_ticks, now_ticks)
+            of = "" if self._is_fifo else f"of identifier 0x{frame.can_id:03X} "
+            raise BusOverflowError(f"sender {sender} has {waiting} frames {of}waiting for the bus")
+        self._waiting_of[buffer] = waiting + 1
+        if self._next_start_ticks < now_ticks:
+            self._next_start_ticks = now_ticks
         self._sequence += 1
         duration_ticks = bits.nominal * self._bit_ticks + bits.data * self._data_bit_ticks
-        heapq.heappush(
-            self._queue,
-            _Waiting(
-                arbitration_field(frame), self._sequence, duration_ticks, sender, frame, now_ticks
-            ),
+        entry = _Waiting(
+            arbitration, self._sequence, duration_ticks, sender, frame, now_ticks, buffer
         )
+        if waiting and self._is_fifo:
+            self._behind.setdefault(sender, deque()).append(entry)
+        else:
+            heapq.heappush(self._queue, entry)
         self._look_ahead()
 
-    def withdraw(self, sender: int) -> int:
-        """Take back every frame of ``sender`` that is not on the wire yet; returns how many."""
+    def withdraw(self, sender: int) -> list[Frame]:
+        """Take back every frame of ``sender`` that is not on the wire yet; returns them."""
         kept = [waiting for waiting in self._queue if waiting.sender != sender]
-        withdrawn = len(self._queue) - len(kept)
+        withdrawn = [waiting.frame for waiting in self._queue if waiting.sender == sender]
+        withdrawn += [waiting.frame for waiting in self._behind.pop(sender, ())]
         heapq.heapify(kept)
         self._queue = kept
-        self._waiting_of.pop(sender, None)
+        for buffer in [buffer for buffer in self._waiting_of if buffer[0] == sender]:
+            del self._waiting_of[buffer]
         self._look_ahead()
         return withdrawn
 
@@ -204,16 +222,25 @@ class BusModel:
 
     def _start(self, winner: _Waiting) -> None:
         """Put the winner of the arbitration on the wire."""
-        if self._waiting_of[winner.sender] == 1:
-            del self._waiting_of[winner.sender]  # senders come and go; what is kept must not grow
-        else:
-            self._waiting_of[winner.sender] -= 1
+        # Taken out, since senders and identifiers come and go: what is kept must not grow.
+        still_waiting = self._waiting_of.pop(winner.buffer) - 1
+        if still_waiting:
+            self._waiting_of[winner.buffer] = still_waiting
+            if self._is_fifo:
+                self._compete_next(winner.sender)
         self._on_wire = winner
         self._end_ticks = self._next_start_ticks + winner.duration_ticks
         if self._on_start is not None:
             delay_ticks = self._next_start_ticks - winner.submitted_ticks
             self._on_start(winner.frame, delay_ticks // self._ticks_per_ns)
         self._next_start_ticks = self._end_ticks + INTERMISSION_BITS * self._bit_ticks
+
+    def _compete_next(self, sender: int) -> None:
+        """Let the next frame in a sender's FIFO compete, its oldest one being on the wire now."""
+        behind = self._behind[sender]
+        heapq.heappush(self._queue, behind.popleft())
+        if not behind:
+            del self._behind[sender]
 
     def _complete(self, sent: _Waiting) -> None:
         """Take the frame off the wire."""

@@ -2,7 +2,8 @@
 
     CONNECTED  the port's frames come and go
     SILENT     bus-off: the CAN controller has switched itself off. The port stays open, nothing is
-               sent; word of a restart ends it, or the carrier of the network interface
+               sent; word of a restart ends it, or the carrier of the network interface. What
+               the kernel contradicts is a forged one, and only counted
     LOST       the port has failed and is closed; a thread opens it again every RETRY_S
 
 A connection that is not to be kept raises BusError instead of leaving CONNECTED. One that is to be
@@ -23,7 +24,8 @@ from typing import NamedTuple
 import can
 
 from .bus import BusError, has_carrier
-from .error_frames import BUS_OFF, RESTARTED, UNSPECIFIED, error_causes
+from .can_state import is_in_bus_off
+from .error_frames import BUS_OFF, FORGED_BUS_OFF, RESTARTED, UNSPECIFIED, error_causes
 from .frame import ERROR, Frame
 from .node import NEVER_NS, NS_PER_S
 from .port import ClosablePort, OpenPort
@@ -149,6 +151,8 @@ class Connection:
     def _take_error_frame(self, frame: Frame) -> None:
         """Count an error frame, and act on the two that tell the end and the return of the bus."""
         causes = error_causes(frame) if self._opened.is_socketcan else (UNSPECIFIED,)
+        if BUS_OFF in causes and self._is_disproved():
+            causes = tuple(FORGED_BUS_OFF if one == BUS_OFF else one for one in causes)
         self._error_frames.update(causes)
         if BUS_OFF in causes:
             self._begin_outage(
@@ -158,6 +162,10 @@ class Connection:
             self._look_at_ns = self._clock_ns() + _RETRY_NS
         elif self._is_silent and RESTARTED in causes:
             self._end_outage()
+
+    def _is_disproved(self) -> bool:
+        """Whether the kernel knows that there is no bus-off."""
+        return self._opened.has_carrier and is_in_bus_off(self._opened.channel) is False
 
     def _lose(self, cause: str) -> None:
         """Close the port that has failed, and have it opened again."""

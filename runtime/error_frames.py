@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from .frame import Frame
 
 BUS_OFF = "bus_off"
+FORGED_BUS_OFF = "forged_bus_off"
+"""An error frame says bus-off, and the kernel that the controller is not."""
 RESTARTED = "restarted"
 UNSPECIFIED = "unspecified"
 """A cause that no bit tells; all error frames of interfaces other than SocketCAN."""

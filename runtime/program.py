@@ -91,12 +91,18 @@ class StopRequest:
 
     @contextmanager
     def on_signals(self) -> Iterator[None]:
-        """Let SIGINT and SIGTERM ask for the end until the end of the block.
+        """Let SIGINT, SIGTERM and SIGHUP ask for the end until the end of the block.
+
+        SIGHUP is the end of the terminal or of the connection to it; below nohup it is ignored, and
+        stays so.
 
         However often they come: terminals and the wrappers that pass signals on send them twice,
         and the second must not cost the report.
         """
-        previous = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        numbers = [signal.SIGINT, signal.SIGTERM]
+        if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+            numbers.append(signal.SIGHUP)
+        previous = {number: signal.getsignal(number) for number in numbers}
         for number in previous:
             signal.signal(number, self._take_signal)
         try:

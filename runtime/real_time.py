@@ -54,8 +54,9 @@ class LoopFigures(NamedTuple):
     """What a run was like.
 
     ``lateness``         how long after its deadline each tick ran
-    ``overruns``         how often the work of a wake-up lasted beyond the next deadline: late
-                         because the program was slow or held up, not because it woke up late
+    ``unwaited``         how often the next deadline had come by the end of a wake-up, so that
+                         nothing was waited for. Deadlines that are close together do that to a
+                         healthy node; what a node misses it counts itself
     ``wake_ups``         how often the loop went round
     ``full_wake_ups``    how often FRAMES_PER_WAKE_UP_MAX cut the frames of a wake-up short
     ``frames_refused``   frames of the node the bus had no room for; they are not sent again
@@ -64,7 +65,7 @@ class LoopFigures(NamedTuple):
     """
 
     lateness: DurationSummary
-    overruns: int
+    unwaited: int
     wake_ups: int
     full_wake_ups: int
     frames_received: int
@@ -93,7 +94,7 @@ class RealTimeExecutor:
         self._clock_ns = clock_ns
         self._spin_ns = spin_ns
         self._lateness = DurationStatistics()
-        self._overruns = 0
+        self._unwaited = 0
         self._wake_ups = 0
         self._full_wake_ups = 0
         self._frames_received = 0
@@ -107,7 +108,7 @@ class RealTimeExecutor:
         """Figures of the run so far."""
         return LoopFigures(
             self._lateness.summary(),
-            self._overruns,
+            self._unwaited,
             self._wake_ups,
             self._full_wake_ups,
             self._frames_received,
@@ -135,7 +136,7 @@ class RealTimeExecutor:
             # Read again, because the wait that follows is counted from here and not from now_ns.
             before_ns = self._clock_ns()
             if self._node.deadline_ns <= before_ns:
-                self._overruns += 1
+                self._unwaited += 1
             self._busy_ns += before_ns - now_ns
             self._duration_ns = before_ns - start_ns
 

@@ -17,6 +17,7 @@ import os
 import struct
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections import deque
@@ -38,6 +39,8 @@ STOP_TIMEOUT_S = 30.0
 RECORD = struct.Struct("<qIBBBx")
 """Head of a frame in the pipe: time [ns], identifier, flags, whether it was received, and how many
 bytes of payload follow."""
+PROGRESS = struct.Struct("=Q")
+"""How many frames are in the file, in a file without name that the recorder keeps up to date."""
 _PIPE_BYTES = 1 << 20
 """The most an ordinary user is granted: over 20 000 frames, 40 s of the loop at 100 Hz."""
 _SENT, _RECEIVED = 0, 1
@@ -47,7 +50,7 @@ _QUEUED_MAX = 20_000
 class RecordingFigures(NamedTuple):
     """What has become of a recording.
 
-    ``frames``    written to the file
+    ``frames``    in the file; where the recorder was killed, as far as it has noted that
     ``dropped``   there was no room for them on the way to the recorder
     ``left_out``  the format has no place for them
     ``failure``   why the recorder gave up; empty when it did not
@@ -74,6 +77,15 @@ def recording_obstacle(path: Path) -> str:
     return ""
 
 
+def fd_obstacle(path: Path) -> str:
+    """Why CAN FD frames cannot be recorded into a file of this name; empty when they can."""
+    suffix = path.suffix.lower()
+    if not LEFT_OUT.get(suffix, 0) & FD:
+        return ""
+    able = ", ".join(one for one in SUFFIXES if not LEFT_OUT.get(one, 0) & FD)
+    return f"{path}: {suffix} has no place for CAN FD frames: record as {able}"
+
+
 class Recording:
     """Takes the frames of one run; ``close`` it at the end.
 
@@ -89,8 +101,18 @@ class Recording:
         self._path = path
         self._dropped = 0
         self._offset_ns = time.time_ns() - time.monotonic_ns()
+        self._progress = tempfile.TemporaryFile()  # noqa: SIM115 closed with this recording
+        progress = -1 if sys.platform == "win32" else self._progress.fileno()
         self._recorder = subprocess.Popen(  # noqa: S603 the command is our own
-            [sys.executable, "-m", "steer_by_wire.runtime.recording_file", str(path), channel],
+            [
+                sys.executable,
+                "-m",
+                "steer_by_wire.runtime.recording_file",
+                str(path),
+                channel,
+                str(progress),
+            ],
+            pass_fds=() if progress < 0 else (progress,),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,  # what libraries have to say about themselves
@@ -132,10 +154,12 @@ class Recording:
         finally:
             self._answer.close()
         summary = _summary(rest)
+        with self._progress as noted:
+            frames = int.from_bytes(noted.read(PROGRESS.size), sys.byteorder)
         failure = summary.get("failure", "the recorder was ended before it could finish the file")
         return RecordingFigures(
             str(self._path),
-            summary.get("frames", 0),
+            summary.get("frames", frames),
             self._dropped,
             summary.get("left_out", 0),
             failure,

@@ -4,9 +4,12 @@ A frame that waited to be taken arrived before others that were recorded already
 such a frame the time of the one before it, so records are put in order first: each is held until
 one comes that is HELD_NS newer, or none has come for IDLE_S.
 
-Text formats lose no more than the last second, whatever is killed: they are handed to the operating
-system after every read, and at least every SYNC_NS to the disk. A file may then end in the middle
-of a line; who reads it must not take that for a frame.
+Text formats and ``.blf`` lose no more than the last second, whatever is killed: text is handed to
+the operating system after every read, ``.blf`` every SYNC_NS, and both as often to the disk. A text
+file may then end in the middle of a line; who reads it must not take that for a frame.
+
+How many frames are in the file is written to a file of the program's own whenever that changes, so
+that a recorder that is killed has said so.
 """
 
 import argparse
@@ -29,7 +32,8 @@ from can.io.generic import TextIOMessageWriter
 from .frame import Frame
 from .message import message_of
 from .node import NS_PER_S
-from .recording import LEFT_OUT, RECORD
+from .recording import LEFT_OUT, PROGRESS, RECORD
+from .recording_writers import BlfWriter, frames_in_file, open_writer
 
 HELD_NS = 100_000_000
 """Longer than frames wait in a program that runs on time."""
@@ -49,8 +53,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m steer_by_wire.runtime.recording_file")
     parser.add_argument("path", type=Path)
     parser.add_argument("channel")
+    parser.add_argument("progress", type=int, help="descriptor for the count of frames, or -1")
     options = parser.parse_args()
-    summary = record(options.path, options.channel, sys.stdin.buffer)
+    summary = record(options.path, options.channel, sys.stdin.buffer, options.progress)
     os.write(1, json.dumps(summary).encode("ascii"))
     return 0
 
@@ -64,8 +69,10 @@ class _Record(NamedTuple):
     is_received: bool
 
 
-def record(path: Path, channel: str, source: BinaryIO) -> dict[str, Any]:
+def record(path: Path, channel: str, source: BinaryIO, progress: int) -> dict[str, Any]:
     """Write every record in ``source`` to ``path``; returns frames, left_out and failure.
+
+    ``progress``  descriptor of the file that holds how many frames ``path`` has; -1 for none
 
     Says "ready" on standard output when the file is open.
     """
@@ -75,9 +82,9 @@ def record(path: Path, channel: str, source: BinaryIO) -> dict[str, Any]:
     try:
         if path.is_file() and not path.is_symlink():
             path.unlink()  # the writers replace a file, but the one for .db would add to it
-        writer = can.Logger(path)
+        writer = open_writer(path)
         os.write(1, b"ready\n")
-        _write_all(writer, path.suffix.lower(), channel, _records(source), counts)
+        _write_all(writer, path.suffix.lower(), channel, _records(source), counts, progress)
     except Exception as error:  # whatever a writer raises, the program has to hear of it
         failure = _why(error)
     try:
@@ -99,10 +106,11 @@ def _write_all(
     channel: str,
     reads: Iterator[list[_Record]],
     counts: dict[str, int],
+    progress: int,
 ) -> None:
     """Write all records in order of time; counts them as it goes."""
     left_out = LEFT_OUT.get(suffix, 0)
-    sync = Sync(writer.file.fileno()) if isinstance(writer, TextIOMessageWriter) else None
+    sync, told = _sync_of(writer), 0
     for records in _ordered(reads):
         for time_ns, _, frame, is_received in records:
             if frame.flags & left_out:
@@ -114,9 +122,28 @@ def _write_all(
             message.is_rx = is_received
             writer.on_message_received(message)
             counts["frames"] += 1
-        if isinstance(writer, TextIOMessageWriter) and sync is not None:
+        if isinstance(writer, TextIOMessageWriter):
             writer.file.flush()
+        if sync is not None:
             sync.after_write(len(records))
+        in_file = frames_in_file(writer, counts["frames"])
+        if progress >= 0 and in_file != told:
+            os.pwrite(progress, PROGRESS.pack(in_file), 0)
+            told = in_file
+
+
+def _sync_of(writer: can.io.generic.MessageWriter) -> "Sync | None":
+    """Return what brings the file on the disk up to date; None for a format that does itself."""
+    if isinstance(writer, TextIOMessageWriter):
+        return Sync(writer.file.fileno())
+    if not isinstance(writer, BlfWriter):
+        return None
+
+    def sync(descriptor: int) -> None:
+        writer.bring_up_to_date()
+        os.fsync(descriptor)
+
+    return Sync(writer.file.fileno(), sync)
 
 
 class Sync:

@@ -44,7 +44,7 @@ def loop_report(figures: LoopFigures) -> dict[str, Any]:
     """Return the figures of a real-time loop, times in seconds."""
     return {
         "lateness": durations_report(figures.lateness),
-        "overruns": figures.overruns,
+        "unwaited": figures.unwaited,
         "wake_ups": figures.wake_ups,
         "full_wake_ups": figures.full_wake_ups,
         "frames_received": figures.frames_received,

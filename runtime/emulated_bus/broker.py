@@ -5,8 +5,8 @@ the broker reads it, and is delivered at its end of frame, never earlier.
 
 No client holds up another, whatever it does; everything that waits for one has a bound:
 
-    who floods                  is not read until its frames have gone out, so that it waits in
-                                ``send`` as for a full controller
+    who floods                  hears which of its transmit buffers is full; who goes on is not read
+                                until frames have gone out, and so waits in ``send``
     who keeps changing filters  is read again FILTER_CHANGE_NS later for each change
     who does not read           is disconnected when OUTGOING_BYTES_MAX wait for it
     who sends garbage           is disconnected at the first record that is none
@@ -49,7 +49,7 @@ class ClientFigures(NamedTuple):
     """What the broker has had to do with its clients.
 
     ``connected``  now; ``most`` at once; ``served`` since the start
-    ``held_back``  how often one was not read on because FRAMES_WAITING_MAX of its frames waited
+    ``held_back``  how often one was not read on because its transmit buffers were full
     """
 
     connected: int
@@ -66,6 +66,7 @@ class Broker:
     ``journal``             is told who comes and goes
     ``clock_ns``            monotonic clock [ns]
     ``takes_bus_off``       whether a client may send another one, or itself, into bus-off
+    ``is_fifo``             whether the frames of one client keep their order
     """
 
     def __init__(
@@ -75,7 +76,9 @@ class Broker:
         data_bitrate_bit_s: int | None,
         journal: Journal,
         clock_ns: Callable[[], int] = time.monotonic_ns,
+        *,
         takes_bus_off: bool = False,
+        is_fifo: bool = False,
     ) -> None:
         listener.setblocking(False)
         self._listener = listener
@@ -84,6 +87,7 @@ class Broker:
         self._journal = journal
         self._clock_ns = clock_ns
         self._takes_bus_off = takes_bus_off
+        self._is_fifo = is_fifo
         self._wall_clock = WallClock()
         self._channels: dict[str, Channel] = {}
         self._clients: set[Connection] = set()
@@ -253,7 +257,9 @@ class Broker:
             self._refuse(client, reason, now_ns)
             return
         if hello.channel not in self._channels:
-            self._channels[hello.channel] = Channel(self._bitrate_bit_s, self._data_bitrate_bit_s)
+            self._channels[hello.channel] = Channel(
+                self._bitrate_bit_s, self._data_bitrate_bit_s, is_fifo=self._is_fifo
+            )
         self._channels[hello.channel].members[client.number] = client
         self._journal.join(str(client), now_ns)
         client.queue(self._answer("").pack())
@@ -298,6 +304,8 @@ class Broker:
         requests = client.take_bus_offs()
         for request in requests:
             self._send_off(client, request, now_ns)
+        if client.has_outgoing:
+            self._flush(client, now_ns)
         if client not in self._clients:
             return
         changes = client.take_filter_changes() + len(requests)

@@ -1,5 +1,9 @@
 """One channel of the broker: a bus with its own time, and the clients on it.
 
+A client has a transmit buffer for each identifier that it sends, as a CAN controller with enough of
+them. When one is full the client hears of it and refuses further frames of that identifier itself,
+so that the others do not wait behind them; who goes on all the same is not read any more.
+
 What a client has submitted still goes out when the client has gone, as the last frames of a program
 that ends do. So that nobody fills the bus by coming and going, at most LEFT_FRAMES_MAX frames of
 departed clients wait on one channel: beyond that, who left the most loses them.
@@ -13,11 +17,24 @@ from ..frame import EXTENDED, Frame
 from ..node import NEVER_NS
 from ..statistics import DurationStatistics, DurationSummary
 from .bus_off import BUS_OFF_FRAME, RESTARTED_FRAME, Recovery
-from .connection import Connection
-from .protocol import OWN, BusOff, pack_frame, record_format
+from .connection import BufferKey, Connection
+from .protocol import (
+    OWN,
+    Buffer,
+    BusOff,
+    pack_buffer,
+    pack_frame,
+)
 
+BUFFER_FULL = 16
+"""Frames in one transmit buffer from which on its client refuses more of them."""
 FRAMES_WAITING_MAX = 64
-"""Frames of one client on their way before the broker stops reading from it."""
+"""Frames in one transmit buffer before the broker stops reading from its client: room for those
+that were under way when it was full, and for a client that waits in ``send`` anyway."""
+BUFFERS_MAX = 32
+"""Identifiers of one client on their way before the broker stops reading from it."""
+_FIFO: BufferKey = (-1, False)
+"""The one transmit buffer of a client whose frames keep their order."""
 LEFT_FRAMES_MAX = 1024
 """Frames of clients that have gone which may wait on one channel."""
 WATCHED_IDS_MAX = 256
@@ -28,13 +45,16 @@ that are seen."""
 class Channel:
     """One bus and the clients on it, by their numbers.
 
-    ``bitrate_bit_s``, ``data_bitrate_bit_s``  as in BusModel
+    ``bitrate_bit_s``, ``data_bitrate_bit_s``, ``is_fifo``  as in BusModel
     """
 
-    def __init__(self, bitrate_bit_s: int, data_bitrate_bit_s: int | None) -> None:
+    def __init__(
+        self, bitrate_bit_s: int, data_bitrate_bit_s: int | None, *, is_fifo: bool = False
+    ) -> None:
         self._model = BusModel(
-            bitrate_bit_s, data_bitrate_bit_s, FRAMES_WAITING_MAX, self._on_start
+            bitrate_bit_s, data_bitrate_bit_s, FRAMES_WAITING_MAX, self._on_start, is_fifo=is_fifo
         )
+        self._is_fifo = is_fifo
         self._bitrate_bit_s = bitrate_bit_s
         self.members: dict[int, Connection] = {}
         self._senders: dict[tuple[int, bool], int] = {}
@@ -90,19 +110,25 @@ class Channel:
 
         Raises ProtocolError for what is no frame.
         """
-        while client.frames_waiting < FRAMES_WAITING_MAX:
-            frame = client.take_frame()
-            if frame is None:
-                return True
+        waiting_of = client.waiting
+        while (frame := client.take_frame()) is not None:
             if client.recovery is not None:
                 self._lost_in_bus_off += 1
                 continue
+            can_id, _, flags = frame
+            key = (can_id, flags & EXTENDED != 0)
+            buffer = _FIFO if self._is_fifo else key
+            waiting = waiting_of.get(buffer, 0) + 1
+            if waiting > FRAMES_WAITING_MAX or (waiting == 1 and len(waiting_of) >= BUFFERS_MAX):
+                client.put_back(frame)
+                return False
             self._model.submit(frame, client.number, now_ns)
-            client.frames_waiting += 1
-            key = (frame.can_id, bool(frame.flags & EXTENDED))
+            waiting_of[buffer] = waiting
+            if waiting >= BUFFER_FULL and not self._is_fifo:
+                self._tell_full(client, key)
             if key in self._senders or len(self._senders) < WATCHED_IDS_MAX:
                 self._senders[key] = client.number
-        return False
+        return True
 
     def go_off(self, request: BusOff, now_ns: int, time_ns: int) -> Connection | None:
         """Send a client into bus-off, or set anew when one in it is started again.
@@ -121,11 +147,12 @@ class Channel:
             client.recovery.restart_ns = min(client.recovery.restart_ns, restart_ns)
             return None
         withdrawn = self._model.withdraw(client.number)
-        client.frames_waiting -= withdrawn
-        self._lost_in_bus_off += withdrawn
+        for frame in withdrawn:
+            self._make_room(client, frame)
+        self._lost_in_bus_off += len(withdrawn)
         self._bus_offs += 1
         client.recovery = Recovery(restart_ns, self._bitrate_bit_s)
-        client.queue(pack_frame(record_format(client.fd), BUS_OFF_FRAME, time_ns))
+        client.queue(pack_frame(client.record, BUS_OFF_FRAME, time_ns))
         return client
 
     def come_back(self, now_ns: int, time_ns: int) -> list[Connection]:
@@ -145,7 +172,7 @@ class Channel:
         ]
         for client in back:
             client.recovery = None
-            client.queue(pack_frame(record_format(client.fd), RESTARTED_FRAME, time_ns))
+            client.queue(pack_frame(client.record, RESTARTED_FRAME, time_ns))
         return back
 
     def advance(self, now_ns: int) -> list[Delivery]:
@@ -153,10 +180,10 @@ class Channel:
         completed = self._model.advance(now_ns)
         if completed:
             self._quiet_ns = completed[-1].end_ns
-        for _, sender, _ in completed:
+        for _, sender, frame in completed:
             member = self.members.get(sender)
             if member is not None:
-                member.frames_waiting -= 1
+                self._make_room(member, frame)
             elif self._left[sender] > 1:
                 self._left[sender] -= 1
             else:
@@ -170,7 +197,7 @@ class Channel:
         for member in self.members.values():
             if not member.wants(frame, sender):
                 continue
-            record = record_format(member.fd)
+            record = member.record
             if member.number == sender:
                 own = frame._replace(flags=frame.flags | OWN)
                 member.queue(pack_frame(record, own, time_ns))
@@ -187,15 +214,36 @@ class Channel:
         for number in sorted(self._left, key=self._left.__getitem__, reverse=True):
             if sum(self._left.values()) <= LEFT_FRAMES_MAX:
                 break
-            withdrawn = self._model.withdraw(number)
+            withdrawn = len(self._model.withdraw(number))
             self._discarded += withdrawn
             self._left[number] -= withdrawn
             if not self._left[number]:
                 del self._left[number]
 
+    def _tell_full(self, client: Connection, buffer: BufferKey) -> None:
+        """Have the client refuse frames of this transmit buffer until there is room.
+
+        Who does not read would not hear of it: that one is held back in the end.
+        """
+        if buffer not in client.full and not client.is_behind:
+            client.full.add(buffer)
+            client.queue(pack_buffer(client.record, Buffer(*buffer, has_room=False)))
+
+    def _make_room(self, client: Connection, frame: Frame) -> None:
+        """Count a frame that has left its transmit buffer."""
+        can_id, _, flags = frame
+        buffer = _FIFO if self._is_fifo else (can_id, flags & EXTENDED != 0)
+        waiting = client.waiting.pop(buffer) - 1
+        if waiting:
+            client.waiting[buffer] = waiting
+        if waiting == BUFFER_FULL - 1 and buffer in client.full:
+            client.full.discard(buffer)
+            client.queue(pack_buffer(client.record, Buffer(*buffer, has_room=True)))
+
     def _on_start(self, frame: Frame, delay_ns: int) -> None:
         """Time the arbitration of a frame."""
-        key = (frame.can_id, bool(frame.flags & EXTENDED))
+        can_id, _, flags = frame
+        key = (can_id, flags & EXTENDED != 0)
         statistics = self._delays.get(key)
         if statistics is None:
             if len(self._delays) >= WATCHED_IDS_MAX:

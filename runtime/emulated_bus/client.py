@@ -28,6 +28,7 @@ from .protocol import (
     OWN,
     REMOTE_LENGTH_SHIFT,
     Answer,
+    Buffer,
     BusOff,
     Filter,
     Hello,
@@ -91,6 +92,7 @@ class EmulatedBus(can.BusABC):
         self._partial = b""
         self._state = BusState.ACTIVE
         self._takes_bus_off = answer.takes_bus_off
+        self._full: set[tuple[int, bool]] = set()
         # send_periodic sends from a thread of its own.
         self._send_lock = threading.Lock()
         self._can_protocol = CanProtocol.CAN_FD if fd else CanProtocol.CAN_20
@@ -101,7 +103,7 @@ class EmulatedBus(can.BusABC):
         """Hand a frame to the bus; returns before it is on the wire.
 
         ``timeout``  time to wait for room [s] when many frames wait already; None for ever, 0 not
-                     at all
+                     at all: then only frames of the same identifier take its room
 
         Raises can.CanTimeoutError without room in time, can.CanOperationError when the broker has
         ended, for an error frame, for a CAN FD frame without ``fd``, and in state PASSIVE.
@@ -110,6 +112,8 @@ class EmulatedBus(can.BusABC):
             raise can.CanOperationError("this bus is passive: it does not send")
         if msg.is_fd and self._can_protocol is not CanProtocol.CAN_FD:
             raise can.CanOperationError("a CAN FD frame needs a bus that was opened with fd=True")
+        if timeout == 0 and (msg.arbitration_id, msg.is_extended_id) in self._full:
+            raise can.CanTimeoutError("no room to send: frames of this identifier wait already")
         raw = pack_frame(self._record, _sent_frame(msg))
         with self._send_lock:
             self._send_all(raw, timeout)
@@ -162,6 +166,9 @@ class EmulatedBus(can.BusABC):
             frame, time_ns = unpack_delivery(self._record, raw)
         except ProtocolError as error:
             raise can.CanOperationError(str(error)) from error
+        if isinstance(frame, Buffer):
+            (self._full.discard if frame.has_room else self._full.add)(frame[:2])
+            return self._recv_internal(0.0)  # a frame may be behind it
         message = _received_message(frame, time_ns, self._channel)
         return message, bool(message.is_error_frame)
 

@@ -33,6 +33,10 @@ _PEER = struct.Struct("3i")
 """struct ucred of unix(7): process, user, group."""
 
 
+BufferKey = tuple[int, bool]
+"""A transmit buffer: the identifier of its frames, and whether that has 29 bits."""
+
+
 class ConnectionLostError(Exception):
     """The client is gone, or has to go; the text is empty for an orderly end."""
 
@@ -46,8 +50,12 @@ class Connection:
 
     ``number``          names the client as a sender on its channel
     ``hello``           what it asked for; None until that has come in whole
-    ``frames_waiting``  frames it has submitted that are not complete yet; the broker counts here
+    ``record``          the format of the records of both sides from then on
+    ``waiting``         frames it has submitted that are not complete yet, by transmit buffer; the
+                        broker counts here
+    ``full``            transmit buffers of which it has heard that they have no room
     ``is_held_back``    whether it is not read because as many frames wait as may
+    ``is_behind``       whether its socket had no room for all when it was last written to
     ``recovery``        while its CAN controller is in bus-off: the way out
     """
 
@@ -55,27 +63,30 @@ class Connection:
         connection.setblocking(False)
         self.number = number
         self.hello: Hello | None = None
-        self.frames_waiting = 0
+        self.waiting: dict[BufferKey, int] = {}
+        self.full: set[BufferKey] = set()
         self.is_held_back = False
+        self.is_behind = False
         self.recovery: Recovery | None = None
         self._process = _process_of(connection)
         self._socket = connection
-        self._record = record_format(fd=False)
+        self.record = record_format(fd=False)
         self._incoming = bytearray()
         self._outgoing = bytearray()
         self._masks: dict[tuple[int, bool | None], set[int]] = {}
         self._filters = 0
         self._filter_changes = 0
         self._bus_offs: list[BusOff] = []
+        self._put_back: Frame | None = None
 
     def __str__(self) -> str:
         of = f" of {self.hello.channel!r}" if self.hello else ""
         return f"client {self.number}{of}{self._process}"
 
     @property
-    def fd(self) -> bool:
-        """Whether the client takes CAN FD frames."""
-        return self.hello is not None and self.hello.fd
+    def frames_waiting(self) -> int:
+        """Frames it has submitted that are not complete yet."""
+        return sum(self.waiting.values())
 
     @property
     def has_outgoing(self) -> bool:
@@ -109,7 +120,7 @@ class Connection:
         if len(self._incoming) < HELLO.size:
             return None
         self.hello = unpack_hello(self._take(HELLO.size))
-        self._record = record_format(self.hello.fd)
+        self.record = record_format(self.hello.fd)
         return self.hello
 
     def take_frame(self) -> Frame | None:
@@ -118,8 +129,11 @@ class Connection:
         Changes of the filters that lie before it take effect on the way; requests for bus-off are
         kept for ``take_bus_offs``.
         """
-        while len(self._incoming) >= self._record.size:
-            request = unpack_request(self._record, self._take(self._record.size))
+        if self._put_back is not None:
+            frame, self._put_back = self._put_back, None
+            return frame
+        while len(self._incoming) >= self.record.size:
+            request = unpack_request(self.record, self._take(self.record.size))
             if isinstance(request, Frame):
                 return request
             if isinstance(request, BusOff):
@@ -127,6 +141,10 @@ class Connection:
             else:
                 self._change_filters(request)
         return None
+
+    def put_back(self, frame: Frame) -> None:
+        """Have ``take_frame`` return ``frame`` again, for which there was no room."""
+        self._put_back = frame
 
     def take_bus_offs(self) -> list[BusOff]:
         """Return the requests for bus-off that have been taken since the last call."""
@@ -170,6 +188,7 @@ class Connection:
         except OSError as error:
             raise ConnectionLostError(Cause.LOST, str(error)) from error
         del self._outgoing[:written]
+        self.is_behind = bool(self._outgoing)
         if len(self._outgoing) > OUTGOING_BYTES_MAX:
             raise ConnectionLostError(
                 Cause.NOT_READING, f"it does not read: {len(self._outgoing)} bytes wait for it"

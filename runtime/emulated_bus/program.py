@@ -1,4 +1,4 @@
-"""The program ``emulated-can-bus``: runs a broker until SIGINT or SIGTERM.
+"""The program ``emulated-can-bus``: runs a broker until SIGINT, SIGTERM or SIGHUP.
 
 Prints one line to standard output when clients can connect; to standard error one for every client
 that it disconnects, and one with the statistics at the end. Exit status: 0 after an orderly end, 2
@@ -37,10 +37,12 @@ _CANNOT_WRITE = 4
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     options = _parse(arguments)
-    # Both end the program through its finally clauses. SIGINT is set too because a shell starts
-    # background programs with it ignored.
+    # All end the program through its finally clauses. SIGINT is set too because a shell starts
+    # background programs with it ignored; SIGHUP stays ignored, as it is below nohup.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, signal.default_int_handler)
     try:
         address = parse_address(options.address) if options.address else default_address()
         group = None if options.group is None else group_number(options.group)
@@ -58,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _serve(listener: socket.socket, address: Address, options: argparse.Namespace) -> None:
-    """Serve until SIGINT, SIGTERM or the end of standard input; raises OSError for the report."""
+    """Serve until a signal or the end of standard input; raises OSError for the report."""
     if isinstance(address, TcpAddress):
         address = TcpAddress(*listener.getsockname())
     rates = f"{options.bitrate} bit/s"
@@ -71,6 +73,7 @@ def _serve(listener: socket.socket, address: Address, options: argparse.Namespac
         options.data_bitrate,
         journal,
         takes_bus_off=options.allow_bus_off,
+        is_fifo=options.fifo,
     )
     start_ns = time.monotonic_ns()
     print(f"{_NAME}: listening at {address}, {rates}", flush=True)
@@ -144,6 +147,12 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="let clients send one of them into bus-off, as tools.inject_faults does "
         "(default: who asks for it is disconnected)",
+    )
+    parser.add_argument(
+        "--fifo",
+        action="store_true",
+        help="send the frames of one client in the order it has handed them over, as the queue of "
+        "a SocketCAN interface does (default: a transmit buffer for each identifier)",
     )
     parser.add_argument(
         "--end-with-stdin",

@@ -6,7 +6,8 @@ of classic frames, 80 for one of CAN FD.
 
 Fixed sizes let a client read exactly one frame per ``recv``. Nothing is ever left in a buffer in
 the client's process, so "the socket is readable" means "a frame is waiting", which is what select,
-asyncio and ``can.Notifier`` take it to mean.
+asyncio and ``can.Notifier`` take it to mean; but for the record that says of a transmit buffer of
+the client that it has filled up, or has room again.
 
     hello    magic:8 options:1 pad:3 bitrate:4 data_bitrate:4 channel:64      client to broker
     answer   magic:8 options:1 pad:3 bitrate:4 data_bitrate:4 reason:160      broker to client
@@ -23,7 +24,7 @@ from typing import NamedTuple
 from ..frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
 from ..node import NS_PER_S
 
-MAGIC = b"emucan\x00\x01"
+MAGIC = b"emucan\x00\x02"
 """Name and version: both sides close on any other."""
 
 CHANNEL_BYTES_MAX = 64
@@ -45,6 +46,7 @@ _FRAME = 1
 _FILTER = 2
 _CLEAR_FILTERS = 3
 _BUS_OFF = 4
+_BUFFER = 5
 
 _HELLO_FD = 1
 _HELLO_RECEIVE_OWN = 2
@@ -162,6 +164,14 @@ class BusOff(NamedTuple):
     restart_after_ns: int
 
 
+class Buffer(NamedTuple):
+    """What the broker says of a client's transmit buffer for one identifier."""
+
+    can_id: int
+    extended: bool
+    has_room: bool
+
+
 Request = Frame | Filter | ClearFilters | BusOff
 """What a client's record says."""
 
@@ -193,9 +203,20 @@ def pack_bus_off(record: Struct, request: BusOff) -> bytes:
     return record.pack(_BUS_OFF, EXTENDED * extended, 0, can_id, restart_after_ns, b"")
 
 
-def unpack_delivery(record: Struct, raw: bytes) -> tuple[Frame, int]:
-    """Read what the broker delivers: the frame and its end [ns]. Raises ProtocolError."""
+def pack_buffer(record: Struct, buffer: Buffer) -> bytes:
+    """Return the record that says whether a transmit buffer has room."""
+    can_id, extended, has_room = buffer
+    return record.pack(_BUFFER, EXTENDED * extended, has_room, can_id, 0, b"")
+
+
+def unpack_delivery(record: Struct, raw: bytes) -> tuple[Frame | Buffer, int]:
+    """Read what the broker delivers: a frame and its end [ns], or the state of a transmit buffer.
+
+    Raises ProtocolError.
+    """
     kind, flags, length, can_id, time_ns, data = record.unpack(raw)
+    if kind == _BUFFER:
+        return Buffer(can_id, bool(flags & EXTENDED), bool(length)), time_ns
     if kind != _FRAME:
         raise ProtocolError(f"unknown record {kind} from the broker")
     return _frame(can_id, data, length, flags), time_ns

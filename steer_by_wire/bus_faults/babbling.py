@@ -1,11 +1,14 @@
 """A babbling node: always has a frame ready, so that the bus is never free.
 
 Its identifier decides what that does. The highest one takes what the others leave; the lowest one
-takes everything. The payload counts, so that a recording of it shows what is missing.
+takes everything; one between two messages starves the lower of them, and must not hold up the
+higher. The payload counts, so that a recording of it shows what is missing.
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
+from ..dbc.messages import CAN_IDS, LatencyConfig
 from ..runtime.bus_model import BusModel, BusOverflowError, Delivery
 from ..runtime.frame import Frame
 from ..runtime.node import NEVER_NS
@@ -14,6 +17,10 @@ LOWEST_PRIORITY_IDS = (0x7FC, 0x7FD, 0x7FE, 0x7FF)
 HIGHEST_PRIORITY_IDS = (0x000, 0x001, 0x002, 0x003)
 """Several, because the emulated bus takes a bounded number of frames from each client: four queues
 last for 60 ms in which the machine may hold up babbler and broker. The pair's are in between."""
+_PAIR_IDS = sorted(can_id for message, can_id in CAN_IDS.items() if message is not LatencyConfig)
+GAPS = [range(below + 1, above) for below, above in pairwise(_PAIR_IDS)]
+"""The identifiers between two neighbours of the pair's own. All of a gap do the same to the pair:
+what is above them gets through, what is below them waits."""
 _BABBLER = -1
 
 

@@ -178,19 +178,23 @@ def test_a_run_ends_by_itself_with_report_and_trace(tmp_path: Path) -> None:
     assert any(isinstance(m, SteeringStatus) and m.applied_counter > 0 for m in messages)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_run_with_its_report(tmp_path: Path, number: signal.Signals) -> None:
-    report_file = tmp_path / "report.json"
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_a_run_with_its_report_and_its_trace(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    report_file, trace_file = tmp_path / "report.json", tmp_path / "trace.csv"
+    files = ("--report", str(report_file), "--trace", str(trace_file))
     with (
         launched_broker() as address,
         can.Bus(interface="emulated", address=address, ignore_config=True) as client,
-        started(*on_bus(address), "--report", str(report_file)) as program,
+        started(*on_bus(address), *files) as program,
     ):
         drive_until(client, 3)
         program.send_signal(number)
         _, err = program.communicate(timeout=PATIENCE_S)
         assert (program.returncode, err) == (ExitStatus.OK, NOTICE)
     assert checked_report(report_file)["ended_by"] == number.name
+    assert len(trace_file.read_text().splitlines()) > 1
 
 
 def test_a_duration_ends_a_run_that_nobody_drives(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 from steer_by_wire.runtime import connection as connection_module
 from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.connection import SETTLED_S, TOLD_OUTAGES_MAX, Connection
-from steer_by_wire.runtime.error_frames import BUS_OFF, RESTARTED
+from steer_by_wire.runtime.error_frames import BUS_OFF, FORGED_BUS_OFF, RESTARTED
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.port import AF_CAN, PYTHON_CAN, OpenPort
@@ -79,6 +79,7 @@ def carriers(monkeypatch: pytest.MonkeyPatch) -> dict[str, bool]:
     states: dict[str, bool] = {}
     monkeypatch.setattr(connection_module, "RETRY_S", 0.001)
     monkeypatch.setattr(connection_module, "has_carrier", states.get)
+    monkeypatch.setattr(connection_module, "is_in_bus_off", lambda _channel: None)
     return states
 
 
@@ -145,6 +146,31 @@ def test_without_patience_bus_off_ends_the_run_in_one_line(machine: Machine) -> 
     with pytest.raises(BusError, match=r"^bus-off: [^\n]*$"):
         connection.recv(0.0)
     assert connection.figures.error_frames == {BUS_OFF: 1}
+
+
+@pytest.mark.parametrize("patience_s", [0.0, PATIENCE_S])
+def test_a_bus_off_that_the_kernel_contradicts_is_counted_as_forged_and_ends_nothing(
+    machine: Machine, monkeypatch: pytest.MonkeyPatch, patience_s: float
+) -> None:
+    monkeypatch.setattr(connection_module, "is_in_bus_off", {"can7": False}.get)
+    connection = machine.connect(patience_s)
+    machine.ports[0].waiting.extend([BUS_OFF_FRAME, DATA])
+    connection.recv(0.0)
+    assert connection.recv(0.0) == Received(DATA, None)
+    assert connection.send(DATA)
+    assert connection.figures.error_frames == {FORGED_BUS_OFF: 1}
+    assert connection.figures.outages == 0
+    assert machine.told == []
+
+
+def test_a_bus_off_that_the_kernel_confirms_ends_the_run(
+    machine: Machine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connection_module, "is_in_bus_off", {"can7": True}.get)
+    connection = machine.connect(0.0)
+    machine.ports[0].waiting.append(BUS_OFF_FRAME)
+    with pytest.raises(BusError, match="bus-off"):
+        connection.recv(0.0)
 
 
 # A connection that is kept

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from steer_by_wire.runtime.emulated_bus.broker import FILTER_CHANGE_NS, HELLO_TIMEOUT_NS
-from steer_by_wire.runtime.emulated_bus.channel import FRAMES_WAITING_MAX
+from steer_by_wire.runtime.emulated_bus.channel import BUFFER_FULL, BUFFERS_MAX, FRAMES_WAITING_MAX
 from steer_by_wire.runtime.emulated_bus.connection import (
     MASKS_MAX,
     OUTGOING_BYTES_MAX,
@@ -24,10 +24,12 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
     CLASSIC_RECORD,
     FILTERS_MAX,
     HELLO,
+    Buffer,
     Filter,
     Hello,
     pack_filters,
     pack_frame,
+    unpack_delivery,
 )
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.node import NS_PER_MS
@@ -89,6 +91,75 @@ def test_a_flood_loses_nothing_and_keeps_its_order(bench: Bench) -> None:
         bench.advance(100 * CLASSIC_FRAME_NS)
         seen += received(listener)
     assert seen == frames
+
+
+def test_frames_of_a_client_do_not_wait_behind_its_own_of_lower_priority(bench: Bench) -> None:
+    """0x300 is starved by another one's 0x200, its transmit buffer full; 0x100 goes out at once."""
+    listener, flooder, victim = (bench.join() for _ in range(3))
+
+    send(flooder, *[Frame(0x200, bytes(8))] * 10)
+    bench.step()
+    for number in range(FRAMES_WAITING_MAX):
+        send(victim, Frame(0x300, number.to_bytes(8, "little")))
+        send(flooder, *[Frame(0x200, bytes(8))] * 4)
+        bench.advance(CLASSIC_FRAME_NS)
+        send(victim, Frame(0x100, number.to_bytes(8, "little")))
+        bench.step()
+        bench.advance(2 * CLASSIC_FRAME_NS)
+        assert Frame(0x100, number.to_bytes(8, "little")) in received(listener)
+    assert told(victim) == [Buffer(0x300, False, has_room=False)]
+    flooder.close()
+    seen: list[Frame] = []
+    for _ in range(500):
+        bench.advance(CLASSIC_FRAME_NS)
+        seen += received(listener)
+    assert told(victim) == [Buffer(0x300, False, has_room=True)]
+    numbers = [int.from_bytes(frame.data, "little") for frame in seen if frame.can_id == 0x300]
+    assert numbers == [*range(FRAMES_WAITING_MAX)]
+
+
+def told(client: socket.socket) -> list[Buffer]:
+    """What a client has heard of its transmit buffers."""
+    raw, size = client.recv(1 << 16), CLASSIC_RECORD.size
+    records = [raw[start : start + size] for start in range(0, len(raw), size)]
+    delivered = [unpack_delivery(CLASSIC_RECORD, record)[0] for record in records]
+    return [one for one in delivered if isinstance(one, Buffer)]
+
+
+def test_a_client_hears_of_every_transmit_buffer_that_fills_up(bench: Bench) -> None:
+    client = bench.join()
+    send(
+        client, *[Frame(can_id, bytes(8)) for _ in range(BUFFER_FULL) for can_id in (0x300, 0x304)]
+    )
+    bench.step()
+    assert told(client) == [Buffer(can_id, False, has_room=False) for can_id in (0x300, 0x304)]
+    bench.advance(CLASSIC_FRAME_NS)
+    assert told(client) == [Buffer(0x300, False, has_room=True)]
+    send(client, Frame(0x300, bytes(8)), Frame(0x304, bytes(8)))
+    bench.step()
+    assert told(client) == [Buffer(0x300, False, has_room=False)]
+
+
+def test_who_does_not_read_hears_no_more_than_its_socket_takes(bench: Bench) -> None:
+    client = bench.join()
+    for _ in range(400):
+        send(client, *[Frame(0x700, b"")] * FRAMES_WAITING_MAX)
+        bench.step(1)
+        bench.advance(FRAMES_WAITING_MAX * CLASSIC_FRAME_NS)
+    (member,) = bench.broker._clients
+    assert member.is_behind
+    assert len(member._outgoing) <= 2 * CLASSIC_RECORD.size
+
+
+def test_a_client_has_a_bounded_number_of_transmit_buffers(bench: Bench) -> None:
+    listener, flooder = bench.join(), bench.join()
+    frames = [Frame(0x700 + n, bytes(8)) for n in range(3 * BUFFERS_MAX)]
+    send(flooder, *frames)
+    bench.step()
+    (client,) = (one for one in bench.broker._clients if one.waiting)
+    assert len(client.waiting) == client.frames_waiting == BUFFERS_MAX
+    bench.advance(len(frames) * CLASSIC_FRAME_NS)
+    assert received(listener) == frames
 
 
 def test_a_flood_of_filters_is_read_at_a_bounded_rate(bench: Bench) -> None:

@@ -56,7 +56,12 @@ class Table:
         self.lines: list[str] = []
         self.journal = Journal(lambda line: not self.lines.append(line))  # type: ignore[func-returns-value]
         self.broker = Broker(
-            listener, BITRATE_BIT_S, None, self.journal, lambda: self.now_ns, takes_bus_off
+            listener,
+            BITRATE_BIT_S,
+            None,
+            self.journal,
+            lambda: self.now_ns,
+            takes_bus_off=takes_bus_off,
         )
         stack.callback(self._close_clients)
         self.node, self.peer, self.asking = self.join(), self.join(), self.join()
@@ -99,7 +104,8 @@ class Table:
             return []
         size = CLASSIC_RECORD.size
         records = [raw[place : place + size] for place in range(0, len(raw), size)]
-        return [unpack_delivery(CLASSIC_RECORD, one)[0] for one in records]
+        delivered = [unpack_delivery(CLASSIC_RECORD, one)[0] for one in records]
+        return [one for one in delivered if isinstance(one, Frame)]
 
     def causes(self, client: socket.socket) -> list[str]:
         return [

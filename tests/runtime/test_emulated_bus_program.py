@@ -80,7 +80,7 @@ def test_a_file_that_is_no_socket_is_left_alone(stack: ExitStack, directory: Pat
     assert precious.read_text() == "data"
 
 
-@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_the_broker_in_order(
     stack: ExitStack, directory: Path, ending: signal.Signals
 ) -> None:
@@ -177,6 +177,38 @@ def test_who_floods_waits_until_the_wire_is_free(stack: ExitStack, directory: Pa
     other.send(message(0x100))
     assert receive(flooder).arbitration_id == 0x100
     broker.kill()  # A client that leaves waits until its frames have been taken.
+
+
+def test_a_client_refuses_what_its_transmit_buffer_has_no_room_for_and_nothing_else(
+    stack: ExitStack, directory: Path
+) -> None:
+    address = str(directory / "socket")
+    broker = start_broker(stack, "--address", address, "--bitrate", "10000")
+    one, other = client(stack, address), client(stack, address)
+
+    def fill() -> None:
+        for _ in range(100_000):
+            one.recv(0.001)  # slower than the broker tells, faster than the wire
+            one.send(message(0x300, bytes(8)), timeout=0)
+
+    with pytest.raises(can.CanTimeoutError, match="frames of this identifier wait already"):
+        fill()
+    one.send(message(0x100), timeout=0)
+    while receive(other).arbitration_id != 0x100:
+        pass
+    broker.kill()  # A client that leaves waits until its frames have been taken.
+
+
+def test_as_a_fifo_frames_go_out_in_the_order_of_their_client(
+    stack: ExitStack, directory: Path
+) -> None:
+    address = str(directory / "socket")
+    start_broker(stack, "--address", address, "--bitrate", "10000", "--fifo")
+    one, other = client(stack, address), client(stack, address)
+    order = [0x300, 0x200, 0x100, 0x210]
+    for can_id in order:
+        one.send(message(can_id, bytes(8)))
+    assert [receive(other).arbitration_id for _ in order] == order
 
 
 def test_who_does_not_read_is_disconnected_and_harms_nobody(

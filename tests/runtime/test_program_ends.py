@@ -13,7 +13,7 @@ from can.interfaces.virtual import VirtualBus
 
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
-from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main, run_node
+from steer_by_wire.runtime.program import ExitStatus, StopRequest, handled, run_main, run_node
 from tests.support.some_program import NAME, Options, Probe, SomeSettings, run
 from tests.support.some_program import channel as channel
 from tests.support.some_program import options as options
@@ -48,6 +48,10 @@ def terminate() -> None:
     signal.raise_signal(signal.SIGTERM)
 
 
+def hang_up() -> None:
+    signal.raise_signal(signal.SIGHUP)
+
+
 def test_a_run_ends_after_its_duration(options: Options, tmp_path: Path) -> None:
     file = tmp_path / "report.json"
     run(options("--duration", "0.001", "--report", str(file)), Sleeper())
@@ -66,7 +70,9 @@ def test_a_duration_counts_from_the_start_on_the_clock() -> None:
     assert stop.reason == "duration"
 
 
-@pytest.mark.parametrize(("send", "name"), [(interrupt, "SIGINT"), (terminate, "SIGTERM")])
+@pytest.mark.parametrize(
+    ("send", "name"), [(interrupt, "SIGINT"), (terminate, "SIGTERM"), (hang_up, "SIGHUP")]
+)
 def test_a_signal_ends_a_run_with_its_report(
     options: Options, tmp_path: Path, send: Callable[[], None], name: str
 ) -> None:
@@ -74,6 +80,13 @@ def test_a_signal_ends_a_run_with_its_report(
     node = Probe(ticks=10**6, on_tick_do=send)
     assert run(options("--report", str(file)), node) == ExitStatus.OK
     assert json.loads(file.read_text())["ended_by"] == name
+
+
+def test_below_nohup_the_end_of_the_terminal_does_not_end_a_run(options: Options) -> None:
+    node = Probe(ticks=3, on_tick_do=hang_up)
+    with handled(signal.SIGHUP, signal.SIG_IGN):
+        assert run(options(), node) == ExitStatus.OK
+    assert node.finished
 
 
 def test_a_second_signal_does_not_cost_the_report(options: Options, tmp_path: Path) -> None:

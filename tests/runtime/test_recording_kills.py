@@ -68,6 +68,7 @@ def test_after_a_pause_the_file_holds_everything_and_the_recorder_may_be_killed(
     os.kill(recording._recorder.pid, signal.SIGKILL)
     figures = recording.close()
     assert figures.failure == "the recorder was ended before it could finish the file"
+    assert figures.frames == KILLED_FRAMES
     assert written(path) == [index.to_bytes(8, "big") for index in range(KILLED_FRAMES)]
 
 
@@ -89,6 +90,34 @@ def test_killed_while_frames_come_the_recorder_leaves_all_that_was_there_in_orde
     payloads = written(path)
     assert len(payloads) >= seen
     assert payloads == [index.to_bytes(8, "big") for index in range(len(payloads))]
+
+
+def test_a_blf_whose_recorder_is_killed_has_all_but_the_last_moment_and_the_time_of_the_start(
+    tmp_path: Path,
+) -> None:
+    """python-can's writer alone has neither the first 128 KiB nor the time."""
+    path = tmp_path / "run.blf"
+    recording = Recording(path, "vcan0")
+    start_ns = time.monotonic_ns()
+    before_s = time.time()
+    for index in range(KILLED_FRAMES):
+        recording.take(Frame(0x100, index.to_bytes(8, "big")), start_ns + index * PERIOD_NS, 0)
+
+    def counted() -> int:
+        return int.from_bytes(path.read_bytes()[32:36], "little")  # by the header
+
+    wait_until(lambda: counted() == KILLED_FRAMES, f"{KILLED_FRAMES} frames in {path}")
+    os.kill(recording._recorder.pid, signal.SIGKILL)
+    figures = recording.close()
+    assert figures.frames == KILLED_FRAMES
+    messages = messages_in(path)
+    assert [message.data for message in messages] == [
+        index.to_bytes(8, "big") for index in range(KILLED_FRAMES)
+    ]
+    assert messages[0].timestamp == pytest.approx(before_s, abs=1.0)
+    assert messages[-1].timestamp - messages[0].timestamp == pytest.approx(
+        1e-9 * (KILLED_FRAMES - 1) * PERIOD_NS, abs=1e-3
+    )
 
 
 BOTH_KILLED = """

@@ -214,6 +214,21 @@ def test_foreign_traffic_does_not_wake_a_program(report: Path, more: tuple[str, 
 
 
 @pytest.mark.parametrize("more", [(), ("--no-fast-socketcan",)], ids=["AF_CAN", "python-can"])
+def test_a_forged_bus_off_ends_no_program(report: Path, more: tuple[str, ...]) -> None:
+    with ExitStack() as stack:
+        controller = start(stack, CHANNEL, report, *more)
+        sender = SocketCanPort(CHANNEL)
+        assert sender.send(Frame(0x40, bytes(8), ERROR))
+        assert sender.send(encode(LateralError(0.0, 0.0), 0))
+        sender.shutdown()
+        wait_for_frame(CHANNEL, CAN_IDS[SteeringCommand])  # the measurement, sent last, was read
+        assert controller.interrupt() == ExitStatus.OK
+        connection = controller.report()["connection"]
+        assert connection["error_frames"] == {"forged_bus_off": 1}
+        assert connection["outages"] == 0
+
+
+@pytest.mark.parametrize("more", [(), ("--no-fast-socketcan",)], ids=["AF_CAN", "python-can"])
 def test_a_program_comes_back_to_an_interface_that_was_down_and_to_one_that_was_made_anew(
     interface: str, report: Path, more: tuple[str, ...]
 ) -> None:

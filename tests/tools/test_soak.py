@@ -7,28 +7,32 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.bus_faults.babbling import (
+    GAPS,
     HIGHEST_PRIORITY_IDS,
     LOWEST_PRIORITY_IDS,
     BabbledBus,
     babble,
 )
 from steer_by_wire.controller.settings import ControllerSettings, supervision_of
-from steer_by_wire.dbc.messages import CAN_IDS, Mode, SteeringCommand
+from steer_by_wire.dbc.messages import CAN_IDS, DelayStatus, Mode, PlantStatus, SteeringCommand
 from steer_by_wire.pair.process_memory import GROWTH_KIB_MAX, children_of, figures_of, resident_kib
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.recordings.census import count_messages, gaps, read_bus_log
 from steer_by_wire.runtime.bus_model import BusModel
 from steer_by_wire.runtime.candump import LogEntry, format_entry
+from steer_by_wire.runtime.emulated_bus.channel import BUFFER_FULL
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame_length import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.soak.bounds import delay_bounds_ns, longest_frame_ns
-from steer_by_wire.tools.soak.virtual import QUEUE_LIMIT, VirtualSoak, run_virtual_soak
+from steer_by_wire.tools.soak.virtual import VirtualSoak, run_virtual_soak
 
 BITRATE_BIT_S = 500_000
 BABBLE_NS = (2 * NS_PER_S, 8 * NS_PER_S)
 END_NS = 10 * NS_PER_S
+BETWEEN_NS = (NS_PER_S, 5 * NS_PER_S)
+"""Time enough for 120 frames of status, more than one queue for all messages would take."""
 COMMAND_ID = CAN_IDS[SteeringCommand]
 LOWEST_PRIORITY_ID, HIGHEST_PRIORITY_ID = max(LOWEST_PRIORITY_IDS), min(HIGHEST_PRIORITY_IDS)
 CONTROLLER = load_settings(
@@ -136,14 +140,48 @@ def test_when_the_babbling_ends_the_controller_is_in_control_again(starved: Virt
 
 
 def test_what_waited_for_the_bus_is_bounded(starved: VirtualSoak) -> None:
-    old = [
-        delay_ns
-        for delays_ns in starved.delays_ns.values()
-        for delay_ns in delays_ns
-        if delay_ns > 100 * NS_PER_MS  # what comes afterwards waits until these are sent
-    ]
-    assert len(old) == 2 * QUEUE_LIMIT
+    for delays_ns in starved.delays_ns.values():
+        # What comes afterwards waits until these are sent.
+        assert sum(delay_ns > 100 * NS_PER_MS for delay_ns in delays_ns) == BUFFER_FULL
     assert starved.refused > 0
+
+
+# A bus that is full of frames of a priority between the pair's own
+
+
+def test_the_gaps_hold_every_identifier_between_the_pairs_own() -> None:
+    own = set(CAN_IDS.values()) - {0x320}
+    between = {can_id for gap in GAPS for can_id in gap}
+    assert between == set(range(min(own), max(own))) - own
+
+
+@pytest.mark.parametrize("can_id", [can_id for gap in GAPS for can_id in (gap[0], gap[-1])])
+def test_what_is_starved_does_not_hold_up_what_has_a_higher_priority(can_id: int) -> None:
+    soak = run_virtual_soak(PlantSettings(), CONTROLLER, can_id, BETWEEN_NS, BETWEEN_NS[1])
+    above = [own for own in soak.delays_ns if own < can_id]
+    assert COMMAND_ID in above
+    bounds_ns = delay_bounds_ns(above, BITRATE_BIT_S)
+    for own in above:
+        assert max(soak.delays_ns[own]) <= bounds_ns[own]
+        assert gaps([frame.data[2] for _, frame in soak.on_bus[own]]) == (0, 0)
+    commands = BETWEEN_NS[1] // CONTROLLER.period_ns
+    assert len(soak.on_bus[COMMAND_ID]) == pytest.approx(commands, abs=2)
+    starved = [own for own in CAN_IDS.values() if own > can_id]
+    assert not any(
+        BETWEEN_NS[0] + NS_PER_MS < time_ns
+        for own in starved
+        for time_ns, _ in soak.on_bus.get(own, ())
+    )
+
+
+def test_a_starved_message_is_refused_when_its_transmit_buffer_is_full() -> None:
+    end_ns = 10 * NS_PER_S
+    soak = run_virtual_soak(PlantSettings(), CONTROLLER, 0x305, (NS_PER_S, 9 * NS_PER_S), end_ns)
+    starved = [soak.on_bus[CAN_IDS[message]] for message in (DelayStatus, PlantStatus)]
+    losses = [gaps([frame.data[2] for _, frame in frames]) for frames in starved]
+    assert [reordered for _, reordered in losses] == [0, 0]
+    assert losses[0][0] == pytest.approx(80 - BUFFER_FULL, abs=2)
+    assert sum(lost for lost, _ in losses) == soak.refused
 
 
 # The babbling node itself

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.bus_faults.babbling import LOWEST_PRIORITY_IDS
+from steer_by_wire.bus_faults.babbling import GAPS, LOWEST_PRIORITY_IDS
 from steer_by_wire.pair.process_memory import figures_of
 from steer_by_wire.tools.soak.live import LiveSoak, Plan, run_live_soak
 from steer_by_wire.tools.soak.presentation import (
@@ -14,7 +14,7 @@ from steer_by_wire.tools.soak.presentation import (
     messages_table,
     record_of,
 )
-from steer_by_wire.tools.soak.verdict import Finding, load_findings
+from steer_by_wire.tools.soak.verdict import Finding, between_findings, load_findings
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +47,54 @@ def test_the_babbling_node_and_the_pair_were_there(live: LiveSoak) -> None:
     assert {message.name for message in live.messages} >= {"SteeringCommand", "LateralError"}
     assert all(message.sent for message in live.messages)
     assert {"broker", "recorder", "recorder: file writer", "babbler"} <= set(live.memory)
+
+
+@pytest.fixture(scope="module")
+def between(tmp_path_factory: pytest.TempPathFactory) -> LiveSoak:
+    """With identifiers that starve all status: 64 of these fill a queue within 2.2 s."""
+    plan = Plan(tuple(GAPS[3][:4]), babble_s=4.0, settle_s=0.5, recover_s=0.5, priority=0)
+    return run_live_soak(plan, tmp_path_factory.mktemp("between"))
+
+
+@pytest.mark.parametrize(
+    "what",
+    [
+        "nothing of higher priority lost",
+        "what the bus took is sent, in order",
+        "recorder complete",
+        "nobody disconnected",
+    ],
+)
+def test_status_that_is_starved_holds_up_no_command(between: LiveSoak, what: str) -> None:
+    finding = {finding.what: finding for finding in between_findings(between)}[what]
+    assert finding.holds, finding.figure
+
+
+def test_every_finding_between_the_pairs_own_priorities_can_fail(between: LiveSoak) -> None:
+    broker = between.reports["broker"]
+    delays = broker["channels"]["can0"]["arbitration_delay"]
+    late = {**delays, "100": {**delays["100"], "p99_s": 271e-6}}
+    channel = {**broker["channels"]["can0"], "arbitration_delay": late}
+    reports = {**between.reports, "broker": {**broker, "channels": {"can0": channel}}}
+    clients = {**broker["clients"], "disconnected": {"garbage": 1}}
+    thrown = {**between.reports, "broker": {**broker, "clients": clients}}
+    spoilt = {
+        "priority kept": between._replace(reports=reports),
+        "nothing of higher priority lost": with_first(between, lost=10**6),
+        "what the bus took is sent, in order": with_first(between, is_same=False),
+        "recorder complete": between._replace(bus=between.bus._replace(frames=1)),
+        "nobody disconnected": between._replace(reports=thrown),
+    }
+    assert set(spoilt) == {finding.what for finding in between_findings(between)}
+    for what, run in spoilt.items():
+        assert not {finding.what: finding for finding in between_findings(run)}[what].holds, what
+
+
+def test_what_is_starved_has_no_bound(between: LiveSoak) -> None:
+    rows = record_of(between, [])["messages"]
+    without = {row["can_id"] for row in rows if row["arbitration"]["bound_s"] is None}
+    assert without == {row["can_id"] for row in rows if row["can_id"] > GAPS[3][0]} != set()
+    assert messages_table(between).row_count == len(rows)
 
 
 def with_loops(run: LiveSoak, controller: dict[str, Any], plant: dict[str, Any]) -> LiveSoak:

@@ -13,6 +13,7 @@ from ...plant_emulator.motion_design import MotionParams
 from ...plant_emulator.node import PlantNode, motion_params
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model import BusModel
+from ...runtime.emulated_bus.channel import BUFFER_FULL
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode
 from ...runtime.virtual_time import VirtualTimeExecutor
@@ -25,8 +26,6 @@ from .specification import CONTROLLER, PLANT, NodeFaultKind
 
 BABBLER_ID = 0x000
 """It beats every frame of the pair."""
-QUEUE_LIMIT = 64
-"""Frames of one node that wait for the bus, as on the emulated bus."""
 _CORRUPTING = frozenset({FaultKind.BIT_FLIPS, FaultKind.WRONG_LENGTH, FaultKind.WRONG_IDENTIFIER})
 """What breaks a frame's protection."""
 _FORGING = SIGNAL_FAULTS | {FaultKind.OUT_OF_RANGE}
@@ -87,7 +86,7 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
     for fault in node_faults:
         if fault.kind is NodeFaultKind.BABBLING:
             start_ns, stop_ns = fault.window_ns
-    model = BusModel(scenario.spec.bitrate_bit_s, queue_limit=QUEUE_LIMIT)
+    model = BusModel(scenario.spec.bitrate_bit_s, queue_limit=BUFFER_FULL)
     bus = BabbledBus(model, BABBLER_ID, start_ns, stop_ns)
     edge = FaultyNode(plant_watch, case.faults, scenario.seed)
     for stage in edge.stages:

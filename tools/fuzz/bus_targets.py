@@ -27,11 +27,13 @@ from ...runtime.emulated_bus.protocol import (
     HELLO,
     MAGIC,
     Answer,
+    Buffer,
     BusOff,
     Filter,
     Hello,
     ProtocolError,
     check_frame,
+    pack_buffer,
     pack_bus_off,
     pack_filters,
     pack_frame,
@@ -65,7 +67,10 @@ def fuzz_protocol(data: bytes) -> None:
     for record in _RECORDS:
         raw = data[: record.size].ljust(record.size, b"\0")
         with suppress(ProtocolError):
-            unpack_delivery(record, raw)
+            delivered, _ = unpack_delivery(record, raw)
+            if isinstance(delivered, Buffer):
+                again, _ = unpack_delivery(record, pack_buffer(record, delivered))
+                promise(again == delivered, f"{delivered} becomes {again}")
         with suppress(ProtocolError):
             request = unpack_request(record, raw)
             if isinstance(request, Frame):
@@ -198,6 +203,9 @@ class _Bus:
         while len(self._raw) >= CLASSIC_RECORD.size:
             frame, _ = unpack_delivery(CLASSIC_RECORD, self._raw[: CLASSIC_RECORD.size])
             self._raw = self._raw[CLASSIC_RECORD.size :]
+            if not isinstance(frame, Frame):
+                promise(False, f"who sends nothing hears {frame}")
+                return
             check_frame(frame)
             if self._is_ours(frame):
                 self._heard.append(frame)

@@ -11,11 +11,10 @@ fault.
 """
 
 import argparse
-import signal
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -101,7 +100,6 @@ def _run(options: argparse.Namespace) -> int:
         else:
             where = "no bus"
         stack.enter_context(stop.on_signals())
-        stack.enter_context(_hang_up_ends())
         start_ns = time.monotonic_ns()
         bitrate = getattr(options, "bitrate", None) or BITRATE_BIT_S
         sources = list(_sources(faults, start_ns, seed, bitrate, recording))
@@ -197,20 +195,6 @@ def _tell(action: Action) -> None:
     clock = datetime.fromtimestamp(action.time_ns / NS_PER_S, UTC).astimezone()
     at = f"{clock:%H:%M:%S}.{clock.microsecond // 1000:03d}"
     say(NAME, f"{at}  {action.since_s:8.3f} s  {action.fault}: {action.what}")
-
-
-@contextmanager
-def _hang_up_ends() -> Iterator[None]:
-    """Let the end of the terminal be a request to end: else a process would stay stopped."""
-
-    def end(_number: int, _frame: object) -> None:
-        signal.raise_signal(signal.SIGTERM)
-
-    previous = signal.signal(signal.SIGHUP, end)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGHUP, previous)
 
 
 if __name__ == "__main__":

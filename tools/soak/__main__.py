@@ -1,11 +1,12 @@
 """The pair on an emulated bus that a babbling node keeps full, as real processes.
 
-    steer-by-wire soak [--duration-s 600] [--starve-s 10] [--out FOLDER]
+    steer-by-wire soak [--duration-s 600] [--between-s 10] [--starve-s 10] [--out FOLDER]
 
 First the babbling node has the lowest priority: the pair must lose, reorder and miss nothing, the
-recorder must have every frame, memory must stay as it is. Then it has the highest: nothing of the
-pair gets through, which both have to notice. Exit status: 0 when all of that was so, 1 when not, 3
-when a process failed, 4 when a file cannot be written.
+recorder must have every frame, memory must stay as it is. Then its priority is between those of
+each two messages of the pair: the higher of them must not wait behind the lower. Then it has the
+highest: nothing of the pair gets through, which both have to notice. Exit status: 0 when all of
+that was so, 1 when not, 3 when a process failed, 4 when a file cannot be written.
 """
 
 import argparse
@@ -17,7 +18,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from steer_by_wire.bus_faults.babbling import HIGHEST_PRIORITY_IDS, LOWEST_PRIORITY_IDS
+from steer_by_wire.bus_faults.babbling import GAPS, HIGHEST_PRIORITY_IDS, LOWEST_PRIORITY_IDS
 from steer_by_wire.pair.crew import SoakError
 from steer_by_wire.runtime.host import StealClock
 from steer_by_wire.runtime.option_types import priority, seconds
@@ -30,7 +31,12 @@ from steer_by_wire.tools.soak.presentation import (
     messages_table,
     record_of,
 )
-from steer_by_wire.tools.soak.verdict import Finding, load_findings, starve_findings
+from steer_by_wire.tools.soak.verdict import (
+    Finding,
+    between_findings,
+    load_findings,
+    starve_findings,
+)
 
 NAME = "soak"
 NOT_SHOWN = 1
@@ -53,6 +59,13 @@ def _parser() -> argparse.ArgumentParser:
         default=600.0,
         metavar="S",
         help="of the babbling with the lowest priority (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--between-s",
+        type=seconds,
+        default=10.0,
+        metavar="S",
+        help="of that between each two messages of the pair (default: %(default)g)",
     )
     parser.add_argument(
         "--starve-s",
@@ -85,6 +98,13 @@ def _run(options: argparse.Namespace) -> int:
             Plan(LOWEST_PRIORITY_IDS, options.duration_s, priority=options.priority),
             load_findings,
         ),
+        **{
+            f"between-{gap[0]:03X}": (
+                Plan(tuple(gap[:4]), options.between_s, priority=options.priority),
+                between_findings,
+            )
+            for gap in GAPS
+        },
         "starve": (
             Plan(HIGHEST_PRIORITY_IDS, options.starve_s, priority=options.priority),
             starve_findings,

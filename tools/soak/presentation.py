@@ -38,10 +38,15 @@ def messages_table(run: LiveSoak) -> Table:
             row["name"],
             f"0x{row['can_id']:03X}",
             *(str(row[key]) for key in ("sent", "on_bus", "lost", "reordered", "taken", "missed")),
-            *(f"{1e6 * arbitration[key]:.0f}" for key in ("p50_s", "p99_s", "max_s", "bound_s")),
-            *(f"{1e6 * handed[key]:.0f}" for key in ("p99_s", "max_s")),
+            *(_us(arbitration[key]) for key in ("p50_s", "p99_s", "max_s", "bound_s")),
+            *(_us(handed[key]) for key in ("p99_s", "max_s")),
         )
     return table
+
+
+def _us(time_s: float | None) -> str:
+    """Return a time in microseconds; a dash for what has no bound."""
+    return "-" if time_s is None else f"{1e6 * time_s:.0f}"
 
 
 def memory_table(run: LiveSoak) -> Table:
@@ -81,7 +86,8 @@ def _rows(run: LiveSoak) -> Iterator[dict[str, Any]]:
     bounds = bounds_ns(run)
     for message in run.messages:
         arbitration = dict(delays[f"{message.can_id:03X}"])
-        arbitration["bound_s"] = bounds[message.can_id] * 1e-9
+        bound_ns = bounds.get(message.can_id)
+        arbitration["bound_s"] = None if bound_ns is None else bound_ns * 1e-9
         waited = message.waited
         yield {
             **{key: value for key, value in message._asdict().items() if key != "waited"},

@@ -41,6 +41,15 @@ def load_findings(run: LiveSoak) -> Iterator[Finding]:
     yield _nobody_disconnected(run)
 
 
+def between_findings(run: LiveSoak) -> Iterator[Finding]:
+    """Yield what is to hold when the babbling node's priority is between those of the pair."""
+    yield _priority_kept(run)
+    yield _nothing_above_lost(run)
+    yield _handed_over_is_on_bus(run)
+    yield _recorder_complete(run)
+    yield _nobody_disconnected(run)
+
+
 def starve_findings(run: LiveSoak) -> Iterator[Finding]:
     """Yield what is to hold when the babbling node has the highest priority."""
     first_ns, last_ns = run.bus.babble_ns
@@ -77,8 +86,12 @@ def starve_findings(run: LiveSoak) -> Iterator[Finding]:
 
 
 def bounds_ns(run: LiveSoak, at_once: int = 1) -> dict[int, int]:
-    """Return the bound on the arbitration delay of each message of the pair, by identifier [ns]."""
-    return dict(delay_bounds_ns(sorted(run.bus.control), run.plan.bitrate_bit_s, at_once))
+    """Return the bound on the arbitration delay of each message of the pair, by identifier [ns].
+
+    Those below the babbling node have none.
+    """
+    above = sorted(can_id for can_id in run.bus.control if can_id < min(run.plan.babble_ids))
+    return dict(delay_bounds_ns(above, run.plan.bitrate_bit_s, at_once))
 
 
 def _room_for_all(run: LiveSoak) -> Finding:
@@ -98,6 +111,15 @@ def _nothing_lost(run: LiveSoak) -> Finding:
         figure += f"; what was sent is not what was on the bus: {', '.join(differ)}"
     holds = lost <= _refused(run) and not (reordered or differ)
     return Finding("no frame of the pair lost or reordered", holds, figure)
+
+
+def _nothing_above_lost(run: LiveSoak) -> Finding:
+    """But what found no room while the broker was not run, for each message."""
+    stall_s = run.reports["broker"]["lateness"]["max_s"]
+    above = [message for message in run.messages if message.can_id in bounds_ns(run)]
+    figure = ", ".join(f"{message.name} {message.lost}" for message in above)
+    holds = all(message.sent and message.lost <= stall_s / PERIOD_S for message in above)
+    return Finding("nothing of higher priority lost", holds, figure)
 
 
 def _refused(run: LiveSoak) -> int:

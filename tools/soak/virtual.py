@@ -10,12 +10,10 @@ from ...dbc.messages import Mode
 from ...pair.virtual import make_virtual_pair
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model import BusModel
+from ...runtime.emulated_bus.channel import BUFFER_FULL
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS
 from ...runtime.virtual_time import VirtualTimeExecutor
-
-QUEUE_LIMIT = 64
-"""Frames of one node that wait, as on the emulated bus."""
 
 
 class VirtualSoak(NamedTuple):
@@ -60,7 +58,7 @@ def run_virtual_soak(
         on_bus[frame.can_id].append((time_ns, frame))
 
     pair = make_virtual_pair(plant_settings, controller_settings, 0, end_ns // NS_PER_MS)
-    model = BusModel(bitrate_bit_s, queue_limit=QUEUE_LIMIT, on_start=on_start)
+    model = BusModel(bitrate_bit_s, queue_limit=BUFFER_FULL, on_start=on_start)
     bus = BabbledBus(model, can_id, *babble_ns)
     executor = VirtualTimeExecutor((pair.edge, pair.controller), bus, on_wire)
     busy_ns = []
