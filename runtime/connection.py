@@ -8,8 +8,9 @@
 
 A connection that is not to be kept raises BusError instead of leaving CONNECTED. One that is to be
 kept raises it when an outage lasts too long. An outage ends when a port that was opened again has
-received a frame or not failed for SETTLED_S: an adapter that can be opened but fails at once has
-not come back. Meanwhile the node runs on, hears nothing, and what it sends is refused.
+received a frame, or has not failed when asked for one after SETTLED_S: an adapter that can be
+opened but fails at once has not come back, however late that is found. Meanwhile the node runs on,
+hears nothing, and what it sends is refused.
 """
 
 import os
@@ -36,6 +37,7 @@ SETTLED_S = 1.0
 TOLD_OUTAGES_MAX = 10
 """Outages that are told; further ones are only counted."""
 _RETRY_NS = round(RETRY_S * NS_PER_S)
+_SETTLED_NS = round(SETTLED_S * NS_PER_S)
 _STOP_TIMEOUT_S = 5.0
 
 
@@ -119,11 +121,12 @@ class Connection:
         except BusError as error:
             self._lose(str(error))
             return None
-        if received is not None:
-            if received.frame.flags & ERROR:
-                self._take_error_frame(received.frame)
-            elif self._lost_at_ns != NEVER_NS and not self._is_silent:
-                self._end_outage()
+        if received is not None and received.frame.flags & ERROR:
+            self._take_error_frame(received.frame)
+        elif (self._lost_at_ns != NEVER_NS and not self._is_silent) and (
+            received is not None or self._clock_ns() - self._reopened_at_ns > _SETTLED_NS
+        ):
+            self._end_outage()
         return received
 
     def send(self, frame: Frame) -> bool:
@@ -208,10 +211,8 @@ class Connection:
             if self._opened.has_carrier and has_carrier(self._opened.channel):
                 self._end_outage()
                 return
-        if self._port is not None and not self._is_silent:
-            if now_ns - self._reopened_at_ns > SETTLED_S * NS_PER_S:
-                self._end_outage()
-        elif now_ns - self._lost_at_ns > self._patience_s * NS_PER_S:
+        is_away = self._port is None or self._is_silent
+        if is_away and now_ns - self._lost_at_ns > self._patience_s * NS_PER_S:
             last = self._reopener and self._reopener.obstacle
             latest = f"; the last attempt: {last}" if last else ""
             raise BusError(

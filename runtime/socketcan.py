@@ -169,10 +169,17 @@ class ArrivalClock:
         return wall_ns - self._offset_ns
 
 
+_READING_NS_MAX = 200_000
+"""A reading of both clocks that took no longer is good enough; User Mode Linux takes 75 µs."""
+
+
 def _wall_minus_monotonic_ns() -> int:
-    """Return the distance of the clocks: of three readings the one that took least [ns]."""
-    readings = []
-    for _ in range(3):
+    """Return the distance of the clocks: of three readings the one that took least [ns].
+
+    A process that is held up within each of the three reads on: half a long reading is the error.
+    """
+    readings: list[tuple[int, int]] = []
+    while len(readings) < 3 or (min(readings)[0] > _READING_NS_MAX and len(readings) < 30):
         before_ns = time.monotonic_ns()
         wall_ns = time.time_ns()
         after_ns = time.monotonic_ns()

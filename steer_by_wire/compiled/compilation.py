@@ -3,13 +3,16 @@
 What numba keeps on disk it takes for valid while the file of the compiled function is unchanged; a
 change in one of the step functions it calls goes unnoticed. So everything compiled is kept in a
 folder named after the content of all the files that any of it may come from.
+
+Processes that need the same function at the same time compile it once: the first does, and the
+others wait for it to be on disk.
 """
 
 import hashlib
 import os
 import shutil
 import sys
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -20,6 +23,10 @@ from typing import Any, Literal
 os.environ.setdefault("NUMBA_OPT", "1")
 
 import numba
+from numba.core.compiler_lock import global_compiler_lock
+
+if sys.platform != "win32":
+    import fcntl
 
 _SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "tools/batch")
 _FASTMATH = frozenset(("reassoc", "nsz", "arcp", "contract", "afn"))
@@ -76,13 +83,30 @@ def _compiled(
         # Read when decorating. On disk both kinds would be taken for the same function.
         own = folder / "fastmath" if fastmath else folder
         numba.config.CACHE_DIR = str(own)  # type: ignore[attr-defined]
-    return _njit(
+    made = _njit(
         nogil=True,
         cache=folder is not None,
         inline=inline,
         fastmath=set(fastmath) or False,
         no_cfunc_wrapper=True,
     )(function)
+    if folder is not None and sys.platform != "win32":
+        name = f"{function.__module__}.{function.__qualname__}"
+        made.compile = _in_one_process(made.compile, name, own)
+    return made
+
+
+def _in_one_process(compile_one: Callable[..., Any], name: str, folder: Path) -> Callable[..., Any]:
+    """Let ``compile_one`` wait while another process compiles the same for the same arguments."""
+
+    def compile_or_wait(arguments: Any) -> Any:
+        key = hashlib.sha256(f"{name} {arguments}".encode()).hexdigest()[:16]
+        # The threads of a process first: who waits for a file would hold up who is to release it.
+        with global_compiler_lock, (folder / f"{key}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            return compile_one(arguments)
+
+    return compile_or_wait
 
 
 def sources() -> list[Path]:

@@ -235,6 +235,20 @@ def test_a_bus_that_fails_as_soon_as_it_is_open_has_not_come_back(machine: Machi
     connection.shutdown()
 
 
+def test_a_bus_that_fails_as_soon_as_it_is_open_has_not_come_back_for_a_late_program_either(
+    machine: Machine,
+) -> None:
+    connection = machine.connect()
+    machine.ports[0].send_fails = True
+    assert not connection.send(DATA)
+    until_open(connection)
+    machine.ports[-1].waiting.append(BusError("cannot receive: gone again"))
+    machine.wait_s(2.0 * SETTLED_S)
+    assert connection.recv(0.0) is None
+    assert (connection.figures.outages, connection.figures.reconnections) == (1, 0)
+    connection.shutdown()
+
+
 def test_a_bus_that_stays_away_ends_the_run_and_says_what_the_last_attempt_met(
     machine: Machine,
 ) -> None:

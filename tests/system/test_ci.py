@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from tests import conftest
+from tests.support import vcan_session
 
 ROOT = Path(__file__).resolve().parents[2]
 RUN = ROOT / ".ci" / "run"
@@ -40,9 +41,9 @@ def test_the_workflow_runs_the_suite_on_every_python_and_system(jobs: dict[str, 
 def test_the_workflow_makes_the_interfaces_that_the_tests_want(jobs: dict[str, Any]) -> None:
     text = commands(jobs["linux"])
     assert "modprobe vcan echo=1" in text
-    delay = f"delay {1e3 * conftest.NETEM_DELAY_S:g}ms"
-    assert f"dev {conftest.NETEM_CHANNEL} root netem limit 100000 {delay}" in text
-    assert f"--interfaces vcan0,{conftest.NETEM_CHANNEL}" in text
+    delay = f"delay {1e3 * vcan_session.NETEM_DELAY_S:g}ms"
+    assert f"dev {vcan_session.NETEM_CHANNEL} root netem limit 100000 {delay}" in text
+    assert f"--interfaces vcan0,{vcan_session.NETEM_CHANNEL}" in text
 
 
 def test_every_command_of_the_workflow_is_well_formed(jobs: dict[str, Any]) -> None:

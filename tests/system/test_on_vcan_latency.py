@@ -128,17 +128,26 @@ def test_both_latencies_act_in_both_directions(first_run: Pairs, delay_s: float)
         assert result.controller["node"]["rejected"] == result.plant["node"]["rejected"] == {}
 
 
+def was_on_time(runs: Pairs) -> bool:
+    """Whether no program woke up later than by a period: a stall is a latency too."""
+    loops = [report["loop"] for pair in runs for report in (pair.plant, pair.controller)]
+    return all(loop["lateness"]["max_s"] <= 1.0 / CONTROLLER.rate_hz for loop in loops)
+
+
 def test_our_own_latency_line_does_to_the_error_what_netem_does(
     folder: Path, first_run: Pairs, delay_s: float
 ) -> None:
     without_m = rms_m(run_virtual_pair(plant_settings(0.0), CONTROLLER))
-    runs, ratios = first_run, []
+    runs, ratios = first_run, {}
     for attempt in range(1, ATTEMPTS + 1):
-        ratios.append(rms_m(runs.own) / rms_m(runs.netem))
-        if abs(ratios[-1] - 1.0) <= RMS_TOLERANCE:
+        ratio = rms_m(runs.own) / rms_m(runs.netem)
+        if is_same := abs(ratio - 1.0) <= RMS_TOLERANCE:
             break
+        ratios[ratio] = was_on_time(runs)
         if attempt < ATTEMPTS:  # the machine may have stalled one of the pairs
             runs = drive(folder / str(attempt), delay_s)
-    assert abs(ratios[-1] - 1.0) <= RMS_TOLERANCE, ratios
+    if not (is_same or any(ratios.values())):
+        pytest.skip(f"this machine was late by more than a period in all of {ATTEMPTS} attempts")
+    assert is_same, ratios
     for result in runs:
         assert rms_m(result) > (1.0 + LATENCY_EFFECT_MIN) * without_m

@@ -70,9 +70,9 @@ needs_gcc = pytest.mark.skipif(
 )
 
 
-@pytest.fixture
-def programs(tmp_path: Path) -> CPrograms:
-    return compile_all(tmp_path)
+@pytest.fixture(scope="module")
+def programs(tmp_path_factory: pytest.TempPathFactory) -> CPrograms:
+    return compile_all(tmp_path_factory.mktemp("programs"))
 
 
 def controller() -> ControllerNode:

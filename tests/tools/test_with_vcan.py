@@ -1,7 +1,7 @@
 """``tools/with_vcan``: what the command finds, what comes back, and that nothing stays behind.
 
 User Mode Linux is tried from here. The other two ways need a kernel with vcan: those tests run on
-one (``tests/conftest.py``), below a wrapper themselves.
+one (``tests/vcan_session.py``), below a wrapper themselves.
 """
 
 import os

@@ -1,0 +1,41 @@
+"""Compiled functions on disk: what several processes need is compiled by one of them."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+COMPILE_AND_COUNT = """
+import numba
+from steer_by_wire.compiled.network import _run_scores
+array = numba.float64[::1]
+print("ready", flush=True)
+input()
+_run_scores.compile((array, array))
+print(sum(_run_scores.stats.cache_misses.values()), sum(_run_scores.stats.cache_hits.values()))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="files are locked on POSIX only")
+def test_processes_that_need_the_same_function_compile_it_once(tmp_path: Path) -> None:
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-c", COMPILE_AND_COUNT],
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(2)
+    ]
+    for process in processes:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+    for process in processes:
+        assert process.stdin is not None
+        process.stdin.write("\n")
+        process.stdin.flush()
+    assert sorted(process.communicate()[0] for process in processes) == ["0 1\n", "1 0\n"]
