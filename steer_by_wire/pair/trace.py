@@ -61,3 +61,8 @@ class Trace(NamedTuple):
 def _cells(row: Mapping[str, str], names: Sequence[str]) -> list[float]:
     """Return the named cells as numbers; an empty cell is NaN."""
     return [float(row[name] or "nan") for name in names]
+
+
+def rms(values: FloatArray) -> float:
+    """Return the root mean square of an array of any shape."""
+    return float(np.sqrt(np.mean(np.square(values))))

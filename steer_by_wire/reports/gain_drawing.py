@@ -13,7 +13,7 @@ from matplotlib.path import Path
 from ..loop_theory.d_stability import DStability
 from ..loop_theory.gain_boundaries import Bound, BoundaryCurve, RootKind
 from ..loop_theory.parameter_space import GainRegion
-from .figures import COLOURS
+from .plot_style import COLOURS
 
 GAIN_LABELS = {"xlabel": "K_p [rad/m]", "ylabel": "K_d [rad s/m]"}
 REGION_COLOUR = "#0072B2"

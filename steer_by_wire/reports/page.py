@@ -16,50 +16,65 @@ table { border-collapse: collapse; margin: .8rem 0; font-size: .9rem; }
 th, td { text-align: left; vertical-align: top; padding: .25rem .5rem;
          border-bottom: 1px solid #ddd; }
 th { border-bottom: 2px solid #999; }
-td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+th.number { white-space: normal; }
 section { margin-top: 2.2rem; padding-top: 1rem; border-top: 1px solid #bbb; }
 img { max-width: 100%; height: auto; display: block; margin: .8rem 0 0; }
 summary { cursor: pointer; color: #444; }
 code { font-size: .85rem; overflow-wrap: anywhere; }
+a { color: #0b5394; }
+.good, .fair, .poor, .more { padding: .05rem .5rem; border: 1px solid; border-radius: .7rem;
+                             font-size: .88rem; white-space: nowrap; }
+.good { background: #e3f4e5; border-color: #2e7d32; }
+.fair { background: #fdf3d8; border-color: #b58100; }
+.poor { background: #fbe4e0; border-color: #b3402a; }
+.more { background: #e5eefa; border-color: #2a5db0; }
 .caption { color: #444; font-size: .92rem; max-width: 62rem; }
 @media print { body { margin: 0; max-width: none; font-size: 11px; }
   section { border: 0; } img, tr { break-inside: avoid; } }
 """
 
+_MARKS = ("good", "fair", "poor", "more")
+
 
 class Cell(NamedTuple):
-    """A cell of a table: a number stands to the right, a command in its own type.
+    """A cell of a table, or a paragraph that is not plain text.
 
-    ``folded``  what is shown only where the reader opens it, below the text
+    ``kind``    "text", "number", "code", or a coloured mark: "good", "fair", "poor", "more"
+    ``folded``  shown only if the reader opens it, below the text
+    ``link``    a file beside the page, or "#" and the key of a section
     """
 
     text: str
     kind: str = "text"
     folded: str = ""
+    link: str = ""
 
 
 class Table(NamedTuple):
-    """A table; every row has as many cells as there are headings."""
+    """A table; every row has as many cells as there are headings, if there are any."""
 
     headings: Sequence[str]
     rows: Sequence[Sequence[Cell]]
 
 
 class Picture(NamedTuple):
-    """A PNG, with what it shows for those who do not see it."""
+    """A PNG, what it shows for those who do not see it, and the file beside the page it draws."""
 
     png: bytes
     text: str
+    data: str = ""
 
 
 class Section(NamedTuple):
-    """A heading, and below it, in this order, what there is."""
+    """A heading, and below it, in this order, what there is; links lead to its ``key``."""
 
     title: str
-    paragraphs: Sequence[str]
+    paragraphs: Sequence[str | Cell] = ()
     pictures: Sequence[Picture] = ()
     tables: Sequence[Table] = ()
     notes: Sequence[str] = ()
+    key: str = ""
 
 
 def number(text: str) -> Cell:
@@ -88,28 +103,47 @@ def page(title: str, sections: Sequence[Section]) -> str:
 
 def _section(section: Section) -> str:
     parts = [f"<h2>{escape(section.title)}</h2>"]
-    parts += [f"<p>{escape(text)}</p>" for text in section.paragraphs]
+    parts += [f"<p>{_inline(text)}</p>" for text in section.paragraphs]
     parts += [_picture(picture) for picture in section.pictures]
     parts += [_table(table) for table in section.tables if table.rows]
     parts += [f'<p class="caption">{escape(text)}</p>' for text in section.notes]
-    return "<section>\n" + "\n".join(parts) + "\n</section>"
+    key = f' id="{escape(section.key)}"' if section.key else ""
+    return f"<section{key}>\n" + "\n".join(parts) + "\n</section>"
 
 
 def _picture(picture: Picture) -> str:
     data = b64encode(picture.png).decode("ascii")
-    return f'<img src="data:image/png;base64,{data}" alt="{escape(picture.text)}" />'
+    image = f'<img alt="{escape(picture.text)}" src="data:image/png;base64,{data}" />'
+    if not picture.data:
+        return image
+    link = _inline(Cell(picture.data, link=picture.data))
+    return f'{image}\n<p class="caption">Data: {link}</p>'
 
 
 def _table(table: Table) -> str:
-    head = "".join(f"<th>{escape(heading)}</th>" for heading in table.headings)
-    rows = "\n".join("<tr>" + "".join(_cell(cell) for cell in row) + "</tr>" for row in table.rows)
-    return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table>"
+    heads = "".join(
+        f"<th{_column(cell)}>{escape(heading)}</th>"
+        for heading, cell in zip(table.headings, table.rows[0], strict=False)
+    )
+    head = f"<thead><tr>{heads}</tr></thead>\n" if heads else ""
+    rows = "\n".join(
+        "<tr>" + "".join(f"<td{_column(cell)}>{_inline(cell)}</td>" for cell in row) + "</tr>"
+        for row in table.rows
+    )
+    return f"<table>\n{head}<tbody>\n{rows}\n</tbody>\n</table>"
 
 
-def _cell(cell: Cell) -> str:
-    text = escape(cell.text)
+def _column(cell: Cell) -> str:
+    return ' class="number"' if cell.kind == "number" else ""
+
+
+def _inline(content: str | Cell) -> str:
+    cell = Cell(content) if isinstance(content, str) else content
+    text = escape(cell.text).replace("\n", "<br />")
+    if cell.link:
+        text = f'<a href="{escape(cell.link)}">{text}</a>'
     if cell.folded:
         text += f"<details><summary>all of them</summary>{escape(cell.folded)}</details>"
     if cell.kind == "code":
-        return f"<td><code>{text}</code></td>"
-    return f'<td class="number">{text}</td>' if cell.kind == "number" else f"<td>{text}</td>"
+        return f"<code>{text}</code>"
+    return f'<span class="{cell.kind}">{text}</span>' if cell.kind in _MARKS else text

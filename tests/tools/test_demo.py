@@ -8,9 +8,9 @@ import pytest
 
 from steer_by_wire.pair.channels import open_channels
 from steer_by_wire.pair.trace import Trace
-from steer_by_wire.reports.figures import nice_factor
 from steer_by_wire.runtime.candump import CandumpReader
 from steer_by_wire.tools.demo import __main__ as demo
+from steer_by_wire.tools.demo.pictures import nice_factor
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

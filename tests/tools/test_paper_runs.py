@@ -9,6 +9,7 @@ from scipy.special import ellipe
 
 from steer_by_wire.controller.nominal_model import paper_eq19, steer_to_lateral_error
 from steer_by_wire.loop_theory.uncertainty import paper_box
+from steer_by_wire.pair.trace import rms
 from steer_by_wire.tools.reproduce_paper import published
 from steer_by_wire.tools.reproduce_paper.continuous_runs import PD as NO_OBSERVER
 from steer_by_wire.tools.reproduce_paper.continuous_runs import (
@@ -33,7 +34,7 @@ from steer_by_wire.tools.reproduce_paper.delay_runs import (
 )
 from steer_by_wire.tools.reproduce_paper.delay_steps import largest_filter_rad_s
 from steer_by_wire.tools.reproduce_paper.reference_step import reference_step
-from steer_by_wire.tools.reproduce_paper.simulation import paper_controller, rms, thinned
+from steer_by_wire.tools.reproduce_paper.simulation import paper_controller, thinned
 from steer_by_wire.tools.reproduce_paper.table_2 import CORRECTED, PRINTED, corner_run
 from steer_by_wire.tools.reproduce_paper.table_2_attempts import PATH
 

@@ -1,24 +1,10 @@
-"""The report on one log as one HTML file, which needs nothing else: no network, no other file."""
+"""The page about one log: its signals, latencies, messages and losses."""
 
-import base64
-import html
-import io
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from matplotlib.figure import Figure
+from ...reports.page import Cell, Picture, Section, Table, number, page
 
-DPI = 100
-_STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 1080px; margin: 2em auto;
-       padding: 0 1em; }
-h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin-top: 2em; }
-table { border-collapse: collapse; margin: 0.8em 0; font-variant-numeric: tabular-nums; }
-th, td { padding: 0.2em 0.8em; border-bottom: 1px solid #ddd; text-align: right; }
-th:first-child, td:first-child { text-align: left; }
-th { border-bottom: 2px solid #888; font-weight: 600; }
-img { max-width: 100%; } .note { color: #555; } code { background: #f4f4f4; }
-"""
 LATENCY_ROWS = {
     "round_trip": "round trip: command on the bus to its first echo on the bus",
     "downlink": "downlink: command on the bus to the first sample that sees it act",
@@ -40,8 +26,8 @@ SIGNAL_NAMES = {
     "delay_confidence": ("confidence of that estimate", "%", 100.0),
 }
 """What each signal is called in a report, the unit there, and how many of it make the SI unit."""
-_WHAT_A_LOG_TELLS = """
-<p class="note">Times are those of the recorder. On a bus both nodes and the recorder see a frame at
+_ABOUT_TIMES = """\
+Times are those of the recorder. On a bus both nodes and the recorder see a frame at
 the same moment, its end; a recorder in one of the programs sees what that program sent and took, so
 its own waiting is included. The round trip is measured by one clock. Its two parts are not: the
 samples are numbered and taken at a fixed period, so the times of STEERING_STATUS give the
@@ -50,33 +36,28 @@ measured contains the wait for the next sample, 0 to one sensor period, and sees
 acted: one that the emulated downlink lost, and one that a newer one overtook, look the same in a
 log. A counter that is missing was lost before it came to the bus (the emulated uplink loses
 measurements, and drops one that a newer one overtook; a full transmit queue may lose any frame) or
-missed by the recorder. Quantiles are within 0.4 %.</p>
-"""
+missed by the recorder. Quantiles are within 0.4 %."""
 _CONSTANT = {
-    True: "It is taken from PLANT_STATUS, in which the plant tells the latency it injects "
+    True: "It is taken from PLANT_STATUS, in which the plant reports the latency it injects "
     "(resolution 0.5 ms), by setting the medians equal.",
     False: "The log has too little of PLANT_STATUS to know it, so the uplink is counted from its "
     "fastest frame, and the downlink contains that smallest value.",
 }
 
 
-def report_html(title: str, figures: Mapping[str, Any], pictures: Mapping[str, Figure]) -> str:
+def report_html(title: str, figures: Mapping[str, Any], pictures: Sequence[Picture]) -> str:
     """Return the page."""
-    parts = [_facts(figures), "<h2>Signals</h2>", _signals(figures)]
-    parts += [_picture(name, figure) for name, figure in pictures.items()]
+    sections = [
+        Section("The log", tables=(_facts(figures),)),
+        _signals(figures),
+        *(Section(picture.text, pictures=(picture,)) for picture in pictures),
+    ]
     if figures["has_times"]:
-        parts += ["<h2>Latency and jitter</h2>", _latency(figures)]
-        parts += [_WHAT_A_LOG_TELLS.format(constant=_CONSTANT[figures["latency"]["is_absolute"]])]
-    parts += ["<h2>Messages</h2>", _messages(figures)]
-    parts += ["<h2>Lost and refused</h2>", _refused(figures)]
+        sections.append(_latency(figures))
+    sections += [_messages(figures), _refused(figures)]
     if figures["gaps"]:
-        parts += ["<h2>Longest gaps</h2>", _gaps(figures)]
-    return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{_text(title)}'
-        f"</title><style>{_STYLE}</style></head><body><h1>{_text(title)}</h1>\n"
-        + "\n".join(parts)
-        + "\n</body></html>\n"
-    )
+        sections.append(_gaps(figures))
+    return page(title, sections)
 
 
 def milliseconds(value_s: float | None, digits: int = 2) -> str:
@@ -84,7 +65,7 @@ def milliseconds(value_s: float | None, digits: int = 2) -> str:
     return "-" if value_s is None else f"{1e3 * value_s:.{digits}f}"
 
 
-def _facts(figures: Mapping[str, Any]) -> str:
+def _facts(figures: Mapping[str, Any]) -> Table:
     modes = [f"{name} {time_s:.2f} s" for name, time_s in figures["modes_s"].items() if time_s]
     rows = [
         ("frames", f"{figures['frames']}"),
@@ -99,7 +80,7 @@ def _facts(figures: Mapping[str, Any]) -> str:
         ("latency was changed", f"at {config['at_s'] or 0.0:.2f} s: {_config(config)}")
         for config in figures["latency_configs"]
     ]
-    return _table((), rows)
+    return _pairs(rows)
 
 
 def _config(config: Mapping[str, Any]) -> str:
@@ -114,7 +95,7 @@ def _unreadable(figures: Mapping[str, Any]) -> str:
     return f"{figures['unreadable']}{f', the first: {first}' if first else ''}"
 
 
-def _signals(figures: Mapping[str, Any]) -> str:
+def _signals(figures: Mapping[str, Any]) -> Section:
     rows = []
     for name, report in figures["signals"].items():
         if not report["samples"]:
@@ -124,10 +105,11 @@ def _signals(figures: Mapping[str, Any]) -> str:
         cells = [f"{scale * report[key]:.3f}" for key in ("mean", "rms", "peak")]
         has_time = at_s is not None and at_s == at_s
         rows.append((f"{text} [{unit}]", *cells, f"{at_s:.2f}" if has_time else "-"))
-    return _table(("", "mean", "RMS", "peak", "at [s]"), rows) if rows else "<p>None.</p>"
+    table = Table(("", "mean", "RMS", "peak", "at [s]"), _rows(rows))
+    return Section("Signals", () if rows else ("None.",), tables=(table,))
 
 
-def _latency(figures: Mapping[str, Any]) -> str:
+def _latency(figures: Mapping[str, Any]) -> Section:
     latency = figures["latency"]
     rows = []
     for name, text in LATENCY_ROWS.items():
@@ -137,10 +119,11 @@ def _latency(figures: Mapping[str, Any]) -> str:
         rows.append((text, *cells, str(report["samples"])))
     heads = ("[ms]", "least", "median", "mean", "99 %", "most", "jitter (std)", "samples")
     acted = f"{latency['commands_seen_to_act']} of {latency['commands']} commands were seen to act."
-    return _table(heads, rows) + f"<p>{acted}</p>"
+    about = _ABOUT_TIMES.format(constant=_CONSTANT[latency["is_absolute"]])
+    return Section("Latency and jitter", (acted,), (), (Table(heads, _rows(rows)),), (about,))
 
 
-def _messages(figures: Mapping[str, Any]) -> str:
+def _messages(figures: Mapping[str, Any]) -> Section:
     rows = []
     for name, message in figures["messages"].items():
         cycle = message["cycle"]
@@ -155,13 +138,13 @@ def _messages(figures: Mapping[str, Any]) -> str:
             )
         )
     heads = ("", "frames", "DBC [ms]", "least", "median", "mean", "99 %", "most", "std", "gaps")
-    note = "<p class='note'>Distances in ms; a gap is longer than three cycles of the DBC.</p>"
-    return _table(heads, rows) + note
+    note = "Distances in ms; a gap is longer than three cycles of the DBC."
+    return Section("Messages", tables=(Table(heads, _rows(rows)),), notes=(note,))
 
 
-def _refused(figures: Mapping[str, Any]) -> str:
+def _refused(figures: Mapping[str, Any]) -> Section:
     rows = [
-        (name, str(m["missing"]), str(m["late"]), _counts(m["refused"]))
+        (Cell(name), number(str(m["missing"])), number(str(m["late"])), Cell(_counts(m["refused"])))
         for name, m in figures["messages"].items()
         if m["accepted"] or m["refused"]
     ]
@@ -178,7 +161,7 @@ def _refused(figures: Mapping[str, Any]) -> str:
         ("times that run backwards", str(figures["times_backwards"])),
     ]
     heads = ("", "missing counters", "of them late", "refused, by cause")
-    return _table(heads, rows) + _table((), facts)
+    return Section("Lost and refused", tables=(Table(heads, rows), _pairs(facts)))
 
 
 def _skipped(figures: Mapping[str, Any]) -> str:
@@ -189,28 +172,20 @@ def _counts(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{cause} {count}" for cause, count in counts.items()) or "0"
 
 
-def _gaps(figures: Mapping[str, Any]) -> str:
+def _gaps(figures: Mapping[str, Any]) -> Section:
     rows = [
         (gap["name"], f"{gap['at_s']:.3f}", milliseconds(gap["duration_s"], 1))
         for gap in figures["gaps"]
     ]
-    return _table(("", "from [s]", "length [ms]"), rows)
+    table = Table(("", "from [s]", "length [ms]"), _rows(rows))
+    return Section("Longest gaps", tables=(table,))
 
 
-def _picture(name: str, figure: Figure) -> str:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI)
-    data = base64.b64encode(buffer.getvalue()).decode("ascii")
-    return f'<h2>{_text(name)}</h2><img alt="{_text(name)}" src="data:image/png;base64,{data}">'
+def _rows(rows: Iterable[Sequence[str]]) -> list[list[Cell]]:
+    """Return rows of a name and its figures."""
+    return [[Cell(name), *map(number, figures)] for name, *figures in rows]
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    head = "".join(f"<th>{_text(text)}</th>" for text in heads)
-    body = "".join(
-        f"<tr>{''.join(f'<td>{_text(cell)}</td>' for cell in row)}</tr>\n" for row in rows
-    )
-    return f"<table>{f'<tr>{head}</tr>' if head else ''}\n{body}</table>"
-
-
-def _text(text: str) -> str:
-    return html.escape(text, quote=True)
+def _pairs(facts: Sequence[tuple[str, str]]) -> Table:
+    """Return a table of names and what they are."""
+    return Table((), [(Cell(name), Cell(text)) for name, text in facts])

@@ -3,31 +3,31 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...recordings.analysis import LogAnalysis
 from ...recordings.durations import Durations
-from ...reports.figures import COLOURS, STYLE
+from ...reports.page import Picture
+from ...reports.plot_style import COLOURS, plot_style, png_of
 
-ORANGE, BLUE, GREEN, PURPLE = COLOURS
+ORANGE, BLUE, GREEN, PURPLE, *_ = COLOURS
 WIDTH_IN = 10.5
 
 
-def draw_pictures(analysis: LogAnalysis, figures: Mapping[str, Any]) -> dict[str, Figure]:
-    """Draw what the log has the frames for; the names say what is on the pictures."""
+def draw_pictures(analysis: LogAnalysis, figures: Mapping[str, Any]) -> list[Picture]:
+    """Draw what the log has the frames for."""
     draw: dict[str, Callable[[LogAnalysis, Mapping[str, Any]], Figure | None]] = {
         "Lateral error and steer": _draw_motion,
         "Latency": _draw_latency,
         "Cycle times": _draw_cycles,
     }
     if not figures["has_times"]:
-        return {}
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
+        return []
+    with plot_style():
         drawn = {title: function(analysis, figures) for title, function in draw.items()}
-    return {title: figure for title, figure in drawn.items() if figure is not None}
+    return [Picture(png_of(figure), title) for title, figure in drawn.items() if figure is not None]
 
 
 def _draw_motion(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:

@@ -6,10 +6,9 @@ Of the six places of the grid the last is the legend's.
 from collections.abc import Sequence
 from itertools import chain, cycle
 
-import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from ...reports.figures import STYLE
+from ...reports.plot_style import plot_style
 from .runs import BROKEN_M, CONTESTANTS, NETWORKS, SETTLED_S, Cell, Contestant
 
 _LINES = (
@@ -31,7 +30,7 @@ _TOP_M = 3.0
 
 def draw_comparison(cells: Sequence[Cell], further: Sequence[Contestant] = ()) -> Figure:
     """Return the figure."""
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
+    with plot_style():
         figure = Figure(figsize=(12.0, 12.4))
         *panels, beside = figure.subplots(3, 2, sharex=True, sharey=True).ravel()
         for panel, (key, network) in zip(panels, NETWORKS.items(), strict=True):

@@ -6,15 +6,12 @@ A title names the path, the corner of the box, the noise of the lateral error, a
 from itertools import product
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...reports.figures import COLOURS, STYLE
+from ...reports.plot_style import COLOURS, plot_style
 from .runs import DURATION_S, TOLERANCE_S, Case, History, run_case
-
-mpl.use("Agg")
 
 _NETWORKS = ("80 ms", "250 ms", "2 x 80 ± 30 ms")
 _ROWS = (
@@ -28,7 +25,7 @@ _SPAN_MS = 25.0
 
 def draw(path: Path) -> None:
     """Run what is shown, with pd_ddob, and write the picture."""
-    with mpl.rc_context(rc=STYLE):  # type: ignore[arg-type]
+    with plot_style():
         figure = Figure(figsize=(12.0, 8.0))
         axes = figure.subplots(len(_ROWS), len(_NETWORKS), sharex=True, squeeze=False)
         for (row, (road, corner, noise_m)), (column, network) in product(

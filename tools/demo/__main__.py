@@ -27,9 +27,9 @@ from steer_by_wire.pair.channels import Channels, open_channels
 from steer_by_wire.pair.live import LivePair, PairError, PairFiles, PairResult
 from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.reports.figures import LawTraces, draw_all
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.runtime.settings import Preset, dump_toml, load_settings, read_preset
+from steer_by_wire.tools.demo.pictures import LawTraces, draw_all
 from steer_by_wire.tools.demo.summary import LawFigures, figures_of, summary_json, summary_table
 
 LAWS = {"PD": "practical_pd", "PD+CDOB": "practical_pd_cdob", "PD+DDOB": "practical_pd_ddob"}

@@ -5,9 +5,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib as mpl
-
-from ...reports.figures import STYLE
+from ...reports.plot_style import plot_style
 from .design import Design, design
 from .pictures import draw_design
 from .preset_text import preset_name, preset_text
@@ -49,7 +47,7 @@ def run_job(job: Job) -> Design:
     name = preset_name(job.spec, job.law)
     text = preset_text(job.spec, job.vehicle, found, job.sources)
     (Path(job.preset_folder) / f"{name}.toml").write_text(text, encoding="utf-8")
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
+    with plot_style():
         figure = draw_design(job.spec, job.vehicle, found)
         figure.savefig(Path(job.picture_folder) / f"{name}.png")
     return found

@@ -72,7 +72,7 @@ def fuzz_log(data: bytes) -> None:
             promise(text.startswith(str(file)), f"does not begin with the file: {text}")
             return
     _look(figures)
-    report_html("fuzzed", figures, {})
+    report_html("fuzzed", figures, ())
 
 
 def _look(figures: Mapping[str, Any]) -> None:

@@ -14,11 +14,10 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from functools import partial
 from pathlib import Path
 
-import matplotlib as mpl
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from steer_by_wire.reports.figures import STYLE
+from steer_by_wire.reports.plot_style import plot_style
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.reproduce_paper.index_page import index_page
@@ -132,7 +131,7 @@ def _run(
 
 def reproduce(key: str, out: str) -> Written:
     """Compute one entry and write its files; runs in a worker process."""
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
+    with plot_style():
         return write_reproduction(function_of(entry_of(key))(), Path(out))
 
 

@@ -1,12 +1,11 @@
 """Figure 2 of SAE 2018-01-1086: the parametric uncertainty box, V by m/μ."""
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ...loop_theory.uncertainty import paper_box
-from ...reports.figures import COLOURS, STYLE
+from ...reports.plot_style import COLOURS, plot_style
 from .corners import corner_labels
 from .result import Comparison, Picture, Reproduction, Verdict
 
@@ -19,7 +18,7 @@ def figure_2() -> Reproduction:
     speeds_km_h = np.array([3.6 * vehicle.speed_m_s for vehicle in box.vertices()])
     masses_kg = np.array([vehicle.virtual_mass_kg for vehicle in box.vertices()])
     lightest_kg, heaviest_kg = 1600.0 / 1.0, 2000.0 / 0.4
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
+    with plot_style():
         figure = _draw_box(speeds_km_h, masses_kg)
     return Reproduction(
         key="figure_02",

@@ -6,6 +6,7 @@ derivative, and with what keeps them on the path (`delay_runs` says what and why
 
 from typing import NamedTuple
 
+from ...pair.trace import rms
 from ...plant_emulator.settings import PlantSettings
 from . import published
 from .delay_pictures import STEER_SHOWN_S, Panel, panels, two_laps
@@ -32,7 +33,7 @@ from .delay_runs import (
 )
 from .delay_steps import filter_comparisons, filter_scan, step_comparisons, step_picture
 from .result import Comparison, Picture, Reproduction, Verdict
-from .simulation import History, rms
+from .simulation import History
 
 _WHY_CDOB = (
     "Not as published: with the ideal derivative 80 ms is eight times the PD's delay margin; PD "

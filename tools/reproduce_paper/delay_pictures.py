@@ -7,11 +7,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...pair.trace import FloatArray
-from ...reports.figures import COLOURS
+from ...pair.trace import FloatArray, rms
+from ...reports.plot_style import COLOURS
 from .delay_runs import STEER_RAD_MAX, Runs
 from .result import Picture
-from .simulation import History, rms, thinned
+from .simulation import History, thinned
 
 LINEAR_M = 0.1
 """Up to here the scale of the error is linear, beyond it is logarithmic."""

@@ -16,17 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...pair.trace import FloatArray
+from ...pair.trace import FloatArray, rms
 from ...plant_emulator.path_shapes import build_path
 from ...plant_emulator.settings import PlantSettings
-from .simulation import (
-    PAPER_DELAY_S,
-    History,
-    paper_controller,
-    paper_plant,
-    rms,
-    simulate,
-)
+from .simulation import PAPER_DELAY_S, History, paper_controller, paper_plant, simulate
 
 STEER_RAD_MAX = 0.6
 """Limit on every command, not in the paper: what a road vehicle's wheels can do."""

@@ -9,14 +9,14 @@ from ...controller.nominal_model import steer_to_lateral_error
 from ...controller.settings import ControllerSettings
 from ...controller.shared_settings import VehicleModelSettings
 from ...loop_theory.uncertainty import paper_box
-from ...pair.trace import FloatArray
+from ...pair.trace import FloatArray, rms
 from ...plant_emulator.settings import PlantSettings
-from ...reports.figures import COLOURS
+from ...reports.plot_style import COLOURS
 from ...runtime.node import NS_PER_S
 from .delay_runs import CDOB, FILTER, PD, Law, delayed_plant, drive
 from .reference_step import Step, reference_step
 from .result import Comparison, Picture
-from .simulation import PAPER_DELAY_S, paper_controller, rms
+from .simulation import PAPER_DELAY_S, paper_controller
 
 _FILTERS_RAD_S = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0)
 _WASHOUTS_RAD_S = (1.0, 3.0)

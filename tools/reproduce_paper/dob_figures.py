@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
-from ...pair.trace import FloatArray
-from ...reports.figures import COLOURS
+from ...pair.trace import FloatArray, rms
+from ...reports.plot_style import COLOURS
 from . import published
 from .result import Comparison, Picture, Reproduction, Verdict
-from .simulation import History, paper_controller, paper_plant, rms, simulate, thinned
+from .simulation import History, paper_controller, paper_plant, simulate, thinned
 from .table_2 import CORRECTED, DURATION_S, PRINTED, TOLERANCE_M
 
 _LAWS = {"PD": "paper_pd", "PD+DOB": "paper_pd_dob"}

@@ -10,7 +10,6 @@ the vehicle is looked at in two places: y/r of the closed loop, which two integr
 
 from typing import NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from ...controller.nominal_model import paper_eq19
 from ...loop_theory.continuous_loop import continuous_law, dob_alone, dob_q, reference_response
 from ...loop_theory.root_count import on_axis
-from ...reports.figures import COLOURS, STYLE
+from ...reports.plot_style import COLOURS, plot_style
 from .box_figure import figure_2
 from .corners import CORNERS, corner_labels, corner_plants, published_law
 from .network_figure import figure_12
@@ -96,7 +95,7 @@ def figure_11() -> Reproduction:
     plant_dob = with_dob.regulated.spread_at(SPREAD_AT_RAD_S)
     ends_rad_s = help_ends_rad_s(without.regulated, with_dob.regulated)
     at = f"at {SPREAD_AT_RAD_S} rad/s, without and with DOB"
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
+    with plot_style():
         spread_picture = _spread_picture(without, with_dob)
     return Reproduction(
         key="figure_11",
@@ -193,7 +192,7 @@ def _spread_comparisons(spreads: Spreads, inner: str) -> tuple[Comparison, ...]:
 
 def _response_picture(name: str, spreads: Spreads, inner: str) -> Picture:
     """Return |y/r| above |y/u_new| at the four vertices."""
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
+    with plot_style():
         figure = Figure(figsize=(8.0, 7.2))
         upper, lower = figure.subplots(2, 1, sharex=True)
         _draw_corners(upper, spreads.closed_loop)
@@ -239,7 +238,7 @@ def _spread_picture(without: Spreads, with_dob: Spreads) -> Picture:
 
 def _draw_corners(axes: Axes, responses: CornerResponses) -> None:
     """Draw a size in dB for each vertex, and the cutoff of Q."""
-    lines = zip(COLOURS, corner_labels(), responses.size, ("-", "--", "-", "--"), strict=True)
+    lines = zip(COLOURS, corner_labels(), responses.size, ("-", "--", "-", "--"), strict=False)
     for colour, label, size, line in lines:
         axes.semilogx(responses.omega_rad_s, 20.0 * np.log10(size), line, color=colour, label=label)
     axes.axvline(CUTOFF_RAD_S, color="0.4", lw=0.9, ls="-.")

@@ -8,7 +8,6 @@ time, and computed for the law as it runs at 1 kHz.
 
 from typing import NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -27,7 +26,7 @@ from ...loop_theory.small_gain import (
     cdob_small_gain,
     delay_uncertainty,
 )
-from ...reports.figures import COLOURS, STYLE
+from ...reports.plot_style import COLOURS, plot_style
 from ...runtime.node import NS_PER_S
 from .corners import published_law
 from .result import Comparison, Picture, Reproduction, Verdict
@@ -71,7 +70,7 @@ def figure_12() -> Reproduction:
     slower = published_law(
         "pd_cdob", f"pd.derivative_filter_rad_s={FILTER_RAD_S}", "cdob.q_cutoff_rad_s=100"
     )
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
+    with plot_style():
         pictures = (
             _network_picture("figure_12", ideal, "ideal derivative"),
             _network_picture(

@@ -21,8 +21,8 @@ from ...loop_theory.gain_boundaries import Bound, BoundaryCurve, RootKind, Windo
 from ...loop_theory.gain_loops import ContinuousGainLoop, GainLoop, SampledGainLoop
 from ...loop_theory.parameter_space import GainRegion, d_stable_region, verified
 from ...loop_theory.uncertainty import paper_box
-from ...reports.figures import COLOURS
 from ...reports.gain_drawing import GAIN_LABELS, draw_curves, draw_gamma, fill_region
+from ...reports.plot_style import COLOURS
 from ...runtime.node import NS_PER_MS
 from .result import Comparison, Picture, Reproduction, Verdict
 
@@ -217,7 +217,7 @@ def _draw_corners(axes: Axes, corners: Sequence[_Case], spec: DStability) -> Gai
     """Draw the edge of each corner's region, and fill what all of them share; returns that."""
     common = d_stable_region([case.loops[0] for case in corners], spec, WINDOW)
     fill_region(axes, common, f"all four: area {common.polygon.area:.2f}", 0.3)
-    for index, (case, colour) in enumerate(zip(corners, COLOURS, strict=True)):
+    for index, (case, colour) in enumerate(zip(corners, COLOURS, strict=False)):
         region = d_stable_region(case.loops, spec, WINDOW)
         style = {"ls": "--", "lw": 2.0} if index % 2 else {"lw": 1.2}  # equal but for a hair
         axes.plot(*region.polygon.exterior.xy, color=colour, label=case.name, **style)

@@ -16,7 +16,7 @@ from ...pair.trace import FloatArray
 from ...plant_emulator.path import Path, curvature, pose
 from ...plant_emulator.path_shapes import ellipse
 from ...plant_emulator.rig_settings import EllipseSettings
-from ...reports.figures import COLOURS
+from ...reports.plot_style import COLOURS
 from . import published
 from .continuous_runs import PD, DrivenEllipse, table_2_row
 from .result import Comparison, Picture, Reproduction, Verdict

@@ -10,7 +10,6 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -27,7 +26,7 @@ from ...controller.analysis.stable_delays import (
 from ...controller.design import design_law
 from ...controller.settings import ControllerSettings
 from ...controller.transfer_function import TransferFunction
-from ...reports.figures import COLOURS, STYLE
+from ...reports.plot_style import COLOURS, plot_style
 from ...runtime.node import NS_PER_MS
 from ...runtime.settings import load_settings, read_preset
 from .corners import CORNERS, corner_labels, corner_plants
@@ -83,7 +82,7 @@ VARIANTS = (
 def robustness_table() -> Reproduction:
     """Return the table, a picture of the stable delays, and one of margins and jitter."""
     rows = table_rows(VARIANTS, tuple(LAWS))
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
+    with plot_style():
         pictures = (_delays_picture(rows), _margins_picture(rows))
     return Reproduction(
         KEY,
@@ -210,7 +209,7 @@ def _delays_picture(rows: Sequence[Row]) -> Picture:
     axes.set_title("Stable constant delays")
     labels = [*corner_labels(), "all corners"]
     patches = [
-        Patch(color=c, label=label) for c, label in zip([*COLOURS, "0.25"], labels, strict=True)
+        Patch(color=c, label=label) for c, label in zip([*COLOURS[:4], "0.25"], labels, strict=True)
     ]
     axes.legend(handles=patches, loc="upper center", bbox_to_anchor=(0.4, -0.08), ncols=3)
     columns = np.array(table, dtype=np.float64).reshape(-1, 4).T
@@ -263,7 +262,7 @@ def _margins_picture(rows: Sequence[Row]) -> Picture:
             axes.axhline(edge - 0.5, color="0.6", lw=0.8)
     handles = [
         Line2D([], [], color=c, marker="o", lw=2.5, label=label)
-        for c, label in zip(COLOURS, corner_labels(), strict=True)
+        for c, label in zip(COLOURS, corner_labels(), strict=False)
     ]
     hollow = Line2D([], [], color="0.3", marker="o", mfc="none", lw=0, label="not stable")
     figure.legend(handles=[*handles, hollow], loc="outside lower center", ncols=5)

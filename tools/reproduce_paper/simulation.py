@@ -8,8 +8,6 @@ then measures at 1 kHz too: the ideal derivative of a value that is held for lon
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
 from ...compiled.engine import Outcome, run_batch
 from ...controller.settings import ControllerSettings
 from ...pair.trace import FloatArray
@@ -57,11 +55,6 @@ def paper_controller(preset: str, overrides: Sequence[str] = ()) -> ControllerSe
     return load_settings(
         ControllerSettings, read_preset("steer_by_wire.controller.presets", preset), None, overrides
     )
-
-
-def rms(values: FloatArray) -> float:
-    """Return the root mean square of an array of any shape."""
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def thinned(trace: History, step_s: float) -> History:

@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...pair.trace import FloatArray
-from ...reports.figures import COLOURS
+from ...pair.trace import FloatArray, rms
+from ...reports.plot_style import COLOURS
 from . import published
 from .continuous_runs import PD, order_2, table_2_row
 from .result import Comparison, Picture, Reproduction, Verdict
-from .simulation import History, paper_controller, paper_plant, rms, simulate
+from .simulation import History, paper_controller, paper_plant, simulate
 from .table_2_attempts import PATH, attempts
 
 DURATION_S = PATH.duration_s
@@ -168,7 +168,7 @@ def _draw(pd: Sequence[Row], dob: Sequence[Row]) -> Figure:
     figure = Figure(figsize=(10.5, 4.4))
     for axes, rows, law in zip(figure.subplots(1, 2), (pd, dob), ("PD", "PD+DOB"), strict=True):
         shown = rows[:3]
-        colours = ("0.55", *COLOURS)
+        colours = ("0.55", *COLOURS[:4])
         for index, (row, colour) in enumerate(zip(shown, colours, strict=False)):
             places = np.arange(4) + 0.27 * (index - 1)
             bars = axes.bar(places, row.rms_m, 0.25, color=colour, label=row.label.split(", ")[1])
@@ -188,7 +188,7 @@ def _draw_attempts(theirs: Row, tried: Sequence[Row]) -> Figure:
     axes = figure.subplots()
     places = np.arange(4)
     axes.plot(places, theirs.rms_m, "o-", color="black", lw=2.5, label="published")
-    for row, colour, marker in zip(tried, (*COLOURS, "#56B4E9", "0.6"), "svD^Px", strict=False):
+    for row, colour, marker in zip(tried, (*COLOURS[:4], "#56B4E9", "0.6"), "svD^Px", strict=False):
         axes.plot(places, row.rms_m, marker=marker, color=colour, lw=1.2, label=row.label)
     axes.set_xticks(places, _corner_labels())
     axes.set(ylabel="RMS lateral error [m]")

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from ...loop_theory.uncertainty import paper_box
+from ...pair.trace import rms
 from . import published
 from .continuous_runs import (
     DrivenEllipse,
@@ -27,7 +28,6 @@ from .continuous_runs import (
     order_2,
     table_2_row,
 )
-from .simulation import rms
 
 PATH = DrivenEllipse(78.2, 41.74, 200.0)
 """Inferred from the PD row; see figure_14."""

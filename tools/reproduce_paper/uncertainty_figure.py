@@ -5,7 +5,6 @@
 The paper has T = 0. The exact answer is the count of roots of (21), delay included.
 """
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -24,7 +23,7 @@ from ...loop_theory.small_gain import (
     multiplicative_uncertainty,
 )
 from ...loop_theory.uncertainty import paper_box
-from ...reports.figures import COLOURS, STYLE
+from ...reports.plot_style import COLOURS, plot_style
 from .corners import CORNERS, corner_labels, corner_plants
 from .result import Comparison, Picture, Reproduction, Verdict
 
@@ -41,7 +40,7 @@ _EXACT_POINTS = 50
 def figure_9() -> Reproduction:
     """Return |Q| against 1/|Δ_m| at the vertices, the largest cutoff, and the exact answer."""
     vehicle = steer_to_lateral_error(paper_box().nominal)
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
+    with plot_style():
         pictures = (
             _uncertainty_picture("figure_09", paper_eq19(), "G_n of (19)"),
             _uncertainty_picture("figure_09_vehicle_model", vehicle, "G_n of Table I, 5 km/h"),
@@ -60,7 +59,7 @@ def figure_9() -> Reproduction:
         verdict=Verdict.WITH_CORRECTION,
         why="With C_r and l_s corrected the condition holds at ω_c = 5 rad/s. But it does not limit"
         " ω_c: |Δ_m| < 1 at all ω, so every cutoff of (20) meets it. The type-2 Q, which exceeds"
-        " 1, fails it with the vehicle's own model at *small* cutoffs. What limits ω_c is the"
+        " 1, fails it with the vehicle's own model at small cutoffs. What limits ω_c is the"
         " delay, which (23) leaves out: with it in Δ_m there is a bound, and the exact bound of"
         " the loop (21) is a little larger.",
     )
@@ -136,7 +135,7 @@ def _uncertainty_picture(
     columns = {"omega_rad_s": omega_rad_s}
     figure = Figure(figsize=(8.0, 4.8))
     axes = figure.subplots()
-    lines = zip(CORNERS, corner_labels(), plants, COLOURS, ("-", "--", "-", "--"), strict=True)
+    lines = zip(CORNERS, corner_labels(), plants, COLOURS, ("-", "--", "-", "--"), strict=False)
     for corner, label, plant, colour, line in lines:
         uncertainty = np.abs(multiplicative_uncertainty(plant, model, omega_rad_s, delay_s))
         inverse_db = -20.0 * np.log10(uncertainty)

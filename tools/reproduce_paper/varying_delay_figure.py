@@ -14,8 +14,8 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...pair.trace import FloatArray
-from ...reports.figures import COLOURS
+from ...pair.trace import FloatArray, rms
+from ...reports.plot_style import COLOURS
 from . import published
 from .delay_runs import (
     CDOB,
@@ -32,7 +32,7 @@ from .delay_runs import (
     peak,
 )
 from .result import Comparison, Picture, Reproduction, Verdict
-from .simulation import History, rms, thinned
+from .simulation import History, thinned
 
 _STEP_S = 0.01
 _LINE = "latency.downlink."

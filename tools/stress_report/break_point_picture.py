@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...reports.figures import MANY_COLOURS
+from ...reports.plot_style import COLOURS
 from .axes import StudyAxes
 from .break_points import (
     CONFIDENCE,
@@ -31,7 +31,7 @@ def draw_break_points(points: list[BreakPoint], axes: StudyAxes, names: tuple[st
         at = np.array([chosen.index(point.jitter) for point in own]) + 0.06 * (
             controller - 0.5 * (len(names) - 1)
         )
-        colour = MANY_COLOURS[controller % len(MANY_COLOURS)]
+        colour = COLOURS[controller % len(COLOURS)]
         median, low, high, held = (
             np.clip([1e3 * getattr(point, name) for point in own], _SHORTEST_MS, end_ms)
             for name in ("median_s", "low_s", "high_s", "held_s")

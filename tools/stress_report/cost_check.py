@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PlantSettings
-from ...reports.figures import MANY_COLOURS
+from ...reports.plot_style import COLOURS
 from ...runtime.settings import SettingsError
 from .axes import StudyAxes
 from .break_points import latency_overrides
@@ -90,7 +90,7 @@ def draw_checks(study: StudyRecord, checks: list[CostCheck]) -> Figure:
     figure = Figure(figsize=(6.2 * columns + 0.6, 1.9 * lines + 1.0))
     panels = figure.subplots(lines, columns, sharex=True, squeeze=False)
     for check, panel in zip(checks, panels.T.flat, strict=False):
-        colour = MANY_COLOURS[check.controller % len(MANY_COLOURS)]
+        colour = COLOURS[check.controller % len(COLOURS)]
         time_s = check.expected.time_s
         panel.plot(
             time_s,

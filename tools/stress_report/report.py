@@ -1,14 +1,12 @@
 """Writes the report of a study: pictures as PNG, and one page with all of them."""
 
-import io
 from collections.abc import Callable
 from pathlib import Path
 
-import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from ...reports.figures import STYLE
 from ...reports.page import Picture, Section, page
+from ...reports.plot_style import plot_style, png_of
 from .axes import StudyAxes, study_axes
 from .break_point_picture import draw_break_points
 from .break_points import SEEDS, break_points
@@ -28,7 +26,6 @@ from .settings_section import study_section
 from .worst_runs import draw_worst, worst_runs
 
 PAGE = "report.html"
-_DPI = 110
 
 
 def write(folder: Path, break_point_seeds: int = SEEDS) -> Path:
@@ -87,8 +84,7 @@ def _costs(study: StudyRecord, rows: Rows, axes: StudyAxes) -> Section:
 
 def _save(study: StudyRecord, name: str, draw: Callable[[], Figure]) -> Picture:
     """Draw a picture, write it beside the page, and return it for the page."""
-    stream = io.BytesIO()
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
-        draw().savefig(stream, format="png", dpi=_DPI, metadata={"Software": None})
-    (study.folder / f"{name}.png").write_bytes(stream.getvalue())
-    return Picture(stream.getvalue(), name.replace("_", " "))
+    with plot_style():
+        png = png_of(draw())
+    (study.folder / f"{name}.png").write_bytes(png)
+    return Picture(png, name.replace("_", " "))

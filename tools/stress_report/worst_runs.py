@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from ...compiled.engine import BatchRun, run_batch
 from ...controller.settings import limits_of
-from ...reports.figures import MANY_COLOURS
+from ...reports.plot_style import COLOURS
 from ...studies.verdict import Verdict
 from .results import VERDICTS, Rows, StudyRecord, case_of, read_overrides
 
@@ -59,7 +59,7 @@ def draw_worst(study: StudyRecord, found: list[WorstRun]) -> Figure:
     grid = figure.subfigures(lines, 2, squeeze=False)
     for rank, (worst, part) in enumerate(zip(found, grid.flat, strict=False), start=1):
         above, below = part.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
-        colour = MANY_COLOURS[worst.controller % len(MANY_COLOURS)]
+        colour = COLOURS[worst.controller % len(COLOURS)]
         above.plot(worst.run.time_s, worst.run.lateral_error_m, color=colour, lw=0.9)
         below.plot(worst.run.tick_s, worst.run.sent_rad, color="0.25", lw=0.6)
         for limit_rad in (-worst.steer_rad_max, worst.steer_rad_max):

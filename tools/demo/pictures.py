@@ -4,31 +4,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..pair.trace import FloatArray, Trace
-
-COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7")
-"""Okabe and Ito's palette, told apart with any colour vision."""
-MANY_COLOURS = (*COLOURS, "#E69F00", "#56B4E9", "#000000")
-"""As many as there are laws."""
-
-STYLE = {
-    "axes.grid": True,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlelocation": "left",
-    "axes.titleweight": "bold",
-    "figure.constrained_layout.use": True,
-    "font.size": 10.0,
-    "grid.alpha": 0.3,
-    "legend.frameon": False,
-    "lines.linewidth": 1.5,
-    "savefig.dpi": 130,
-}
+from ...pair.trace import FloatArray, Trace, rms
+from ...reports.plot_style import COLOURS, plot_style
 
 
 class LawTraces(NamedTuple):
@@ -37,11 +18,6 @@ class LawTraces(NamedTuple):
     label: str
     live: Trace
     virtual: Trace
-
-
-def rms(values: FloatArray) -> float:
-    """Return the root mean square of an array of any shape."""
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def draw_all(
@@ -55,7 +31,7 @@ def draw_all(
 
     ``events``  what else happens to the vehicle, by time [s]
     """
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
+    with plot_style():
         figures = {
             "lateral_deviation": draw_lateral_deviation(laws, subtitle, events),
             "steer": draw_steer(laws, subtitle, steer_limit_rad),
@@ -76,7 +52,7 @@ def draw_lateral_deviation(
     """Lateral error at the preview point over time, and where its size was how often."""
     figure = Figure(figsize=(10.5, 4.6))
     left, right = figure.subplots(1, 2, width_ratios=(3.2, 1.0))
-    for colour, law in zip(MANY_COLOURS, laws, strict=False):
+    for colour, law in zip(COLOURS, laws, strict=False):
         label = f"{law.label}, RMS {1e3 * rms(law.live.lateral_error_m):.1f} mm"
         left.plot(law.live.time_s, 1e3 * law.live.lateral_error_m, color=colour, label=label)
         draw_virtual(left, law.virtual.time_s, 1e3 * law.virtual.lateral_error_m)
@@ -109,7 +85,7 @@ def draw_steer(laws: Sequence[LawTraces], subtitle: str, steer_limit_rad: float)
     """Front wheel angle over time, one row a law, on one scale."""
     figure = Figure(figsize=(10.5, 1.9 * len(laws) + 0.9))
     rows = np.atleast_1d(figure.subplots(len(laws), 1, sharex=True, sharey=True))
-    for colour, law, axes in zip(MANY_COLOURS, laws, rows, strict=False):
+    for colour, law, axes in zip(COLOURS, laws, rows, strict=False):
         axes.plot(law.live.time_s, law.live.wheel_angle_rad, color=colour, lw=1.2)
         draw_virtual(axes, law.virtual.time_s, law.virtual.wheel_angle_rad)
         peak_rad = float(np.max(np.abs(law.live.wheel_angle_rad)))
@@ -129,7 +105,7 @@ def draw_latency(laws: Sequence[LawTraces], subtitle: str) -> Figure:
     grid = figure.subplots(
         len(laws), 2, sharex="col", sharey=True, width_ratios=(3.6, 1.0), squeeze=False
     )
-    for colour, law, (left, right) in zip(MANY_COLOURS, laws, grid, strict=False):
+    for colour, law, (left, right) in zip(COLOURS, laws, grid, strict=False):
         time_s, latency_ms = commands_in_effect(law.live)
         left.plot(time_s, latency_ms, ".", ms=3.0, color=colour)
         right.hist(latency_ms, bins=30, orientation="horizontal", color=colour, edgecolor="white")
@@ -166,7 +142,7 @@ def draw_path(laws: Sequence[LawTraces], subtitle: str) -> Figure:
     figure = Figure(figsize=(10.0, min(max(9.0 * height_m / width_m, 3.0), 9.0) + 1.6))
     axes = figure.subplots()
     axes.plot(path_x_m, path_y_m, color="black", lw=1.0, ls="--", label="path")
-    for colour, law in zip(MANY_COLOURS, laws, strict=False):
+    for colour, law in zip(COLOURS, laws, strict=False):
         trace = law.live
         axes.plot(
             trace.path_x_m + factor * (trace.x_m - trace.path_x_m),
