@@ -68,6 +68,11 @@ _LOST_COUNTERS = int(limits(PlantStatus)["lost"].maximum) + 1
 _REJECTED_COUNTERS = int(limits(PlantStatus)["rejected"].maximum) + 1
 
 
+def samples_per_vehicle_state(sensor_period_ns: int) -> int:
+    """Return with every how many samples VEHICLE_STATE is sent."""
+    return max(1, VEHICLE_STATE_PERIOD_NS // sensor_period_ns)
+
+
 def motion_params(settings: PlantSettings) -> MotionParams:
     """Design the motion of a run; raises what ``design_motion`` raises."""
     return design_motion(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
@@ -102,8 +107,8 @@ class PlantNode:
         )
         self._own = SelfSupervision(settings.overruns)
         self._sensor_timer = PeriodicTimer(start_ns, settings.sensor_period_ns)
-        samples_per_state = max(1, VEHICLE_STATE_PERIOD_NS // settings.sensor_period_ns)
-        self._state_timer = PeriodicTimer(start_ns, samples_per_state * settings.sensor_period_ns)
+        every = samples_per_vehicle_state(settings.sensor_period_ns)
+        self._state_timer = PeriodicTimer(start_ns, every * settings.sensor_period_ns)
         self._telling = StatusTelling(start_ns)
         self.deadline_ns = start_ns
         self._network = Network(settings)

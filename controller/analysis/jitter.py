@@ -163,7 +163,7 @@ class _MomentRecursion:
         self._law[:-1, plant_end:] = law.a
         self._law[-1] = np.concatenate([law.d * c, law.c])
         ages = np.arange(youngest, oldest + 1) * when.steps_per_period
-        self._choices = [_newest(hazards[ages + s]) for s in range(when.steps_per_period)]
+        self._choices = [newest_arrivals(hazards[ages + s]) for s in range(when.steps_per_period)]
         self._period_s = loop.period_ns / NS_PER_S
 
     def is_stable(self) -> bool:
@@ -276,7 +276,7 @@ def _sums_behind(x: FloatArray) -> FloatArray:
     return sums
 
 
-def _newest(hazards: FloatArray) -> tuple[FloatArray, FloatArray]:
+def newest_arrivals(hazards: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return by mode: P(it is the youngest that arrives now), P(none younger arrives now).
 
     i → j < i has the probability of the first of j, whatever i; i → i that of the second of i.

@@ -46,6 +46,7 @@ from .stable_delays import (
     RESOLUTION_NS,
     SCAN_STEP_NS,
     DelayInterval,
+    stable_intervals,
 )
 from .unit_answers import floats_in, unit_answers
 
@@ -221,12 +222,4 @@ def stable_constant_delays(
                 low_ns = middle_ns
             else:
                 high_ns = middle_ns
-    intervals: list[DelayInterval] = []
-    was_stable = False
-    for delay_ns, is_stable in sorted(judged.items()):
-        if is_stable and was_stable:
-            intervals[-1] = intervals[-1]._replace(last_ns=delay_ns)
-        elif is_stable:
-            intervals.append(DelayInterval(delay_ns, delay_ns))
-        was_stable = is_stable
-    return tuple(intervals)
+    return stable_intervals(judged)

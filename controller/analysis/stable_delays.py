@@ -12,6 +12,7 @@ argument principle (``growing_modes``), which agrees with the eigenvalues of ``S
 does not grow with the commands on their way.
 """
 
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -42,6 +43,11 @@ def stable_delays(loop: SampledLoop, delay_ns_max: int = DELAY_NS_MAX) -> tuple[
     for (before_ns, was_stable), (after_ns, is_stable) in pairwise(sorted(judged.items())):
         if was_stable != is_stable:
             judged.update(_bisected(modes, before_ns, after_ns, was_stable))
+    return stable_intervals(judged)
+
+
+def stable_intervals(judged: Mapping[int, bool]) -> tuple[DelayInterval, ...]:
+    """Return the stable stretches of delays [ns] that were judged."""
     intervals: list[DelayInterval] = []
     was_stable = False
     for delay_ns, is_stable in sorted(judged.items()):

@@ -3,7 +3,7 @@
 from typing import Any
 
 from ..node import NS_PER_S
-from ..statistics import DurationSummary
+from ..statistics import durations_report
 from .broker import Broker
 from .journal import Journal
 
@@ -22,7 +22,7 @@ def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[st
     """
     return {
         "duration_s": duration_ns / NS_PER_S,
-        "lateness": _durations(broker.lateness),
+        "lateness": durations_report(broker.lateness),
         "channels": {
             name: {
                 "frames": channel.load.frames,
@@ -31,7 +31,7 @@ def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[st
                 "bus_offs": channel.bus_offs,
                 "lost_in_bus_off": channel.lost_in_bus_off,
                 "arbitration_delay": {
-                    can_id: _durations(delay)
+                    can_id: durations_report(delay)
                     for can_id, delay in channel.arbitration_delays.items()
                 },
             }
@@ -68,14 +68,3 @@ def summary_line(report: dict[str, Any]) -> str:
     if clients["untold"]:
         parts.append(f"{clients['untold']} lines not told")
     return "; ".join(parts)
-
-
-def _durations(summary: DurationSummary) -> dict[str, float]:
-    """Return durations in seconds."""
-    return {
-        "samples": summary.samples,
-        "mean_s": summary.mean_ns / NS_PER_S,
-        "p50_s": summary.p50_ns / NS_PER_S,
-        "p99_s": summary.p99_ns / NS_PER_S,
-        "max_s": summary.max_ns / NS_PER_S,
-    }

@@ -16,7 +16,7 @@ from ..controller.modes import Supervisor
 from ..controller.settings import ControllerSettings, resync_ns_of, supervision_of
 from ..dbc.messages import Mode
 from ..dbc.protection import COUNTERS, SequenceCheck, SequenceResult
-from ..plant_emulator.node import VEHICLE_STATE_PERIOD_NS
+from ..plant_emulator.node import samples_per_vehicle_state
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.streams import Channel, first_uniforms
 from ..runtime.node import NEVER_NS
@@ -149,7 +149,7 @@ def arrivals_of(
     motion_start_ns: int,
 ) -> Arrivals:
     """Return what arrives of one message of the first samples."""
-    every = max(1, VEHICLE_STATE_PERIOD_NS // plant.sensor_period_ns)
+    every = samples_per_vehicle_state(plant.sensor_period_ns)
     # LATERAL_ERROR and STEERING_STATUS of every sample, VEHICLE_STATE of some: all draw.
     messages = np.full(samples, 2)
     messages[::every] = 3

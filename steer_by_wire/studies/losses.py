@@ -13,7 +13,7 @@ from ..compiled.network import Frames, passages
 from ..compiled.plan import Plan
 from ..plant_emulator.latency import Distribution
 from ..plant_emulator.latency_settings import LatencySettings, Order
-from ..plant_emulator.node import VEHICLE_STATE_PERIOD_NS
+from ..plant_emulator.node import samples_per_vehicle_state
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.streams import Channel
 
@@ -49,7 +49,7 @@ def losses_of(plant: PlantSettings, plan: Plan) -> Losses:
         down = np.cumsum(lost)
     if _may_lose(latency.uplink):
         messages = np.full(len(plan.sample_ns), 2)
-        messages[:: max(1, VEHICLE_STATE_PERIOD_NS // plant.sensor_period_ns)] = 3
+        messages[:: samples_per_vehicle_state(plant.sensor_period_ns)] = 3
         came_ns = np.repeat(plan.sample_ns, messages)
         lost = _lost(latency.uplink, plant.seed, Channel.UPLINK, came_ns, plan)
         up = np.cumsum(lost)[np.cumsum(messages) - 1]

@@ -27,7 +27,7 @@ from ...dbc.protection import COUNTERS
 from ...plant_emulator.fault_effects import BURST_CHANCE, REORDER_CHANCE
 from ...plant_emulator.fault_settings import ALL, FaultDirection, FaultKind, FaultSettings
 from ...plant_emulator.node import RECEIVED as PLANT_RECEIVES
-from ...plant_emulator.node import VEHICLE_STATE_PERIOD_NS
+from ...plant_emulator.node import samples_per_vehicle_state
 from ...plant_emulator.safety_settings import design_guard
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.node import NS_PER_S
@@ -236,7 +236,7 @@ def period_s_of(fault: FaultSettings, sight: Sight) -> float:
     if fault.direction is FaultDirection.DOWNLINK:
         return sight.control_period_s
     if fault.message == "VEHICLE_STATE":
-        samples = max(1, VEHICLE_STATE_PERIOD_NS // round(sight.sensor_period_s * NS_PER_S))
+        samples = samples_per_vehicle_state(round(sight.sensor_period_s * NS_PER_S))
         return samples * sight.sensor_period_s
     return sight.sensor_period_s
 

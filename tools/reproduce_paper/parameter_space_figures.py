@@ -157,7 +157,7 @@ def figure_8_beyond() -> Reproduction:
             comparisons.append(_judged(case, spec))
         _draw_published(axes)
     for axes in panels:
-        axes.legend(loc="upper right", frameon=True, framealpha=0.9, fontsize=9)
+        axes.legend(loc="lower right", fontsize=9)
         axes.set(xlim=WINDOW[:2], ylim=WINDOW[2:], **GAIN_LABELS)
         axes.label_outer()
     return Reproduction(

@@ -39,6 +39,7 @@ from ...controller.analysis.arrivals import (
     hazards_by_age,
     uniform_cdf,
 )
+from ...controller.analysis.jitter import newest_arrivals
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.latency import RESOLUTION_S, Distribution
 from ...plant_emulator.latency_settings import LatencySettings
@@ -156,7 +157,7 @@ class _Moments:
                 f" moments are more than {NUMBERS_MAX}: take a shorter latency or a smaller spread"
             )
         law, ages = loop.law, np.arange(youngest, oldest + 1) * when.steps_per_period
-        choices = [_newest(hazards[ages + s]) for s in range(when.steps_per_period)]
+        choices = [newest_arrivals(hazards[ages + s]) for s in range(when.steps_per_period)]
         self._recursion = Recursion(
             decision=np.column_stack([np.append(law.b, law.d), np.vstack([law.a, law.c])]),
             transition=np.ascontiguousarray(loop.transition),
@@ -213,9 +214,3 @@ class _Moments:
             error_mean_m=error_mean_m,
             error_deviation_m=np.sqrt(np.maximum(mean_square_m2 - error_mean_m**2, 0.0)),
         )
-
-
-def _newest(hazards: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return by mode: P(it is the youngest that arrives now), P(none younger arrives now)."""
-    none_younger = np.concatenate([[1.0], np.cumprod(1.0 - hazards)])[:-1]
-    return hazards * none_younger, none_younger
