@@ -68,13 +68,6 @@ def steer_to_lateral_error(vehicle: NominalVehicle) -> TransferFunction:
     return TransferFunction(power_of_s=-2, numerator=(zeros,), denominator=(poles,))
 
 
-def curvature_to_lateral_error(vehicle: NominalVehicle) -> TransferFunction:
-    """Return y/ρ_ref of (5): -V²/s², since curvature turns the path away and nothing else."""
-    return TransferFunction(
-        power_of_s=-2, numerator=(Factor(0.0, 0.0, -(vehicle.speed_m_s**2)),), denominator=()
-    )
-
-
 def vehicle_model(vehicle: NominalVehicle) -> TransferFunction:
     """Return G_n: (4) of a vehicle, for observers that divide by N and by D.
 

@@ -144,3 +144,14 @@ def _settling_s(actuator: ActuatorSettings, reach_rad: float) -> float:
     if actuator.rate_limit_rad_s is not None:
         ramp_s = 2.0 * reach_rad / actuator.rate_limit_rad_s
     return ramp_s + _LAGS_TO_SETTLE * actuator.lag_s
+
+
+UNGUARDED = SafetySettings(
+    angle_rad_max=OFF,
+    angle_rate_rad_s_max=OFF,
+    lateral_acceleration_m_s2_max=OFF,
+    lateral_jerk_m_s3_max=OFF,
+    follow_tolerance_rad=OFF,
+    ftti_ms=OFF,
+)
+"""Refuses nothing: to judge laws, not the guard that would hide a bad one."""

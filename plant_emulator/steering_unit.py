@@ -1,8 +1,8 @@
 """The steering's control unit behind the latency line: the guard, what it did, and what it says."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 from ..dbc.messages import SafetyState, SteeringStatusCode
 from ..runtime.node import NEVER_NS, NS_PER_S
@@ -47,30 +47,6 @@ def status_of(x: GuardState, actuator_is_limited: bool) -> int:
         if actuator_is_limited:
             return _LIMITED
     return _CODES[x.mode]
-
-
-class Answer(NamedTuple):
-    """Whether a command is followed, and what decides about the target from it on."""
-
-    is_followed: bool
-    mode: int
-
-
-def answers_to(p: GuardParams, commands: Iterable[tuple[int, bool]]) -> list[Answer]:
-    """Return the guard's answers to commands, if the wheel follows.
-
-    They depend on nothing but times, so they can be known before a run.
-
-    ``commands``  when each arrives [ns], and whether it is sent at that instant: the timer is first
-    """
-    x = start_guard(p)
-    answers = []
-    for time_ns, is_sent_then in commands:
-        while x.deadline_ns < time_ns + is_sent_then:
-            x, _ = guard_timer(p, x, x.deadline_ns)
-        x, is_followed = guard_command(p, x, 0.0, time_ns)
-        answers.append(Answer(is_followed, x.mode))
-    return answers
 
 
 class SteeringUnit:

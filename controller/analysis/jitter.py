@@ -125,16 +125,6 @@ def stable_spreads(
     return tuple(intervals)
 
 
-def largest_spread_ns(intervals: tuple[SpreadInterval, ...], mean_ns: int) -> int | None:
-    """Return the standard deviation up to which all are tolerated [ns].
-
-    0 if the mean itself is not tolerated as a constant latency, None if all up to the mean are.
-    """
-    if not intervals or intervals[0].first_ns > 0:
-        return 0
-    return None if intervals[0].last_ns >= mean_ns else intervals[0].last_ns
-
-
 class _MomentRecursion:
     """X ↦ Σ_i P(i → j) A_j X_i A_jᵀ over one control period, as a linear operator.
 

@@ -16,7 +16,6 @@ from typing import NamedTuple
 TIME_S_MAX = 1e5
 PID_MAX = 1 << 22
 """The largest process number that Linux can be set to."""
-WHOLE_KEYS = ("pid",)
 RECEIVERS = ("plant", "controller", "both")
 NODES = ("plant", "controller")
 

@@ -17,10 +17,8 @@ pd_ddob have two roots at s = 0 which (18) does not show.
 For design only: python-control gives the margins, and no live program may import it.
 """
 
-import math
 from typing import NamedTuple
 
-import control
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,8 +29,6 @@ from ..controller.transfer_function import Factor, TransferFunction
 from .root_count import Polynomial, RootCount, count_roots, on_axis
 from .small_gain import CdobParts
 
-_OMEGA_RAD_S = (1e-2, 1e4)
-_OMEGAS = 4000
 _ONE = TransferFunction(0, (), ())
 
 Omegas = NDArray[np.float64]
@@ -45,23 +41,6 @@ class ContinuousLaw(NamedTuple):
     reference: Polynomial  # R
     measurement: Polynomial  # M
     denominator: Polynomial  # E
-
-
-class ContinuousMargins(NamedTuple):
-    """How far a loop is from instability; they say nothing of a loop that is unstable.
-
-    ``gain_max``         factor above 1 that the loop gain must stay below; inf where there is none
-    ``gain_min``         factor below 1 that it must stay above; 0 where there is none
-    ``phase_rad``        smallest distance from -1 where the gain is 1 [rad]; inf where it never is
-    ``crossover_rad_s``  where that is [rad/s]; NaN where there is none
-    ``delay_s``          further delay at which a root first reaches the axis [s]; inf if never
-    """
-
-    gain_max: float
-    gain_min: float
-    phase_rad: float
-    crossover_rad_s: float
-    delay_s: float
 
 
 def pd_compensator(pd: PdSettings) -> TransferFunction:
@@ -135,14 +114,6 @@ def reference_response(
     return np.asarray(forward * delayed / (1.0 + loop), np.complex128)
 
 
-def output_disturbance_response(
-    law: ContinuousLaw, plant: TransferFunction, delay_s: float, omega_rad_s: Omegas
-) -> Response:
-    """Return y/d at each ω above 0 [rad/s], d added to y: (13) for ``dob_alone``."""
-    loop = loop_response(law, plant, delay_s, omega_rad_s)
-    return np.asarray(1.0 / (1.0 + loop), np.complex128)
-
-
 def closed_loop_roots(law: ContinuousLaw, plant: TransferFunction, delay_s: float) -> RootCount:
     """Return where all roots of law and plant lie, those included that cancel in L.
 
@@ -151,28 +122,6 @@ def closed_loop_roots(law: ContinuousLaw, plant: TransferFunction, delay_s: floa
     numerator, denominator = _polynomials(plant)
     return count_roots(
         _product(law.denominator, denominator), _product(law.measurement, numerator), delay_s
-    )
-
-
-def loop_margins(
-    law: ContinuousLaw, plant: TransferFunction, delay_s: float = 0.0
-) -> ContinuousMargins:
-    """Return the margins of the loop at a constant delay, crossovers sought up to 10,000 rad/s."""
-    omega_rad_s = np.geomspace(*_OMEGA_RAD_S, _OMEGAS)
-    loop = loop_response(law, plant, delay_s, omega_rad_s)
-    gains, phases_deg, _, _, crossovers_rad_s, _ = control.stability_margins(
-        control.frd(loop, omega_rad_s, smooth=True), returnall=True
-    )
-    phases_rad = np.deg2rad(phases_deg)
-    distances_rad = np.abs(np.remainder(phases_rad + math.pi, math.tau) - math.pi)
-    delays_s = np.remainder(phases_rad, math.tau) / crossovers_rad_s
-    nearest = int(np.argmin(distances_rad)) if len(distances_rad) else None
-    return ContinuousMargins(
-        gain_max=float(min(gains[gains > 1.0], default=math.inf)),
-        gain_min=float(max(gains[gains < 1.0], default=0.0)),
-        phase_rad=math.inf if nearest is None else float(distances_rad[nearest]),
-        crossover_rad_s=math.nan if nearest is None else float(crossovers_rad_s[nearest]),
-        delay_s=float(min(delays_s, default=math.inf)),
     )
 
 

@@ -205,16 +205,6 @@ def cdob_small_gain(parts: CdobParts, delay_s: float, *, as_printed: bool = Fals
     return _refined_peak(size)
 
 
-def cdob_largest_response(parts: CdobParts) -> Peak:
-    """Return the largest |L_n/(1 + L_n)|: below 1/2 the condition (25) is met at every delay."""
-
-    def size(omega_rad_s: Omegas) -> NDArray[np.float64]:
-        nominal = cdob_nominal_loop(parts, omega_rad_s)
-        return np.abs(nominal / (1.0 + nominal))
-
-    return _refined_peak(size)
-
-
 def _refined_peak(size: Callable[[Omegas], NDArray[np.float64]]) -> Peak:
     """Return the maximum of a size over ω, looked at more closely where the grid has it."""
     omega_rad_s = np.geomspace(*_OMEGA_RAD_S, _OMEGAS)

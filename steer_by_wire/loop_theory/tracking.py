@@ -119,11 +119,6 @@ def track(grid: TrackingGrid, design: LawDesign) -> Tracking:
     return Tracking(*(np.stack(figures) for figures in zip(*by_path, strict=True)))
 
 
-def worst_rms_m(grid: TrackingGrid, design: LawDesign) -> float:
-    """Return the largest RMS of the lateral error over all paths, corners and delays [m]."""
-    return float(rms_m(grid, design).max())
-
-
 def rms_m(grid: TrackingGrid, design: LawDesign) -> FloatArray:
     """Return the RMS alone, in half the time; shape (paths, corners, delays) [m]."""
     sensitivity = 1.0 / (1.0 - grid.plants * law_response(law_system(design), grid.z))

@@ -1,6 +1,7 @@
 """The processes of a soak: broker, recorder, plant, controller, babbling node."""
 
 import json
+import os
 import signal
 import subprocess
 import time
@@ -10,7 +11,6 @@ from pathlib import Path
 from typing import Any, Self
 
 from ..runtime.attached import Lifeline
-from .process_memory import children_of
 
 START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 60.0
@@ -147,3 +147,18 @@ class Crew:
     def _last_line(self, name: str) -> str:
         printed = self.path(name, ".txt").read_text(encoding="utf-8", errors="replace")
         return (printed.strip().splitlines() or ["it printed nothing"])[-1]
+
+
+def children_of(pid: int) -> list[int]:
+    """Return the processes that a process has started and that still run. Linux only."""
+    children = []
+    for entry in os.listdir("/proc"):
+        if not entry.isdecimal():
+            continue
+        try:
+            stat = Path(f"/proc/{entry}/stat").read_text(encoding="ascii", errors="replace")
+        except OSError:
+            continue
+        if int(stat.rpartition(")")[2].split()[1]) == pid:
+            children.append(int(entry))
+    return children

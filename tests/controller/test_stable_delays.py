@@ -24,7 +24,7 @@ from steer_by_wire.controller.law_settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.transfer_function import Factor, TransferFunction
 from steer_by_wire.pair.trace import FloatArray
-from steer_by_wire.pair.unguarded import UNGUARDED
+from steer_by_wire.plant_emulator.safety_settings import UNGUARDED
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import load_settings, read_preset
 

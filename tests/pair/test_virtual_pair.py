@@ -13,7 +13,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.settings import dump_toml, load_settings, read_preset
 from steer_by_wire.tools.closed_loop.__main__ import main as closed_loop
-from steer_by_wire.tools.soak.virtual import run_virtual_soak
+from tests.support.virtual_soak import run_virtual_soak
 
 ROOT = Path(__file__).parents[2]
 BUILDERS = {

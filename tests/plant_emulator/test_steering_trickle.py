@@ -23,9 +23,9 @@ from steer_by_wire.plant_emulator.node import PlantNode
 from steer_by_wire.plant_emulator.safety_settings import design_guard
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.steering_guard import GuardMode
-from steer_by_wire.plant_emulator.steering_unit import answers_to
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from tests.support.compiled_runs import assert_same_as_nodes, controller_settings, plant_settings
+from tests.support.driven_guard import answers_to
 from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 
 HOLDING, FOLLOWING = SteeringStatusCode.HOLDING, SteeringStatusCode.APPLYING

@@ -27,9 +27,8 @@ from steer_by_wire.plant_emulator.node import PlantNode
 from steer_by_wire.plant_emulator.plant_samples import PlantSample
 from steer_by_wire.plant_emulator.program import PRESETS
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.plant_emulator.steering_unit import answers_to
 from steer_by_wire.runtime.settings import SettingsError, load_settings, preset_names, read_preset
-from tests.support.driven_guard import Guarded
+from tests.support.driven_guard import Guarded, answers_to
 from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 
 

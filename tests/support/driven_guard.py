@@ -1,6 +1,8 @@
 """A guard that is told commands and wheel angles, the timer always on time."""
 
 import math
+from collections.abc import Iterable
+from typing import NamedTuple
 
 from steer_by_wire.plant_emulator import steering_guard
 from steer_by_wire.plant_emulator.safety_limiter import LimiterParams, limit_rows
@@ -77,3 +79,27 @@ def steady(
     while time_ms <= last_ms:
         assert guarded.command(time_ms, steer_rad)
         time_ms += 10.0
+
+
+class Answer(NamedTuple):
+    """Whether a command is followed, and what decides about the target from it on."""
+
+    is_followed: bool
+    mode: int
+
+
+def answers_to(p: tested.GuardParams, commands: Iterable[tuple[int, bool]]) -> list[Answer]:
+    """Return the guard's answers to commands, if the wheel follows.
+
+    They depend on nothing but times, so they can be known before a run.
+
+    ``commands``  when each arrives [ns], and whether it is sent at that instant: the timer is first
+    """
+    x = tested.start_guard(p)
+    answers = []
+    for time_ns, is_sent_then in commands:
+        while x.deadline_ns < time_ns + is_sent_then:
+            x, _ = tested.guard_timer(p, x, x.deadline_ns)
+        x, is_followed = tested.guard_command(p, x, 0.0, time_ns)
+        answers.append(Answer(is_followed, x.mode))
+    return answers

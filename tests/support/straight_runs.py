@@ -5,7 +5,7 @@ import numpy as np
 from steer_by_wire.compiled.engine import BatchRun, Outcome, run_batch
 from steer_by_wire.controller.nominal_model import NominalVehicle
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.pair.unguarded import UNGUARDED
+from steer_by_wire.plant_emulator.safety_settings import UNGUARDED
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import load_settings, read_preset
 

@@ -15,7 +15,7 @@ from steer_by_wire.bus_faults.babbling import (
 )
 from steer_by_wire.controller.settings import ControllerSettings, supervision_of
 from steer_by_wire.dbc.messages import CAN_IDS, DelayStatus, Mode, PlantStatus, SteeringCommand
-from steer_by_wire.pair.process_memory import GROWTH_KIB_MAX, children_of, figures_of, resident_kib
+from steer_by_wire.pair.crew import children_of
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.recordings.census import count_messages, gaps, read_bus_log
 from steer_by_wire.runtime.bus_model import BusModel
@@ -26,7 +26,8 @@ from steer_by_wire.runtime.frame_length import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.soak.bounds import delay_bounds_ns, longest_frame_ns
-from steer_by_wire.tools.soak.virtual import VirtualSoak, run_virtual_soak
+from steer_by_wire.tools.soak.process_memory import GROWTH_KIB_MAX, figures_of, resident_kib
+from tests.support.virtual_soak import VirtualSoak, run_virtual_soak
 
 BITRATE_BIT_S = 500_000
 BABBLE_NS = (2 * NS_PER_S, 8 * NS_PER_S)

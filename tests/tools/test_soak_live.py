@@ -6,7 +6,6 @@ from typing import Any
 import pytest
 
 from steer_by_wire.bus_faults.babbling import GAPS, LOWEST_PRIORITY_IDS
-from steer_by_wire.pair.process_memory import figures_of
 from steer_by_wire.tools.soak.live import LiveSoak, Plan, run_live_soak
 from steer_by_wire.tools.soak.presentation import (
     findings_table,
@@ -14,6 +13,7 @@ from steer_by_wire.tools.soak.presentation import (
     messages_table,
     record_of,
 )
+from steer_by_wire.tools.soak.process_memory import figures_of
 from steer_by_wire.tools.soak.verdict import Finding, between_findings, load_findings
 
 

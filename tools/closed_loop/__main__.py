@@ -21,7 +21,6 @@ from typing import Any, NamedTuple
 from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.pair.live import PairFiles
-from steer_by_wire.pair.threaded import run_threaded_nodes
 from steer_by_wire.pair.virtual import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
 from steer_by_wire.plant_emulator.faults import FaultyNode, with_faults
 from steer_by_wire.plant_emulator.node import PlantNode, motion_params
@@ -40,6 +39,7 @@ from steer_by_wire.runtime.settings import (
     preset_names,
     read_preset,
 )
+from steer_by_wire.tools.closed_loop.threaded import run_threaded_nodes
 
 NAME = "closed_loop"
 PLANT, CONTROLLER = PROGRAMS = ("plant_emulator", "controller")

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ...compiled.engine import Outcome, run_batch
 from ...controller.settings import ControllerSettings
-from ...pair.unguarded import UNGUARDED
+from ...plant_emulator.safety_settings import UNGUARDED
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.settings import load_settings, read_preset
 

@@ -12,12 +12,12 @@ from pydantic import ValidationError
 
 from ...controller.nominal_model import NominalVehicle
 from ...controller.settings import ControllerSettings
-from ...pair.unguarded import UNGUARDED
 from ...pair.virtual import run_virtual_pair
 from ...plant_emulator.latency import Distribution
 from ...plant_emulator.latency_settings import BothLatencySettings, LatencySettings
 from ...plant_emulator.path_shapes import build_path
 from ...plant_emulator.rig_settings import PathSettings, VehicleSettings
+from ...plant_emulator.safety_settings import UNGUARDED
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import SettingsError

@@ -27,14 +27,11 @@ TABLE_2 = (
     Table2Column("c", 7.0, 1600.0, 0.0523, 0.0359),
     Table2Column("d", 7.0, 5000.0, 0.0526, 0.0370),
 )
-TABLE_2_RESOLUTION_M = 1e-4
-"""Of the printed numbers."""
 
 REAR_CORNERING_STIFFNESS_N_RAD = 50_000.0
 """C_r as Table I prints it."""
 
 FIGURE_14 = "an elliptical route (section VIII)"
-FIGURE_15 = "the curvature of that route (section VIII)"
 FIGURES_16_TO_20 = "with DOB the path following error decreases obviously (section VIII)"
 FIGURE_20 = "external disturbance is added due to road curvature input (section VIII)"
 FIGURE_21 = "CDOB has reduced errors (section VIII)"

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...pair.crew import Crew
-from ...pair.process_memory import MemoryFigures, MemoryWatch
 from ...recordings.census import (
     BusLog,
     MessageCount,
@@ -16,6 +15,7 @@ from ...recordings.census import (
     read_bus_log,
     read_own_log,
 )
+from .process_memory import MemoryFigures, MemoryWatch
 
 CHANNEL = "can0"
 SAMPLES = 600

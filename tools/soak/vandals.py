@@ -22,7 +22,6 @@ from rich.table import Table
 
 from ...bus_faults.babbling import babble
 from ...pair.crew import Crew, SoakError
-from ...pair.process_memory import resident_kib
 from ...runtime.host import RealTimeRequest, StealClock, real_time
 from ...runtime.message import message_of
 from ...runtime.node import NS_PER_S
@@ -30,6 +29,7 @@ from ...runtime.option_types import output_file, priority, seconds
 from ...runtime.program import ExitStatus, run_main
 from ...runtime.report import write_json
 from ...runtime.statistics import DurationStatistics, DurationSummary
+from .process_memory import resident_kib
 from .vandal import KINDS
 
 NAME = "vandals"

@@ -1,6 +1,5 @@
 """Memory of processes over a run: what they hold at its start, middle and end, and if it grows."""
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -77,18 +76,3 @@ def resident_kib(pid: int) -> int | None:
         return None
     found = [line.split()[1] for line in status.splitlines() if line.startswith("VmRSS:")]
     return int(found[0]) if found else None
-
-
-def children_of(pid: int) -> list[int]:
-    """Return the processes that a process has started and that still run. Linux only."""
-    children = []
-    for entry in os.listdir("/proc"):
-        if not entry.isdecimal():
-            continue
-        try:
-            stat = Path(f"/proc/{entry}/stat").read_text(encoding="ascii", errors="replace")
-        except OSError:
-            continue
-        if int(stat.rpartition(")")[2].split()[1]) == pid:
-            children.append(int(entry))
-    return children

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import can
 
-from ..controller.node import ControllerNode
-from ..plant_emulator.faults import FaultyNode
-from ..plant_emulator.node import PlantNode
-from ..runtime.bus import BusPort
-from ..runtime.real_time import LoopFigures, RealTimeExecutor
+from ...controller.node import ControllerNode
+from ...plant_emulator.faults import FaultyNode
+from ...plant_emulator.node import PlantNode
+from ...runtime.bus import BusPort
+from ...runtime.real_time import LoopFigures, RealTimeExecutor
 
 _CHANNEL_NUMBERS = count()
 """python-can's virtual channels belong to the whole process: no two runs may share one."""

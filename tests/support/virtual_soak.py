@@ -4,16 +4,16 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ...bus_faults.babbling import BabbledBus
-from ...controller.settings import ControllerSettings
-from ...dbc.messages import Mode
-from ...pair.virtual import make_virtual_pair
-from ...plant_emulator.settings import PlantSettings
-from ...runtime.bus_model import BusModel
-from ...runtime.emulated_bus.channel import BUFFER_FULL
-from ...runtime.frame import Frame
-from ...runtime.node import NS_PER_MS
-from ...runtime.virtual_time import VirtualTimeExecutor
+from steer_by_wire.bus_faults.babbling import BabbledBus
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.dbc.messages import Mode
+from steer_by_wire.pair.virtual import make_virtual_pair
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.bus_model import BusModel
+from steer_by_wire.runtime.emulated_bus.channel import BUFFER_FULL
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NS_PER_MS
+from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
 
 
 class VirtualSoak(NamedTuple):
