@@ -123,8 +123,8 @@ class VirtualTimeExecutor:
                 deliveries = self._wire.advance(now_ns)
                 for delivery in deliveries:
                     self._deliver(delivery, now_ns)
+                    busy_index = delivery.sender
                 events += len(deliveries)
-                busy_index = deliveries[-1].sender
                 continue
             for index, node in self._nodes:
                 if node.deadline_ns <= now_ns:

@@ -1,24 +1,15 @@
 """Plant emulator and controller as two processes on one channel, with a recorder listening in."""
 
 import json
-import signal
-import subprocess
 from collections.abc import Sequence
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import can
 
-from ..runtime.attached import Lifeline
-from ..runtime.bus import BusError
+from .processes import ProcessError, Processes
 from .trace import Trace
-
-STOP_TIMEOUT_S = 60.0
-"""How long a program may take to write its report; a busy machine needs it."""
-
-
-class PairError(BusError):
-    """A program of the pair failed; the text is one line for the user."""
 
 
 class PairFiles(NamedTuple):
@@ -43,10 +34,6 @@ class PairFiles(NamedTuple):
     def report(self, program: str) -> Path:
         """The report of one program, JSON."""
         return self.folder / f"{program}.json"
-
-    def output(self, program: str) -> Path:
-        """What one program printed."""
-        return self.folder / f"{program}.txt"
 
 
 class PairResult(NamedTuple):
@@ -99,78 +86,48 @@ class LivePair:
             "plant_emulator": ["--trace", str(files.plant_trace), *plant_options],
         }
         self._files = files
-        self._processes: dict[str, subprocess.Popen[bytes]] = {}
-        self._lifeline: Lifeline | None = None
-        self._listener: can.BusABC | None = None
-        self._recorder: can.Notifier | None = None
+        self._end = ExitStack()
 
     def __enter__(self) -> Self:
         self._files.folder.mkdir(parents=True, exist_ok=True)
-        listener = self._bus.open()
-        writer = can.CanutilsLogWriter(self._files.candump_log, channel=self._bus.channel)
-        self._listener, self._recorder = listener, can.Notifier(listener, [writer])
-        self._lifeline = line = Lifeline()
-        try:
-            for program in self._options:
-                self._processes[program] = self._start(program, line)
-        except BaseException:
-            self.stop()
-            raise
+        with ExitStack() as stack:  # the recorder ends last, so that it sees the last frame
+            listener = self._bus.open()
+            stack.callback(listener.shutdown)
+            writer = can.CanutilsLogWriter(self._files.candump_log, channel=self._bus.channel)
+            stack.callback(can.Notifier(listener, [writer]).stop)
+            self._programs = stack.enter_context(Processes(self._files.folder))
+            for program, options in self._options.items():
+                report = str(self._files.report(program))
+                arguments = [*self._bus.options, "--report", report, *options]
+                self._programs.begin(program, program, arguments)
+            self._end = stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.stop()
+        with self._end:
+            for program in self._options:
+                self._programs.interrupt(program)
+            for program in self._options:
+                with suppress(ProcessError):  # result() raises
+                    self._programs.end(program)
 
     @property
     def plant_is_running(self) -> bool:
-        """Whether the plant still drives; raises PairError when the controller has died first."""
-        code = self._processes["controller"].poll()
-        if code is not None:
-            raise PairError(self._complaint("controller", code))
-        code = self._processes["plant_emulator"].poll()
-        if code:
-            raise PairError(self._complaint("plant_emulator", code))
-        return code is None
-
-    def stop(self) -> None:
-        """End what runs; the recorder last, so that it sees the last frame."""
-        for process in self._processes.values():
-            if process.poll() is None:
-                process.send_signal(signal.SIGINT)
-        for process in self._processes.values():
-            try:
-                process.wait(STOP_TIMEOUT_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-        if self._lifeline is not None:
-            self._lifeline.close()
-            self._lifeline = None
-        if self._recorder is not None:
-            self._recorder.stop()
-            self._recorder = None
-        if self._listener is not None:
-            self._listener.shutdown()
-            self._listener = None
+        """Whether the plant still drives; raises ProcessError when either has failed."""
+        if self._programs.status("controller") is not None:
+            raise self._programs.failure("controller")
+        status = self._programs.status("plant_emulator")
+        if status:
+            raise self._programs.failure("plant_emulator")
+        return status is None
 
     def result(self) -> PairResult:
-        """Read what the programs have written; raises PairError when a report is missing."""
-        for program, process in self._processes.items():
-            if process.returncode:
-                raise PairError(self._complaint(program, process.returncode))
+        """Read what the programs have written; raises ProcessError when one has failed."""
+        for program in self._options:
+            if self._programs.status(program):
+                raise self._programs.failure(program)
         return PairResult(
             json.loads(self._files.report("plant_emulator").read_text(encoding="utf-8")),
             json.loads(self._files.report("controller").read_text(encoding="utf-8")),
             Trace.read(self._files.plant_trace),
         )
-
-    def _start(self, program: str, line: Lifeline) -> subprocess.Popen[bytes]:
-        report = str(self._files.report(program))
-        arguments = [*self._bus.options, "--report", report, *self._options[program]]
-        with self._files.output(program).open("wb") as output:
-            return line.start(program, arguments, output)
-
-    def _complaint(self, program: str, code: int) -> str:
-        printed = self._files.output(program).read_text(encoding="utf-8", errors="replace")
-        last = (printed.strip().splitlines() or ["it printed nothing"])[-1]
-        return f"{program} ended with status {code}: {last}"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.pair import crew
+from steer_by_wire.pair import processes
 from steer_by_wire.runtime.attached import Lifeline, lifeline
 from steer_by_wire.runtime.program import ExitStatus
 from tests.support.running_program import PATIENCE_S, wait_until
@@ -181,13 +181,13 @@ except KeyboardInterrupt:
 def test_a_crew_that_is_given_up_ends_in_order_and_who_does_not_is_killed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(crew, "ABORT_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(processes, "ABORT_TIMEOUT_S", 0.3)
     for name, code in (("stubborn", STUBBORN), ("polite", POLITE)):
         (tmp_path / f"{name}.py").write_text(code, encoding="utf-8")
     pids: dict[str, int] = {}
 
     def give_up() -> None:
-        with crew.Crew(tmp_path, tmp_path) as running:
+        with processes.Processes(tmp_path, tmp_path) as running:
             running.start("first", "polite", [str(tmp_path / "first")])
             running.start("second", "stubborn", [])
             running.start("third", "polite", [str(tmp_path / "third")])

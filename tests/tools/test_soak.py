@@ -15,7 +15,7 @@ from steer_by_wire.bus_faults.babbling import (
 )
 from steer_by_wire.controller.settings import ControllerSettings, supervision_of
 from steer_by_wire.dbc.messages import CAN_IDS, DelayStatus, Mode, PlantStatus, SteeringCommand
-from steer_by_wire.pair.crew import children_of
+from steer_by_wire.pair.processes import children_of
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.recordings.census import count_messages, gaps, read_bus_log
 from steer_by_wire.runtime.bus_model import BusModel

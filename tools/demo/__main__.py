@@ -24,7 +24,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.pair.channels import Channels, open_channels
-from steer_by_wire.pair.live import LivePair, PairError, PairFiles, PairResult
+from steer_by_wire.pair.live import LivePair, PairFiles, PairResult
+from steer_by_wire.pair.processes import ProcessError
 from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.program import ExitStatus, run_main
@@ -134,7 +135,7 @@ def _run_live(
 
 
 def _wait(pairs: Sequence[LivePair], duration_s: float, console: Console) -> None:
-    """Show progress until every plant has finished; raises PairError if one does not."""
+    """Show progress until every plant has finished; raises ProcessError if one does not."""
     start_s = time.monotonic()
     columns = (TextColumn("{task.description}"), BarColumn(40), TimeRemainingColumn())
     with Progress(*columns, console=console) as progress:
@@ -142,7 +143,7 @@ def _wait(pairs: Sequence[LivePair], duration_s: float, console: Console) -> Non
         while _running(pairs):
             elapsed_s = time.monotonic() - start_s
             if elapsed_s > duration_s + GRACE_S:
-                raise PairError(f"a plant still runs {GRACE_S:g} s after it should have finished")
+                raise ProcessError(f"a plant still runs {GRACE_S:g} s after it should have ended")
             progress.update(task, completed=min(elapsed_s, duration_s))
             time.sleep(POLL_S)
         progress.update(task, completed=duration_s)

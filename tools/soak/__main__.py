@@ -19,7 +19,6 @@ from pathlib import Path
 from rich.console import Console
 
 from steer_by_wire.bus_faults.babbling import GAPS, HIGHEST_PRIORITY_IDS, LOWEST_PRIORITY_IDS
-from steer_by_wire.pair.crew import SoakError
 from steer_by_wire.runtime.host import StealClock
 from steer_by_wire.runtime.option_types import priority, seconds
 from steer_by_wire.runtime.program import ExitStatus, run_main
@@ -113,11 +112,7 @@ def _run(options: argparse.Namespace) -> int:
     records, holds, steal = {}, True, StealClock()
     begin_s = time.monotonic()
     for name, (plan, judge) in parts.items():
-        try:
-            run = run_live_soak(plan, options.out / name, _tell)
-        except SoakError as error:
-            print(f"{NAME}: error: {error}", file=sys.stderr)
-            return ExitStatus.BUS
+        run = run_live_soak(plan, options.out / name, _tell)
         findings = list(judge(run))
         holds = holds and all(finding.holds for finding in findings)
         records[name] = record_of(run, findings)

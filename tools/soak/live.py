@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...pair.crew import Crew
+from ...pair.processes import Processes
 from ...recordings.census import (
     BusLog,
     MessageCount,
@@ -65,27 +65,27 @@ class LiveSoak(NamedTuple):
 def run_live_soak(
     plan: Plan, folder: Path, tell: Callable[[str], None] = lambda _line: None
 ) -> LiveSoak:
-    """Run it and read what it left in ``folder``; raises SoakError."""
+    """Run it and read what it left in ``folder``; raises ProcessError."""
     folder.mkdir(parents=True, exist_ok=True)
     with (
         tempfile.TemporaryDirectory(prefix="soak-") as private,
-        Crew(folder, Path(private)) as crew,
+        Processes(folder, Path(private)) as programs,
     ):
         tell("starting broker, recorder, plant and controller")
-        _start(crew, plan, Path(private) / "socket")
+        _start(programs, plan, Path(private) / "socket")
         time.sleep(plan.settle_s)
         tell(f"babbling with {plan.name} for {plan.babble_s:g} s")
-        _start_babbler(crew, plan)
-        watch = MemoryWatch(crew.pids())
-        _wait(crew, watch, plan.babble_s)
-        reports = {"babbler": crew.stop("babbler")}
+        _start_babbler(programs, plan)
+        watch = MemoryWatch(programs.pids())
+        _wait(programs, watch, plan.babble_s)
+        reports = {"babbler": programs.stop("babbler")}
         time.sleep(plan.recover_s)
         # The controller first: without a plant it would hold, and that is not what is looked for.
         for name in (CONTROLLER, PLANT, "recorder", "broker"):
-            reports[name] = crew.stop(name)
+            reports[name] = programs.stop(name)
         tell("reading the logs")
-        bus = read_bus_log(crew.path("bus", ".log"), plan.babble_ids, plan.bitrate_bit_s)
-        own_logs = [crew.path(name, ".log") for name in (CONTROLLER, PLANT)]
+        bus = read_bus_log(programs.path("bus", ".log"), plan.babble_ids, plan.bitrate_bit_s)
+        own_logs = [programs.path(name, ".log") for name in (CONTROLLER, PLANT)]
         messages = count_messages(bus, own_logs, plan.bitrate_bit_s)
         sent, _ = read_own_log(own_logs[0])
         modes = [
@@ -95,16 +95,16 @@ def run_live_soak(
     return LiveSoak(plan, bus, messages, modes, watch.figures(), watch.samples, reports)
 
 
-def _start(crew: Crew, plan: Plan, socket: Path) -> None:
+def _start(programs: Processes, plan: Plan, socket: Path) -> None:
     """Start all but the babbling node; the recorder before anybody sends."""
     priority = str(plan.priority)
     rate = ["--bitrate", str(plan.bitrate_bit_s), "--priority", priority]
-    crew.start_broker(socket, rate)
-    address = crew.address
-    bus_log = str(crew.path("bus", ".log"))
-    report = str(crew.path("recorder", ".json"))
+    programs.start_broker(socket, rate)
+    address = programs.address
+    bus_log = str(programs.path("bus", ".log"))
+    report = str(programs.path("recorder", ".json"))
     arguments = [address, CHANNEL, bus_log, report, str(plan.priority // 2)]
-    crew.start("recorder", "steer_by_wire.tools.soak.recorder", arguments)
+    programs.start("recorder", "steer_by_wire.tools.soak.recorder", arguments)
     seconds = plan.settle_s + plan.babble_s + plan.recover_s
     # Without a priority, periods that a busy machine misses are no finding about the pair.
     bear = [] if plan.priority else ["--set", _BEAR_OVERRUNS, "--set", _BEAR_MISSED_PERIODS]
@@ -116,29 +116,29 @@ def _start(crew: Crew, plan: Plan, socket: Path) -> None:
         bus = ["-i", "emulated", "-c", CHANNEL, "--bus-kwargs", f"address={address}"]
         files = [
             "--report",
-            str(crew.path(name, ".json")),
+            str(programs.path(name, ".json")),
             "--record",
-            str(crew.path(name, ".log")),
+            str(programs.path(name, ".log")),
         ]
-        crew.start(name, module, [*bus, *files, "--priority", priority, *options])
+        programs.start(name, module, [*bus, *files, "--priority", priority, *options])
 
 
-def _start_babbler(crew: Crew, plan: Plan) -> None:
-    report = str(crew.path("babbler", ".json"))
-    arguments = [crew.address, CHANNEL, report, str(plan.priority // 2)]
+def _start_babbler(programs: Processes, plan: Plan) -> None:
+    report = str(programs.path("babbler", ".json"))
+    arguments = [programs.address, CHANNEL, report, str(plan.priority // 2)]
     arguments += map(str, plan.babble_ids)
-    crew.start("babbler", "steer_by_wire.tools.soak.babbler", arguments)
+    programs.start("babbler", "steer_by_wire.tools.soak.babbler", arguments)
 
 
-def _wait(crew: Crew, watch: MemoryWatch, duration_s: float) -> None:
+def _wait(programs: Processes, watch: MemoryWatch, duration_s: float) -> None:
     """Let it run, and look at the memory now and then."""
     start_s = time.monotonic()
     period_s = max(duration_s / SAMPLES, min(1.0, duration_s / 10.0))
     index = 0
     while (elapsed_s := time.monotonic() - start_s) < duration_s:
-        crew.check()
+        programs.check()
         watch.sample(elapsed_s)
         index += 1
         time.sleep(max(0.0, min(index * period_s, duration_s) - (time.monotonic() - start_s)))
-    crew.check()
+    programs.check()
     watch.sample(duration_s)

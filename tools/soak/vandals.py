@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ...bus_faults.babbling import babble
-from ...pair.crew import Crew, SoakError
+from ...pair.processes import Processes
 from ...runtime.host import RealTimeRequest, StealClock, real_time
 from ...runtime.message import message_of
 from ...runtime.node import NS_PER_S
@@ -73,11 +73,7 @@ def _run(options: argparse.Namespace) -> int:
     steal, costs = StealClock(), []
     for name, kinds in groups.items():
         print(f"{NAME}: {name}", file=sys.stderr, flush=True)
-        try:
-            costs.append(measure(name, kinds, options.seconds, options.priority))
-        except SoakError as error:
-            print(f"{NAME}: error: {error}", file=sys.stderr)
-            return ExitStatus.BUS
+        costs.append(measure(name, kinds, options.seconds, options.priority))
     console = Console(markup=False, highlight=False, width=WIDTH)
     console.print(_table(costs))
     if stolen := steal.fraction():
@@ -88,30 +84,32 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def measure(name: str, kinds: Sequence[str], duration_s: float, level: int) -> Cost:
-    """Run a broker, two good clients and vandals of ``kinds``; raises SoakError."""
+    """Run a broker, two good clients and vandals of ``kinds``; raises ProcessError."""
     with (
         tempfile.TemporaryDirectory(prefix="vandals-") as folder,
-        Crew(Path(folder), Path(folder)) as crew,
+        Processes(Path(folder), Path(folder)) as programs,
     ):
-        crew.start_broker(Path(folder) / "socket", ["--priority", str(level)])
-        broker = crew.pids()["broker"]
+        programs.start_broker(Path(folder) / "socket", ["--priority", str(level)])
+        broker = programs.pids()["broker"]
         filters: Any = [{"can_id": GOOD_ID, "can_mask": 0x7FF, "extended": False}]
         with (
             can.Bus(
-                interface="emulated", channel=CHANNEL, address=crew.address, can_filters=filters
+                interface="emulated", channel=CHANNEL, address=programs.address, can_filters=filters
             ) as sender,
             can.Bus(
-                interface="emulated", channel=CHANNEL, address=crew.address, can_filters=filters
+                interface="emulated", channel=CHANNEL, address=programs.address, can_filters=filters
             ) as listener,
         ):
             for kind in kinds:
-                crew.start(kind, "steer_by_wire.tools.soak.vandal", [kind, crew.address, CHANNEL])
+                programs.start(
+                    kind, "steer_by_wire.tools.soak.vandal", [kind, programs.address, CHANNEL]
+                )
             before_s, begin_s = _processor_s(broker), time.monotonic()
             with real_time(RealTimeRequest(level // 2)):
                 delay, lost, memory_kib = _exchange(sender, listener, duration_s, broker)
             share = (_processor_s(broker) - before_s) / (time.monotonic() - begin_s)
-            crew.kill(kinds)
-        return Cost(name, delay, lost, share, memory_kib, crew.stop("broker"))
+            programs.kill(kinds)
+        return Cost(name, delay, lost, share, memory_kib, programs.stop("broker"))
 
 
 def _exchange(

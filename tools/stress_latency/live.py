@@ -16,7 +16,8 @@ import numpy as np
 
 from ...dbc.messages import LateralError, limits
 from ...pair.channels import open_channels
-from ...pair.live import Bus, LivePair, PairError, PairFiles
+from ...pair.live import Bus, LivePair, PairFiles
+from ...pair.processes import ProcessError
 from ...pair.trace import Trace
 from ...runtime.bus import socketcan_obstacle
 from ...runtime.settings import SettingsError, dump_toml
@@ -78,7 +79,7 @@ def run_live(
     on_run: Callable[[LiveRun], None],
     should_stop: Callable[[], bool],
 ) -> list[LiveRun]:
-    """Run each of ``ids`` live, one after the other; raises PairError and what opening raises."""
+    """Run each of ``ids`` live, one after the other; raises ProcessError, and as opening does."""
     done: list[LiveRun] = []
     for run in ids:
         pair = computer.scenarios.pair(run)
@@ -143,7 +144,7 @@ def _drive(pair: Pair, bus: Bus, files: PairFiles, should_stop: Callable[[], boo
             if should_stop():
                 return False
             if time.monotonic() > end_s:
-                raise PairError(f"the plant still runs {GRACE_S:g} s after it should have finished")
+                raise ProcessError(f"the plant still runs {GRACE_S:g} s after it should have ended")
             time.sleep(POLL_S)
     live.result()
     return True

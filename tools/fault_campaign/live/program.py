@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from ....pair.crew import SoakError
+from ....pair.processes import ProcessError
 from ....runtime.bus import BusError
 from ....runtime.host import StealClock
 from ....runtime.report import write_json
@@ -41,7 +41,7 @@ def run_live_campaign(folder: Path, seed: int, cases: Sequence[LiveCase] = CASES
         print(f"{NAME}: {place} of {len(cases)}: {case.name}", file=sys.stderr, flush=True)
         try:
             trial = run_trial(case, folder / _folder_name(case), seed, recording)
-        except SoakError as error:
+        except ProcessError as error:
             raise BusError(f"{NAME}: {case.name}: {error}") from error
         outcomes.append(judge_trial(trial))
         if len(outcomes) == 1:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ....dbc.messages import CAN_IDS, SteeringCommand
-from ....pair.crew import Crew
+from ....pair.processes import Processes
 from .cases import (
     CONTROLLER,
     DURATION_S,
@@ -59,7 +59,7 @@ class Trial(NamedTuple):
 
 
 def run_trial(case: LiveCase, folder: Path, seed: int, recording: Path) -> Trial:
-    """Run one case; raises SoakError when a process does not start or does not end.
+    """Run one case; raises ProcessError when a process does not start or does not end.
 
     ``recording``  what a replay sends
     """
@@ -69,29 +69,29 @@ def run_trial(case: LiveCase, folder: Path, seed: int, recording: Path) -> Trial
             old.unlink()
     with (
         tempfile.TemporaryDirectory(prefix="campaign-") as private,
-        Crew(folder, Path(private)) as crew,
+        Processes(folder, Path(private)) as programs,
     ):
         socket, key = Path(private) / "socket", Path(private) / "key"
         if case.with_key:
             write_key(key)
-        _start_pair(crew, socket, case, key)
+        _start_pair(programs, socket, case, key)
         time.sleep(SETTLE_S)
         begin_ns = time.time_ns()
         if case.fault:
-            crew.start(
+            programs.start(
                 _INJECTOR,
                 "steer_by_wire.tools.inject_faults",
-                _options(crew, case, seed, recording),
+                _options(programs, case, seed, recording),
             )
         time.sleep(ONSET_S + DURATION_S + RECOVER_S)
         end_ns = time.time_ns()
-        pids = crew.pids()
-        statuses = {_INJECTOR: crew.end(_INJECTOR)} if case.fault else {}
+        pids = programs.pids()
+        statuses = {_INJECTOR: programs.end(_INJECTOR)} if case.fault else {}
         # Both at once: either would hold without the other.
         for name in (PLANT, CONTROLLER):
-            crew.interrupt(name)
+            programs.interrupt(name)
         for name in (CONTROLLER, PLANT, _RECORDER, _BROKER):
-            statuses[name] = crew.end(name)
+            statuses[name] = programs.end(name)
         left = _still_there(pids)
         left += [socket.name] if socket.exists() else []
     reports = {
@@ -116,18 +116,18 @@ def write_key(path: Path) -> None:
     path.write_text(secrets.token_hex(_KEY_BYTES) + "\n", encoding="ascii")
 
 
-def _start_pair(crew: Crew, socket: Path, case: LiveCase, key: Path) -> None:
+def _start_pair(programs: Processes, socket: Path, case: LiveCase, key: Path) -> None:
     """Start all but the injector; the recorder before anybody sends."""
     broker = ["--allow-bus-off"]
     broker += ["--data-bitrate", str(_DATA_BITRATE_BIT_S)] if case.with_key else []
-    crew.start_broker(socket, broker)
-    recorder = [crew.path("bus", ".log"), crew.path(_RECORDER, ".json")]
-    arguments = [crew.address, CHANNEL, *map(str, recorder), "0"]
+    programs.start_broker(socket, broker)
+    recorder = [programs.path("bus", ".log"), programs.path(_RECORDER, ".json")]
+    arguments = [programs.address, CHANNEL, *map(str, recorder), "0"]
     arguments += ["fd"] if case.with_key else []
-    crew.start(_RECORDER, "steer_by_wire.tools.soak.recorder", arguments)
+    programs.start(_RECORDER, "steer_by_wire.tools.soak.recorder", arguments)
     plant = ["--set", f"duration_s={_RUN_S:g}"]
     if case.at_plant:
-        settings = crew.path(PLANT, ".toml")
+        settings = programs.path(PLANT, ".toml")
         settings.write_text(plant_settings(case), encoding="utf-8")
         plant = [str(settings), *plant]
     own = {
@@ -135,11 +135,11 @@ def _start_pair(crew: Crew, socket: Path, case: LiveCase, key: Path) -> None:
         CONTROLLER: ("controller", ["--preset", "practical_pd_ddob"]),
     }
     for name, (module, options) in own.items():
-        files = ["--report", crew.path(name, ".json"), "--record", crew.path(name, ".log")]
+        files = ["--report", programs.path(name, ".json"), "--record", programs.path(name, ".log")]
         files += ["--key-file", key] if case.with_key else []
         options += ["--reconnect"] if case.reconnects else []
         # Settings first: behind --bus-kwargs they would be taken for more of its arguments.
-        crew.start(name, module, [*options, *map(str, files), *_bus_options(crew)])
+        programs.start(name, module, [*options, *map(str, files), *_bus_options(programs)])
 
 
 def plant_settings(case: LiveCase) -> str:
@@ -148,16 +148,16 @@ def plant_settings(case: LiveCase) -> str:
     return "[[faults]]\n" + "".join(f"{key} = {json.dumps(one)}\n" for key, one in table.items())
 
 
-def _options(crew: Crew, case: LiveCase, seed: int, recording: Path) -> list[str]:
-    options = ["--seed", str(seed), "--report", str(crew.path(_INJECTOR, ".json"))]
+def _options(programs: Processes, case: LiveCase, seed: int, recording: Path) -> list[str]:
+    options = ["--seed", str(seed), "--report", str(programs.path(_INJECTOR, ".json"))]
     if case.targets:
-        pids = crew.pids()
+        pids = programs.pids()
         return [*(f"{case.argument},pid={pids[name]}" for name in case.targets), *options]
-    return [case.argument, *options, "--recording", str(recording), *_bus_options(crew)]
+    return [case.argument, *options, "--recording", str(recording), *_bus_options(programs)]
 
 
-def _bus_options(crew: Crew) -> list[str]:
-    return ["-i", "emulated", "-c", CHANNEL, "--bus-kwargs", f"address={crew.address}"]
+def _bus_options(programs: Processes) -> list[str]:
+    return ["-i", "emulated", "-c", CHANNEL, "--bus-kwargs", f"address={programs.address}"]
 
 
 def _still_there(pids: Mapping[str, int]) -> list[str]:

@@ -1,4 +1,4 @@
-"""The processes of a soak: broker, recorder, plant, controller, babbling node."""
+"""Processes that run together and end with this one: a bus, plant, controller, what joins them."""
 
 import json
 import os
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from ..runtime.attached import Lifeline
+from ..runtime.bus import BusError
 
 START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 60.0
@@ -23,26 +24,27 @@ _POLL_S = 0.02
 _LISTENING, _READY = "listening at", "ready"
 
 
-class SoakError(Exception):
-    """A process of the soak has failed; the text is one line for the user."""
+class ProcessError(BusError):
+    """A process has failed; the text is one line for the user."""
 
 
-class Crew:
+class Processes:
     """Processes by their names; use it as a context manager, which leaves none behind.
 
     They end in order with this process too, however that is ended.
 
     ``folder``   where each writes what it prints (NAME.txt) and its report (NAME.json)
-    ``private``  folder of the broker's socket, removed with this process
+    ``private``  folder of the broker's socket, removed with this process; None without a broker
     ``address``  of the broker
     """
 
-    def __init__(self, folder: Path, private: Path) -> None:
+    def __init__(self, folder: Path, private: Path | None = None) -> None:
         self._folder = folder
         self._private = private
         self._lifeline = Lifeline()
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._asked: set[str] = set()
+        self._statuses: dict[str, int] = {}
         self.address = ""
 
     def __enter__(self) -> Self:
@@ -69,36 +71,49 @@ class Crew:
         self.address = str(socket)
         report = str(self.path("broker", ".json"))
         arguments = ["--address", self.address, "--report", report, *options]
-        self._start("broker", "steer_by_wire.runtime.emulated_bus", arguments, _LISTENING)
+        self.begin("broker", "steer_by_wire.runtime.emulated_bus", arguments)
+        self._await("broker", _LISTENING)
 
     def start(self, name: str, module: str, arguments: Sequence[str]) -> None:
         """Start ``python -m module`` and wait until it says that it is ready."""
-        self._start(name, module, arguments, _READY)
+        self.begin(name, module, arguments)
+        self._await(name, _READY)
 
-    def _start(self, name: str, module: str, arguments: Sequence[str], sign: str) -> None:
-        printed = self.path(name, ".txt")
-        with printed.open("wb") as output:
-            process = self._lifeline.start(
+    def begin(self, name: str, module: str, arguments: Sequence[str]) -> None:
+        """Start ``python -m module`` without waiting for it."""
+        with self.path(name, ".txt").open("wb") as output:
+            self._processes[name] = self._lifeline.start(
                 module,
                 arguments,
                 output,
                 after_s=_AFTER_S.get(name, 0.0),
                 remove=self._private if name == "broker" else None,
             )
-        self._processes[name] = process
+
+    def _await(self, name: str, sign: str) -> None:
         until_s = time.monotonic() + START_TIMEOUT_S
-        while sign not in printed.read_text(encoding="utf-8", errors="replace"):
-            if process.poll() is not None or time.monotonic() > until_s:
-                raise SoakError(f"{name} does not start: {self._last_line(name)}")
+        while sign not in self._printed(name):
+            if self.status(name) is not None or time.monotonic() > until_s:
+                raise ProcessError(f"{name} does not start: {self._last_line(name)}")
             time.sleep(_POLL_S)
 
+    def status(self, name: str) -> int | None:
+        """Return the exit status of one, None while it runs."""
+        if name in self._processes:
+            return self._processes[name].poll()
+        return self._statuses[name]
+
+    def failure(self, name: str) -> ProcessError:
+        """Return what to raise when one has ended that should not have, or with an error."""
+        return ProcessError(
+            f"{name} has ended with status {self.status(name)}: {self._last_line(name)}"
+        )
+
     def check(self) -> None:
-        """Raise SoakError when one has ended."""
+        """Raise ProcessError when one has ended."""
         for name, process in self._processes.items():
             if process.poll() is not None:
-                raise SoakError(
-                    f"{name} has ended with status {process.returncode}: {self._last_line(name)}"
-                )
+                raise self.failure(name)
 
     def pids(self) -> dict[str, int]:
         """Return every process that runs, with those that they have started themselves."""
@@ -114,13 +129,12 @@ class Crew:
         for name in names:
             process = self._processes.pop(name)
             process.kill()
-            process.wait()
+            self._statuses[name] = process.wait()
 
     def stop(self, name: str) -> dict[str, Any]:
-        """End one in order; returns its report. Raises SoakError when it fails to."""
-        status = self.end(name)
-        if status:
-            raise SoakError(f"{name} has ended with status {status}: {self._last_line(name)}")
+        """End one in order; returns its report. Raises ProcessError when it fails to."""
+        if self.end(name):
+            raise self.failure(name)
         report: dict[str, Any] = json.loads(self.path(name, ".json").read_text(encoding="utf-8"))
         return report
 
@@ -133,20 +147,24 @@ class Crew:
     def end(self, name: str) -> int:
         """End one in order, if it has not ended; returns its exit status, -9 for SIGKILL.
 
-        Raises SoakError when it does not end.
+        Raises ProcessError when it does not end.
         """
         self.interrupt(name)
         process = self._processes.pop(name)
         try:
-            return process.wait(STOP_TIMEOUT_S)
+            status = process.wait(STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             process.kill()
-            process.wait()
-            raise SoakError(f"{name} does not end") from None
+            self._statuses[name] = process.wait()
+            raise ProcessError(f"{name} does not end") from None
+        self._statuses[name] = status
+        return status
 
     def _last_line(self, name: str) -> str:
-        printed = self.path(name, ".txt").read_text(encoding="utf-8", errors="replace")
-        return (printed.strip().splitlines() or ["it printed nothing"])[-1]
+        return (self._printed(name).strip().splitlines() or ["it printed nothing"])[-1]
+
+    def _printed(self, name: str) -> str:
+        return self.path(name, ".txt").read_text(encoding="utf-8", errors="replace")
 
 
 def children_of(pid: int) -> list[int]:
