@@ -105,7 +105,7 @@ def _demo(options: argparse.Namespace) -> int:
 def _plant_settings(options: argparse.Namespace) -> PlantSettings:
     """Return what the pairs drive: the demo's file, below the command line."""
     text = (
-        resources.files("steer_by_wire.tools")
+        resources.files("steer_by_wire.tools.demo")
         .joinpath("demo_plant.toml")
         .read_text(encoding="utf-8")
     )
