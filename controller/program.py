@@ -61,11 +61,11 @@ def _run(options: argparse.Namespace) -> int:
         CONTROLLER,
         lambda start_ns: ControllerNode(settings, start_ns),
         RECEIVED,
-        _conclude,
+        conclude,
     )
 
 
-def _conclude(node: ControllerNode) -> None:
+def conclude(node: ControllerNode) -> None:
     """Say what in the settings cannot be right."""
     seen = node.report()["sensor_period"]
     if seen is not None and seen["times_wrong"]:

@@ -1,4 +1,4 @@
-"""What reports share: one page, one plot style.
+"""What reports share: the page, the style of the pictures, and drawings of gains.
 
 Admission rule: it presents, knows no study and no campaign, and two programs use it.
 """

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from steer_by_wire.controller.design import design_law
 from steer_by_wire.controller.estimator import (
     EstimatorState,
     VehicleGains,
@@ -134,7 +135,7 @@ def test_the_estimates_are_filterpys_with_each_measurement_at_its_own_sample(
     lost = measurements.count(None)
     assert 0.03 * len(measurements) < lost < 0.7 * len(measurements)
 
-    params = node._law.design.params_at
+    params = design_law(settings).params_at
     assert params is not None
     gains = params(node._received.vehicle.speed_m_s).gains
     reference = reference_filter(

@@ -6,6 +6,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import grimp
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -37,6 +38,16 @@ def test_the_tree_passes(command: tuple[str, ...]) -> None:
 def test_imports_go_in_one_direction() -> None:
     result = run(str(Path(sys.executable).with_name("lint-imports")), "--no-cache")
     assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_what_only_one_program_uses_stands_in_that_program() -> None:
+    graph = grimp.build_graph("steer_by_wire", cache_dir=None)
+    for library in ("benchmarking", "bus_faults", "pair", "reports", "studies"):
+        for module in graph.find_children(f"steer_by_wire.{library}"):
+            users = {name.split(".")[1:3][-1] for name in graph.find_downstream_modules(module)}
+            programs = {path.parent.name for path in (ROOT / "tools").glob("*/__main__.py")}
+            # The fuzzer imports other programs, and so all that they use.
+            assert len(users & programs - {"fuzz"}) >= 2, f"{module}: {users}"
 
 
 def tracked_text_files() -> list[Path]:

@@ -56,28 +56,28 @@ def test_a_sound_pair_comes_back_in_time_and_without_a_step() -> None:
 
 
 def test_a_controller_that_never_recovers_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    sound = pair_module._controller_settings
+    sound = pair_module.controller_settings_of
 
     def never(law: str) -> Any:
         settings = sound(law)
         table = settings.supervision.model_copy(update={"recovery_frames": 10**9})
         return settings.model_copy(update={"supervision": table})
 
-    monkeypatch.setattr(pair_module, "_controller_settings", never)
+    monkeypatch.setattr(pair_module, "controller_settings_of", never)
     result = faulty(case("drop", "LATERAL_ERROR", 1.0))
     assert result.verdict is Verdict.NOT_RECOVERED
     assert finding(result, RECOVERED).holds is False
 
 
 def test_one_that_recovers_too_late_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    sound = pair_module._controller_settings
+    sound = pair_module.controller_settings_of
 
     def slow(law: str) -> Any:
         settings = sound(law)
         table = settings.supervision.model_copy(update={"recovery_frames": 40})
         return settings.model_copy(update={"supervision": table})
 
-    monkeypatch.setattr(pair_module, "_controller_settings", slow)
+    monkeypatch.setattr(pair_module, "controller_settings_of", slow)
     result = faulty(case("drop", "LATERAL_ERROR", 1.0))
     assert result.recovery_s is not None
     assert result.recovery_s > 0.27

@@ -61,7 +61,7 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
     case = scenario.case
     node_faults = [*further] if case.node_fault is None else [case.node_fault, *further]
     plant = plant_settings_of(scenario, case.faults)
-    controller = _within(_controller_settings(scenario.law), scenario.spec.ftti_ms)
+    controller = _within(controller_settings_of(scenario.law), scenario.spec.ftti_ms)
     onset_ns = min([onset_ns_of(case), *(fault.window_ns[0] for fault in further)])
     bounds = bounds_of(plant, controller)
     wanted = [cause for cause, by in MECHANISM_OF.items() if by in case.expected.mechanisms]
@@ -131,8 +131,3 @@ def _motion_params(settings: PlantSettings) -> MotionParams:
 def _fixed(settings: PlantSettings) -> PlantSettings:
     """Return the settings without what the motion does not depend on, so that runs share it."""
     return settings.model_copy(update={"seed": 1, "faults": ()})
-
-
-@lru_cache(maxsize=_PARAMS_KEPT)
-def _controller_settings(law: str) -> ControllerSettings:
-    return controller_settings_of(law)

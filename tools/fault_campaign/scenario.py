@@ -3,6 +3,7 @@
 import hashlib
 import random
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 from ...controller.settings import ControllerSettings
@@ -181,6 +182,7 @@ def plant_settings_of(scenario: Scenario, faults: Sequence[FaultSettings]) -> Pl
     return settings.model_copy(update=further)
 
 
+@lru_cache(maxsize=64)
 def controller_settings_of(law: str, ftti_ms: float | None = None) -> ControllerSettings:
     """Return the settings of a preset; raises SettingsError for one that there is not.
 
