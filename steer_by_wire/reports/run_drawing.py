@@ -1,16 +1,15 @@
 """Draws one simulated run: lateral error, steer, estimates and latency over time."""
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
 from ..run_tables import ControllerTable, PlantTable
-from .figures import COLOURS, STYLE
+from .plot_style import COLOURS, plot_style
 
 
 def draw_run(title: str, plant: PlantTable, controller: ControllerTable) -> Figure:
     """Return the figure of a run."""
-    with mpl.rc_context(STYLE):  # type: ignore[arg-type]  # the stub knows only its own key names
+    with plot_style():
         figure = Figure(figsize=(9.0, 8.0), dpi=110)
         error, steer, estimates, latency = figure.subplots(4, 1, sharex=True)
         error.plot(plant.time_s, 1e3 * plant.lateral_error_m, color=COLOURS[1])

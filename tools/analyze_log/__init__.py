@@ -1,1 +1,1 @@
-"""Analyse a recording or candump's log."""
+"""Analyse a recording or a candump log: signals, latencies, losses."""

@@ -1,1 +1,1 @@
-"""What a control step and a run in virtual time cost here."""
+"""Measure what a control step and a run in virtual time cost on this machine."""

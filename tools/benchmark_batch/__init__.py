@@ -1,1 +1,1 @@
-"""How fast compiled runs are: beside plain C of the same arithmetic, and beside other tools."""
+"""Compare the speed of compiled runs with plain C of the same arithmetic and other tools."""

@@ -1,1 +1,1 @@
-"""Both nodes in one process, in virtual time."""
+"""Run both nodes in one process, in virtual time or in real time."""

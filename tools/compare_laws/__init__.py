@@ -1,1 +1,1 @@
-"""Every law over every delay: how far each leaves the path, and where it breaks."""
+"""Compare every law over delay, jitter, loss and lag, and find where each breaks."""

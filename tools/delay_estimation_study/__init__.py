@@ -1,1 +1,1 @@
-"""How well the delay is known without an echo."""
+"""Find out how well the delay is estimated without an echo."""

@@ -1,1 +1,1 @@
-"""Three laws side by side in real time."""
+"""Run three laws side by side in real time."""

@@ -1,1 +1,1 @@
-"""Gains and filters for a vehicle that is known within bounds; see docs/design_gains.md."""
+"""Design gains and filters for a vehicle known within bounds; see docs/design_gains.md."""

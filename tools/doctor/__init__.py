@@ -1,1 +1,1 @@
-"""What this machine has for CAN."""
+"""Check what this machine has for CAN."""

@@ -1,1 +1,1 @@
-"""The fault campaign: faults by magnitude, operating point, law and direction, and their judge."""
+"""Inject faults by magnitude, operating point, law and direction, and judge each run."""

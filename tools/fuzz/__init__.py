@@ -1,1 +1,1 @@
-"""Fuzz targets: each takes any bytes and raises where the project breaks a promise."""
+"""Feed any bytes to everything that reads, and raise where a promise is broken."""

@@ -1,1 +1,1 @@
-"""Faults on a live bus and of live processes: what they send or do, when, and what was done."""
+"""Inject faults into a live bus or live processes, and record what was done."""

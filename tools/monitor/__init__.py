@@ -1,1 +1,1 @@
-"""The monitor: from frames to a view, from a view to lines of text, and what its keys do."""
+"""Show the bus in a terminal, and change the latency with keys."""

@@ -1,1 +1,1 @@
-"""Measures what a machine does to a real-time program: how late it wakes it up, and its bus."""
+"""Measure how late this machine wakes a real-time program, and its bus."""

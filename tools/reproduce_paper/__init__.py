@@ -1,1 +1,1 @@
-"""The figures and tables of SAE 2018-01-1086, computed from this project's models and laws."""
+"""Compute the figures and tables of SAE 2018-01-1086 with this project's models and laws."""

@@ -1,1 +1,1 @@
-"""Soak: the pair on a bus that a babbling node keeps full, for minutes, and what it came to."""
+"""Run the pair for minutes on a bus that a babbling node keeps full."""

@@ -1,4 +1,4 @@
-"""The report of a stress study: one page, its pictures, and an expected cost beside the runs."""
+"""Write the report of a stress study: a page, its pictures, and the expected cost."""
 
 from pathlib import Path
 
