@@ -99,7 +99,7 @@ class LivePair:
             for program, options in self._options.items():
                 report = str(self._files.report(program))
                 arguments = [*self._bus.options, "--report", report, *options]
-                self._programs.begin(program, program, arguments)
+                self._programs.begin(program, f"steer_by_wire.{program}", arguments)
             self._end = stack.pop_all()
         return self
 

@@ -18,7 +18,7 @@ from steer_by_wire.tools.fault_campaign.__main__ import _status
 from steer_by_wire.tools.fault_campaign.acceptance import Finding, findings_of
 from steer_by_wire.tools.fault_campaign.grouping import group
 from steer_by_wire.tools.fault_campaign.presentation import finding_lines, table_lines
-from steer_by_wire.tools.fault_campaign.scenario import scenarios_of
+from steer_by_wire.tools.fault_campaign.scenario import controller_settings_of, scenarios_of
 from steer_by_wire.tools.fault_campaign.specification import CampaignSettings
 from steer_by_wire.tools.fault_campaign.trial import FAILURES, Result, Verdict, run_trial
 
@@ -56,7 +56,7 @@ def test_a_sound_pair_comes_back_in_time_and_without_a_step() -> None:
 
 
 def test_a_controller_that_never_recovers_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    sound = pair_module.controller_settings_of
+    sound = controller_settings_of
 
     def never(law: str) -> Any:
         settings = sound(law)
@@ -70,7 +70,7 @@ def test_a_controller_that_never_recovers_fails(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_one_that_recovers_too_late_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    sound = pair_module.controller_settings_of
+    sound = controller_settings_of
 
     def slow(law: str) -> Any:
         settings = sound(law)

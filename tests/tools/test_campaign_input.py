@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -191,3 +193,15 @@ def test_a_line_that_was_cut_is_told_and_its_run_made_again(
     printed = capsys.readouterr()
     assert "1 lines that are no whole results are left out" in printed.err
     assert (out / RESULTS).read_text() == whole
+
+
+def test_the_state_of_the_programs_is_found_from_any_folder(tmp_path: Path) -> None:
+    code = (
+        "from steer_by_wire.tools.fault_campaign.execution import specification_hash\n"
+        "from steer_by_wire.tools.fault_campaign.specification import CampaignSettings\n"
+        "print(specification_hash(CampaignSettings()))"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert len(run.stdout.strip()) == 16, run.stderr

@@ -1,6 +1,7 @@
 """The demo as a user runs it, short; what it leaves behind, and what it says to bad input."""
 
 import json
+from contextlib import chdir
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,8 @@ PNG = b"\x89PNG\r\n\x1a\n"
 @pytest.fixture(scope="module")
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("demo")
-    assert demo.main(["--bus", "emulated", "--duration", "2", "--out", str(folder)]) == 0
+    with chdir(folder):  # not where the folders of the programs are
+        assert demo.main(["--bus", "emulated", "--duration", "2", "--out", str(folder)]) == 0
     return folder
 
 

@@ -27,7 +27,7 @@ Item = TypeVar("Item")
 Done = TypeVar("Done")
 RESULTS = "results.jsonl"
 _WAITING_PER_PROCESS = 4
-_JUDGED = ("controller", "dbc", "plant_emulator", "runtime", "steer_by_wire.tools.fault_campaign")
+_JUDGED = ("controller", "dbc", "plant_emulator", "runtime", "tools.fault_campaign")
 _SOURCES = (".py", ".toml", ".dbc")
 _LINE_BYTES_MAX = 1 << 20
 _WHOLE_MAX = 1 << 53
@@ -59,7 +59,7 @@ def specification_hash(spec: CampaignSettings) -> str:
             with suppress(OSError):  # refused where the path is made
                 told.update(point.path.file.read_bytes())
     for package in _JUDGED:
-        for file in sorted(Path(str(files(package))).rglob("*")):
+        for file in sorted(Path(str(files(f"steer_by_wire.{package}"))).rglob("*")):
             if file.suffix in _SOURCES:
                 told.update(file.read_bytes())
     return told.hexdigest()[:16]

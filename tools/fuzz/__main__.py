@@ -22,7 +22,7 @@ NAMES = (
     "log", "plant", "protocol", "results", "settings", "specification", "trace", "waypoints",
 )  # fmt: skip
 """Of ``tools.fuzz.targets``, which is not to be imported before atheris can instrument it."""
-PACKAGES = ("controller", "dbc", "plant_emulator", "runtime", "tools")
+PACKAGES = ("steer_by_wire",)
 TIMEOUT_S = 60
 """An input that takes longer is a finding; the slowest of ours takes two seconds."""
 INPUT_BYTES_MAX = 4096

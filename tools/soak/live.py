@@ -109,8 +109,11 @@ def _start(programs: Processes, plan: Plan, socket: Path) -> None:
     # Without a priority, periods that a busy machine misses are no finding about the pair.
     bear = [] if plan.priority else ["--set", _BEAR_OVERRUNS, "--set", _BEAR_MISSED_PERIODS]
     own = {
-        PLANT: ("plant_emulator", [*bear, "--set", f"duration_s={seconds + 3600.0:g}"]),
-        CONTROLLER: ("controller", [*bear, "--preset", "practical_pd_ddob"]),
+        PLANT: (
+            "steer_by_wire.plant_emulator",
+            [*bear, "--set", f"duration_s={seconds + 3600.0:g}"],
+        ),
+        CONTROLLER: ("steer_by_wire.controller", [*bear, "--preset", "practical_pd_ddob"]),
     }
     for name, (module, options) in own.items():
         bus = ["-i", "emulated", "-c", CHANNEL, "--bus-kwargs", f"address={address}"]

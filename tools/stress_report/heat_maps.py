@@ -80,13 +80,13 @@ def draw_rms(maps: HeatMaps, axes: StudyAxes, names: tuple[str, ...]) -> Figure:
     known_mm = 1e3 * maps.rms_m[np.isfinite(maps.rms_m)]
     low, high = (float(np.clip(f(known_mm, initial=10.0), 1.0, 1e4)) for f in (np.min, np.max))
     norm = LogNorm(low, max(high, 1.01 * low))
-    title = "RMS lateral error [mm], worst over all else"
+    title = "RMS lateral error [mm],\nworst over all else"
     return _draw(1e3 * maps.rms_m, maps, axes, names, norm, "viridis_r", title, "{:.3g}")
 
 
 def draw_held(maps: HeatMaps, axes: StudyAxes, names: tuple[str, ...]) -> Figure:
     """Draw the share of runs that hold."""
-    title = "runs that hold the path [%], worst over all else"
+    title = "runs that hold the path [%],\nworst over all else"
     norm = Normalize(0.0, 100.0)
     return _draw(100.0 * maps.held, maps, axes, names, norm, "RdYlBu", title, "{:.0f}")
 

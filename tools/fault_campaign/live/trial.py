@@ -131,8 +131,8 @@ def _start_pair(programs: Processes, socket: Path, case: LiveCase, key: Path) ->
         settings.write_text(plant_settings(case), encoding="utf-8")
         plant = [str(settings), *plant]
     own = {
-        PLANT: ("plant_emulator", plant),
-        CONTROLLER: ("controller", ["--preset", "practical_pd_ddob"]),
+        PLANT: ("steer_by_wire.plant_emulator", plant),
+        CONTROLLER: ("steer_by_wire.controller", ["--preset", "practical_pd_ddob"]),
     }
     for name, (module, options) in own.items():
         files = ["--report", programs.path(name, ".json"), "--record", programs.path(name, ".log")]
