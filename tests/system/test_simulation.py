@@ -166,7 +166,8 @@ def test_what_is_not_installed_is_named_in_one_line(
     run: Run, missing: str, method: str, line: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, missing, None)
-    monkeypatch.delitem(sys.modules, "steer_by_wire.reports.run_drawing", raising=False)
+    for module in ("run_drawing", "plot_style"):
+        monkeypatch.delitem(sys.modules, f"steer_by_wire.reports.{module}", raising=False)
     with pytest.raises(ValueError, match=line):
         getattr(run, method)()
 
