@@ -76,8 +76,9 @@ class Run(NamedTuple):
         try:
             from .reports.run_drawing import draw_run
         except ImportError as error:
+            library = (error.name or "").partition(".")[0]
             raise ValueError(
-                f"plot() needs {error.name}: pip install 'steer-by-wire-emulator[tools]'"
+                f"plot() needs {library}: pip install 'steer-by-wire-emulator[tools]'"
             ) from error
         rms_mm, peak_mm = 1e3 * self.lateral_error_rms_m, 1e3 * self.lateral_error_peak_m
         title = (
