@@ -1,10 +1,12 @@
-"""Every settings file that the documentation shows is one that the programs take."""
+"""What the documentation shows and names is there: settings, files, links, modules, commands."""
 
 import re
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
+from steer_by_wire.command import PROGRAMS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import Preset, Settings, load_settings, preset_names
@@ -37,3 +39,79 @@ def test_every_preset_is_documented(package: str) -> None:
     text = (DOCS / f"{package}.md").read_text(encoding="utf-8")
     text = text.replace("`paper_corner_a` to `_d`", "".join(f"`paper_corner_{c}`" for c in "abcd"))
     assert [name for name in preset_names(f"{package}.presets") if f"`{name}`" not in text] == []
+
+
+# What documents name
+
+
+ROOT = DOCS.parent
+PAGES = {path.name: path.read_text(encoding="utf-8") for path in sorted(DOCS.glob("*.md"))} | {
+    "../CONTRIBUTING.md": (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+}
+PROSE_COLUMNS = 100
+ENTRY_POINT_GROUP = "steer_by_wire.laws"
+
+
+def without_blocks(text: str) -> str:
+    return re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+
+
+def anchors(text: str) -> set[str]:
+    """Return the anchors that GitHub makes of a page's headings."""
+    titles = re.findall(r"^#+ (.+)$", without_blocks(text), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_link_leads_somewhere(page: str) -> None:
+    dead = []
+    for link in re.findall(r"\]\(([^)\s]+)\)", PAGES[page]):
+        target, _, anchor = link.partition("#")
+        path = (DOCS / page).parent / target if target else DOCS / page
+        if link.startswith("https://"):
+            continue
+        if not path.exists() or (
+            anchor and anchor not in anchors(path.read_text(encoding="utf-8"))
+        ):
+            dead.append(link)
+    assert dead == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_file_of_ours_that_is_named_is_there(page: str) -> None:
+    ours = "controller|dbc|docs|examples|plant_emulator|runtime|steer_by_wire|tests|tools"
+    named = re.findall(rf"(?<![\w./-])((?:{ours})/[\w./-]*\w)", PAGES[page])
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_module_that_is_named_can_be_imported(page: str) -> None:
+    lost = []
+    for name in set(re.findall(r"\bsteer_by_wire(?:\.\w+)+", PAGES[page])) - {ENTRY_POINT_GROUP}:
+        parts = name.split(".")
+        module = next(
+            (".".join(parts[:n]) for n in range(len(parts), 0, -1) if find_module(parts[:n])), ""
+        )
+        owner = import_module(module)
+        if any(not hasattr(owner, attribute) for attribute in parts[module.count(".") + 1 :][:1]):
+            lost.append(name)
+    assert lost == []
+
+
+def find_module(parts: list[str]) -> bool:
+    place = ROOT.joinpath(*parts)
+    return place.is_dir() or place.with_suffix(".py").is_file()
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_command_that_is_named_is_one(page: str) -> None:
+    named = re.findall(r"(?:^|`|vcan )steer-by-wire ([a-z][\w-]*)", PAGES[page], re.MULTILINE)
+    assert [name for name in named if name not in PROGRAMS] == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_prose_wraps_at_one_width(page: str) -> None:
+    lines = without_blocks(PAGES[page]).splitlines()
+    tables_or_blocks = re.compile(r"\s*\||!\[|    ")
+    prose = [line for line in lines if not tables_or_blocks.match(line)]
+    assert [line for line in prose if len(line) > PROSE_COLUMNS] == []
