@@ -35,7 +35,7 @@ class FaultStage:
     ``seed``      of the run
     ``place``     in the list of faults: which stream it draws from, unless the settings say
 
-    ``on_change`` may be set to be told of each frame that did not go on as it came, and of what
+    ``on_change`` may be set to be called with each frame that did not go on as it came, and of what
     went on in its place.
     """
 

@@ -26,8 +26,8 @@ _STEER_RAD_MAX = 1.31071
 """The largest command on the wire."""
 _LAGS_TO_SETTLE = 3.0
 _TELLING_NS = 10_000_000
-"""What is left of the FTTI when silence is acted upon: the next STEERING_STATUS, which tells it, is
-sent within a sensor period, and a tick may be late."""
+"""What is left of the FTTI when silence is acted upon: the next STEERING_STATUS, which reports it,
+is sent within a sensor period, and a tick may be late."""
 
 
 class Fallback(StrEnum):
@@ -38,7 +38,7 @@ class Fallback(StrEnum):
 
 
 class SafetySettings(Settings):
-    """`[safety]`: what the steering refuses to do whatever it is told; "off" switches one off.
+    """`[safety]`: what the steering refuses to do whatever the command; "off" switches one off.
 
     At walking speed the default limits pass everything within ± 0.6 rad: both limits of a rate
     allow more than 1.2 rad at once up to 8.8 km/h, with the default vehicle.
@@ -68,7 +68,7 @@ class SafetySettings(Settings):
     ftti_ms: Annotated[
         Annotated[float, Field(ge=20.0, le=10_000.0), Tag("number")] | OffWord, NUMBER_OR_WORD
     ] = 150.0
-    """Fault tolerant time interval: silence is acted upon, and told, within it."""
+    """Fault tolerant time interval: silence is acted upon and reported within it."""
     hold_ms: float = Field(500.0, ge=0.0, le=60_000.0)
     """How much silence is held through before the fallback."""
     fallback: Fallback = Fallback.RAMP_TO_ZERO

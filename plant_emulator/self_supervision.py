@@ -2,11 +2,12 @@
 
     fault                                                                found at
     its sensors do not keep their rate (``runtime.overruns``)            a sample
-    the vehicle's state is finite no more (``plant_emulator.motion``)    any event
-    a command that came through is no finite number                      that command
+    the vehicle's state is not finite (``plant_emulator.motion``)        any event
+    a command that came through is not finite                            that command
 
-None of these is the network's or the controller's: the plant's own measurements, or its wheel, are
-not to be trusted any more. The first fault stays, and is told on the bus for TELLING_NS at least.
+None of these is the fault of network or controller: the plant's own measurements, or its wheel,
+cannot be trusted any more. The first fault stays, and is reported on the bus for at least
+TELLING_NS.
 """
 
 from ..runtime.node import NEVER_NS, NS_PER_S
@@ -45,5 +46,5 @@ class SelfSupervision:
             self._failure, self._since_ns = failure, time_ns
 
     def is_told(self, time_ns: int) -> bool:
-        """Whether there is a fault, and time enough has passed to tell it."""
+        """Whether there is a fault, and it has been reported for long enough."""
         return bool(self._failure) and time_ns - self._since_ns >= TELLING_NS

@@ -1,7 +1,7 @@
-"""When PLANT_STATUS is due: every cycle, and in between where SAFETY differs from what was told.
+"""When PLANT_STATUS is due: every cycle, and in between where SAFETY differs from the last report.
 
     at once        it goes from what commands decide to HOLDING, FALLBACK or SAFE_STATE, or further
-                   on in this order: a fault that has to be told within the fault tolerant time
+                   on in this order: a fault that must be reported within the fault tolerant time
     at intervals   any other change, INTERVAL_NS after the last PLANT_STATUS at the earliest, or a
                    flapping network would be answered by as many frames
 
@@ -15,13 +15,13 @@ from ..runtime.periodic import PeriodicTimer
 
 PERIOD_NS = 100_000_000
 INTERVAL_NS = 20_000_000
-"""As CONTROLLER_SAFETY, which the other side tells its own changes with."""
+"""As CONTROLLER_SAFETY, with which the other side reports its own changes."""
 _NO_MORE_LIMITING = (SafetyState.LIMITING, SafetyState.NORMAL)
 _BY_COMMANDS = (SafetyState.NORMAL, SafetyState.LIMITING)
 
 
 class StatusTelling:
-    """Knows what SAFETY was told last and when; ``start_ns`` is that of the first cycle [ns]."""
+    """Keeps which SAFETY was reported last and when; ``start_ns`` begins the first cycle [ns]."""
 
     def __init__(self, start_ns: int) -> None:
         self._timer = PeriodicTimer(start_ns, PERIOD_NS)
@@ -47,7 +47,7 @@ class StatusTelling:
             self._change_ns = max(time_ns, self._told_ns + INTERVAL_NS)
 
     def on_telling(self, state: SafetyState, time_ns: int, now_ns: int) -> None:
-        """Note that PLANT_STATUS, due at ``time_ns``, tells a state."""
+        """Note that PLANT_STATUS, due at ``time_ns``, reports a state."""
         if self._timer.deadline_ns <= time_ns:
             self._timer.advance(now_ns)
         self._told, self._told_ns = state, time_ns

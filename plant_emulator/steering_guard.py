@@ -10,8 +10,8 @@
 
 Silence is the time since a command last arrived at the actuator: behind the latency line, where a
 steering's control unit sits. What a network delays, loses or lets newer commands overtake is
-silence there, and so is a controller that died: the unit cannot tell them apart, and no unit can
-know earlier than its network tells it. A latency that rises by 200 ms at once is a silence of
+silence there, and so is a controller that died: the unit cannot distinguish them, and no unit can
+know earlier than its network permits. A latency that rises by 200 ms at once is a silence of
 200 ms.
 
 Recovery are ``recovery_frames`` commands in a row, without such a silence or a damaged frame

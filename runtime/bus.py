@@ -136,7 +136,7 @@ def shutting_down(bus: Closable) -> Iterator[None]:
     """Shut ``bus`` down at the end of the block.
 
     One that has failed may fail again then, as an adapter that was unplugged does; by then it has
-    been told.
+    been reported.
     """
     try:
         yield
@@ -168,7 +168,7 @@ class BusPort:
         """Return the next frame, or None when none comes within ``timeout_s`` [s].
 
         A deadline that has passed may be given as a negative time: nothing is waited for. Error
-        frames come with the flag ERROR. When a frame arrived is not told: python-can's time stamps
+        frames come with the flag ERROR. When a frame arrived is not given: python-can's time stamps
         are of another clock with each interface. Raises BusError when the bus has failed.
         """
         try:

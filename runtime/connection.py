@@ -35,7 +35,7 @@ from .real_time import Received
 RETRY_S = 0.5
 SETTLED_S = 1.0
 TOLD_OUTAGES_MAX = 10
-"""Outages that are told; further ones are only counted."""
+"""Outages that are reported; further ones are only counted."""
 _RETRY_NS = round(RETRY_S * NS_PER_S)
 _SETTLED_NS = round(SETTLED_S * NS_PER_S)
 _STOP_TIMEOUT_S = 5.0
@@ -46,7 +46,7 @@ class ConnectionFigures(NamedTuple):
 
     ``driver``          what the port is made of
     ``error_frames``    causes that error frames have named, and how often
-    ``frames_dropped``  frames that the receiving socket had no room for, where that is told
+    ``frames_dropped``  frames that the receiving socket had no room for, where that is known
     ``outages``         how often the bus was lost; ``reconnections`` how often it came back
     ``outage_ns``       how long it was lost, all together [ns]
     """
@@ -152,7 +152,7 @@ class Connection:
             self._port.shutdown()
 
     def _take_error_frame(self, frame: Frame) -> None:
-        """Count an error frame, and act on the two that tell the end and the return of the bus."""
+        """Count an error frame, and act on those of the end and the return of the bus."""
         causes = error_causes(frame) if self._opened.is_socketcan else (UNSPECIFIED,)
         if BUS_OFF in causes and self._is_disproved():
             causes = tuple(FORGED_BUS_OFF if one == BUS_OFF else one for one in causes)

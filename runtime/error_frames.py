@@ -14,7 +14,7 @@ FORGED_BUS_OFF = "forged_bus_off"
 """An error frame says bus-off, and the kernel that the controller is not."""
 RESTARTED = "restarted"
 UNSPECIFIED = "unspecified"
-"""A cause that no bit tells; all error frames of interfaces other than SocketCAN."""
+"""A cause that no bit gives; all error frames of interfaces other than SocketCAN."""
 
 _CLASSES = (
     (0x001, "transmit_timeout"),

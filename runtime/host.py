@@ -95,7 +95,7 @@ def no_collections() -> Iterator[None]:
 class StealClock:
     """Measures the share of processor time that the host gave to somebody else since it was made.
 
-    Such time makes a program late that is not slow. Only Linux tells.
+    Such time makes a program late that is not slow. Only Linux reports it.
     """
 
     def __init__(self, stat: Path = _STAT) -> None:
@@ -103,7 +103,7 @@ class StealClock:
         self._start = _read_steal(stat)
 
     def fraction(self) -> float | None:
-        """Stolen share of all processors' time, 0 to 1; None where the platform does not tell."""
+        """Stolen share of all processors' time, 0 to 1; None where the platform reports none."""
         now = _read_steal(self._stat)
         if self._start is None or now is None:
             return None

@@ -5,7 +5,7 @@ Rules an executor keeps:
 1. It reads the clock once per wake-up, hands over every waiting frame (``on_frame``), then ticks
    (``on_tick``) if ``now_ns >= deadline_ns``; frames that leave are the return values, in order.
    A frame comes with its own arrival where that is known, at the latest this reading.
-2. Times are integer nanoseconds on one monotonic clock; those a node is told never run backwards.
+2. Times are integer nanoseconds on one monotonic clock; those passed to a node never run backwards.
 3. ``on_tick`` is called again at the same ``now_ns`` while ``deadline_ns <= now_ns``.
 
 Rules a node keeps:
@@ -51,7 +51,7 @@ class Node(Protocol):
 
 
 class ReportingNode(Node, Protocol):
-    """A node of a program: it can say what it has seen, and is told what was kept from it."""
+    """A node of a program: it reports what it saw, and is notified of frames kept from it."""
 
     def on_unauthenticated(self) -> None:
         """Note that a frame was refused before it came here."""

@@ -54,7 +54,7 @@ class OpenPort(NamedTuple):
     ``driver``        AF_CAN or PYTHON_CAN
     ``is_socketcan``  whether its error frames mean what SocketCAN's mean
     ``reopen``        opens the same again, whatever has become of the machine; raises BusError
-    ``has_carrier``   whether the channel is a network interface, whose carrier tells bus-off too
+    ``has_carrier``   whether the channel is a network interface, whose carrier shows bus-off too
     """
 
     port: ClosablePort

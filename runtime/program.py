@@ -47,7 +47,7 @@ from .settings import (
 from .summary import summary_lines
 
 PATIENCE_S = 60.0
-"""How long ``--reconnect`` waits for the bus unless told."""
+"""How long ``--reconnect`` waits for the bus by default."""
 
 
 FINISHED = "finished"
@@ -160,7 +160,7 @@ def make_parser(name: str, description: str, preset_package: str) -> argparse.Ar
         type=priority,
         default=50,
         metavar="0..99",
-        help="SCHED_FIFO priority; 0 does not ask for it (default: %(default)s)",
+        help="SCHED_FIFO priority; 0 does not request it (default: %(default)s)",
     )
     group.add_argument("--cpu", type=int, metavar="N", help="run on processor N only")
     group.add_argument("--no-memory-lock", dest="lock_memory", action="store_false")
@@ -169,12 +169,12 @@ def make_parser(name: str, description: str, preset_package: str) -> argparse.Ar
         type=spin_us,
         default=0,
         metavar="US",
-        help=f"do not sleep this long before a deadline, 0 to {SPIN_US_MAX}; takes a processor",
+        help=f"busy-wait this long before a deadline, 0 to {SPIN_US_MAX}; occupies a processor",
     )
     add_bus_arguments(parser)
     group = parser.add_argument_group("a bus that fails")
     group.add_argument(
-        "--reconnect", action="store_true", help="open a bus that was lost again, and go on"
+        "--reconnect", action="store_true", help="reopen a bus that was lost, and continue"
     )
     group.add_argument(
         "--reconnect-limit",

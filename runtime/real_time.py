@@ -6,7 +6,7 @@ A wake-up, in this order:
 2. Hand over every frame that waits, oldest first, at most FRAMES_PER_WAKE_UP_MAX: a flood must not
    keep the node from ticking. What is left waits for the next wake-up, which follows at once.
    Error frames are the port's business and are not handed over.
-   Where the port knows when a frame arrived, that is the time the node is told, kept between the
+   Where the port knows when a frame arrived, that is the time passed to the node, kept between the
    last reading and this one: a node never hears of the future, nor of a time before its last.
 3. Tick while the node's deadline is due.
 
@@ -32,7 +32,7 @@ WAIT_NS_MAX = 50_000_000
 
 
 class Received(NamedTuple):
-    """A frame, and when it arrived on the monotonic clock [ns]; None where the port cannot tell."""
+    """A frame, and when it arrived on the monotonic clock [ns]; None where that is unknown."""
 
     frame: Frame
     arrival_ns: int | None
@@ -153,7 +153,7 @@ class RealTimeExecutor:
     def _drain(self, first: Received, told_ns: int, now_ns: int) -> None:
         """Hand over ``first`` and what waits behind it, as far as one wake-up goes.
 
-        ``told_ns``  the last time that the node was told before [ns]
+        ``told_ns``  the last time that was passed to the node before [ns]
         """
         received: Received | None = first
         taken = 0

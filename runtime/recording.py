@@ -8,8 +8,8 @@ recorded, and counted. The file is complete at the end in whatever way the progr
 it is killed: the recorder sees the end of the pipe and closes the file.
 
 Times are when a frame arrived (as far as the port knows, else when the program took it) or was
-handed to the bus: of the monotonic clock, told as wall-clock time with the difference at the start,
-so that setting the clock does not tear a recording apart.
+handed to the bus: of the monotonic clock, converted to wall-clock time by the difference at the
+start, so that setting the clock does not tear a recording apart.
 """
 
 import json
@@ -31,7 +31,7 @@ from .frame import ERROR, FD, REMOTE, Frame
 from .real_time import Port, Received
 
 SUFFIXES = (".log", ".asc", ".blf", ".csv", ".db", ".trc", ".mf4")
-"""The formats, as python-can tells them apart; ``.log`` is what ``candump -L`` writes."""
+"""The formats, as python-can distinguishes them; ``.log`` is what ``candump -L`` writes."""
 LEFT_OUT = {".trc": ERROR | REMOTE | FD, ".csv": FD, ".db": FD}
 """Flags of frames that python-can's writer of a format drops, or writes as other frames."""
 STOP_TIMEOUT_S = 30.0

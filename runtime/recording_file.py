@@ -47,7 +47,7 @@ _POLL_S, _SETTLE_S = 0.02, 5.0
 
 
 def main() -> int:
-    """Record what comes on standard input until it ends; tell the program what became of it."""
+    """Record what comes on standard input until it ends; report the result to the program."""
     # The terminal's Ctrl-C ends the program, and the end of the pipe then ends the recorder.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parser = argparse.ArgumentParser(prog="python -m steer_by_wire.runtime.recording_file")

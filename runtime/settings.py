@@ -29,7 +29,7 @@ OffWord = Annotated[Literal["off"], Tag("word")]
 NUMBER_OR_WORD = Discriminator(lambda value: "word" if isinstance(value, str) else "number")
 """Chooses between the two, so that a mistake in a value is reported once."""
 _KIND = "kind"
-"""Key that tells the members of a union of tables apart."""
+"""Key that distinguishes the members of a union of tables."""
 _MISTAKES_MAX = 20
 _FILE_BYTES_MAX = 1 << 25
 """More than any settings file has, and few enough to read: a device may have no end."""

@@ -98,7 +98,7 @@ def _explain_one(
     context = mistake.get("ctx", {})
     path, value = _path_in(data, mistake["loc"], mistake["type"]), mistake["input"]
     if "discriminator" in context:
-        # Said of the table, but the mistake is in the key that tells the kinds of tables apart.
+        # Said of the table, but the mistake is in the key that distinguishes the kinds of tables.
         path, value = (*path, context["discriminator"].strip("'")), context.get("tag")
     key, allowed = dotted(path), _allowed(_schemas_at(schema, path, data))
     where = f"{_source(sources, path)}: {key}"
@@ -188,7 +188,7 @@ def _child(schema: Schema, step: str | int) -> Schema | None:
 def _alternatives(root: Schema, schema: Schema, data: Any) -> Iterator[Schema]:
     """Return ``schema`` with references resolved and unions taken apart.
 
-    Of tables that a key tells apart only the one which ``data`` names, if it names one.
+    Of tables distinguished by a key only the one which ``data`` names, if it names one.
     """
     if "$ref" in schema:
         # The form is always "#/$defs/Name".

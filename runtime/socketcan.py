@@ -81,7 +81,7 @@ class SocketCanPort:
 
     @property
     def dropped(self) -> int:
-        """Frames for which the socket had no room, as far as a later frame has told."""
+        """Frames for which the socket had no room, as far as a later frame has reported."""
         return self._dropped
 
     @property
@@ -89,7 +89,7 @@ class SocketCanPort:
         """Whether it was opened for CAN FD frames, and the interface carries them."""
         try:
             mtu_bytes = int((_NETWORK_INTERFACES / self._channel / "mtu").read_text())
-        except (OSError, ValueError):  # where nobody tells, sending does
+        except (OSError, ValueError):  # where nothing reports it, sending does
             return self._fd
         return self._fd and mtu_bytes >= _FD_FRAME.size
 
@@ -154,7 +154,7 @@ class ArrivalClock:
     """Converts the kernel's time stamps to the monotonic clock.
 
     The distance of the two clocks is read anew when a stamp is a second younger than the last
-    reading, or older: the stamps themselves tell how time passes, so that no frame costs a reading.
+    reading, or older: the stamps themselves show how time passes, so no frame costs a reading.
     """
 
     def __init__(self) -> None:

@@ -63,7 +63,7 @@ class Broker:
 
     ``bitrate_bit_s``       of every channel [bit/s]
     ``data_bitrate_bit_s``  of the data phase of CAN FD frames [bit/s]; None for classic CAN only
-    ``journal``             is told who comes and goes
+    ``journal``             reports who comes and goes
     ``clock_ns``            monotonic clock [ns]
     ``takes_bus_off``       whether a client may send another one, or itself, into bus-off
     ``is_fifo``             whether the frames of one client keep their order
@@ -227,7 +227,7 @@ class Broker:
         poll = select.poll()
         held = {client.fileno(): client for client in self._clients if client.is_held_back}
         for descriptor in held:
-            poll.register(descriptor, 0)  # hanging up is told whatever is asked for
+            poll.register(descriptor, 0)  # a hang-up is reported whatever is requested
         for descriptor, _ in poll.poll(0):
             self._drop(held[descriptor], Cause.LOST, "it has gone while its frames waited", now_ns)
 

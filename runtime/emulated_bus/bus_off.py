@@ -5,7 +5,7 @@ It is started again after a while, as by ``restart-ms`` of a SocketCAN interface
 bus ends in one: acknowledge delimiter, end of frame and intermission. An idle bus is recessive, so
 that it takes 2.8 ms there at 500 kbit/s, and twelve times as long on one that is full.
 
-What its client is told are the error frames that SocketCAN would deliver (linux/can/error.h).
+Its client receives the error frames that SocketCAN would deliver (linux/can/error.h).
 """
 
 from ..bus_model import BusLoad

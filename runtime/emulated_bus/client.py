@@ -128,7 +128,7 @@ class EmulatedBus(can.BusABC):
 
         It is started again ``restart_after_s`` later, and takes part 128 x 11 recessive bits after
         that; one that is in bus-off already, at the earlier of both times. Until then the bus does
-        without its frames and it without those of others; SocketCAN's two error frames tell its
+        without its frames and it without those of others; SocketCAN's two error frames notify its
         client.
 
         Raises can.CanOperationError when the broker does not take that or has ended.

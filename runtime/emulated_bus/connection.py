@@ -215,7 +215,7 @@ class Connection:
 
 
 def _process_of(connection: socket.socket) -> str:
-    """Name the process at the other end, which finds the culprit; empty where that is not told."""
+    """Name the process at the other end, which finds the culprit; empty where that is unknown."""
     if sys.platform != "linux" or connection.family != socket.AF_UNIX:
         return ""
     peer = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)

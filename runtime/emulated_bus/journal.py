@@ -2,7 +2,7 @@
 
 A client that is thrown out can come back at once, as often as it likes, and every line costs time
 and may fill a pipe that nobody reads. So lines are rationed, a broker never waits to be read, and
-what was not told is counted: LINES_AT_ONCE, and one more every LINE_PERIOD_NS.
+what was not printed is counted: LINES_AT_ONCE, and one more every LINE_PERIOD_NS.
 """
 
 from collections import Counter
@@ -19,7 +19,7 @@ class Cause(StrEnum):
     """Why a client is gone."""
 
     LEFT = "left"
-    """In order; told only where that is asked for."""
+    """In order; reported only on request."""
     LOST = "lost"
     """Its connection broke, or ended in the middle of a record."""
     REFUSED = "refused"
@@ -33,10 +33,10 @@ class Cause(StrEnum):
 
 
 class Journal:
-    """Counts and tells disconnections.
+    """Counts and reports disconnections.
 
-    ``tell``        takes one line and returns whether it could be told without waiting
-    ``is_verbose``  whether orderly comings and goings are told too
+    ``tell``        takes one line and returns whether it could be printed without waiting
+    ``is_verbose``  whether orderly comings and goings are reported too
     """
 
     def __init__(self, tell: Callable[[str], bool], is_verbose: bool = False) -> None:
@@ -55,7 +55,7 @@ class Journal:
 
     @property
     def untold(self) -> int:
-        """Lines that were not told."""
+        """Lines that were not printed."""
         return self._untold
 
     def join(self, who: str, now_ns: int) -> None:
@@ -75,7 +75,7 @@ class Journal:
 
     def _say(self, line: str, now_ns: int) -> None:
         self._ration(now_ns)
-        missing = f" ({self._untold_since} lines before this one were not told)"
+        missing = f" ({self._untold_since} lines before this one were not printed)"
         if self._lines_left and self._tell(line + missing * bool(self._untold_since)):
             self._lines_left -= 1
             self._untold_since = 0

@@ -145,8 +145,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--allow-bus-off",
         action="store_true",
-        help="let clients send one of them into bus-off, as tools.inject_faults does "
-        "(default: who asks for it is disconnected)",
+        help="let clients send one of them into bus-off, as steer-by-wire inject does "
+        "(default: a client that requests it is disconnected)",
     )
     parser.add_argument(
         "--fifo",
@@ -165,14 +165,14 @@ def _parser() -> argparse.ArgumentParser:
         type=priority,
         default=50,
         metavar="0..99",
-        help="SCHED_FIFO priority, as far as the host grants it; 0 does not ask for it "
+        help="SCHED_FIFO priority, as far as the host grants it; 0 does not request it "
         "(default: %(default)s)",
     )
     parser.add_argument(
         "--report", type=output_file, metavar="FILE", help="write a report at the end, JSON"
     )
     parser.add_argument(
-        "--verbose", action="store_true", help="also tell of clients that come and go in order"
+        "--verbose", action="store_true", help="also report clients that come and go in order"
     )
     return parser
 

@@ -5,7 +5,7 @@ import time
 _FOLLOWED_NS = 1_000_000
 """The wall clock is followed when it is this far off: it was set, or the machine has slept."""
 _SURE_NS = 100_000
-"""A reading that took longer was interrupted, and tells nothing."""
+"""A reading that took longer was interrupted, and is useless."""
 
 
 class WallClock:

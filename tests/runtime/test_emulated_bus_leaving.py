@@ -155,7 +155,7 @@ def test_lines_that_nobody_reads_are_counted_and_hold_up_nothing(bench: Bench) -
     vandal = bench.connect()
     vandal.sendall(bytes(HELLO.size))
     bench.step()
-    assert bench.lines[0].endswith("(5 lines before this one were not told)")
+    assert bench.lines[0].endswith("(5 lines before this one were not printed)")
 
 
 def test_lines_are_rationed_by_time() -> None:
