@@ -1,4 +1,4 @@
-"""What each kind of fault does to one frame: frames out, in the order in which they go on.
+"""What each kind of fault does to one frame: frames out, in the order in which they are passed on.
 
 Shares and rates are drawn from the fault's own stream, and only while it is active. A wire fault
 sees bytes. A signal fault decodes, changes one value and encodes again with the counter it had, as

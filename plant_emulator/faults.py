@@ -1,4 +1,4 @@
-"""The fault stage at the plant's edge: all frames to and from the rig pass it, and may not be well.
+"""The fault stage at the plant's edge: all frames to and from the rig pass through it.
 
     bus ── downlink faults ──► node ── uplink faults ──► bus
 

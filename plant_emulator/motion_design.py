@@ -1,4 +1,4 @@
-"""From the rig's settings to everything that a motion follows from besides the commands."""
+"""Turns the rig's settings into everything that determines a motion besides the commands."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What the rig says: its readings as messages, kept within what their signals carry."""
+"""The rig's readings as messages, clamped to the range of their signals."""
 
 import math
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Safety limiter: what of a steering command may reach the actuator, whoever sent it.
+"""Safety limiter: bounds what a steering command may do to the actuator, whoever sent it.
 
     a_y = g δ,   g = V²/(L + K V²),   K = m̃/L (l_r/c_f − l_f/c_r)     in a steady turn
 

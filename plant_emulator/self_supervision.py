@@ -1,4 +1,4 @@
-"""What the plant watches of itself: a fault found here ends the run, by way of the SAFE_STATE.
+"""Self-supervision of the plant: a fault detected here ends the run, through the SAFE_STATE.
 
     fault                                                                found at
     its sensors do not keep their rate (``runtime.overruns``)            a sample
@@ -15,15 +15,15 @@ from ..runtime.overruns import OverrunSettings, OverrunSupervision
 from ..runtime.periodic import PeriodicTimer
 
 TELLING_NS = NS_PER_S
-"""From a fault to the end of the run at the earliest: ten PLANT_STATUS say so, and STEERING_STATUS
+"""From a fault to the end of the run at the earliest: ten PLANT_STATUS report it, and STEERING_STATUS
 through an uplink of more latency than any that a vehicle is steered by. With ``fallback = "keep"``
 there is nothing else to wait for."""
-NOT_FINITE_VEHICLE = "the vehicle's state is no finite number any more"
-NOT_FINITE_COMMAND = "a command that came through was no finite number"
+NOT_FINITE_VEHICLE = "the vehicle's state is not finite"
+NOT_FINITE_COMMAND = "a command that came through was not finite"
 
 
 class SelfSupervision:
-    """Keeps the first fault that the plant has found in itself, and when [ns]."""
+    """Keeps the first fault that the plant has detected in itself, and when [ns]."""
 
     def __init__(self, overruns: OverrunSettings) -> None:
         self._overruns = OverrunSupervision.of(overruns)

@@ -1,4 +1,4 @@
-"""What the steering does with the commands that arrive, and with their staying away.
+"""Steering guard: follows, limits or replaces the commands that arrive, and acts on silence.
 
     mode         the wheel's target                                  until
     NO_COMMAND   straight                                            the first command

@@ -1,4 +1,4 @@
-"""The steering's control unit behind the latency line: the guard, what it did, and what it says."""
+"""The steering's control unit behind the latency line: the guard, its counts and its status."""
 
 from collections import Counter
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""A CAN bus: frames take their time on the wire, one after the other, by identifier.
+"""A CAN bus: frames occupy the wire for their length, one after the other, by identifier.
 
 Rules:
 

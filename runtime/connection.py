@@ -1,4 +1,4 @@
-"""A node's connection to the bus: counts its error frames, and opens a bus that was lost again.
+"""A node's connection to the bus: counts its error frames, and reopens a bus that was lost.
 
     CONNECTED  the port's frames come and go
     SILENT     bus-off: the CAN controller has switched itself off. The port stays open, nothing is

@@ -1,4 +1,4 @@
-"""Error frames of SocketCAN: what the local CAN controller says about the bus, by cause.
+"""Error frames of SocketCAN: what the local CAN controller reports of the bus, by cause.
 
 Classes are bits of the identifier, details bits of the payload (linux/can/error.h). They are the
 same whether a frame comes from ``AF_CAN`` or through python-can's ``socketcan``; other interfaces

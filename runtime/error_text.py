@@ -1,4 +1,4 @@
-"""The text of errors in messages of one line."""
+"""The text of an error as one line."""
 
 
 def one_line(error: BaseException) -> str:

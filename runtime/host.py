@@ -1,4 +1,4 @@
-"""What the host grants a real-time program, asked for on a best-effort basis and reported.
+"""What the host grants a real-time program: requested as far as possible, and reported.
 
 Nothing here fails: what is refused makes a program later at times, and the report says so.
 """

@@ -1,4 +1,4 @@
-"""Judges whether a node keeps its rate, by its own timer: that it does not is a fault of its own.
+"""Judges by a node's own timer whether it keeps its rate; if not, that is a fault of the node.
 
 A tick overruns when at least one period has passed unserved before it was done with: the timer
 skips it. What a stall does to measurements and to the peer is judged by their ages. Two things no

@@ -1,4 +1,4 @@
-"""Parts of somebody else's package: found by their place, ``package.module:ATTRIBUTE``.
+"""Parts of other packages, found by their place, ``package.module:ATTRIBUTE``.
 
 Settings name such a part and may hold a table of its own, whose model the part brings along.
 """

@@ -15,7 +15,7 @@ class BlfWriter(can.BLFWriter):
     frames_in_file = 0
 
     def bring_up_to_date(self) -> None:
-        """Write what has come, and a header that counts it and tells the time of the start."""
+        """Write what has arrived, and a header with its count and the time of the start."""
         self._flush()
         if self.file.seekable():
             end = self.file.tell()
@@ -27,7 +27,7 @@ class BlfWriter(can.BLFWriter):
 
 
 def open_writer(path: Path) -> MessageWriter:
-    """Open ``path`` in the format that the end of its name tells; raises what the writer raises."""
+    """Open ``path`` in the format of its suffix; raises what the writer raises."""
     return BlfWriter(path) if path.suffix.lower() == ".blf" else can.Logger(path)
 
 

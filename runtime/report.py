@@ -1,4 +1,4 @@
-"""Reports of a run: what was run, on what, how it went; JSON that another program can read."""
+"""Reports of a run: settings, host, figures and how it ended; JSON for other programs."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Says in one line what is wrong with a setting: source, dotted key, value, what is allowed.
+"""Explains a mistake in a setting in one line: source, dotted key, value, what is allowed.
 
     plant.toml: vehicle.speed_m_s = -3 should be greater than 0 (allowed: number above 0, up to 60)
     --set: vehicle.sped_m_s is not a known key (did you mean vehicle.speed_m_s?)

@@ -1,4 +1,4 @@
-"""What a run was like, in a few lines."""
+"""The summary of a run, in a few lines."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any

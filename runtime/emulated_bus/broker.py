@@ -322,7 +322,7 @@ class Broker:
     def _send_off(self, asking: Connection, request: BusOff, now_ns: int) -> None:
         """Do what a client has asked for, if that is allowed here."""
         if not self._takes_bus_off:
-            detail = "it asks for a bus-off, which this bus does not take"
+            detail = "it requests a bus-off, which this bus does not allow"
             self._drop(asking, Cause.REFUSED, detail, now_ns)
             return
         if asking.hello is None or asking not in self._clients:
@@ -331,7 +331,7 @@ class Broker:
         channel = self._channels[asking.hello.channel]
         client = channel.go_off(request, now_ns, self._wall_clock.at(now_ns))
         if client is not None:
-            self._journal.note(f"{client} is in bus-off: {asking} asks for it", now_ns)
+            self._journal.note(f"{client} is in bus-off: requested by {asking}", now_ns)
             self._flush(client, now_ns)
 
     def _flush(self, client: Connection, now_ns: int) -> None:

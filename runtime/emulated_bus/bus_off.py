@@ -1,4 +1,4 @@
-"""Bus-off: a CAN controller that takes no part in the bus, and how it comes back.
+"""Bus-off: a CAN controller that takes no part in the bus, and how it recovers.
 
 It is started again after a while, as by ``restart-ms`` of a SocketCAN interface or by hand. ISO
 11898-1 then has it see 128 sequences of 11 recessive bits before it takes part. Each frame on the

@@ -1,4 +1,4 @@
-"""What the broker says of clients that go: one line each with the reason, and counts by cause.
+"""The broker's log of clients that leave: one line each with the reason, and counts by cause.
 
 A client that is thrown out can come back at once, as often as it likes, and every line costs time
 and may fill a pipe that nobody reads. So lines are rationed, a broker never waits to be read, and

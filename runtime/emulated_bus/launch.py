@@ -1,4 +1,4 @@
-"""Runs a broker of one's own as a child process, for programs that bring their bus along."""
+"""Runs a private broker as a child process, for programs that bring their own bus."""
 
 import tempfile
 from collections.abc import Iterator, Sequence

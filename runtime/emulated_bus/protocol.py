@@ -1,4 +1,4 @@
-"""What broker and clients say to each other: records of fixed size over a stream socket.
+"""The protocol between broker and clients: records of fixed size over a stream socket.
 
 A client sends one hello and gets one answer, a welcome or a refusal with its reason. From then on
 both sides send records only, all of one size for the life of the connection: 24 bytes for a client

@@ -1,4 +1,4 @@
-"""What a broker has carried and whom it has thrown out: as one line, and as JSON."""
+"""What a broker has carried and which clients it disconnected: as one line, and as JSON."""
 
 from typing import Any
 
