@@ -15,9 +15,9 @@ from ..runtime.overruns import OverrunSettings, OverrunSupervision
 from ..runtime.periodic import PeriodicTimer
 
 TELLING_NS = NS_PER_S
-"""From a fault to the end of the run at the earliest: ten PLANT_STATUS report it, and STEERING_STATUS
-through an uplink of more latency than any that a vehicle is steered by. With ``fallback = "keep"``
-there is nothing else to wait for."""
+"""From a fault to the end of the run at the earliest: ten PLANT_STATUS report it, and so does
+STEERING_STATUS through an uplink of more latency than any that a vehicle is steered by. With
+``fallback = "keep"`` there is nothing else to wait for."""
 NOT_FINITE_VEHICLE = "the vehicle's state is not finite"
 NOT_FINITE_COMMAND = "a command that came through was not finite"
 
