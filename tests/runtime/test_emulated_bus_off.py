@@ -223,7 +223,7 @@ def test_a_broker_that_does_not_allow_it_disconnects_who_asks(stack: ExitStack) 
     table.send(table.node, COMMAND)
     table.send_off()
     assert table.journal.disconnections[Cause.REFUSED] == 1
-    assert "which this bus does not take" in table.lines[-1]
+    assert "requests a bus-off, which this bus does not allow" in table.lines[-1]
     table.advance(NS_PER_MS)
     assert table.heard(table.node) == [], "and nothing happens"
 
@@ -232,7 +232,7 @@ def test_the_journal_and_the_report_tell_it(table: Table) -> None:
     table.send_off()
     table.advance(10 * NS_PER_MS)
     assert "client 1 of 'can0'" in table.lines[0]
-    assert "is in bus-off: client 3" in table.lines[0]
+    assert "is in bus-off: requested by client 3" in table.lines[0]
     assert "is back from bus-off" in table.lines[1]
     report = broker_report(table.broker, table.journal, NS_PER_S)
     assert report["channels"]["can0"]["bus_offs"] == 1
