@@ -13,7 +13,7 @@ import cantools.database
 from cantools.database.can import Database, Message
 
 from ..runtime.error_text import one_line
-from .protection import COUNTERS, HEADER_BITS, is_intact, protect
+from .protection import COUNTERS, header_bits, is_intact, protect
 from .signals import (
     NOT_AVAILABLE_NAME,
     field_name,
@@ -92,7 +92,7 @@ class MessageCodec(Generic[MessageT]):
         self.cycle_time_ms = message.cycle_time or 0
         self.data_id = _data_id(message)
         self._message_type = message_type
-        signals = {field_name(signal): signal for signal in message.signals}
+        signals = {field_name(message.name, signal): signal for signal in message.signals}
         kinds = get_type_hints(message_type)
         self._signals = tuple(packed_signal(signals[name], kind) for name, kind in kinds.items())
         self.limits = {name: signal_range(signals[name]) for name in kinds}
@@ -158,7 +158,9 @@ class MessageCodec(Generic[MessageT]):
         if self.data_id is None:
             return word.to_bytes(self.length, "little")
         if not 0 <= counter < COUNTERS:
-            raise EncodeError(f"{self.name}.COUNTER: allowed is 0 to 255, not {counter!r}")
+            raise EncodeError(
+                f"{self.name}.{self.name}_COUNTER: allowed is 0 to 255, not {counter!r}"
+            )
         payload = bytearray(word.to_bytes(self.length, "little"))
         payload[2] = counter
         protect(payload, self.data_id)
@@ -181,12 +183,13 @@ def codecs_of(
 def _data_id(message: Message) -> int | None:
     """The E2E Data ID of ``message``, None if it is not protected."""
     attributes = message.dbc.attributes if message.dbc else {}
+    header = header_bits(message.name)
     if "E2EDataId" not in attributes:
-        if not HEADER_BITS.keys().isdisjoint(message.signal_tree):
+        if not header.keys().isdisjoint(message.signal_tree):
             raise ValueError("has signals of E2E profile 5 but no attribute E2EDataId")
         return None
-    for name, place in HEADER_BITS.items():
+    for name, place in header.items():
         signal = message.get_signal_by_name(name)
         if (signal.start, signal.length) != place:
-            raise ValueError(f"{message.name}.{name}: profile 5 wants first bit, bits = {place}")
+            raise ValueError(f"{name}: profile 5 wants first bit, bits = {place}")
     return int(attributes["E2EDataId"].value)

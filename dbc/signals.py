@@ -7,7 +7,8 @@ resolution, range and "not available" all come from there.
     value = raw * resolution                both as cantools computes them
 
 A NamedTuple's field and the signal it stands for are matched by name and unit: ``speed_m_s`` is
-SPEED in m/s. A field whose unit is not the DBC's therefore has no signal.
+SPEED in m/s. A field whose unit is not the DBC's therefore has no signal. Where a signal's name
+would not be unique in the DBC it begins with that of its message, which the field leaves out.
 """
 
 import operator
@@ -65,9 +66,10 @@ class PackedSignal(NamedTuple):
     text: str
 
 
-def field_name(signal: Signal) -> str:
+def field_name(message_name: str, signal: Signal) -> str:
     """Name of the Python field for ``signal``; KeyError for a unit without a suffix."""
-    return signal.name.lower() + UNIT_SUFFIXES[signal.unit]
+    bare = signal.name.removeprefix(f"{message_name}_")
+    return bare.lower() + UNIT_SUFFIXES[signal.unit]
 
 
 def signal_range(signal: Signal) -> SignalRange:

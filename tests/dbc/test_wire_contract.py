@@ -1,6 +1,7 @@
 """The DBC itself, and that the typed messages and the documentation say the same as it does."""
 
 import re
+from collections import Counter
 from enum import IntEnum
 from pathlib import Path
 from typing import NamedTuple, get_type_hints
@@ -24,7 +25,7 @@ from steer_by_wire.dbc.messages import (
     encode,
     limits,
 )
-from steer_by_wire.dbc.protection import HEADER_BITS
+from steer_by_wire.dbc.protection import header_bits
 from steer_by_wire.runtime.frame import Frame
 
 DATABASE = load_database()
@@ -38,7 +39,8 @@ UNIT_IN_THE_DBC = {"1_m": "1/m", "m_s": "m/s", "rad_s": "rad/s", "rad": "rad", "
 
 def payload_signals(definition: Definition) -> list[Signal]:
     """The signals a typed message has fields for, in the order of their bits."""
-    return [signal for signal in definition.signals if signal.name not in HEADER_BITS]
+    header = header_bits(definition.name)
+    return [signal for signal in definition.signals if signal.name not in header]
 
 
 def attribute(definition: Definition, name: str) -> float | str | None:
@@ -57,7 +59,25 @@ def test_every_field_has_the_name_and_the_unit_of_its_signal() -> None:
             unit = UNIT_AT_THE_END.search(field)
             bare = field[: unit.start()] if unit else field
             found.append((bare.upper(), UNIT_IN_THE_DBC[unit[1]] if unit else None))
-        assert found == [(signal.name, signal.unit) for signal in payload_signals(definition)]
+        prefix = f"{name}_"
+        signals = payload_signals(definition)
+        assert found == [(signal.name.removeprefix(prefix), signal.unit) for signal in signals]
+
+
+def test_a_name_is_unique_and_has_its_message_in_front_only_where_it_would_not_be() -> None:
+    """ARXML exports refuse two of one name, and so do 32 characters of an old DBC reader."""
+    messages = [message.name for message in DATABASE.messages]
+    signals = [signal.name for message in DATABASE.messages for signal in message.signals]
+    names = messages + signals
+    assert sorted(names) == sorted(set(names))
+    assert max(map(len, names)) <= 32
+    bare = Counter(messages)
+    for message in DATABASE.messages:
+        bare.update(signal.name.removeprefix(f"{message.name}_") for signal in message.signals)
+    for message in DATABASE.messages:
+        for signal in message.signals:
+            short = signal.name.removeprefix(f"{message.name}_")
+            assert (short != signal.name) == (bare[short] > 1), signal.name
 
 
 def test_every_message_has_a_type_and_every_type_a_message() -> None:
@@ -140,11 +160,11 @@ def test_every_periodic_message_is_protected_under_a_data_id_of_its_own() -> Non
         header = {
             signal.name: (signal.start, signal.length)
             for signal in definition.signals
-            if signal.name in HEADER_BITS
+            if signal.name in header_bits(definition.name)
         }
         if definition in PROTECTED:
             assert attribute(definition, "E2EProfile") == 1  # "PROFILE_05" of the enumeration
-            assert header == HEADER_BITS
+            assert header == header_bits(definition.name)
         else:
             assert header == {}
             assert attribute(definition, "E2EDataId") is None
@@ -166,7 +186,7 @@ def test_quantisation_is_small_beside_the_smallest_lateral_error_expected() -> N
     command, error = (
         DATABASE.get_message_by_name(n) for n in ("STEERING_COMMAND", "LATERAL_ERROR")
     )
-    for definition, name in ((command, "STEER"), (error, "LATERAL_ERROR")):
+    for definition, name in ((command, "STEER"), (error, "LATERAL_ERROR_LATERAL_ERROR")):
         resolution = definition.get_signal_by_name(name).scale
         assert resolution / 12**0.5 < 0.01 * smallest_rms_m
 
