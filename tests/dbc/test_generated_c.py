@@ -14,7 +14,7 @@ from cantools.database.can import Message as Definition
 from cantools.database.can.signal import Signal
 
 from steer_by_wire import dbc
-from steer_by_wire.dbc.codec import load_database
+from steer_by_wire.dbc.dbc_file import load_database
 from steer_by_wire.dbc.messages import Decoded, decode, encode
 from steer_by_wire.dbc.protection import header_bits, protect
 from steer_by_wire.runtime.frame import Frame

@@ -7,7 +7,7 @@ from cantools.database.can import Message as Definition
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.dbc.codec import load_database
+from steer_by_wire.dbc.dbc_file import load_database
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,

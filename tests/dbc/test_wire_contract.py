@@ -11,7 +11,8 @@ from cantools.database.can import Message as Definition
 from cantools.database.can.signal import Signal
 
 from steer_by_wire.controller.laws import LAWS
-from steer_by_wire.dbc.codec import MessageCodec, load_database
+from steer_by_wire.dbc.codec import MessageCodec
+from steer_by_wire.dbc.dbc_file import layouts_of, load_database
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     MESSAGE_TYPES,
@@ -176,8 +177,9 @@ def test_a_field_whose_unit_is_not_the_dbcs_is_refused() -> None:
         lateral_error_mm: float
         heading_error_rad: float
 
+    layout = next(layout for layout in layouts_of(DATABASE) if layout.name == "LATERAL_ERROR")
     with pytest.raises(KeyError, match="lateral_error_mm"):
-        MessageCodec(DATABASE.get_message_by_name("LATERAL_ERROR"), InMillimetres)
+        MessageCodec(layout, InMillimetres)
 
 
 def test_quantisation_is_small_beside_the_smallest_lateral_error_expected() -> None:
