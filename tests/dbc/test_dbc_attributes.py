@@ -153,10 +153,11 @@ def test_a_receiver_times_out_when_our_nodes_do() -> None:
 def timeout_ms(definition: Definition, signal: str, node: str) -> float | None:
     """After how long without the message the node takes the signal for gone."""
     assert DATABASE.dbc is not None
-    relations = DATABASE.dbc.relation_attributes
-    by_signal = relations.node_signal_relations.get(definition.frame_id, {})
-    found = by_signal.get(signal, {}).get(node)
-    return None if found is None else float(found["GenSigTimeoutTime"].value)
+    relations = DATABASE.dbc.relation_attributes.node_signal_relations
+    try:
+        return float(relations[definition.frame_id][signal][node]["GenSigTimeoutTime"].value)
+    except KeyError:
+        return None
 
 
 def test_the_e2e_parameters_are_those_both_receivers_check_with() -> None:

@@ -15,7 +15,9 @@ from steer_by_wire.dbc.codec import MessageCodec
 from steer_by_wire.dbc.dbc_file import layouts_of, load_database
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
+    DATA_IDS,
     MESSAGE_TYPES,
+    Decoded,
     Direction,
     LatencyConfig,
     LatencyModel,
@@ -26,7 +28,8 @@ from steer_by_wire.dbc.messages import (
     encode,
     limits,
 )
-from steer_by_wire.dbc.protection import header_bits
+from steer_by_wire.dbc.protection import header_bits, protect
+from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 
 DATABASE = load_database()
@@ -213,6 +216,52 @@ def test_the_document_describes_every_signal_as_the_dbc_does(definition: Definit
     rows = [line for line in section.splitlines() if re.match(r"\| [A-Z_]{3,} \|", line)]
     expected = [document_row(signal) for signal in payload_signals(definition)]
     assert [row[: len(start)] for row, start in zip(rows, expected, strict=True)] == expected
+
+
+def unused_bits(definition: Definition) -> list[range]:
+    used = {signal.start + bit for signal in definition.signals for bit in range(signal.length)}
+    free = [bit for bit in range(8 * definition.length) if bit not in used]
+    starts = [bit for bit in free if bit - 1 not in free]
+    ends = [bit for bit in free if bit + 1 not in free]
+    return [range(first, last + 1) for first, last in zip(starts, ends, strict=True)]
+
+
+def test_the_document_names_the_bits_that_nobody_uses_and_they_are_ignored() -> None:
+    texts = []
+    for definition in DATABASE.messages:
+        gaps = unused_bits(definition)
+        if gaps:
+            listed = " and ".join(f"{gap[0]} to {gap[-1]}" for gap in gaps)
+            texts.append(f"{definition.name} {listed}")
+        raws = {
+            signal.name: 1 if signal.minimum is None or signal.minimum <= signal.scale else 0
+            for signal in definition.signals
+        }
+        payload = bytearray(definition.encode(raws, scaling=False))
+        word = int.from_bytes(payload, "little") | sum(1 << bit for gap in gaps for bit in gap)
+        filled = bytearray(word.to_bytes(definition.length, "little"))
+        message_type = MESSAGE_TYPES[definition.name]
+        if message_type in DATA_IDS:
+            protect(payload, DATA_IDS[message_type])
+            protect(filled, DATA_IDS[message_type])
+        sent = decode(Frame(definition.frame_id, bytes(payload)))
+        assert isinstance(sent, Decoded)
+        assert decode(Frame(definition.frame_id, bytes(filled))) == sent
+        assert encode(*sent).data == bytes(payload)
+    assert f"The CRC covers them. {', '.join(texts)} |".lower() in DOCUMENT.lower()
+
+
+def test_the_document_names_the_vehicle_and_the_times_that_are_our_defaults() -> None:
+    vehicle = PlantSettings().vehicle
+    wheelbase_m = round(vehicle.front_axle_m + vehicle.rear_axle_m, 4)
+    section = DOCUMENT.split("## What another controller or plant must know")[1].split("\n## ")[0]
+    for text in (
+        f"{vehicle.front_axle_m} m behind the front axle and {vehicle.rear_axle_m} m ahead",
+        f"wheelbase {wheelbase_m} m",
+        f"{vehicle.preview_m} m ahead of the centre of gravity",
+    ):
+        assert text in section
+    assert all(DATA_IDS[kind] == 0x5000 + CAN_IDS[kind] for kind in DATA_IDS)
 
 
 def test_the_documented_cansend_line_is_the_frame_it_says() -> None:
