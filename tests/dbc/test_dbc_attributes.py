@@ -153,7 +153,9 @@ def test_a_receiver_times_out_when_our_nodes_do() -> None:
 def timeout_ms(definition: Definition, signal: str, node: str) -> float | None:
     """After how long without the message the node takes the signal for gone."""
     assert DATABASE.dbc is not None
-    relations = DATABASE.dbc.relation_attributes.node_signal_relations
+    attributes_of_pairs = DATABASE.dbc.relation_attributes
+    assert attributes_of_pairs is not None
+    relations = attributes_of_pairs.node_signal_relations
     try:
         return float(relations[definition.frame_id][signal][node]["GenSigTimeoutTime"].value)
     except KeyError:
