@@ -41,7 +41,7 @@ from cantools.database.can.formats.arxml.message_specifics import AutosarMessage
 from cantools.database.can.formats.arxml.secoc_properties import AutosarSecOCProperties
 
 from ..runtime.frame import BITRATE_SWITCH, FD, Frame
-from .codec import load_database
+from .dbc_file import load_database
 from .messages import CAN_IDS
 from .secured_frame import (
     CHALLENGE_LENGTH,

@@ -1,22 +1,18 @@
 """Packs and unpacks the payload of one message, as the DBC defines it.
 
-The tables of shifts and masks are built once from what cantools reads in the DBC, because packing
-with cantools itself takes longer than a step of the control law.
+The tables of shifts and masks are built once from ``dbc.generated_layout``, because packing with
+cantools takes longer than a step of the control law.
 """
 
-import importlib.resources
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from typing import Any, Generic, TypeVar, get_type_hints
 
-import cantools.database
-from cantools.database.can import Database, Message
-
 from ..runtime.error_text import one_line
-from .protection import COUNTERS, HEADER_BITS, is_intact, protect
+from .layout import MessageLayout
+from .protection import COUNTERS, is_intact, protect
 from .signals import (
     NOT_AVAILABLE_NAME,
-    field_name,
     packed_signal,
     signal_range,
 )
@@ -54,45 +50,25 @@ class Rejection(StrEnum):
     """The sender has no value for a signal now."""
 
 
-def load_database() -> Database:
-    """Read the DBC beside this file; raises ContractError."""
-    try:
-        text = importlib.resources.files("steer_by_wire.dbc").joinpath(FILE).read_text("ascii")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ContractError(f"{FILE}: {one_line(error)}") from error
-    return parse_database(text)
-
-
-def parse_database(text: str) -> Database:
-    """Read a DBC; cantools refuses overlapping signals (strict). Raises ContractError."""
-    try:
-        database = cantools.database.load_string(text, database_format="dbc", strict=True)
-    except Exception as error:  # cantools stumbles over a damaged file in more ways than its own
-        raise ContractError(f"{FILE}: {one_line(error)}") from error
-    if not isinstance(database, Database):
-        raise ContractError(f"{FILE}: read as {type(database).__name__}")
-    return database
-
-
 MessageT = TypeVar("MessageT", bound=tuple[Any, ...])
 
 
 class MessageCodec(Generic[MessageT]):
     """One message of the DBC and the NamedTuple that stands for it."""
 
-    def __init__(self, message: Message, message_type: type[MessageT]) -> None:
+    def __init__(self, message: MessageLayout, message_type: type[MessageT]) -> None:
         """Build the tables.
 
         Raises KeyError for a field of ``message_type`` that has no signal of its name and unit, and
         ValueError for what the DBC may ask but this codec does not do.
         """
         self.name = message.name
-        self.can_id = message.frame_id
+        self.can_id = message.can_id
         self.length = message.length
-        self.cycle_time_ms = message.cycle_time or 0
-        self.data_id = _data_id(message)
+        self.cycle_time_ms = message.cycle_time_ms
+        self.data_id = message.data_id
         self._message_type = message_type
-        signals = {field_name(signal): signal for signal in message.signals}
+        signals = {signal.field: signal for signal in message.signals}
         kinds = get_type_hints(message_type)
         self._signals = tuple(packed_signal(signals[name], kind) for name, kind in kinds.items())
         self.limits = {name: signal_range(signals[name]) for name in kinds}
@@ -158,7 +134,9 @@ class MessageCodec(Generic[MessageT]):
         if self.data_id is None:
             return word.to_bytes(self.length, "little")
         if not 0 <= counter < COUNTERS:
-            raise EncodeError(f"{self.name}.COUNTER: allowed is 0 to 255, not {counter!r}")
+            raise EncodeError(
+                f"{self.name}.{self.name}_COUNTER: allowed is 0 to 255, not {counter!r}"
+            )
         payload = bytearray(word.to_bytes(self.length, "little"))
         payload[2] = counter
         protect(payload, self.data_id)
@@ -166,27 +144,14 @@ class MessageCodec(Generic[MessageT]):
 
 
 def codecs_of(
-    database: Database, message_types: Iterable[tuple[str, type[MessageT]]]
+    layouts: Iterable[MessageLayout], message_types: Iterable[tuple[str, type[MessageT]]]
 ) -> Mapping[type[MessageT], MessageCodec[MessageT]]:
     """Return the codec of each type, by the name of its message; raises ContractError."""
+    by_name = {layout.name: layout for layout in layouts}
     codecs = {}
     for name, message_type in message_types:
         try:
-            codecs[message_type] = MessageCodec(database.get_message_by_name(name), message_type)
+            codecs[message_type] = MessageCodec(by_name[name], message_type)
         except (KeyError, ValueError, TypeError, ArithmeticError) as error:
             raise ContractError(f"{FILE}: {name}: {one_line(error)}") from error
     return codecs
-
-
-def _data_id(message: Message) -> int | None:
-    """The E2E Data ID of ``message``, None if it is not protected."""
-    attributes = message.dbc.attributes if message.dbc else {}
-    if "E2EDataId" not in attributes:
-        if not HEADER_BITS.keys().isdisjoint(message.signal_tree):
-            raise ValueError("has signals of E2E profile 5 but no attribute E2EDataId")
-        return None
-    for name, place in HEADER_BITS.items():
-        signal = message.get_signal_by_name(name)
-        if (signal.start, signal.length) != place:
-            raise ValueError(f"{message.name}.{name}: profile 5 wants first bit, bits = {place}")
-    return int(attributes["E2EDataId"].value)

@@ -6,7 +6,7 @@ positive). What each field means, its range and its resolution are in ``steer_by
 Sending raises on what a signal cannot carry: such a value is a mistake of the program. Receiving
 never raises: a frame that is not a message is a ``Rejection``, to be counted by its cause.
 
-The DBC is read when this module is imported, so that no control period pays for it.
+``dbc.generated_layout`` is the DBC as records, so that a node needs no reader of DBC files.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,8 @@ from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
 from ..runtime.frame import ERROR, EXTENDED, REMOTE, Frame
-from .codec import EncodeError, Rejection, codecs_of, load_database
+from .codec import EncodeError, Rejection, codecs_of
+from .generated_layout import LAYOUTS
 from .protection import is_intact
 from .signals import SignalRange
 
@@ -286,7 +287,7 @@ class Decoded(NamedTuple):
     counter: int
 
 
-_CODECS = codecs_of(load_database(), MESSAGE_TYPES.items())
+_CODECS = codecs_of(LAYOUTS, MESSAGE_TYPES.items())
 _CODECS_BY_ID = {codec.can_id: codec for codec in _CODECS.values()}
 _DATA_IDS = [codec.data_id for codec in _CODECS.values() if codec.data_id is not None]
 

@@ -18,8 +18,11 @@ from e2e.p05 import e2e_p05_check, e2e_p05_protect
 
 COUNTERS = 256
 """How many values the counter has; it wraps."""
-HEADER_BITS = {"CRC": (0, 16), "COUNTER": (16, 8)}
-"""Where the profile wants its header: signal name to (first bit, bits)."""
+
+
+def header_bits(message_name: str) -> dict[str, tuple[int, int]]:
+    """Where the profile wants its header in a message: signal name to (first bit, bits)."""
+    return {f"{message_name}_CRC": (0, 16), f"{message_name}_COUNTER": (16, 8)}
 
 
 def protect(payload: bytearray, data_id: int) -> None:

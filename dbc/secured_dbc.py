@@ -14,20 +14,20 @@ import sys
 from .secured_frame import DATA, LAYOUTS, PAYLOAD_LENGTH, SYNC, Layout
 
 _TRAILERS = {
-    DATA: (("FRESHNESS", 32), ("AUTHENTICATOR", 64)),
+    DATA: (("MAC_COUNTER", 32), ("MAC", 64)),
     SYNC: (
         ("CHALLENGE", 64),
         ("ECHO", 64),
-        ("FRESHNESS", 64),
-        ("AUTHENTICATOR_HIGH", 64),
-        ("AUTHENTICATOR_LOW", 64),
+        ("MAC_COUNTER", 64),
+        ("MAC_HIGH", 64),
+        ("MAC_LOW", 64),
     ),
 }
-"""The signals behind the payload, and their bits: a DBC has none of more than 64."""
+"""The signals behind the payload, without their message's name, and their bits: at most 64."""
 _FORMATS = ",".join(f'"{name}"' for name in ("StandardCAN", "ExtendedCAN", *["reserved"] * 12))
 _FD_FORMAT = 14
 """StandardCAN_FD in the list of formats that every tool knows by number."""
-_MESSAGE = re.compile(r"^(BO_ (\d+) \w+: )8 (\w+)$((?:\n SG_ .*)+)", re.MULTILINE)
+_MESSAGE = re.compile(r"^BO_ (\d+) (\w+): 8 (\w+)$((?:\n SG_ .*)+)", re.MULTILINE)
 
 
 def secured_dbc() -> str:
@@ -56,18 +56,19 @@ def secured_dbc() -> str:
 
 def _longer(found: re.Match[str]) -> str:
     """Return the definition of a message with what is behind its payload."""
-    head, can_id, sender, signals = found.groups()
+    can_id, message, sender, signals = found.groups()
     layout = LAYOUTS[int(can_id)]
-    receivers = signals.rpartition('" ')[2]
-    return f"{head}{layout.length} {sender}{signals}{_trailer(layout, receivers)}"
+    trailer = _trailer(layout, message, receivers=signals.rpartition('" ')[2])
+    return f"BO_ {can_id} {message}: {layout.length} {sender}{signals}{trailer}"
 
 
-def _trailer(layout: Layout, receivers: str) -> str:
+def _trailer(layout: Layout, message: str, receivers: str) -> str:
     """Return the lines of the signals behind the payload, high byte first."""
     lines, start = "", 8 * PAYLOAD_LENGTH
     for name, bits in _TRAILERS[layout]:
         # In this byte order a DBC counts from the highest bit of the first byte.
-        lines += f'\n SG_ {name} : {start + 7}|{bits}@0+ (1,0) [0|{2**bits - 1}] "" {receivers}'
+        place = f"{start + 7}|{bits}@0+ (1,0) [0|{2**bits - 1}]"
+        lines += f'\n SG_ {message}_{name} : {place} "" {receivers}'
         start += bits
     return lines
 

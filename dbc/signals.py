@@ -1,32 +1,22 @@
 """One signal of the DBC as the numbers that pack and unpack it.
 
-cantools reads the DBC, and its signal definitions are the only truth: position, width, sign,
-resolution, range and "not available" all come from there.
+The DBC is the only truth: position, width, sign, resolution, range and "not available" all come
+from there, by ``dbc.generated_layout``.
 
     raw   = round(value / resolution)       nearest, halves to even
     value = raw * resolution                both as cantools computes them
 
 A NamedTuple's field and the signal it stands for are matched by name and unit: ``speed_m_s`` is
-SPEED in m/s. A field whose unit is not the DBC's therefore has no signal.
+SPEED in m/s. A field whose unit is not the DBC's therefore has no signal. Where a signal's name
+would not be unique in the DBC it begins with that of its message, which the field leaves out.
 """
 
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from enum import IntEnum
 from typing import Any, NamedTuple
 
-from cantools.database.can import Signal
-
-UNIT_SUFFIXES: Mapping[str | None, str] = {
-    None: "",
-    "1/m": "_1_m",
-    "m": "_m",
-    "m/s": "_m_s",
-    "rad": "_rad",
-    "rad/s": "_rad_s",
-    "s": "_s",
-}
-"""A unit of the DBC, and how the name of a Python field in that unit ends."""
+from .layout import SignalLayout
 
 NOT_AVAILABLE_NAME = "NOT_AVAILABLE"
 """The entry in a signal's value table that says the sender has no value now."""
@@ -65,30 +55,21 @@ class PackedSignal(NamedTuple):
     text: str
 
 
-def field_name(signal: Signal) -> str:
-    """Name of the Python field for ``signal``; KeyError for a unit without a suffix."""
-    return signal.name.lower() + UNIT_SUFFIXES[signal.unit]
-
-
-def signal_range(signal: Signal) -> SignalRange:
-    """The range of ``signal``; ValueError where the DBC gives none."""
-    if signal.minimum is None or signal.maximum is None:
-        raise ValueError(f"{signal.name}: no range")
+def signal_range(signal: SignalLayout) -> SignalRange:
+    """The range of ``signal``."""
     return SignalRange(signal.minimum, signal.maximum)
 
 
-def packed_signal(signal: Signal, kind: type) -> PackedSignal:
+def packed_signal(signal: SignalLayout, kind: type) -> PackedSignal:
     """The numbers for ``signal``, standing for a field of type ``kind`` (float, int or an IntEnum).
 
-    Raises ValueError where the DBC asks for what is not done here: big-endian bytes, an offset,
-    floating-point raws, or a resolution other than 1 for an integer.
+    Raises ValueError for an integer with another resolution than 1, and for an enumeration that
+    has not all values of its signal's range.
     """
-    if signal.byte_order != "little_endian" or signal.offset != 0 or signal.is_float:
-        raise ValueError(f"{signal.name}: only little-endian integers without offset are packed")
     if kind is not float and signal.scale != 1:
         raise ValueError(f"{signal.name}: an integer needs the resolution 1")
     minimum, maximum = signal_range(signal)
-    allowed = f"{minimum} to {maximum} {signal.unit or ''}".rstrip()
+    allowed = f"{minimum} to {maximum} {signal.unit}".rstrip()
     to_raw: Callable[[Any], int] | None = None
     from_raw: Callable[[int], Any] | None = None
     resolution = signal.scale
@@ -111,16 +92,9 @@ def packed_signal(signal: Signal, kind: type) -> PackedSignal:
         sign=1 << signal.length - 1 if signal.is_signed else 0,
         raw_minimum=round(minimum / signal.scale),
         raw_maximum=round(maximum / signal.scale),
-        not_available=_not_available(signal),
+        not_available=signal.not_available,
         text=f"{signal.name}: allowed is {allowed}",
     )
-
-
-def _not_available(signal: Signal) -> int | None:
-    for raw, name in (signal.choices or {}).items():
-        if str(name) == NOT_AVAILABLE_NAME:
-            return raw
-    return None
 
 
 def _member(kind: type[IntEnum]) -> tuple[Callable[[IntEnum], int], Callable[[int], IntEnum]]:

@@ -44,7 +44,7 @@ class ForeignController:
         if message.arbitration_id != self.error.frame_id or not self.is_intact(message.data):
             return None
         decoded: Any = self.error.decode(bytes(message.data))
-        error_m = decoded["LATERAL_ERROR"]
+        error_m = decoded["LATERAL_ERROR_LATERAL_ERROR"]
         if not isinstance(error_m, float):  # NOT_AVAILABLE is a word
             return None
         change_m = error_m - (self.errors_m[-1] if self.errors_m else error_m)
@@ -55,8 +55,13 @@ class ForeignController:
         return self.steer(min(max(steer_rad, -STEER_RAD_MAX), STEER_RAD_MAX))
 
     def steer(self, steer_rad: float) -> can.Message:
-        counters = {"COUNTER": self.sent % 256, "COMMAND_COUNTER": self.sent % 65536}
-        values = {"CRC": 0, "STEER": steer_rad, "MODE": MODE_ACTIVE, **counters}
+        values = {
+            "STEERING_COMMAND_CRC": 0,
+            "STEERING_COMMAND_COUNTER": self.sent % 256,
+            "STEER": steer_rad,
+            "COMMAND_COUNTER": self.sent % 65536,
+            "STEERING_COMMAND_MODE": MODE_ACTIVE,
+        }
         data = bytearray(self.command.encode(values))
         data[:2] = crc16(data[2:] + data_id(self.command)).to_bytes(2, "little")
         self.sent += 1

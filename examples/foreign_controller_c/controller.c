@@ -74,21 +74,23 @@ static int on_frame(struct controller *x, const struct can_frame *frame, struct 
     if (frame->can_id != STEER_BY_WIRE_LATERAL_ERROR_FRAME_ID
         || frame->can_dlc != STEER_BY_WIRE_LATERAL_ERROR_LENGTH
         || steer_by_wire_lateral_error_unpack(&error, frame->data, frame->can_dlc) != 0
-        || error.crc != crc_of(frame->data, frame->can_dlc, ERROR_DATA_ID)
-        || error.lateral_error == NOT_AVAILABLE_RAW)
+        || error.lateral_error_crc != crc_of(frame->data, frame->can_dlc, ERROR_DATA_ID)
+        || error.lateral_error_lateral_error == NOT_AVAILABLE_RAW)
         return 0;
-    double steer_rad = decide(x, steer_by_wire_lateral_error_lateral_error_decode(error.lateral_error));
+    double error_m = steer_by_wire_lateral_error_lateral_error_lateral_error_decode(
+        error.lateral_error_lateral_error);
+    double steer_rad = decide(x, error_m);
     steer_by_wire_steering_command_init(&command);
     /* The generated encoder truncates. */
     command.steer = (int32_t)lrint(steer_rad / STEER_RESOLUTION_RAD);
     command.command_counter = (uint16_t)x->sent;
-    command.counter = (uint8_t)x->sent;
-    command.mode = MODE_ACTIVE;
+    command.steering_command_counter = (uint8_t)x->sent;
+    command.steering_command_mode = MODE_ACTIVE;
     memset(answer, 0, sizeof *answer);
     answer->can_id = STEER_BY_WIRE_STEERING_COMMAND_FRAME_ID;
     answer->can_dlc = STEER_BY_WIRE_STEERING_COMMAND_LENGTH;
     steer_by_wire_steering_command_pack(answer->data, &command, sizeof answer->data);
-    command.crc = crc_of(answer->data, answer->can_dlc, COMMAND_DATA_ID);
+    command.steering_command_crc = crc_of(answer->data, answer->can_dlc, COMMAND_DATA_ID);
     steer_by_wire_steering_command_pack(answer->data, &command, sizeof answer->data);
     x->sent++;
     return 1;

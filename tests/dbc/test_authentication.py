@@ -6,7 +6,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from steer_by_wire.dbc.authentication import Authentication, nearest
-from steer_by_wire.dbc.codec import load_database
+from steer_by_wire.dbc.dbc_file import load_database
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand
 from steer_by_wire.dbc.reception import Reception
 from steer_by_wire.dbc.secured_dbc import secured_dbc
@@ -198,6 +198,10 @@ def test_the_printed_dbc_describes_every_byte_and_leaves_the_payload_as_it_was()
         if message.frame_id in LAYOUTS:
             assert longer.is_fd
             assert longer.length == LAYOUTS[message.frame_id].length
+    names = [signal.name for message in database.messages for signal in message.signals]
+    names += [message.name for message in database.messages]
+    assert sorted(names) == sorted(set(names))
+    assert max(map(len, names)) <= 32
     controller_end, plant_end = met(first_counter=2**33)
     for frame, sender in ((FROM_PLANT[0], plant_end), (CONTROLLER_STATUS, controller_end)):
         secured = sender.secure(frame)
@@ -208,7 +212,8 @@ def test_the_printed_dbc_describes_every_byte_and_leaves_the_payload_as_it_was()
         assert was.items() <= signals.items()
         layout = LAYOUTS[frame.can_id]
         on_wire = secured.data[layout.secured_length : layout.mac_start]
-        assert signals["FRESHNESS"] == int.from_bytes(on_wire, "big")
+        name = database.get_message_by_frame_id(frame.can_id).name
+        assert signals[f"{name}_MAC_COUNTER"] == int.from_bytes(on_wire, "big")
         challenges = dict(signals)
-    assert challenges["CHALLENGE"] == int.from_bytes(CONTROLLER_CHALLENGE, "big")
-    assert challenges["ECHO"] == int.from_bytes(PLANT_CHALLENGE, "big")
+    assert challenges["CONTROLLER_STATUS_CHALLENGE"] == int.from_bytes(CONTROLLER_CHALLENGE, "big")
+    assert challenges["CONTROLLER_STATUS_ECHO"] == int.from_bytes(PLANT_CHALLENGE, "big")

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.dbc.authentication import SECOC_DEFINITIONS
-from steer_by_wire.dbc.codec import load_database
+from steer_by_wire.dbc.dbc_file import load_database
 from steer_by_wire.dbc.key_file import cmac_under
 from steer_by_wire.dbc.messages import (
     CAN_IDS,

@@ -14,9 +14,9 @@ from cantools.database.can import Message as Definition
 from cantools.database.can.signal import Signal
 
 from steer_by_wire import dbc
-from steer_by_wire.dbc.codec import load_database
+from steer_by_wire.dbc.dbc_file import load_database
 from steer_by_wire.dbc.messages import Decoded, decode, encode
-from steer_by_wire.dbc.protection import HEADER_BITS, protect
+from steer_by_wire.dbc.protection import header_bits, protect
 from steer_by_wire.runtime.frame import Frame
 
 DATABASE = load_database()
@@ -92,7 +92,7 @@ def random_frame(definition: Definition, source: random.Random) -> Frame:
         ends = round(signal.minimum / signal.scale), round(signal.maximum / signal.scale)
         raws[signal.name] = source.choice([*ends, source.randint(*ends), source.randint(*ends)])
     payload = bytearray(definition.encode(raws, scaling=False))
-    if set(HEADER_BITS) <= set(raws):
+    if header_bits(definition.name).keys() <= raws.keys():
         assert definition.dbc is not None
         protect(payload, int(definition.dbc.attributes["E2EDataId"].value))
     return Frame(definition.frame_id, bytes(payload))

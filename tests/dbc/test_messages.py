@@ -10,7 +10,7 @@ from cantools.database.can.signal import Signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.dbc.codec import load_database
+from steer_by_wire.dbc.dbc_file import field_name, load_database
 from steer_by_wire.dbc.messages import (
     MESSAGE_TYPES,
     ControllerFault,
@@ -41,8 +41,7 @@ from steer_by_wire.dbc.messages import (
     encode_not_available,
     limits,
 )
-from steer_by_wire.dbc.protection import HEADER_BITS
-from steer_by_wire.dbc.signals import field_name
+from steer_by_wire.dbc.protection import header_bits
 from steer_by_wire.runtime.frame import Frame
 
 DATABASE = load_database()
@@ -71,7 +70,7 @@ counters = st.integers(0, 255)
 def signals_of(message: Message) -> dict[str, Signal]:
     """The DBC's signals by the name of the field that stands for them."""
     definition = DATABASE.get_message_by_name(NAMES[type(message)])
-    fields = {field_name(signal): signal for signal in definition.signals}
+    fields = {field_name(definition, signal): signal for signal in definition.signals}
     return {name: fields[name] for name in message._fields}
 
 
@@ -161,7 +160,7 @@ def test_cantools_packs_the_same_bytes_and_unpacks_the_same_values(
     names = {signal.name: name for name, signal in signals_of(message).items()}
     for signal_name, name in names.items():
         assert theirs[signal_name] == getattr(decoded.message, name)
-    header = {name: value for name, value in theirs.items() if name in HEADER_BITS}
+    header = {name: value for name, value in theirs.items() if name in header_bits(definition.name)}
     values = {signal_name: getattr(message, name) for signal_name, name in names.items()}
     assert definition.encode(header | values) == frame.data
 

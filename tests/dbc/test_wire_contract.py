@@ -1,6 +1,7 @@
 """The DBC itself, and that the typed messages and the documentation say the same as it does."""
 
 import re
+from collections import Counter
 from enum import IntEnum
 from pathlib import Path
 from typing import NamedTuple, get_type_hints
@@ -10,10 +11,13 @@ from cantools.database.can import Message as Definition
 from cantools.database.can.signal import Signal
 
 from steer_by_wire.controller.laws import LAWS
-from steer_by_wire.dbc.codec import MessageCodec, load_database
+from steer_by_wire.dbc.codec import MessageCodec
+from steer_by_wire.dbc.dbc_file import layouts_of, load_database
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
+    DATA_IDS,
     MESSAGE_TYPES,
+    Decoded,
     Direction,
     LatencyConfig,
     LatencyModel,
@@ -24,7 +28,8 @@ from steer_by_wire.dbc.messages import (
     encode,
     limits,
 )
-from steer_by_wire.dbc.protection import HEADER_BITS
+from steer_by_wire.dbc.protection import header_bits, protect
+from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 
 DATABASE = load_database()
@@ -38,7 +43,8 @@ UNIT_IN_THE_DBC = {"1_m": "1/m", "m_s": "m/s", "rad_s": "rad/s", "rad": "rad", "
 
 def payload_signals(definition: Definition) -> list[Signal]:
     """The signals a typed message has fields for, in the order of their bits."""
-    return [signal for signal in definition.signals if signal.name not in HEADER_BITS]
+    header = header_bits(definition.name)
+    return [signal for signal in definition.signals if signal.name not in header]
 
 
 def attribute(definition: Definition, name: str) -> float | str | None:
@@ -57,7 +63,25 @@ def test_every_field_has_the_name_and_the_unit_of_its_signal() -> None:
             unit = UNIT_AT_THE_END.search(field)
             bare = field[: unit.start()] if unit else field
             found.append((bare.upper(), UNIT_IN_THE_DBC[unit[1]] if unit else None))
-        assert found == [(signal.name, signal.unit) for signal in payload_signals(definition)]
+        prefix = f"{name}_"
+        signals = payload_signals(definition)
+        assert found == [(signal.name.removeprefix(prefix), signal.unit) for signal in signals]
+
+
+def test_a_name_is_unique_and_has_its_message_in_front_only_where_it_would_not_be() -> None:
+    """ARXML exports refuse two of one name, and so do 32 characters of an old DBC reader."""
+    messages = [message.name for message in DATABASE.messages]
+    signals = [signal.name for message in DATABASE.messages for signal in message.signals]
+    names = messages + signals
+    assert sorted(names) == sorted(set(names))
+    assert max(map(len, names)) <= 32
+    bare = Counter(messages)
+    for message in DATABASE.messages:
+        bare.update(signal.name.removeprefix(f"{message.name}_") for signal in message.signals)
+    for message in DATABASE.messages:
+        for signal in message.signals:
+            short = signal.name.removeprefix(f"{message.name}_")
+            assert (short != signal.name) == (bare[short] > 1), signal.name
 
 
 def test_every_message_has_a_type_and_every_type_a_message() -> None:
@@ -121,9 +145,8 @@ def test_a_message_is_sent_by_whom_to_whom_and_how_often(
     assert not definition.is_extended_frame
     assert definition.senders == [sender]
     assert definition.cycle_time == cycle_ms
-    is_at_changes_too = name in ("CONTROLLER_SAFETY", "PLANT_STATUS")
-    cyclic = "CyclicAndSpontaneous" if is_at_changes_too else "Cyclic"
-    assert definition.send_type == ("Event" if cycle_ms is None else cyclic)
+    # What is sent at changes as well says so at the signals that change (test_dbc_attributes).
+    assert definition.send_type == ("NoMsgSendType" if cycle_ms is None else "Cyclic")
     for signal in definition.signals:
         assert set(signal.receivers) == receivers, signal.name
 
@@ -140,11 +163,11 @@ def test_every_periodic_message_is_protected_under_a_data_id_of_its_own() -> Non
         header = {
             signal.name: (signal.start, signal.length)
             for signal in definition.signals
-            if signal.name in HEADER_BITS
+            if signal.name in header_bits(definition.name)
         }
         if definition in PROTECTED:
             assert attribute(definition, "E2EProfile") == 1  # "PROFILE_05" of the enumeration
-            assert header == HEADER_BITS
+            assert header == header_bits(definition.name)
         else:
             assert header == {}
             assert attribute(definition, "E2EDataId") is None
@@ -156,8 +179,9 @@ def test_a_field_whose_unit_is_not_the_dbcs_is_refused() -> None:
         lateral_error_mm: float
         heading_error_rad: float
 
+    layout = next(layout for layout in layouts_of(DATABASE) if layout.name == "LATERAL_ERROR")
     with pytest.raises(KeyError, match="lateral_error_mm"):
-        MessageCodec(DATABASE.get_message_by_name("LATERAL_ERROR"), InMillimetres)
+        MessageCodec(layout, InMillimetres)
 
 
 def test_quantisation_is_small_beside_the_smallest_lateral_error_expected() -> None:
@@ -166,7 +190,7 @@ def test_quantisation_is_small_beside_the_smallest_lateral_error_expected() -> N
     command, error = (
         DATABASE.get_message_by_name(n) for n in ("STEERING_COMMAND", "LATERAL_ERROR")
     )
-    for definition, name in ((command, "STEER"), (error, "LATERAL_ERROR")):
+    for definition, name in ((command, "STEER"), (error, "LATERAL_ERROR_LATERAL_ERROR")):
         resolution = definition.get_signal_by_name(name).scale
         assert resolution / 12**0.5 < 0.01 * smallest_rms_m
 
@@ -192,6 +216,52 @@ def test_the_document_describes_every_signal_as_the_dbc_does(definition: Definit
     rows = [line for line in section.splitlines() if re.match(r"\| [A-Z_]{3,} \|", line)]
     expected = [document_row(signal) for signal in payload_signals(definition)]
     assert [row[: len(start)] for row, start in zip(rows, expected, strict=True)] == expected
+
+
+def unused_bits(definition: Definition) -> list[range]:
+    used = {signal.start + bit for signal in definition.signals for bit in range(signal.length)}
+    free = [bit for bit in range(8 * definition.length) if bit not in used]
+    starts = [bit for bit in free if bit - 1 not in free]
+    ends = [bit for bit in free if bit + 1 not in free]
+    return [range(first, last + 1) for first, last in zip(starts, ends, strict=True)]
+
+
+def test_the_document_names_the_bits_that_nobody_uses_and_they_are_ignored() -> None:
+    texts = []
+    for definition in DATABASE.messages:
+        gaps = unused_bits(definition)
+        if gaps:
+            listed = " and ".join(f"{gap[0]} to {gap[-1]}" for gap in gaps)
+            texts.append(f"{definition.name} {listed}")
+        raws = {
+            signal.name: 1 if signal.minimum is None or signal.minimum <= signal.scale else 0
+            for signal in definition.signals
+        }
+        payload = bytearray(definition.encode(raws, scaling=False))
+        word = int.from_bytes(payload, "little") | sum(1 << bit for gap in gaps for bit in gap)
+        filled = bytearray(word.to_bytes(definition.length, "little"))
+        message_type = MESSAGE_TYPES[definition.name]
+        if message_type in DATA_IDS:
+            protect(payload, DATA_IDS[message_type])
+            protect(filled, DATA_IDS[message_type])
+        sent = decode(Frame(definition.frame_id, bytes(payload)))
+        assert isinstance(sent, Decoded)
+        assert decode(Frame(definition.frame_id, bytes(filled))) == sent
+        assert encode(*sent).data == bytes(payload)
+    assert f"The CRC covers them. {', '.join(texts)} |".lower() in DOCUMENT.lower()
+
+
+def test_the_document_names_the_vehicle_and_the_times_that_are_our_defaults() -> None:
+    vehicle = PlantSettings().vehicle
+    wheelbase_m = round(vehicle.front_axle_m + vehicle.rear_axle_m, 4)
+    section = DOCUMENT.split("## What another controller or plant must know")[1].split("\n## ")[0]
+    for text in (
+        f"{vehicle.front_axle_m} m behind the front axle and {vehicle.rear_axle_m} m ahead",
+        f"wheelbase {wheelbase_m} m",
+        f"{vehicle.preview_m} m ahead of the centre of gravity",
+    ):
+        assert text in section
+    assert all(DATA_IDS[kind] == 0x5000 + CAN_IDS[kind] for kind in DATA_IDS)
 
 
 def test_the_documented_cansend_line_is_the_frame_it_says() -> None:

@@ -203,4 +203,4 @@ def test_a_pair_with_a_key_runs_on_vcan0_and_candump_and_cantools_read_it(
     ).stdout.decode("utf-8")
     command_lines = [line for line in decoded.splitlines() if "STEERING_COMMAND(" in line]
     assert len(command_lines) > COMMANDS_MIN
-    assert all("AUTHENTICATOR: " in line and "STEER: " in line for line in command_lines)
+    assert all("STEERING_COMMAND_MAC: " in line and "STEER: " in line for line in command_lines)

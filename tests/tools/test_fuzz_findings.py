@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.dbc.codec import ContractError, codecs_of, parse_database
+from steer_by_wire.dbc.codec import ContractError, codecs_of
+from steer_by_wire.dbc.dbc_file import layouts_of, parse_database
 from steer_by_wire.dbc.messages import MESSAGE_TYPES
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.waypoints import waypoint_path
@@ -118,10 +119,10 @@ def test_a_log_without_lines_has_an_end() -> None:
 
 
 def test_an_enumeration_that_the_dbc_makes_wider_than_ours_is_refused_when_it_is_read() -> None:
-    wider = DBC.replace("SG_ MODE : 58|3@1+ (1,0) [0|3]", "SG_ MODE : 58|3@1+ (1,0) [0|7]")
+    wider = DBC.replace("_MODE : 58|3@1+ (1,0) [0|3]", "_MODE : 58|3@1+ (1,0) [0|7]")
     assert wider != DBC
-    with pytest.raises(ContractError, match=r"steer_by_wire.dbc: STEERING_COMMAND: MODE: 0 to 7"):
-        codecs_of(parse_database(wider), MESSAGE_TYPES.items())
+    with pytest.raises(ContractError, match="STEERING_COMMAND: STEERING_COMMAND_MODE: 0 to 7"):
+        codecs_of(layouts_of(parse_database(wider)), MESSAGE_TYPES.items())
 
 
 @pytest.mark.parametrize(
@@ -130,7 +131,7 @@ def test_an_enumeration_that_the_dbc_makes_wider_than_ours_is_refused_when_it_is
 )
 def test_a_damaged_dbc_is_told_in_one_line(text: str) -> None:
     with pytest.raises(ContractError) as raised:
-        codecs_of(parse_database(text), MESSAGE_TYPES.items())
+        codecs_of(layouts_of(parse_database(text)), MESSAGE_TYPES.items())
     assert str(raised.value).startswith("steer_by_wire.dbc: ")
     assert len(str(raised.value).splitlines()) == 1
 

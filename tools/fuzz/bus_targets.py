@@ -69,8 +69,8 @@ def fuzz_protocol(data: bytes) -> None:
         with suppress(ProtocolError):
             delivered, _ = unpack_delivery(record, raw)
             if isinstance(delivered, Buffer):
-                again, _ = unpack_delivery(record, pack_buffer(record, delivered))
-                promise(again == delivered, f"{delivered} becomes {again}")
+                again_delivered, _ = unpack_delivery(record, pack_buffer(record, delivered))
+                promise(again_delivered == delivered, f"{delivered} becomes {again_delivered}")
         with suppress(ProtocolError):
             request = unpack_request(record, raw)
             if isinstance(request, Frame):

@@ -16,8 +16,8 @@ from ...dbc.codec import (
     MessageCodec,
     Rejection,
     codecs_of,
-    parse_database,
 )
+from ...dbc.dbc_file import layouts_of, parse_database
 from ...dbc.messages import MESSAGE_TYPES, Message
 from ...dbc.protection import protect
 from .choices import Choices
@@ -32,7 +32,7 @@ def fuzz_contract(data: bytes) -> None:
     choices = Choices(data)
     text = _changed(choices)
     try:
-        codecs = codecs_of(parse_database(text), MESSAGE_TYPES.items())
+        codecs = codecs_of(layouts_of(parse_database(text)), MESSAGE_TYPES.items())
     except ContractError as error:
         promise(len(str(error).splitlines()) == 1, f"not one line: {error!r}")
         promise(str(error).startswith(FILE), f"does not begin with the file: {error}")

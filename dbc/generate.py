@@ -1,0 +1,51 @@
+"""Writes ``generated_layout.py`` from the DBC beside it, to be run after a change of the DBC.
+
+python -m steer_by_wire.dbc.generate
+"""
+
+from pathlib import Path
+
+from .dbc_file import layouts_of, load_database
+from .layout import MessageLayout, SignalLayout
+
+FILE = Path(__file__).with_name("generated_layout.py")
+
+_HEAD = '''"""The messages of ``steer_by_wire.dbc``; written by ``dbc.generate``, not by hand."""
+
+from .layout import MessageLayout, SignalLayout
+
+# fmt: off
+LAYOUTS: tuple[MessageLayout, ...] = (
+'''
+
+
+def generated_text() -> str:
+    """Return what the file has to be; raises ContractError."""
+    return _HEAD + "".join(_message_text(layout) for layout in layouts_of(load_database())) + ")\n"
+
+
+def _message_text(layout: MessageLayout) -> str:
+    data_id = None if layout.data_id is None else f"{layout.data_id:#06x}"
+    return (
+        "    MessageLayout(\n"
+        f'        "{layout.name}", can_id={layout.can_id:#05x}, length={layout.length},'
+        f" cycle_time_ms={layout.cycle_time_ms}, data_id={data_id},\n"
+        "        signals=(\n" + "".join(map(_signal_text, layout.signals)) + "        ),\n"
+        "    ),\n"
+    )
+
+
+def _signal_text(layout: SignalLayout) -> str:
+    return (
+        "            SignalLayout(\n"
+        f'                "{layout.name}", "{layout.field}",\n'
+        f"                start={layout.start}, length={layout.length},"
+        f' is_signed={layout.is_signed}, scale={layout.scale!r}, unit="{layout.unit}",\n'
+        f"                minimum={layout.minimum!r}, maximum={layout.maximum!r},"
+        f" not_available={layout.not_available!r},\n"
+        "            ),\n"
+    )
+
+
+if __name__ == "__main__":
+    FILE.write_text(generated_text(), encoding="ascii")

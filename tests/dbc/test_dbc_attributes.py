@@ -1,0 +1,182 @@
+"""What the DBC says to an interaction layer, and that it is what both nodes do.
+
+The names are those of Vector's interaction layer; the E2E parameters' are those of AUTOSAR.
+"""
+
+from cantools.database.can import Message as Definition
+
+from steer_by_wire.controller.received import RECEIVED as CONTROLLER_RECEIVES
+from steer_by_wire.controller.settings import ControllerSettings, age_limits_of
+from steer_by_wire.dbc.dbc_file import load_database
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    CYCLE_TIMES_MS,
+    DATA_IDS,
+    MESSAGE_TYPES,
+    ControllerSafety,
+    ControllerStatus,
+    Decoded,
+    DelayStatus,
+    Direction,
+    EchoState,
+    EstimateState,
+    LatencyConfig,
+    Mode,
+    PlantStatus,
+    Rejection,
+    SafetyState,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    VehicleState,
+    decode,
+)
+from steer_by_wire.dbc.protection import protect
+from steer_by_wire.pair.virtual import BITRATE_BIT_S
+from steer_by_wire.plant_emulator.safety_settings import design_guard
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NS_PER_MS
+from steer_by_wire.runtime.settings import load_settings, read_preset
+
+DATABASE = load_database()
+CONTROLLER = load_settings(
+    ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd")
+)
+
+
+def attributes(definition: Definition) -> dict[str, object]:
+    """Those that are not the DBC's defaults."""
+    assert definition.dbc is not None
+    return {name: attribute.value for name, attribute in definition.dbc.attributes.items()}
+
+
+def start_frame(definition: Definition) -> Frame:
+    """What an interaction layer sends before anybody has written a value."""
+    raws = {signal.name: int(signal.raw_initial or 0) for signal in definition.signals}
+    payload = bytearray(definition.encode(raws, scaling=False, strict=False))
+    message_type = MESSAGE_TYPES[definition.name]
+    if message_type in DATA_IDS:
+        protect(payload, DATA_IDS[message_type])
+    return Frame(definition.frame_id, bytes(payload))
+
+
+def test_an_interaction_layer_starts_with_nothing_that_anybody_would_act_on() -> None:
+    started = {
+        MESSAGE_TYPES[definition.name]: decode(start_frame(definition))
+        for definition in DATABASE.messages
+    }
+    refused = {kind.__name__ for kind, got in started.items() if got is Rejection.NOT_AVAILABLE}
+    assert refused == {"SteeringCommand", "LateralError"}
+    said = [got.message for got in started.values() if isinstance(got, Decoded)]
+    assert len(said) + len(refused) == len(MESSAGE_TYPES)
+    for message in said:
+        match message:
+            case SteeringStatus():
+                assert message.status is SteeringStatusCode.NO_COMMAND
+            case VehicleState():
+                assert message == (0.0, 0.0, 0.0)
+            case ControllerStatus():
+                assert message.mode is Mode.WAITING
+            case DelayStatus():
+                assert message.echo_state is EchoState.UNKNOWN
+                assert message.estimate_state is EstimateState.OFF
+            case PlantStatus():
+                assert message.safety is SafetyState.NORMAL
+            case LatencyConfig():
+                assert message == (Direction.BOTH, 0, 0.0, 0.0, 0.0)
+            case _:
+                assert isinstance(message, ControllerSafety)
+                assert not any(message)
+
+
+def test_the_bit_rate_is_the_one_that_loads_and_tests_are_computed_with() -> None:
+    assert DATABASE.dbc is not None
+    values = {name: attribute.value for name, attribute in DATABASE.dbc.attributes.items()}
+    assert values == {"BusType": "CAN", "Baudrate": BITRATE_BIT_S}
+
+
+def test_a_message_that_is_sent_at_changes_says_at_those_of_which_signals() -> None:
+    sent: dict[str, set[str]] = {}
+    for definition in DATABASE.messages:
+        for signal in definition.signals:
+            assert signal.dbc is not None
+            kind = signal.dbc.attributes.get("GenSigSendType")
+            if kind is not None:
+                choices = kind.definition.choices
+                assert choices is not None
+                sent.setdefault(choices[int(kind.value)], set()).add(signal.name)
+    freshness = ("LATERAL_ERROR", "STEERING_STATUS", "VEHICLE_STATE")
+    assert sent == {
+        "OnChange": {
+            "CONTROLLER_SAFETY_REJECTED",
+            "FAULT",
+            "SAFETY",
+            *(f"{name}_FRESHNESS" for name in freshness),
+        },
+        "OnWrite": {"DIRECTION", "MODEL", "MEAN", "SPREAD", "LOSS"},
+    }
+
+
+def test_no_message_follows_its_last_sooner_than_its_sender_can_send_it() -> None:
+    found = {
+        definition.name: attributes(definition).get("GenMsgDelayTime")
+        for definition in DATABASE.messages
+    }
+    period_ms = CYCLE_TIMES_MS[SteeringCommand]
+    assert {name: delay for name, delay in found.items() if delay is not None} == {
+        "CONTROLLER_SAFETY": period_ms
+    }
+
+
+def test_a_receiver_times_out_when_our_nodes_do() -> None:
+    assert DATABASE.dbc is not None
+    guard = design_guard(PlantSettings().safety, PlantSettings().vehicle, PlantSettings().actuator)
+    limits = age_limits_of(CONTROLLER)
+    expected_ns = {
+        ("PLANT", CAN_IDS[SteeringCommand]): guard.silence_ns,
+        ("CONTROLLER", 0x110): limits.lateral_error_ns,
+        ("CONTROLLER", 0x120): limits.steering_status_ns,
+        ("CONTROLLER", 0x130): limits.vehicle_state_ns,
+    }
+    assert {can_id for node, can_id in expected_ns if node == "CONTROLLER"} == {
+        CAN_IDS[message_type] for message_type in CONTROLLER_RECEIVES
+    }
+    for definition in DATABASE.messages:
+        for signal in definition.signals:
+            for node in ("PLANT", "CONTROLLER", "TOOL"):
+                timeout_ns = expected_ns.get((node, definition.frame_id))
+                expected = None if timeout_ns is None else timeout_ns / NS_PER_MS
+                assert timeout_ms(definition, signal.name, node) == expected, signal.name
+
+
+def timeout_ms(definition: Definition, signal: str, node: str) -> float | None:
+    """After how long without the message the node takes the signal for gone."""
+    assert DATABASE.dbc is not None
+    attributes_of_pairs = DATABASE.dbc.relation_attributes
+    assert attributes_of_pairs is not None
+    relations = attributes_of_pairs.node_signal_relations
+    try:
+        return float(relations[definition.frame_id][signal][node]["GenSigTimeoutTime"].value)
+    except KeyError:
+        return None
+
+
+def test_the_e2e_parameters_are_those_both_receivers_check_with() -> None:
+    jumps = {CONTROLLER.supervision.max_counter_jump, PlantSettings().max_counter_jump}
+    for definition in DATABASE.messages:
+        found = attributes(definition)
+        if MESSAGE_TYPES[definition.name] in DATA_IDS:
+            assert found["E2EDataLength"] == 8 * definition.length
+            assert {found["E2EMaxDeltaCounter"]} == jumps
+        else:
+            assert not any(name.startswith("E2E") for name in found)
+
+
+def test_what_only_a_test_rig_has_is_marked() -> None:
+    marked = {
+        definition.name
+        for definition in DATABASE.messages
+        if attributes(definition).get("RigMessage") == 1
+    }
+    assert marked == {"PLANT_STATUS", "LATENCY_CONFIG"}
