@@ -1,16 +1,17 @@
 """Packs and unpacks the payload of one message, as the DBC defines it.
 
-The tables of shifts and masks are built once from ``dbc.generated_layout``, because packing with
-cantools takes longer than a step of the control law.
+The functions that do it are written once, by ``dbc.packing``, from ``dbc.generated_layout``: packing
+with cantools takes longer than a step of the control law.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
 from typing import Any, Generic, TypeVar, get_type_hints
 
 from ..runtime.error_text import one_line
 from .layout import MessageLayout
-from .protection import COUNTERS, is_intact, protect
+from .packing import packing_of
+from .protection import COUNTERS, protect
 from .signals import (
     NOT_AVAILABLE_NAME,
     packed_signal,
@@ -67,80 +68,62 @@ class MessageCodec(Generic[MessageT]):
         self.length = message.length
         self.cycle_time_ms = message.cycle_time_ms
         self.data_id = message.data_id
-        self._message_type = message_type
         signals = {signal.field: signal for signal in message.signals}
         kinds = get_type_hints(message_type)
-        self._signals = tuple(packed_signal(signals[name], kind) for name, kind in kinds.items())
+        self._signals = {name: packed_signal(signals[name], kind) for name, kind in kinds.items()}
+        packing = packing_of(
+            message_type,
+            self.length,
+            self.data_id,
+            self._signals,
+            self._cannot_send,
+            Rejection.BAD_CRC,
+            self._refusal,
+        )
+        self.pack: Callable[[MessageT, int], bytes] = packing.pack
+        """Payload of a message with a counter; raises EncodeError."""
+        self.unpack: Callable[[bytes], tuple[MessageT, int] | Rejection] = packing.unpack
+        """Message and E2E counter (0 where there is none) in a payload of the right length.
+
+        Where several signals are bad, the first one in the order of the fields decides.
+        """
+        self.source = packing.source
         self.limits = {name: signal_range(signals[name]) for name in kinds}
         self.resolutions = {name: float(signals[name].scale) for name in kinds}
 
-    def pack(self, message: MessageT, counter: int) -> bytes:
-        """Payload of ``message``; raises EncodeError."""
-        return self._seal(self._word(message), counter)
-
     def pack_not_available(self, message: MessageT, counter: int) -> bytes:
         """Like ``pack``, but every signal that can be NOT_AVAILABLE is; raises EncodeError."""
-        word = self._word(message)
+        payload = bytearray(self.pack(message, counter))
         mask = bits = 0
-        for signal in self._signals:
+        for signal in self._signals.values():
             if signal.not_available is not None:
                 mask |= signal.mask << signal.shift
                 bits |= (signal.not_available & signal.mask) << signal.shift
         if not mask:
             raise EncodeError(f"{self.name}: none of its signals can be {NOT_AVAILABLE_NAME}")
-        return self._seal(word & ~mask | bits, counter)
-
-    def unpack(self, payload: bytes) -> tuple[MessageT, int] | Rejection:
-        """Message and E2E counter (0 where there is none) in a payload of the right length.
-
-        Where several signals are bad, the first one in the order of the fields decides.
-        """
-        counter = 0
+        word = int.from_bytes(payload, "little") & ~mask | bits
+        payload[:] = word.to_bytes(self.length, "little")
         if self.data_id is not None:
-            if not is_intact(payload, self.data_id):
-                return Rejection.BAD_CRC
-            counter = payload[2]
-        word = int.from_bytes(payload, "little")
-        values: list[Any] = []
-        for (
-            _, from_raw, resolution, shift, mask, sign, minimum, maximum, not_available, _
-        ) in self._signals:  # fmt: skip
-            raw = ((word >> shift & mask) ^ sign) - sign
-            if minimum <= raw <= maximum:
-                values.append(raw * resolution if from_raw is None else from_raw(raw))
-            elif raw == not_available:
-                return Rejection.NOT_AVAILABLE
-            else:
-                return Rejection.OUT_OF_RANGE
-        return self._message_type(*values), counter
-
-    def _word(self, message: MessageT) -> int:
-        """All fields in one integer, the first bit of the payload lowest."""
-        word = 0
-        for value, (to_raw, _, resolution, shift, mask, _, minimum, maximum, _, text) in zip(
-            message, self._signals, strict=True
-        ):
-            try:
-                raw = round(value / resolution) if to_raw is None else to_raw(value)
-            except (TypeError, ValueError, OverflowError) as error:  # no number, NaN, infinite
-                raise EncodeError(f"{self.name}.{text}, not {value!r}") from error
-            if not minimum <= raw <= maximum:
-                raise EncodeError(f"{self.name}.{text}, not {value!r}")
-            word |= (raw & mask) << shift
-        return word
-
-    def _seal(self, word: int, counter: int) -> bytes:
-        """The payload for ``word``, with counter and CRC if the message is protected."""
-        if self.data_id is None:
-            return word.to_bytes(self.length, "little")
-        if not 0 <= counter < COUNTERS:
-            raise EncodeError(
-                f"{self.name}.{self.name}_COUNTER: allowed is 0 to 255, not {counter!r}"
-            )
-        payload = bytearray(word.to_bytes(self.length, "little"))
-        payload[2] = counter
-        protect(payload, self.data_id)
+            protect(payload, self.data_id)
         return bytes(payload)
+
+    def _cannot_send(self, message: MessageT, counter: int) -> EncodeError:
+        """Return why a message or its counter cannot be packed."""
+        for value, signal in zip(message, self._signals.values(), strict=True):
+            try:
+                is_carried = signal.raw_minimum <= signal.to_raw(value) <= signal.raw_maximum
+            except (TypeError, ValueError, OverflowError):  # no number, NaN, infinite
+                is_carried = False
+            if not is_carried:
+                return EncodeError(f"{self.name}.{signal.text}, not {value!r}")
+        return EncodeError(f"{self.name}.{self.name}_COUNTER: allowed is 0 to {COUNTERS - 1}, not {counter!r}")
+
+    def _refusal(self, *raws: int) -> Rejection:
+        """Return why raws of which one is outside its range are refused."""
+        for raw, signal in zip(raws, self._signals.values(), strict=True):
+            if not signal.raw_minimum <= raw <= signal.raw_maximum:
+                break
+        return Rejection.NOT_AVAILABLE if raw == signal.not_available else Rejection.OUT_OF_RANGE
 
 
 def codecs_of(

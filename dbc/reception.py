@@ -10,11 +10,12 @@ from collections.abc import Collection, Mapping
 from typing import TypeVar
 
 from ..runtime.frame import FD, Frame
-from .messages import CAN_IDS, LatencyConfig, Message, Rejection, decode
+from .messages import CAN_IDS, LatencyConfig, Message, Rejection, decode, unpacking
 from .protection import SequenceCheck, SequenceResult
 from .secured_frame import Refused, is_secured
 
 _Cause = TypeVar("_Cause", Rejection, SequenceResult, Refused)
+_ACCEPTED = SequenceResult.ACCEPTED
 
 
 class Reception:
@@ -39,6 +40,10 @@ class Reception:
             CAN_IDS[message_type]: None
             if message_type is LatencyConfig  # sent by hand, so it has no counter
             else SequenceCheck(max_jump, resync_run, resync_ns)
+            for message_type in message_types
+        }
+        self._received = {
+            CAN_IDS[message_type]: (*unpacking(message_type), self._checks[CAN_IDS[message_type]])
             for message_type in message_types
         }
         self._rejected: Counter[str] = Counter()
@@ -75,20 +80,31 @@ class Reception:
 
         ``now_ns``  when it arrived; who sets no ``resync_ns`` need not tell
         """
-        if frame.can_id not in self._checks:
+        can_id, data, flags = frame
+        received = self._received.get(can_id)
+        if received is None:
             return None
-        if frame.flags & FD and is_secured(frame):  # who has the key shows us the classic frame
-            return self._refuse(Refused.NO_KEY)
-        decoded = decode(frame)
-        if isinstance(decoded, Rejection):
-            return self._refuse(decoded)
-        check = self._checks[frame.can_id]
+        length, unpack, check = received
+        if flags or len(data) != length:
+            return self._refuse_unread(frame)
+        unpacked = unpack(data)
+        if type(unpacked) is not tuple:
+            return self._refuse_unread(frame)
+        message, counter = unpacked
         if check is not None:
-            result = check.check(decoded.counter, now_ns)
-            if result is not SequenceResult.ACCEPTED:
+            result = check.check(counter, now_ns)
+            if result is not _ACCEPTED:
                 return self._refuse(result)
         self.accepted += 1
-        return decoded.message
+        return message
+
+    def _refuse_unread(self, frame: Frame) -> Rejection | Refused:
+        """Find out why a frame is no message."""
+        if frame.flags & FD and is_secured(frame):  # who has the key shows us the classic frame
+            return self._refuse(Refused.NO_KEY)
+        cause = decode(frame)
+        assert isinstance(cause, Rejection)
+        return self._refuse(cause)
 
     def _refuse(self, cause: _Cause) -> _Cause:
         self._rejected[cause.value] += 1
