@@ -383,4 +383,4 @@ def decode(frame: Frame) -> Decoded | Rejection:
     unpacked = codec.unpack(data)
     if unpacked is Rejection.BAD_CRC and any(is_intact(data, other) for other in _DATA_IDS):
         return Rejection.MASQUERADED
-    return unpacked if isinstance(unpacked, Rejection) else Decoded(*unpacked)
+    return unpacked if isinstance(unpacked, Rejection) else _new(Decoded, unpacked)

@@ -19,15 +19,16 @@ an end is rounded up to the next nanosecond only when it is reported.
 The same class serves virtual time and, with the real clock's readings, the emulated bus.
 """
 
-import heapq
 from collections import deque
 from collections.abc import Callable
+from heapq import heapify, heappop, heappush
 from math import gcd, lcm
 from typing import NamedTuple
 
 from .frame import EXTENDED, REMOTE, Frame
 from .frame_length import INTERMISSION_BITS, frame_bits
 from .node import NEVER_NS, NS_PER_S
+from .record import new_record
 
 
 class BusOverflowError(RuntimeError):
@@ -78,6 +79,8 @@ def arbitration_field(frame: Frame) -> int:
     against a 29-bit one with the same base, a data frame against a remote frame of its identifier.
     """
     can_id, _, flags = frame
+    if not flags:
+        return can_id << 21
     rtr = 1 if flags & REMOTE else 0
     if flags & EXTENDED:
         return can_id >> 18 << 21 | 0b11 << 19 | (can_id & 0x3FFFF) << 1 | rtr
@@ -123,6 +126,7 @@ class BusModel:
         )
         self._bit_ticks = NS_PER_S * self._ticks_per_ns // bitrate_bit_s
         self._data_bit_ticks = NS_PER_S * self._ticks_per_ns // data_rate
+        self._intermission_ticks = INTERMISSION_BITS * self._bit_ticks
         self._queue_limit = queue_limit
         self._on_start = on_start
         self._is_fifo = is_fifo
@@ -138,7 +142,7 @@ class BusModel:
         self._frames = 0
         self._busy_ticks = 0
         self._refused = 0
-        self.next_event_ns = NEVER_NS
+        self._look_ahead()
 
     @property
     def load(self) -> BusLoad:
@@ -151,9 +155,11 @@ class BusModel:
         Raises ValueError for what is not a frame that can be sent, BusOverflowError when its
         transmit buffer is full; the frame is not taken then.
         """
-        bits = frame_bits(frame)
+        nominal_bits, data_bits = frame_bits(frame)
         now_ticks = now_ns * self._ticks_per_ns
-        self._settle(now_ticks)
+        if now_ticks > self._decided_until_ticks:
+            self._settle(now_ticks)
+            self._look_ahead()
         arbitration = arbitration_field(frame)
         buffer = (sender, 0 if self._is_fifo else arbitration)
         waiting = self._waiting_of.get(buffer, 0)
@@ -165,22 +171,24 @@ class BusModel:
         if self._next_start_ticks < now_ticks:
             self._next_start_ticks = now_ticks
         self._sequence += 1
-        duration_ticks = bits.nominal * self._bit_ticks + bits.data * self._data_bit_ticks
-        entry = _Waiting(
-            arbitration, self._sequence, duration_ticks, sender, frame, now_ticks, buffer
+        duration_ticks = nominal_bits * self._bit_ticks + data_bits * self._data_bit_ticks
+        entry = new_record(
+            _Waiting,
+            (arbitration, self._sequence, duration_ticks, sender, frame, now_ticks, buffer),
         )
         if waiting and self._is_fifo:
             self._behind.setdefault(sender, deque()).append(entry)
         else:
-            heapq.heappush(self._queue, entry)
-        self._look_ahead()
+            heappush(self._queue, entry)
+            if self._on_wire is None and self._queue[0] is entry:
+                self._look_ahead()
 
     def withdraw(self, sender: int) -> list[Frame]:
         """Take back every frame of ``sender`` that is not on the wire yet; returns them."""
         kept = [waiting for waiting in self._queue if waiting.sender != sender]
         withdrawn = [waiting.frame for waiting in self._queue if waiting.sender == sender]
         withdrawn += [waiting.frame for waiting in self._behind.pop(sender, ())]
-        heapq.heapify(kept)
+        heapify(kept)
         self._queue = kept
         for buffer in [buffer for buffer in self._waiting_of if buffer[0] == sender]:
             del self._waiting_of[buffer]
@@ -189,65 +197,70 @@ class BusModel:
 
     def advance(self, now_ns: int) -> list[Delivery]:
         """Return the frames completed up to ``now_ns`` and not returned before, in order."""
-        self._settle(now_ns * self._ticks_per_ns)
+        now_ticks = now_ns * self._ticks_per_ns
+        if now_ticks > self._decided_until_ticks:
+            self._settle(now_ticks)
         completed, self._completed = self._completed, []
         self._look_ahead()
         return completed
 
     def _look_ahead(self) -> None:
-        """Find when the next frame will be complete."""
+        """Find when the next frame will be complete, and until when nothing is to be decided."""
+        if self._on_wire is not None:
+            end_ticks = self._end_ticks
+            self._decided_until_ticks = end_ticks - 1
+        elif self._queue:
+            self._decided_until_ticks = self._next_start_ticks
+            end_ticks = self._next_start_ticks + self._queue[0].duration_ticks
+        else:
+            self._decided_until_ticks = end_ticks = NEVER_NS * self._ticks_per_ns
         if self._completed:
             self.next_event_ns = self._completed[0].end_ns
-        elif self._on_wire is not None:
-            self.next_event_ns = self._whole_ns(self._end_ticks)
-        elif self._queue:
-            end_ticks = self._next_start_ticks + self._queue[0].duration_ticks
-            self.next_event_ns = self._whole_ns(end_ticks)
         else:
-            self.next_event_ns = NEVER_NS
+            self.next_event_ns = -(-end_ticks // self._ticks_per_ns)
 
     def _settle(self, now_ticks: int) -> None:
         """Complete what ended by now, and decide every arbitration before now.
 
         The one at this instant stays open: a frame submitted at the same instant still competes.
         """
+        queue, on_wire, end_ticks = self._queue, self._on_wire, self._end_ticks
         while True:
-            if self._on_wire is not None:
-                if self._end_ticks > now_ticks:
-                    return
-                self._complete(self._on_wire)
-            if not self._queue or self._next_start_ticks >= now_ticks:
-                return
-            self._start(heapq.heappop(self._queue))
+            if on_wire is None:
+                if not queue or self._next_start_ticks >= now_ticks:
+                    break
+                on_wire = heappop(queue)
+                end_ticks = self._next_start_ticks + on_wire.duration_ticks
+                self._on_arbitration(on_wire)
+            if end_ticks > now_ticks:
+                break
+            _, _, duration_ticks, sender, frame, _, _ = on_wire
+            end_ns = -(-end_ticks // self._ticks_per_ns)
+            self._completed.append(new_record(Delivery, (end_ns, sender, frame)))
+            self._frames += 1
+            self._busy_ticks += duration_ticks + self._intermission_ticks
+            self._next_start_ticks = end_ticks + self._intermission_ticks
+            on_wire = None
+        self._on_wire, self._end_ticks = on_wire, end_ticks
 
-    def _start(self, winner: _Waiting) -> None:
-        """Put the winner of the arbitration on the wire."""
+    def _on_arbitration(self, winner: _Waiting) -> None:
+        """Note that a frame has won the bus."""
         # Taken out, since senders and identifiers come and go: what is kept must not grow.
         still_waiting = self._waiting_of.pop(winner.buffer) - 1
         if still_waiting:
             self._waiting_of[winner.buffer] = still_waiting
             if self._is_fifo:
                 self._compete_next(winner.sender)
-        self._on_wire = winner
-        self._end_ticks = self._next_start_ticks + winner.duration_ticks
         if self._on_start is not None:
             delay_ticks = self._next_start_ticks - winner.submitted_ticks
             self._on_start(winner.frame, delay_ticks // self._ticks_per_ns)
-        self._next_start_ticks = self._end_ticks + INTERMISSION_BITS * self._bit_ticks
 
     def _compete_next(self, sender: int) -> None:
         """Let the next frame in a sender's FIFO compete, its oldest one being on the wire now."""
         behind = self._behind[sender]
-        heapq.heappush(self._queue, behind.popleft())
+        heappush(self._queue, behind.popleft())
         if not behind:
             del self._behind[sender]
-
-    def _complete(self, sent: _Waiting) -> None:
-        """Take the frame off the wire."""
-        self._completed.append(Delivery(self._whole_ns(self._end_ticks), sent.sender, sent.frame))
-        self._frames += 1
-        self._busy_ticks += sent.duration_ticks + INTERMISSION_BITS * self._bit_ticks
-        self._on_wire = None
 
     def _whole_ns(self, ticks: int) -> int:
         """Convert a time from ticks to nanoseconds, rounded up [ns]."""

@@ -108,6 +108,13 @@ def crc15(message: bytes, register: int = 0) -> int:
     return register
 
 
+_CRC_0, _CRC_1, _CRC_2, _CRC_3, _CRC_4, _CRC_5, _CRC_6, _CRC_7 = (
+    tuple(crc15(bytes((byte, *bytes(zeros)))) for byte in range(256)) for zeros in range(8)
+)
+"""CRC of each byte with so many zeros after it."""
+_new = tuple.__new__
+
+
 def _stuff_bits(bits: bytes) -> int:
     """Stuff bits inserted into ``bits``, without the one after a run of five at the end."""
     row, total = _IDLE_ROW, 0
@@ -124,6 +131,8 @@ def frame_bits(frame: Frame) -> FrameBits:
     payload too long for the format, a remote frame with a payload or with FD.
     """
     can_id, data, flags = frame
+    if not flags and len(data) == 8 and 0 <= can_id <= 0x7FF:
+        return _new(FrameBits, (_bits_of_eight_bytes(can_id, data), 0))
     limit = 0x1FFFFFFF if flags & EXTENDED else 0x7FF
     dlc = _DLC.get(len(data))
     if not 0 <= can_id <= limit or dlc is None or flags & ERROR:
@@ -148,6 +157,38 @@ def _classic_bits(can_id: int, data: bytes, dlc: int, flags: int) -> int:
     row, stuffed = row[register >> 7]
     total += stuffed + row[register << 1 & 0xFF][1]
     return total + 8 * len(data) + _CLASSIC_CRC_BITS + _CLASSIC_TRAILER_BITS
+
+
+def _bits_of_eight_bytes(can_id: int, data: bytes) -> int:
+    """Length of the frame most sent, with 11 bits of identifier and 8 bytes: written out [bits].
+
+    The CRC is linear: it is that of the header and zeros, and of each byte and the zeros after it.
+    """
+    crc, row, total = _before_eight_bytes(can_id)
+    a, b, c, d, e, f, g, h = data
+    crc ^= (
+        _CRC_7[a] ^ _CRC_6[b] ^ _CRC_5[c] ^ _CRC_4[d] ^ _CRC_3[e] ^ _CRC_2[f] ^ _CRC_1[g] ^ _CRC_0[h]
+    )
+    row, stuffed_a = row[a]
+    row, stuffed_b = row[b]
+    row, stuffed_c = row[c]
+    row, stuffed_d = row[d]
+    row, stuffed_e = row[e]
+    row, stuffed_f = row[f]
+    row, stuffed_g = row[g]
+    row, stuffed_h = row[h]
+    row, stuffed = row[crc >> 7]
+    stuffed += stuffed_a + stuffed_b + stuffed_c + stuffed_d
+    stuffed += stuffed_e + stuffed_f + stuffed_g + stuffed_h
+    return total + stuffed + row[crc << 1 & 0xFF][1]
+
+
+@lru_cache(maxsize=4096)
+def _before_eight_bytes(can_id: int) -> tuple[int, _StuffRow, int]:
+    """CRC of the header and 8 zeros, row after the header, all bits but the payload's stuff bits."""
+    register, row, total = _after_header(can_id, 8, 0)
+    total += 64 + _CLASSIC_CRC_BITS + _CLASSIC_TRAILER_BITS
+    return crc15(bytes(8), register), row, total
 
 
 @lru_cache(maxsize=4096)

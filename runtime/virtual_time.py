@@ -20,6 +20,7 @@ from typing import Protocol
 from .bus_model import Delivery
 from .frame import Frame
 from .node import NEVER_NS, Node
+from .record import new_record
 
 EVENTS_PER_INSTANT_MAX = 10_000
 """Deliveries and ticks at one instant before it is called a livelock. An instant of real nodes has
@@ -55,8 +56,9 @@ class InstantWire:
 
     def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
         """Take a frame to send at ``now_ns``."""
-        self._sent.append(Delivery(now_ns, sender, frame))
-        self.next_event_ns = self._sent[0].end_ns
+        if not self._sent:
+            self.next_event_ns = now_ns
+        self._sent.append(new_record(Delivery, (now_ns, sender, frame)))
 
     def advance(self, now_ns: int) -> Sequence[Delivery]:  # noqa: ARG002 all are complete
         """Return the frames sent since the last call."""
@@ -81,6 +83,10 @@ class VirtualTimeExecutor:
         on_wire: Callable[[int, int, Frame], None] | None = None,
     ) -> None:
         self._nodes = tuple(enumerate(nodes))
+        self._listeners_of = {
+            sender: tuple(entry for entry in self._nodes if entry[0] != sender)
+            for sender, _ in self._nodes
+        }
         self._wire: Wire = InstantWire() if bus is None else bus
         self._on_wire = on_wire
         self._now_ns = min((node.deadline_ns for node in nodes), default=0)
@@ -102,50 +108,39 @@ class VirtualTimeExecutor:
         nothing is left to wait for. Raises RuntimeError when nodes keep each other busy at one
         instant for ever, and what the bus raises when it cannot take a frame.
         """
+        wire, nodes, on_wire = self._wire, self._nodes, self._on_wire
         while True:
-            next_ns = self._wire.next_event_ns
-            for _, node in self._nodes:
+            now_ns = wire.next_event_ns
+            for _, node in nodes:
                 if node.finished:
                     return
                 deadline_ns = node.deadline_ns
-                if deadline_ns < next_ns:
-                    next_ns = deadline_ns
-            if next_ns >= until_ns:
+                if deadline_ns < now_ns:
+                    now_ns = deadline_ns
+            if now_ns >= until_ns:
                 return
-            self._now_ns = next_ns
-            self._run_instant(next_ns)
-
-    def _run_instant(self, now_ns: int) -> None:
-        """Deliver and tick until nothing is left to do at ``now_ns``."""
-        events = 0
-        while events < EVENTS_PER_INSTANT_MAX:
-            if self._wire.next_event_ns <= now_ns:
-                deliveries = self._wire.advance(now_ns)
-                for delivery in deliveries:
-                    self._deliver(delivery, now_ns)
-                    busy_index = delivery.sender
-                events += len(deliveries)
-                continue
-            for index, node in self._nodes:
-                if node.deadline_ns <= now_ns:
-                    for frame in node.on_tick(now_ns):
-                        self._wire.submit(frame, index, now_ns)
-                    events += 1
-                    busy_index = index
+            self._now_ns = now_ns
+            events = 0
+            while events < EVENTS_PER_INSTANT_MAX:
+                if wire.next_event_ns <= now_ns:
+                    for end_ns, busy_index, frame in wire.advance(now_ns):
+                        events += 1
+                        if on_wire is not None:
+                            on_wire(end_ns, busy_index, frame)
+                        for index, node in self._listeners_of.get(busy_index, nodes):
+                            for answer in node.on_frame(frame, now_ns):
+                                wire.submit(answer, index, now_ns)
+                    continue
+                for busy_index, node in nodes:
+                    if node.deadline_ns <= now_ns:
+                        events += 1
+                        for frame in node.on_tick(now_ns):
+                            wire.submit(frame, busy_index, now_ns)
+                        break
+                else:
                     break
             else:
-                return
-        raise RuntimeError(
-            f"node {busy_index} is still busy after {events} events at {now_ns} ns: "
-            "its deadline does not move on, or its frames are answered without end"
-        )
-
-    def _deliver(self, delivery: Delivery, now_ns: int) -> None:
-        """Hand one frame to every node but its sender, and send what they answer."""
-        end_ns, sender, frame = delivery
-        if self._on_wire is not None:
-            self._on_wire(end_ns, sender, frame)
-        for index, node in self._nodes:
-            if index != sender:
-                for answer in node.on_frame(frame, now_ns):
-                    self._wire.submit(answer, index, now_ns)
+                raise RuntimeError(
+                    f"node {busy_index} is still busy after {events} events at {now_ns} ns: "
+                    "its deadline does not move on, or its frames are answered without end"
+                )
