@@ -103,8 +103,10 @@ class OverrunSupervision:
         if overruns_max < 0 or window_ticks < 1:
             raise ValueError(f"{overruns_max} overruns of {window_ticks} ticks cannot be allowed")
         self._overruns_max = overruns_max
-        self._window: deque[bool] = deque(maxlen=window_ticks)
-        self._overruns = 0
+        self._window_ticks = window_ticks
+        self._ticks = 0
+        self._recent: deque[int] = deque()
+        """Which of the last ticks have overrun."""
         self._total = 0
         self._worst = 0
         self._missed = missed
@@ -141,24 +143,26 @@ class OverrunSupervision:
 
     def on_tick(self, timer: PeriodicTimer) -> bool:
         """Note the tick that ``timer`` has advanced for; returns whether the rate is kept."""
+        self._ticks += 1
         missed = timer.skipped - self._skipped_before
-        self._skipped_before = timer.skipped
-        has_overrun = missed > 0
-        if len(self._window) == self._window.maxlen:
-            self._overruns -= self._window[0]
-        self._window.append(has_overrun)
-        self._overruns += has_overrun
-        self._total += has_overrun
-        self._worst = max(self._worst, self._overruns)
+        recent = self._recent
+        if missed:
+            self._skipped_before = timer.skipped
+            recent.append(self._ticks)
+            self._total += 1
+        if recent:
+            if recent[0] <= self._ticks - self._window_ticks:
+                recent.popleft()
+            self._worst = max(self._worst, len(recent))
         too_many_missed = "" if self._missed is None else self._missed.on_tick(missed)
-        if not self._failure:
+        if not self._failure and (recent or too_many_missed):
             self._failure = self._too_many_overruns() or too_many_missed
         return not self._failure
 
     def _too_many_overruns(self) -> str:
-        if self._overruns <= self._overruns_max:
+        if len(self._recent) <= self._overruns_max:
             return ""
         return (
-            f"{self._overruns} of the last {len(self._window)} ticks overran, "
-            f"allowed are {self._overruns_max} of {self._window.maxlen}"
+            f"{len(self._recent)} of the last {min(self._ticks, self._window_ticks)} ticks overran,"
+            f" allowed are {self._overruns_max} of {self._window_ticks}"
         )

@@ -33,6 +33,10 @@ class PeriodicTimer:
         if now_ns < self.deadline_ns:
             raise ValueError(f"{self.deadline_ns - now_ns} ns too early for the next period")
         served = self.index
+        if now_ns < self.deadline_ns + self._period_ns:
+            self.index += 1
+            self.deadline_ns += self._period_ns
+            return served
         self.index = (now_ns - self._start_ns) // self._period_ns + 1
         self.deadline_ns = self._start_ns + self.index * self._period_ns
         self.skipped += self.index - served - 1

@@ -6,7 +6,7 @@ the middle of its bin, so it is within 0.4 % of a recorded duration. Number, mea
 exact. The same durations give the same figures, in whatever order they come.
 """
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from typing import NamedTuple
 
 from .node import NS_PER_S
@@ -14,6 +14,8 @@ from .node import NS_PER_S
 _BIN_BITS = 8
 """Leading bits of a duration that choose its bin."""
 _LEADING_MASK = (1 << _BIN_BITS) - 1
+_BLOCK = 256
+"""Durations that are counted at once: tens of microseconds, where they all differ."""
 
 
 class DurationSummary(NamedTuple):
@@ -45,20 +47,31 @@ class DurationStatistics:
         self._bins: defaultdict[int, int] = defaultdict(int)
         self._total_ns = 0
         self._max_ns = 0
+        self._waiting: list[int] = []
+        """Not in the bins yet: counted in blocks, of which equal durations are counted as one."""
 
     def record(self, duration_ns: int) -> None:
         """Add one duration [ns]. Raises ValueError for a negative one: a clock ran backwards."""
         if duration_ns < 0:
             raise ValueError(f"a duration cannot be negative: {duration_ns} ns")
-        shift = duration_ns.bit_length() - _BIN_BITS
-        if shift > 0:
-            # The leading bits are below 2**_BIN_BITS, so bins sort as their durations do.
-            self._bins[shift << _BIN_BITS | duration_ns >> shift] += 1
-        else:
-            self._bins[duration_ns] += 1
-        self._total_ns += duration_ns
-        if duration_ns > self._max_ns:
-            self._max_ns = duration_ns
+        self._waiting.append(duration_ns)
+        if len(self._waiting) >= _BLOCK:
+            self._count_waiting()
+
+    def _count_waiting(self) -> None:
+        """Put the durations that wait into their bins."""
+        if not self._waiting:
+            return
+        for duration_ns, count in Counter(self._waiting).items():
+            shift = duration_ns.bit_length() - _BIN_BITS
+            if shift > 0:
+                # The leading bits are below 2**_BIN_BITS, so bins sort as their durations do.
+                self._bins[shift << _BIN_BITS | duration_ns >> shift] += count
+            else:
+                self._bins[duration_ns] += count
+        self._total_ns += sum(self._waiting)
+        self._max_ns = max(self._max_ns, max(self._waiting))
+        self._waiting.clear()
 
     def quantile_ns(self, fraction: float) -> int:
         """The shortest duration that ``fraction`` (0 to 1) of all do not exceed [ns].
@@ -67,6 +80,7 @@ class DurationStatistics:
         """
         if not 0 <= fraction <= 1:
             raise ValueError(f"a quantile is asked for with 0 to 1, not {fraction}")
+        self._count_waiting()
         reached = 0
         wanted = fraction * sum(self._bins.values())
         for number, count in sorted(self._bins.items()):
@@ -79,6 +93,7 @@ class DurationStatistics:
 
     def summary(self) -> DurationSummary:
         """Number, mean, median, 99th percentile and maximum."""
+        self._count_waiting()
         samples = sum(self._bins.values())
         return DurationSummary(
             samples=samples,
