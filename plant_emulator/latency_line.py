@@ -12,8 +12,8 @@ instant the frame came: zero latency adds exactly zero delay.
 Order (``Order``) is kept per key; frames of one key are those of one message.
 """
 
-import heapq
 from collections.abc import Iterator
+from heapq import heappop, heappush
 from typing import Generic, NamedTuple, TypeVar
 
 from ..runtime.node import NEVER_NS, NS_PER_S
@@ -27,6 +27,7 @@ WAITING_MAX = 100_000
 """Frames one line holds: the longest latency at the highest rate, three times over."""
 
 Item = TypeVar("Item")
+_new = tuple.__new__
 
 
 class Passage(NamedTuple, Generic[Item]):
@@ -97,6 +98,7 @@ class LatencyLine(Generic[Item]):
         self._last_due_ns: dict[int, int] = {}
         self._newest_released: dict[int, int] = {}
         self._latest_latency_ns = 0
+        self._constant_ns = self._constant_latency_ns()
         self._pushed = self._duplicated = self._released = 0
         self._lost = self._superseded = self._overflowed = 0
         self._latency = DurationStatistics()
@@ -137,9 +139,18 @@ class LatencyLine(Generic[Item]):
         self._mean_s = mean_s
         self._spread_s = spread_s
         self._loss = self._loss_params(loss)
+        self._constant_ns = self._constant_latency_ns()
 
     def push(self, key: int, item: Item, now_ns: int, motion_ns: int) -> None:
         """Take a frame that comes at ``now_ns``, ``motion_ns`` after the start of motion."""
+        if self._constant_ns is not None:
+            self._pushed += 1
+            # Drawn all the same, so that a change of the network meets the draws it would meet.
+            next(self._uniforms)
+            next(self._uniforms)
+            self._latest_latency_ns = self._constant_ns
+            self._wait(key, item, now_ns, self._constant_ns)
+            return
         if self._schedule:
             self._follow_schedule(motion_ns)
         loss_u, latency_u = next(self._uniforms), next(self._uniforms)
@@ -158,16 +169,21 @@ class LatencyLine(Generic[Item]):
 
     def pop_due(self, now_ns: int) -> list[Passage[Item]]:
         """Return the frames due up to ``now_ns``, in the order in which they leave."""
-        released = []
+        released: list[Passage[Item]] = []
+        waiting, newest = self._waiting, self._newest_released
         while self.next_due_ns <= now_ns:
-            passage = heapq.heappop(self._waiting)
-            self._released += 1
-            self._latency.record(passage.due_ns - passage.came_ns)
+            passage = heappop(waiting)
+            due_ns, sequence, came_ns, key, _ = passage
+            self._latency.record(due_ns - came_ns)
             released.append(passage)
             if self._newest_wins:
-                self._newest_released[passage.key] = passage.sequence
-                self._drop_superseded()
-            self.next_due_ns = self._waiting[0].due_ns if self._waiting else NEVER_NS
+                newest[key] = sequence
+                # What would be due next but is older than what has left: nobody waits for it.
+                while waiting and waiting[0].sequence < newest.get(waiting[0].key, -1):
+                    heappop(waiting)
+                    self._superseded += 1
+            self.next_due_ns = waiting[0].due_ns if waiting else NEVER_NS
+        self._released += len(released)
         return released
 
     def _follow_schedule(self, motion_ns: int) -> None:
@@ -175,12 +191,18 @@ class LatencyLine(Generic[Item]):
         _, self._mean_s, self._spread_s, loss = profile_at(self._schedule, shape, time_s)
         self._loss = self._loss_params(loss)
 
-    def _drop_superseded(self) -> None:
-        """Drop what would be due next but is older than what has left: nobody waits for it."""
-        waiting, newest = self._waiting, self._newest_released
-        while waiting and waiting[0].sequence < newest.get(waiting[0].key, -1):
-            heapq.heappop(waiting)
-            self._superseded += 1
+    def _constant_latency_ns(self) -> int | None:
+        """Return the latency of every frame, whatever is drawn [ns]; None where draws decide."""
+        is_drawn = (
+            self._quantile is not QUANTILES[Distribution.CONSTANT]
+            or self._schedule
+            or self._trace is not None
+            or self._in_burst
+            or self._loss != bernoulli(0.0)
+            or self._duplicates > 0.0
+            or self._correlation_time_s > 0.0
+        )
+        return None if is_drawn else round(self._mean_s * NS_PER_S)
 
     def _latency_ns(self, u: float, motion_ns: int) -> int:
         """Return the latency of the frame that is being pushed [ns]."""
@@ -213,7 +235,7 @@ class LatencyLine(Generic[Item]):
         if self._in_order:
             due_ns = max(due_ns, self._last_due_ns.get(key, due_ns))
             self._last_due_ns[key] = due_ns
-        heapq.heappush(self._waiting, Passage(due_ns, self._sequence, now_ns, key, item))
+        heappush(self._waiting, _new(Passage, (due_ns, self._sequence, now_ns, key, item)))
         if due_ns < self.next_due_ns:
             self.next_due_ns = due_ns
         self._sequence += 1

@@ -131,30 +131,25 @@ def limit_steer(
     p: LimiterParams, x: LimiterState, steer_rad: float, time_ns: int
 ) -> tuple[LimiterState, float]:
     """Return the state from ``time_ns`` (no earlier than any before) on, and its output [rad]."""
-    _, _, slot_before, low, high, low_1, high_1, low_2, high_2, followed_ns = x
+    low, high, low_1, high_1, low_2, high_2 = x[3:9]
     slot = time_ns // SLOT_NS
-    if slot != slot_before:
-        for passed in (1, 2, 3):  # after three all that was is forgotten
-            if slot - slot_before >= passed:
-                low_2, high_2, low_1, high_1 = low_1, high_1, low, high
-                low = high = x.steer_rad
+    for passed in (1, 2, 3):  # after three all that was is forgotten
+        if slot - x.slot >= passed:
+            low_2, high_2, low_1, high_1 = low_1, high_1, low, high
+            low = high = x.steer_rad
     lowest, highest = min(low, low_1, low_2), max(high, high_1, high_2)
     steer, cause = steer_rad, 0
     if not math.isfinite(steer_rad):
         steer, cause = x.steer_rad, 5
-    for row_cause, reach_rad, sweep_rad in p.rows:
-        if abs(steer) > reach_rad or steer < highest - sweep_rad or steer > lowest + sweep_rad:
-            minimum = max(-reach_rad, highest - sweep_rad)
-            maximum = min(reach_rad, lowest + sweep_rad)
-            if steer < minimum:
-                steer, cause = minimum, row_cause
-            elif steer > maximum:
-                steer, cause = maximum, row_cause
-    if steer < low:
-        low = steer
-    if steer > high:
-        high = steer
-    state = LimiterState(steer, cause, slot, low, high, low_1, high_1, low_2, high_2, followed_ns)
+    for row in p.rows:
+        minimum = max(-row.reach_rad, highest - row.sweep_rad)
+        maximum = min(row.reach_rad, lowest + row.sweep_rad)
+        if steer < minimum:
+            steer, cause = minimum, row.cause
+        elif steer > maximum:
+            steer, cause = maximum, row.cause
+    low, high = min(low, steer), max(high, steer)
+    state = LimiterState(steer, cause, slot, low, high, low_1, high_1, low_2, high_2, x.followed_ns)
     return state, steer
 
 
