@@ -63,6 +63,7 @@ RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig)
 VEHICLE_STATE_PERIOD_NS = 20_000_000
 SAMPLES_MAX = 1_000_000
 """Samples kept for a trace: nearly three hours at 100 Hz."""
+_new = tuple.__new__
 _COMMAND_ID = CAN_IDS[SteeringCommand]
 _LOST_COUNTERS = int(limits(PlantStatus)["lost"].maximum) + 1
 _REJECTED_COUNTERS = int(limits(PlantStatus)["rejected"].maximum) + 1
@@ -88,6 +89,7 @@ class PlantNode:
     ``samples_max``  how many samples are kept in ``samples``
 
     ``deadline_ns``  when the next thing is due [ns]
+    ``finished``     whether the motion has lasted as long as it was to, or a fault has ended it
     """
 
     def __init__(
@@ -126,12 +128,7 @@ class PlantNode:
             uniforms(settings.seed, Channel.SENSOR_NOISE),
         )
         self._record = RunRecord(samples_max)
-        self._finished = False
-
-    @property
-    def finished(self) -> bool:
-        """Whether the motion has lasted as long as it was to, or a fault has ended it."""
-        return self._finished
+        self.finished = False
 
     @property
     def motion_start_ns(self) -> int:
@@ -155,7 +152,9 @@ class PlantNode:
             if self._motion_start_ns == NEVER_NS:
                 self._motion_start_ns = now_ns
             self._network.downlink.push(frame.can_id, received, now_ns, self._motion_ns(now_ns))
-            self.deadline_ns = min(self.deadline_ns, self._network.downlink.next_due_ns)
+            due_ns = self._network.downlink.next_due_ns
+            if due_ns < self.deadline_ns:
+                self.deadline_ns = due_ns
         elif isinstance(received, LatencyConfig):
             self._network.reconfigure(received)
         elif isinstance(received, Rejection) and frame.can_id == _COMMAND_ID:
@@ -170,12 +169,13 @@ class PlantNode:
         """Do all that is due up to ``now_ns``, in the order of its times."""
         frames: list[Frame] = []
         downlink, uplink = self._network.downlink, self._network.uplink
+        unit, telling, sensor_timer = self._unit, self._telling, self._sensor_timer
         while True:
             command_ns = downlink.next_due_ns
-            sample_ns = self._sensor_timer.deadline_ns
+            sample_ns = sensor_timer.deadline_ns
             measured_ns = uplink.next_due_ns
-            guard_ns = self._guard_ns()
-            due_ns = min(command_ns, guard_ns, sample_ns, measured_ns, self._telling.deadline_ns)
+            guard_ns = self._motion_start_ns + unit.deadline_ns  # never, before motion starts
+            due_ns = min(command_ns, guard_ns, sample_ns, measured_ns, telling.deadline_ns)
             if due_ns > now_ns:
                 self.deadline_ns = due_ns
                 return frames
@@ -184,15 +184,15 @@ class PlantNode:
             elif guard_ns == due_ns:
                 self._guard(due_ns)
             elif sample_ns == due_ns:
-                self._sensor_timer.advance(now_ns)
+                sensor_timer.advance(now_ns)
                 self._sense(due_ns)
             elif measured_ns == due_ns:
                 frames += self._network.measured(due_ns)
             else:
                 status = self._status()
-                self._telling.on_telling(status.safety, due_ns, now_ns)
+                telling.on_telling(status.safety, due_ns, now_ns)
                 frames.append(self._messages.plant_status(status))
-            self._telling.on_state(self._unit.safety, due_ns)
+            telling.on_state(unit.safety, due_ns)
 
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON.
@@ -247,12 +247,6 @@ class PlantNode:
                 self._motion.command(self._unit.target_rad)
                 self._command = released
 
-    def _guard_ns(self) -> int:
-        """Return when the control unit is due [ns]."""
-        if self._motion_start_ns == NEVER_NS:
-            return NEVER_NS
-        return self._motion_start_ns + self._unit.deadline_ns
-
     def _guard(self, due_ns: int) -> None:
         """Let the control unit act on commands that stay away."""
         if self._unit.on_timer(self._motion_ns(due_ns)):
@@ -265,30 +259,28 @@ class PlantNode:
         self._own.on_sample(self._sensor_timer, time_ns)
         if self._own.failure:
             self._fail(self._own.failure, time_ns)
-        z = self._motion.linear
+        motion, messages, push = self._motion, self._messages, self._network.uplink.push
+        z, is_finite = motion.linear, motion.is_finite
         self._unit.on_wheel(z.wheel_rad, motion_ns)
         if time_ns >= self._motion_start_ns:
-            if self._motion.is_finite:
-                self._record.take(self._motion, self._command, self._network.measured_latency_s)
-            self._finished = motion_ns >= self._duration_ns
-        if self._own.is_told(time_ns) and self._unit.has_fallen_back:
-            self._finished = True
-        messages = self._messages
+            if is_finite:
+                self._record.take(motion, self._command, self._network.measured_latency_s)
+            self.finished = motion_ns >= self._duration_ns
+        if self._own.failure and self._own.is_told(time_ns) and self._unit.has_fallen_back:
+            self.finished = True
         readings = messages.measured(
-            Readings(z.lateral_error_m, z.heading_error_rad, z.yaw_rate_rad_s)
+            _new(Readings, (z.lateral_error_m, z.heading_error_rad, z.yaw_rate_rad_s))
         )
         applied = 0 if self._command is None else self._command.item.command_counter
-        code = self._unit.status_code(actuator_is_limited=self._motion.is_limited)
-        frames = [
-            messages.lateral_error(readings, is_finite=self._motion.is_finite),
-            messages.steering_status(z.wheel_rad, applied, code),
-        ]
+        code = self._unit.status_code(actuator_is_limited=motion.is_limited)
+        frame = messages.lateral_error(readings, is_finite=is_finite)
+        push(frame.can_id, frame, time_ns, motion_ns)
+        frame = messages.steering_status(z.wheel_rad, applied, code)
+        push(frame.can_id, frame, time_ns, motion_ns)
         if time_ns >= self._state_timer.deadline_ns:  # also where the sample at it was skipped
             self._state_timer.advance(time_ns)
-            speed_m_s = self._motion.speed_m_s
-            frames.append(messages.vehicle_state(speed_m_s, readings, z.curvature_1_m))
-        for frame in frames:
-            self._network.uplink.push(frame.can_id, frame, time_ns, motion_ns)
+            frame = messages.vehicle_state(motion.speed_m_s, readings, z.curvature_1_m)
+            push(frame.can_id, frame, time_ns, motion_ns)
 
     def _status(self) -> PlantStatus:
         """Return what PLANT_STATUS says, latencies as they are."""

@@ -1,7 +1,7 @@
 """The rig's readings as messages, clamped to the range of their signals."""
 
-import math
 from collections.abc import Iterator
+from math import remainder, tau
 
 from ..dbc.messages import (
     LateralError,
@@ -19,10 +19,11 @@ from ..runtime.frame import Frame
 from .sensors import Readings, with_noise
 
 _ERROR_LOW_M, _ERROR_HIGH_M = limits(LateralError)["lateral_error_m"]
-_WHEEL_RANGE = limits(SteeringStatus)["wheel_angle_rad"]
-_STATE_RANGES = limits(VehicleState)
+_WHEEL_LOW_RAD, _WHEEL_HIGH_RAD = limits(SteeringStatus)["wheel_angle_rad"]
+_SPEED_RANGE, _YAW_RATE_RANGE, _CURVATURE_RANGE = limits(VehicleState).values()
 _LATENCY_RANGE = limits(PlantStatus)["downlink_latency_s"]
 _NO_ERROR = LateralError(0.0, 0.0)
+_new = tuple.__new__
 
 
 class PlantMessages:
@@ -53,22 +54,24 @@ class PlantMessages:
         error_m = readings.lateral_error_m
         if is_finite and _ERROR_LOW_M <= error_m <= _ERROR_HIGH_M:
             # The sensor reports an angle in one turn, however often the vehicle has turned.
-            heading_rad = math.remainder(readings.heading_error_rad, math.tau)
-            return self._encode(LateralError(error_m, heading_rad))
+            heading_rad = remainder(readings.heading_error_rad, tau)
+            return self._encode(_new(LateralError, (error_m, heading_rad)))
         self.not_available += 1
         return encode_not_available(_NO_ERROR, self._next_counter(LateralError))
 
     def steering_status(self, wheel_rad: float, applied: int, code: SteeringStatusCode) -> Frame:
         """Return STEERING_STATUS; ``applied`` is the counter of the command in effect."""
-        return self._encode(SteeringStatus(self._clamp(wheel_rad, *_WHEEL_RANGE), applied, code))
+        if not _WHEEL_LOW_RAD <= wheel_rad <= _WHEEL_HIGH_RAD:
+            wheel_rad = self._clamp(wheel_rad, _WHEEL_LOW_RAD, _WHEEL_HIGH_RAD)
+        return self._encode(_new(SteeringStatus, (wheel_rad, applied, code)))
 
     def vehicle_state(self, speed_m_s: float, readings: Readings, curvature_1_m: float) -> Frame:
         """Return VEHICLE_STATE."""
         return self._encode(
             VehicleState(
-                self._clamp(speed_m_s, *_STATE_RANGES["speed_m_s"]),
-                self._clamp(readings.yaw_rate_rad_s, *_STATE_RANGES["yaw_rate_rad_s"]),
-                self._clamp(curvature_1_m, *_STATE_RANGES["preview_curvature_1_m"]),
+                self._clamp(speed_m_s, *_SPEED_RANGE),
+                self._clamp(readings.yaw_rate_rad_s, *_YAW_RATE_RANGE),
+                self._clamp(curvature_1_m, *_CURVATURE_RANGE),
             )
         )
 
@@ -81,7 +84,10 @@ class PlantMessages:
         )
 
     def _encode(self, message: Message) -> Frame:
-        return encode(message, self._next_counter(type(message)))
+        message_type = type(message)
+        counter = self._sent[message_type]
+        self._sent[message_type] = (counter + 1) % COUNTERS
+        return encode(message, counter)
 
     def _next_counter(self, message_type: type[Message]) -> int:
         counter = self._sent[message_type]

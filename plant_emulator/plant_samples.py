@@ -12,6 +12,9 @@ from .motion import Motion
 from .path import Path, pose
 
 
+_new = tuple.__new__
+
+
 class PlantSample(NamedTuple):
     """The true state of the rig at one sensor period; NaN where there is no value yet."""
 
@@ -52,10 +55,11 @@ class RunningFigures:
         self.samples += 1
         self._squares_m2 += lateral_error_m * lateral_error_m
         self.lateral_error_final_m = lateral_error_m
-        if abs(lateral_error_m) > self.lateral_error_peak_m:
-            self.lateral_error_peak_m = abs(lateral_error_m)
-        if abs(wheel_angle_rad) > self.wheel_angle_peak_rad:
-            self.wheel_angle_peak_rad = abs(wheel_angle_rad)
+        distance_m, angle_rad = abs(lateral_error_m), abs(wheel_angle_rad)
+        if distance_m > self.lateral_error_peak_m:
+            self.lateral_error_peak_m = distance_m
+        if angle_rad > self.wheel_angle_peak_rad:
+            self.wheel_angle_peak_rad = angle_rad
 
     @property
     def lateral_error_rms_m(self) -> float:
@@ -85,20 +89,27 @@ class RunRecord:
         self.figures.take(z.lateral_error_m, z.wheel_rad)
         if len(self.samples) >= self._samples_max:
             return
+        command_rad = downlink_latency_s = math.nan
+        if command is not None:
+            command_rad = command.item.steer_rad
+            downlink_latency_s = command.latency_ns * 1e-9
         self.samples.append(
             # By position, in the order of the fields: this runs at every sample.
-            PlantSample(
-                motion.time_ns * 1e-9,
-                motion.arc_length_m,
-                z.lateral_error_m,
-                z.heading_error_rad,
-                z.yaw_rate_rad_s,
-                math.nan if command is None else command.item.steer_rad,
-                z.wheel_rad,
-                math.nan if command is None else command.latency_ns * 1e-9,
-                uplink_latency_s,
-                z.curvature_1_m,
-                z.side_slip_rad,
+            _new(
+                PlantSample,
+                (
+                    motion.time_ns * 1e-9,
+                    motion.arc_length_m,
+                    z.lateral_error_m,
+                    z.heading_error_rad,
+                    z.yaw_rate_rad_s,
+                    command_rad,
+                    z.wheel_rad,
+                    downlink_latency_s,
+                    uplink_latency_s,
+                    z.curvature_1_m,
+                    z.side_slip_rad,
+                ),
             )
         )
 

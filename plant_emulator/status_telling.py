@@ -21,22 +21,23 @@ _BY_COMMANDS = (SafetyState.NORMAL, SafetyState.LIMITING)
 
 
 class StatusTelling:
-    """Keeps which SAFETY was reported last and when; ``start_ns`` begins the first cycle [ns]."""
+    """Knows what SAFETY was told last and when; ``start_ns`` is that of the first cycle [ns].
+
+    ``deadline_ns``  when PLANT_STATUS is due next [ns]
+    """
 
     def __init__(self, start_ns: int) -> None:
         self._timer = PeriodicTimer(start_ns, PERIOD_NS)
         self._told: SafetyState | None = None
         self._told_ns = 0
         self._change_ns = NEVER_NS
-
-    @property
-    def deadline_ns(self) -> int:
-        """When PLANT_STATUS is due next [ns]."""
-        return min(self._timer.deadline_ns, self._change_ns)
+        self.deadline_ns = start_ns
 
     def on_state(self, state: SafetyState, time_ns: int) -> None:
         """Take what SAFETY would be now."""
         told = self._told
+        if state is told and self._change_ns == NEVER_NS:
+            return
         if told is None:  # the first cycle is still to come
             return
         if state is told or (told, state) == _NO_MORE_LIMITING:
@@ -45,6 +46,7 @@ class StatusTelling:
             self._change_ns = min(self._change_ns, time_ns)
         elif self._change_ns == NEVER_NS:
             self._change_ns = max(time_ns, self._told_ns + INTERVAL_NS)
+        self.deadline_ns = min(self._timer.deadline_ns, self._change_ns)
 
     def on_telling(self, state: SafetyState, time_ns: int, now_ns: int) -> None:
         """Note that PLANT_STATUS, due at ``time_ns``, reports a state."""
@@ -52,3 +54,4 @@ class StatusTelling:
             self._timer.advance(now_ns)
         self._told, self._told_ns = state, time_ns
         self._change_ns = NEVER_NS
+        self.deadline_ns = self._timer.deadline_ns

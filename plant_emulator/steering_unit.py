@@ -19,13 +19,10 @@ from .steering_guard import (
     start_guard,
 )
 
-_STATES: Mapping[int, SafetyState] = {
-    GuardMode.NO_COMMAND: SafetyState.NORMAL,
-    GuardMode.FOLLOWING: SafetyState.NORMAL,
-    GuardMode.HOLDING: SafetyState.HOLDING,
-    GuardMode.FALLBACK: SafetyState.FALLBACK,
-    GuardMode.SAFE_STATE: SafetyState.SAFE_STATE,
-}
+_NORMAL = SafetyState.NORMAL
+_STATES = (_NORMAL, _NORMAL, SafetyState.HOLDING, SafetyState.FALLBACK, SafetyState.SAFE_STATE)
+"""What PLANT_STATUS says of each ``GuardMode`` where nothing was limited."""
+_STATUS_CODES = tuple(SteeringStatusCode)
 _CODES = (
     int(SteeringStatusCode.NO_COMMAND),
     int(SteeringStatusCode.APPLYING),
@@ -93,9 +90,10 @@ class SteeringUnit:
         self._note_silence(now_ns)
         self._heard_ns = now_ns
         if is_followed:
-            is_back = self._state.mode == GuardMode.FOLLOWING
-            self._recoveries += is_back and before.mode in (GuardMode.HOLDING, GuardMode.FALLBACK)
-            self._count_intervention()
+            if before.mode > _FOLLOWING and self._state.mode == _FOLLOWING:
+                self._recoveries += 1
+            if self._state.limiter.cause:
+                self._count_intervention()
         else:
             self._ignored += 1
         return is_followed
@@ -109,7 +107,7 @@ class SteeringUnit:
         before = self._state
         self._state, is_set = guard_timer(self._params, before, now_ns)
         self._note_mode(before, now_ns, "override")
-        if is_set:
+        if is_set and self._state.limiter.cause:
             self._count_intervention()
         return is_set
 
@@ -128,14 +126,14 @@ class SteeringUnit:
 
     def status_code(self, *, actuator_is_limited: bool) -> SteeringStatusCode:
         """Return what STEERING_STATUS says now."""
-        return SteeringStatusCode(status_of(self._state, actuator_is_limited))
+        return _STATUS_CODES[status_of(self._state, actuator_is_limited)]
 
     @property
     def safety(self) -> SafetyState:
         """What PLANT_STATUS would say now: LIMITING for any intervention since it was taken."""
         state = _STATES[self._state.mode]
-        if state is SafetyState.NORMAL and self._limited_since_told:
-            state = SafetyState.LIMITING
+        if self._limited_since_told and state is _NORMAL:
+            return SafetyState.LIMITING
         return state
 
     def take_state(self) -> SafetyState:
@@ -170,7 +168,8 @@ class SteeringUnit:
     def _note_silence(self, now_ns: int) -> None:
         if self._heard_ns != NEVER_NS:
             silence_ns = now_ns - self._heard_ns
-            self._longest_silence_ns = max(self._longest_silence_ns, silence_ns)
+            if silence_ns > self._longest_silence_ns:
+                self._longest_silence_ns = silence_ns
 
     def _note_mode(self, before: GuardState, now_ns: int, cause: str) -> None:
         if self._state.mode == before.mode:
@@ -180,7 +179,5 @@ class SteeringUnit:
             self._safe_state_at_ns, self._safe_state_cause = now_ns, cause
 
     def _count_intervention(self) -> None:
-        cause = self._state.limiter.cause
-        if cause != Cause.NONE:
-            self._interventions[Cause(cause).name.lower()] += 1
-            self._limited_since_told = True
+        self._interventions[Cause(self._state.limiter.cause).name.lower()] += 1
+        self._limited_since_told = True
