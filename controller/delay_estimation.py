@@ -140,7 +140,9 @@ class DelayEstimator:
 
     def on_tick(self, seen: Seen, skipped: int = 0) -> None:
         """Take a control period, and those before it that were skipped."""
-        self._waiting += [seen] * (min(skipped, _SKIPPED_MAX) + 1)
+        if skipped:
+            self._waiting += [seen] * min(skipped, _SKIPPED_MAX)
+        self._waiting.append(seen)
         # Sooner the estimate does not change.
         while len(self._waiting) >= (count := self._ticks_to_peak()):
             self._take(self._waiting[:count])

@@ -23,6 +23,7 @@ from .received import Received
 from .settings import ControllerSettings, age_limits_of
 
 _LIMITS = limits(DelayStatus)
+_new = tuple.__new__
 
 
 class EchoDelay:
@@ -75,12 +76,15 @@ class DelayWatch:
             return
         skipped = 0 if self._period is None else period - self._period - 1
         self._period = period
-        seen = Seen(
-            sent_steer_rad,
-            received.lateral_error_m,
-            (now_ns - error_ns) / NS_PER_S,
-            received.vehicle,
-            (now_ns - vehicle_ns) / NS_PER_S,
+        seen = _new(
+            Seen,
+            (
+                sent_steer_rad,
+                received.lateral_error_m,
+                (now_ns - error_ns) / NS_PER_S,
+                received.vehicle,
+                (now_ns - vehicle_ns) / NS_PER_S,
+            ),
         )
         self._estimator.on_tick(seen, skipped)
         self._ticks += 1

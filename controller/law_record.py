@@ -56,7 +56,8 @@ class Law(NamedTuple):
     ``needs``     tables of other names that the law cannot do without
     ``needs_vehicle``    whether [nominal_model] has to be of kind 'vehicle'
     ``cutoffs``          keys of its own table that have to be below the Nyquist frequency
-    ``looks_back``       whether the law reads more than the first two fields of its ``LawInput``
+    ``looks_back``       whether the law reads more than the first two fields of its ``LawInput``;
+                         where it does not, nothing is remembered of the wire
     ``takes_derivative`` whether the law feeds the lateral error through C(s) of [pd], whose
                          derivative may then be the Kalman filter's
     ``feed_forward_refusal``  why [feed_forward] must not be added; empty: it may be

@@ -5,12 +5,12 @@ from the command that was held; the difference is added to its commands and fade
 rate, so that the first command equals the last one held. The law is given what was sent, as always.
 """
 
-import math
+from math import isfinite
 from typing import Any
 
 from ..dbc.messages import Mode
 from .design import design_law, link_of
-from .law_interface import NO_VEHICLE, LawInput, LawOutput
+from .law_interface import NO_HISTORY, NO_LINK, NO_VEHICLE, LawInput, LawOutput
 from .limits import ramp_step
 from .link_memory import LinkMemory
 from .received import Received
@@ -18,22 +18,28 @@ from .settings import ControllerSettings, age_limits_of
 
 FAILURES_MAX = 1
 """Outputs that are no number: the law is held and started anew once, and not trusted again."""
+_new = tuple.__new__
 
 
 class LawRunner:
     """Holds the law and what it remembers.
 
     ``design``    the law
-    ``memory``    commands, measurements and echoes, for laws that look back
+    ``memory``    commands, measurements and echoes, of a law that looks back; None for others
     ``output``    of its newest step that gave a number
     ``failures``  how often its output was no finite number
     """
 
     def __init__(self, settings: ControllerSettings, ramp_step_rad: float) -> None:
         self.design = design_law(settings)
-        self.memory = LinkMemory(link_of(settings), age_limits_of(settings))
+        self.memory = (
+            LinkMemory(link_of(settings), age_limits_of(settings))
+            if self.design.looks_back
+            else None
+        )
         self.output = LawOutput(0.0, 0.0, 0.0, 0.0)
         self.failures = 0
+        self._step = self.design.step
         self._params, self._speed_m_s = self.design.params, NO_VEHICLE.speed_m_s
         self._state: Any = None
         self._fade_rad: float | None = 0.0  # None: to be taken from the next output
@@ -62,18 +68,21 @@ class LawRunner:
 
     def run(self, received: Received, sent_rad: float, period: int, now_ns: int) -> float | None:
         """Advance by one period; returns the command [rad], None where the law gives no number."""
-        link = self.memory.link(period, now_ns)
+        link, history, memory = NO_LINK, NO_HISTORY, self.memory
+        if memory is not None:
+            link, history = memory.link(period, now_ns), memory.history
         vehicle = received.vehicle_at(now_ns)
-        seen = LawInput(received.lateral_error_m, sent_rad, vehicle, link, self.memory.history)
-        state, output = self.design.step(self._params, self._state, seen)
-        if math.isfinite(output.steer_rad):
+        seen = _new(LawInput, (received.lateral_error_m, sent_rad, vehicle, link, history))
+        state, output = self._step(self._params, self._state, seen)
+        steer_rad = output.steer_rad
+        if isfinite(steer_rad):
             self._state, self.output = state, output
             if self._fade_rad is None:
-                self._fade_rad = sent_rad - output.steer_rad
-            else:
+                self._fade_rad = sent_rad - steer_rad
+            elif self._fade_rad != 0.0:
                 self._fade_rad = ramp_step(self._ramp_step_rad, self._fade_rad)
-            command_rad = output.steer_rad + self._fade_rad
-            if math.isfinite(command_rad):
+            command_rad = steer_rad + self._fade_rad
+            if isfinite(command_rad):
                 return command_rad
         self.failures += 1
         self._state = None  # nothing that a recovery could go on from

@@ -111,22 +111,23 @@ def mode_step(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> 
     return state
 
 
+_ACTIVE = Mode.ACTIVE
+
+
 class Supervisor:
     """Keeps the mode, and how many good measurements came in a row.
 
     ``start_ns``  when WAITING begins [ns]
+
+    ``mode``      the mode in force
     """
 
     def __init__(self, supervision: Supervision, start_ns: int) -> None:
         self._supervision = supervision
         self._state = ModeState(Mode.WAITING, start_ns)
+        self.mode = Mode.WAITING
         self._good_run = 0
         self._own_fault = False
-
-    @property
-    def mode(self) -> Mode:
-        """The mode in force."""
-        return self._state.mode
 
     def on_measurement(self, before_ns: int | None, now_ns: int) -> None:
         """Note a good measurement; one that comes after a gap starts a new run.
@@ -153,10 +154,16 @@ class Supervisor:
         ``arrival_ns``  when the newest good measurement arrived, None before the first [ns]
         """
         before = self._state.mode
+        if before is _ACTIVE and not law_failed and not self._own_fault:
+            # Nearly always: of the table's guards only is_stale could be true.
+            timeout_ns = self._supervision.measurement_timeout_ns
+            if arrival_ns is not None and now_ns - arrival_ns <= timeout_ns:
+                return None
         seen = Evidence(arrival_ns, self._good_run, law_failed, self._own_fault)
         self._state = mode_step(self._supervision, self._state, seen, now_ns)
-        if self._state.mode is before:
+        self.mode = self._state.mode
+        if self.mode is before:
             return None
-        if self._state.mode is Mode.HOLDING:
+        if self.mode is Mode.HOLDING:
             self._good_run = 0
-        return self._state.mode
+        return self.mode

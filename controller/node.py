@@ -17,6 +17,7 @@ from typing import Any
 from ..dbc.messages import (
     CAN_IDS,
     ControllerFault,
+    Freshness,
     LateralError,
     Mode,
     Rejection,
@@ -45,6 +46,12 @@ from .status_frames import StatusFrames
 
 __all__ = ["RECEIVED", "STATUS_PERIOD_NS", "ControllerNode"]
 
+_WAITING, _ACTIVE = Mode.WAITING, Mode.ACTIVE
+_NO_FAULT = ControllerFault.NONE
+_NO_COMMAND = SteeringStatusCode.NO_COMMAND
+_ERROR_ID = CAN_IDS[LateralError]
+_new = tuple.__new__
+
 STATUS_PERIOD_NS = 100_000_000
 """Cycle of CONTROLLER_STATUS, CONTROLLER_SAFETY and DELAY_STATUS."""
 
@@ -57,6 +64,7 @@ class ControllerNode:
     ``samples_max``  how many control periods are kept in ``samples``, from the first command on
 
     ``deadline_ns``  when the next tick is due [ns]
+    ``finished``     whether it has found a fault in itself and steers no more; else it runs on
     """
 
     def __init__(self, settings: ControllerSettings, start_ns: int, samples_max: int = 0) -> None:
@@ -69,6 +77,7 @@ class ControllerNode:
         self._control_timer = PeriodicTimer(start_ns, settings.period_ns)
         self._status_timer = PeriodicTimer(start_ns, STATUS_PERIOD_NS)
         self.deadline_ns = start_ns
+        self.finished = False
         self._overruns = OverrunSupervision.of(settings.overruns)
         self._received = Received(settings)
         self._supervisor = Supervisor(supervision_of(settings), start_ns)
@@ -77,12 +86,10 @@ class ControllerNode:
         self._commands = SentCommands()
         self._delay = delay_watch_of(settings)
         self._statuses = StatusFrames(law)
+        self._facts = SafetyFacts(0, *self._received.freshness(start_ns), _NO_FAULT)
+        self._fresh_until_ns = -1
+        """Until when the facts hold, if no frame is refused and no fault is found."""
         self._figures = RunFigures(start_ns, samples_max)
-
-    @property
-    def finished(self) -> bool:
-        """Whether it has found a fault in itself and steers no more; else it runs on."""
-        return self._sent_steer_rad == 0.0 and bool(self._failure)
 
     @property
     def samples(self) -> Sequence[ControlSample]:
@@ -91,19 +98,23 @@ class ControllerNode:
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Take a frame; the answer to a measurement waits for the next tick."""
-        received = self._received
+        received, memory = self._received, self._law.memory
         before_ns = received.errors.arrival_ns
         message = received.take(frame, now_ns)
-        if isinstance(message, LateralError):
+        kind = type(message)
+        if kind is LateralError:
             self._supervisor.on_measurement(before_ns, now_ns)
-            self._law.memory.on_error(message, received.errors.counter, now_ns)
-        elif isinstance(message, SteeringStatus):
+            if memory is not None:
+                memory.on_error(message, received.errors.counter, now_ns)
+        elif kind is SteeringStatus:
             self._on_echo(message, now_ns)
-            self._law.memory.on_echo(message, received.statuses.counter, now_ns)
-        elif isinstance(message, VehicleState):
+            if memory is not None:
+                memory.on_echo(message, received.statuses.counter, now_ns)
+        elif kind is VehicleState:
             self._law.on_speed(message.speed_m_s)
-            self._law.memory.on_vehicle(now_ns)
-        elif isinstance(message, Rejection) and frame.can_id == CAN_IDS[LateralError]:
+            if memory is not None:
+                memory.on_vehicle(now_ns)
+        elif kind is Rejection and frame.can_id == _ERROR_ID:
             self._supervisor.on_rejection()
         return ()
 
@@ -119,14 +130,16 @@ class ControllerNode:
             period = self._control_timer.advance(now_ns)
             if not self._overruns.on_tick(self._control_timer):
                 self._supervisor.on_own_fault()
-            self._figures.on_tick(self._supervisor.mode, now_ns)
+            self._figures.last_tick_ns = now_ns
             if self._commands.count:
                 self._delay.on_tick(now_ns, period, self._sent_steer_rad, self._received)
             wanted_rad = self._wanted_rad(now_ns, period)
             self._sent_steer_rad = limit_step(self._limits, self._sent_steer_rad, wanted_rad)
-            if self._supervisor.mode is not Mode.WAITING:
+            if self._supervisor.mode is not _WAITING:
                 frames.append(self._command_frame(now_ns, period))
-            is_safety_due = self._statuses.safety.on_tick(self._safety_facts(now_ns), now_ns)
+            facts = self._safety_facts(now_ns)
+            is_safety_due = self._statuses.safety.on_tick(facts, now_ns)
+            self.finished = facts.fault is not _NO_FAULT and self._sent_steer_rad == 0.0
         if self._status_timer.deadline_ns <= now_ns:
             self._status_timer.advance(now_ns)
             skipped = self._control_timer.skipped
@@ -159,7 +172,7 @@ class ControllerNode:
             "law_failures": law.failures,
             **self._figures.report(),
             "stale": self._statuses.safety.went_stale,
-            "sensor_period": law.memory.sensor_period() if law.design.looks_back else None,
+            "sensor_period": None if law.memory is None else law.memory.sensor_period(),
             "delay": self._delay.report(self._figures.last_tick_ns, self._period_s),
             "accepted": reception.accepted,
             "lost": reception.lost,
@@ -179,7 +192,7 @@ class ControllerNode:
 
     def _on_echo(self, status: SteeringStatus, now_ns: int) -> None:
         """Take the counter of the command that is applied now."""
-        if status.status is SteeringStatusCode.NO_COMMAND:
+        if status.status is _NO_COMMAND:
             return
         echo = self._commands.on_echo(status.applied_counter)
         if echo is not None:
@@ -191,7 +204,7 @@ class ControllerNode:
         """Run the mode table and, if ACTIVE, the law; returns the command before the limits."""
         self._move_on(now_ns, law_failed=False)
         mode, arrival_ns = self._supervisor.mode, self._received.errors.arrival_ns
-        if mode is Mode.ACTIVE and arrival_ns is not None:
+        if mode is _ACTIVE and arrival_ns is not None:
             self._figures.sample_age.record(now_ns - arrival_ns)
             law_rad = self._law.run(self._received, self._sent_steer_rad, period, now_ns)
             if law_rad is not None:
@@ -219,9 +232,10 @@ class ControllerNode:
             self._sent_steer_rad,
             self._supervisor.mode,
         )
-        frame = encode(SteeringCommand(steer_rad, counter, mode), counter % COUNTERS)
+        frame = encode(_new(SteeringCommand, (steer_rad, counter, mode)), counter % COUNTERS)
         self._commands.on_sent(now_ns)
-        self._law.memory.on_command(period, steer_rad)
+        if self._law.memory is not None:
+            self._law.memory.on_command(period, steer_rad)
         self._figures.on_command(steer_rad)
         arrival_ns = self._received.errors.arrival_ns
         if self._figures.wants_sample and arrival_ns is not None:
@@ -232,12 +246,20 @@ class ControllerNode:
 
     def _safety_facts(self, now_ns: int) -> SafetyFacts:
         """Return what CONTROLLER_SAFETY has to say in time."""
-        fault = ControllerFault.NONE
+        fault, received, facts = _NO_FAULT, self._received, self._facts
         if self._law.is_distrusted:
             fault = ControllerFault.LAW_FAILED
         elif self._overruns.failure:
             fault = ControllerFault.OVERRUNS
-        return SafetyFacts(self._received.refused, *self._received.freshness(now_ns), fault)
+        is_as_before = fault is facts.fault and received.refused == facts.rejected
+        if is_as_before and now_ns <= self._fresh_until_ns:
+            return facts
+        freshness = received.freshness(now_ns)
+        self._facts = SafetyFacts(received.refused, *freshness, fault)
+        # One that is stale may be back at any time.
+        is_fresh = freshness == (Freshness.FRESH,) * len(freshness)
+        self._fresh_until_ns = received.fresh_until_ns() if is_fresh else -1
+        return self._facts
 
     def _safety_frame(self, now_ns: int) -> Frame:
         lost = self._received.reception.lost

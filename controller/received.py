@@ -15,6 +15,7 @@ from .settings import ControllerSettings, age_limits_of, resync_ns_of
 
 RECEIVED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState)
 """What the controller receives."""
+_new = tuple.__new__
 
 
 class Received:
@@ -46,16 +47,17 @@ class Received:
     ) -> Message | Rejection | SequenceResult | Refused | None:
         """Judge a frame, and keep what it says; returns what ``Reception.take`` does."""
         message = self.reception.take(frame, now_ns)
-        if isinstance(message, LateralError):
-            self.lateral_error_m = message.lateral_error_m
-        elif isinstance(message, VehicleState):
-            self.vehicle = VehicleReading(*message)
+        kind = type(message)
+        if kind is LateralError:
+            self.lateral_error_m = message[0]
+        elif kind is VehicleState:
+            self.vehicle = _new(VehicleReading, (*message, False))
         return message
 
     def vehicle_at(self, now_ns: int) -> VehicleReading:
         """Return the newest motion of the vehicle, marked where it is not of now."""
-        limit_ns = self._limits.vehicle_state_ns
-        if freshness(self.states.arrival_ns, limit_ns, now_ns) is Freshness.STALE:
+        arrival_ns = self.states.arrival_ns
+        if arrival_ns is not None and now_ns - arrival_ns > self._limits.vehicle_state_ns:
             return self.vehicle._replace(is_stale=True)
         return self.vehicle
 
@@ -66,4 +68,12 @@ class Received:
             freshness(self.errors.arrival_ns, limits.lateral_error_ns, now_ns),
             freshness(self.statuses.arrival_ns, limits.steering_status_ns, now_ns),
             freshness(self.states.arrival_ns, limits.vehicle_state_ns, now_ns),
+        )
+
+    def fresh_until_ns(self) -> int:
+        """Return until when all of RECEIVED, which are fresh now, stay so if none comes [ns]."""
+        checks = (self.errors, self.statuses, self.states)
+        return min(
+            (check.arrival_ns or 0) + limit_ns
+            for check, limit_ns in zip(checks, self._limits, strict=True)
         )

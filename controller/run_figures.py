@@ -16,7 +16,7 @@ class RunFigures:
     ``samples_max``  how many control periods are kept in ``samples``, oldest first
 
     ``peak_steer_rad``  the largest command sent, to either side [rad]
-    ``last_tick_ns``    up to when the modes are booked [ns]
+    ``last_tick_ns``    when the last control tick was [ns]
     """
 
     def __init__(self, start_ns: int, samples_max: int) -> None:
@@ -26,21 +26,21 @@ class RunFigures:
         self.samples: list[ControlSample] = []
         self._samples_max = samples_max
         self._mode_ns = dict.fromkeys(Mode, 0)
+        self._mode, self._entered_ns = Mode.WAITING, start_ns
         self._holds = 0
         self.peak_steer_rad = 0.0
 
-    def on_tick(self, mode: Mode, now_ns: int) -> None:
-        """Book the time since the last tick on the mode it was spent in."""
-        self._mode_ns[mode] += now_ns - self.last_tick_ns
-        self.last_tick_ns = now_ns
-
     def on_mode(self, entered: Mode) -> None:
-        """Count a mode that is entered."""
+        """Book the time up to this tick on the mode that ends with it."""
+        self._mode_ns[self._mode] += self.last_tick_ns - self._entered_ns
+        self._mode, self._entered_ns = entered, self.last_tick_ns
         self._holds += entered is Mode.HOLDING
 
     def on_command(self, steer_rad: float) -> None:
         """Take a command that is sent."""
-        self.peak_steer_rad = max(self.peak_steer_rad, abs(steer_rad))
+        size_rad = abs(steer_rad)
+        if size_rad > self.peak_steer_rad:
+            self.peak_steer_rad = size_rad
 
     @property
     def wants_sample(self) -> bool:
@@ -55,9 +55,11 @@ class RunFigures:
         ``round_trip``  from sending a command to the first echo of its counter
         ``sample_age``  of the measurement in use, at each tick of the law
         """
+        mode_ns = dict(self._mode_ns)
+        mode_ns[self._mode] += self.last_tick_ns - self._entered_ns
         return {
             "holds": self._holds,
-            "mode_s": {mode.name.lower(): ns / NS_PER_S for mode, ns in self._mode_ns.items()},
+            "mode_s": {mode.name.lower(): ns / NS_PER_S for mode, ns in mode_ns.items()},
             "round_trip": durations_report(self.round_trip.summary()),
             "sample_age": durations_report(self.sample_age.summary()),
         }

@@ -62,6 +62,8 @@ class SafetyStatus:
     def on_tick(self, facts: SafetyFacts, now_ns: int) -> bool:
         """Take the facts of a control tick; returns whether to tell them before the next cycle."""
         before, told = self._before, self._told
+        if facts is before and facts is told:
+            return False
         if before is not None and facts != before:
             for name in _AGES:
                 is_stale, was_stale = (getattr(x, name) is Freshness.STALE for x in (facts, before))

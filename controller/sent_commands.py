@@ -22,6 +22,9 @@ class Echo(NamedTuple):
     is_first: bool
 
 
+_new = tuple.__new__
+
+
 class SentCommands:
     """Keeps the sending times; ``count`` is how many commands were sent."""
 
@@ -50,4 +53,4 @@ class SentCommands:
         index = (self.count - 1 - age) % IN_FLIGHT_MAX
         is_first = not self._is_echoed[index]
         self._is_echoed[index] = True
-        return Echo(self._sent_ns[index], is_first)
+        return _new(Echo, (self._sent_ns[index], is_first))
