@@ -39,7 +39,6 @@ class LawRunner:
         )
         self.output = LawOutput(0.0, 0.0, 0.0, 0.0)
         self.failures = 0
-        self._step = self.design.step
         self._params, self._speed_m_s = self.design.params, NO_VEHICLE.speed_m_s
         self._state: Any = None
         self._fade_rad: float | None = 0.0  # None: to be taken from the next output
@@ -73,7 +72,7 @@ class LawRunner:
             link, history = memory.link(period, now_ns), memory.history
         vehicle = received.vehicle_at(now_ns)
         seen = _new(LawInput, (received.lateral_error_m, sent_rad, vehicle, link, history))
-        state, output = self._step(self._params, self._state, seen)
+        state, output = self.design.step(self._params, self._state, seen)
         steer_rad = output.steer_rad
         if isfinite(steer_rad):
             self._state, self.output = state, output

@@ -148,7 +148,8 @@ class ControllerNode:
             frames.append(self._statuses.delay(self._delay.status(now_ns)))
         elif is_safety_due:
             frames.append(self._safety_frame(now_ns))
-        self.deadline_ns = min(self._control_timer.deadline_ns, self._status_timer.deadline_ns)
+        control_ns, status_ns = self._control_timer.deadline_ns, self._status_timer.deadline_ns
+        self.deadline_ns = control_ns if control_ns < status_ns else status_ns
         return frames
 
     def report(self) -> Mapping[str, Any]:

@@ -236,9 +236,9 @@ class LatencyLine(Generic[Item]):
             due_ns = max(due_ns, self._last_due_ns.get(key, due_ns))
             self._last_due_ns[key] = due_ns
         heappush(self._waiting, _new(Passage, (due_ns, self._sequence, now_ns, key, item)))
+        self._sequence += 1
         if due_ns < self.next_due_ns:
             self.next_due_ns = due_ns
-        self._sequence += 1
 
     def _loss_params(self, loss: float) -> LossParams:
         table = self._settings
