@@ -17,13 +17,13 @@ from typing import Any
 
 from ..dbc.messages import DelayStatus, EchoState, EstimateState, limits
 from ..runtime.node import NS_PER_S
+from ..runtime.record import new_record
 from .delay_estimation import DelayEstimationParams, DelayEstimator, Seen
 from .delay_settings import delay_estimation_of
 from .received import Received
 from .settings import ControllerSettings, age_limits_of
 
 _LIMITS = limits(DelayStatus)
-_new = tuple.__new__
 
 
 class EchoDelay:
@@ -76,7 +76,7 @@ class DelayWatch:
             return
         skipped = 0 if self._period is None else period - self._period - 1
         self._period = period
-        seen = _new(
+        seen = new_record(
             Seen,
             (
                 sent_steer_rad,

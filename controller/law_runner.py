@@ -9,6 +9,7 @@ from math import isfinite
 from typing import Any
 
 from ..dbc.messages import Mode
+from ..runtime.record import new_record
 from .design import design_law, link_of
 from .law_interface import NO_HISTORY, NO_LINK, NO_VEHICLE, LawInput, LawOutput
 from .limits import ramp_step
@@ -18,7 +19,6 @@ from .settings import ControllerSettings, age_limits_of
 
 FAILURES_MAX = 1
 """Outputs that are no number: the law is held and started anew once, and not trusted again."""
-_new = tuple.__new__
 
 
 class LawRunner:
@@ -71,7 +71,7 @@ class LawRunner:
         if memory is not None:
             link, history = memory.link(period, now_ns), memory.history
         vehicle = received.vehicle_at(now_ns)
-        seen = _new(LawInput, (received.lateral_error_m, sent_rad, vehicle, link, history))
+        seen = new_record(LawInput, (received.lateral_error_m, sent_rad, vehicle, link, history))
         state, output = self.design.step(self._params, self._state, seen)
         steer_rad = output.steer_rad
         if isfinite(steer_rad):

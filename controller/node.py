@@ -32,6 +32,7 @@ from ..runtime.frame import Frame
 from ..runtime.node import NS_PER_S
 from ..runtime.overruns import OverrunSupervision
 from ..runtime.periodic import PeriodicTimer
+from ..runtime.record import new_record
 from .control_sample import ControlSample
 from .delay_watch import delay_watch_of
 from .law_runner import LawRunner
@@ -50,7 +51,6 @@ _WAITING, _ACTIVE = Mode.WAITING, Mode.ACTIVE
 _NO_FAULT = ControllerFault.NONE
 _NO_COMMAND = SteeringStatusCode.NO_COMMAND
 _ERROR_ID = CAN_IDS[LateralError]
-_new = tuple.__new__
 
 STATUS_PERIOD_NS = 100_000_000
 """Cycle of CONTROLLER_STATUS, CONTROLLER_SAFETY and DELAY_STATUS."""
@@ -233,7 +233,7 @@ class ControllerNode:
             self._sent_steer_rad,
             self._supervisor.mode,
         )
-        frame = encode(_new(SteeringCommand, (steer_rad, counter, mode)), counter % COUNTERS)
+        frame = encode(new_record(SteeringCommand, (steer_rad, counter, mode)), counter % COUNTERS)
         self._commands.on_sent(now_ns)
         if self._law.memory is not None:
             self._law.memory.on_command(period, steer_rad)

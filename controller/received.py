@@ -9,13 +9,13 @@ from ..dbc.protection import SequenceResult
 from ..dbc.reception import Reception
 from ..dbc.secured_frame import Refused
 from ..runtime.frame import Frame
+from ..runtime.record import new_record
 from .freshness import freshness
 from .law_interface import NO_VEHICLE, VehicleReading
 from .settings import ControllerSettings, age_limits_of, resync_ns_of
 
 RECEIVED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState)
 """What the controller receives."""
-_new = tuple.__new__
 
 
 class Received:
@@ -51,7 +51,7 @@ class Received:
         if kind is LateralError:
             self.lateral_error_m = message[0]
         elif kind is VehicleState:
-            self.vehicle = _new(VehicleReading, (*message, False))
+            self.vehicle = new_record(VehicleReading, (*message, False))
         return message
 
     def vehicle_at(self, now_ns: int) -> VehicleReading:

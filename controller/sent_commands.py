@@ -9,6 +9,7 @@ command that was never applied, because the network lost it or a newer one overt
 from typing import NamedTuple
 
 from ..dbc.messages import COMMAND_COUNTERS
+from ..runtime.record import new_record
 
 IN_FLIGHT_MAX = 4096
 """Commands whose sending time is remembered: 4 s at 1 kHz, and far below the values of the counter,
@@ -20,9 +21,6 @@ class Echo(NamedTuple):
 
     sent_ns: int
     is_first: bool
-
-
-_new = tuple.__new__
 
 
 class SentCommands:
@@ -53,4 +51,4 @@ class SentCommands:
         index = (self.count - 1 - age) % IN_FLIGHT_MAX
         is_first = not self._is_echoed[index]
         self._is_echoed[index] = True
-        return _new(Echo, (self._sent_ns[index], is_first))
+        return new_record(Echo, (self._sent_ns[index], is_first))

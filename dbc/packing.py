@@ -6,13 +6,13 @@ kind they are
 
     def pack(message, counter):
         try:
-            speed_m_s, number, mode = message
+            speed_m_s, number, mode, = message
             speed_m_s = round(speed_m_s / 0.001)
             number = index(number)
             if (
                 -500 <= speed_m_s <= 500
                 and 0 <= number <= 15
-                and type(mode) is Mode
+                and type(mode) is Mode and 0 <= mode <= 1
                 and 0 <= counter <= 255
             ):
                 content = (
@@ -35,9 +35,9 @@ kind they are
         mode = word >> 44 & 0x7
         if (
             -500 <= speed_m_s <= 500
-            and mode <= 3
+            and mode <= 1
         ):
-            return new(Message, (speed_m_s * 0.001, number, of_mode[mode])), word >> 16 & 255
+            return new(Message, (speed_m_s * 0.001, number, of_mode[mode],)), word >> 16 & 255
         return refusal(speed_m_s, number, mode)
 
 Whatever does not go smoothly is found out again, signal by signal, by ``cannot_send`` and
@@ -45,7 +45,7 @@ Whatever does not go smoothly is found out again, signal by signal, by ``cannot_
 """
 
 from binascii import crc_hqx
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
 from operator import index
 from typing import Any, NamedTuple
@@ -53,6 +53,7 @@ from typing import Any, NamedTuple
 from .protection import COUNTERS, HEADER_BYTES, START
 from .signals import PackedSignal
 
+_ORDER = "'little'"
 _COUNTER_BITS = 8
 _HEADER_BITS = 8 * HEADER_BYTES - _COUNTER_BITS
 """The CRC: what follows it is its content."""
@@ -111,46 +112,37 @@ def packing_of(
     return Packing(names["pack"], names["unpack"], source)
 
 
-def _pack_lines(
-    length: int, data_id: int | None, signals: Mapping[str, PackedSignal]
-) -> list[str]:
-    steps, conditions, parts = [], [], []
-    for name, signal in signals.items():
-        if issubclass(signal.kind, IntEnum):
-            conditions.append(f"type({name}) is {signal.kind.__name__}")
-            is_any = signal.raw_minimum <= min(signal.kind) and max(signal.kind) <= signal.raw_maximum
-        else:
-            is_any = False
-            exact = f"index({name})"
-            steps.append(
-                f"{name} = "
-                + (f"round({name} / {signal.resolution!r})" if signal.kind is float else exact)
-            )
-        if not is_any:
-            conditions.append(f"{signal.raw_minimum} <= {name} <= {signal.raw_maximum}")
-        shift = signal.shift - (0 if data_id is None else _HEADER_BITS)
-        raw = f"({name} & {signal.mask:#x})" if signal.sign else name
-        parts.append(f"{raw} << {shift}" if shift else raw)
+def _pack_lines(length: int, data_id: int | None, signals: Mapping[str, PackedSignal]) -> list[str]:
+    begin = 0 if data_id is None else _HEADER_BITS
+    conditions = [_carried(name, signal) for name, signal in signals.items()]
+    parts = [_placed(name, signal, begin) for name, signal in signals.items()]
     if data_id is None:
-        ending = [f"            ).to_bytes({length}, 'little')"]
-        begin = "            return ("
+        payload = [
+            "            return (",
+            *_joined(parts, "|", 4),
+            f"            ).to_bytes({length}, {_ORDER})",
+        ]
     else:
         conditions.append(f"0 <= counter <= {COUNTERS - 1}")
-        parts.insert(0, "counter")
-        begin = "            content = ("
-        ending = [
-            f"            ).to_bytes({length - 2}, 'little')",
-            f"            return crc(content + data_id, {START:#x}).to_bytes(2, 'little') + content",
+        payload = [
+            "            content = (",
+            *_joined(["counter", *parts], "|", 4),
+            f"            ).to_bytes({length - 2}, {_ORDER})",
+            f"            return crc(content + data_id, {START:#x}).to_bytes(2, {_ORDER}) + content",
         ]
     return [
         "def pack(message, counter):",
         "    try:",
-        f"        {_listed(signals)} = message",
-        *(f"        {step}" for step in steps),
-        *_if(conditions, "        "),
-        begin,
-        *_joined(parts, "|", "                "),
-        *ending,
+        f"        {', '.join(signals)}, = message",
+        *(
+            f"        {name} = {_raw_of(name, signal)}"
+            for name, signal in signals.items()
+            if not issubclass(signal.kind, IntEnum)
+        ),
+        "        if (",
+        *_joined(conditions, "and", 3),
+        "        ):",
+        *payload,
         "    except (TypeError, ValueError, OverflowError):",
         "        pass",
         "    raise cannot_send(message, counter)",
@@ -158,20 +150,8 @@ def _pack_lines(
 
 
 def _unpack_lines(data_id: int | None, signals: Mapping[str, PackedSignal]) -> list[str]:
-    steps, conditions, values = [], [], []
-    for name, signal in signals.items():
-        raw = f"word >> {signal.shift} & {signal.mask:#x}" if signal.shift else f"word & {signal.mask:#x}"
-        steps.append(f"{name} = " + (f"({raw} ^ {signal.sign:#x}) - {signal.sign:#x}" if signal.sign else raw))
-        lowest = -signal.sign
-        highest = signal.mask >> 1 if signal.sign else signal.mask
-        low = "" if signal.raw_minimum <= lowest else f"{signal.raw_minimum} <= "
-        high = "" if signal.raw_maximum >= highest else f" <= {signal.raw_maximum}"
-        if low or high:
-            conditions.append(f"{low}{name}{high}")
-        if issubclass(signal.kind, IntEnum):
-            values.append(f"of_{name}[{name}]")
-        else:
-            values.append(f"{name} * {signal.resolution!r}" if signal.kind is float else name)
+    conditions = [_in_range(name, signal) for name, signal in signals.items()]
+    values = ", ".join(_value_of(name, signal) for name, signal in signals.items())
     check, counter = [], "0"
     if data_id is not None:
         counter = f"word >> {_HEADER_BITS} & {COUNTERS - 1}"
@@ -181,23 +161,60 @@ def _unpack_lines(data_id: int | None, signals: Mapping[str, PackedSignal]) -> l
         ]
     return [
         "def unpack(payload):",
-        "    word = from_bytes(payload, 'little')",
+        f"    word = from_bytes(payload, {_ORDER})",
         *check,
-        *(f"    {step}" for step in steps),
-        *_if(conditions or ["True"], "    "),
-        f"        return new(Message, ({', '.join(values)},)), {counter}",
+        *(f"    {name} = {_raw_in_word(signal)}" for name, signal in signals.items()),
+        "    if (",
+        *_joined([condition for condition in conditions if condition] or ["True"], "and", 2),
+        "    ):",
+        f"        return new(Message, ({values},)), {counter}",
         f"    return refusal({', '.join(signals)})",
     ]
 
 
-def _listed(signals: Mapping[str, PackedSignal]) -> str:
-    return ", ".join(signals) + ("," if len(signals) == 1 else "")
+def _raw_of(name: str, signal: PackedSignal) -> str:
+    """Return the raw of a number."""
+    return f"round({name} / {signal.resolution!r})" if signal.kind is float else f"index({name})"
 
 
-def _if(conditions: list[str], indent: str) -> list[str]:
-    return [f"{indent}if (", *_joined(conditions, "and", indent + "    "), f"{indent}):"]
+def _carried(name: str, signal: PackedSignal) -> str:
+    """Return the condition that a signal carries a raw, or a member of an enum."""
+    in_range = f"{signal.raw_minimum} <= {name} <= {signal.raw_maximum}"
+    if issubclass(signal.kind, IntEnum):
+        return f"type({name}) is {signal.kind.__name__} and {in_range}"
+    return in_range
 
 
-def _joined(parts: list[str], operator: str, indent: str) -> list[str]:
+def _placed(name: str, signal: PackedSignal, begin: int) -> str:
+    """Return a raw at its place in what begins with bit ``begin`` of the payload."""
+    raw = f"({name} & {signal.mask:#x})" if signal.sign else name
+    return f"{raw} << {signal.shift - begin}" if signal.shift > begin else raw
+
+
+def _raw_in_word(signal: PackedSignal) -> str:
+    """Return the raw in the payload as one word."""
+    word = f"word >> {signal.shift}" if signal.shift else "word"
+    if signal.sign:
+        return f"({word} & {signal.mask:#x} ^ {signal.sign:#x}) - {signal.sign:#x}"
+    return f"{word} & {signal.mask:#x}"
+
+
+def _in_range(name: str, signal: PackedSignal) -> str:
+    """Return the condition that a raw is in its range; empty where no raw could be outside."""
+    low = f"{signal.raw_minimum} <= " if signal.raw_minimum > -signal.sign else ""
+    high = f" <= {signal.raw_maximum}" if signal.raw_maximum < signal.mask - signal.sign else ""
+    return f"{low}{name}{high}" if low or high else ""
+
+
+def _value_of(name: str, signal: PackedSignal) -> str:
+    """Return the value of a raw in its range."""
+    if issubclass(signal.kind, IntEnum):
+        return f"of_{name}[{name}]"
+    return f"{name} * {signal.resolution!r}" if signal.kind is float else name
+
+
+def _joined(parts: Sequence[str], operator: str, depth: int) -> list[str]:
+    """Return the lines of an expression in brackets, ``depth`` levels deep."""
     first, *others = parts
-    return [f"{indent}{first}", *(f"{indent}{operator} {part}" for part in others)]
+    lines = [first, *(f"{operator} {part}" for part in others)]
+    return [4 * depth * " " + line for line in lines]

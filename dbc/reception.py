@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping
 from typing import TypeVar
 
 from ..runtime.frame import FD, Frame
-from .messages import CAN_IDS, LatencyConfig, Message, Rejection, decode, unpacking
+from .messages import CAN_IDS, LatencyConfig, Message, Rejection, rejection_of, unpacking
 from .protection import SequenceCheck, SequenceResult
 from .secured_frame import Refused, is_secured
 
@@ -99,12 +99,10 @@ class Reception:
         return message
 
     def _refuse_unread(self, frame: Frame) -> Rejection | Refused:
-        """Find out why a frame is no message."""
+        """Refuse a frame that is no message, for the reason that ``rejection_of`` finds."""
         if frame.flags & FD and is_secured(frame):  # who has the key shows us the classic frame
             return self._refuse(Refused.NO_KEY)
-        cause = decode(frame)
-        assert isinstance(cause, Rejection)
-        return self._refuse(cause)
+        return self._refuse(rejection_of(frame))
 
     def _refuse(self, cause: _Cause) -> _Cause:
         self._rejected[cause.value] += 1

@@ -17,6 +17,7 @@ from heapq import heappop, heappush
 from typing import Generic, NamedTuple, TypeVar
 
 from ..runtime.node import NEVER_NS, NS_PER_S
+from ..runtime.record import new_record
 from ..runtime.statistics import DurationStatistics
 from .latency import QUANTILES, Distribution, correlated_score, uniform_of_score
 from .latency_profile import ProfilePoint, profile_at, read_trace
@@ -27,7 +28,6 @@ WAITING_MAX = 100_000
 """Frames one line holds: the longest latency at the highest rate, three times over."""
 
 Item = TypeVar("Item")
-_new = tuple.__new__
 
 
 class Passage(NamedTuple, Generic[Item]):
@@ -235,7 +235,7 @@ class LatencyLine(Generic[Item]):
         if self._in_order:
             due_ns = max(due_ns, self._last_due_ns.get(key, due_ns))
             self._last_due_ns[key] = due_ns
-        heappush(self._waiting, _new(Passage, (due_ns, self._sequence, now_ns, key, item)))
+        heappush(self._waiting, new_record(Passage, (due_ns, self._sequence, now_ns, key, item)))
         self._sequence += 1
         if due_ns < self.next_due_ns:
             self.next_due_ns = due_ns

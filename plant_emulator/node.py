@@ -38,6 +38,7 @@ from ..dbc.reception import Reception
 from ..runtime.frame import Frame
 from ..runtime.node import NEVER_NS
 from ..runtime.periodic import PeriodicTimer
+from ..runtime.record import new_record
 from .latency_line import Passage
 from .motion_design import MotionParams, design_motion
 from .network import Network
@@ -63,7 +64,6 @@ RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig)
 VEHICLE_STATE_PERIOD_NS = 20_000_000
 SAMPLES_MAX = 1_000_000
 """Samples kept for a trace: nearly three hours at 100 Hz."""
-_new = tuple.__new__
 _COMMAND_ID = CAN_IDS[SteeringCommand]
 _LOST_COUNTERS = int(limits(PlantStatus)["lost"].maximum) + 1
 _REJECTED_COUNTERS = int(limits(PlantStatus)["rejected"].maximum) + 1
@@ -188,6 +188,7 @@ class PlantNode:
                 self._sense(due_ns)
             elif measured_ns == due_ns:
                 frames += self._network.measured(due_ns)
+                continue  # nothing that there is to say of the steering has changed
             else:
                 status = self._status()
                 telling.on_telling(status.safety, due_ns, now_ns)
@@ -266,10 +267,10 @@ class PlantNode:
             if is_finite:
                 self._record.take(motion, self._command, self._network.measured_latency_s)
             self.finished = motion_ns >= self._duration_ns
-        if self._own.failure and self._own.is_told(time_ns) and self._unit.has_fallen_back:
+        if self._own.is_told(time_ns) and self._unit.has_fallen_back:
             self.finished = True
         readings = messages.measured(
-            _new(Readings, (z.lateral_error_m, z.heading_error_rad, z.yaw_rate_rad_s))
+            new_record(Readings, (z.lateral_error_m, z.heading_error_rad, z.yaw_rate_rad_s))
         )
         applied = 0 if self._command is None else self._command.item.command_counter
         code = self._unit.status_code(actuator_is_limited=motion.is_limited)

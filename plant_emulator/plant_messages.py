@@ -16,6 +16,7 @@ from ..dbc.messages import (
 )
 from ..dbc.protection import COUNTERS
 from ..runtime.frame import Frame
+from ..runtime.record import new_record
 from .sensors import Readings, with_noise
 
 _ERROR_LOW_M, _ERROR_HIGH_M = limits(LateralError)["lateral_error_m"]
@@ -23,7 +24,6 @@ _WHEEL_LOW_RAD, _WHEEL_HIGH_RAD = limits(SteeringStatus)["wheel_angle_rad"]
 _SPEED_RANGE, _YAW_RATE_RANGE, _CURVATURE_RANGE = limits(VehicleState).values()
 _LATENCY_RANGE = limits(PlantStatus)["downlink_latency_s"]
 _NO_ERROR = LateralError(0.0, 0.0)
-_new = tuple.__new__
 
 
 class PlantMessages:
@@ -55,7 +55,7 @@ class PlantMessages:
         if is_finite and _ERROR_LOW_M <= error_m <= _ERROR_HIGH_M:
             # The sensor reports an angle in one turn, however often the vehicle has turned.
             heading_rad = remainder(readings.heading_error_rad, tau)
-            return self._encode(_new(LateralError, (error_m, heading_rad)))
+            return self._encode(new_record(LateralError, (error_m, heading_rad)))
         self.not_available += 1
         return encode_not_available(_NO_ERROR, self._next_counter(LateralError))
 
@@ -63,7 +63,7 @@ class PlantMessages:
         """Return STEERING_STATUS; ``applied`` is the counter of the command in effect."""
         if not _WHEEL_LOW_RAD <= wheel_rad <= _WHEEL_HIGH_RAD:
             wheel_rad = self._clamp(wheel_rad, _WHEEL_LOW_RAD, _WHEEL_HIGH_RAD)
-        return self._encode(_new(SteeringStatus, (wheel_rad, applied, code)))
+        return self._encode(new_record(SteeringStatus, (wheel_rad, applied, code)))
 
     def vehicle_state(self, speed_m_s: float, readings: Readings, curvature_1_m: float) -> Frame:
         """Return VEHICLE_STATE."""

@@ -7,12 +7,10 @@ from pathlib import Path as FilePath
 from typing import NamedTuple
 
 from ..dbc.messages import SteeringCommand
+from ..runtime.record import new_record
 from .latency_line import Passage
 from .motion import Motion
 from .path import Path, pose
-
-
-_new = tuple.__new__
 
 
 class PlantSample(NamedTuple):
@@ -95,7 +93,7 @@ class RunRecord:
             downlink_latency_s = command.latency_ns * 1e-9
         self.samples.append(
             # By position, in the order of the fields: this runs at every sample.
-            _new(
+            new_record(
                 PlantSample,
                 (
                     motion.time_ns * 1e-9,

@@ -25,6 +25,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from .frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from .record import new_record
 
 INTERMISSION_BITS = 3
 """Recessive bits between two frames, at the nominal bit rate."""
@@ -112,7 +113,6 @@ _CRC_0, _CRC_1, _CRC_2, _CRC_3, _CRC_4, _CRC_5, _CRC_6, _CRC_7 = (
     tuple(crc15(bytes((byte, *bytes(zeros)))) for byte in range(256)) for zeros in range(8)
 )
 """CRC of each byte with so many zeros after it."""
-_new = tuple.__new__
 
 
 def _stuff_bits(bits: bytes) -> int:
@@ -166,9 +166,8 @@ def _bits_of_eight_bytes(can_id: int, data: bytes) -> FrameBits:
     """
     crc, row, total = _before_eight_bytes(can_id)
     a, b, c, d, e, f, g, h = data
-    crc ^= (
-        _CRC_7[a] ^ _CRC_6[b] ^ _CRC_5[c] ^ _CRC_4[d] ^ _CRC_3[e] ^ _CRC_2[f] ^ _CRC_1[g] ^ _CRC_0[h]
-    )
+    crc ^= _CRC_7[a] ^ _CRC_6[b] ^ _CRC_5[c] ^ _CRC_4[d]
+    crc ^= _CRC_3[e] ^ _CRC_2[f] ^ _CRC_1[g] ^ _CRC_0[h]
     row, stuffed_a = row[a]
     row, stuffed_b = row[b]
     row, stuffed_c = row[c]
@@ -180,12 +179,12 @@ def _bits_of_eight_bytes(can_id: int, data: bytes) -> FrameBits:
     row, stuffed = row[crc >> 7]
     stuffed += stuffed_a + stuffed_b + stuffed_c + stuffed_d
     stuffed += stuffed_e + stuffed_f + stuffed_g + stuffed_h
-    return _new(FrameBits, (total + stuffed + row[crc << 1 & 0xFF][1], 0))
+    return new_record(FrameBits, (total + stuffed + row[crc << 1 & 0xFF][1], 0))
 
 
 @lru_cache(maxsize=4096)
 def _before_eight_bytes(can_id: int) -> tuple[int, _StuffRow, int]:
-    """CRC of the header and 8 zeros, row after the header, all bits but the payload's stuff bits."""
+    """CRC of header and 8 zeros, row after the header, all bits but the payload's stuff bits."""
     register, row, total = _after_header(can_id, 8, 0)
     total += 64 + _CLASSIC_CRC_BITS + _CLASSIC_TRAILER_BITS
     return crc15(bytes(8), register), row, total
