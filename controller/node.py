@@ -101,20 +101,19 @@ class ControllerNode:
         received, memory = self._received, self._law.memory
         before_ns = received.errors.arrival_ns
         message = received.take(frame, now_ns)
-        kind = type(message)
-        if kind is LateralError:
+        if isinstance(message, LateralError):
             self._supervisor.on_measurement(before_ns, now_ns)
             if memory is not None:
                 memory.on_error(message, received.errors.counter, now_ns)
-        elif kind is SteeringStatus:
+        elif isinstance(message, SteeringStatus):
             self._on_echo(message, now_ns)
             if memory is not None:
                 memory.on_echo(message, received.statuses.counter, now_ns)
-        elif kind is VehicleState:
+        elif isinstance(message, VehicleState):
             self._law.on_speed(message.speed_m_s)
             if memory is not None:
                 memory.on_vehicle(now_ns)
-        elif kind is Rejection and frame.can_id == _ERROR_ID:
+        elif isinstance(message, Rejection) and frame.can_id == _ERROR_ID:
             self._supervisor.on_rejection()
         return ()
 

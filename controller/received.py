@@ -47,10 +47,9 @@ class Received:
     ) -> Message | Rejection | SequenceResult | Refused | None:
         """Judge a frame, and keep what it says; returns what ``Reception.take`` does."""
         message = self.reception.take(frame, now_ns)
-        kind = type(message)
-        if kind is LateralError:
-            self.lateral_error_m = message[0]
-        elif kind is VehicleState:
+        if isinstance(message, LateralError):
+            self.lateral_error_m = message.lateral_error_m
+        elif isinstance(message, VehicleState):
             self.vehicle = new_record(VehicleReading, (*message, False))
         return message
 

@@ -54,6 +54,7 @@ from .protection import COUNTERS, HEADER_BYTES, START
 from .signals import PackedSignal
 
 _ORDER = "'little'"
+_CRC_OF = f"crc({{}} + data_id, {START:#x})"
 _COUNTER_BITS = 8
 _HEADER_BITS = 8 * HEADER_BYTES - _COUNTER_BITS
 """The CRC: what follows it is its content."""
@@ -128,7 +129,7 @@ def _pack_lines(length: int, data_id: int | None, signals: Mapping[str, PackedSi
             "            content = (",
             *_joined(["counter", *parts], "|", 4),
             f"            ).to_bytes({length - 2}, {_ORDER})",
-            f"            return crc(content + data_id, {START:#x}).to_bytes(2, {_ORDER}) + content",
+            f"            return {_CRC_OF.format('content')}.to_bytes(2, {_ORDER}) + content",
         ]
     return [
         "def pack(message, counter):",
@@ -156,7 +157,7 @@ def _unpack_lines(data_id: int | None, signals: Mapping[str, PackedSignal]) -> l
     if data_id is not None:
         counter = f"word >> {_HEADER_BITS} & {COUNTERS - 1}"
         check = [
-            f"    if crc(payload[2:] + data_id, {START:#x}) != word & 0xffff:",
+            f"    if {_CRC_OF.format('payload[2:]')} != word & 0xffff:",
             "        return bad_crc",
         ]
     return [

@@ -109,10 +109,15 @@ def crc15(message: bytes, register: int = 0) -> int:
     return register
 
 
-_CRC_0, _CRC_1, _CRC_2, _CRC_3, _CRC_4, _CRC_5, _CRC_6, _CRC_7 = (
-    tuple(crc15(bytes((byte, *bytes(zeros)))) for byte in range(256)) for zeros in range(8)
-)
-"""CRC of each byte with so many zeros after it."""
+def _crc15_with_zeros(count: int) -> list[list[int]]:
+    """CRC of each byte value with no zero byte after it, one, and so on: so many tables."""
+    tables = [[_CRC15_TABLE[byte] for byte in range(256)]]
+    while len(tables) < count:
+        tables.append([_CRC15_TABLE[crc >> 7] ^ (crc << 8 & 0x7FFF) for crc in tables[-1]])
+    return tables
+
+
+_CRC_0, _CRC_1, _CRC_2, _CRC_3, _CRC_4, _CRC_5, _CRC_6, _CRC_7 = _crc15_with_zeros(8)
 
 
 def _stuff_bits(bits: bytes) -> int:

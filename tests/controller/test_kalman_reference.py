@@ -155,7 +155,9 @@ def record(
     node: ControllerNode, first: int, last: int
 ) -> tuple[list[float], list[tuple[float, float] | None]]:
     """Return what filterpy is given, read off the node's memory when all is over."""
-    history = node._law.memory.history
+    memory = node._law.memory
+    assert memory is not None
+    history = memory.history
     commands_rad, measurements = [], []
 
     def sent_rad(tick: int) -> float:

@@ -91,20 +91,18 @@ def test_a_message_of_one_signal_without_protection_has_neither_counter_nor_crc(
 @given(data=st.data())
 def test_any_raws_are_what_cantools_makes_of_them(name: str, data: st.DataObject) -> None:
     codec = MessageCodec(DATABASE.get_message_by_name(name), MESSAGE_TYPES[name])
-    values = [
-        data.draw(
-            st.sampled_from(list(signal.kind))
-            if issubclass(signal.kind, IntEnum)
-            else st.integers(signal.raw_minimum, signal.raw_maximum).map(
-                lambda raw, signal=signal: raw * signal.resolution
-            )
-        )
-        for signal in codec._signals.values()
-    ]
+    values = []
+    for signal in codec._signals.values():
+        if issubclass(signal.kind, IntEnum):
+            values.append(data.draw(st.sampled_from(list(signal.kind))))
+        else:
+            raw = data.draw(st.integers(signal.raw_minimum, signal.raw_maximum))
+            values.append(raw * signal.resolution)
     counter = data.draw(st.integers(0, 255))
     message = MESSAGE_TYPES[name](*values)
     payload = codec.pack(message, counter)
     told = DATABASE.get_message_by_name(name).decode(payload, decode_choices=False)
+    assert isinstance(told, dict)
     assert list(told.values())[-len(values) :] == pytest.approx(values)
     assert codec.unpack(payload) == (message, 0 if codec.data_id is None else counter)
 
