@@ -2,7 +2,7 @@
 
 from enum import IntEnum
 from textwrap import dedent, indent
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 from e2e.p05 import e2e_p05_check, e2e_p05_protect
@@ -91,7 +91,7 @@ def test_a_message_of_one_signal_without_protection_has_neither_counter_nor_crc(
 @given(data=st.data())
 def test_any_raws_are_what_cantools_makes_of_them(name: str, data: st.DataObject) -> None:
     codec = MessageCodec(DATABASE.get_message_by_name(name), MESSAGE_TYPES[name])
-    values = []
+    values: list[Any] = []
     for signal in codec._signals.values():
         if issubclass(signal.kind, IntEnum):
             values.append(data.draw(st.sampled_from(list(signal.kind))))

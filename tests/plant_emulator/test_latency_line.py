@@ -276,3 +276,29 @@ def test_an_overtaken_frame_at_the_head_does_not_keep_anybody_waiting() -> None:
     assert popped.item == 1
     assert tested.next_due_ns == NEVER_NS
     assert tested.counts.superseded == 1
+
+
+@pytest.mark.parametrize("mean_s", [0.0, 0.02])
+def test_a_constant_latency_leaves_the_draws_as_they_are(
+    mean_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def leave(numbers: int) -> list[Any]:
+        uplink: LatencyLine[int] = LatencyLine(
+            LatencySettings(mean_s=mean_s),
+            uniforms(5, Channel.UPLINK),
+            uniforms(5, Channel.UPLINK_DUPLICATES),
+        )
+        left: list[Any] = []
+        for number in range(numbers):
+            now_ns = number * PERIOD_NS
+            if number == numbers // 2:
+                uplink.reconfigure(Distribution.NORMAL, 0.05, 0.02, 0.1)
+            if number == numbers * 3 // 4:
+                uplink.reconfigure(Distribution.CONSTANT, mean_s, 0.0, 0.0)
+            uplink.push(1, number, now_ns, now_ns)
+            left += uplink.pop_due(now_ns)
+        return [left, uplink.counts, uplink.latency.summary(), uplink.injected.summary()]
+
+    short = leave(200)
+    monkeypatch.setattr(LatencyLine, "_constant_latency_ns", lambda _line: None)
+    assert short == leave(200)

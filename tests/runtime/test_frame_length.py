@@ -118,6 +118,12 @@ def test_classic_data_frames_are_as_long_as_their_bits(
     assert frame_bits(frame) == FrameBits(len(classic_on_the_wire(frame)), 0)
 
 
+@given(st.integers(0, 0x7FF), st.lists(st.one_of(stuffy_bytes, any_bytes), min_size=8, max_size=8))
+def test_the_frame_that_is_written_out_is_as_long_as_its_bits(can_id: int, data: list[int]) -> None:
+    frame = Frame(can_id, bytes(data))
+    assert frame_bits(frame) == FrameBits(len(classic_on_the_wire(frame)), 0)
+
+
 @settings(deadline=None)
 @given(identifiers)
 def test_remote_frames_are_as_long_as_their_bits(identifier: tuple[int, int]) -> None:
