@@ -1,7 +1,7 @@
 """Packs and unpacks the payload of one message, as the DBC defines it.
 
-The functions that do it are written once, by ``dbc.packing``, from ``dbc.generated_layout``: packing
-with cantools takes longer than a step of the control law.
+The functions that do it are written once, by ``dbc.packing``, from ``dbc.generated_layout``:
+packing with cantools takes longer than a step of the control law.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -116,7 +116,9 @@ class MessageCodec(Generic[MessageT]):
                 is_carried = False
             if not is_carried:
                 return EncodeError(f"{self.name}.{signal.text}, not {value!r}")
-        return EncodeError(f"{self.name}.{self.name}_COUNTER: allowed is 0 to {COUNTERS - 1}, not {counter!r}")
+        return EncodeError(
+            f"{self.name}.{self.name}_COUNTER: allowed is 0 to {COUNTERS - 1}, not {counter!r}"
+        )
 
     def _refusal(self, *raws: int) -> Rejection:
         """Return why raws of which one is outside its range are refused."""

@@ -16,7 +16,8 @@ from typing import NamedTuple, TypeAlias
 
 from ..runtime.frame import ERROR, EXTENDED, REMOTE, Frame
 from ..runtime.record import new_record
-from .codec import EncodeError, Rejection, codecs_of, load_database
+from .codec import EncodeError, Rejection, codecs_of
+from .generated_layout import LAYOUTS
 from .protection import is_intact
 from .signals import SignalRange
 

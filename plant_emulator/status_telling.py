@@ -21,7 +21,7 @@ _BY_COMMANDS = (SafetyState.NORMAL, SafetyState.LIMITING)
 
 
 class StatusTelling:
-    """Knows what SAFETY was told last and when; ``start_ns`` is that of the first cycle [ns].
+    """Keeps which SAFETY was reported last and when; ``start_ns`` begins the first cycle [ns].
 
     ``deadline_ns``  when PLANT_STATUS is due next [ns]
     """

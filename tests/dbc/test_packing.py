@@ -10,13 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.dbc import packing
-from steer_by_wire.dbc.codec import MessageCodec, load_database
+from steer_by_wire.dbc.codec import MessageCodec
+from steer_by_wire.dbc.dbc_file import load_database
+from steer_by_wire.dbc.generated_layout import LAYOUTS
 from steer_by_wire.dbc.messages import MESSAGE_TYPES
 from steer_by_wire.dbc.packing import packing_of
 from steer_by_wire.dbc.protection import is_intact, protect
 from steer_by_wire.dbc.signals import PackedSignal
 
 DATABASE = load_database()
+LAYOUT_OF = {layout.name: layout for layout in LAYOUTS}
 
 
 class Mode(IntEnum):
@@ -90,7 +93,7 @@ def test_a_message_of_one_signal_without_protection_has_neither_counter_nor_crc(
 @pytest.mark.parametrize("name", MESSAGE_TYPES)
 @given(data=st.data())
 def test_any_raws_are_what_cantools_makes_of_them(name: str, data: st.DataObject) -> None:
-    codec = MessageCodec(DATABASE.get_message_by_name(name), MESSAGE_TYPES[name])
+    codec = MessageCodec(LAYOUT_OF[name], MESSAGE_TYPES[name])
     values: list[Any] = []
     for signal in codec._signals.values():
         if issubclass(signal.kind, IntEnum):
