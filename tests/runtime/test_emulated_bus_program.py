@@ -68,7 +68,7 @@ def test_a_second_broker_leaves_the_first_alone(stack: ExitStack, directory: Pat
     second = start_broker(stack, "--address", address)
     _, errors = second.communicate(timeout=PATIENCE_S)
     assert second.returncode == 3
-    assert errors == f"emulated-can-bus: an emulated bus is already listening at {address}\n"
+    assert errors == f"emulated-can-bus: error: an emulated bus is already listening at {address}\n"
     client(stack, address).send(message(1))
 
 
@@ -271,9 +271,11 @@ def test_a_broker_does_not_wait_for_somebody_to_read_what_it_tells(
     os.set_blocking(write_end, True)
     with os.fdopen(read_end, "rb", 0) as reader, os.fdopen(write_end, "w") as stream:
         monkeypatch.setattr(sys, "stderr", stream)
-        assert not _tell("a line that nobody has room for")  # would wait for ever if it waited
+        assert not _tell(
+            "emulated-can-bus", "a line that nobody has room for"
+        )  # would wait for ever if it waited
         reader.read(1 << 20)
-        assert _tell("a line")
+        assert _tell("emulated-can-bus", "a line")
         assert reader.read(100) == b"emulated-can-bus: a line\n"
 
 

@@ -80,7 +80,15 @@ def _running(
     program: str, bus: Bus, python_options: Sequence[str]
 ) -> Iterator[subprocess.Popen[str]]:
     """Run a program until the end of the block."""
-    command = [sys.executable, *python_options, "-m", program, *bus.options, *PROGRAMS[program]]
+    command = [
+        sys.executable,
+        "-P",
+        *python_options,
+        "-m",
+        program,
+        *bus.options,
+        *PROGRAMS[program],
+    ]
     with subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     ) as process:
