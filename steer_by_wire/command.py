@@ -157,8 +157,11 @@ def _help() -> str:
         lines += [f"  {name:<16} {program.summary}" for name, program in programs.items()]
     lines += [
         "",
-        f"{NAME} COMMAND --help explains one. Example: {NAME} run --preset practical_pd_ddob",
-        f"{NAME} --version; completion of options: {NAME} --completion bash|zsh|fish",
+        f"{NAME} COMMAND --help explains one; see also --version.",
+        f'Completion in the shell: eval "$({NAME} --completion bash)" (or zsh, fish).',
+        "",
+        "example:",
+        f"  {NAME} run --plant-set latency.downlink.mean_s=0.08",
     ]
     return "\n".join(lines)
 

@@ -131,16 +131,19 @@ def test_the_last_override_of_a_key_counts() -> None:
 
 @pytest.mark.parametrize("text", ["seed", "=3", "seed=", "motor.=3", ".seed=3", ""])
 def test_an_override_of_another_form_is_refused(text: str) -> None:
-    assert mistakes(text) == (f"--set {text}: is not of the form table.key=value",)
+    assert mistakes(text) == (f"command line: {text}: is not of the form table.key=value",)
 
 
 def test_an_override_inside_a_value_is_refused() -> None:
-    assert mistakes("seed=1", "seed.x=1") == ("--set seed.x=1: seed is set to a value before",)
+    assert mistakes("seed=1", "seed.x=1") == (
+        "command line: seed.x=1: seed is set to a value before",
+    )
 
 
 def test_a_mistake_names_source_key_value_and_range() -> None:
     assert mistakes("motor.speed_m_s=-3") == (
-        "--set: motor.speed_m_s = -3 should be greater than 0 (allowed: number above 0, up to 60)",
+        "command line: motor.speed_m_s = -3 should be greater than 0"
+        " (allowed: number above 0, up to 60)",
     )
 
 
@@ -172,12 +175,12 @@ def test_a_mistake_names_source_key_value_and_range() -> None:
 )
 def test_every_mistake_is_one_line_that_names_the_key(override: str, mistake: str) -> None:
     (line,) = mistakes(override)
-    assert line.startswith(f"--set: {mistake}")
+    assert line.startswith(f"command line: {mistake}")
     assert "\n" not in line
 
 
 def test_a_rule_about_several_keys_names_all_their_sources() -> None:
-    assert mistakes("seed=13") == ("preset basic, --set: seed 13 needs luck",)
+    assert mistakes("seed=13") == ("preset basic, command line: seed 13 needs luck",)
 
 
 def test_what_is_missing_names_the_file_and_what_it_may_be(tmp_path: Path) -> None:

@@ -4,7 +4,8 @@
 
 Leaves in DIR comparison.csv, a line for each law, network and delay, comparison.png, and
 comparison.md, the tables of docs/predictor.md; prints the worst RMS over the uncertainty box at a
-few delays, and the first delay at which a law does not hold the path. Ctrl-C leaves the lines so far.
+few delays, and the first delay at which a law does not hold the path. Ctrl-C leaves
+the lines that are complete.
 """
 
 import argparse
