@@ -159,6 +159,7 @@ def test_a_mistake_names_source_key_value_and_range() -> None:
         ("limit=inf", "limit = Infinity should be a finite number (allowed: number above 0)"),
         ("limit=nan", "limit = NaN should be a finite number (allowed: number above 0)"),
         ("limit='2'", 'limit = "2" should be a valid number (allowed: number above 0)'),
+        ("steps=3", "steps = 3 should be a valid array (allowed: list)"),
         ("motor=3", "motor = 3 should be an object (allowed: table)"),
         ("track.radius_m=0", "track.radius_m = 0 should be greater than 0"),
         ("steps=[[1,2],[3]]", "steps[1][1] is missing (allowed: number)"),
@@ -199,7 +200,7 @@ def test_each_mistake_names_its_own_source(tmp_path: Path) -> None:
         load_settings(Rig, Preset("odd", 'law = "x"\nmotor.speed_m_s = 1'), file, ["log=3"])
     assert [line.partition(":")[0] for line in caught.value.mistakes] == [
         "preset odd",
-        "--set",
+        "command line",
         str(file),
     ]
 

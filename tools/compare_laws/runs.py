@@ -167,11 +167,11 @@ def compare(
     with ThreadPoolExecutor(_THREADS) as pool:
         futures = [pool.submit(_cell, *one, seeds, duration_s) for one in asked]
         for future in futures:
+            cells.append(future.result())
+            progress(len(cells), len(asked))
             if should_stop():
                 pool.shutdown(cancel_futures=True)
                 break
-            cells.append(future.result())
-            progress(len(cells), len(asked))
     return cells
 
 
