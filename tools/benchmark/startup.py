@@ -69,10 +69,10 @@ def _heavy_imports(program: str, bus: Bus) -> list[str]:
         listener.recv(TIMEOUT_S)
         process.send_signal(signal.SIGINT)
         _, told = process.communicate()
-    packages = {match[1].partition(".")[0] for match in _IMPORTED.finditer(told)}
-    if program not in packages:
+    modules = {match[1] for match in _IMPORTED.finditer(told)}
+    if f"steer_by_wire.{program}" not in modules:
         raise StartupError(f"{program} does not tell what it imports")
-    return [package for package in HEAVY if package in packages]
+    return [package for package in HEAVY if package in modules]
 
 
 @contextmanager
@@ -85,7 +85,7 @@ def _running(
         "-P",
         *python_options,
         "-m",
-        program,
+        f"steer_by_wire.{program}",
         *bus.options,
         *PROGRAMS[program],
     ]

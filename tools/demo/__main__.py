@@ -15,7 +15,6 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,7 @@ from steer_by_wire.pair.processes import ProcessError
 from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.program import ExitStatus, run_main
-from steer_by_wire.runtime.settings import Preset, dump_toml, load_settings, read_preset
+from steer_by_wire.runtime.settings import dump_toml, load_settings, read_preset
 from steer_by_wire.tools.demo.pictures import LawTraces, draw_all
 from steer_by_wire.tools.demo.summary import LawFigures, figures_of, summary_json, summary_table
 
@@ -111,14 +110,10 @@ def _demo(options: argparse.Namespace) -> int:
 
 def _plant_settings(options: argparse.Namespace) -> PlantSettings:
     """Return what the pairs drive: the demo's file, below the command line."""
-    text = (
-        resources.files("steer_by_wire.tools.demo")
-        .joinpath("demo_plant.toml")
-        .read_text(encoding="utf-8")
-    )
     given = {"duration_s": options.duration, "seed": options.seed}
     overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
-    return load_settings(PlantSettings, Preset("demo_plant", text), overrides=overrides)
+    preset = read_preset("steer_by_wire.tools.demo", "demo_plant")
+    return load_settings(PlantSettings, preset, overrides=overrides)
 
 
 def _run_live(
