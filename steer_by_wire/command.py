@@ -112,8 +112,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _print_completion(shells)
         case [name, *further] if name in PROGRAMS:
             return start(name, further)
-        case [name, *_]:
-            return _refuse(NAME, f"no command {name!r}{_nearest(name)}; see {NAME} --help")
+    return _refuse(NAME, f"no command {words[0]!r}{_nearest(words[0])}; see {NAME} --help")
 
 
 def start(name: str, words: Sequence[str]) -> int:

@@ -47,13 +47,13 @@ def draw(path: Path, cases: Sequence[Case]) -> None:
     with plot_style():
         figure = Figure(figsize=(12.0, 8.0))
         axes = figure.subplots(len(rows), len(rows[0]), sharex=True, squeeze=False)
-        for row, column in np.ndindex(axes.shape):
-            case = rows[row][column]
-            _panel(axes[row, column], run_case(case)[1])
-            axes[row, column].set_title(
-                f"{case.path}, {case.corner}, {100 * case.noise_m:g} cm, {case.network}",
-                fontsize=8,
-            )
+        for row, cases_of_row in enumerate(rows):
+            for column, case in enumerate(cases_of_row):
+                _panel(axes[row, column], run_case(case)[1])
+                axes[row, column].set_title(
+                    f"{case.path}, {case.corner}, {100 * case.noise_m:g} cm, {case.network}",
+                    fontsize=8,
+                )
         for axis in axes[-1]:
             axis.set_xlabel("time [s]")
         for axis in axes[:, 0]:
