@@ -156,8 +156,7 @@ def _help() -> str:
         lines += [f"  {name:<16} {program.summary}" for name, program in programs.items()]
     lines += [
         "",
-        f"{NAME} COMMAND --help explains one; see also --version.",
-        f'Completion in the shell: eval "$({NAME} --completion bash)" (or zsh, fish).',
+        "COMMAND --help explains one. See also --version, --completion bash|zsh|fish.",
         "",
         "example:",
         f"  {NAME} run --plant-set latency.downlink.mean_s=0.08",
