@@ -9,23 +9,61 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 
+from ..command_line import command_parser
 from ..dbc.secured_frame import CONTROLLER
 from ..dbc.secured_program import add_key_file_argument, run_secured_node
-from ..runtime.program import ExitStatus, load_program_settings, make_parser, run_main, say
+from ..runtime.program import (
+    ExitStatus,
+    add_settings_arguments,
+    load_program_settings,
+    make_parser,
+    run_main,
+    say,
+)
 from .analysis.check import check_text
 from .laws import LAWS
 from .node import RECEIVED, ControllerNode
 from .settings import ControllerSettings
 
 NAME = "steering-controller"
+CHECK_NAME = "steer-by-wire check"
 PRESETS = "steer_by_wire.controller.presets"
 DEFAULT_PRESET = "practical_pd_ddob"
 """What runs when neither a preset nor a file is given: no law is good without its values."""
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the program; returns its exit status."""
-    parser = make_parser(NAME, "Holds a vehicle on its path at a fixed rate.", PRESETS)
+def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
+    """Run the program, called ``name`` by who started it; returns its exit status."""
+    parser = make_parser(
+        name,
+        "Holds a vehicle on its path at a fixed rate, over a CAN bus.",
+        f"{name} --preset practical_pd_ddob",
+        PRESETS,
+    )
+    _add_law_arguments(parser)
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="do not run, but print what steer-by-wire check does",
+    )
+    add_key_file_argument(parser)
+    return run_main(name, partial(_run, name, parser.parse_args(arguments)))
+
+
+def check_main(arguments: Sequence[str] | None = None) -> int:
+    """Analyse a controller without running it; returns the exit status."""
+    parser = command_parser(
+        CHECK_NAME,
+        "Prints the settings in effect, the poles, and what delay and jitter the loop tolerates.",
+        f"{CHECK_NAME} --preset practical_pd_ddob",
+        "[SETTINGS.toml] [options]",
+    )
+    add_settings_arguments(parser, PRESETS)
+    _add_law_arguments(parser)
+    return run_main(CHECK_NAME, partial(_check, CHECK_NAME, parser.parse_args(arguments)))
+
+
+def _add_law_arguments(parser: argparse.ArgumentParser) -> None:
     laws = ", ".join(LAWS)
     parser.add_argument(
         "--law",
@@ -33,44 +71,46 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help=f"short for --set law=NAME: {laws}, or package.module:LAW of your own",
     )
     parser.add_argument("--rate-hz", metavar="HZ", help="short for --set rate_hz=HZ: 10 to 1000")
-    parser.add_argument(
-        "--check",
-        action="store_true",
-        help="print the settings in effect and what delay and jitter they tolerate, and do not run",
-    )
-    add_key_file_argument(parser)
-    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
 
-def _run(options: argparse.Namespace) -> int:
-    if options.preset is None and options.settings is None:
-        options.preset = DEFAULT_PRESET
-        print(f"{NAME}: neither preset nor file is given: preset {DEFAULT_PRESET}", file=sys.stderr)
-    short = {"law": options.law, "rate_hz": options.rate_hz}
-    overrides = [f"{key}={value}" for key, value in short.items() if value is not None]
-    settings = load_program_settings(ControllerSettings, PRESETS, options, overrides)
+def _run(name: str, options: argparse.Namespace) -> int:
     if options.check:
-        # The second moments of varying latencies take seconds.
-        print(f"{NAME}: analysing the sampled loop ...", file=sys.stderr, flush=True)
-        print(check_text(settings), end="")
-        return ExitStatus.OK
+        return _check(name, options)
+    settings = _settings(name, options)
     return run_secured_node(
-        NAME,
+        name,
         options,
         settings,
         CONTROLLER,
         lambda start_ns: ControllerNode(settings, start_ns),
         RECEIVED,
-        conclude,
+        partial(conclude, name),
     )
 
 
-def conclude(node: ControllerNode) -> None:
+def _check(name: str, options: argparse.Namespace) -> int:
+    settings = _settings(name, options)
+    # The second moments of varying latencies take seconds.
+    print(f"{name}: analysing the sampled loop ...", file=sys.stderr, flush=True)
+    print(check_text(settings), end="")
+    return ExitStatus.OK
+
+
+def _settings(name: str, options: argparse.Namespace) -> ControllerSettings:
+    if options.preset is None and options.settings is None:
+        options.preset = DEFAULT_PRESET
+        print(f"{name}: neither preset nor file is given: preset {DEFAULT_PRESET}", file=sys.stderr)
+    short = {"law": options.law, "rate_hz": options.rate_hz}
+    overrides = [f"{key}={value}" for key, value in short.items() if value is not None]
+    return load_program_settings(ControllerSettings, PRESETS, options, overrides)
+
+
+def conclude(name: str, node: ControllerNode) -> None:
     """Say what in the settings cannot be right."""
     seen = node.report()["sensor_period"]
     if seen is not None and seen["times_wrong"]:
         say(
-            NAME,
+            name,
             f"the plant's sensor period was about {1e3 * seen['measured_s']:.3g} ms, but "
             f"link.sensor_period_ms = {1e3 * seen['setting_s']:g}: the law did without the delay",
             sys.stderr,

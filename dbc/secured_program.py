@@ -26,7 +26,7 @@ def add_key_file_argument(parser: argparse.ArgumentParser) -> None:
         "--key-file",
         type=Path,
         metavar="FILE",
-        help="authenticate every frame, CAN FD, with the key in FILE (docs/authentication.md)",
+        help="authenticate every frame, as CAN FD, with this key",
     )
 
 

@@ -20,23 +20,28 @@ NAME = "plant-emulator"
 PRESETS = "steer_by_wire.plant_emulator.presets"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the program; returns its exit status."""
-    parser = make_parser(NAME, "Emulates vehicle, path, actuator and network latency.", PRESETS)
+def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
+    """Run the program, called ``name`` by who started it; returns its exit status."""
+    parser = make_parser(
+        name,
+        "Emulates vehicle, path, actuator and network latency on a CAN bus.",
+        f"{name} --preset paper_nominal --seed 7 --set latency.downlink.mean_s=0.08",
+        PRESETS,
+    )
     parser.add_argument("--seed", type=int, metavar="N", help="of all randomness of the run")
     parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every sample, CSV")
     add_key_file_argument(parser)
-    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+    return run_main(name, partial(_run, name, parser.parse_args(arguments)))
 
 
-def _run(options: argparse.Namespace) -> int:
+def _run(name: str, options: argparse.Namespace) -> int:
     seed = [] if options.seed is None else [f"seed={options.seed}"]
     settings = load_program_settings(PlantSettings, PRESETS, options, seed)
     params = motion_params(settings)
     # Without a trace nobody asks for them, and memory is to stay as it is however long the run.
     samples_max = 0 if options.trace is None else SAMPLES_MAX
     return run_secured_node(
-        NAME,
+        name,
         options,
         settings,
         PLANT,
@@ -44,18 +49,20 @@ def _run(options: argparse.Namespace) -> int:
             PlantNode(settings, start_ns, params, samples_max), settings.faults, settings.seed
         ),
         RECEIVED,
-        lambda node: _conclude(options, node),
+        lambda node: _conclude(name, options, node),
     )
 
 
-def _conclude(options: argparse.Namespace, edge: PlantNode | FaultyNode[PlantNode]) -> None:
+def _conclude(
+    name: str, options: argparse.Namespace, edge: PlantNode | FaultyNode[PlantNode]
+) -> None:
     """Write the trace, and say how well the path was held."""
     node = edge.node if isinstance(edge, FaultyNode) else edge
     if options.trace is not None:
         write_trace(options.trace, node.path, node.samples)
     report = node.report()
     say(
-        NAME,
+        name,
         f"lateral error RMS {1e3 * report['lateral_error_rms_m']:.2f} mm, "
         f"peak {1e3 * report['lateral_error_peak_m']:.2f} mm over {report['motion_s']:.2f} s",
     )

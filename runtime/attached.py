@@ -1,6 +1,6 @@
 """Programs that end with the one that started them, however it ends: in order or by ``kill -9``.
 
-    python -m steer_by_wire.runtime.attached [--after SECONDS] [--remove FOLDER] MODULE [ARGUMENTS]
+    python -P -m steer_by_wire.runtime.attached [--after SECONDS] [--remove FOLDER] MODULE ...
 
 runs ``python -m MODULE`` in this process and watches standard input, a pipe of which the program
 that has started it alone holds the other end. When that is closed, the module's program gets
@@ -56,7 +56,15 @@ class Lifeline:
         """
         options = ["--after", str(after_s)] + ([] if remove is None else ["--remove", str(remove)])
         return subprocess.Popen(  # noqa: S603 the command is our own
-            [sys.executable, "-m", "steer_by_wire.runtime.attached", *options, module, *arguments],
+            [
+                sys.executable,
+                "-P",
+                "-m",
+                "steer_by_wire.runtime.attached",
+                *options,
+                module,
+                *arguments,
+            ],
             stdin=self._waiting,
             stdout=output,
             stderr=errors,

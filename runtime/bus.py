@@ -14,10 +14,11 @@ What decides, first to last:
 import argparse
 import errno
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from types import MappingProxyType
+from typing import Any, NamedTuple, Protocol, cast
 
 import can
 import can.cli
@@ -29,6 +30,24 @@ from .message import frame_of, message_of
 from .real_time import Received
 
 _AUTO_CHANNEL = "vcan0"
+_BUS_HELP: Mapping[str, Mapping[str, str]] = MappingProxyType(
+    {
+        "--interface": {
+            "metavar": "NAME",
+            "help": "socketcan, emulated, slcan, pcan, ... (default: as available)",
+        },
+        "--channel": {"metavar": "NAME", "help": "of the interface (default: vcan0)"},
+        "--bitrate": {"metavar": "BIT_S", "help": "where the interface sets it"},
+        "--fd": {"help": "CAN FD"},
+        "--data-bitrate": {"metavar": "BIT_S", "help": "of the data phase of CAN FD"},
+        "--timing": {
+            "metavar": "K=V",
+            "help": "bit timing, as f_clock=80000000 tseg1=5 tseg2=2 sjw=2 brp=2",
+        },
+        "--bus-kwargs": {"metavar": "K=V", "help": "further arguments of the interface"},
+    }
+)
+"""Of python-can's options: what stands for the value, and what it is."""
 _NETWORK_INTERFACES = Path("/sys/class/net")
 _ARPHRD_CAN = 280
 """Type of a CAN network interface (linux/if_arp.h)."""
@@ -82,7 +101,24 @@ def add_bus_arguments(parser: argparse.ArgumentParser, *, with_filters: bool = F
 
     ``with_filters``  also its ``--filter``, for programs that take any frame
     """
-    can.cli.add_bus_arguments(parser, filter_arg=with_filters)
+    can.cli.add_bus_arguments(
+        cast(argparse.ArgumentParser, _BriefGroup(parser)), filter_arg=with_filters
+    )
+
+
+class _BriefGroup:
+    """Takes python-can's options with a line of help each, instead of its paragraphs."""
+
+    def __init__(self, parser: argparse.ArgumentParser) -> None:
+        self._group = parser.add_argument_group("CAN bus, as python-can opens it")
+
+    def add_argument_group(self, _title: str) -> "_BriefGroup":
+        """Return itself: the one group."""
+        return self
+
+    def add_argument(self, *flags: str, **further: Any) -> None:
+        """Add one option."""
+        self._group.add_argument(*flags, **{**further, **_BUS_HELP.get(flags[-1], {})})
 
 
 def choose_bus(namespace: argparse.Namespace) -> Choice:

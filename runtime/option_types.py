@@ -6,10 +6,13 @@ What is wrong with an option is better said at once than when there is something
 import argparse
 import math
 import os
+from collections.abc import Callable
+from importlib import resources
 from pathlib import Path
 
 from .host import PRIORITY_MAX
 from .recording import recording_obstacle
+from .settings import preset_names
 
 DURATION_S_MAX = 1e9
 SPIN_US_MAX = 10_000
@@ -36,6 +39,22 @@ def recording_file(text: str) -> Path:
     if obstacle := recording_obstacle(path):
         raise argparse.ArgumentTypeError(obstacle)
     return path
+
+
+def settings_file(package: str) -> Callable[[str], Path]:
+    """Return what reads the name of a TOML file, or of one that ``package`` brings along."""
+
+    def read(text: str) -> Path:
+        if text.endswith(".toml") or os.path.exists(text):
+            return Path(text)
+        names = preset_names(package)
+        if text not in names:
+            raise argparse.ArgumentTypeError(
+                f"{text[:60]!r} is neither a .toml file nor one of {', '.join(names)}"
+            )
+        return Path(str(resources.files(package) / f"{text}.toml"))
+
+    return read
 
 
 def seconds(text: str) -> float:

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple, TextIO, TypeVar
 
 import can
 
+from ..command_line import command_parser
 from .bus import BusError, add_bus_arguments, shutting_down
 from .connection import Connection, ConnectionFigures
 from .host import RealTimeRequest, StealClock, real_time
@@ -130,26 +131,18 @@ class _Run(NamedTuple):
     host: Mapping[str, Any]
 
 
-def make_parser(name: str, description: str, preset_package: str) -> argparse.ArgumentParser:
-    """Return a parser with the options both programs have."""
-    presets = ", ".join(preset_names(preset_package))
-    parser = argparse.ArgumentParser(prog=name, description=description, allow_abbrev=False)
-    parser.add_argument("settings", nargs="?", type=Path, help="settings file, TOML")
-    parser.add_argument("--preset", metavar="NAME", help=f"settings below the file: {presets}")
-    parser.add_argument(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="TABLE.KEY=VALUE",
-        help="one setting on top of the file; may be given several times",
-    )
+def make_parser(
+    name: str, doc: str | None, example: str, preset_package: str
+) -> argparse.ArgumentParser:
+    """Return a parser with the options both programs have; ``command_parser`` has the arguments."""
+    parser = command_parser(name, doc, example, "[SETTINGS.toml] [options]")
+    add_settings_arguments(parser, preset_package)
     parser.add_argument("--report", type=output_file, metavar="FILE", help="write a report, JSON")
     parser.add_argument(
         "--record",
         type=recording_file,
         metavar="FILE",
-        help="write every frame sent and received: .log .asc .blf .csv .db .trc .mf4",
+        help="write every frame: .log .asc .blf .csv .db .trc .mf4",
     )
     parser.add_argument(
         "--duration", type=seconds, metavar="SECONDS", help="end after this time at the latest"
@@ -163,7 +156,9 @@ def make_parser(name: str, description: str, preset_package: str) -> argparse.Ar
         help="SCHED_FIFO priority; 0 does not request it (default: %(default)s)",
     )
     group.add_argument("--cpu", type=int, metavar="N", help="run on processor N only")
-    group.add_argument("--no-memory-lock", dest="lock_memory", action="store_false")
+    group.add_argument(
+        "--no-memory-lock", dest="lock_memory", action="store_false", help="let memory be paged out"
+    )
     group.add_argument(
         "--spin-us",
         type=spin_us,
@@ -190,6 +185,23 @@ def make_parser(name: str, description: str, preset_package: str) -> argparse.Ar
         help="open SocketCAN through python-can too",
     )
     return parser
+
+
+def add_settings_arguments(parser: argparse.ArgumentParser, preset_package: str) -> None:
+    """Add what ``load_program_settings`` reads."""
+    presets = ", ".join(preset_names(preset_package))
+    parser.add_argument(
+        "settings", nargs="?", type=Path, metavar="SETTINGS.toml", help="settings file"
+    )
+    parser.add_argument("--preset", metavar="NAME", help=f"settings below the file's: {presets}")
+    parser.add_argument(
+        "--set",
+        dest="overrides",
+        action="append",
+        default=[],
+        metavar="TABLE.KEY=VALUE",
+        help="one setting on top of the file; repeatable",
+    )
 
 
 def load_program_settings(

@@ -106,6 +106,7 @@ class Recording:
         self._recorder = subprocess.Popen(  # noqa: S603 the command is our own
             [
                 sys.executable,
+                "-P",
                 "-m",
                 "steer_by_wire.runtime.recording_file",
                 str(path),

@@ -28,6 +28,8 @@ OffWord = Annotated[Literal["off"], Tag("word")]
 """What stands for no limit beside a number with ``Tag("number")``: TOML has no word for none."""
 NUMBER_OR_WORD = Discriminator(lambda value: "word" if isinstance(value, str) else "number")
 """Chooses between the two, so that a mistake in a value is reported once."""
+COMMAND_LINE = "command line"
+"""The source of ``--set`` and of the options that are short for it."""
 _KIND = "kind"
 """Key that distinguishes the members of a union of tables."""
 _MISTAKES_MAX = 20
@@ -106,7 +108,7 @@ def load_settings(
     if file is not None:
         _merge(merged, _parse(_read(file), str(file)), str(file), (), sources)
     if overrides:
-        _merge(merged, _parse_overrides(overrides), "--set", (), sources)
+        _merge(merged, _parse_overrides(overrides), COMMAND_LINE, (), sources)
     return _checked(model, merged, sources)
 
 
@@ -213,13 +215,13 @@ def _parse_overrides(overrides: Sequence[str]) -> dict[str, Any]:
     tables: dict[str, Any] = {}
     for override in overrides:
         if not _is_unicode(override):
-            raise SettingsError(f"--set {override}: is not UTF-8 text")
+            raise SettingsError(f"{COMMAND_LINE}: {override}: is not UTF-8 text")
         place, equals, text = override.partition("=")
         *parents, key = (part.strip() for part in place.split("."))
         if not equals or not text.strip() or not all((*parents, key)):
-            raise SettingsError(f"--set {override}: is not of the form table.key=value")
-        _set(tables, [*parents, key], _parse_value(text), f"--set {override}")
-    _refuse_monsters(tables, "--set")
+            raise SettingsError(f"{COMMAND_LINE}: {override}: is not of the form table.key=value")
+        _set(tables, [*parents, key], _parse_value(text), f"{COMMAND_LINE}: {override}")
+    _refuse_monsters(tables, COMMAND_LINE)
     return tables
 
 

@@ -1,7 +1,7 @@
 """Explains a mistake in a setting in one line: source, dotted key, value, what is allowed.
 
     plant.toml: vehicle.speed_m_s = -3 should be greater than 0 (allowed: number above 0, up to 60)
-    --set: vehicle.sped_m_s is not a known key (did you mean vehicle.speed_m_s?)
+    command line: vehicle.sped_m_s is not a known key (did you mean vehicle.speed_m_s?)
 
 What is allowed is read from the model's JSON schema, which has every limit of a field, where an
 error of pydantic names only the limit that was crossed.
@@ -227,4 +227,4 @@ def _in_words(schema: Schema) -> str:
     limits = ", ".join(
         f"{words} {schema[limit]}" for limit, words in _WORDS_OF_LIMITS.items() if limit in schema
     )
-    return f"{_WORDS_OF_TYPES.get(schema.get('type', ''), '')} {limits}".strip()
+    return f"{_WORDS_OF_TYPES.get(schema.get('type', ''), '')} {limits}".strip().removesuffix(" of")

@@ -10,47 +10,57 @@ import importlib
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, metadata, requires
+from importlib.metadata import PackageNotFoundError, metadata
 from types import MappingProxyType
 from typing import NamedTuple, NoReturn
 
+from .command_line import DISTRIBUTION, missing_library
+
 NAME = "steer-by-wire"
-DISTRIBUTION = "steer-by-wire-emulator"
 SHELLS = ("bash", "zsh", "fish")
 STATUS_USAGE = 2
+STATUS_INTERRUPTED = 130
 
 
 class Program(NamedTuple):
     """One subcommand.
 
-    ``module``   whose ``main(arguments)`` runs it and returns an exit status
-    ``summary``  one line for the list
-    ``given``    arguments that come first
+    ``main``         MODULE:FUNCTION, which takes the arguments and returns an exit status
+    ``summary``      one line for the list
+    ``takes_name``   it can be started by another name too, and is given the one in use
     """
 
-    module: str
+    main: str
     summary: str
-    given: tuple[str, ...] = ()
+    takes_name: bool = False
 
 
 def _tool(name: str, summary: str) -> Program:
-    return Program(f"steer_by_wire.tools.{name}.__main__", summary)
+    return Program(f"steer_by_wire.tools.{name}.__main__:main", summary)
 
 
-_CONTROLLER = "steer_by_wire.controller.__main__"
 GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
     {
         "Run the loop": {
             "demo": _tool("demo", "three laws side by side in real time, with pictures"),
             "run": _tool("closed_loop", "plant and controller in virtual time, without waiting"),
-            "plant": Program("steer_by_wire.plant_emulator.__main__", "the plant on a CAN bus"),
-            "controller": Program(_CONTROLLER, "the controller on a CAN bus"),
-            "bus": Program("steer_by_wire.runtime.emulated_bus.__main__", "an emulated CAN bus"),
+            "plant": Program(
+                "steer_by_wire.plant_emulator.__main__:main", "the plant on a CAN bus", True
+            ),
+            "controller": Program(
+                "steer_by_wire.controller.__main__:main", "the controller on a CAN bus", True
+            ),
+            "bus": Program(
+                "steer_by_wire.runtime.emulated_bus.__main__:main", "an emulated CAN bus", True
+            ),
             "monitor": _tool("monitor", "watch a bus in the terminal, and set its latency"),
             "analyze": _tool("analyze_log", "a recording as signals, latencies and a report"),
         },
         "Design and compare": {
-            "check": Program(_CONTROLLER, "poles, stable delays, tolerated jitter", ("--check",)),
+            "check": Program(
+                "steer_by_wire.controller.program:check_main",
+                "poles, stable delays, tolerated jitter of a controller",
+            ),
             "design": _tool("design_gains", "gains for your vehicle and any delay up to a limit"),
             "compare": _tool("compare_laws", "every law over delay, jitter, loss and lag"),
             "paper": _tool("reproduce_paper", "the paper's figures and tables, reproduced"),
@@ -66,7 +76,9 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
         },
         "This machine": {
             "doctor": _tool("doctor", "what this machine has for CAN, and what to do"),
-            "with-vcan": Program("steer_by_wire.vcan.__main__", "run a command with a real vcan0"),
+            "with-vcan": Program(
+                "steer_by_wire.vcan.__main__:main", "run a command with a real vcan0", True
+            ),
             "probe": _tool("probe_host", "which rate this machine can keep"),
             "benchmark": _tool("benchmark", "what a control step and a run cost here"),
             "benchmark-bus": _tool("benchmark_bus", "what a frame costs here, beside C"),
@@ -84,42 +96,39 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     if "_ARGCOMPLETE" in os.environ:
         return _complete()
-    if not words or words[0] in ("-h", "--help", "help"):
-        print(_help())
-        return 0 if words else STATUS_USAGE
-    if words[0] in ("-V", "--version"):
-        print(f"{NAME} {_version()}")
-        return 0
-    if words[0] == "--completion":
-        return _print_completion(words[1:])
-    program = PROGRAMS.get(words[0])
-    if program is None:
-        return _refuse(f"no command {words[0]!r}{_nearest(words[0])}; see {NAME} --help")
-    return start(program, words[1:])
+    if words[:1] == ["help"] and len(words) > 1:
+        words = [words[1], "--help"]
+    match words:
+        case []:
+            print(_help(), file=sys.stderr)
+            return STATUS_USAGE
+        case ["-h" | "--help" | "help", *_]:
+            print(_help())
+            return 0
+        case ["-V" | "--version", *_]:
+            print(f"{NAME} {_version()}")
+            return 0
+        case ["--completion", *shells]:
+            return _print_completion(shells)
+        case [name, *further] if name in PROGRAMS:
+            return start(name, further)
+    return _refuse(NAME, f"no command {words[0]!r}{_nearest(words[0])}; see {NAME} --help")
 
 
-def start(program: Program, words: Sequence[str]) -> int:
+def start(name: str, words: Sequence[str]) -> int:
     """Import a program and run it; a library that is missing is reported in one line."""
+    program, called = PROGRAMS[name], f"{NAME} {name}"
+    module, _, function = program.main.partition(":")
     try:
-        module = importlib.import_module(program.module)
+        run = getattr(importlib.import_module(module), function)
+        status: int = run(words, called) if program.takes_name else run(words)
     except ModuleNotFoundError as error:
-        library = (error.name or "").partition(".")[0]
-        if library == "steer_by_wire" or not library:
+        if (error.name or __package__).partition(".")[0] == __package__:
             raise
-        return _refuse(f"{library} is not installed: pip install {_installs(library)}")
-    except KeyboardInterrupt:
-        return 130
-    status: int = module.main([*program.given, *words])
+        return _refuse(called, missing_library(error))
+    except KeyboardInterrupt:  # while the modules are read; programs have their own ending
+        return STATUS_INTERRUPTED
     return status
-
-
-def _installs(library: str) -> str:
-    """Return what to install for a library: the extra that brings it, or the library itself."""
-    for requirement in requires(DISTRIBUTION) or ():
-        if requirement.lower().replace("_", "-").startswith(library.lower().replace("_", "-")):
-            extra = requirement.partition('extra == "')[2].partition('"')[0]
-            return f"'{DISTRIBUTION}[{extra}]'" if extra else DISTRIBUTION
-    return library
 
 
 def _nearest(word: str) -> str:
@@ -127,8 +136,8 @@ def _nearest(word: str) -> str:
     return f"; did you mean {' or '.join(close)}?" if close else ""
 
 
-def _refuse(text: str) -> int:
-    print(f"{NAME}: error: {text}", file=sys.stderr)
+def _refuse(name: str, text: str) -> int:
+    print(f"{name}: error: {text}", file=sys.stderr)
     return STATUS_USAGE
 
 
@@ -147,15 +156,17 @@ def _help() -> str:
         lines += [f"  {name:<16} {program.summary}" for name, program in programs.items()]
     lines += [
         "",
-        f"{NAME} COMMAND --help explains one. Example: {NAME} run --preset practical_pd_ddob",
-        f"{NAME} --version; completion of options: {NAME} --completion bash|zsh|fish",
+        "COMMAND --help explains one. See also --version, --completion bash|zsh|fish.",
+        "",
+        "example:",
+        f"  {NAME} run --plant-set latency.downlink.mean_s=0.08",
     ]
     return "\n".join(lines)
 
 
 def _print_completion(words: Sequence[str]) -> int:
     if list(words) not in [[shell] for shell in SHELLS]:
-        return _refuse(f"--completion takes one of {', '.join(SHELLS)}")
+        return _refuse(NAME, f"--completion takes one of {', '.join(SHELLS)}")
     from argcomplete.shell_integration import shellcode
 
     print(shellcode([NAME], shell=words[0]))
@@ -175,7 +186,7 @@ def _complete() -> int:
     if len(words) > 1 and words[1] in PROGRAMS:
         os.environ["_ARGCOMPLETE"] = "2"  # the program's own words begin after its name
         argparse.ArgumentParser.parse_args = answer  # type: ignore[assignment,method-assign]
-        return start(PROGRAMS[words[1]], ())
+        return start(words[1], ())
     parser = argparse.ArgumentParser(prog=NAME, add_help=False)
     parser.add_argument("command", choices=[*PROGRAMS])
     return answer(parser)

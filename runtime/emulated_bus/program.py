@@ -2,7 +2,8 @@
 
 Prints one line to standard output when clients can connect; to standard error one for every client
 that it disconnects, and one with the statistics at the end. Exit status: 0 after an orderly end, 2
-for wrong arguments, 3 when it cannot listen, 4 when the report cannot be written.
+for wrong arguments, 3 when it cannot listen, 4 when the report cannot be written, 130 when it is
+interrupted before it listens.
 """
 
 import argparse
@@ -13,7 +14,9 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 
+from ...command_line import command_parser
 from ..host import RealTimeRequest, real_time
 from ..option_types import output_file, priority
 from .address import (
@@ -29,14 +32,15 @@ from .broker import Broker
 from .journal import Journal
 from .report import broker_report, summary_line
 
-_NAME = "emulated-can-bus"
+NAME = "emulated-can-bus"
 _CANNOT_LISTEN = 3
 _CANNOT_WRITE = 4
+_INTERRUPTED = 130
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the program; returns its exit status."""
-    options = _parse(arguments)
+def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
+    """Run the program, called ``name`` by who started it; returns its exit status."""
+    options = _parse(arguments, name)
     # All end the program through its finally clauses. SIGINT is set too because a shell starts
     # background programs with it ignored; SIGHUP stays ignored, as it is below nohup.
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -47,26 +51,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
         address = parse_address(options.address) if options.address else default_address()
         group = None if options.group is None else group_number(options.group)
         with listening(address, group) as listener:
-            _serve(listener, address, options)
+            _serve(name, listener, address, options)
     except AddressError as error:
-        print(f"{_NAME}: {error}", file=sys.stderr)
+        print(f"{name}: error: {error}", file=sys.stderr)
         return _CANNOT_LISTEN
     except OSError as error:
-        print(f"{_NAME}: {options.report}: {error.strerror}", file=sys.stderr)
+        print(f"{name}: error: {options.report}: {error.strerror}", file=sys.stderr)
         return _CANNOT_WRITE
-    except KeyboardInterrupt:
-        pass
+    except KeyboardInterrupt:  # before or after it has listened
+        return _INTERRUPTED
     return 0
 
 
-def _serve(listener: socket.socket, address: Address, options: argparse.Namespace) -> None:
+def _serve(
+    name: str, listener: socket.socket, address: Address, options: argparse.Namespace
+) -> None:
     """Serve until a signal or the end of standard input; raises OSError for the report."""
     if isinstance(address, TcpAddress):
         address = TcpAddress(*listener.getsockname())
     rates = f"{options.bitrate} bit/s"
     if options.data_bitrate is not None:
         rates += f", CAN FD data at {options.data_bitrate} bit/s"
-    journal = Journal(_tell, options.verbose)
+    journal = Journal(partial(_tell, name), options.verbose)
     broker = Broker(
         listener,
         options.bitrate,
@@ -76,11 +82,11 @@ def _serve(listener: socket.socket, address: Address, options: argparse.Namespac
         is_fifo=options.fifo,
     )
     start_ns = time.monotonic_ns()
-    print(f"{_NAME}: listening at {address}, {rates}", flush=True)
+    print(f"{name}: listening at {address}, {rates}", flush=True)
     with suppress(KeyboardInterrupt), real_time(RealTimeRequest(options.priority)):
         broker.run(sys.stdin.fileno() if options.end_with_stdin else None)
     report = broker_report(broker, journal, time.monotonic_ns() - start_ns)
-    _tell(summary_line(report))
+    _tell(name, summary_line(report))
     if options.report is not None:
         # Not above: it brings python-can and pydantic, which the broker does without.
         from ..report import write_json
@@ -88,7 +94,7 @@ def _serve(listener: socket.socket, address: Address, options: argparse.Namespac
         write_json(options.report, report)
 
 
-def _tell(line: str) -> bool:
+def _tell(name: str, line: str) -> bool:
     """Print a line to standard error, if that takes it at once; returns whether it did.
 
     A pipe that nobody reads is full at some point, and must not hold up the bus. One that can be
@@ -97,37 +103,35 @@ def _tell(line: str) -> bool:
     try:
         if not select.select((), [sys.stderr], (), 0.0)[1]:
             return False
-        print(f"{_NAME}: {line}", file=sys.stderr, flush=True)
+        print(f"{name}: {line}", file=sys.stderr, flush=True)
     except (OSError, ValueError):
         return False
     return True
 
 
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
     """Read the command line; ends the program where it is wrong."""
-    parser = _parser()
+    parser = _parser(name)
     options = parser.parse_args(arguments)
     if options.group is not None and options.address is None:
         parser.error("--group needs --address: the default one is in a directory of its user alone")
     return options
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(name: str) -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    parser = argparse.ArgumentParser(
-        prog=_NAME,
-        description="CAN bus between processes for python-can's interface 'emulated': frames take "
-        "their exact time on the wire and compete by identifier.",
+    parser = command_parser(
+        name, "CAN bus between processes, with bit-true timing, that needs no CAN hardware.", name
     )
     parser.add_argument(
         "--address",
         metavar="PATH|127.0.0.1:PORT",
-        help="Unix socket or loopback port to listen at (default: a socket of this user's own)",
+        help="Unix socket or loopback port to listen at (default: this user's own)",
     )
     parser.add_argument(
         "--group",
         metavar="NAME",
-        help="let the users of this group join too (default: this user only)",
+        help="let the users of this group join too",
     )
     parser.add_argument(
         "--bitrate",
@@ -140,13 +144,12 @@ def _parser() -> argparse.ArgumentParser:
         "--data-bitrate",
         type=_data_bit_rate,
         metavar="BIT_S",
-        help="bit rate of the data phase; lets clients use CAN FD (default: classic CAN only)",
+        help="bit rate of the data phase; allows CAN FD",
     )
     parser.add_argument(
         "--allow-bus-off",
         action="store_true",
-        help="let clients send one of them into bus-off, as steer-by-wire inject does "
-        "(default: a client that requests it is disconnected)",
+        help="let clients send one of them into bus-off, as steer-by-wire inject does",
     )
     parser.add_argument(
         "--fifo",
@@ -157,16 +160,14 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--end-with-stdin",
         action="store_true",
-        help="end when standard input is closed: a program that starts a bus of its own holds the "
-        "other end, so that none is left behind when it dies",
+        help="end when standard input is closed, as by the end of the program that started it",
     )
     parser.add_argument(
         "--priority",
         type=priority,
         default=50,
         metavar="0..99",
-        help="SCHED_FIFO priority, as far as the host grants it; 0 does not request it "
-        "(default: %(default)s)",
+        help="SCHED_FIFO priority, as far as the host grants it (default: %(default)s)",
     )
     parser.add_argument(
         "--report", type=output_file, metavar="FILE", help="write a report at the end, JSON"

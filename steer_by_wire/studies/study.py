@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from ..controller.settings import ControllerSettings
 from ..plant_emulator.settings import PlantSettings
-from ..runtime.settings import Settings, SettingsError, load_settings, read_preset
+from ..runtime.settings import COMMAND_LINE, Settings, SettingsError, load_settings, read_preset
 from .factors import Factor, make_factors, named_path
 from .figures import COLUMNS
 from .sampling import Design, make_design
@@ -238,7 +238,9 @@ def _checked(
     except SettingsError as error:
         raise SettingsError(
             *(
-                f"{where}{line.removeprefix('--set')}" if line.startswith("--set") else line
+                f"{where}{line.removeprefix(COMMAND_LINE)}"
+                if line.startswith(COMMAND_LINE)
+                else line
                 for line in error.mistakes
             )
         ) from error

@@ -1,6 +1,6 @@
 """Run a command with a real vcan0: the host's own, a network namespace's, or User Mode Linux's.
 
-    tools/with_vcan [--backend host|namespace|uml|auto] [--netem "delay 40ms"] COMMAND...
+    with-vcan [--backend host|namespace|uml|auto] [--netem "delay 40ms"] COMMAND...
 
 Exit status: the command's; 2 for wrong arguments, 3 where there is no way to a vcan0, 124 when the
 time is up, 126 and 127 for a command that cannot be run or is not found.
@@ -13,8 +13,10 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from steer_by_wire.command_line import command_parser
 from steer_by_wire.vcan.request import BackendError, Request, interface_names, netem_of
 
+NAME = "with-vcan"
 UNAVAILABLE_STATUS = 3
 STDERR = 2
 PACKAGES = "user-mode-linux kmod can-utils iproute2"
@@ -63,24 +65,24 @@ def choose(wanted: str, request: Request) -> Backend:
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit status."""
-    options = _parse(arguments)
+def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
+    """Run the command; returns the exit status. ``name`` is what who started it calls it."""
+    options = _parse(arguments, name)
     request = Request(tuple(options.command), options.interfaces, options.netem, options.memory)
     try:
         backend = choose(options.backend, request)
         if options.which:
             print(backend.name)
             return 0
-        return _run(backend, request, options.timeout)
+        return _run(name, backend, request, options.timeout)
     except BackendError as error:
-        print(f"with_vcan: error: {error}", file=sys.stderr)
+        print(f"{name}: error: {error}", file=sys.stderr)
         return UNAVAILABLE_STATUS
     except KeyboardInterrupt:
         return 130
 
 
-def _run(backend: Backend, request: Request, timeout_s: float | None) -> int:
+def _run(name: str, backend: Backend, request: Request, timeout_s: float | None) -> int:
     from steer_by_wire.vcan.supervision import TIMEOUT_STATUS, block_signals
 
     # One that was closed would else become the number of one of our pipes.
@@ -89,13 +91,13 @@ def _run(backend: Backend, request: Request, timeout_s: float | None) -> int:
     block_signals()
     status = backend.run(request, timeout_s)
     if status == TIMEOUT_STATUS and timeout_s is not None:
-        print(f"with_vcan: error: ended after {timeout_s:g} s", file=sys.stderr)
+        print(f"{name}: error: ended after {timeout_s:g} s", file=sys.stderr)
     return status
 
 
-def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="with_vcan", description=(__doc__ or "").splitlines()[0], allow_abbrev=False
+def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
+    parser = command_parser(
+        name, __doc__, f"{name} ip -details link show vcan0", "[options] COMMAND..."
     )
     parser.add_argument(
         "--backend",
@@ -125,7 +127,9 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--memory", type=_mebibytes, default=1024, metavar="MIB", help="of a User Mode Linux"
     )
     parser.add_argument("--which", action="store_true", help="only say which backend it would be")
-    parser.add_argument("command", nargs=argparse.REMAINDER, metavar="COMMAND...")
+    parser.add_argument(
+        "command", nargs=argparse.REMAINDER, metavar="COMMAND...", help="and its arguments"
+    )
     options = parser.parse_args(arguments)
     if options.command[:1] == ["--"]:
         del options.command[0]

@@ -90,7 +90,7 @@ def execute(command: Sequence[str], environment: dict[str, str]) -> NoReturn:
     try:
         os.execvpe(command[0], list(command), environment)  # noqa: S606 it is what we are for
     except OSError as error:
-        print(f"with_vcan: error: {command[0]}: {error.strerror}", file=sys.stderr, flush=True)
+        print(f"with-vcan: error: {command[0]}: {error.strerror}", file=sys.stderr, flush=True)
         absent = isinstance(error, FileNotFoundError)
         os._exit(NOT_FOUND_STATUS if absent else NOT_EXECUTABLE_STATUS)
 

@@ -67,7 +67,7 @@ def _start(request: Request) -> NoReturn:
     try:
         _enter(request)
     except BackendError as error:
-        print(f"with_vcan: error: {error}", file=sys.stderr, flush=True)
+        print(f"with-vcan: error: {error}", file=sys.stderr, flush=True)
         os._exit(FAILED_STATUS)
     execute(request.command, {**os.environ, "WITH_VCAN_BACKEND": NAME})
 

@@ -216,7 +216,7 @@ def _start(job: dict[str, Any]) -> tuple[int, _Ends]:
             _become(job)
             execute(job["command"], job["environment"])
         except BaseException as error:  # nothing may leave a forked process
-            print(f"with_vcan: error: {error}", file=sys.stderr, flush=True)
+            print(f"with-vcan: error: {error}", file=sys.stderr, flush=True)
         finally:
             os._exit(126)
     for descriptor in set(given):

@@ -143,11 +143,11 @@ def test_laws_that_do_not_ask_for_the_period_are_not_told() -> None:
 def test_a_wrong_period_is_said_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:
     for period, lines in (("20", 1), ("10", 0)):
         _, controller = driven([f"sensor_period_ms={period}"])
-        program.conclude(controller)
+        program.conclude("steering-controller", controller)
         told = capsys.readouterr().err.splitlines()
         assert len(told) == lines
     _, controller = driven(["sensor_period_ms=20"])
-    program.conclude(controller)
+    program.conclude("steering-controller", controller)
     assert (
         "sensor period was about 20 ms, but link.sensor_period_ms = 10" in capsys.readouterr().err
     )

@@ -89,8 +89,8 @@ def drive_until(client: can.BusABC, samples: int) -> list[Frame]:
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (["--set", "seed=-1"], ["--set: seed = -1"]),
-        (["--seed", "-1"], ["--set: seed = -1"]),
+        (["--set", "seed=-1"], ["command line: seed = -1"]),
+        (["--seed", "-1"], ["command line: seed = -1"]),
         (["--set", "latency.downlink.mean_s=11"], ["latency.downlink.mean_s = 11", "10.0"]),
         (["--set", "latency.uplink.trace_file=none.csv"], ["none.csv cannot be read"]),
         (["--preset", "paper_nominl"], ["preset paper_nominl", "paper_nominal"]),

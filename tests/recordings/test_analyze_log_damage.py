@@ -88,14 +88,17 @@ def test_a_file_without_a_frame_is_one_clear_line(
     path.write_bytes(content)
     assert main([str(path), "--out", str(tmp_path / "out")]) == ExitStatus.SETTINGS
     (error,) = capsys.readouterr().err.splitlines()
-    assert error.startswith(f"analyze_log: error: {line.format(path=path)}")
+    assert error.startswith(f"steer-by-wire analyze: error: {line.format(path=path)}")
 
 
 def test_a_file_that_is_not_there_is_one_clear_line(tmp_path: Path, capsys: Capture) -> None:
     for name in ("nothing.log", "nothing.db", "nothing.blf"):
         path = tmp_path / name
         assert main([str(path), "--out", str(tmp_path / "out")]) == ExitStatus.SETTINGS
-        assert capsys.readouterr().err == f"analyze_log: error: {path}: No such file or directory\n"
+        assert (
+            capsys.readouterr().err
+            == f"steer-by-wire analyze: error: {path}: No such file or directory\n"
+        )
         assert not path.exists()
 
 

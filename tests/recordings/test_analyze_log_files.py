@@ -147,7 +147,7 @@ def test_a_file_that_is_no_log_leaves_nothing_and_keeps_no_other_from_its_report
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 2
     for line, path in zip(lines, (bad, gone), strict=True):
-        assert line.startswith(f"analyze_log: error: {path}: ")
+        assert line.startswith(f"steer-by-wire analyze: error: {path}: ")
     assert not out.parent.exists()
     assert main([str(bad), str(constant.log), "--out", str(out)]) == ExitStatus.SETTINGS
     told = capsys.readouterr()

@@ -16,7 +16,7 @@ import pytest
 from steer_by_wire.runtime.emulated_bus.broker import CHANNELS_MAX, CLIENTS_MAX
 from steer_by_wire.runtime.emulated_bus.channel import FRAMES_WAITING_MAX
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
-from steer_by_wire.runtime.emulated_bus.program import _tell
+from steer_by_wire.runtime.emulated_bus.program import _tell, main
 from steer_by_wire.runtime.emulated_bus.protocol import HELLO
 from tests.support.broker_program import PATIENCE_S, client, message, receive, start_broker
 from tests.support.broker_program import directory as directory
@@ -68,7 +68,7 @@ def test_a_second_broker_leaves_the_first_alone(stack: ExitStack, directory: Pat
     second = start_broker(stack, "--address", address)
     _, errors = second.communicate(timeout=PATIENCE_S)
     assert second.returncode == 3
-    assert errors == f"emulated-can-bus: an emulated bus is already listening at {address}\n"
+    assert errors == f"emulated-can-bus: error: an emulated bus is already listening at {address}\n"
     client(stack, address).send(message(1))
 
 
@@ -271,10 +271,19 @@ def test_a_broker_does_not_wait_for_somebody_to_read_what_it_tells(
     os.set_blocking(write_end, True)
     with os.fdopen(read_end, "rb", 0) as reader, os.fdopen(write_end, "w") as stream:
         monkeypatch.setattr(sys, "stderr", stream)
-        assert not _tell("a line that nobody has room for")  # would wait for ever if it waited
+        # It would wait for ever if it waited.
+        assert not _tell("emulated-can-bus", "a line that nobody has room for")
         reader.read(1 << 20)
-        assert _tell("a line")
+        assert _tell("emulated-can-bus", "a line")
         assert reader.read(100) == b"emulated-can-bus: a line\n"
+
+
+def test_ctrl_c_before_it_listens_is_no_orderly_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("steer_by_wire.runtime.emulated_bus.program.listening", interrupt)
+    assert main(["--address", "127.0.0.1:0"]) == 130
 
 
 # python-can's own programs

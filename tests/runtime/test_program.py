@@ -157,7 +157,7 @@ def test_a_reader_that_is_gone_costs_neither_the_run_nor_its_report(
         "import sys; sys.path.insert(0, sys.argv[1]);"
         "from tests.support.some_program import NAME, Probe, SomeSettings;"
         "from steer_by_wire.runtime.program import make_parser, run_main, run_node;"
-        "options = make_parser(NAME, '', sys.argv[2]).parse_args(sys.argv[3:]);"
+        "options = make_parser(NAME, '', '', sys.argv[2]).parse_args(sys.argv[3:]);"
         "run = lambda: run_node(NAME, options, SomeSettings(), lambda _: Probe());"
         "sys.exit(run_main(NAME, run))"
     )

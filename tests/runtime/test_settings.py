@@ -131,16 +131,19 @@ def test_the_last_override_of_a_key_counts() -> None:
 
 @pytest.mark.parametrize("text", ["seed", "=3", "seed=", "motor.=3", ".seed=3", ""])
 def test_an_override_of_another_form_is_refused(text: str) -> None:
-    assert mistakes(text) == (f"--set {text}: is not of the form table.key=value",)
+    assert mistakes(text) == (f"command line: {text}: is not of the form table.key=value",)
 
 
 def test_an_override_inside_a_value_is_refused() -> None:
-    assert mistakes("seed=1", "seed.x=1") == ("--set seed.x=1: seed is set to a value before",)
+    assert mistakes("seed=1", "seed.x=1") == (
+        "command line: seed.x=1: seed is set to a value before",
+    )
 
 
 def test_a_mistake_names_source_key_value_and_range() -> None:
     assert mistakes("motor.speed_m_s=-3") == (
-        "--set: motor.speed_m_s = -3 should be greater than 0 (allowed: number above 0, up to 60)",
+        "command line: motor.speed_m_s = -3 should be greater than 0"
+        " (allowed: number above 0, up to 60)",
     )
 
 
@@ -156,6 +159,7 @@ def test_a_mistake_names_source_key_value_and_range() -> None:
         ("limit=inf", "limit = Infinity should be a finite number (allowed: number above 0)"),
         ("limit=nan", "limit = NaN should be a finite number (allowed: number above 0)"),
         ("limit='2'", 'limit = "2" should be a valid number (allowed: number above 0)'),
+        ("steps=3", "steps = 3 should be a valid array (allowed: list)"),
         ("motor=3", "motor = 3 should be an object (allowed: table)"),
         ("track.radius_m=0", "track.radius_m = 0 should be greater than 0"),
         ("steps=[[1,2],[3]]", "steps[1][1] is missing (allowed: number)"),
@@ -172,12 +176,12 @@ def test_a_mistake_names_source_key_value_and_range() -> None:
 )
 def test_every_mistake_is_one_line_that_names_the_key(override: str, mistake: str) -> None:
     (line,) = mistakes(override)
-    assert line.startswith(f"--set: {mistake}")
+    assert line.startswith(f"command line: {mistake}")
     assert "\n" not in line
 
 
 def test_a_rule_about_several_keys_names_all_their_sources() -> None:
-    assert mistakes("seed=13") == ("preset basic, --set: seed 13 needs luck",)
+    assert mistakes("seed=13") == ("preset basic, command line: seed 13 needs luck",)
 
 
 def test_what_is_missing_names_the_file_and_what_it_may_be(tmp_path: Path) -> None:
@@ -196,7 +200,7 @@ def test_each_mistake_names_its_own_source(tmp_path: Path) -> None:
         load_settings(Rig, Preset("odd", 'law = "x"\nmotor.speed_m_s = 1'), file, ["log=3"])
     assert [line.partition(":")[0] for line in caught.value.mistakes] == [
         "preset odd",
-        "--set",
+        "command line",
         str(file),
     ]
 

@@ -81,7 +81,9 @@ def channel(request: pytest.FixtureRequest) -> str:
 def options(presets: str, channel: str) -> Callable[..., argparse.Namespace]:
     def parse(*arguments: str) -> argparse.Namespace:
         bus = ("-i", "virtual", "-c", channel)
-        return make_parser(NAME, "Does little.", presets).parse_args([*bus, *ORDINARY, *arguments])
+        return make_parser(NAME, "Does little.", NAME, presets).parse_args(
+            [*bus, *ORDINARY, *arguments]
+        )
 
     return parse
 

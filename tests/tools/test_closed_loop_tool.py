@@ -118,7 +118,7 @@ def test_a_mistake_is_one_line_and_a_status(
 ) -> None:
     assert closed_loop.main(options) == status
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("closed_loop: error: ")
+    assert line.startswith("steer-by-wire run: error: ")
     assert complaint in line
 
 

@@ -1,15 +1,21 @@
 """The comparison of the laws, and the designed predictors: what they say is measured anew."""
 
+import os
 import re
+import signal
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Event
+from types import FrameType
 
 import numpy as np
 import pytest
 
 from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.runtime.program import ExitStatus, StopRequest
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.compare_laws import runs
+from steer_by_wire.tools.compare_laws.__main__ import main
 from steer_by_wire.tools.compare_laws.picture import draw_comparison
 from steer_by_wire.tools.compare_laws.runs import OFF_PATH_M, Cell, breaks_at_s, compare
 from steer_by_wire.tools.compare_laws.tables import markdown_lines, table_lines
@@ -75,3 +81,40 @@ def test_a_law_breaks_at_the_first_delay_at_which_it_does_not_hold_the_path() ->
     assert breaks_at_s(cells) == 0.1
     assert breaks_at_s(cells[:1]) is None
     assert np.isfinite(cells[0].rms_m)
+
+
+def test_ctrl_c_ends_the_comparison_soon_and_leaves_what_is_complete(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    interrupted, cancelled = Event(), Event()
+    take_signal = StopRequest._take_signal
+    computed = []
+
+    class Pool(ThreadPoolExecutor):
+        def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+            super().shutdown(False, cancel_futures=cancel_futures)
+            cancelled.set()
+            super().shutdown(wait)
+
+    def taken(stop: StopRequest, number: int, frame: FrameType | None) -> None:
+        take_signal(stop, number, frame)
+        interrupted.set()
+
+    def cell(key: str, one: runs.Contestant, delay_s: float, *_further: object) -> Cell:
+        computed.append(delay_s)
+        if len(computed) == 1:
+            os.kill(os.getpid(), signal.SIGINT)
+            assert interrupted.wait(60.0)
+        else:
+            assert cancelled.wait(60.0)
+        return Cell(one.label, key, delay_s, 0.01, 0.01)
+
+    monkeypatch.setattr(runs, "ThreadPoolExecutor", Pool)
+    monkeypatch.setattr(runs, "_cell", cell)
+    monkeypatch.setattr(StopRequest, "_take_signal", taken)
+    assert main(["--out", str(tmp_path)]) == ExitStatus.INTERRUPTED
+    assert len(computed) <= 1 + 2 * runs._THREADS  # of 1325
+    header, *rows = (tmp_path / "comparison.csv").read_text(encoding="utf-8").splitlines()
+    assert header.startswith("contestant,network,")
+    assert f"interrupted: {len(rows)} results are in" in capsys.readouterr().out
+    assert rows

@@ -372,7 +372,7 @@ def test_a_mistake_in_a_file_is_one_line_and_status_2(
     options = [option for override in overrides for option in ("--set", override)]
     assert design_gains.main([str(vehicle), "--spec", str(spec), *options]) == 2
     (said,) = capsys.readouterr().err.splitlines()
-    assert said.startswith("design_gains: error: ")
+    assert said.startswith("steer-by-wire design: error: ")
     assert complaint in said
 
 

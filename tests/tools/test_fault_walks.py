@@ -192,7 +192,7 @@ def test_a_file_that_a_point_names_and_that_is_not_there_is_no_failing_walk(
     point = f'points=[{{name="a", path={{kind="waypoints", file="{missing}"}}}}]'
     assert main(["--set", point, "--random-walks", "1", "--processes", "1"]) == 2
     assert capsys.readouterr().err.splitlines() == [
-        f"fault_campaign: error: {missing}: cannot be read: No such file or directory"
+        f"steer-by-wire faults: error: {missing}: cannot be read: No such file or directory"
     ]
 
 
@@ -212,4 +212,4 @@ def test_failures_end_with_status_one_and_ctrl_c_keeps_what_was_found(
     assert main(["--random-walks", "9", "--processes", "1"]) == 130
     printed = capsys.readouterr()
     assert printed.out.startswith("2 walks of 0 faults in all: 2 failed\n")
-    assert printed.err == "fault_campaign: error: interrupted\n"
+    assert printed.err == "steer-by-wire faults: error: interrupted\n"

@@ -69,7 +69,9 @@ def test_a_settings_file_without_end_is_refused() -> None:
     "override", ["seed=\udcff", "\udcff=1", "a" + ".a" * 3000 + "=1", "path.file=\udcff"]
 )
 def test_an_override_of_any_bytes_is_refused(override: str) -> None:
-    assert refusal(lambda: load_settings(PlantSettings, overrides=[override])).startswith("--set")
+    assert refusal(lambda: load_settings(PlantSettings, overrides=[override])).startswith(
+        "command line: "
+    )
 
 
 @pytest.mark.parametrize(
@@ -89,7 +91,7 @@ def test_a_value_that_would_overflow_on_the_way_to_a_filter_is_refused_with_its_
         ControllerSettings, preset, overrides=[f"{key}={value}"]
     )
     text = refusal(load)
-    assert text.startswith(f"--set: {key} = {float(value)}")
+    assert text.startswith(f"command line: {key} = {float(value)}")
     assert allowed in text
 
 

@@ -286,7 +286,7 @@ def test_an_interface_that_is_not_there_is_one_line_and_status_3() -> None:
     assert result.returncode == 3
     assert result.stdout == ""
     (line,) = result.stderr.splitlines()
-    assert line.startswith("probe_host: error: cannot open socketcan nosuchcan0: ")
+    assert line.startswith("steer-by-wire probe: error: cannot open socketcan nosuchcan0: ")
 
 
 def test_control_c_ends_it_with_one_line_and_status_130() -> None:
@@ -300,7 +300,7 @@ def test_control_c_ends_it_with_one_line_and_status_130() -> None:
         printed, complaint = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
     assert printed == ""
-    assert complaint == "probe_host: error: interrupted\n"
+    assert complaint == "steer-by-wire probe: error: interrupted\n"
 
 
 @pytest.mark.vcan

@@ -189,7 +189,7 @@ def test_what_cannot_be_computed_is_refused_in_one_line(
 ) -> None:
     assert reproduce_paper.main([*arguments, "--out", str(tmp_path / "new")]) == 2
     error = capsys.readouterr().err
-    assert error.startswith("reproduce_paper: error: ")
+    assert error.startswith("steer-by-wire paper: error: ")
     assert error.count("\n") == 1
     assert told in error
     assert not (tmp_path / "new").exists()

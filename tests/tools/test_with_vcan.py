@@ -284,7 +284,7 @@ def test_two_at_once_do_not_hear_each_other(backend: str) -> None:
 def test_a_command_that_cannot_be_run_is_told_as_by_a_shell(backend: str) -> None:
     absent, folder = run("--backend", backend, "/absent"), run("--backend", backend, "/")
     assert (absent.returncode, folder.returncode) == (127, 126)
-    assert absent.stderr.startswith("with_vcan: error: /absent: No such file")
+    assert absent.stderr.startswith("with-vcan: error: /absent: No such file")
 
 
 def test_netem_delays_every_frame_of_its_interface() -> None:
@@ -353,7 +353,7 @@ def test_wrong_arguments_are_told_before_anything_starts(
     with pytest.raises(SystemExit) as end:
         main(arguments)
     assert end.value.code == 2
-    assert "with_vcan: error: " in capsys.readouterr().err
+    assert "with-vcan: error: " in capsys.readouterr().err
 
 
 def test_where_there_is_no_way_the_packages_to_install_are_named(

@@ -25,6 +25,7 @@ from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
+from steer_by_wire.command_line import command_parser
 from steer_by_wire.recordings.file_analysis import analyse_files
 from steer_by_wire.recordings.log_file import LogError
 from steer_by_wire.recordings.signal_table import (
@@ -39,7 +40,7 @@ from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.analyze_log.html_report import milliseconds, report_html
 from steer_by_wire.tools.analyze_log.mcap_export import McapFile
 
-NAME = "analyze_log"
+NAME = "steer-by-wire analyze"
 
 
 class Result(NamedTuple):
@@ -55,12 +56,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire analyze",
-        description=(__doc__ or "").splitlines()[0],
-        allow_abbrev=False,
+    parser = command_parser(
+        NAME,
+        __doc__,
+        f"steer-by-wire run --out out/run\n{NAME} out/run/candump.log",
+        "FILE... [options]",
     )
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
+    parser.add_argument(
+        "files", nargs="+", type=Path, metavar="FILE", help="a recording, or what candump printed"
+    )
     parser.add_argument(
         "--out",
         type=Path,

@@ -23,6 +23,7 @@ from rich.console import Console
 
 from steer_by_wire.benchmarking.measurement import Line, calibration
 from steer_by_wire.benchmarking.table import line_record, lines_table
+from steer_by_wire.command_line import command_parser
 from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.host import StealClock
 from steer_by_wire.runtime.option_types import output_file
@@ -36,20 +37,20 @@ from steer_by_wire.tools.benchmark.loop import (
 )
 from steer_by_wire.tools.benchmark.startup import StartupError, heavy_modules, startup_lines
 
+NAME = "steer-by-wire benchmark"
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run all benchmarks; returns the exit status, which does not depend on the figures."""
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire benchmark",
-        description=(__doc__ or "").splitlines()[0],
-        allow_abbrev=False,
+    parser = command_parser(
+        NAME, __doc__, f"{NAME} --json before.json\n{NAME} --against before.json"
     )
     parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
     parser.add_argument(
         "--against", type=Path, metavar="SAVED", help="name what got slower than in a saved file"
     )
     options = parser.parse_args(arguments)
-    return run_main("benchmark", partial(_run, options))
+    return run_main(NAME, partial(_run, options))
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -69,10 +69,10 @@ def _heavy_imports(program: str, bus: Bus) -> list[str]:
         listener.recv(TIMEOUT_S)
         process.send_signal(signal.SIGINT)
         _, told = process.communicate()
-    packages = {match[1].partition(".")[0] for match in _IMPORTED.finditer(told)}
-    if program not in packages:
+    modules = {match[1] for match in _IMPORTED.finditer(told)}
+    if f"steer_by_wire.{program}" not in modules:
         raise StartupError(f"{program} does not tell what it imports")
-    return [package for package in HEAVY if package in packages]
+    return [package for package in HEAVY if package in modules]
 
 
 @contextmanager
@@ -80,7 +80,15 @@ def _running(
     program: str, bus: Bus, python_options: Sequence[str]
 ) -> Iterator[subprocess.Popen[str]]:
     """Run a program until the end of the block."""
-    command = [sys.executable, *python_options, "-m", program, *bus.options, *PROGRAMS[program]]
+    command = [
+        sys.executable,
+        "-P",
+        *python_options,
+        "-m",
+        f"steer_by_wire.{program}",
+        *bus.options,
+        *PROGRAMS[program],
+    ]
     with subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     ) as process:

@@ -22,6 +22,7 @@ from rich.console import Console
 
 from steer_by_wire.benchmarking.measurement import Line, Target
 from steer_by_wire.benchmarking.table import line_record, lines_table
+from steer_by_wire.command_line import command_parser
 from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.host import StealClock
 from steer_by_wire.runtime.option_types import output_file
@@ -34,6 +35,7 @@ from steer_by_wire.tools.benchmark_batch.comparison import (
     seconds_of_runs,
 )
 
+NAME = "steer-by-wire benchmark-batch"
 COUNTS = (10, 30, 100, 300, 1000)
 LENGTHS_S = (10.0, 30.0, 100.0, 300.0, 1000.0)
 STARTS = 5
@@ -46,15 +48,11 @@ _FIRST_RESULT = (
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark; returns the exit status, which does not depend on the figures."""
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire benchmark-batch",
-        description=(__doc__ or "").splitlines()[0],
-        allow_abbrev=False,
-    )
+    parser = command_parser(NAME, __doc__, f"{NAME} --chart batch.png")
     parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
     parser.add_argument("--chart", type=output_file, metavar="FILE.png", help="time against runs")
     options = parser.parse_args(arguments)
-    return run_main("benchmark_batch", partial(_run, options))
+    return run_main(NAME, partial(_run, options))
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -109,7 +107,7 @@ def start_lines() -> list[Line]:
 def _first_result_s(cache: str) -> float:
     begin_s = time.perf_counter()
     environment = {**os.environ, "XDG_CACHE_HOME": cache}
-    subprocess.run((sys.executable, "-c", _FIRST_RESULT), check=True, env=environment)
+    subprocess.run((sys.executable, "-P", "-c", _FIRST_RESULT), check=True, env=environment)
     return time.perf_counter() - begin_s
 
 

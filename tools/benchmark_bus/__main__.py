@@ -1,6 +1,6 @@
 """How fast the controller answers and how punctual it is on a CAN bus, beside C and bare Python.
 
-    tools/with_vcan steer-by-wire benchmark-bus [--json FILE]
+    steer-by-wire with-vcan steer-by-wire benchmark-bus [--json FILE]
     steer-by-wire benchmark-bus --no-can
 
 Everything that is compared runs in turns on the same machine within minutes, or at once; each
@@ -24,6 +24,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from steer_by_wire.benchmarking.measurement import Line
 from steer_by_wire.benchmarking.table import line_record, lines_table
+from steer_by_wire.command_line import command_parser
 from steer_by_wire.runtime.bus import BusError, socketcan_obstacle
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.host import StealClock
@@ -60,7 +61,9 @@ from steer_by_wire.tools.benchmark_bus.runs import (
     write_frames,
 )
 
-NAME = "benchmark_bus"
+NAME = "steer-by-wire benchmark-bus"
+CHANNEL = "benchmark_bus"
+"""Of the emulated bus."""
 ANSWERING = (C_ECHO, BARE_PYTHON, PYTHON_WITH_TIMEOUT, NODE)
 RATE_HZ, LONG_RATE_HZ = 100, 1000
 PARTS = 5
@@ -94,11 +97,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire benchmark-bus",
-        description=(__doc__ or "").splitlines()[0],
-        allow_abbrev=False,
-    )
+    parser = command_parser(NAME, __doc__, f"{NAME} --no-can --long-seconds 10")
     parser.add_argument("-c", "--channel", default="vcan0", help="default: %(default)s")
     parser.add_argument(
         "--no-can",
@@ -131,7 +130,7 @@ def _benchmark(options: argparse.Namespace) -> None:
     obstacle = "" if options.no_can else socketcan_obstacle(options.channel)
     if obstacle:
         raise BusError(
-            f"{obstacle}; this brings one: tools/with_vcan steer-by-wire benchmark-bus; "
+            f"{obstacle}; this brings one: steer-by-wire with-vcan steer-by-wire benchmark-bus; "
             "--no-can measures what can be measured without"
         )
     console, steal = Console(markup=False, highlight=False), StealClock()
@@ -171,7 +170,7 @@ def _bus(options: argparse.Namespace) -> Iterator[tuple[str, tuple[str, ...]]]:
         open(os.devnull, "w", encoding="utf-8") as nowhere,
         launched_broker(log=nowhere) as address,
     ):
-        yield "", ("-i", "emulated", "-c", NAME, "--bus-kwargs", f"address={address}")
+        yield "", ("-i", "emulated", "-c", CHANNEL, "--bus-kwargs", f"address={address}")
 
 
 def _run_all(bench: Bench, options: argparse.Namespace) -> _Runs:

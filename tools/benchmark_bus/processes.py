@@ -88,7 +88,7 @@ def interrupt(role: Role, process: subprocess.Popen[bytes], folder: Path) -> Non
 
 def python(module: str, *options: str) -> list[str]:
     """Return the command that runs a module, which ends with this process, however that ends."""
-    return [sys.executable, "-m", "steer_by_wire.runtime.attached", module, *options]
+    return [sys.executable, "-P", "-m", "steer_by_wire.runtime.attached", module, *options]
 
 
 def _wait_until_ready(role: Role, process: subprocess.Popen[bytes], folder: Path) -> None:

@@ -140,7 +140,7 @@ ANSWERS: dict[str, Callable[[ControllerNode], AtRate | AtOnce]] = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    parser = make_parser(NAME, "The controller program, watched.", PRESETS)
+    parser = make_parser(NAME, "The controller program, watched.", NAME, PRESETS)
     parser.add_argument("--answer", choices=tuple(ANSWERS), default="at-rate")
     parser.add_argument("--ticks", type=output_file, metavar="FILE", help="when each tick ran")
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))

@@ -18,6 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from steer_by_wire.command_line import command_parser
 from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.pair.live import PairFiles
@@ -41,7 +42,7 @@ from steer_by_wire.runtime.settings import (
 )
 from steer_by_wire.tools.closed_loop.threaded import run_threaded_nodes
 
-NAME = "closed_loop"
+NAME = "steer-by-wire run"
 PLANT, CONTROLLER = PROGRAMS = ("plant_emulator", "controller")
 FINISHED = "finished"
 BITRATE_BIT_S_MAX = 1_000_000
@@ -73,23 +74,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire run",
-        description=(__doc__ or "").splitlines()[0],
-        allow_abbrev=False,
+    parser = command_parser(
+        NAME,
+        __doc__,
+        f"{NAME} --plant-set latency.downlink.mean_s=0.08 --out out/run",
+        "[PLANT.toml] [options]",
     )
     plant = parser.add_argument_group("plant")
-    plant.add_argument("plant", nargs="?", type=Path, metavar="PLANT.toml")
+    plant.add_argument(
+        "plant", nargs="?", type=Path, metavar="PLANT.toml", help="settings of the plant"
+    )
     plant.add_argument(
         "--plant-preset", metavar="NAME", help=", ".join(preset_names(PLANT_PRESETS))
     )
     plant.add_argument(
-        "--plant-set", action="append", default=[], metavar="TABLE.KEY=VALUE", help="repeatable"
+        "--plant-set",
+        action="append",
+        default=[],
+        metavar="TABLE.KEY=VALUE",
+        help="one setting on top; repeatable",
     )
     plant.add_argument("--duration", type=float, metavar="SECONDS", help="of motion")
     plant.add_argument("--seed", type=int, metavar="N", help="of all randomness of the run")
     controller = parser.add_argument_group("controller")
-    controller.add_argument("--controller", type=Path, metavar="CONTROLLER.toml")
+    controller.add_argument(
+        "--controller", type=Path, metavar="CONTROLLER.toml", help="settings of the controller"
+    )
     controller.add_argument(
         "--controller-preset",
         metavar="NAME",
@@ -100,7 +110,11 @@ def _parser() -> argparse.ArgumentParser:
         "--law", metavar="NAME", help="short for --controller-set law=NAME; also package.module:LAW"
     )
     controller.add_argument(
-        "--controller-set", action="append", default=[], metavar="TABLE.KEY=VALUE"
+        "--controller-set",
+        action="append",
+        default=[],
+        metavar="TABLE.KEY=VALUE",
+        help="one setting on top; repeatable",
     )
     wire = parser.add_mutually_exclusive_group()
     wire.add_argument(

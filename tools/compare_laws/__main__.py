@@ -4,7 +4,8 @@
 
 Leaves in DIR comparison.csv, a line for each law, network and delay, comparison.png, and
 comparison.md, the tables of docs/predictor.md; prints the worst RMS over the uncertainty box at a
-few delays, and the first delay at which a law does not hold the path.
+few delays, and the first delay at which a law does not hold the path. Ctrl-C leaves
+the lines that are complete.
 """
 
 import argparse
@@ -18,27 +19,48 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from steer_by_wire.runtime.program import ExitStatus, run_main
+from steer_by_wire.command_line import command_parser
+from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
 from steer_by_wire.tools.compare_laws.picture import draw_comparison
 from steer_by_wire.tools.compare_laws.runs import Cell, compare, controller_settings, own_contestant
 from steer_by_wire.tools.compare_laws.tables import markdown_lines, table_lines
 
-NAME = "compare_laws"
+NAME = "steer-by-wire compare"
 DELAY_MS_MAX = 600
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire compare",
-        description=(__doc__ or "").splitlines()[0],
-        allow_abbrev=False,
-    )
-    parser.add_argument("--out", type=Path, default=Path("out/comparison"), metavar="DIR")
-    parser.add_argument("--step-ms", type=int, default=25, choices=(10, 20, 25, 50, 100))
-    parser.add_argument("--seeds", type=int, default=3, choices=range(1, 101), metavar="1..100")
+    parser = command_parser(NAME, __doc__, f"{NAME} --step-ms 100 --seeds 1 --duration-s 20")
     parser.add_argument(
-        "--duration-s", type=float, default=60.0, choices=(20.0, 60.0, 120.0), metavar="S"
+        "--out",
+        type=Path,
+        default=Path("out/comparison"),
+        metavar="DIR",
+        help="default: %(default)s",
+    )
+    parser.add_argument(
+        "--step-ms",
+        type=int,
+        default=25,
+        choices=(10, 20, 25, 50, 100),
+        help="between delays (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--seeds",
+        type=int,
+        default=3,
+        choices=range(1, 101),
+        metavar="1..100",
+        help="of each random network (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--duration-s",
+        type=float,
+        default=60.0,
+        choices=(20.0, 60.0, 120.0),
+        metavar="S",
+        help="of each run: 20, 60 or 120 (default: %(default)g)",
     )
     parser.add_argument(
         "--law",
@@ -65,14 +87,18 @@ def _run(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     console = Console(markup=False, highlight=False, soft_wrap=True)
     delays_s = [1e-3 * ms for ms in range(0, DELAY_MS_MAX + 1, options.step_ms)]
-    with Progress(
-        BarColumn(30),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    ) as bars:
+    stop = StopRequest()
+    with (
+        stop.on_signals(),
+        Progress(
+            BarColumn(30),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        ) as bars,
+    ):
         task = bars.add_task("")
         cells = compare(
             delays_s,
@@ -80,8 +106,12 @@ def _run(options: argparse.Namespace) -> int:
             options.duration_s,
             lambda done, of: bars.update(task, completed=done, total=of),
             further,
+            stop,
         )
     _write(cells, options.out / "comparison.csv")
+    if stop.reason:
+        print(f"interrupted: {len(cells)} results are in {options.out / 'comparison.csv'}")
+        return ExitStatus.INTERRUPTED
     draw_comparison(cells, further).savefig(options.out / "comparison.png", dpi=110)
     markdown = "\n".join([*markdown_lines(cells, further), ""])
     (options.out / "comparison.md").write_text(markdown, encoding="utf-8")

@@ -152,8 +152,12 @@ def compare(
     duration_s: float,
     progress: Callable[[int, int], None],
     further: Sequence[Contestant] = (),
+    should_stop: Callable[[], bool] = lambda: False,
 ) -> list[Cell]:
-    """Return a cell for every network, contestant and delay; ``progress`` is told runs of all."""
+    """Return a cell for every network, contestant and delay, or those before ``should_stop``.
+
+    ``progress``  is called with the number of cells computed, and of all
+    """
     asked = [
         (key, one, delay_s)
         for key, network in NETWORKS.items()
@@ -161,10 +165,13 @@ def compare(
     ]
     cells: list[Cell] = []
     with ThreadPoolExecutor(_THREADS) as pool:
-        work = (pool.submit(_cell, *one, seeds, duration_s) for one in asked)
-        for future in list(work):
+        futures = [pool.submit(_cell, *one, seeds, duration_s) for one in asked]
+        for future in futures:
             cells.append(future.result())
             progress(len(cells), len(asked))
+            if should_stop():
+                pool.shutdown(cancel_futures=True)
+                break
     return cells
 
 

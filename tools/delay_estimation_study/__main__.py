@@ -9,13 +9,15 @@ against the truth that only the rig knows (module ``runs``). Leaves ``runs.csv``
 
 import argparse
 import csv
+import re
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from steer_by_wire.command_line import command_parser
 from steer_by_wire.runtime.program import run_main
 from steer_by_wire.tools.delay_estimation_study.pictures import draw
 from steer_by_wire.tools.delay_estimation_study.runs import (
@@ -32,7 +34,7 @@ from steer_by_wire.tools.delay_estimation_study.runs import (
 from steer_by_wire.worker_processes import worker_pool
 
 PROCESSES = 2
-NAME = "delay_estimation_study"
+NAME = "steer-by-wire delay-study"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -57,7 +59,7 @@ def _run(options: argparse.Namespace) -> int:
     (options.out / "tables.txt").write_text(text, encoding="utf-8")
     print(text, end="")
     picture = options.out / "delay_estimation.png"
-    draw(picture)
+    draw(picture, todo)
     print(f"wrote {picture}")
     return 0
 
@@ -130,22 +132,40 @@ def _figures(case: Case) -> Result:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire delay-study",
-        description=(__doc__ or "").splitlines()[0],
-        allow_abbrev=False,
+    parser = command_parser(
+        NAME,
+        __doc__,
+        f"{NAME} --laws pd_ddob --paths double_lane_change --networks 80_ms --corners a",
     )
     parser.add_argument("--out", type=Path, default=Path("out/delay_estimation"), metavar="DIR")
-    for name, values in (
+    for option, names in (
         ("laws", LAWS),
         ("paths", tuple(PATHS)),
         ("networks", tuple(NETWORKS)),
         ("corners", tuple(CORNERS)),
     ):
+        words = {_word(name): name for name in names}
         parser.add_argument(
-            f"--{name}", nargs="+", choices=values, default=values, metavar=name.upper()
+            f"--{option}",
+            nargs="+",
+            type=partial(_name_of, words),
+            default=names,
+            metavar=option.upper().removesuffix("S"),
+            help=f"of {', '.join(words)} (default: all)",
         )
     return parser
+
+
+def _word(name: str) -> str:
+    """Return a name as the command line takes it, in one word."""
+    return re.sub(r"\W+", "_", name)
+
+
+def _name_of(words: Mapping[str, str], text: str) -> str:
+    """Return the name that a word stands for; argparse turns the error into one line."""
+    if text not in words:
+        raise argparse.ArgumentTypeError(f"{text[:60]!r} is none of {', '.join(words)}")
+    return words[text]
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 A title names the path, the corner of the box, the noise of the lateral error, and the network.
 """
 
-from itertools import product
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,29 +13,47 @@ from matplotlib.figure import Figure
 from ...reports.plot_style import COLOURS, plot_style
 from .runs import DURATION_S, TOLERANCE_S, Case, History, run_case
 
+_LAW = "pd_ddob"
 _NETWORKS = ("80 ms", "250 ms", "2 x 80 ± 30 ms")
 _ROWS = (
     ("double lane change", "a", 0.0),
     ("double lane change", "d", 0.02),
     ("ellipse 60 x 30 m", "d", 0.0),
 )
+"""What is shown, as far as it was asked for: the rest would be a poster."""
 _SPAN_MS = 25.0
 """Shown to either side of the truth."""
 
 
-def draw(path: Path) -> None:
-    """Run what is shown, with pd_ddob, and write the picture."""
+def shown(cases: Sequence[Case]) -> list[list[Case]]:
+    """Return the cases of the panels, in rows of one path, corner and noise; one at the least."""
+    laws = [case.law for case in cases]
+    law = _LAW if _LAW in laws else laws[0]
+    rows = [
+        [
+            case
+            for network in _NETWORKS
+            for case in cases
+            if case == Case(law, road, corner, network, noise_m)
+        ]
+        for road, corner, noise_m in _ROWS
+    ]
+    return [row for row in rows if row] or [[cases[0]]]
+
+
+def draw(path: Path, cases: Sequence[Case]) -> None:
+    """Run what is shown of ``cases``, and write the picture."""
+    rows = shown(cases)
     with plot_style():
         figure = Figure(figsize=(12.0, 8.0))
-        axes = figure.subplots(len(_ROWS), len(_NETWORKS), sharex=True, squeeze=False)
-        for (row, (road, corner, noise_m)), (column, network) in product(
-            enumerate(_ROWS), enumerate(_NETWORKS)
-        ):
-            history = run_case(Case("pd_ddob", road, corner, network, noise_m))[1]
-            _panel(axes[row, column], history)
-            axes[row, column].set_title(
-                f"{road}, {corner}, {100 * noise_m:g} cm, {network}", fontsize=8
-            )
+        axes = figure.subplots(len(rows), len(rows[0]), sharex=True, squeeze=False)
+        for row, cases_of_row in enumerate(rows):
+            for column, case in enumerate(cases_of_row):
+                _panel(axes[row, column], run_case(case)[1])
+                axes[row, column].set_title(
+                    f"{case.path}, {case.corner}, {100 * case.noise_m:g} cm, {case.network}",
+                    fontsize=8,
+                )
         for axis in axes[-1]:
             axis.set_xlabel("time [s]")
         for axis in axes[:, 0]:

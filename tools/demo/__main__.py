@@ -15,13 +15,13 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from steer_by_wire.command_line import command_parser
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.pair.channels import Channels, open_channels
 from steer_by_wire.pair.live import LivePair, PairFiles, PairResult
@@ -29,10 +29,11 @@ from steer_by_wire.pair.processes import ProcessError
 from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.program import ExitStatus, run_main
-from steer_by_wire.runtime.settings import Preset, dump_toml, load_settings, read_preset
+from steer_by_wire.runtime.settings import dump_toml, load_settings, read_preset
 from steer_by_wire.tools.demo.pictures import LawTraces, draw_all
 from steer_by_wire.tools.demo.summary import LawFigures, figures_of, summary_json, summary_table
 
+NAME = "steer-by-wire demo"
 LAWS = {"PD": "practical_pd", "PD+CDOB": "practical_pd_cdob", "PD+DDOB": "practical_pd_ddob"}
 """Labels of the pairs, and the controller's presets behind them."""
 
@@ -46,15 +47,20 @@ GRACE_S = 30.0
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the demo; returns the exit status."""
-    return run_main("demo", partial(_demo, _parse(arguments)))
+    return run_main(NAME, partial(_demo, _parse(arguments)))
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire demo", description=(__doc__ or "").splitlines()[0]
+    parser = command_parser(NAME, __doc__, f"{NAME} --duration 10 --out out/demo")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/demo"), metavar="DIR", help="default: %(default)s"
     )
-    parser.add_argument("--out", type=Path, default=Path("out/demo"), metavar="DIR")
-    parser.add_argument("--bus", choices=("auto", "socketcan", "emulated"), default="auto")
+    parser.add_argument(
+        "--bus",
+        choices=("auto", "socketcan", "emulated"),
+        default="auto",
+        help="default: vcan0 where there is one, else emulated",
+    )
     parser.add_argument("--duration", type=_duration, metavar="SECONDS", help="default: 30")
     parser.add_argument("--seed", type=int, metavar="N", help="of the latency; default: 1086")
     return parser.parse_args(arguments)
@@ -104,14 +110,10 @@ def _demo(options: argparse.Namespace) -> int:
 
 def _plant_settings(options: argparse.Namespace) -> PlantSettings:
     """Return what the pairs drive: the demo's file, below the command line."""
-    text = (
-        resources.files("steer_by_wire.tools.demo")
-        .joinpath("demo_plant.toml")
-        .read_text(encoding="utf-8")
-    )
     given = {"duration_s": options.duration, "seed": options.seed}
     overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
-    return load_settings(PlantSettings, Preset("demo_plant", text), overrides=overrides)
+    preset = read_preset("steer_by_wire.tools.demo", "demo_plant")
+    return load_settings(PlantSettings, preset, overrides=overrides)
 
 
 def _run_live(

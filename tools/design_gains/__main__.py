@@ -1,13 +1,12 @@
 """Design gains and filters of a controller for a vehicle known within bounds.
 
-    steer-by-wire design VEHICLE.toml --spec SPEC.toml [--out DIR] [--verify]
+    steer-by-wire design VEHICLE --spec SPEC [--out DIR] [--verify]
 
 From the vehicle and its uncertainty, a range of delays, a rate and a specification to a controller
 preset for each law of the specification. Leaves in DIR the presets and a picture of each, and
 prints why each value is what it is. The presets practical_* are the output of
 
-    steer-by-wire design tools/gain_design/paper_vehicle.toml \
-        --spec tools/gain_design/practical.toml --out controller/presets
+    steer-by-wire design paper_vehicle --spec practical --out controller/presets
 
 Exit status: 0, 1 where a law has no design, 2 for bad settings, 4 for a file that cannot be
 written.
@@ -25,10 +24,12 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from steer_by_wire.command_line import command_parser
 from steer_by_wire.controller.laws.predictor import FALLBACK
 from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.runtime.option_types import settings_file
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
-from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset
 from steer_by_wire.tools.design_gains.candidate import KEYS, any_settings
 from steer_by_wire.tools.design_gains.design import Design, NoDesignError
 from steer_by_wire.tools.design_gains.explanation import demand_lines, reason_lines
@@ -51,7 +52,9 @@ from steer_by_wire.tools.design_gains.worker import (
 )
 from steer_by_wire.worker_processes import worker_pool
 
-NAME = "design_gains"
+NAME = "steer-by-wire design"
+SHIPPED = "steer_by_wire.tools.design_gains"
+"""The package with vehicles and specifications."""
 NO_DESIGN = 1
 WORKERS = 2
 _POLL_S = 0.2
@@ -63,13 +66,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire design",
-        description=(__doc__ or "").splitlines()[0],
-        allow_abbrev=False,
+    parser = command_parser(
+        NAME,
+        __doc__,
+        f"{NAME} paper_vehicle --spec practical --out out/gains",
+        "VEHICLE --spec SPEC [options]",
     )
-    parser.add_argument("vehicle", type=Path, metavar="VEHICLE.toml")
-    parser.add_argument("--spec", type=Path, required=True, metavar="SPEC.toml")
+    parser.add_argument(
+        "vehicle",
+        type=settings_file(SHIPPED),
+        metavar="VEHICLE",
+        help="a file, or paper_vehicle or highway_vehicle",
+    )
+    parser.add_argument(
+        "--spec",
+        type=settings_file(SHIPPED),
+        required=True,
+        metavar="SPEC",
+        help=f"a file, or one of {', '.join(_specifications())}",
+    )
     parser.add_argument(
         "--set",
         dest="overrides",
@@ -94,6 +109,10 @@ def _parser() -> argparse.ArgumentParser:
         help="run every corner and delay in virtual time too, half a second each",
     )
     return parser
+
+
+def _specifications() -> list[str]:
+    return [name for name in preset_names(SHIPPED) if not name.endswith("_vehicle")]
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -5,24 +5,24 @@
 Exit status 0 whatever it finds: a machine without CAN is no mistake.
 """
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
 
+from steer_by_wire.command_line import command_parser
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.tools.doctor.checks import Section, examine
+
+NAME = "steer-by-wire doctor"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Examine and print; returns the exit status."""
-    return run_main("doctor", lambda: _examine(arguments))
+    return run_main(NAME, lambda: _examine(arguments))
 
 
 def _examine(arguments: Sequence[str] | None) -> ExitStatus:
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire doctor", description=(__doc__ or "").splitlines()[0]
-    )
+    parser = command_parser(NAME, __doc__, NAME)
     parser.add_argument("--json", action="store_true", help="for another program to read")
     options = parser.parse_args(arguments)
     sections = examine()

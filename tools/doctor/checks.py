@@ -147,7 +147,7 @@ def find_adapters() -> Finding:
     name = "adapters"
     try:
         asked = subprocess.run(
-            [sys.executable, "-c", _DETECT],
+            [sys.executable, "-P", "-c", _DETECT],
             capture_output=True,
             text=True,
             timeout=DETECTION_TIMEOUT_S,

@@ -25,6 +25,7 @@ from typing import TypeVar
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
+from steer_by_wire.command_line import command_parser
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.runtime.settings import Preset, SettingsError, load_settings, preset_names
@@ -61,7 +62,7 @@ from steer_by_wire.tools.fault_campaign.specification import SEED_MAX, CampaignS
 from steer_by_wire.tools.fault_campaign.trial import Result, run_trial
 from steer_by_wire.tools.fault_campaign.walks import WALK_FAULTS_MAX, Walk, walk_all, walk_lines
 
-NAME = "fault_campaign"
+NAME = "steer-by-wire faults"
 FAILED = 1
 OUT = Path("out/faults")
 WALKS_MAX = 1_000_000
@@ -70,19 +71,32 @@ R = TypeVar("R")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire faults",
-        description=(__doc__ or "").splitlines()[0],
-        allow_abbrev=False,
+    parser = command_parser(NAME, __doc__, f"{NAME} --random-walks 3", "[SPEC.toml] [options]")
+    parser.add_argument(
+        "spec",
+        nargs="?",
+        type=Path,
+        metavar="SPEC.toml",
+        help="default: the specification that comes with it",
     )
-    parser.add_argument("spec", nargs="?", type=Path, metavar="SPEC.toml", help="in its place")
-    parser.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE")
+    parser.add_argument(
+        "--set",
+        dest="overrides",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="one value on top of the specification; repeatable",
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help=f"default: {OUT}")
-    parser.add_argument("--compare", type=Path, metavar="EARLIER", help="its DIR")
+    parser.add_argument(
+        "--compare", type=Path, metavar="EARLIER", help="with the results in this DIR"
+    )
     parser.add_argument(
         "--live", action="store_true", help="also on real processes, with their logs in DIR/live"
     )
-    parser.add_argument("--processes", type=_up_to(64), default=2, metavar="1..64")
+    parser.add_argument(
+        "--processes", type=_up_to(64), default=2, metavar="1..64", help="default: %(default)s"
+    )
     parser.add_argument(
         "--random-walks",
         type=_up_to(WALKS_MAX),

@@ -17,12 +17,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from steer_by_wire.command_line import command_parser
+
 NAMES = (
     "authentication", "broker", "bus_client", "candump", "command_line", "contract", "controller",
     "log", "plant", "protocol", "results", "settings", "specification", "trace", "waypoints",
 )  # fmt: skip
 """Of ``tools.fuzz.targets``, which is not to be imported before atheris can instrument it."""
-PACKAGES = ("steer_by_wire",)
+NAME = "steer-by-wire fuzz"
 TIMEOUT_S = 60
 """An input that takes longer is a finding; the slowest of ours takes two seconds."""
 INPUT_BYTES_MAX = 4096
@@ -37,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _replay(options.target, options.replay)
     if find_spec("atheris") is None:
         print(
-            "tools.fuzz: error: needs atheris: pip install 'steer-by-wire-emulator[fuzz]';"
+            f"{NAME}: error: needs atheris: pip install 'steer-by-wire-emulator[fuzz]';"
             " the suite runs the same targets with hypothesis",
             file=sys.stderr,
         )
@@ -47,12 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire fuzz",
-        description=(__doc__ or "").splitlines()[0],
-        allow_abbrev=False,
-    )
-    parser.add_argument("target", choices=NAMES)
+    parser = command_parser(NAME, __doc__, f"{NAME} controller --seconds 60", "TARGET [options]")
+    parser.add_argument("target", choices=NAMES, metavar="TARGET", help=", ".join(NAMES))
     parser.add_argument("--runs", type=_count, metavar="N", help="end after so many inputs")
     parser.add_argument("--seconds", type=_count, metavar="S", help="end after this time")
     parser.add_argument(
@@ -87,7 +85,7 @@ def _replay(target: str, file: Path) -> int:
         with file.open("rb") as opened:
             data = opened.read(_REPLAYED_BYTES_MAX)  # a device may have no end
     except OSError as error:
-        print(f"tools.fuzz: error: {file}: {error.strerror}", file=sys.stderr)
+        print(f"{NAME}: error: {file}: {error.strerror}", file=sys.stderr)
         return 2
     try:
         TARGETS[target](data)
@@ -101,7 +99,7 @@ def _replay(target: str, file: Path) -> int:
 def _fuzz(options: argparse.Namespace) -> None:
     """Hand over to libFuzzer, which ends the process."""
     atheris: Any = importlib.import_module("atheris")  # it has no types
-    with atheris.instrument_imports(include=PACKAGES):
+    with atheris.instrument_imports(include=["steer_by_wire"]):
         targets = importlib.import_module("steer_by_wire.tools.fuzz.targets").TARGETS
     options.out.mkdir(parents=True, exist_ok=True)
     command = [

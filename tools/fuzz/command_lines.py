@@ -71,12 +71,12 @@ PROGRAMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "steer_by_wire.tools.fault_campaign.__main__.walk_all",
         ),
         "steer_by_wire.tools.fuzz.__main__": ("steer_by_wire.tools.fuzz.__main__._fuzz",),
-        "steer_by_wire.tools.inject_faults": (
+        "steer_by_wire.tools.inject_faults.__main__": (
             "steer_by_wire.tools.inject_faults.__main__.open_port",
             "steer_by_wire.tools.inject_faults.__main__.ProcessFault",
             "steer_by_wire.tools.inject_faults.__main__.BusOffFault",
         ),
-        "steer_by_wire.tools.monitor": ("steer_by_wire.tools.monitor.__main__.open_port",),
+        "steer_by_wire.tools.monitor.__main__": ("steer_by_wire.tools.monitor.__main__.open_port",),
         "steer_by_wire.tools.probe_host.__main__": (
             "steer_by_wire.tools.probe_host.__main__.probe",
         ),

@@ -88,7 +88,7 @@ def fuzz_settings(data: bytes) -> None:
             file.write_text("\n".join(lines), encoding="utf-8", errors="replace")
         settings = settled(
             lambda: load_settings(subject.model, preset, file, overrides),
-            (str(file), "--set", "preset ", "settings"),
+            (str(file), "command line", "preset ", "settings"),
         )
     if settings is not None:
         settled(lambda: subject.run(settings), ("",))
@@ -116,7 +116,7 @@ def fuzz_trace(data: bytes) -> None:
         file.write_bytes(_table(choices, choices.pick(("latency_s", "time_s,latency_s"))))
         overrides = [f"latency.downlink.trace_file={json.dumps(str(file))}"]
         settings = settled(
-            lambda: load_settings(PlantSettings, overrides=overrides), ("--set", "settings")
+            lambda: load_settings(PlantSettings, overrides=overrides), ("command line", "settings")
         )
         if settings is None:
             return

@@ -6,7 +6,7 @@
     steer-by-wire inject --list
 
 Times count from when it says "ready". Ctrl-C ends it in order; a process that it has stopped goes
-on whatever ends the run. ``tools.fault_campaign --live`` has it at a pair of its own, fault by
+on whatever ends the run. ``steer-by-wire faults --live`` has it at a pair of its own, fault by
 fault.
 """
 
@@ -28,6 +28,7 @@ from steer_by_wire.bus_faults.kinds import (
     list_lines,
     parse_fault,
 )
+from steer_by_wire.command_line import command_parser
 from steer_by_wire.dbc.messages import CAN_IDS, SteeringCommand
 from steer_by_wire.recordings.log_file import LogError, open_log
 from steer_by_wire.runtime.bus import BusPort, add_bus_arguments, shutting_down
@@ -44,7 +45,7 @@ from steer_by_wire.tools.inject_faults.frames import FrameSource, Timed, frame_s
 from steer_by_wire.tools.inject_faults.injection import Action, Deed, Injection
 from steer_by_wire.tools.inject_faults.processes import ProcessFault
 
-NAME = "inject_faults"
+NAME = "steer-by-wire inject"
 FAULTS_MAX = 100
 SEED_MAX = 1 << 32
 REPLAY_FRAMES_MAX = 2_000_000
@@ -59,12 +60,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire inject",
-        # Faults first: behind --bus-kwargs they would be taken for more of its arguments.
-        usage="%(prog)s FAULT... [options]   or   --list",
-        description=(__doc__ or "").splitlines()[0],
-        allow_abbrev=False,
+    parser = command_parser(
+        NAME, __doc__, f"{NAME} babble,onset_s=2,duration_s=1", "FAULT... [options]"
     )
     parser.add_argument(
         "faults", nargs="*", metavar="FAULT", help="KIND[,KEY=VALUE...], as --list says"
@@ -74,7 +71,10 @@ def _parser() -> argparse.ArgumentParser:
         "--pid", metavar="N", help="the process that kill, pause and clock_jump mean"
     )
     parser.add_argument(
-        "--recording", type=Path, metavar="FILE", help="what replay sends; any log of analyze_log"
+        "--recording",
+        type=Path,
+        metavar="FILE",
+        help="what replay sends: a log",
     )
     parser.add_argument("--seed", default="1", metavar="N", help="of all that is random")
     parser.add_argument("--report", type=output_file, metavar="FILE", help="what was done, JSON")

@@ -16,6 +16,7 @@ from typing import NamedTuple
 from rich.console import Console, Group
 from rich.live import Live
 
+from steer_by_wire.command_line import command_parser
 from steer_by_wire.dbc.messages import encode
 from steer_by_wire.runtime.bus import add_bus_arguments, shutting_down
 from steer_by_wire.runtime.node import NS_PER_S
@@ -26,7 +27,7 @@ from steer_by_wire.tools.monitor.screen import one_line, screen_lines
 from steer_by_wire.tools.monitor.terminal_keys import terminal_keys
 from steer_by_wire.tools.monitor.watch import BusWatch
 
-NAME = "monitor"
+NAME = "steer-by-wire monitor"
 REFRESHES_PER_S = 4
 """Of the screen; each sends some kilobytes over ssh."""
 _WAIT_S = 0.05
@@ -48,11 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire monitor",
-        description=(__doc__ or "").splitlines()[0],
-        allow_abbrev=False,
-    )
+    parser = command_parser(NAME, __doc__, f"{NAME} --duration 10")
     parser.add_argument("--duration", type=float, metavar="SECONDS", help="end after this time")
     add_bus_arguments(parser)
     return parser

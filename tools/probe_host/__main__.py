@@ -17,6 +17,7 @@ from functools import partial
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from steer_by_wire.command_line import command_parser
 from steer_by_wire.runtime.bus import add_bus_arguments
 from steer_by_wire.runtime.option_types import output_file, priority, seconds, spin_us
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
@@ -24,7 +25,7 @@ from steer_by_wire.runtime.report import write_json
 from steer_by_wire.tools.probe_host.presentation import record_of, sentences, table_of
 from steer_by_wire.tools.probe_host.probe import Probe, probe, steps
 
-NAME = "probe_host"
+NAME = "steer-by-wire probe"
 WIDTH_MIN = 95
 """Of the table, whose figures are no use cut short."""
 
@@ -35,9 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire probe", description=(__doc__ or "").splitlines()[0], allow_abbrev=False
-    )
+    parser = command_parser(NAME, __doc__, f"{NAME} --json probe.json")
     parser.add_argument(
         "--seconds", type=seconds, default=1.0, help="of each measurement (default: %(default)g)"
     )
@@ -51,7 +50,9 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         help="SCHED_FIFO priority; 0 does not ask for it (default: %(default)s)",
     )
     group.add_argument("--cpu", type=int, metavar="N", help="run on processor N only")
-    group.add_argument("--no-memory-lock", dest="lock_memory", action="store_false")
+    group.add_argument(
+        "--no-memory-lock", dest="lock_memory", action="store_false", help="let memory be paged out"
+    )
     group.add_argument(
         "--spin-us",
         type=spin_us,

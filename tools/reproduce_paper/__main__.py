@@ -17,6 +17,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from steer_by_wire.command_line import command_parser
 from steer_by_wire.reports.plot_style import plot_style
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.runtime.settings import SettingsError
@@ -32,7 +33,7 @@ from steer_by_wire.tools.reproduce_paper.registry import (
 from steer_by_wire.tools.reproduce_paper.written import Written, read_written, write_reproduction
 from steer_by_wire.worker_processes import worker_pool
 
-NAME = "reproduce_paper"
+NAME = "steer-by-wire paper"
 WORKERS = 2
 
 
@@ -70,9 +71,7 @@ def _check(kind: str, number: str) -> None:
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire paper", description=(__doc__ or "").splitlines()[0], allow_abbrev=False
-    )
+    parser = command_parser(NAME, __doc__, f"{NAME} --figure 7 --table 2 --out out/paper")
     for kind in ("figure", "table"):
         parser.add_argument(
             f"--{kind}",
@@ -82,7 +81,9 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
             help=f"repeatable: {', '.join(numbers_of(kind))}",
         )
     parser.add_argument("--all", action="store_true", help="everything, the default")
-    parser.add_argument("--out", type=Path, default=Path("out/paper"), metavar="DIR")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/paper"), metavar="DIR", help="default: %(default)s"
+    )
     return parser.parse_args(arguments)
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from rich.console import Console
 
 from steer_by_wire.bus_faults.babbling import GAPS, HIGHEST_PRIORITY_IDS, LOWEST_PRIORITY_IDS
+from steer_by_wire.command_line import command_parser
 from steer_by_wire.runtime.host import StealClock
 from steer_by_wire.runtime.option_types import priority, seconds
 from steer_by_wire.runtime.program import ExitStatus, run_main
@@ -37,7 +38,7 @@ from steer_by_wire.tools.soak.verdict import (
     starve_findings,
 )
 
-NAME = "soak"
+NAME = "steer-by-wire soak"
 NOT_SHOWN = 1
 WIDTH = 132
 """Of the tables, whose figures are no use cut short."""
@@ -49,9 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire soak", description=(__doc__ or "").splitlines()[0], allow_abbrev=False
-    )
+    parser = command_parser(NAME, __doc__, f"{NAME} --duration-s 60")
     parser.add_argument(
         "--duration-s",
         type=seconds,

@@ -21,6 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ...bus_faults.babbling import babble
+from ...command_line import command_parser
 from ...pair.processes import Processes
 from ...runtime.host import RealTimeRequest, StealClock, real_time
 from ...runtime.message import message_of
@@ -59,9 +60,7 @@ class Cost(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the measurement; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog=NAME, description=(__doc__ or "").splitlines()[0], allow_abbrev=False
-    )
+    parser = command_parser(NAME, __doc__, "python -m steer_by_wire.tools.soak.vandals")
     parser.add_argument("--seconds", type=seconds, default=15.0, help="of each (default: 15)")
     parser.add_argument("--priority", type=priority, default=50, metavar="0..99")
     parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")

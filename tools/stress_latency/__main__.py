@@ -1,9 +1,9 @@
 """Stress study: thousands of runs over latency, jitter, vehicles and laws; where does each break?
 
-    steer-by-wire stress tools/stress/latency_jitter.toml --dry-run
-    steer-by-wire stress STUDY.toml [--out DIR] [--threads N]
-    steer-by-wire stress STUDY.toml --replay ID [--live BUS]
-    steer-by-wire stress STUDY.toml --live BUS --subset N
+    steer-by-wire stress latency_jitter --dry-run
+    steer-by-wire stress STUDY [--out DIR] [--threads N]
+    steer-by-wire stress STUDY --replay ID [--live BUS]
+    steer-by-wire stress STUDY --live BUS --subset N
 
 Ctrl-C ends it with all that has been computed stored; the same command goes on from there. The
 results are the same bytes however often it was interrupted and whatever computed them.
@@ -22,7 +22,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
+from steer_by_wire.command_line import command_parser
+from steer_by_wire.runtime.option_types import settings_file
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
+from steer_by_wire.runtime.settings import preset_names
 from steer_by_wire.studies.compute import Computer
 from steer_by_wire.studies.scenario import Scenarios
 from steer_by_wire.studies.store import CHUNK_RUNS, Store
@@ -34,7 +37,7 @@ from steer_by_wire.tools.stress_latency.replay import commands, replay, replay_l
 from steer_by_wire.tools.stress_latency.runner import estimate, run_study
 from steer_by_wire.tools.stress_latency.workers import Threads, Workers
 
-NAME = "stress_latency"
+NAME = "steer-by-wire stress"
 DIFFERENT = 1
 """Exit status of a replay whose figures are not those stored."""
 ROW_BYTES = 150
@@ -47,12 +50,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire stress",
-        description=(__doc__ or "").splitlines()[0],
-        allow_abbrev=False,
+    parser = command_parser(NAME, __doc__, f"{NAME} latency_jitter --dry-run", "STUDY [options]")
+    parser.add_argument(
+        "study",
+        type=settings_file("steer_by_wire.studies"),
+        metavar="STUDY",
+        help=f"a file, or one of {', '.join(preset_names('steer_by_wire.studies'))}",
     )
-    parser.add_argument("study", type=Path, metavar="STUDY.toml")
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="for the results (default: out/stress/NAME)"
     )

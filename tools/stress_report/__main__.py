@@ -1,23 +1,24 @@
-"""Write the report of a stress study anew: ``steer-by-wire stress-report FOLDER``."""
+"""Write the report of a stress study again, from its stored results."""
 
-import argparse
 import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from steer_by_wire.command_line import command_parser
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.tools.stress_report import write_report
 
-NAME = "stress_report"
+NAME = "steer-by-wire stress-report"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
-    parser = argparse.ArgumentParser(
-        prog="steer-by-wire stress-report",
-        description=(__doc__ or "").splitlines()[0],
-        allow_abbrev=False,
+    parser = command_parser(
+        NAME,
+        __doc__,
+        f"steer-by-wire stress latency_jitter\n{NAME} out/stress/latency_jitter",
+        "FOLDER [options]",
     )
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="with a study's results")
     return run_main(NAME, partial(_run, parser.parse_args(arguments).folder))

@@ -1,0 +1,63 @@
+"""The command line that every program has: one screen of help that ends with an example.
+
+Standard library only, because programs without any other library use it too.
+"""
+
+import argparse
+import shutil
+from importlib.metadata import PackageNotFoundError, requires
+
+DISTRIBUTION = "steer-by-wire-emulator"
+WIDTH_MAX = 100
+
+
+class _OneScreen(argparse.RawDescriptionHelpFormatter):
+    """Keeps the lines of the example, and the options in two columns."""
+
+    def __init__(self, prog: str) -> None:
+        width = min(shutil.get_terminal_size().columns, WIDTH_MAX)
+        super().__init__(prog, max_help_position=30, width=width)
+
+
+def command_parser(
+    name: str, doc: str | None, example: str, arguments: str = "[options]"
+) -> argparse.ArgumentParser:
+    """Return a program's parser, to which it adds its options.
+
+    ``name``       as the user types it; error messages begin with it
+    ``doc``        of which the first line is the description: the program's docstring
+    ``example``    commands that work as printed, one a line
+    ``arguments``  what the usage shows after the name
+    """
+    return argparse.ArgumentParser(
+        prog=name,
+        usage=f"%(prog)s {arguments}",
+        description=(doc or "").partition("\n")[0],
+        epilog="\n  ".join(["example:", *example.splitlines()]),
+        formatter_class=_OneScreen,
+        allow_abbrev=False,
+    )
+
+
+def missing_library(error: ModuleNotFoundError) -> str:
+    """Return in one line which library is missing, and what installs it."""
+    library = (error.name or "").partition(".")[0]
+    return f"{library} is not installed: {installation(library)}"
+
+
+def installation(library: str) -> str:
+    """Return the command that installs the extra, of this distribution, with a library."""
+    extra = _extra_of(library)
+    return f"pip install '{DISTRIBUTION}[{extra}]'" if extra else f"pip install {DISTRIBUTION}"
+
+
+def _extra_of(library: str) -> str:
+    """Return the extra that brings a library; empty for what is always needed, or unknown."""
+    try:
+        requirements = requires(DISTRIBUTION) or ()
+    except PackageNotFoundError:  # started from a folder without being installed
+        return ""
+    for requirement in requirements:
+        if requirement.lower().startswith(library.lower().replace("_", "-")):
+            return requirement.partition('extra == "')[2].partition('"')[0]
+    return ""

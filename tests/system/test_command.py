@@ -1,0 +1,243 @@
+"""The one command: what it says of its programs, that its examples work, and its other names."""
+
+import argparse
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable
+from importlib.metadata import metadata
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire import command
+from steer_by_wire.command import PROGRAMS, main
+from steer_by_wire.command_line import DISTRIBUTION, installation
+
+ROOT = Path(__file__).resolve().parents[2]
+SCREEN_LINES = 40
+LONG = {"plant", "controller"}
+"""They show the options of both the program and the bus."""
+LONG_LINES = 60
+FORMER = (
+    "analyze_log", "benchmark", "benchmark_batch", "benchmark_bus", "closed_loop", "compare_laws",
+    "delay_estimation_study", "demo", "design_gains", "doctor", "fault_campaign", "fuzz",
+    "inject_faults", "monitor", "probe_host", "reproduce_paper", "soak", "stress_latency",
+    "stress_report",
+)  # fmt: skip
+"""``python -m tools.NAME`` started them before there was one command."""
+CHEAP = ("run", "analyze", "stress", "doctor")
+"""Whose examples are run as they are printed: they take a second or so."""
+
+Help = Callable[[str], str]
+
+
+@pytest.fixture
+def help_of(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Help:
+    """What ``steer-by-wire NAME --help`` prints, 100 columns wide."""
+    monkeypatch.setenv("COLUMNS", "100")
+
+    def read(name: str) -> str:
+        with pytest.raises(SystemExit) as end:
+            main([name, "--help"])
+        assert end.value.code == 0
+        return capsys.readouterr().out
+
+    return read
+
+
+def examples(text: str) -> list[list[str]]:
+    """Return the commands at the end of a program's help."""
+    _, _, after = text.partition("\nexample:\n")
+    return [shlex.split(line) for line in after.splitlines()]
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_the_help_of_a_program_is_one_screen_that_ends_with_examples(
+    name: str, help_of: Help, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = help_of(name)
+    assert text.startswith(f"usage: steer-by-wire {name} ") or name == "with-vcan"
+    lines = text.splitlines()
+    assert len(lines) <= (LONG_LINES if name in LONG else SCREEN_LINES)
+    assert max(map(len, lines)) <= 100
+    commands = examples(text)
+    assert commands[-1][:2] == ["steer-by-wire", name]
+    parse_args = argparse.ArgumentParser.parse_args
+
+    def only_parse(parser: argparse.ArgumentParser, words: list[str]) -> None:
+        parse_args(parser, words)
+        raise SystemExit(0)
+
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", only_parse)
+    for _, program, *words in commands:
+        with pytest.raises(SystemExit) as end:
+            main([program, *words])
+        assert end.value.code == 0
+
+
+@pytest.mark.parametrize("name", CHEAP)
+def test_an_example_works_as_it_is_printed(
+    name: str, help_of: Help, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for _, program, *words in examples(help_of(name)):
+        assert main([program, *words]) == 0
+
+
+def test_the_command_lists_every_program_on_one_screen(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    text = capsys.readouterr().out
+    assert all(re.search(rf"^  {name} ", text, re.MULTILINE) for name in PROGRAMS)
+    assert len(text.splitlines()) <= SCREEN_LINES
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_help_of_a_name_is_its_help(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["help", "check"])
+    assert capsys.readouterr().out.startswith("usage: steer-by-wire check ")
+
+
+def test_the_version_is_the_distributions(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"steer-by-wire {metadata(DISTRIBUTION)['Version']}\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["analyse"], "steer-by-wire: error: no command 'analyse'; did you mean analyze?"),
+        (["--completion", "csh"], "steer-by-wire: error: --completion takes one of bash, zsh"),
+        (["run", "--law", "nosuch"], "steer-by-wire run: error: command line: law = "),
+        (["plant", "--set", "x=1"], "steer-by-wire plant: error: command line: x "),
+        (["check", "--preset", "x"], "steer-by-wire check: error: preset x: "),
+        (["stress", "nosuch"], "steer-by-wire stress: error: argument STUDY: 'nosuch' is neither"),
+        (["fuzz", "nosuch"], "steer-by-wire fuzz: error: argument TARGET: "),
+    ],
+)
+def test_a_mistake_is_reported_under_the_name_that_was_typed(
+    words: list[str], line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        status = main(words)
+    except SystemExit as end:
+        status = int(end.code or 0)
+    assert status == 2
+    assert capsys.readouterr().err.splitlines()[-1].startswith(line)
+
+
+@pytest.mark.parametrize(
+    ("library", "told"),
+    [
+        ("rich", "pip install 'steer-by-wire-emulator[tools]'"),
+        ("distributed", "pip install 'steer-by-wire-emulator[cluster]'"),
+        ("numpy", "pip install steer-by-wire-emulator"),
+        ("e2e", "pip install steer-by-wire-emulator"),
+    ],
+)
+def test_what_installs_a_library_comes_from_the_distributions_metadata(
+    library: str, told: str
+) -> None:
+    assert installation(library) == told
+
+
+def test_a_missing_library_is_reported_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def missing(_name: str) -> None:
+        raise ModuleNotFoundError("No module named 'matplotlib.figure'", name="matplotlib.figure")
+
+    monkeypatch.setattr("steer_by_wire.command.importlib.import_module", missing)
+    assert main(["demo"]) == 2
+    assert capsys.readouterr().err == (
+        "steer-by-wire demo: error: matplotlib is not installed: "
+        "pip install 'steer-by-wire-emulator[tools]'\n"
+    )
+
+
+def test_every_extra_that_a_message_names_exists() -> None:
+    extras = set(metadata(DISTRIBUTION).get_all("Provides-Extra") or ())
+    folders = ("controller", "dbc", "plant_emulator", "runtime", "steer_by_wire", "tools", "docs")
+    files = [path for folder in folders for path in (ROOT / folder).rglob("*.*")]
+    texts = [path.read_text(encoding="utf-8") for path in files if path.suffix in (".py", ".md")]
+    texts.append((ROOT / "README.md").read_text(encoding="utf-8"))
+    named = {
+        extra
+        for text in texts
+        for found in re.findall(r"(?:steer-by-wire-emulator|'\.)\[([a-z0-9,]+)\]", text)
+        for extra in found.split(",")
+    }
+    assert {"tools", "secoc"} <= named
+    assert named - extras == set()
+
+
+def completions(line: str, tmp_path: Path) -> set[str]:
+    """Return what a shell is offered at the end of ``line``, by argcomplete's protocol."""
+    answer = tmp_path / "answer"
+    subprocess.run(
+        [sys.executable, "-m", "steer_by_wire"],
+        env={
+            **os.environ,
+            "_ARGCOMPLETE": "1",
+            "_ARGCOMPLETE_IFS": "\n",
+            "_ARGCOMPLETE_STDOUT_FILENAME": str(answer),
+            "COMP_LINE": line,
+            "COMP_POINT": str(len(line)),
+            "COMP_TYPE": "9",
+        },
+        check=True,
+        timeout=60,
+    )
+    return set(answer.read_text(encoding="utf-8").split())
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("steer-by-wire stress", {"stress", "stress-report"}),
+        ("steer-by-wire check --p", {"--preset"}),
+        ("steer-by-wire bus --", {"--address", "--bitrate", "--report"}),
+    ],
+)
+def test_a_shell_is_offered_programs_and_their_options(
+    line: str, offered: set[str], tmp_path: Path
+) -> None:
+    assert offered <= completions(line, tmp_path)
+
+
+@pytest.mark.parametrize("shell", command.SHELLS)
+def test_the_script_for_a_shell_names_the_command(
+    shell: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["--completion", shell]) == 0
+    assert "steer-by-wire" in capsys.readouterr().out
+
+
+def test_the_names_so_far_still_start_their_programs_from_a_checkout() -> None:
+    code = """
+import runpy, sys
+for name in sys.argv[1:]:
+    sys.argv[1:] = ["--help"]
+    try:
+        runpy.run_module(name, run_name="__main__", alter_sys=True)
+    except SystemExit as end:
+        assert not end.code, name
+    print("started", name)
+"""
+    modules = ["controller", "plant_emulator", "steer_by_wire", *(f"tools.{n}" for n in FORMER)]
+    result = subprocess.run(
+        [sys.executable, "-c", code, *modules],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=600,
+    )
+    assert result.stderr == ""
+    assert re.findall(r"^started (.*)$", result.stdout, re.MULTILINE) == modules
+    assert {f"tools.{path.parent.name}" for path in ROOT.glob("tools/*/__main__.py")} == set(
+        modules[3:]
+    )

@@ -1,0 +1,142 @@
+"""README tells the truth: its links, its names, and the commands that need no root or hardware."""
+
+import argparse
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.command import PROGRAMS, main
+from tests.support.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED
+
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
+COMMANDS = [line for block in BLOCKS for line in block.splitlines() if "steer-by-wire " in line]
+OURS = [line for line in COMMANDS if line.startswith("steer-by-wire ")]
+
+
+def block_with(line: str) -> str:
+    """Return the one block of commands with a line."""
+    (block,) = [block for block in BLOCKS if line in block.splitlines()]
+    return str(block)
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """Return an environment with our programs, and with a default bus of its own."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    return {**os.environ, "PATH": path, "XDG_RUNTIME_DIR": str(folder)}
+
+
+@pytest.mark.parametrize("target", re.findall(r"\]\(([^)#]+)\)", README))
+def test_it_points_at_files_that_exist(target: str) -> None:
+    assert (ROOT / target).is_file()
+
+
+@pytest.mark.parametrize(
+    "document", sorted((ROOT / "docs").glob("*.md")), ids=lambda path: path.name
+)
+def test_it_leads_to_every_document(document: Path) -> None:
+    assert f"](docs/{document.name})" in README
+
+
+@pytest.mark.parametrize("target", re.findall(r"^make (\w+)", README, re.MULTILINE))
+def test_it_names_make_targets_that_exist(target: str) -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert re.search(rf"^{target}:", makefile, re.MULTILINE)
+
+
+@pytest.mark.parametrize("preset", sorted(set(re.findall(r"--preset (\w+)", README))))
+def test_it_names_presets_that_exist(preset: str) -> None:
+    assert list(ROOT.glob(f"*/presets/{preset}.toml"))
+
+
+def test_it_lists_every_program_of_the_one_command() -> None:
+    _, _, table = README.partition("| `steer-by-wire ...` | |")
+    cells = re.findall(r"^\| (`[^|]*`) \|", table.partition("\n\n")[0], re.MULTILINE)
+    named = [words.split()[0] for cell in cells for words in re.findall(r"`([^`]+)`", cell)]
+    assert sorted(named) == sorted(PROGRAMS)
+
+
+@pytest.mark.parametrize("line", OURS)
+def test_a_command_is_one_that_the_program_takes(
+    line: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parse_args = argparse.ArgumentParser.parse_args
+
+    def only_parse(parser: argparse.ArgumentParser, words: list[str]) -> None:
+        parse_args(parser, words)
+        raise SystemExit(0)
+
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", only_parse)
+    _, name, *words = shlex.split(line, comments=True)
+    if name != "--help":
+        with pytest.raises(SystemExit) as end:
+            main([name, *words])
+        assert end.value.code == 0
+
+
+def test_the_commands_in_virtual_time_run_as_printed(tmp_path: Path) -> None:
+    subprocess.run(
+        ["sh", "-e", "-c", block_with("steer-by-wire check --preset practical_pd_ddob")],
+        cwd=tmp_path,
+        env=environment(tmp_path),
+        check=True,
+        stdout=subprocess.DEVNULL,
+    )
+    assert (tmp_path / "out" / "logs" / "candump" / "report.html").is_file()
+
+
+def test_what_follows_the_installation_runs_as_printed(tmp_path: Path) -> None:
+    bash = shutil.which("bash")
+    if bash is None:
+        pytest.skip("no bash")
+    install, *further = block_with("steer-by-wire --help").splitlines()
+    assert install.startswith("pip install '.[tools]' ")
+    result = subprocess.run(
+        [bash, "-e", "-c", "\n".join([*further, "complete -p steer-by-wire"])],
+        cwd=tmp_path,
+        env=environment(tmp_path),
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    assert result.stdout.splitlines()[-1].startswith("complete ")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="ends programs with SIGINT")
+def test_the_three_terminals_run_and_end_in_order(tmp_path: Path) -> None:
+    bus, plant, controller = block_with("steer-by-wire bus").splitlines()
+    # So that it depends neither on what the host grants nor on how busy it is.
+    further = [*ORDINARY, *UNSUPERVISED]
+    with ExitStack() as stack:
+        running = []
+        for line, options, sign in (
+            (bus, [], "listening at"),
+            (plant, further, "ready on"),
+            (controller, further, "ready on"),
+        ):
+            process = stack.enter_context(
+                subprocess.Popen(
+                    [*shlex.split(line), *options],
+                    cwd=tmp_path,
+                    env=environment(tmp_path),
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.DEVNULL,
+                    text=True,
+                )
+            )
+            stack.callback(process.kill)
+            running.append(process)
+            assert process.stdout is not None
+            assert sign in process.stdout.readline()
+        for process in reversed(running):
+            process.send_signal(signal.SIGINT)
+            assert process.wait(PATIENCE_S) == 0

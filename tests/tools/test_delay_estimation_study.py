@@ -1,0 +1,43 @@
+"""The study of the delay's estimate: the names its command line takes, and what it shows."""
+
+import pytest
+
+from steer_by_wire.tools.delay_estimation_study.__main__ import _parser
+from steer_by_wire.tools.delay_estimation_study.pictures import shown
+from steer_by_wire.tools.delay_estimation_study.runs import CORNERS, LAWS, NETWORKS, PATHS, cases
+
+
+def test_a_name_is_one_word_and_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        _parser().parse_args(["--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    words = ("ellipse_60_x_30_m", "2_x_80_30_ms", "80_ms", "pd_ddob")
+    assert all(f" {word}" in text for word in words)
+    options = _parser().parse_args(["--paths", words[0], "--networks", words[1], words[2]])
+    assert (options.paths, options.networks) == (
+        ["ellipse 60 x 30 m"],
+        ["2 x 80 ± 30 ms", "80 ms"],
+    )
+
+
+def test_a_name_that_is_none_is_refused_with_those_there_are(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        _parser().parse_args(["--corners", "e"])
+    assert capsys.readouterr().err.splitlines()[-1].endswith("'e' is none of a, b, c, d")
+
+
+def test_the_picture_shows_what_was_selected() -> None:
+    chosen = cases(["pd"], ["double lane change"], ["250 ms", "400 ms"], ["a", "b"])
+    assert [[(case.law, case.network, case.corner) for case in row] for row in shown(chosen)] == [
+        [("pd", "250 ms", "a")]
+    ]
+    other = cases(["predictor"], ["default ellipse"], ["400 ms"], ["c"])
+    assert shown(other) == [[other[0]]]
+
+
+def test_the_picture_of_the_whole_study_has_nine_panels_of_one_law() -> None:
+    rows = shown(cases(LAWS, tuple(PATHS), tuple(NETWORKS), tuple(CORNERS)))
+    assert [len(row) for row in rows] == [3, 3, 3]
+    assert {case.law for row in rows for case in row} == {"pd_ddob"}
