@@ -158,22 +158,6 @@ def test_a_missing_library_is_reported_in_one_line(
     )
 
 
-def test_every_extra_that_a_message_names_exists() -> None:
-    extras = set(metadata(DISTRIBUTION).get_all("Provides-Extra") or ())
-    folders = ("controller", "dbc", "plant_emulator", "runtime", "steer_by_wire", "tools", "docs")
-    files = [path for folder in folders for path in (ROOT / folder).rglob("*.*")]
-    texts = [path.read_text(encoding="utf-8") for path in files if path.suffix in (".py", ".md")]
-    texts.append((ROOT / "README.md").read_text(encoding="utf-8"))
-    named = {
-        extra
-        for text in texts
-        for found in re.findall(r"(?:steer-by-wire-emulator|'\.)\[([a-z0-9,]+)\]", text)
-        for extra in found.split(",")
-    }
-    assert {"tools", "secoc"} <= named
-    assert named - extras == set()
-
-
 def completions(line: str, tmp_path: Path) -> set[str]:
     """Return what a shell is offered at the end of ``line``, by argcomplete's protocol."""
     answer = tmp_path / "answer"
