@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...pair.live import PairFiles
+from ...pair.trace import Trace
 from ...pair.virtual import make_virtual_pair, run_virtual_nodes
 from ...runtime.settings import SettingsError, dump_toml
 from ...studies.compute import Computer
@@ -99,10 +100,11 @@ def _virtual(
         None,
         lambda: not is_complete and len(plant.samples) > samples and samples > 0,
     )
-    columns = np.array(plant.samples, dtype=np.float64).reshape(-1, 10)[:samples]
+    trace = Trace.of_node(plant)
     sent_rad = np.array([sample.sent_steer_rad for sample in controller.samples][:ticks])
     rules = rules_of(computer.scenarios.study.settings.verdict, pair.plant, pair.controller)
-    time_s, error_m, latency_s = (np.ascontiguousarray(columns[:, place]) for place in (0, 2, 7))
+    columns = (trace.time_s, trace.lateral_error_m, trace.downlink_latency_s)
+    time_s, error_m, latency_s = (np.ascontiguousarray(column[:samples]) for column in columns)
     figures = figures_of(rules, time_s, error_m, sent_rad, latency_s)
     found: dict[str, Any] = figures._asdict()
     if is_complete:
