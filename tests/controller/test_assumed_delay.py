@@ -69,7 +69,7 @@ def test_a_constant_delay_may_as_well_be_assumed_as_measured(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     measured_m = settled_rms_m(CONSTANT, "d")
-    monkeypatch.setattr("steer_by_wire.controller.node.LinkMemory", AssumingMemory)
+    monkeypatch.setattr("steer_by_wire.controller.law_runner.LinkMemory", AssumingMemory)
     assert settled_rms_m(CONSTANT, "d") == pytest.approx(measured_m, rel=0.05)
 
 
@@ -78,5 +78,5 @@ def test_under_jitter_an_assumed_delay_costs_several_times_the_error(
 ) -> None:
     measured_m = settled_rms_m(JITTERY, "d")
     assert measured_m < 0.0005
-    monkeypatch.setattr("steer_by_wire.controller.node.LinkMemory", AssumingMemory)
+    monkeypatch.setattr("steer_by_wire.controller.law_runner.LinkMemory", AssumingMemory)
     assert 5.0 * measured_m < settled_rms_m(JITTERY, "d") < 0.01

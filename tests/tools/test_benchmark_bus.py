@@ -313,7 +313,7 @@ def test_one_collection_in_the_loop_misses_the_target() -> None:
 
 def test_the_program_says_how_to_come_by_an_interface(capsys: pytest.CaptureFixture[str]) -> None:
     assert benchmark_bus.main(["--channel", "nosuchcan0"]) == 3
-    assert "with_vcan" in capsys.readouterr().err
+    assert "with-vcan" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("priority", [PRIORITY_MIN - 1, PRIORITY_MAX + 1, -1])

@@ -72,7 +72,7 @@ def test_a_bad_setting_is_one_line_and_status_2(
 ) -> None:
     assert demo.main([*arguments, "--out", str(tmp_path)]) == 2
     error = capsys.readouterr().err
-    assert error.startswith("demo: error: ")
+    assert error.startswith("steer-by-wire demo: error: ")
     assert error.count("\n") == 1
     assert "allowed" in error
 
@@ -83,7 +83,7 @@ def test_an_output_that_cannot_be_written_is_one_line_and_status_4(
     (tmp_path / "file").write_text("")
     assert demo.main(["--out", str(tmp_path / "file")]) == 4
     folder = tmp_path / "file" / "pd"
-    assert capsys.readouterr().err == f"demo: error: {folder}: Not a directory\n"
+    assert capsys.readouterr().err == f"steer-by-wire demo: error: {folder}: Not a directory\n"
 
 
 def test_an_error_that_names_no_file_says_what_it_is(
@@ -96,7 +96,7 @@ def test_an_error_that_names_no_file_says_what_it_is(
 
     monkeypatch.setattr(demo, "_plant_settings", fail)
     assert demo.main(["--out", str(tmp_path)]) == 4
-    assert capsys.readouterr().err == "demo: error: cannot write mode RGBA as PNG\n"
+    assert capsys.readouterr().err == "steer-by-wire demo: error: cannot write mode RGBA as PNG\n"
 
 
 def test_missing_interfaces_are_named_with_the_command_that_makes_them(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from steer_by_wire.tools.fuzz.promises import BrokenPromiseError, promise
 from steer_by_wire.tools.fuzz.traffic import Sender
 
 PERIOD_NS = 10 * NS_PER_MS
-OUR_MODULES = ("controller.", "plant_emulator.", "dbc.", "runtime.")
+OUR_MODULES = "steer_by_wire."
 
 
 def make_controller(number: int) -> ControllerNode:

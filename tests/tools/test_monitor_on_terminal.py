@@ -176,4 +176,4 @@ def test_a_bus_that_is_not_there_is_one_line_and_status_3(tmp_path: Path) -> Non
     )
     assert (ended.returncode, ended.stdout) == (3, "")
     (line,) = ended.stderr.splitlines()
-    assert line.startswith("monitor: error: cannot open emulated can0")
+    assert line.startswith("steer-by-wire monitor: error: cannot open emulated can0")

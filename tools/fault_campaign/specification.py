@@ -163,7 +163,7 @@ class CampaignSettings(Settings):
         _refuse_twice("points", (point.name for point in self.points))
         _refuse_twice("laws", self.laws)
         for point in self.points:
-            _refuse_twice(f"laws of {point.name!r}", point.laws)
+            _refuse_twice(f"laws of {point.name}", point.laws)
         _refuse_twice("cases", _names_of(self.cases))
         _refuse_twice("node_cases", _names_of(self.node_cases))
         return self
