@@ -59,4 +59,5 @@ def test_another_file_is_refused_in_one_line_before_anything_is_timed(
     with pytest.raises(SettingsError):
         read_ratios(file)
     assert main(["--against", str(file)]) == ExitStatus.SETTINGS
-    assert capsys.readouterr().err == f"steer-by-wire benchmark: error: {file}: not a saved benchmark\n"
+    error = f"steer-by-wire benchmark: error: {file}: not a saved benchmark\n"
+    assert capsys.readouterr().err == error
