@@ -14,7 +14,7 @@ class CompileError(Exception):
 
 
 class CPrograms(NamedTuple):
-    """The compiled programs; each source says what its program does."""
+    """The compiled programs; each source describes what its program does."""
 
     echo: Path
     requester: Path

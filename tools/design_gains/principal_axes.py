@@ -2,8 +2,8 @@
 
     C = B diag(variances) Bᵀ
 
-A library's eigenvectors have signs and last bits that depend on the processor, and a search that is
-led by them ends elsewhere. The matrices are as small as a law has parameters.
+A library's eigenvectors have signs and last bits that depend on the processor, and a search guided
+by them ends elsewhere. The matrices are as small as a law has parameters.
 """
 
 from math import copysign, sqrt

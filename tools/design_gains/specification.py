@@ -102,8 +102,8 @@ class PredictorTable(Settings):
 
     ``fallback``                the pd_ddob it falls back to, a preset of the controller; none: the
                                 one designed in the same run
-    ``ignore_s``                of each run: before the first command acts nothing can be done
-    ``lateral_error_noise_m``   of the sensors, per sample; the filter is told the same
+    ``ignore_s``                left out of each run: no law can react before a command acts
+    ``lateral_error_noise_m``   of the sensors, per sample; the filter assumes the same
     ``steer_noise_rad_max``     standard deviation of what that noise may add to the steer
     """
 

@@ -55,7 +55,7 @@ def verify(
 
 
 def verification_line(spec: Specification, design: Design, found: Verification) -> str:
-    """Return in one line what virtual time says."""
+    """Return the result of the runs in virtual time in one line."""
     largest_m = spec.rms_m_max_of(design.law)
     limit = "" if largest_m is None else f", at most {largest_m:g} m"
     return (
