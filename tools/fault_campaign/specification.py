@@ -38,11 +38,11 @@ class NodeFaultKind(StrEnum):
 CONTROLLER, PLANT, BUS = "controller", "plant", "bus"
 SEED_MAX = 2**31
 MEMORY_S_MIN = 10.0
-"""A tenth of it is there to get warm."""
+"""A tenth of it is the warm-up."""
 
 
 def _printable(text: str) -> str:
-    if not text.isprintable():  # it stands in tables, pages and lines of results
+    if not text.isprintable():  # it is printed in tables, pages and result lines
         raise ValueError("must be printable")
     return text
 
@@ -170,7 +170,7 @@ class CampaignSettings(Settings):
 
 
 def _names_of(tables: Iterable[CaseSettings | NodeCaseSettings]) -> Iterable[str]:
-    """Yield what runs and rows of tables are told apart by."""
+    """Yield the names by which runs and rows of tables are distinguished."""
     for table in tables:
         places = table.messages if isinstance(table, CaseSettings) else table.nodes
         for place in places:

@@ -4,8 +4,8 @@
     steer-by-wire fuzz settings --runs 100000 --seed 7 --corpus out/fuzz/settings
     steer-by-wire fuzz plant --replay crash-0123abcd
 
-Needs atheris (pip install 'steer-by-wire-emulator[fuzz]') but for --replay. Exit status: 0 when
-nothing was found, 1 when something was, whose input is left in the folder --out; 2 without atheris.
+Needs atheris (pip install 'steer-by-wire-emulator[fuzz]') but for --replay. Exit status: 0 if
+nothing was found; 1 if something was, with the input left in the folder --out; 2 without atheris.
 """
 
 import argparse

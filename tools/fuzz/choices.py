@@ -1,7 +1,7 @@
 """Reads decisions from the bytes that a fuzzer has made: numbers, choices, words, payloads.
 
-The same bytes always decide the same. When they are used up every decision is the first one there
-is, so that a shorter input is a simpler one and both hypothesis and libFuzzer can shrink it.
+The same bytes always decide the same. Once they are used up, every decision is the first option, so
+that a shorter input is a simpler one and both hypothesis and libFuzzer can shrink it.
 """
 
 import math
@@ -55,7 +55,7 @@ class Choices:
         return taken
 
     def number(self) -> float:
-        """Return any float: a telling one, a short one, or eight bytes of IEEE 754."""
+        """Return any float: a critical one, a short one, or eight bytes of IEEE 754."""
         kind = self.integer(0, 3)
         if kind == 0:
             return self.pick(TELLING_NUMBERS)
