@@ -26,7 +26,7 @@ _UNSEEN = Times("", None, None, None, None)
 
 
 def times_of(case: Case, pair: Pair, effect_ns: int) -> tuple[Times, int | None]:
-    """Return the receiver's times, the slower one of two, and when the fault was first detected [ns].
+    """Return the slower receiver's times, and when the fault was first detected [ns].
 
     What the plant detects behind its latency line counts from when the fault's first effect left
     that line.
