@@ -44,7 +44,7 @@ NAME = "steer-by-wire analyze"
 
 
 class Result(NamedTuple):
-    """What became of one log, and the folder with its files."""
+    """The result of one log, and the folder with its files."""
 
     figures: dict[str, Any]
     folder: Path

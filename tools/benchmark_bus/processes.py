@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ABOVE, BELOW = 10, -5
-"""Priorities of the C loop and the requester, seen from the one that was asked for."""
+"""Priorities of the C loop and the requester, relative to the requested one."""
 PRIORITY_MIN, PRIORITY_MAX = 1 - BELOW, 99 - ABOVE
 GRACE_S = 60.0
 """How much longer than its duration a program may take; it is killed then."""

@@ -165,7 +165,7 @@ def _answering(bench: Bench, who: str) -> Role:
 
 
 def _controller(bench: Bench, answer: str, *options: str) -> Role:
-    """Return our own program, which asks for its priority itself."""
+    """Return our own program, which requests its priority itself."""
     bus = (*bench.bus, "--preset", PRESET)
     report = ("--report", str(_report(bench)), "--priority", str(bench.priority))
     module = "steer_by_wire.tools.benchmark_bus.watched_controller"

@@ -15,7 +15,7 @@ _CHUNK = 8
 
 
 class Verification(NamedTuple):
-    """What came of all runs.
+    """The results of all runs.
 
     ``rms_m``      the largest RMS, and the delay at which it was
     ``steer_rad``  the largest steer

@@ -46,7 +46,7 @@ print(json.dumps(list(can.detect_available_configs()), default=str))
 class Finding(NamedTuple):
     """The answer to one question.
 
-    ``name``    what was asked for
+    ``name``    what was checked
     ``ok``      whether it is there; True as well for what is merely reported
     ``detail``  what exactly
     ``advice``  what to do when it is wanted; empty when there is nothing to do

@@ -135,7 +135,7 @@ def wheel_steps(
     A return is the first command that is followed after a fallback, or after a silence. With any
     other command the fade moves by as much as the time since the previous one allows.
 
-    ``told``       the plant's own messages, and when they left it [ns]
+    ``told``       the plant's own messages, and when they left the plant [ns]
     ``sent``       the commands, and when they were sent [ns]
     ``backlog_s``  for how long commands may have waited before the plant was handed them
     """

@@ -20,12 +20,12 @@ class Verdict(StrEnum):
 
     PASSED = "passed"
     NOT_DETECTABLE = "not detectable"
-    """As classified beforehand; whether it was seen all the same is told beside it."""
+    """Not detectable, as classified beforehand; it is reported whether it was detected anyway."""
     FOLLOWED = "detected, followed"
-    """As classified beforehand: seen in time, but false frames went on being accepted, as nothing
-    tells them from true ones."""
+    """As classified beforehand: detected in time, but false frames were still accepted, as nothing
+    distinguishes them from true ones."""
     NO_CHANCE = "no chance"
-    """The fault changed nothing, as its draws may have it, by what was classified beforehand."""
+    """The fault changed nothing, which its random draws allow, as classified beforehand."""
     NO_EFFECT = "no effect"
     """The fault changed nothing, and should have."""
     MISSED = "missed"
@@ -35,7 +35,7 @@ class Verdict(StrEnum):
     FALSE_ALARM = "false alarm"
     UNSAFE = "unsafe"
     BELIEVED = "believed"
-    """False frames were accepted after the detection that the receiver can tell from true ones."""
+    """After the detection, false frames were accepted that the receiver can distinguish."""
     NOT_RECOVERED = "not recovered"
     """A node was not in control again, or too late, although its peer lived."""
     JUMPED = "jumped"

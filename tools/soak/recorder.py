@@ -39,7 +39,7 @@ def main() -> int:
 
 
 def _record(bus: can.BusABC, recording: Recording, stop: StopRequest) -> int:
-    """Record until asked to stop and no frame is left; returns the number of frames."""
+    """Record until stopped and no frame is left; returns the number of frames."""
     # The bus stamps the end of frame in wall-clock time; a recording needs the monotonic clock's.
     offset_ns = time.time_ns() - time.monotonic_ns()
     frames = 0

@@ -34,7 +34,7 @@ class Ratios(NamedTuple):
 class Condition(NamedTuple):
     """One law under one combination of levels; the figures are medians over its runs.
 
-    ``..._by_latency``  RMS of error and steer at each mean latency; empty where it was not asked
+    ``..._by_latency``  RMS of error and steer at each mean latency; empty if not requested
     """
 
     controller: int

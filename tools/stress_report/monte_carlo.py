@@ -58,7 +58,7 @@ class MonteCarloCost(NamedTuple):
 
 
 def seeds(first: int, count: int) -> list[int]:
-    """Return the seeds of the replicates of a study, and of as many more as are asked for."""
+    """Return the seeds of the replicates of a study, and of as many more as needed."""
     return [replicate_seed(first, replicate) for replicate in range(count)]
 
 
