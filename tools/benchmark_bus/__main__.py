@@ -67,12 +67,12 @@ CHANNEL = "benchmark_bus"
 ANSWERING = (C_ECHO, BARE_PYTHON, PYTHON_WITH_TIMEOUT, NODE)
 RATE_HZ, LONG_RATE_HZ = 100, 1000
 PARTS = 5
-"""Of the long run: repetitions of its lateness."""
+"""Parts of the long run, as repetitions of its lateness."""
 MEMORY_TICKS = 5000
 WIDTH_MIN = 110
-"""Of the table, whose figures are no use cut short."""
+"""Width of the table, whose figures are no use cut short."""
 BETWEEN_S = 2.0
-"""What starting a run takes, for the progress bar."""
+"""Time to start a run, for the progress bar."""
 
 
 class _Runs(NamedTuple):

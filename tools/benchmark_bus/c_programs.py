@@ -10,7 +10,7 @@ FLAGS = ("-std=gnu11", "-O2", "-Wall", "-Wextra", "-Werror")
 
 
 class CompileError(Exception):
-    """There are no C programs; the text is one line for the user."""
+    """The C programs cannot be compiled; the text is one line for the user."""
 
 
 class CPrograms(NamedTuple):

@@ -39,7 +39,7 @@ _MEASUREMENT_ID = CAN_IDS[LateralError]
 
 
 class Watch:
-    """What the interpreter does from the tick ``WARM_UP_TICKS`` to the last one."""
+    """Counts what the interpreter does from the tick ``WARM_UP_TICKS`` to the last one."""
 
     def __init__(self) -> None:
         self._ticks = 0

@@ -40,7 +40,7 @@ STRAYED_M = 0.5
 """A lateral error beyond which the loop is not taken for stable."""
 TOLERANCE_S = 0.01
 SAMPLE_NS = 10_000_000
-"""Between two samples of the plant, of which every second is a VEHICLE_STATE."""
+"""Time between two samples of the plant; every second one sends a VEHICLE_STATE."""
 LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob", "predictor")
 PATHS = {
     "single lane change": {"kind": "single_lane_change"},
@@ -58,7 +58,7 @@ NETWORKS: dict[str, dict[str, Any]] = {
     **{f"{ms} ms": {"mean_s": ms / 2000.0} for ms in (80, 160, 250, 320, 400)},
     "2 x 80 ± 30 ms": {"model": "gamma", "mean_s": 0.08, "spread_s": 0.03},
 }
-"""Of each direction."""
+"""Latency of each direction."""
 NOISES_M = (0.0, 0.02)
 
 

@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 
 
 class Constants(NamedTuple):
-    """Of the strategy, for a number of dimensions and of points in a generation."""
+    """Constants of the strategy, for a number of dimensions and of points in a generation."""
 
     weights: FloatArray  # of the better half, falling, their sum 1
     mass: float  # μ_eff
@@ -39,7 +39,7 @@ class Constants(NamedTuple):
 
 
 class Generation(NamedTuple):
-    """Where the evolution stands after a generation; ``spread`` is the largest std. deviation."""
+    """State of the evolution after a generation; ``spread`` is the largest std. deviation."""
 
     number: int
     judged: int

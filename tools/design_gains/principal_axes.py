@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 _SWEEPS_MAX = 50
 _ROTATED_MIN = 1e-16
-"""Of the two variances' geometric mean; smaller covariances change neither variance."""
+"""Share of the two variances' geometric mean; smaller covariances change neither variance."""
 
 
 def principal_axes(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -80,7 +80,7 @@ class JumpingClock(Wrapper[ReportingNode]):
 
     @property
     def deadline_ns(self) -> int:
-        """When it wants its next tick, on the clock of the others [ns]."""
+        """When its next tick is due, on the clock of the others [ns]."""
         deadline_ns = self.node.deadline_ns - self._ahead_ns
         return deadline_ns if self._ahead_ns else min(deadline_ns, self._onset_ns)
 

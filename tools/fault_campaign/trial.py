@@ -16,7 +16,7 @@ from .unheard import is_as_golden, is_heard_by_nobody
 
 
 class Verdict(StrEnum):
-    """How a run came out."""
+    """Verdict on a run."""
 
     PASSED = "passed"
     NOT_DETECTABLE = "not detectable"
@@ -41,7 +41,7 @@ class Verdict(StrEnum):
     JUMPED = "jumped"
     """The command or the wheel stepped further on the way back than limits and fades allow."""
     DISTURBED = "disturbed"
-    """A fault where no node listens, and yet the run is not the one without it."""
+    """A fault on messages that no node receives changed the run."""
 
 
 _JUMPS_TOLD = 2

@@ -23,7 +23,7 @@ NAMES = (
     "authentication", "broker", "bus_client", "candump", "command_line", "contract", "controller",
     "log", "plant", "protocol", "results", "settings", "specification", "trace", "waypoints",
 )  # fmt: skip
-"""Of ``tools.fuzz.targets``, which is not to be imported before atheris can instrument it."""
+"""Names in ``tools.fuzz.targets``, which must not be imported before atheris instruments it."""
 NAME = "steer-by-wire fuzz"
 TIMEOUT_S = 60
 """An input that takes longer is a finding; the slowest of ours takes two seconds."""

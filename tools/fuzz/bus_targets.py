@@ -52,7 +52,7 @@ BITRATE_BIT_S, DATA_BITRATE_BIT_S = 500_000, 2_000_000
 CHANNEL = "can0"
 INTRUDERS_MAX = 6
 DEEDS_MAX = 150
-"""What the intruders do in one input."""
+"""Largest number of the intruders' actions in one input."""
 _TURNS_MAX = 20_000
 """Turns of the broker by which every frame must have arrived."""
 _RECORDS = (CLASSIC_RECORD, FD_RECORD)

@@ -15,7 +15,7 @@ TELLING_NUMBERS = (
     0.0, -0.0, 1.0, -1.0, 0.5, 1e-9, -1e-9, 5e-324, 1e-300, 1e300, 1.7976931348623157e308,
     math.inf, -math.inf, math.nan, 100.0, 1e6, 1e9, 9007199254740993.0, 0.1, 10.0,
 )  # fmt: skip
-"""Where arithmetic is most likely to go wrong."""
+"""Values at which arithmetic is most likely to fail."""
 
 
 class Choices:

@@ -1,4 +1,4 @@
-"""How clients that behave badly affect one that does not, on the emulated bus.
+"""What clients that behave badly cost one that does not, on the emulated bus.
 
     python -m steer_by_wire.tools.soak.vandals [--seconds 15] [--json FILE]
 

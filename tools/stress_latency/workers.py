@@ -18,7 +18,7 @@ ShouldStop = Callable[[], bool]
 
 
 class Workers(Protocol):
-    """What computes blocks of ids, in any order."""
+    """Compute blocks of ids, in any order."""
 
     @property
     def description(self) -> str:

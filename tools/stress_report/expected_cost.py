@@ -56,7 +56,7 @@ FloatArray = NDArray[np.float64]
 
 
 class Rounding(StrEnum):
-    """Of a latency to whole steps."""
+    """How a latency is rounded to whole steps."""
 
     UP = "up"
     """As ``on_grid`` rounds the latencies of a run, so that the two can be compared."""

@@ -37,7 +37,7 @@ from ...runtime.settings import SettingsError
 FloatArray = NDArray[np.float64]
 
 LATERAL_ERROR, WHEEL = 3, 4
-"""Where y and δ are in the plant's state."""
+"""Places of y and δ in the plant's state."""
 
 
 class LinearLoop(NamedTuple):

@@ -48,12 +48,12 @@ class MonteCarloCost(NamedTuple):
 
     @property
     def standard_error_m2(self) -> float:
-        """Of the mean."""
+        """Standard error of the mean."""
         return math.sqrt(self.variance_m4 / len(self.costs_m2))
 
     @property
     def variance_m4(self) -> float:
-        """Of the costs."""
+        """Variance of the costs."""
         return float(self.costs_m2.var(ddof=1))
 
 

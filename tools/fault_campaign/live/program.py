@@ -19,7 +19,7 @@ from .trial import run_trial, write_excerpt
 
 NAME = "live campaign"
 WIDTH = 150
-"""Of the table, whose figures are no use cut short."""
+"""Width of the table, whose figures are no use cut short."""
 FILE = "campaign_live.json"
 _KEY_LIBRARY = "cryptography"
 
