@@ -12,7 +12,7 @@ from types import TracebackType
 def _in_one_line(
     kind: type[BaseException], error: BaseException, trace: TracebackType | None
 ) -> None:
-    """Print what ends a tool, as far as it has not told that itself."""
+    """Print what ends a tool, unless the tool has already reported it."""
     if issubclass(kind, KeyboardInterrupt):
         return  # Python then ends as SIGINT ends a program, which a shell calls status 130
     if issubclass(kind, ImportError):
@@ -24,5 +24,5 @@ def _in_one_line(
     sys.__excepthook__(kind, error, trace)
 
 
-if sys.argv[0] == "-m":  # while Python looks for the module to run, as its documentation says
+if sys.argv[0] == "-m":  # while Python looks for the module to run, as documented
     sys.excepthook = _in_one_line

@@ -3,10 +3,10 @@
     steer-by-wire analyze run.log
     steer-by-wire analyze controller.blf candump-2026-11-21.log --out out/logs --mcap
 
-Reads .log .asc .blf .csv .db .trc .mf4 of python-can and what candump prints or logs. Of each FILE
-it leaves in a folder under --out: report.html, figures.json and signals.csv; signals.parquet where
-pyarrow is installed; signals.mcap (Foxglove, PlotJuggler) with --mcap. A FILE that is no log leaves
-nothing and does not keep the others from being analysed; the exit status is 2 then.
+Reads the formats .log .asc .blf .csv .db .trc .mf4 of python-can, and what candump prints or logs.
+For each FILE it writes a folder below --out: report.html, figures.json and signals.csv;
+signals.parquet where pyarrow is installed; signals.mcap (Foxglove, PlotJuggler) with --mcap. A FILE
+that is no log leaves nothing, and the others are still analysed; the exit status is then 2.
 """
 
 import argparse
@@ -44,7 +44,7 @@ NAME = "steer-by-wire analyze"
 
 
 class Result(NamedTuple):
-    """What became of one log, and the folder with its files."""
+    """The result of one log, and the folder with its files."""
 
     figures: dict[str, Any]
     folder: Path
@@ -87,7 +87,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _run(options: argparse.Namespace) -> int:
-    # python-can's readers tell a terminal of every line they pass over.
+    # python-can's readers report every line that they skip, on the terminal.
     logging.getLogger("can").addHandler(logging.NullHandler())
     logs = [options.files] if options.join else [[path] for path in options.files]
     results, mistakes = [], []
@@ -108,8 +108,9 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _folders(logs: Sequence[Sequence[Path]], out: Path) -> list[Path]:
-    """Return a folder for each log, named as its first file; with its suffix where that is not
-    enough, and with a number where that is not either.
+    """Return a folder for each log, named after its first file.
+
+    Where names collide, the file's suffix is kept, and a number is added if that is not enough.
     """
     stems = [paths[0].name.split(".")[0] or paths[0].name for paths in logs]
     names = [
@@ -135,7 +136,7 @@ def _analyse(
             for export in exports:
                 stack.callback(export.close)
             figures, analysis = analyse_files(paths, options.channel, exports, advance)
-        # Only a report needs matplotlib, and a mistake in the file should not have to wait for it.
+        # Only a report needs matplotlib, and an error in the file should be reported before that.
         from steer_by_wire.tools.analyze_log.pictures import draw_pictures
 
         write_json(partial / "figures.json", figures)
@@ -179,7 +180,7 @@ def _exports(folder: Path, options: argparse.Namespace) -> list[Export]:
 
 @contextmanager
 def _progress() -> Iterator[Callable[[str, float | None], None]]:
-    """Show how far the reading is, on a terminal and when it takes longer than a moment."""
+    """Show the progress of reading, on a terminal and when it takes longer than a moment."""
     console = Console(stderr=True)
     start_s = time.monotonic()
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
@@ -196,7 +197,7 @@ def _progress() -> Iterator[Callable[[str, float | None], None]]:
 
 
 def _tell(results: Sequence[Result]) -> None:
-    """Print the most important figures, a column a log."""
+    """Print the most important figures, one column for each log."""
     table = Table(box=None, pad_edge=False)
     table.add_column("")
     for result in results:

@@ -25,7 +25,7 @@ SIGNAL_NAMES = {
     "estimated_delay_s": ("delay down and up, estimated", "ms", 1e3),
     "delay_confidence": ("confidence of that estimate", "%", 100.0),
 }
-"""What each signal is called in a report, the unit there, and how many of it make the SI unit."""
+"""Name of each signal in a report, its unit there, and how many of that unit make the SI unit."""
 _ABOUT_TIMES = """\
 Times are those of the recorder. On a bus both nodes and the recorder see a frame at
 the same moment, its end; a recorder in one of the programs sees what that program sent and took, so

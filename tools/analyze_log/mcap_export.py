@@ -1,7 +1,7 @@
 """Writes the messages of a log as MCAP, for Foxglove and PlotJuggler.
 
 One topic for each message, named as in the DBC; JSON with a JSON schema, which both programs read
-without plugins. An enumeration is its number, so that it can be plotted, and beside it its name.
+without plugins. An enumeration is written as its number, to be plotted, and beside it as its name.
 """
 
 import json
@@ -37,7 +37,7 @@ class McapFile:
     def write(self, time_ns: int | None, at_s: float, heard: Heard) -> None:  # noqa: ARG002
         """Add a message."""
         if time_ns is None:
-            return  # MCAP is a format of times
+            return  # MCAP needs a time for every message
         content: dict[str, Any] = heard.message._asdict()
         for field in self._enumerations[heard.name]:
             content[f"{field}_name"] = content[field].name

@@ -31,7 +31,7 @@ def draw_pictures(analysis: LogAnalysis, figures: Mapping[str, Any]) -> list[Pic
 
 
 def _draw_motion(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:
-    """Lateral error, and below it what was commanded and what the wheel did."""
+    """Draw the lateral error, and below it the commanded and the actual wheel angle."""
     if not (figures["signals"]["lateral_error_m"]["samples"]):
         return None
     figure = Figure(figsize=(WIDTH_IN, 5.4))
@@ -58,7 +58,7 @@ def _draw_motion(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | 
 
 
 def _draw_latency(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:
-    """Round trip and directions over time, and how often they were how long."""
+    """Draw the round trip and both directions over time, and their distributions."""
     latencies = analysis.latencies
     if not figures["latency"]["round_trip"]["samples"]:
         return None
@@ -87,7 +87,7 @@ def _draw_latency(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure |
 
 
 def _draw_cycles(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:
-    """Distance of the frames of each message over time, against what the DBC wants."""
+    """Draw the interval between frames of each message over time, beside the DBC's cycle time."""
     names = [
         name for name, message in figures["messages"].items() if message["cycle"]["samples"] > 1
     ]
@@ -113,7 +113,7 @@ def _draw_cycles(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | 
 
 
 def _mark_gaps(axes: Axes, figures: Mapping[str, Any]) -> None:
-    """Shade where the commands or the measurements stayed away."""
+    """Shade the times without commands or measurements."""
     for gap in figures["gaps"]:
         if gap["name"] in ("STEERING_COMMAND", "LATERAL_ERROR", "STEERING_STATUS"):
             axes.axvspan(gap["at_s"], gap["at_s"] + gap["duration_s"], color="0.85", lw=0)

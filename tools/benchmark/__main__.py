@@ -4,9 +4,9 @@
 
 Prints the median of several repetitions with the least and the most, the target where there is
 one, and the ratio of the time behind each figure to that of a fixed loop of arithmetic. A start is
-timed to the program's first frame on an emulated bus. Other work on the machine shows in the
-spread; a target that is missed then says little. ``--against`` names what got slower than in a file
-that ``--json`` wrote.
+timed to the program's first frame on an emulated bus. A wide spread shows other work on the
+machine; a target missed in such a run means little. ``--against`` lists what got slower than in a
+file that ``--json`` wrote.
 """
 
 import argparse

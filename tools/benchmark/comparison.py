@@ -1,7 +1,7 @@
 """Compares a benchmark with one that was saved before: what got slower, machine set aside.
 
-What is compared is the ratio of each figure's work to the calibration loop of the same run, so that
-another machine, or a busy one, shows less. What is still within SLOWER is taken for noise.
+Each figure is compared as its ratio to the calibration loop of the same run, so that another
+machine, or a busy one, has less influence. A change within SLOWER is taken for noise.
 """
 
 import json

@@ -2,8 +2,8 @@
 
     steer-by-wire benchmark-batch [--json FILE] [--chart FILE.png]
 
-Everything that is compared is timed turn by turn in one process; what is told are medians. The C
-program does the same arithmetic (it has to give the same bits, and is refused otherwise).
+Everything compared is timed in turn in one process; the results are medians. The C program does the
+same arithmetic: it has to give the same bits, and is rejected otherwise.
 """
 
 import argparse

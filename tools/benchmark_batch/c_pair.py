@@ -21,7 +21,7 @@ from ...runtime.node import NS_PER_S
 
 SOURCE = Path(__file__).with_name("pd_ddob_pair.c")
 FLAGS = ("-O3", "-march=native", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror")
-"""Like numba: all that this processor can do, but every operation rounded as it is written."""
+"""As numba compiles: everything this processor can do, but each operation rounded as written."""
 
 
 class _Run(ctypes.Structure):

@@ -27,7 +27,7 @@ from .subject import NETWORKS, pair_settings
 RUNS = 40
 """Runs timed together: some twenty milliseconds."""
 SHORT_S = 12.0
-"""Of a run that python-control simulates: half a second of ours would be minutes of its."""
+"""Length of a run in python-control, which needs minutes for what takes us half a second."""
 REPETITIONS_OF_OTHERS = 3
 REPETITIONS_BESIDE_C = 21
 CHART_REPETITIONS = 5
@@ -37,9 +37,8 @@ DELAY_S = 0.08
 def lines_beside_c() -> list[Line]:
     """Time runs here and in C, turn by turn. Raises ValueError where their numbers differ.
 
-    In both the network, the law and the rig are there; the arrays of the result are not. What is
-    asked for is beside gcc; clang, where it is installed, shows how much of the ratio is between
-    two compilers.
+    Both include the network, the law and the rig, but not the arrays of the result. The target is
+    against gcc; clang, where it is installed, shows how much of the ratio is due to the compiler.
     """
     compilers = ["gcc", *(["clang"] if shutil.which("clang") else [])]
     with tempfile.TemporaryDirectory() as folder:
@@ -189,7 +188,7 @@ def seconds_of_runs(counts: Sequence[int], lengths_s: Sequence[float]) -> dict[s
 
 
 def _turn_by_turn(works: Sequence[Callable[[], object]]) -> list[list[float]]:
-    """Time all alternately, so that a busy machine is busy for all; each's repetitions [µs]."""
+    """Time all alternately, so that other load affects all alike; the repetitions of each [µs]."""
     times_us: list[list[float]] = [[] for _ in works]
     for _ in range(REPETITIONS_BESIDE_C):
         for times, work in zip(times_us, works, strict=True):

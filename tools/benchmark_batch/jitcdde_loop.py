@@ -8,8 +8,8 @@
     θ   the ellipse's parameter, κ its curvature, q = ds/dθ: the path in closed form
 
 The law is continuous, so it differs from a sampled one by about half a period of delay. jitcdde is
-no dependency of the project, not even an optional one: nothing but this comparison wants it, and
-it compiles with the C compiler of the machine. Where it is installed, the benchmark runs it.
+not a dependency of the project, not even an optional one: only this comparison uses it, and it
+needs the machine's C compiler. Where it is installed, the benchmark runs it.
 """
 
 import importlib
@@ -47,7 +47,7 @@ class JitcddeLoop:
             verbose=False,
         )
         self._delay_loop.compile_C(verbose=False)
-        # What it compiled is loaded; left to the collector, its folder goes with a warning.
+        # Its compiled module is loaded; left to the collector, the folder would go with a warning.
         self._delay_loop.__del__()
 
     def run(self, time_s: FloatArray) -> FloatArray:

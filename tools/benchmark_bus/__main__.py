@@ -3,9 +3,9 @@
     steer-by-wire with-vcan steer-by-wire benchmark-bus [--json FILE]
     steer-by-wire benchmark-bus --no-can
 
-Everything that is compared runs in turns on the same machine within minutes, or at once; each
-figure is the median of several repetitions, each ratio is within one repetition. docs/real_time.md
-says what is measured and why.
+Everything compared runs in turns on the same machine within minutes, or at once; each figure is the
+median of several repetitions, each ratio is within one repetition. docs/real_time.md explains what
+is measured and why.
 """
 
 import argparse
@@ -63,16 +63,16 @@ from steer_by_wire.tools.benchmark_bus.runs import (
 
 NAME = "steer-by-wire benchmark-bus"
 CHANNEL = "benchmark_bus"
-"""Of the emulated bus."""
+"""Channel of the emulated bus."""
 ANSWERING = (C_ECHO, BARE_PYTHON, PYTHON_WITH_TIMEOUT, NODE)
 RATE_HZ, LONG_RATE_HZ = 100, 1000
 PARTS = 5
-"""Of the long run: repetitions of its lateness."""
+"""Parts of the long run, as repetitions of its lateness."""
 MEMORY_TICKS = 5000
 WIDTH_MIN = 110
-"""Of the table, whose figures are no use cut short."""
+"""Width of the table, whose figures are no use cut short."""
 BETWEEN_S = 2.0
-"""What starting a run takes, for the progress bar."""
+"""Time to start a run, for the progress bar."""
 
 
 class _Runs(NamedTuple):
@@ -174,7 +174,7 @@ def _bus(options: argparse.Namespace) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 
 def _run_all(bench: Bench, options: argparse.Namespace) -> _Runs:
-    """Run everything, in turns, so that what else the machine does meets all alike."""
+    """Run everything, in turns, so that other work on the machine affects all alike."""
     answered: dict[str, list[AnswerRun]] = {who: [] for who in ANSWERING if bench.channel}
     ticks = []
     short_s, long_s = options.seconds + BETWEEN_S, options.long_seconds + BETWEEN_S
@@ -208,7 +208,7 @@ def _lines(runs: _Runs) -> list[Line]:
 
 
 def _machine_lines(machine: Mapping[str, Any], *, refused: bool) -> list[str]:
-    """Say what the figures are of."""
+    """Print what the figures describe."""
     stolen, priority = machine["steal_fraction"], machine["sched_fifo"]
     backend = machine["vcan_backend"]
     if backend == "uml":

@@ -19,7 +19,7 @@ WARM_UP_TICKS = 300
 
 
 class TickMemory(NamedTuple):
-    """Per tick, a measurement handed over first.
+    """Figures of a tick with one measurement before it.
 
     ``collections_if_on``  that the collector would make, left on with its usual thresholds, in all
     ``bytes_at_peak``      taken during a tick beyond what was held before it, the median

@@ -10,11 +10,11 @@ FLAGS = ("-std=gnu11", "-O2", "-Wall", "-Wextra", "-Werror")
 
 
 class CompileError(Exception):
-    """There are no C programs; the text is one line for the user."""
+    """The C programs cannot be compiled; the text is one line for the user."""
 
 
 class CPrograms(NamedTuple):
-    """The compiled programs; each source says what its program does."""
+    """The compiled programs; each source describes what its program does."""
 
     echo: Path
     requester: Path

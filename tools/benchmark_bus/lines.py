@@ -21,11 +21,11 @@ TURN_AROUND_RATIO = Target(at_most=True, value=1.5)
 LATENESS_RATIO = Target(at_most=True, value=2.0)
 NONE = Target(at_most=True, value=0.0)
 RESOLUTION_NS = 1
-"""Taken for a time of zero where a ratio is wanted."""
+"""Stands for a time of zero where a ratio is computed."""
 
 
 class _Ratio(NamedTuple):
-    """Of which figure a ratio is, to whose, and what it should be."""
+    """The figure of which a ratio is taken, the reference, and the target."""
 
     quantile: str
     to: str

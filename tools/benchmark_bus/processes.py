@@ -1,9 +1,9 @@
 """Runs the benchmark's programs: nothing is timed before all of them are ready.
 
-    C loop      SCHED_FIFO above the others, so that a slow tick of ours cannot make it late; on the
-                processor of the one it is compared with, as a host stops them one by one
-    answering   SCHED_FIFO as asked for
-    requester   below both: it takes down what has happened when nobody else has anything to do
+    C loop      SCHED_FIFO above the others, so that a slow tick of ours cannot delay it; on the
+                processor of the program it is compared with, as a host stops them one by one
+    answering   SCHED_FIFO as requested
+    requester   below both: it records what has happened when no other program has work to do
 
 Where the host does not grant SCHED_FIFO, all are ordinary processes.
 """
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ABOVE, BELOW = 10, -5
-"""Priorities of the C loop and the requester, seen from the one that was asked for."""
+"""Priorities of the C loop and the requester, relative to the requested one."""
 PRIORITY_MIN, PRIORITY_MAX = 1 - BELOW, 99 - ABOVE
 GRACE_S = 60.0
 """How much longer than its duration a program may take; it is killed then."""
@@ -31,7 +31,7 @@ class ProcessError(Exception):
 class Role(NamedTuple):
     """A program, its priority of SCHED_FIFO, and the only processor it may run on.
 
-    0 and None leave them to itself.
+    0 and None leave the choice to the program.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Role(NamedTuple):
 
 @contextmanager
 def started(role: Role, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """Run a program until the end of the block, which begins when it says that it is ready."""
+    """Run a program until the end of the block, which begins when it reports that it is ready."""
     with (folder / f"{role.name}.txt").open("wb") as complaints:
         process = subprocess.Popen(
             role.command,
@@ -87,7 +87,7 @@ def interrupt(role: Role, process: subprocess.Popen[bytes], folder: Path) -> Non
 
 
 def python(module: str, *options: str) -> list[str]:
-    """Return the command that runs a module, which ends with this process, however that ends."""
+    """Return the command that runs a module that ends with this process, however that ends."""
     return [sys.executable, "-P", "-m", "steer_by_wire.runtime.attached", module, *options]
 
 

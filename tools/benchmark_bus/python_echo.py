@@ -2,9 +2,9 @@
 
     python -m steer_by_wire.tools.benchmark_bus.python_echo CHANNEL REQUEST_ID REPLY_ID bare|select
 
-``bare`` waits in recv: no time-out, no time stamp, nothing it could do but echo. ``select`` waits
-with a time-out and asks when the frame arrived, as whoever has something to do at a deadline and
-wants to know the age of a measurement must. Either runs until it is killed.
+``bare`` waits in recv: no time-out, no time stamp, nothing but the echo. ``select`` waits with a
+time-out and reads the arrival time of the frame, as every program must that has deadlines and needs
+the age of a measurement. Either runs until it is killed.
 """
 
 import select

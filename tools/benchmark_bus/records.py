@@ -1,9 +1,9 @@
-"""What the benchmark's programs have written, and what it says.
+"""Reads the logs of the benchmark's programs, and derives its figures.
 
 A tick, of the controller or of the C loop, is a deadline and when it was served, both on the same
-clock. A period that was missed has no tick. One that the controller missed is its own fault when
-the C loop, on the same machine at the same time, woke up within it; else nobody could have met it:
-the host had stopped, or somebody of higher priority ran.
+clock. A missed period has no tick. A period that the controller missed is its own fault if the C
+loop, on the same machine at the same time, woke up within it; otherwise no program could have met
+it: the host had stopped, or a process of higher priority ran.
 """
 
 import struct
@@ -46,7 +46,7 @@ class Answers(NamedTuple):
 
 
 class Skipped(NamedTuple):
-    """Periods that were missed, and how many of them the C loop met."""
+    """Missed periods, and how many of them the C loop met."""
 
     total: int
     own: int
@@ -99,7 +99,7 @@ def between(ticks: Iterable[Tick], begin_ns: int, end_ns: int) -> list[Tick]:
 def skipped(ticks: Iterable[Tick], reference: Sequence[Tick], period_ns: int) -> Skipped:
     """Return the periods without a tick; the C loop's ticks are ``reference``.
 
-    A tick that is served in a later period has missed those from its own up to that one.
+    A tick served in a later period has missed all periods from its own up to that one.
     """
     missed = [
         deadline_ns

@@ -40,13 +40,13 @@ C_ECHO, BARE_PYTHON, PYTHON_WITH_TIMEOUT, NODE = (
     "Python echo by select",
     "controller at once",
 )
-"""Who answers."""
+"""The program that answers."""
 SETTLE_S = 0.5
-"""From "ready" of our own program, which only says that it hears the bus, to a run: meanwhile it
-locks its memory and designs its law."""
+"""Time from "ready" of our own program to a run. "ready" means only that it receives from the bus:
+it still has to lock its memory and design its law."""
 DRIFT = 1.01
-"""Period of the measurements in controller periods where the controller ticks at its own rate: what
-a measurement waits for its tick then takes every value, instead of one that chance chooses."""
+"""Period of the measurements in controller periods where the controller ticks at its own rate. The
+time a measurement waits for its tick then takes every value, instead of one set by chance."""
 
 
 class Bench(NamedTuple):
@@ -165,7 +165,7 @@ def _answering(bench: Bench, who: str) -> Role:
 
 
 def _controller(bench: Bench, answer: str, *options: str) -> Role:
-    """Return our own program, which asks for its priority itself."""
+    """Return our own program, which requests its priority itself."""
     bus = (*bench.bus, "--preset", PRESET)
     report = ("--report", str(_report(bench)), "--priority", str(bench.priority))
     module = "steer_by_wire.tools.benchmark_bus.watched_controller"

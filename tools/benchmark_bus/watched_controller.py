@@ -1,14 +1,14 @@
-"""The controller program, which keeps when each tick ran and may tick for other reasons.
+"""The controller program, which records when each tick ran and may tick for other reasons.
 
     python -m steer_by_wire.tools.benchmark_bus.watched_controller --answer WHEN --ticks FILE ...
 
-Node, port, executor and what is asked of the host are the program's own, and so are all other
-options. WHEN is one of
+Node, port, executor and requests to the host are the program's own, and so are all other options.
+WHEN is one of
 
     at-rate   the program as it is
-    fed       the same, with a measurement of its own before each tick: for a bus with nobody else
-    at-once   does the whole tick when a measurement comes instead of when it is due, so that what
-              is timed is the work, and not the wait for the period
+    fed       the same, with a measurement of its own before each tick: for a bus without plant
+    at-once   does the whole tick when a measurement arrives instead of when it is due, so that
+              the work is timed, and not the wait for the period
 
 FILE holds two int64 a tick, its deadline and when it ran [ns, monotonic clock].
 """
@@ -34,12 +34,12 @@ from ...runtime.program import load_program_settings, make_parser, run_main, run
 NAME = "watched-controller"
 PRESETS = "steer_by_wire.controller.presets"
 WARM_UP_TICKS = 100
-"""After these every cache and every bin of the statistics that a quiet run needs is there."""
+"""By this tick all caches and all bins of the statistics that a quiet run needs exist."""
 _MEASUREMENT_ID = CAN_IDS[LateralError]
 
 
 class Watch:
-    """What the interpreter does from the tick ``WARM_UP_TICKS`` to the last one."""
+    """Counts what the interpreter does from the tick ``WARM_UP_TICKS`` to the last one."""
 
     def __init__(self) -> None:
         self._ticks = 0
@@ -99,7 +99,7 @@ class AtRate(Wrapper[ControllerNode]):
 
 
 class AtOnce(Wrapper[ControllerNode]):
-    """``node``, its time running on by one period with each measurement."""
+    """``node``, whose time advances by one period with each measurement."""
 
     def __init__(self, node: ControllerNode) -> None:
         super().__init__(node)

@@ -46,11 +46,11 @@ NAME = "steer-by-wire run"
 PLANT, CONTROLLER = PROGRAMS = ("plant_emulator", "controller")
 FINISHED = "finished"
 BITRATE_BIT_S_MAX = 1_000_000
-"""What classic CAN goes up to."""
+"""The highest bit rate of classic CAN."""
 PLANT_PRESETS = "steer_by_wire.plant_emulator.presets"
 CONTROLLER_PRESETS = "steer_by_wire.controller.presets"
 CONTROLLER_PRESET = "practical_pd_ddob"
-"""What controls when nothing is said about the controller."""
+"""The controller's settings unless others are given."""
 
 
 class Run(NamedTuple):

@@ -4,9 +4,9 @@ RMS of the lateral error, worst over the corners of SAE 2018-01-1086, Figure 2 (
 and 5000 kg), on an ellipse of 60 by 30 m, which begins where it bends most. The latency is that of
 the commands; where it is random, all laws meet the same draws.
 
-What a jitter does depends on the order of arrival. Where the newest command wins, the one that acts
-has overtaken others and is younger than the mean; in order, as on one wire behind a queue, a late
-command holds up all behind it, and the one that acts is older than the mean.
+The effect of jitter depends on the order of arrival. Where the newest command wins, the one in
+effect has overtaken others and is younger than the mean. In order, as on one wire behind a queue, a
+late command holds up all behind it, and the one in effect is older than the mean.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,10 +29,10 @@ FloatArray = NDArray[np.float64]
 CORNERS = ("a", "b", "c", "d")
 PATH = 'path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0}'
 LAG_S = 0.27
-"""Of the steering actuator in Autoware's simulator, which comes with a delay of 0.24 s."""
+"""Lag of the steering actuator in Autoware's simulator, which comes with a delay of 0.24 s."""
 SETTLED_S = 5.0
 BROKEN_M = 0.1
-"""RMS beyond which a law does not hold the path: there it is a limit cycle, or worse."""
+"""RMS beyond which a law does not hold the path: it is then in a limit cycle, or worse."""
 OFF_PATH_M = 1e3
 _THREADS = 2
 
@@ -40,7 +40,7 @@ _THREADS = 2
 class Contestant(NamedTuple):
     """A law of the comparison: a preset, and what is changed of it.
 
-    ``told_of_lag``  what is changed besides where the actuator lags, if the law can be told
+    ``told_of_lag``  further changes where the actuator lags, if the law can allow for the lag
     """
 
     label: str
@@ -141,7 +141,7 @@ def own_contestant(law: str, overrides: Sequence[str]) -> Contestant:
 
 
 def contestants_of(network: Network, further: Sequence[Contestant] = ()) -> list[Contestant]:
-    """Return who takes part: one who is told of a lag only where there is one."""
+    """Return the contestants: one that models a lag takes part only where there is one."""
     everyone = (*CONTESTANTS, *further)
     return [one for one in everyone if network.has_lag or not one.told_of_lag]
 

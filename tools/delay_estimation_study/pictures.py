@@ -20,9 +20,9 @@ _ROWS = (
     ("double lane change", "d", 0.02),
     ("ellipse 60 x 30 m", "d", 0.0),
 )
-"""What is shown, as far as it was asked for: the rest would be a poster."""
+"""The cases shown, where they were requested; all of them would be too many for one picture."""
 _SPAN_MS = 25.0
-"""Shown to either side of the truth."""
+"""Range that is shown on either side of the truth."""
 
 
 def shown(cases: Sequence[Case]) -> list[list[Case]]:

@@ -1,4 +1,4 @@
-"""One run of the delay estimation's study: the pair in virtual time, and what DELAY_STATUS told.
+"""One run of the delay estimation's study: the pair in virtual time, and DELAY_STATUS's content.
 
 The truth is known to the rig alone:
 
@@ -40,7 +40,7 @@ STRAYED_M = 0.5
 """A lateral error beyond which the loop is not taken for stable."""
 TOLERANCE_S = 0.01
 SAMPLE_NS = 10_000_000
-"""Between two samples of the plant, of which every second is a VEHICLE_STATE."""
+"""Time between two samples of the plant; every second one sends a VEHICLE_STATE."""
 LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob", "predictor")
 PATHS = {
     "single lane change": {"kind": "single_lane_change"},
@@ -58,7 +58,7 @@ NETWORKS: dict[str, dict[str, Any]] = {
     **{f"{ms} ms": {"mean_s": ms / 2000.0} for ms in (80, 160, 250, 320, 400)},
     "2 x 80 ± 30 ms": {"model": "gamma", "mean_s": 0.08, "spread_s": 0.03},
 }
-"""Of each direction."""
+"""Latency of each direction."""
 NOISES_M = (0.0, 0.02)
 
 
@@ -73,7 +73,7 @@ class Case(NamedTuple):
 
 
 class History(NamedTuple):
-    """What DELAY_STATUS told; arrays of shape (messages,), NaN where nothing is known."""
+    """The content of DELAY_STATUS; arrays of shape (messages,), NaN where nothing is known."""
 
     time_s: NDArray[np.float64]
     echo_s: NDArray[np.float64]
@@ -159,7 +159,7 @@ def _result(case: Case, history: History, peak_m: float) -> Result:
 
 
 class _Listener:
-    """Hears the wire, in virtual time from 0."""
+    """Receives all frames of the wire, in virtual time from 0."""
 
     def __init__(self) -> None:
         self._told: list[tuple[float, float, float, float]] = []
@@ -192,7 +192,7 @@ class _Listener:
             self._state_up_ns = time_ns - 2 * SAMPLE_NS * self._state_number
 
     def history(self, configured_s: float | None) -> History:
-        """Return all that was told, and the truth."""
+        """Return the reported estimates, and the truth."""
         truth_s = configured_s
         if truth_s is None:
             up_ns = self._up_sum_ns / self._up_time_ns
@@ -202,7 +202,7 @@ class _Listener:
 
 
 def _next(number: int, counter: int) -> int:
-    """Return the number after ``number`` of which ``counter`` is the E2E counter."""
+    """Return the first number after ``number`` whose E2E counter is ``counter``."""
     return number + 1 + (counter - number - 1) % COUNTERS
 
 

@@ -38,7 +38,7 @@ LAWS = {"PD": "practical_pd", "PD+CDOB": "practical_pd_cdob", "PD+DDOB": "practi
 """Labels of the pairs, and the controller's presets behind them."""
 
 DURATION_S_MIN, DURATION_S_MAX = 1.0, 3600.0
-"""A shorter run has no latency to draw, a longer one is no demonstration."""
+"""A shorter run has no latency to draw; a longer one is no demonstration."""
 
 POLL_S = 0.1
 GRACE_S = 30.0
@@ -152,7 +152,7 @@ def _wait(pairs: Sequence[LivePair], duration_s: float, console: Console) -> Non
 
 
 def _running(pairs: Sequence[LivePair]) -> int:
-    """Return how many plants still drive; asks every pair, because each may have died."""
+    """Return how many plants still drive; checks every pair, because each may have died."""
     return sum(pair.plant_is_running for pair in pairs)
 
 
@@ -213,7 +213,7 @@ def _present(
 
 
 def _remarks(live: Mapping[str, PairResult]) -> list[str]:
-    """Say what the machine did to the run, so that a stalled host is not taken for a slow loop."""
+    """Print what the machine did to the run: a stalled host must not be taken for a slow loop."""
     stolen = [result.controller["host"].get("steal_fraction") for result in live.values()]
     known = [fraction for fraction in stolen if fraction is not None]
     if not known:

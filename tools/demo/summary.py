@@ -10,7 +10,7 @@ from ...pair.live import PairResult
 
 
 class Figures(NamedTuple):
-    """What is told of one run."""
+    """Figures of one run."""
 
     lateral_error_rms_m: float
     lateral_error_peak_m: float
@@ -71,7 +71,7 @@ def summary_table(rows: Sequence[LawFigures]) -> Table:
 def summary_json(
     rows: Sequence[LawFigures], run: Mapping[str, Any], reports: Mapping[str, PairResult]
 ) -> dict[str, Any]:
-    """Return everything a program would want to read; ``run`` says what was run and on what."""
+    """Return all figures for programs to read; ``run`` describes what was run and on what."""
     return {
         "run": dict(run),
         "laws": {

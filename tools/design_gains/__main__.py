@@ -171,7 +171,7 @@ def _design_predictor(
     sources: tuple[str, str],
     options: argparse.Namespace,
 ) -> int:
-    """Design the predictor around the pd_ddob that it falls back to, write and tell it."""
+    """Design the predictor around the pd_ddob that it falls back to; write and print it."""
     table = spec.predictor
     if table is None:
         raise ValueError("the specification has no table [predictor]")

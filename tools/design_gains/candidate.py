@@ -1,8 +1,8 @@
 """What is searched for: the free parameters of a law, on a lattice of numbers that can be read.
 
 A parameter is 1.00, 1.02, 1.04, ..., 2.0, 2.05, ..., 5.0, 5.1, ..., 9.9 times a power of ten: steps
-of 1 to 2.5 %. The end of the search moves on this lattice, so that what is judged is what the
-preset will say, and nothing is rounded afterwards.
+of 1 to 2.5 %. The search ends on this lattice, so that the judged values are exactly those of the
+preset, and nothing is rounded afterwards.
 """
 
 import math

@@ -19,7 +19,7 @@ _STABLE_1_S = 1e-3
 
 
 class Confirmation(NamedTuple):
-    """What eigenvalues say about a law.
+    """Stability of a law by eigenvalues.
 
     ``decay_1_s``         of the slowest mode over all corners and delays of the range [1/s]
     ``failures``          how many loops do not do what is demanded of them
@@ -39,7 +39,7 @@ class Confirmation(NamedTuple):
 
 
 def confirm(study: Study, candidate: Candidate) -> Confirmation:
-    """Return what the eigenvalues of every loop of the specification say."""
+    """Return the results from the eigenvalues of every loop of the specification."""
     spec = study.spec
     design, _ = designs(controller_settings(spec, study.vehicle, candidate.law, candidate.values()))
     settling_1_s = spec.d_stability.settling_1_s

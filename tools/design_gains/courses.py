@@ -15,7 +15,7 @@ from .vehicle_file import VehicleFile
 FloatArray = NDArray[np.float64]
 
 _SAMPLES_PER_TICK = 4
-"""Between two, curvature is taken as linear, which it is but for the path's break points."""
+"""Between two, curvature is taken as linear, which is exact except at the path's break points."""
 
 
 def unsteered_runs_m(spec: Specification, vehicle: VehicleFile) -> FloatArray:

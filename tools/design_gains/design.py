@@ -1,4 +1,4 @@
-"""Designs one law: search, confirmation, reasons, jitter; all that is told and drawn of it."""
+"""Designs one law: search, confirmation, reasons and jitter; what is printed and drawn of it."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 
 
 class NoDesignError(Exception):
-    """No parameters of a law meet all demands; the text says which are in the way."""
+    """No parameters of a law meet all demands; the text names those that are in the way."""
 
 
 class RmsByDelay(NamedTuple):

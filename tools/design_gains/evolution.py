@@ -7,9 +7,9 @@
     σ ← σ exp((c_σ/d_σ)(|p_σ|/E|N(0,I)| - 1))
 
 After N. Hansen, "The CMA Evolution Strategy: A Tutorial", arXiv:1604.00772, with its default
-constants. Only the order of the costs matters, so that a demand that is not met may cost anything
-more than all that meet it; and C learns the narrow ridge along which gains and cut-offs can be
-traded for one another, on which other searches stay where they first met it.
+constants. Only the order of the costs matters, so a demand that is not met may cost any amount
+above all candidates that meet it. C learns the narrow ridge along which gains and cut-offs can be
+traded for one another; other searches stop where they first meet that ridge.
 """
 
 import math
@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 
 
 class Constants(NamedTuple):
-    """Of the strategy, for a number of dimensions and of points in a generation."""
+    """Constants of the strategy, for a number of dimensions and of points in a generation."""
 
     weights: FloatArray  # of the better half, falling, their sum 1
     mass: float  # μ_eff
@@ -39,7 +39,7 @@ class Constants(NamedTuple):
 
 
 class Generation(NamedTuple):
-    """Where the evolution stands after a generation; ``spread`` is the largest std. deviation."""
+    """State of the evolution after a generation; ``spread`` is the largest std. deviation."""
 
     number: int
     judged: int

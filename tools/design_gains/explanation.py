@@ -18,7 +18,7 @@ _MEANINGS = {
     "PD damping": "PD alone outside the cone",
     "PD bandwidth": "PD alone beyond the bandwidth R",
 }
-"""What it means to fail a demand that is no number."""
+"""Text for a failed demand that is not a number."""
 _NUMBER_UNITS = {
     "RMS error": " m",
     "peak sensitivity": "",

@@ -135,7 +135,7 @@ def _colours(vehicle: VehicleFile) -> list[str]:
 
 
 def _labels(vehicle: VehicleFile) -> list[str | None]:
-    """Return what tells a corner from the others; nothing where there are too many."""
+    """Return a label that identifies a corner; empty where there are too many."""
     corners = vehicle.box.vertices()
     if len(corners) > _CORNERS_NAMED_MAX:
         return [None] * len(corners)

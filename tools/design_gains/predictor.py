@@ -1,9 +1,9 @@
 """Designs the predictor: what its filter takes for noise, and what its feedback takes for large.
 
-The gains of filter and feedback follow from these for every speed, and judged is the law itself,
-limits, quantisation, counters and all, in compiled runs: for every path, corner and delay the RMS
-of the lateral error once it has settled, and how much of the sensors' noise comes out as steer. The
-same evolution strategy searches as for the other laws.
+The gains of filter and feedback follow from these for every speed. The law itself is judged in
+compiled runs, with limits, quantisation and counters: for every path, corner and delay the RMS of
+the lateral error once it has settled, and how much of the sensors' noise reaches the steer. The
+evolution strategy is the same as for the other laws.
 """
 
 import math
@@ -85,7 +85,7 @@ def design_predictor(
 ) -> PredictorDesign:
     """Return the best predictor by the specification; ``fallback`` is the pd_ddob it falls back to.
 
-    ``progress``  told how much of the search is done, and its best cost [m]
+    ``progress``  called with the share of the search that is done, and its best cost [m]
     """
     start = np.array([math.log(value) for value in _START.values()])
     random = np.random.default_rng(spec.search.seed)

@@ -105,7 +105,7 @@ def _commented(comments: Sequence[str], settings: ControllerSettings) -> str:
 
 
 def _untouched(settings: ControllerSettings) -> list[str]:
-    """Return the tables with nothing but defaults, but for the limits, which every preset tells."""
+    """Return the tables that a preset leaves out: all at their defaults, except the limits."""
     return [
         name
         for name, field in ControllerSettings.model_fields.items()

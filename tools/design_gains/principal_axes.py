@@ -2,8 +2,8 @@
 
     C = B diag(variances) Bᵀ
 
-A library's eigenvectors have signs and last bits that depend on the processor, and a search that is
-led by them ends elsewhere. The matrices are as small as a law has parameters.
+A library's eigenvectors have signs and last bits that depend on the processor, and a search guided
+by them ends elsewhere. The matrices are as small as a law has parameters.
 """
 
 from math import copysign, sqrt
@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 _SWEEPS_MAX = 50
 _ROTATED_MIN = 1e-16
-"""Of the two variances' geometric mean; smaller covariances change neither variance."""
+"""Share of the two variances' geometric mean; smaller covariances change neither variance."""
 
 
 def principal_axes(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

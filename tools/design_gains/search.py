@@ -31,7 +31,7 @@ _FIRST_SPREAD = 0.25
 """Standard deviation of the first generation, of the range that is searched."""
 
 Progress = Callable[[float, float], None]
-"""Told which share of the search is done at most, and the best cost so far."""
+"""Called with the share of the search that is done at most, and the best cost so far."""
 
 
 class Found(NamedTuple):

@@ -102,8 +102,8 @@ class PredictorTable(Settings):
 
     ``fallback``                the pd_ddob it falls back to, a preset of the controller; none: the
                                 one designed in the same run
-    ``ignore_s``                of each run: before the first command acts nothing can be done
-    ``lateral_error_noise_m``   of the sensors, per sample; the filter is told the same
+    ``ignore_s``                left out of each run: no law can react before a command acts
+    ``lateral_error_noise_m``   of the sensors, per sample; the filter assumes the same
     ``steer_noise_rad_max``     standard deviation of what that noise may add to the steer
     """
 
@@ -148,7 +148,7 @@ class Specification(Settings):
     """All of SPEC.toml."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
-    """The presets are called so, with the law behind."""
+    """Prefix of the presets' names; the law follows."""
     laws: tuple[LawName, ...]
     rate_hz: Annotated[float, Field(ge=10.0, le=1000.0)] = 100.0
     minimise: Literal["rms", "peak_sensitivity", "noise_gain"] = "rms"
@@ -161,12 +161,12 @@ class Specification(Settings):
     actuator: ActuatorTable | None = None
     d_stability: DStabilityTable
     limits: LimitSettings = LimitSettings()
-    """What may be reached on no path, and what the preset limits every command to."""
+    """Must not be reached on any path; the preset limits every command to it."""
     rms_m_max: RmsTable = RmsTable()
     course: CourseTable
     jitter: tuple[JitterTable, ...] = ()
     predictor: PredictorTable | None = None
-    """Only of the law predictor, which is designed last."""
+    """Only for the law predictor, which is designed last."""
     search: SearchTable = SearchTable()
 
     @property

@@ -69,7 +69,7 @@ class Demand(NamedTuple):
 
     @property
     def excess(self) -> float:
-        """By what share of the limit the value is beyond it, 0 if it is not; a count as it is."""
+        """By what share of the limit the value exceeds it, 0 if it does not; a count as it is."""
         beyond = max(0.0, self.value - self.limit)
         return beyond / self.limit if self.limit else beyond
 

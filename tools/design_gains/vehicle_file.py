@@ -25,7 +25,7 @@ from ...loop_theory.uncertainty import ParameterRange, UncertaintyBox
 from ...runtime.settings import Settings
 
 _RANGES_MAX = 6
-"""2^6 corners; more would take longer than anybody waits."""
+"""2^6 corners; more would take too long."""
 
 
 class VehicleTable(Settings):

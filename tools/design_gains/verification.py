@@ -15,7 +15,7 @@ _CHUNK = 8
 
 
 class Verification(NamedTuple):
-    """What came of all runs.
+    """The results of all runs.
 
     ``rms_m``      the largest RMS, and the delay at which it was
     ``steer_rad``  the largest steer
@@ -55,7 +55,7 @@ def verify(
 
 
 def verification_line(spec: Specification, design: Design, found: Verification) -> str:
-    """Return in one line what virtual time says."""
+    """Return the result of the runs in virtual time in one line."""
     largest_m = spec.rms_m_max_of(design.law)
     limit = "" if largest_m is None else f", at most {largest_m:g} m"
     return (

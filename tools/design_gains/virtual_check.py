@@ -1,7 +1,7 @@
 """The design in virtual time: both nodes, their frames and limits, quantised, with real jitter.
 
 The linear analysis leaves out limits, quantisation and jitter; this has them all. One run of 60 s
-takes about half a second, so the constant delays are run only when asked for.
+takes about half a second, so the constant delays are run only on request.
 """
 
 from collections.abc import Sequence
@@ -39,7 +39,7 @@ class Drive(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """What came of it: RMS of the lateral error [m], and the largest steer [rad]."""
+    """Its result: RMS of the lateral error [m], and the largest steer [rad]."""
 
     rms_m: float
     steer_rad: float

@@ -31,7 +31,7 @@ class Job(NamedTuple):
 
 
 def shared_progress(laws: int) -> SharedProgress:
-    """Return the memory in which workers tell how far they are."""
+    """Return the memory in which workers report their progress."""
     shared: SharedProgress = get_context("spawn").Array(ctypes.c_double, 2 * laws, lock=False)
     return shared
 

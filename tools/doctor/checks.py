@@ -22,7 +22,7 @@ from ...vcan.__main__ import backends
 from ...vcan.request import Request, missing_programs
 
 DETECTION_TIMEOUT_S = 20.0
-"""Of all adapters together: a driver that hangs must not hang us."""
+"""Time limit for all adapters together: a driver that hangs must not hang us."""
 CLOCK_READINGS = 2000
 CLOCK_STEP_NS_MAX = 100_000
 """A hundredth of a control period of 10 ms."""
@@ -46,8 +46,8 @@ print(json.dumps(list(can.detect_available_configs()), default=str))
 class Finding(NamedTuple):
     """The answer to one question.
 
-    ``name``    what was asked for
-    ``ok``      whether it is there; True as well for what is merely told
+    ``name``    what was checked
+    ``ok``      whether it is there; True as well for what is merely reported
     ``detail``  what exactly
     ``advice``  what to do when it is wanted; empty when there is nothing to do
     """
@@ -66,7 +66,7 @@ class Section(NamedTuple):
 
 
 def examine() -> tuple[Section, ...]:
-    """Ask everything; takes seconds, most of them for the adapters."""
+    """Check everything; takes seconds, most of them for the adapters."""
     return (
         Section("software", (*_software(),)),
         Section(
@@ -191,7 +191,7 @@ def _ways_to_vcan() -> list[Finding]:
 
 
 def find_uml_library() -> Finding:
-    """Say whether User Mode Linux needs its library here, and has it."""
+    """Check whether User Mode Linux needs its library here, and has it."""
     from ...vcan import uml
 
     name = "uml's library"
@@ -207,7 +207,7 @@ def find_uml_library() -> Finding:
 
 
 def _choice() -> Finding:
-    """Say which bus a program takes that is told nothing on its command line."""
+    """Report which bus a program takes without options on its command line."""
     parser = argparse.ArgumentParser()
     add_bus_arguments(parser)
     try:
@@ -235,7 +235,7 @@ def _clocks() -> list[Finding]:
 
 
 def _rights() -> list[Finding]:
-    """Ask for what the programs ask for; the memory lock stays until we end."""
+    """Request what the programs request; the memory lock stays until we end."""
     advice = {
         "real-time priority": "as root, or in /etc/security/limits.d: YOU - rtprio 99",
         "memory lock": "as root, or in /etc/security/limits.d: YOU - memlock unlimited",

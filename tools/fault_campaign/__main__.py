@@ -4,12 +4,12 @@
     steer-by-wire faults --live
     steer-by-wire faults --random-walks 200
 
-Every fault of the specification at every operating point with every law, and runs without a fault.
-Leaves results.jsonl, results.csv, campaign.json and index.html in DIR; run again, it goes on where
-it was left. A folder with results of another specification, or of programs that have changed since,
-is refused. With --live some of the faults meet real processes on the emulated bus as well, which
-takes seven minutes more. Random walks print what they find, and the command that runs it again. The
-exit status is 1 where an acceptance or a walk fails.
+Runs every fault of the specification at every operating point with every law, and runs without a
+fault. Leaves results.jsonl, results.csv, campaign.json and index.html in DIR; run again, it
+continues where it stopped. A folder with results of another specification, or of programs that have
+changed since, is rejected. With --live some of the faults are also injected into real processes on
+the emulated bus, which takes seven minutes more. Random walks print what they find, and the command
+that repeats it. The exit status is 1 where an acceptance or a walk fails.
 """
 
 import argparse
@@ -107,7 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _up_to(maximum: int) -> Callable[[str], int]:
-    """Return what reads a whole number from 1 on."""
+    """Return a reader of whole numbers from 1 on."""
 
     def read(text: str) -> int:
         is_whole = text.isascii() and text.isdecimal() and len(text) <= len(str(maximum))
@@ -167,7 +167,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[Result]:
-    """Return the result of every run of the campaign, those that were there before included."""
+    """Return the result of every run of the campaign, including those computed earlier."""
     scenarios = list(scenarios_of(spec))
     spec_hash = specification_hash(spec)
     stored = read_stored(options.out, spec_hash)
@@ -232,7 +232,7 @@ def _walk(spec: CampaignSettings, options: argparse.Namespace) -> int:
         _with_progress(
             count, walks.append, lambda taken: walk_all(spec, count, options.processes, taken)
         )
-    finally:  # on Ctrl-C too: what was found is not lost
+    finally:  # on Ctrl-C too, so that no result is lost
         if walks:
             print("\n".join(walk_lines(walks, _again(options))))
     return FAILED if any(walk.failure for walk in walks) else ExitStatus.OK
@@ -254,7 +254,7 @@ def _again(options: argparse.Namespace) -> str:
 def _with_progress(
     total: int, take: Callable[[R], None], work: Callable[[Callable[[R], None]], None]
 ) -> None:
-    """Do the work, a bar beside it where somebody looks."""
+    """Do the work, with a progress bar on a terminal."""
     console = Console(markup=False, highlight=False, soft_wrap=True)
     with Progress(
         BarColumn(30),

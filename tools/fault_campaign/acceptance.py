@@ -1,4 +1,4 @@
-"""Whether a campaign shows what it is to show: a table of findings, each with its figure."""
+"""Whether a campaign shows what it is meant to show: a table of findings, each with its figure."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -13,7 +13,7 @@ _IDLE = (Verdict.NO_EFFECT, Verdict.NO_CHANCE)
 
 
 class Finding(NamedTuple):
-    """One thing that was to be shown, whether it was, and the figure.
+    """One thing to be shown, whether it was, and the figure.
 
     ``holds``  None where no run bears on it: then it is not shown, and does not hold
     """
@@ -26,7 +26,7 @@ class Finding(NamedTuple):
 def findings_of(results: Sequence[Result], ftti_ms: float) -> list[Finding]:
     """Return the findings of a campaign.
 
-    Without a golden run, or a fault that is detectable, nothing holds that asks for one.
+    Without a golden run, or without a detectable fault, no finding holds that needs one.
     """
     golden = [result for result in results if result.kind == GOLDEN]
     faulty = [result for result in results if result.kind != GOLDEN]
@@ -44,7 +44,7 @@ def findings_of(results: Sequence[Result], ftti_ms: float) -> list[Finding]:
 
 
 def residual_finding(measured: Residual) -> Finding:
-    """Return whether random errors fit the CRC as often as they should, and no less often."""
+    """Return whether random errors pass the CRC as often as expected, and no less often."""
     is_too_many = exceeds(measured.fitting, measured.corrupted)
     is_too_few = falls_short(measured.fitting, measured.corrupted)
     figure = (
@@ -56,7 +56,7 @@ def residual_finding(measured: Residual) -> Finding:
 
 
 def memory_finding(measured: Memory) -> Finding:
-    """Return whether a pair with faults keeps nothing of each control period."""
+    """Return whether a pair with faults keeps no memory from each control period."""
     figure = (
         f"{measured.warm_bytes / 1e6:.2f} MB held after {measured.run_s / LONGER:g} s with faults, "
         f"{measured.late_bytes / 1e6:.2f} MB after {measured.run_s:g} s: "
@@ -67,7 +67,7 @@ def memory_finding(measured: Memory) -> Finding:
 
 
 def _handled(faulty: Sequence[Result], ftti_ms: float) -> list[Finding]:
-    """What is detectable is detected, acted upon where control has to be left, and refused."""
+    """Detectable faults are detected; their frames are rejected; control is left where required."""
     seen = [one for one in faulty if one.expected != "none" and one.verdict not in _IDLE]
     late = [one for one in seen if one.fdti_s is None or not 0.0 <= one.fdti_s <= 1e-3 * ftti_ms]
     leaving = [one for one in seen if one.safe_state]
@@ -176,7 +176,7 @@ def _protected(results: Sequence[Result]) -> Finding:
 
 
 def _queues(results: Sequence[Result]) -> Finding:
-    """Every queue of a node refuses what is too much; only a bus that is full makes one fill."""
+    """Every queue of a node rejects what exceeds its size; only a full bus fills one."""
     filled = [
         result
         for result in results
@@ -206,7 +206,7 @@ def _slowest_ms(times_s: Iterable[float | None]) -> str:
 
 
 def _first(results: Sequence[Result]) -> str:
-    """Name the first of runs that should not be."""
+    """Name the first of the results that should not occur."""
     if not results:
         return ""
     one = results[0]

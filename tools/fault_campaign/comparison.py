@@ -7,7 +7,7 @@ from .trial import FAILURES, Result
 
 
 class Comparison(NamedTuple):
-    """The runs that both campaigns have, by what became of them; and those that one has alone."""
+    """The runs in both campaigns, by how their result changed; and those in one of them only."""
 
     fixed: list[Result]
     unchanged: list[Result]
@@ -18,7 +18,7 @@ class Comparison(NamedTuple):
 
 
 def compare(earlier: Iterable[Result], now: Iterable[Result]) -> Comparison:
-    """Compare by name: that is fault, magnitude, operating point, law and seed."""
+    """Compare by name, which is fault, magnitude, operating point, law and seed."""
     before = {result.name: result for result in earlier}
     comparison = Comparison([], [], [], [], 0, 0)
     added, seen = 0, set()

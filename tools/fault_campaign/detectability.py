@@ -1,6 +1,6 @@
 """Which fault is detectable, and by which mechanism: decided by what a fault is, before any run.
 
-A mechanism sees one thing, and what it sees is all that it can detect:
+Each mechanism observes one thing, and can detect nothing else:
 
     E2E               CRC, length, identifier and counter of a frame that arrives
     RANGE             a raw value outside its signal's range or value table
@@ -8,9 +8,9 @@ A mechanism sees one thing, and what it sees is all that it can detect:
     LIMITER           a command beyond the safety limiter's bounds
     SELF_SUPERVISION  own ticks missed
 
-A fault that shows none of them nothing: a plausible value with a valid CRC and counter cannot be
-told from a true one by a receiver that has one source for it, and a frame that comes late by less
-than the age limit cannot be told from what the network is allowed to do.
+A fault that none of them observes is not detectable. A receiver with a single source cannot
+distinguish a plausible value with a valid CRC and counter from a true one. A frame that is late by
+less than the age limit cannot be distinguished from what the network is allowed to do.
 """
 
 from collections.abc import Mapping
@@ -35,13 +35,13 @@ from .node_faults import NodeFault
 from .specification import NodeFaultKind
 
 LAW_RAD_MAX = 0.2
-"""What a law is taken to want at the most, if the limiter leaves it as much."""
+"""The largest command that a law is assumed to want, if the limiter allows that much."""
 NO_EFFECT_CHANCE_MAX = 1e-4
-"""A fault whose chance to change nothing is larger may do so."""
+"""A fault that changes nothing with a larger probability than this may do so."""
 WATCHING_PERIOD_S = STATUS_PERIOD_NS / NS_PER_S
-"""Cycle of the messages for watching."""
+"""Cycle of the messages for monitoring."""
 CONTROLS = frozenset({"LATERAL_ERROR", "STEERING_COMMAND", ALL})
-"""Messages without which there is nothing left to act on."""
+"""Messages without which a node has to leave control."""
 STREAMS = CONTROLS | {"STEERING_STATUS", "VEHICLE_STATE"}
 """Messages whose age is watched."""
 UNHEARD = frozenset(
@@ -49,11 +49,11 @@ UNHEARD = frozenset(
     for name, message_type in MESSAGE_TYPES.items()
     if message_type not in (*CONTROLLER_RECEIVES, *PLANT_RECEIVES)
 )
-"""Messages for watching: no node receives them."""
+"""Messages for monitoring: no node receives them."""
 
 
 class Mechanism(StrEnum):
-    """What can see a fault."""
+    """What can detect a fault."""
 
     E2E = "E2E"
     RANGE = "range"
@@ -87,13 +87,14 @@ MECHANISM_OF: Mapping[str, Mechanism] = MappingProxyType(
 
 
 class Sight(NamedTuple):
-    """How far the mechanisms of a pair see, by its settings.
+    """What the mechanisms of a pair can detect, by its settings.
 
     ``age_limit_s``     the longest of both nodes' age limits: what lasts longer is silence for both
     ``limiter_rad``     largest command that the safety limiter lets through, at this speed
     ``control_period_s``, ``sensor_period_s``  of the commands and of the measurements
-    ``counter_jump_max``  how far a counter may go on at once, for either node
-    ``jitters_down``    whether a silence of the commands on the bus may be shorter at the actuator
+    ``counter_jump_max``  how far a counter may advance at once, for either node
+    ``jitters_down``    whether a silence of the commands may be shorter at the actuator than on the
+                        bus
     """
 
     age_limit_s: float
@@ -108,11 +109,11 @@ class Expectation(NamedTuple):
     """What is expected of a fault.
 
     ``mechanisms``   that can see it; none: it is not detectable
-    ``safe_state``   whether the receiver has to leave control, as it has nothing left to act on
+    ``safe_state``   whether the receiver has to leave control, for lack of anything to act on
     ``why``          in a line
     ``is_followed``  whether false frames may be accepted after it has been detected, as no receiver
-                     can tell them from true ones
-    ``may_be_idle``  whether it may come to nothing: by chance, or as its magnitude is none
+                     can distinguish them from true ones
+    ``may_be_idle``  whether it may have no effect: by chance, or because its magnitude is none
     """
 
     mechanisms: tuple[Mechanism, ...]
@@ -123,7 +124,7 @@ class Expectation(NamedTuple):
 
 
 def sight_of(plant: PlantSettings, controller: ControllerSettings) -> Sight:
-    """Return how far the mechanisms of a pair see."""
+    """Return what the mechanisms of a pair can detect."""
     guard = design_guard(plant.safety, plant.vehicle, plant.actuator)
     ages = (age for age in age_limits_of(controller) if age != NO_LIMIT_NS)
     return Sight(
@@ -186,13 +187,13 @@ def _expect(fault: FaultSettings, sight: Sight) -> Expectation:
             why = "the true sender's counter then comes twice"
             return Expectation(_E2E, False, why, is_followed=True)
         case FaultKind.REPLAY:
-            # Counters turn over and go on: old ones look like those after some that were lost, or
-            # are refused until they have come as far as the newest that was accepted.
+            # Counters wrap around: old frames look like those that follow lost ones, or are
+            # rejected until they reach the newest one that was accepted.
             behind = round(magnitude / period_s) % COUNTERS
             refused_s = behind * period_s if COUNTERS - behind > sight.counter_jump_max else 0.0
             is_long = min(fault.duration_s, refused_s) > sight.age_limit_s + period_s
             why = "the counter goes back; what goes on so is a new start, after a hold"
-            # As it goes on when the bus was silent for the age limit, jitter may hide the silence.
+            # It continues when the bus was silent for the age limit: jitter may hide the silence.
             is_hidden = sight.jitters_down and fault.message == "STEERING_COMMAND"
             is_left = is_control and is_long and not is_hidden
             return Expectation(_E2E, is_left, why, is_followed=True)
@@ -210,7 +211,7 @@ def _expect(fault: FaultSettings, sight: Sight) -> Expectation:
 
 
 def is_unheard(fault: FaultSettings) -> bool:
-    """Whether no node receives what the fault acts on, nor what it makes of it."""
+    """Whether no node receives the frames the fault acts on, or those that it makes of them."""
     return fault.message in UNHEARD and fault.kind is not FaultKind.WRONG_IDENTIFIER
 
 
@@ -244,7 +245,7 @@ def period_s_of(fault: FaultSettings, sight: Sight) -> float:
 def no_effect_chance(fault: FaultSettings, sight: Sight) -> float:
     """Return the probability that a fault changes no frame at all, by what it draws.
 
-    1 for a value that is none (an offset of 0), and for the speed, which is stuck anyway.
+    1 for a value that is none (an offset of 0), and for the speed, which is constant anyway.
     """
     magnitude = fault.magnitude
     frames = int(fault.duration_s / period_s_of(fault, sight))
@@ -265,7 +266,7 @@ def no_effect_chance(fault: FaultSettings, sight: Sight) -> float:
             spared = float(fault.signal == "speed_m_s")
         case FaultKind.SPOOF | FaultKind.REPLAY:
             spared = 0.0
-        case _:  # a share of the frames
+        case _:  # the magnitude is a share of the frames
             spared = 1.0 - min(magnitude, 1.0)
     return float(max(spared, 0.0) ** frames) if frames else 1.0
 
@@ -279,13 +280,13 @@ def _silence(fault: FaultSettings, sight: Sight, is_stream: bool, is_control: bo
 
 
 def _moved(fault: FaultSettings, is_control: bool) -> Expectation:
-    """A frame under another identifier: its receiver refuses it by the Data ID, if it has one."""
+    """A frame under another identifier: its receiver rejects it by the Data ID, if there is one."""
     if fault.message == "STEERING_COMMAND":
         return Expectation(_FRESHNESS, True, "the plant does not receive that identifier")
     return Expectation(_E2E, is_control, "the CRC is that of another identifier")
 
 
 def _beats_limiter(fault: FaultSettings, sight: Sight, value_rad: float) -> bool:
-    """Whether a command that is wrong by so much is beyond the bound, whatever the law wants."""
+    """Whether a command that is wrong by so much exceeds the bound, whatever the law wants."""
     wanted_rad = min(LAW_RAD_MAX, sight.limiter_rad)
     return fault.message == "STEERING_COMMAND" and abs(value_rad) >= sight.limiter_rad + wanted_rad

@@ -1,8 +1,9 @@
-"""Runs scenarios or walks on processes, and keeps every result the moment it is there.
+"""Runs scenarios or walks on processes, and stores every result as soon as it is complete.
 
-Results are one JSON object a line. A campaign that is run again with the same specification goes on
-where it was left, as long as no program has changed since; a folder with results of another one is
-refused, so that none are lost. A line that is not whole, as of a run that was killed, is left out.
+Results are one JSON object a line. A campaign that is run again with the same specification
+continues where it stopped, as long as no program has changed since. A folder with results of
+another campaign is rejected, so that none are lost. An incomplete line, as a killed run leaves it,
+is skipped.
 """
 
 import json
@@ -35,11 +36,11 @@ _FIELDS = TypeAdapter(Result, config=ConfigDict(strict=True, allow_inf_nan=False
 
 
 class Stored(NamedTuple):
-    """What a folder holds.
+    """Content of a folder.
 
     ``results``   each with its specification's hash
-    ``others``    lines of specifications other than the one that was asked for, whole or not
-    ``not_whole`` lines that are left out
+    ``others``    lines of specifications other than the one asked for, complete or not
+    ``not_whole`` lines that are skipped
     """
 
     results: list[tuple[str, Result]]
@@ -48,15 +49,15 @@ class Stored(NamedTuple):
 
 
 def specification_hash(spec: CampaignSettings) -> str:
-    """Return what tells one specification, of one state of the programs, from another.
+    """Return what identifies one specification in one state of the programs.
 
-    Results of programs, or of files of waypoints, that have changed since are no results of these.
+    Results of programs, or of waypoint files, that have changed since do not belong to it.
     """
     text = spec.model_dump_json(exclude={"residual_frames", "memory_s"})  # no run depends on them
     told = sha256(text.encode())
     for point in spec.points:
         if isinstance(point.path, WaypointSettings):
-            with suppress(OSError):  # refused where the path is made
+            with suppress(OSError):  # rejected where the path is made
                 told.update(point.path.file.read_bytes())
     for package in _JUDGED:
         for file in sorted(Path(str(files(f"steer_by_wire.{package}"))).rglob("*")):
@@ -71,12 +72,12 @@ def execute(
     processes: int,
     take: Callable[[Done], None],
 ) -> None:
-    """Do ``work`` for every item, on further processes where there are to be more than one.
+    """Do ``work`` for every item, on further processes where more than one is asked for.
 
-    ``work``  found by its name in the other process, as a function of a module is
-    ``take``  gets what came of every item, in the order in which they are done
+    ``work``  is found by its name in the other process: it has to be a function of a module
+    ``take``  receives the result of every item, in the order in which they finish
 
-    Raises what ``work`` raises. On Ctrl-C, and where ``take`` raises, what is not done is given up.
+    Raises what ``work`` raises. On Ctrl-C, and where ``take`` raises, unfinished items are dropped.
     """
     if processes <= 1:
         for item in items:
@@ -96,13 +97,13 @@ def execute(
 
 
 def read_results(folder: Path, spec_hash: str | None = None) -> list[Result]:
-    """Return the results in a folder; those of ``spec_hash`` alone, if it is given."""
+    """Return the results in a folder; only those of ``spec_hash``, if it is given."""
     stored = read_stored(folder, spec_hash)
     return [result for told, result in stored.results if spec_hash in (None, told)]
 
 
 def read_stored(folder: Path, spec_hash: str | None = None) -> Stored:
-    """Return all that a folder holds; raises SettingsError, and OSError."""
+    """Return everything in a folder; raises SettingsError, and OSError."""
     file = folder / RESULTS
     stored = Stored([], 0, 0)
     if not file.exists():
@@ -128,8 +129,8 @@ def write_result(folder: Path, spec_hash: str, result: Result) -> None:
 
 
 def keep_only(folder: Path, spec_hash: str, results: Iterable[Result]) -> None:
-    """Leave these results in a folder, and no others."""
-    kept = folder / f"{RESULTS}.new"  # a kill meanwhile leaves those that are there
+    """Write these results to a folder, and no others."""
+    kept = folder / f"{RESULTS}.new"  # if killed meanwhile, the old results remain
     kept.write_text("".join(_line_of(spec_hash, result) for result in results), encoding="utf-8")
     kept.replace(folder / RESULTS)
 
@@ -146,10 +147,10 @@ def _lines(file: Path) -> Iterator[bytes]:
 
 
 def _of_line(line: bytes) -> tuple[str, Result | None]:
-    """Return a line's hash, empty where there is none, and its result, None if it is not whole."""
+    """Return a line's hash, empty where there is none, and its result, None if it is incomplete."""
     try:
         record: Any = json.loads(line)
-    except (ValueError, RecursionError):  # of UnicodeDecodeError too
+    except (ValueError, RecursionError):  # includes UnicodeDecodeError
         return "", None
     told = record.pop("specification", "") if isinstance(record, dict) else ""
     if not (isinstance(told, str) and told):

@@ -10,7 +10,7 @@ from .trial import FAILURES, Result
 class Group(NamedTuple):
     """The runs of one case; times are the longest, None where there is none.
 
-    ``frti_s``     where control has to be left; ``safe_state`` says whether
+    ``frti_s``     where control has to be left; ``safe_state`` is True there
     ``accepted``   share of the false frames that were accepted; None where there were none
     ``recovered``  how many of the runs were in control at the end
     """
@@ -40,7 +40,7 @@ class Group(NamedTuple):
 def group(results: Iterable[Result]) -> list[Group]:
     """Return a row for each case, in the order in which they first come.
 
-    What a limiter sees depends on the speed: a case is two where it is seen at some points only.
+    A case is split in two where a limiter detects it at some speeds only.
     """
     cases: dict[tuple[str, str, float, str], list[Result]] = {}
     for one in results:
@@ -84,10 +84,10 @@ def _longest(times_s: Iterable[float | None]) -> float | None:
 
 
 def in_percent(share: float | None) -> str:
-    """Return a share as the tables have it."""
+    """Return a share as text for the tables."""
     return "-" if share is None else f"{100.0 * share:.0f}"
 
 
 def in_ms(time_s: float | None) -> str:
-    """Return a time as the tables have it."""
+    """Return a time as text for the tables."""
     return "-" if time_s is None else f"{1e3 * time_s:.0f}"

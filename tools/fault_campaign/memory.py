@@ -1,11 +1,11 @@
 """Whether the two nodes keep more the longer they run: bytes of all they hold, late against early.
 
-One pair runs in virtual time with faults of every kind that makes a stage or a node remember
-something, for ten times as long as it takes to be warm. Counted are the bytes of every object that
-can be reached from the two nodes, the fault stage and the bus, at many moments of the last tenth
-and of the warm one: what waits in a queue differs from moment to moment, so their peaks are
-compared. No clock and no allocator is asked; the same
-settings give the same bytes, but for the few of what the interpreter shares.
+One pair runs in virtual time, with faults of every kind that makes a stage or a node store
+something, for ten times the warm-up. Counted are the bytes of every object that can be reached from
+the two nodes, the fault stage and the bus, at many moments of the last tenth and of the warm one.
+The content of queues differs from moment to moment, so the peaks are compared. Neither clock nor
+allocator is read: the same settings give the same bytes, except for a few that the interpreter
+shares.
 """
 
 import gc
@@ -24,13 +24,13 @@ from ...runtime.node import NS_PER_S
 from ...runtime.virtual_time import VirtualTimeExecutor
 
 LONGER = 10
-"""How many times as long as the warm-up the run is."""
+"""Length of the run in warm-ups."""
 LOOKS = 10
 """Moments at which the bytes are counted, in the warm-up's second half and as long at the end."""
 GROWTH_BYTES_MAX = 16.0
-"""A control period: the smallest object there is. What is kept of every period takes more."""
+"""Bytes a control period, those of the smallest object: what is kept of every period takes more."""
 _SHARED = (type, ModuleType, FunctionType, BuiltinFunctionType, CodeType, MotionParams)
-"""What belongs to the program, or was designed before the run."""
+"""Belongs to the program, or was designed before the run."""
 _FAULTS: tuple[tuple[FaultKind, str, str, float], ...] = (
     (FaultKind.DROP, "uplink", "LATERAL_ERROR", 0.1),
     (FaultKind.BURST_LOSS, "downlink", "STEERING_COMMAND", 3),
@@ -94,7 +94,7 @@ def measure_memory(controller: ControllerSettings, run_s: float, seed: int = 1) 
 
 def held_bytes(roots: Sequence[object]) -> int:
     """Return the bytes of every object that can be reached from ``roots``."""
-    # A generator holds its frame, and that the names of its module.
+    # A generator holds its frame, and the frame holds the names of its module.
     seen: dict[int, object] = {id(vars(module)): None for module in [*sys.modules.values()]}
     waiting: list[object] = [*roots]
     while waiting:

@@ -9,11 +9,11 @@ from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode, Wrapper
 from .specification import NodeFaultKind
 
 SOCKET_FRAMES_MAX = 1000
-"""Frames that wait for a paused program; the newest are lost when there is no room."""
+"""Frames that wait for a paused program; the newest are lost when the queue is full."""
 
 
 class NodeFault(NamedTuple):
-    """What happens to which node; times of the run, magnitude as the kind says."""
+    """What happens to which node; times of the run, magnitude by kind."""
 
     kind: NodeFaultKind
     node: str
@@ -23,7 +23,7 @@ class NodeFault(NamedTuple):
 
     @property
     def window_ns(self) -> tuple[int, int]:
-        """From and to when it lasts [ns]; a node that is killed stays so."""
+        """Start and end [ns]; a node that is killed stays so."""
         onset_ns = round(self.onset_s * NS_PER_S)
         if self.kind is NodeFaultKind.KILLED:
             return onset_ns, NEVER_NS
@@ -31,7 +31,7 @@ class NodeFault(NamedTuple):
 
 
 class Stricken(Wrapper[ReportingNode]):
-    """A node that is killed, paused or off the bus from and to a time."""
+    """A node that is killed, paused or off the bus from one time to another."""
 
     def __init__(self, node: ReportingNode, fault: NodeFault) -> None:
         super().__init__(node)
@@ -41,14 +41,14 @@ class Stricken(Wrapper[ReportingNode]):
 
     @property
     def deadline_ns(self) -> int:
-        """When it can do next what it wants [ns]."""
+        """When it can next act [ns]."""
         deadline_ns = self.node.deadline_ns
         if self._kind is NodeFaultKind.BUS_OFF or deadline_ns < self._onset_ns:
             return deadline_ns
         return max(deadline_ns, self._end_ns)
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        """Take a frame, unless it is stricken."""
+        """Take a frame, unless the fault keeps it away."""
         if self._onset_ns <= now_ns < self._end_ns:
             if self._kind is NodeFaultKind.PAUSED and len(self._waiting) < SOCKET_FRAMES_MAX:
                 self._waiting.append(frame)
@@ -61,7 +61,7 @@ class Stricken(Wrapper[ReportingNode]):
         return () if self._onset_ns <= now_ns < self._end_ns else sent
 
     def _catch_up(self, now_ns: int) -> Sequence[Frame]:
-        """Take what has waited."""
+        """Take the frames that have waited."""
         answers = [
             answer for frame in self._waiting for answer in self.node.on_frame(frame, now_ns)
         ]
@@ -80,7 +80,7 @@ class JumpingClock(Wrapper[ReportingNode]):
 
     @property
     def deadline_ns(self) -> int:
-        """When it wants its next tick, on the clock of the others [ns]."""
+        """When its next tick is due, on the clock of the others [ns]."""
         deadline_ns = self.node.deadline_ns - self._ahead_ns
         return deadline_ns if self._ahead_ns else min(deadline_ns, self._onset_ns)
 
@@ -103,8 +103,8 @@ def with_node_faults(node: ReportingNode, name: str, faults: Sequence[NodeFault]
     """Return the node with those of the faults that are this node's."""
     own = [fault for fault in faults if fault.node == name]
     jumps = [fault for fault in own if fault.kind is NodeFaultKind.CLOCK_JUMP]
-    # Inside: its pauses have no clock of their own. The later of two jumps is around the earlier,
-    # whose onset it would else bring forward.
+    # Pauses are inside: they have no clock of their own. The later of two jumps is around the
+    # earlier, since it would otherwise bring the earlier one's onset forward.
     for jump in sorted(jumps, key=lambda fault: fault.onset_s):
         node = JumpingClock(node, jump.window_ns[0], round(jump.magnitude * NS_PER_S))
     for fault in own:

@@ -1,4 +1,4 @@
-"""Watches a node from outside: what its own counts say and when, and what it puts on the bus."""
+"""Watches a node from outside: its own counters over time, and what it puts on the bus."""
 
 import math
 from collections import Counter
@@ -39,7 +39,7 @@ _ABNORMAL_CODES = (
     SteeringStatusCode.SAFE_STATE,
 )
 _TOLD_CODES = (*_ABNORMAL_CODES, SteeringStatusCode.LIMITED_BY_SAFETY)
-"""What says that something is wrong; the wheel that is limited, or faded in, is under control."""
+"""Codes that report a fault; a wheel that is limited, or faded in, is under control."""
 _TOLD_SAFETY = (
     SafetyState.LIMITING,
     SafetyState.HOLDING,
@@ -85,11 +85,11 @@ def counts_of(report: Mapping[str, Any]) -> dict[str, int]:
 
 
 class Watch(Wrapper[ReportingNode]):
-    """Stands in the place of a node, and notes what it does.
+    """Stands in the place of a node, and records what it does.
 
-    ``onset_ns``  from when on its counts are looked at after every frame and tick [ns]
-    ``wanted``    causes of which one has to be seen, and then one that leaves control if
-                  ``until_safe``, before its counts are left alone
+    ``onset_ns``  from when its counters are read after every frame and tick [ns]
+    ``wanted``    causes of which one has to be counted, and then one that leaves control if
+                  ``until_safe``, before its counters are no longer read
     ``peer_sent`` filled by the peer's watch: frames in their true form; others are corrupted
 
     ``expect_false`` announces frames that a fault has made of others. ``commands`` and ``statuses``
@@ -131,7 +131,7 @@ class Watch(Wrapper[ReportingNode]):
         self.started_ns: int | None = None
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        """Hand over a frame, and see what the node says."""
+        """Hand over a frame, and read the node's counters."""
         self._begin(now_ns)
         if frame.can_id == _COMMAND_ID and self.started_ns is None:
             self.started_ns = now_ns
@@ -151,14 +151,14 @@ class Watch(Wrapper[ReportingNode]):
         return self._noted(answers, now_ns)
 
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
-        """Let the node tick, and see what it says."""
+        """Let the node tick, and read its counters."""
         self._begin(now_ns)
         sent = self.node.on_tick(now_ns)
         self._look(now_ns)
         return self._noted(sent, now_ns)
 
     def expect_false(self, frames: Iterable[Frame]) -> None:
-        """Note frames on the way to the node that are not what their sender has sent now."""
+        """Record frames on the way to the node that differ from what their sender has just sent."""
         for frame in frames:
             self._false[frame] += 1
             self.false_frames += 1
@@ -174,7 +174,7 @@ class Watch(Wrapper[ReportingNode]):
             self._before = counts_of(self.node.report())
 
     def _look(self, now_ns: int) -> None:
-        """Note which counts have risen for the first time."""
+        """Record which counters have risen for the first time."""
         if self._is_done or self._before is None:
             return
         for cause, count in counts_of(self.node.report()).items():
@@ -195,7 +195,7 @@ class Watch(Wrapper[ReportingNode]):
         return frames
 
     def _check(self, message: object, now_ns: int) -> None:
-        """Hold a message against the bounds, and note whether its sender is in control."""
+        """Check a message against the bounds, and record whether its sender is in control."""
         if isinstance(message, SteeringCommand):
             if abs(message.steer_rad) > self._bounds.command_rad:
                 self.invalid.append(f"command of {message.steer_rad:g} rad")
@@ -217,7 +217,7 @@ class Watch(Wrapper[ReportingNode]):
             self._note_told(now_ns, is_wrong or self._has_refused(message.rejected))
 
     def _check_step(self, command: SteeringCommand) -> None:
-        """Hold the change since the last command that got out against the rate limit."""
+        """Check the change since the last command that got out against the rate limit."""
         last, self._last_command = self._last_command, command
         if last is None:
             return
@@ -227,12 +227,12 @@ class Watch(Wrapper[ReportingNode]):
             self.invalid.append(f"command steps by {change_rad:g} rad in {steps} periods")
 
     def _has_refused(self, rejected: int) -> bool:
-        """Whether a status tells of more frames refused, or missed, than the one before."""
+        """Whether a status reports more frames rejected, or missed, than the one before."""
         before, self._rejected = self._rejected, rejected
         return before is not None and rejected != before
 
     def _note_told(self, now_ns: int, is_wrong: bool) -> None:
-        """Note that a frame says on the bus that something is wrong."""
+        """Record that a frame reports a fault on the bus."""
         if is_wrong:
             self.told_ns.append(now_ns)
 

@@ -25,11 +25,11 @@ from .scenario import Case, Scenario, controller_settings_of, plant_settings_of
 from .specification import CONTROLLER, PLANT, NodeFaultKind
 
 BABBLER_ID = 0x000
-"""It beats every frame of the pair."""
+"""It wins the arbitration against every frame of the pair."""
 _CORRUPTING = frozenset({FaultKind.BIT_FLIPS, FaultKind.WRONG_LENGTH, FaultKind.WRONG_IDENTIFIER})
-"""What breaks a frame's protection."""
+"""Kinds that break a frame's protection."""
 _FORGING = SIGNAL_FAULTS | {FaultKind.OUT_OF_RANGE}
-"""What makes frames that nobody has sent, with a valid protection."""
+"""Kinds that make frames nobody has sent, with a valid protection."""
 _FALSIFYING = frozenset(FaultKind) - {
     FaultKind.DROP,
     FaultKind.BURST_LOSS,
@@ -37,7 +37,7 @@ _FALSIFYING = frozenset(FaultKind) - {
     FaultKind.REORDER,
     FaultKind.DELAY_SPIKE,
 }
-"""What hands the receiver other frames than were sent now; the others lose, double or delay."""
+"""Kinds that hand over frames other than those just sent; the rest lose, double or delay."""
 _PARAMS_KEPT = 64
 
 
@@ -66,8 +66,8 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
     bounds = bounds_of(plant, controller)
     wanted = [cause for cause, by in MECHANISM_OF.items() if by in case.expected.mechanisms]
     kinds = {fault.kind for fault in case.faults}
-    # Where frames are forged too, one that nobody has sent may be intact.
-    # Whom nobody receives, nobody can accept.
+    # Where frames are forged too, a frame that nobody has sent may be intact.
+    # A node that nobody receives cannot have its frames accepted.
     is_corrupting = bool(kinds & _CORRUPTING) and not kinds & _FORGING
     is_corrupting = is_corrupting and not all(map(is_unheard, case.faults))
 
@@ -105,7 +105,7 @@ def run_pair(scenario: Scenario, pair: Pair) -> None:
 
 
 def onset_ns_of(case: Case) -> int:
-    """Return from when on counts are held against those before [ns]; 0 for a golden run."""
+    """Return from when counters are compared with those before [ns]; 0 for a golden run."""
     if case.node_fault is not None:
         return case.node_fault.window_ns[0]
     # The stage's clock starts with the first command, some periods after this one.
@@ -113,7 +113,7 @@ def onset_ns_of(case: Case) -> int:
 
 
 def _note_false(receiver: Watch, frame: Frame, out: Sequence[Frame]) -> None:
-    """Announce what goes on in the place of a frame, or beside it."""
+    """Announce the frames that take the place of a frame, or accompany it."""
     receiver.expect_false(one for one in out if one != frame)
 
 
@@ -129,5 +129,5 @@ def _motion_params(settings: PlantSettings) -> MotionParams:
 
 
 def _fixed(settings: PlantSettings) -> PlantSettings:
-    """Return the settings without what the motion does not depend on, so that runs share it."""
+    """Return the settings without those that do not affect the motion, so that runs share it."""
     return settings.model_copy(update={"seed": 1, "faults": ()})

@@ -1,21 +1,20 @@
 """The way back into control: how soon it has to come, and that nothing jumps on it.
 
-At the latest, whatever the settings under test say:
+The upper limit of the time to recover, for any settings under test, is the sum of:
 
-    the fault is over, and the counters may go on elsewhere      the FTTI
-    a run of refused frames, then a run of good ones, ticks      RUN_FRAMES of the longer period
-    what tells it comes through both latency lines               latencies, and their spread
+    the fault is over, and the counters may continue elsewhere   the FTTI
+    a run of rejected frames, then a run of good ones, ticks     RUN_FRAMES of the longer period
+    the report of it passes both latency lines                   latencies, and their spread
 
-and on the way, from one sample or period to the next:
+On the way, from one sample or period to the next, the allowed steps are:
 
-    the first command after a hold          is the held one, and a period of its fade away at most
-    the wheel, at the first command that
-    it follows again                        where it is, and as far away as its fade moves it, and
-                                            further commands that come with the first
-    the wheel, then                         what the commands do by the controller's limit of rate,
+    the first command after a hold          from the held one, at most one period of its fade
+    the wheel, at the first command that    from where it is, what its fade moves it, and further
+    it follows again                        commands that arrive with the first
+    the wheel, then                         what the commands do within the controller's rate limit,
                                             and its fade
 
-A fade that is broken off by a further silence goes on by as much as it would have moved meanwhile:
+A fade that a further silence interrupts continues by as much as it would have moved meanwhile:
 ``ramp_rad_s`` for the age limit, once.
 """
 
@@ -40,12 +39,12 @@ from .specification import PointSettings
 HELD_MODES = (Mode.HOLDING, Mode.SAFE_STOP)
 HELD_CODES = (SteeringStatusCode.HOLDING, SteeringStatusCode.FALLBACK)
 SIGMAS = 6.0
-"""Of a latency's jitter, beyond which it hardly ever is."""
+"""Multiple of a latency's jitter that is hardly ever exceeded."""
 RUN_FRAMES = 12
-"""Five refused and the sixth, five good ones, and a tick."""
+"""Five rejected and the sixth, five good ones, and a tick."""
 _COUNTERS = 1 << 16
 _ON_WIRE_RAD = 2.0 * resolutions(SteeringStatus)["wheel_angle_rad"]
-"""Two values are rounded."""
+"""Both values of a difference are rounded."""
 
 
 class Way(NamedTuple):
@@ -75,7 +74,7 @@ class Way(NamedTuple):
 class Step(NamedTuple):
     """A change from one period to the next, and how much of it is allowed [rad].
 
-    ``by_commands_rad``  of what is allowed: by commands that came besides
+    ``by_commands_rad``  share of ``allowed_rad`` due to further commands that came with it
     ``is_return``        whether it is the first after a hold
     """
 
@@ -87,12 +86,12 @@ class Step(NamedTuple):
 
     @property
     def own_rad(self) -> float:
-        """What these commands do not explain [rad]."""
+        """Part of the change that these commands do not explain [rad]."""
         return max(0.0, self.step_rad - self.by_commands_rad)
 
     @property
     def is_jump(self) -> bool:
-        """Whether it is more than is allowed."""
+        """Whether it exceeds what is allowed."""
         return self.step_rad > self.allowed_rad
 
 
@@ -134,9 +133,9 @@ def wheel_steps(
     """Yield the steps of the wheel from the first time on that it was held.
 
     A return is the first command that is followed after a fallback, or after a silence. With any
-    other command the fade moves by as much as the time since the one before allows.
+    other command the fade moves by as much as the time since the previous one allows.
 
-    ``told``       the plant's own messages, and when they left it [ns]
+    ``told``       the plant's own messages, and when they left the plant [ns]
     ``sent``       the commands, and when they were sent [ns]
     ``backlog_s``  for how long commands may have waited before the plant was handed them
     """
@@ -158,7 +157,7 @@ def wheel_steps(
         if is_return:
             back_s = way.latency_s + way.control_period_s + backlog_s
             from_ns = before_ns - round(back_s * NS_PER_S)
-            # Behind the first command further ones may be followed before the next sample.
+            # After the first command, further ones may be followed before the next sample.
             further = math.ceil(way.sensor_period_s / way.control_period_s) - 1
             by_commands_rad = further * way.command_step_rad
             by_commands_rad += _crowd_rad(way, sent, from_ns, now_ns, backlog_s)
@@ -179,7 +178,7 @@ def _crowd_rad(
     to_ns: int,
     backlog_s: float,
 ) -> float:
-    """Return by how much commands differ that may have come at the same time; 0 for one alone."""
+    """Return by how much commands that may have come at the same time differ; 0 for one alone."""
     steers = [command.steer_rad for at_ns, command in sent if from_ns < at_ns <= to_ns]
     window_s = (to_ns - from_ns) / NS_PER_S - backlog_s
     if way.spread_s > 0.0 or len(steers) > math.ceil(window_s / way.control_period_s):

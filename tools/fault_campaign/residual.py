@@ -1,11 +1,11 @@
 """The CRC's residual probability, expected and seen: random corruption that passes as a message.
 
 E2E profile 5 has a CRC of 16 bits: of frames with random errors in more than three bits, one in
-65536 has a CRC that fits. A range, a value table or a counter refuses some of these too, so
+65536 has a CRC that fits. A range, a value table or a counter rejects some of these too, so
 
     accepted ≤ corrupted · 2^-16
 
-is the bound in a run. Here CRCs alone are judged, so that both sides of the figure are a test.
+is the bound in a run. Only the CRC is judged here, so the figure is tested from both sides.
 """
 
 import random
@@ -28,7 +28,7 @@ class Residual(NamedTuple):
 
     @property
     def expected(self) -> float:
-        """How many of them should fit."""
+        """How many of them are expected to fit."""
         return self.corrupted * RESIDUAL
 
 
@@ -49,14 +49,14 @@ def measure_residual(frames: int, seed: int = 1) -> Residual:
 
 
 def exceeds(accepted: int, corrupted: int) -> bool:
-    """Whether so many were accepted that the CRC's residual probability does not explain it."""
+    """Whether too many were accepted for the CRC's residual probability to explain it."""
     from scipy.special import pdtrc
 
     return accepted > 0 and float(pdtrc(accepted - 1, corrupted * RESIDUAL)) < IMPROBABLE
 
 
 def falls_short(accepted: int, corrupted: int) -> bool:
-    """Whether so few were accepted that the errors cannot have been random."""
+    """Whether too few were accepted for the errors to have been random."""
     from scipy.special import pdtr
 
     return float(pdtr(accepted, corrupted * RESIDUAL)) < IMPROBABLE

@@ -38,7 +38,7 @@ class Case(NamedTuple):
 
     ``kind``         of the fault, GOLDEN for none
     ``where``        message, or node
-    ``receiver``     the node that is to see it: controller, plant or both
+    ``receiver``     the node that has to detect it: controller, plant or both
     """
 
     kind: str
@@ -90,7 +90,7 @@ def laws_of(spec: CampaignSettings, point: PointSettings) -> Sequence[str]:
 
 
 def scenario_sight(spec: CampaignSettings, point: PointSettings, law: str) -> Sight:
-    """Return how far the mechanisms of the pairs of some runs see."""
+    """Return what the mechanisms of the pairs of some runs can detect."""
     plant = plant_settings_of(Scenario(golden_case(), point, law, 0, spec), ())
     return sight_of(plant, controller_settings_of(law, spec.ftti_ms))
 
@@ -110,7 +110,7 @@ def _faulty(spec: CampaignSettings, point: PointSettings, law: str) -> Iterator[
                     duration_s=spec.fault_s,
                     magnitude=magnitude,
                 )
-                if is_unheard(fault):  # held against the first golden run
+                if is_unheard(fault):  # compared with the first golden run
                     seed = _seed(spec, f"{point.name}{law}", 0)
                 yield Scenario(case_of_fault(fault, sight), point, law, seed, spec)
     for node_table in spec.node_cases:
@@ -142,7 +142,7 @@ def case_of_fault(fault: FaultSettings, sight: Sight) -> Case:
 
 
 def case_of_node_fault(fault: NodeFault, sight: Sight) -> Case:
-    """Return the case of one fault of a node; its peer is to see it."""
+    """Return the case of one fault of a node; its peer has to detect it."""
     receiver = {CONTROLLER: PLANT, PLANT: CONTROLLER, BUS: _BOTH}[fault.node]
     if fault.kind is NodeFaultKind.CLOCK_JUMP:
         receiver = fault.node
@@ -184,10 +184,10 @@ def plant_settings_of(scenario: Scenario, faults: Sequence[FaultSettings]) -> Pl
 
 @lru_cache(maxsize=64)
 def controller_settings_of(law: str, ftti_ms: float | None = None) -> ControllerSettings:
-    """Return the settings of a preset; raises SettingsError for one that there is not.
+    """Return the settings of a preset; raises SettingsError for an unknown one.
 
     ``ftti_ms``  the fault tolerant time, from which the age limits follow that the preset leaves
-                 open; none: the preset's
+                 open; None: the preset's
     """
     overrides = [] if ftti_ms is None else [f"supervision.fault_tolerant_time_ms={ftti_ms}"]
     preset = read_preset("steer_by_wire.controller.presets", law)
@@ -201,6 +201,6 @@ def _onset_s(spec: CampaignSettings, sight: Sight, seed: int) -> float:
 
 
 def _seed(spec: CampaignSettings, text: str, number: int) -> int:
-    """Return the seed of a run: of what it is, not of its place in the list."""
+    """Return the seed of a run, which depends on what it is and not on its place in the list."""
     digest = hashlib.blake2s(f"{spec.seed}/{text}/{number}".encode(), digest_size=4).digest()
     return int.from_bytes(digest, "little") >> 1

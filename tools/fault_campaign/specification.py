@@ -24,13 +24,13 @@ class NodeFaultKind(StrEnum):
     """What goes wrong with a node as a whole, or with the bus."""
 
     KILLED = "killed"
-    """As by SIGKILL: it does nothing any more."""
+    """As by SIGKILL: it never acts again."""
     PAUSED = "paused"
-    """As by SIGSTOP and SIGCONT: what comes meanwhile waits in its socket."""
+    """As by SIGSTOP and SIGCONT: frames that arrive meanwhile wait in its socket."""
     BUS_OFF = "bus_off"
-    """Its bus controller takes no part in the bus; the node runs on."""
+    """Its bus controller is off the bus; the node still runs."""
     CLOCK_JUMP = "clock_jump"
-    """Its clock goes ahead by the magnitude [s], as a machine that was suspended."""
+    """Its clock jumps ahead by the magnitude [s], as on a machine that was suspended."""
     BABBLING = "babbling"
     """A further node sends the lowest identifier at full bus load."""
 
@@ -38,11 +38,11 @@ class NodeFaultKind(StrEnum):
 CONTROLLER, PLANT, BUS = "controller", "plant", "bus"
 SEED_MAX = 2**31
 MEMORY_S_MIN = 10.0
-"""A tenth of it is there to get warm."""
+"""A tenth of it is the warm-up."""
 
 
 def _printable(text: str) -> str:
-    if not text.isprintable():  # it stands in tables, pages and lines of results
+    if not text.isprintable():  # it is printed in tables, pages and result lines
         raise ValueError("must be printable")
     return text
 
@@ -60,7 +60,7 @@ class PointSettings(Settings):
     noise_m: float = Field(0.0, ge=0.0, le=1.0)
     """Standard deviation of the noise of the lateral error."""
     path: PathSettings | None = None
-    """As the plant's `[path]`; none: its ellipse, which bends as walking speed allows."""
+    """As the plant's `[path]`; None: its ellipse, which bends as walking speed allows."""
     laws: tuple[str, ...] = Field((), max_length=20)
     """Presets of the controller in place of the campaign's, as those for road speed."""
 
@@ -137,7 +137,7 @@ class CampaignSettings(Settings):
     """Fault tolerant time interval: detection and reaction together are to be within it."""
     motion_s: float = Field(6.5, ge=1.0, le=600.0)
     onset_s: float = Field(2.0, ge=0.1, le=300.0)
-    """After the start of motion, give or take a period drawn for each run."""
+    """Time after the start of motion; the place within a control period is drawn for each run."""
     fault_s: float = Field(1.0, ge=0.01, le=100.0)
     golden_seeds: Annotated[int, Field(ge=1, le=1000)] = 4
     """Fault-free runs at each operating point with each law."""
@@ -170,7 +170,7 @@ class CampaignSettings(Settings):
 
 
 def _names_of(tables: Iterable[CaseSettings | NodeCaseSettings]) -> Iterable[str]:
-    """Yield what runs and rows of tables are told apart by."""
+    """Yield the names by which runs and rows of tables are distinguished."""
     for table in tables:
         places = table.messages if isinstance(table, CaseSettings) else table.nodes
         for place in places:

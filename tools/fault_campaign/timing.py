@@ -1,4 +1,4 @@
-"""How soon the receiver of a fault saw it, acted upon it and told, by what was watched."""
+"""How soon the receiver of a fault detected it, acted upon it and reported it."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from .specification import CONTROLLER, PLANT
 
 
 class Times(NamedTuple):
-    """By which count the receiver saw the fault, and how soon it did what [s]; as in Result."""
+    """By which counter the receiver detected the fault, and the times of its reactions [s]."""
 
     detected_by: str
     fdti_s: float | None
@@ -26,10 +26,10 @@ _UNSEEN = Times("", None, None, None, None)
 
 
 def times_of(case: Case, pair: Pair, effect_ns: int) -> tuple[Times, int | None]:
-    """Return how soon the receiver saw the fault, the slower of two, and when it first did [ns].
+    """Return the slower receiver's times, and when the fault was first detected [ns].
 
-    What the plant sees behind its latency line counts from when the fault's first effect came out
-    of it.
+    What the plant detects behind its latency line counts from when the fault's first effect left
+    that line.
     """
     detected_ns: int | None = None
     found: list[Times] = []
@@ -61,7 +61,7 @@ def times_of(case: Case, pair: Pair, effect_ns: int) -> tuple[Times, int | None]
 
 
 def _downlink_latency_ns(pair: Pair) -> int:
-    """Return the latency of the command in effect when the plant saw the fault [ns]."""
+    """Return the latency of the command in effect when the plant detected the fault [ns]."""
     seen = [pair.plant.first_seen_ns.get(cause) for cause in ("silence", "intervention")]
     seen_ns = min((at_ns for at_ns in seen if at_ns is not None), default=0)
     started_ns = pair.plant.started_ns or 0
@@ -81,7 +81,7 @@ def _since(
         mechanism = MECHANISM_OF.get(cause)
         if mechanism is None or (mechanisms is not None and mechanism not in mechanisms):
             continue
-        # What acts behind the latency line learns of it one latency later.
+        # What acts behind the latency line is affected one latency later.
         behind_line = mechanism in (Mechanism.FRESHNESS, Mechanism.LIMITER)
         seen.append(((at_ns - effect_ns - (late_ns if behind_line else 0)) / NS_PER_S, cause))
     return seen

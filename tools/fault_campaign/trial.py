@@ -16,16 +16,16 @@ from .unheard import is_as_golden, is_heard_by_nobody
 
 
 class Verdict(StrEnum):
-    """How a run came out."""
+    """Verdict on a run."""
 
     PASSED = "passed"
     NOT_DETECTABLE = "not detectable"
-    """As classified beforehand; whether it was seen all the same is told beside it."""
+    """Not detectable, as classified beforehand; it is reported whether it was detected anyway."""
     FOLLOWED = "detected, followed"
-    """As classified beforehand: seen in time, but false frames went on being accepted, as nothing
-    tells them from true ones."""
+    """As classified beforehand: detected in time, but false frames were still accepted, as nothing
+    distinguishes them from true ones."""
     NO_CHANCE = "no chance"
-    """The fault changed nothing, as its draws may have it, by what was classified beforehand."""
+    """The fault changed nothing, which its random draws allow, as classified beforehand."""
     NO_EFFECT = "no effect"
     """The fault changed nothing, and should have."""
     MISSED = "missed"
@@ -35,13 +35,13 @@ class Verdict(StrEnum):
     FALSE_ALARM = "false alarm"
     UNSAFE = "unsafe"
     BELIEVED = "believed"
-    """False frames were accepted after the detection that the receiver can tell from true ones."""
+    """After the detection, false frames were accepted that the receiver can distinguish."""
     NOT_RECOVERED = "not recovered"
     """A node was not in control again, or too late, although its peer lived."""
     JUMPED = "jumped"
     """The command or the wheel stepped further on the way back than limits and fades allow."""
     DISTURBED = "disturbed"
-    """A fault where no node listens, and yet the run is not the one without it."""
+    """A fault on messages that no node receives changed the run."""
 
 
 _JUMPS_TOLD = 2
@@ -62,25 +62,25 @@ FAILURES = (
 
 
 class Result(NamedTuple):
-    """What a run came to; times in seconds, None for what did not happen.
+    """The result of a run; times in seconds, None for what did not happen.
 
     ``changed``      frames that each fault of the stage changed, lost, added or kept
-    ``detected_by``   node and count that saw the fault first, of the expected mechanisms
+    ``detected_by``   node and counter that detected the fault first, of the expected mechanisms
     ``fdti_s``        from the fault's first effect on the receiver to that count
-    ``frti_s``        from there to the receiver's leaving control, where it has to; else 0 where
-                      frames are refused, None where false ones go on being accepted
-    ``told_s``        from the first effect to the first frame sent that says so
+    ``frti_s``        from there until the receiver leaves control, where it has to; else 0 where
+                      frames are rejected, None where false ones are still accepted
+    ``told_s``        from the first effect to the first frame sent that reports it
     ``counts``        what either node counted after the onset
     ``corrupted``     frames delivered that nobody has sent so; ``corrupted_accepted`` of them
     ``as_golden``     of a fault where no node listens: whether motion and commands are, bit for
                       bit, those of the run without it
     ``safe_state``    whether the receiver has to leave control
-    ``false_frames``  that the fault made of others, or put beside them; ``false_accepted`` of them,
+    ``false_frames``  that the fault made of others, or added to them; ``false_accepted`` of them,
                       and ``false_after`` of these after the detection
-    ``recovery_allowed_s``  by the settings; None where nobody has to recover
+    ``recovery_allowed_s``  by the settings; None where no node has to recover
     ``command_return_rad``, ``wheel_return_rad``  largest steps at the returns into control, without
-                      what commands do that come at the same time as the first
-    ``jumps``         steps that are more than limits and fades allow
+                      the effect of commands that arrive together with the first
+    ``jumps``         steps that exceed what limits and fades allow
     """
 
     name: str
@@ -184,7 +184,7 @@ def _result(scenario: Scenario, pair: Pair) -> Result:
 
 
 def verdict_of(case: Case, result: Result, ftti_s: float, is_idle: bool) -> Verdict:
-    """Judge a run; the first that holds, the worst first.
+    """Judge a run; the first verdict that applies, the worst first.
 
     ``is_idle``  whether the fault changed no frame
     """
@@ -202,14 +202,14 @@ def verdict_of(case: Case, result: Result, ftti_s: float, is_idle: bool) -> Verd
         return failure
     if not case.expected.mechanisms:
         return Verdict.NOT_DETECTABLE
-    # What passes a CRC by chance is judged by how often it does, over all runs.
+    # Frames that pass a CRC by chance are judged by their number over all runs.
     if result.false_after and not case.expected.is_followed and not result.corrupted_accepted:
         return Verdict.BELIEVED
     return Verdict.FOLLOWED if result.false_after else Verdict.PASSED
 
 
 def _late(result: Result, ftti_s: float) -> Verdict | None:
-    """Return what is wrong with when a detectable fault was seen, and control left."""
+    """Return what is wrong with when a detectable fault was detected, and control left."""
     if result.fdti_s is None or (result.safe_state and result.fhti_s is None):
         return Verdict.MISSED
     if result.fdti_s < 0.0:
@@ -234,7 +234,7 @@ class _WayBack(NamedTuple):
 
 
 def _way_back(scenario: Scenario, pair: Pair, effect_ns: int) -> _WayBack:
-    """Return how both nodes came back into control after the fault, and what they may take."""
+    """Return how both nodes came back into control after the fault, and what is allowed."""
     case, way = scenario.case, pair.way
     own = case.node_fault
     is_kept_up = own is not None and (own.kind, own.node) in _KEEPING_COMMANDS
@@ -242,7 +242,7 @@ def _way_back(scenario: Scenario, pair: Pair, effect_ns: int) -> _WayBack:
     commands = list(command_returns(way, pair.controller.commands))
     told = pair.plant.statuses
     wheel = list(wheel_steps(way, told, pair.controller.commands, backlog_s))
-    if "intervention" in pair.plant.counted():  # what a limit lets go again is no fade
+    if "intervention" in pair.plant.counted():  # a wheel that a limit releases is not fading
         wheel = [step for step in wheel if step.is_return]
     jumps = [
         f"{step.what} by {step.step_rad:.4f} rad, allowed {step.allowed_rad:.4f}"
@@ -260,10 +260,10 @@ def _way_back(scenario: Scenario, pair: Pair, effect_ns: int) -> _WayBack:
 
 
 def _end_ns(scenario: Scenario, pair: Pair, effect_ns: int) -> int:
-    """Return when a fault is over: with its last effect, as a burst may outlast its end [ns]."""
+    """Return when a fault is over: at its last effect, as a burst may outlast its end [ns]."""
     fault = scenario.case.node_fault
     if fault is not None and fault.kind is NodeFaultKind.CLOCK_JUMP:
-        return effect_ns  # it takes no time
+        return effect_ns  # it has no duration
     last_ns = max((stage.last_ns or 0 for stage in pair.edge.stages), default=0)
     return max(effect_ns + round(scenario.spec.fault_s * NS_PER_S), last_ns)
 

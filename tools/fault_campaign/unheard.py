@@ -1,8 +1,8 @@
 """Faults on messages that no node receives: the run has to be the golden one, bit for bit.
 
-Such messages are for watching alone. Nobody in the loop can detect what happens to them, and
-nobody may act otherwise for it: every sample of the plant and every command must be the same as in
-the run of the same seed without a fault.
+Such messages are for monitoring alone. No node in the loop can detect what happens to them, and
+none may react to it: every sample of the plant and every command must be the same as in the run of
+the same seed without a fault.
 """
 
 from functools import lru_cache
@@ -22,15 +22,15 @@ UNHINDERED_BIT_S = 1_000_000_000
 
 
 def is_heard_by_nobody(case: Case) -> bool:
-    """Whether all that goes wrong does so where no node listens."""
+    """Whether all faults of a case act where no node listens."""
     return bool(case.faults) and all(map(is_unheard, case.faults))
 
 
 def is_as_golden(scenario: Scenario, pair: Pair) -> bool:
     """Whether a run that is over moved as the run without a fault does.
 
-    A frame that is on the wire holds up the others, which at high rates is all that a message for
-    watching may do to them: such runs are the same on a bus where no frame has to wait.
+    A frame on the wire delays the others; at high rates that is all that a message for monitoring
+    may do to them. Such runs are the same on a bus where no frame has to wait.
     """
     golden = scenario._replace(case=golden_case())
     return _digest(pair) == _digest_of(golden) or (
@@ -51,7 +51,7 @@ def _digest_of(scenario: Scenario) -> str:
 
 
 def _digest(pair: Pair) -> str:
-    """Return what tells one motion from another: samples with all their bits, and commands."""
+    """Return what identifies a motion: samples with all their bits, and commands."""
     told = sha256(np.array(pair.plant_node.samples, dtype=np.float64).tobytes())
     commands = sorted(frame.data for frame in pair.controller.sent if frame.can_id == _COMMAND_ID)
     told.update(b"".join(commands))

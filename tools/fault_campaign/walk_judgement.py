@@ -1,15 +1,14 @@
-"""What must hold for any walk of faults, whatever its faults do to each other.
+"""What must hold for any walk of faults, however its faults interact.
 
 1. The run does not raise.
 2. No node sends what does not decode, or is beyond its limits.
 3. No corrupted frame is accepted.
-4. A node that meets detectable faults counts something that one of their mechanisms sees. It meets
-   a fault if it is there (not killed, paused or off the bus, nor cut off by a babbling node) from
-   the fault's first effect until it must have noticed the last; a silence also has to outlast the
-   age limit by whatever the walk's delays and the jitter can shorten it.
+4. A node that meets detectable faults counts something that one of their mechanisms detects. It
+   meets a fault if it is present (not killed, paused or off the bus, nor cut off by a babbling
+   node) from the fault's first effect until it must have detected the last one. A silence also has
+   to outlast the age limit by as much as the walk's delays and the jitter can shorten it.
 5. Once every fault has been over for RECOVERY_S, a node is in control again if its peer lives, and
-   out of control, in its safe state, if its peer was killed. Of one that was killed nothing is
-   asked.
+   out of control, in its safe state, if its peer was killed. Of a killed node nothing is required.
 """
 
 import math
@@ -26,14 +25,14 @@ from .scenario import Case, case_of_fault, case_of_node_fault
 from .specification import BUS, CONTROLLER, PLANT, NodeFaultKind
 
 RECOVERY_S = 3.5
-"""Time after the last fault in which all has to be well again."""
+"""Time after the last fault within which both nodes must have recovered."""
 SETTLING_S = 1.0
 """How long a node that was away may take until it acts on commands as before."""
 _PEER = {PLANT: CONTROLLER, CONTROLLER: PLANT}
 
 
 class _Span(NamedTuple):
-    """From and to when something is so [ns]."""
+    """Start and end of a state [ns]."""
 
     from_ns: int
     to_ns: int
@@ -43,9 +42,9 @@ class _Span(NamedTuple):
 
 
 class _Met(NamedTuple):
-    """A fault that had an effect: whom it concerns, and from its onset until all is noticed.
+    """A fault that had an effect: which node it affects, and from its onset until all is detected.
 
-    ``silence_s``  how long it keeps the receiver without frames at least, where it does
+    ``silence_s``  how long it keeps the receiver without frames at least, if it does
     """
 
     case: Case
@@ -74,7 +73,7 @@ def judge_walk(pair: Pair, faults: Sequence[NodeFault], end_ns: int) -> str:
 
 
 def _unseen(name: str, watch: Watch, pair: Pair, faults: Sequence[NodeFault]) -> str:
-    """Say that a node met detectable faults and counted nothing they can be seen by."""
+    """Report that a node met detectable faults and counted nothing that indicates them."""
     away = [*_away(name, faults)]
     all_away = [*away, *_away(_PEER[name], faults)]
     mechanisms: set[Mechanism] = set()
@@ -82,7 +81,7 @@ def _unseen(name: str, watch: Watch, pair: Pair, faults: Sequence[NodeFault]) ->
         if met.case.receiver not in (name, "both"):
             continue
         expected = met.case.expected.mechanisms
-        # A command that the unit does not follow yet after a silence, it does not limit.
+        # A command that the unit does not follow yet after a silence is not limited by it.
         others = all_away if Mechanism.LIMITER in expected else away
         own = met.case.node_fault
         if any(met.span.meets(span) for span, by in others if by != own):
@@ -96,7 +95,7 @@ def _unseen(name: str, watch: Watch, pair: Pair, faults: Sequence[NodeFault]) ->
 def _out_of_place(
     name: str, watch: Watch, pair: Pair, faults: Sequence[NodeFault], end_ns: int
 ) -> str:
-    """Say that a node is not where it has to be at the end."""
+    """Report that a node is not in the required state at the end."""
     killed = {fault.node for fault in faults if fault.kind is NodeFaultKind.KILLED}
     if name in killed:
         return ""
@@ -117,12 +116,12 @@ def _out_of_place(
 
 
 def _kept_ns(fault: FaultSettings) -> int:
-    """Return for how long a frame that a fault took may be on its way [ns]."""
+    """Return how long a frame affected by a fault may be on its way [ns]."""
     return round(fault.magnitude * NS_PER_S) if fault.kind is FaultKind.DELAY_SPIKE else 0
 
 
 def _noticed_ns(pair: Pair) -> int:
-    """Return how long after an effect it must have been noticed [ns]."""
+    """Return how long after an effect it must have been detected [ns]."""
     return round((pair.sight.age_limit_s + pair.way.latency_s) * NS_PER_S)
 
 
@@ -156,7 +155,7 @@ def _met_nodes(pair: Pair, faults: Sequence[NodeFault]) -> Iterator[_Met]:
 
 
 def _away(name: str, faults: Sequence[NodeFault]) -> Iterator[tuple[_Span, NodeFault]]:
-    """Yield when frames do not get to a node or do nothing there, and by which fault."""
+    """Yield when frames do not reach a node or have no effect there, and by which fault."""
     for fault in faults:
         if fault.node in (name, BUS) and fault.kind is not NodeFaultKind.CLOCK_JUMP:
             onset_ns, end_ns = fault.window_ns

@@ -1,10 +1,10 @@
 """Random walks: seeded sequences of faults that overlap, and the shortest one that still fails.
 
 A walk draws two to six faults of the specification, of the stage at the plant's edge and of whole
-nodes, when each begins and how long it lasts. What must hold for any of them is said in
-``walk_judgement``. Of a walk that fails every part is tried, the smaller ones first, until one
-fails too: there is none shorter (each fault draws from a stream of its own, so what is left does
-what it did).
+nodes, when each begins and how long it lasts. ``walk_judgement`` defines what must hold for all of
+them. Of a walk that fails, every part is tried, the smaller ones first, until one fails too; then
+there is none shorter. Each fault draws from a stream of its own, so those that are left do the same
+as before.
 """
 
 import json
@@ -97,7 +97,7 @@ def shorten(
 ) -> tuple[tuple[T, ...], str] | None:
     """Return the first of the shortest proper parts that fail, in their order, and why it does.
 
-    None where only the whole fails. Without any fault is a part too.
+    None where only the whole fails. The run without any fault is a part too.
     """
     for size in range(len(faults)):
         for part in combinations(faults, size):
@@ -120,14 +120,14 @@ def failure_of(spec: CampaignSettings, walk: Walk, faults: Sequence[WalkFault]) 
         pair = make_pair(scenario, nodes)
         run_pair(scenario, pair)
         return judge_walk(pair, nodes, round(motion_s * NS_PER_S))
-    except SettingsError:  # a file that the point names, which is the user's to mend
+    except SettingsError:  # a file that the point names, which the user has to correct
         raise
     except Exception as error:
         return f"raised {type(error).__name__}: {error}"
 
 
 def walk_lines(walks: Sequence[Walk], again: str) -> list[str]:
-    """Return what came of the walks, in any order, with the shortest failing sequence first.
+    """Return the results of the walks, in any order, with the shortest failing sequence first.
 
     ``again``  the command that runs walks of the same specification, to which a seed is added
     """
@@ -180,7 +180,7 @@ def _draw_fault(
 
 
 def _over_s(fault: FaultSettings, sight: Sight) -> float:
-    """Return when a fault of the stage has no effect any more [s]."""
+    """Return from when a fault of the stage has no effect [s]."""
     end_s = fault.onset_s + fault.duration_s
     if fault.kind is FaultKind.BURST_LOSS:
         return end_s + fault.magnitude * period_s_of(fault, sight)

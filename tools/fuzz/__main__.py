@@ -4,8 +4,8 @@
     steer-by-wire fuzz settings --runs 100000 --seed 7 --corpus out/fuzz/settings
     steer-by-wire fuzz plant --replay crash-0123abcd
 
-Needs atheris (pip install 'steer-by-wire-emulator[fuzz]') but for --replay. Exit status: 0 when
-nothing was found, 1 when something was, whose input is left in the folder --out; 2 without atheris.
+Needs atheris (pip install 'steer-by-wire-emulator[fuzz]') but for --replay. Exit status: 0 if
+nothing was found; 1 if something was, with the input left in the folder --out; 2 without atheris.
 """
 
 import argparse
@@ -23,7 +23,7 @@ NAMES = (
     "authentication", "broker", "bus_client", "candump", "command_line", "contract", "controller",
     "log", "plant", "protocol", "results", "settings", "specification", "trace", "waypoints",
 )  # fmt: skip
-"""Of ``tools.fuzz.targets``, which is not to be imported before atheris can instrument it."""
+"""Names in ``tools.fuzz.targets``, which must not be imported before atheris instruments it."""
 NAME = "steer-by-wire fuzz"
 TIMEOUT_S = 60
 """An input that takes longer is a finding; the slowest of ours takes two seconds."""

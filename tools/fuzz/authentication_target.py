@@ -1,9 +1,9 @@
-"""Any traffic into a node behind authentication, from a peer that has the key and from who has not.
+"""Any traffic into a node behind authentication, from a peer with the key and from one without.
 
-Nothing escapes; every frame under an identifier of the contract is counted once.
-Only what the peer has secured reaches the node, as it was, and once: no frame that was changed
-by a bit, was made up, or has come before.
-What leaves is secured.
+No exception escapes; every frame under an identifier of the contract is counted once.
+Only what the peer has secured reaches the node, unchanged, and once: no frame that was changed by a
+bit, was forged, or is a repetition.
+All frames that leave are secured.
 """
 
 import hashlib
@@ -57,7 +57,7 @@ def fuzz_authentication(data: bytes) -> None:
 def _on_the_wire(
     choices: Choices, peer: Authentication, frame: Frame, heard: list[Frame]
 ) -> tuple[Frame, bool]:
-    """Return what comes instead of ``frame``, and whether it is the peer's own and new."""
+    """Return what arrives instead of ``frame``, and whether it is the peer's own and new."""
     kind = choices.integer(0, 7)
     if kind < 4 and frame.can_id in _OF_PLANT and not frame.flags and len(frame.data) == 8:
         secured = peer.secure(frame)
@@ -80,5 +80,5 @@ def _on_the_wire(
 
 
 def _mac(text: bytes) -> bytes:
-    """Stand for the CMAC: 16 bytes that nobody else can make."""
+    """Stand for the CMAC: 16 bytes that nobody else can compute."""
     return hashlib.blake2b(text, digest_size=16, key=b"of this test").digest()

@@ -1,9 +1,9 @@
 """Any bytes to the broker of the emulated bus, and from something that poses as one.
 
-The broker raises nothing and keeps serving. What two orderly clients say to each other on the
-same channel arrives: every frame, once, in order, unchanged, whatever the others do.
+The broker raises nothing and keeps serving. Every frame between two orderly clients on the same
+channel arrives, once, in order, unchanged, whatever the others do.
 Only frames that a CAN controller can send are delivered.
-A client hears of a broker that talks nonsense as a BusError, or as an error of opening.
+A client reports a broker that breaks the protocol as a BusError, or as an error of opening.
 """
 
 import socket
@@ -52,9 +52,9 @@ BITRATE_BIT_S, DATA_BITRATE_BIT_S = 500_000, 2_000_000
 CHANNEL = "can0"
 INTRUDERS_MAX = 6
 DEEDS_MAX = 150
-"""What the intruders do in one input."""
+"""Largest number of the intruders' actions in one input."""
 _TURNS_MAX = 20_000
-"""Turns of the broker after which every frame is on the other side, or something is wrong."""
+"""Turns of the broker by which every frame must have arrived."""
 _RECORDS = (CLASSIC_RECORD, FD_RECORD)
 
 
@@ -166,7 +166,7 @@ class _Bus:
         self._listen()
 
     def say(self) -> None:
-        """Let the orderly client send one frame, told apart by its number.
+        """Let the orderly client send one frame, identified by its number.
 
         All have one identifier: others may overtake each other in the arbitration.
         """
@@ -175,7 +175,7 @@ class _Bus:
         self._said.append(frame)
 
     def finish(self) -> None:
-        """Let the bus come to rest; every frame said must have been heard."""
+        """Let the bus come to rest; every frame sent must have been received."""
         for _ in range(_TURNS_MAX):
             if self._heard == self._said:
                 return
@@ -211,7 +211,7 @@ class _Bus:
                 self._heard.append(frame)
 
     def _is_ours(self, frame: Frame) -> bool:
-        """Whether it is the next of ours; an intruder may send the same, but never before us."""
+        """Whether it is our next frame; an intruder may send the same, but never before us."""
         place = len(self._heard)
         return place < len(self._said) and frame == self._said[place]
 
@@ -248,7 +248,7 @@ def _do_something(choices: Choices, bus: _Bus, intruders: list[socket.socket]) -
 
 
 def _hello(choices: Choices) -> bytes:
-    """Return a hello that is right, mostly."""
+    """Return a hello that is right in most cases."""
     channel = CHANNEL if choices.chance(192) else f"c{choices.integer(0, 255)}"
     rates = (0, BITRATE_BIT_S, 1) if choices.chance(32) else (0,)
     raw = Hello(
@@ -300,7 +300,7 @@ def _listener(folder: str) -> tuple[socket.socket, str]:
 
 
 def _pose_as_broker(listener: socket.socket, said: bytes) -> None:
-    """Take one client and tell it ``said``."""
+    """Accept one client and send it ``said``."""
     connection, _ = listener.accept()
     with connection, suppress(OSError):
         connection.sendall(said)
@@ -311,7 +311,7 @@ def _pose_as_broker(listener: socket.socket, said: bytes) -> None:
 
 @contextmanager
 def _ending_descriptor() -> Iterator[int]:
-    """Give a descriptor that is readable: what it was the other end of is closed."""
+    """Return a descriptor that is readable, because its other end is closed."""
     one, other = socket.socketpair()
     other.close()
     with one:

@@ -1,8 +1,8 @@
 """Any specification of a fault campaign, and any bytes as the results of an earlier one.
 
-A specification is refused as settings are, or every run of it can be made and begins.
-Of results what is whole is read, and all tables, pages and comparisons can be made of it; it is
-read as the same when it has been written again.
+A specification is rejected as settings are, or every run of it can be made and begins.
+Complete results are read, and all tables, pages and comparisons can be made of them. They read the
+same after they have been written again.
 """
 
 import json
@@ -56,7 +56,7 @@ _WORDS: Mapping[str, Sequence[str]] = MappingProxyType(
         "laws": ("practical_pd", "practical_predictor", "none"),
     }
 )
-"""What stands in a field, and something that does not."""
+"""Valid values of some fields, and invalid ones."""
 _CHANGED: Sequence[Callable[[Choices], Any]] = (
     Choices.number,
     lambda choices: choices.text().encode("utf-8", errors="replace").decode(),
@@ -111,7 +111,7 @@ def fuzz_results(data: bytes) -> None:
 
 
 def _present(earlier: Sequence[Result], results: Sequence[Result]) -> None:
-    """Make all that is printed and written of results."""
+    """Make everything that is printed and written of results."""
     comparison, groups = compare(earlier, results), group(results)
     findings = findings_of(results, 150.0)
     lines = [*table_lines(groups), *finding_lines(findings), *comparison_lines(comparison)]
@@ -121,7 +121,7 @@ def _present(earlier: Sequence[Result], results: Sequence[Result]) -> None:
 
 
 def _line(choices: Choices) -> bytes:
-    """Return a line of results: noise, or a whole one with some fields changed."""
+    """Return a line of results: noise, or a complete one with some fields changed."""
     if choices.chance(48):
         return choices.raw(choices.integer(0, 40))
     record: dict[str, Any] = {"specification": choices.pick(("a", "b")), **whole_result()._asdict()}
@@ -134,7 +134,7 @@ def _line(choices: Choices) -> bytes:
 
 
 def _table(choices: Choices, model: type[Settings]) -> list[str]:
-    """Return the lines of one table, whose values are mostly of the kind that they should be."""
+    """Return the lines of one table, whose values mostly have the right type."""
     lines = []
     for key, field in model.model_fields.items():
         if field.is_required() or choices.chance(64):

@@ -1,7 +1,7 @@
 """Reads decisions from the bytes that a fuzzer has made: numbers, choices, words, payloads.
 
-The same bytes always decide the same. When they are used up every decision is the first one there
-is, so that a shorter input is a simpler one and both hypothesis and libFuzzer can shrink it.
+The same bytes always decide the same. Once they are used up, every decision is the first option, so
+that a shorter input is a simpler one and both hypothesis and libFuzzer can shrink it.
 """
 
 import math
@@ -15,7 +15,7 @@ TELLING_NUMBERS = (
     0.0, -0.0, 1.0, -1.0, 0.5, 1e-9, -1e-9, 5e-324, 1e-300, 1e300, 1.7976931348623157e308,
     math.inf, -math.inf, math.nan, 100.0, 1e6, 1e9, 9007199254740993.0, 0.1, 10.0,
 )  # fmt: skip
-"""Where arithmetic is most likely to go wrong."""
+"""Values at which arithmetic is most likely to fail."""
 
 
 class Choices:
@@ -55,7 +55,7 @@ class Choices:
         return taken
 
     def number(self) -> float:
-        """Return any float: a telling one, a short one, or eight bytes of IEEE 754."""
+        """Return any float: a critical one, a short one, or eight bytes of IEEE 754."""
         kind = self.integer(0, 3)
         if kind == 0:
             return self.pick(TELLING_NUMBERS)

@@ -1,11 +1,11 @@
 """Any command line to every program, up to where its work would begin.
 
-    A program returns a status, or ends by argparse with 0 or 2; nothing escapes, and no traceback
-    is printed. Where it refuses, standard error says why.
+    A program returns a status, or ends by argparse with 0 or 2; no exception escapes, and no
+    traceback is printed. Where it rejects the arguments, standard error contains the reason.
 
 What a program opens, starts or computes for long is replaced by a stop, so that an input takes
-milliseconds and leaves nothing behind: it runs in a folder of its own, where the names that it is
-given lie.
+milliseconds and leaves nothing behind. It runs in a folder of its own, which contains the files
+that the arguments name.
 """
 
 import importlib
@@ -112,11 +112,11 @@ _WORDS = (
 
 
 class _Reached(BaseException):
-    """The program has come to its work."""
+    """The program has reached its work."""
 
 
 class Outcome(NamedTuple):
-    """How a program has ended; ``status`` is None where it has come to its work."""
+    """How a program has ended; ``status`` is None where it has reached its work."""
 
     status: int | None
     out: str
@@ -153,7 +153,7 @@ def judge(module: str, words: Sequence[str], outcome: Outcome) -> None:
 
 
 def run_program(module: str, words: Sequence[str]) -> Outcome:
-    """Run a program in a folder of its own until it ends or comes to its work."""
+    """Run a program in a folder of its own until it ends or reaches its work."""
     out, err = _terminal("strict"), _terminal("backslashreplace")
     main = importlib.import_module(module).main
     with _stopped(PROGRAMS[module]), _folder(), redirect_stdout(out), redirect_stderr(err):
@@ -169,14 +169,14 @@ def run_program(module: str, words: Sequence[str]) -> Outcome:
 
 @lru_cache
 def options_of(module: str) -> Sequence[str]:
-    """Return the options that a program says it has."""
+    """Return the options in a program's help."""
     text = run_program(module, ["--help"]).out
     return sorted(set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", text)))
 
 
 @contextmanager
 def _stopped(places: Sequence[str]) -> Iterator[None]:
-    """Stop whoever comes to one of ``places``; leave the signals of this process alone."""
+    """Stop a program that reaches one of ``places``; leave the signals of this process alone."""
     with ExitStack() as stack:
         for place in places:
             stack.enter_context(patch(place, _stop))

@@ -1,8 +1,8 @@
 """Any text as the DBC.
 
-A DBC that does not fit the messages is told by a ContractError of one line.
-With any other the codecs keep their word: what they unpack is finite and within the DBC's
-range, and packs into the same payload again, but for bits that belong to no signal.
+A DBC that does not fit the messages raises a ContractError of one line.
+With any other the codecs stay within the contract: what they unpack is finite and within the DBC's
+range, and packs into the same payload again, except for bits that belong to no signal.
 """
 
 import importlib.resources

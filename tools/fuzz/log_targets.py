@@ -1,6 +1,6 @@
 """Any bytes as a log: candump's text, and every format that python-can reads.
 
-A log that cannot be read at all is told by a LogError of one line; anything else has figures.
+A log that cannot be read at all raises a LogError of one line; any other has figures.
 Every frame is counted once: accepted, late, refused, foreign, or an error frame.
 What candump writes and what we write of it is the same frame at the same microsecond.
 """

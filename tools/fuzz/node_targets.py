@@ -45,7 +45,7 @@ from .promises import promise
 from .traffic import wake_ups
 
 TICKS_MAX = 10
-"""Ticks at one time after which a node has to be done."""
+"""Ticks at one time after which a node must have moved its deadline."""
 CONTROLLERS = (
     ("practical_pd_ddob", ()),
     ("practical_pd", ("rate_hz=1000",)),
@@ -133,7 +133,7 @@ class CommandLimits:
         self._last_rad = 0.0
 
     def __call__(self, message: Message) -> None:
-        """Look at the next message that leaves."""
+        """Check the next message that leaves."""
         if not isinstance(message, SteeringCommand):
             return
         step_rad = abs(message.steer_rad - self._last_rad)
@@ -143,11 +143,11 @@ class CommandLimits:
 
 
 class Outgoing:
-    """Looks at every frame that leaves a node.
+    """Checks every frame that leaves a node.
 
     ``directly``  what it sends at once, so that no counter may be missing
     ``delayed``   what leaves through a latency line
-    ``judge``     looks at each message too
+    ``judge``     checks each message too
     """
 
     def __init__(
@@ -186,7 +186,7 @@ def drive(
 ) -> ReportingNode:
     """Run a node through what ``choices`` decide; returns it.
 
-    A second node, which does not hear what is not for it, has to do the same.
+    A second node, which does not receive the frames meant for others, has to do the same.
     """
     node, twin = make_node(), make_node()
     ids = {CAN_IDS[message_type] for message_type in received}

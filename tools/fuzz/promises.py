@@ -1,4 +1,4 @@
-"""What a target raises when the project has broken its word."""
+"""The exception of a target when the project breaks a promise."""
 
 
 class BrokenPromiseError(AssertionError):

@@ -1,7 +1,7 @@
 """Any settings: TOML files, ``--set``, and the CSV files that settings name.
 
-What is wrong is told by a SettingsError: one line a mistake, which begins with where it is.
-What is accepted can be run: the node is made, and steps, and sends what it may send.
+A mistake raises a SettingsError: one line for each mistake, which begins with where it is.
+Accepted settings can be run: the node is made, steps, and sends only what it may send.
 """
 
 import json
@@ -127,7 +127,7 @@ def fuzz_trace(data: bytes) -> None:
 
 
 def settled(read: Callable[[], Any], begins: Sequence[str]) -> Any:
-    """Return what ``read`` returns, None for a SettingsError that says what it has to."""
+    """Return what ``read`` returns, None for a SettingsError in the required form."""
     try:
         return read()
     except SettingsError as error:
@@ -141,7 +141,7 @@ def settled(read: Callable[[], Any], begins: Sequence[str]) -> Any:
 
 @lru_cache
 def subjects() -> Sequence[Subject]:
-    """Return all kinds of settings there are."""
+    """Return all kinds of settings."""
     return (
         Subject(ControllerSettings, "steer_by_wire.controller.presets", _run_controller),
         Subject(PlantSettings, "steer_by_wire.plant_emulator.presets", _run_plant),
@@ -175,7 +175,7 @@ def _key(choices: Choices, leaves: Sequence[str]) -> str:
 
 
 def toml_value(choices: Choices) -> str:
-    """Return a value as TOML has it, or something like it."""
+    """Return a value in TOML's syntax, or something similar."""
     kind = choices.integer(0, 11)
     if kind < 4:
         return repr(choices.number())
@@ -203,7 +203,7 @@ _WORDS = (
 
 
 def _table(choices: Choices, header: str) -> bytes:
-    """Return a CSV file: numbers below the right header, mostly."""
+    """Return a CSV file: in most cases numbers below the right header."""
     if choices.chance(48):
         return choices.rest()
     columns = header.count(",") + 1
@@ -215,7 +215,7 @@ def _table(choices: Choices, header: str) -> bytes:
 
 
 def begin_campaign(spec: CampaignSettings) -> None:
-    """Begin some runs of a campaign; raises SettingsError for a law that there is not."""
+    """Begin some runs of a campaign; raises SettingsError for an unknown law."""
     for law in spec.laws:
         controller_settings_of(law)
     scenarios = [*islice(scenarios_of(spec), _SCENARIOS_MAX)]

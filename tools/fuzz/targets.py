@@ -1,7 +1,7 @@
 """The targets by name: what ``steer-by-wire fuzz`` and the suite run.
 
-A target takes any bytes, returns nothing, and raises whatever is not promised: BrokenPromiseError
-for what it has noticed itself, any other exception for what has escaped.
+A target takes any bytes, returns nothing, and raises on a broken promise: BrokenPromiseError for
+what it has checked itself, any other exception for one that has escaped.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,7 +1,7 @@
-"""What may come to a node: frames of every kind, from noise to faultless ones, and any times.
+"""What may reach a node: frames of every kind, from noise to faultless ones, and any times.
 
-Frames under the identifiers of the contract are mostly given the counter and the CRC that they
-need, because noise does not get past a CRC.
+Most frames under the identifiers of the contract are given the counter and the CRC that they need,
+because noise does not pass a CRC.
 """
 
 from collections.abc import Iterator, Mapping
@@ -14,7 +14,7 @@ from ...runtime.node import NS_PER_MS, NS_PER_S
 from .choices import Choices
 
 STALL_NS_MAX = 60 * NS_PER_S
-"""Longest time that a node is not called for."""
+"""Longest time between two wake-ups of a node."""
 EVENTS_MAX = 400
 """Wake-ups from one input, which bounds the time it takes."""
 DATA_IDS: Mapping[type[Message], int] = {
@@ -36,7 +36,7 @@ class WakeUp(NamedTuple):
 
 
 class Sender:
-    """Another participant, which knows the contract and keeps to it as it likes."""
+    """Another participant, which knows the contract and keeps to it only at times."""
 
     def __init__(self) -> None:
         self._counters = dict.fromkeys(DATA_IDS, 0)
@@ -48,7 +48,7 @@ class Sender:
             return self._protected(choices)
         if kind == 4:
             return Frame(CAN_IDS[LatencyConfig], choices.raw(7))
-        if kind == 5:  # faultless but for what a gateway or an adapter may make of it
+        if kind == 5:  # faultless except for what a gateway or an adapter may make of it
             frame = self._protected(choices)
             return frame._replace(flags=choices.integer(0, _ALL_FLAGS))
         if kind == 6:  # an error of a few bits
@@ -59,7 +59,7 @@ class Sender:
         return Frame(can_id, choices.raw(choices.pick(_LENGTHS)), choices.integer(0, _ALL_FLAGS))
 
     def _protected(self, choices: Choices) -> Frame:
-        """Return a frame whose CRC holds; its counter steps by one, mostly."""
+        """Return a frame whose CRC holds; its counter mostly steps by one."""
         message_type = choices.pick(tuple(DATA_IDS))
         step = 1 if choices.chance(224) else choices.integer(0, COUNTERS - 1)
         counter = (self._counters[message_type] + step) % COUNTERS
@@ -70,7 +70,7 @@ class Sender:
 
 
 def wake_ups(choices: Choices, start_ns: int) -> Iterator[WakeUp]:
-    """Yield what happens to a node, in an order of time that never runs backwards."""
+    """Yield the events for a node, in an order of time that never runs backwards."""
     sender = Sender()
     now_ns = start_ns
     for _ in range(EVENTS_MAX):

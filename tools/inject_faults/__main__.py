@@ -5,9 +5,9 @@
     steer-by-wire inject pause,onset_s=1,duration_s=0.5 --pid 4711
     steer-by-wire inject --list
 
-Times count from when it says "ready". Ctrl-C ends it in order; a process that it has stopped goes
-on whatever ends the run. ``steer-by-wire faults --live`` has it at a pair of its own, fault by
-fault.
+Times count from the line "ready". Ctrl-C ends it in order; a process that it has stopped is
+continued however the run ends. ``steer-by-wire faults --live`` injects faults into a pair of its
+own, one by one.
 """
 
 import argparse
@@ -107,7 +107,7 @@ def _run(options: argparse.Namespace) -> int:
         injection = Injection(port, sources, deeds, start_ns, _tell)
         with injection.running():
             for fault in faults:
-                # One by one: those already held are let go of when the next cannot be.
+                # One by one: if a later one cannot be taken, those already taken are released.
                 if fault.kind is LiveKind.BUS_OFF:
                     deeds.append(BusOffFault(fault, start_ns, port))
                 elif fault.kind in PROCESS_KINDS:
@@ -145,7 +145,7 @@ def _whole(text: str, what: str, low: int, high: int) -> int:
 
 
 def _recording(options: argparse.Namespace, faults: Sequence[LiveFault]) -> list[Timed]:
-    """Read what a replay sends."""
+    """Read the frames that a replay sends."""
     if not any(fault.kind is LiveKind.REPLAY for fault in faults):
         return []
     if options.recording is None:

@@ -1,8 +1,8 @@
 """A node's CAN controller that is in bus-off for a while, on an emulated bus.
 
-The broker does it on request and ends it by itself, so that nothing stays when the injector dies.
-On a real bus a controller goes into bus-off by errors on the wire, which takes hardware; what the
-programs make of that, tests ask with the kernel's own driver for serial adapters.
+The broker does it on request and ends it by itself, so that nothing remains when the injector dies.
+On a real bus a controller goes into bus-off by errors on the wire, which takes hardware. How the
+programs react to that is tested with the kernel's own driver for serial adapters.
 """
 
 from collections.abc import Mapping
@@ -22,11 +22,11 @@ from ...runtime.settings import SettingsError
 _IDENTIFIERS: Mapping[str, int] = MappingProxyType(
     {"plant": CAN_IDS[LateralError], "controller": CAN_IDS[SteeringCommand]}
 )
-"""What only that node sends; an intruder that forges it would be taken for the node."""
+"""Messages that only that node sends; an intruder that forges them would be taken for it."""
 
 
 class BusOffFault:
-    """One fault of one node's CAN controller; ``close`` ends it where it lasts still.
+    """One fault of one node's CAN controller; ``close`` ends it if it still lasts.
 
     Raises SettingsError where the bus cannot do that.
     """
@@ -48,7 +48,7 @@ class BusOffFault:
 
     @property
     def where(self) -> str:
-        """What it acts on."""
+        """The node it acts on."""
         return self.fault.of
 
     @property
@@ -57,7 +57,7 @@ class BusOffFault:
         return self._plan[0] if self._plan else None
 
     def act(self, now_ns: int) -> str:
-        """Do what is due; returns what was done, empty for nothing. Raises BusError."""
+        """Do what is due; returns the action, empty for none. Raises BusError."""
         if not self._plan or now_ns < self._plan[0]:
             return ""
         self._plan.pop(0)
@@ -68,7 +68,7 @@ class BusOffFault:
         return "restart"
 
     def close(self) -> str:
-        """End it, if it has begun; returns what was done."""
+        """End it, if it has begun; returns the action."""
         if len(self._plan) != 1:
             return ""
         self._plan.clear()

@@ -1,7 +1,7 @@
 """What each kind of fault puts on the bus: a frame for each place in its sequence, seeded.
 
-The same fault, seed and place give the same frames. Nothing here knows the time: ``FrameSource``
-is asked at a time, and says when it wants to be asked again [ns].
+The same fault, seed and place give the same frames. Nothing here knows the time: the caller passes
+it to ``FrameSource``, which returns when its next frame is due [ns].
 """
 
 import random
@@ -29,9 +29,9 @@ from ...runtime.frame_length import INTERMISSION_BITS, frame_bits
 from ...runtime.node import NEVER_NS, NS_PER_S
 
 PERIOD_NS = 10_000_000
-"""Of forged and malformed frames where the magnitude says something else: as of the pair's own."""
+"""Period of forged and malformed frames unless the magnitude sets it: that of the pair's own."""
 FRAMES_AT_ONCE = 200
-"""After a stall of the machine; a flood gets no further than the bus takes."""
+"""Limit after a stall of the machine; a flood is limited by the bus alone."""
 _COMMAND_ID = CAN_IDS[SteeringCommand]
 _HEARD_IDS = (_COMMAND_ID, CAN_IDS[LateralError])
 Produce = Callable[[int], Sequence[Frame]]
@@ -50,7 +50,7 @@ class FrameSource:
 
     ``start_ns``  when the onsets' clock starts
     ``produce``   the frames of each place, ``offset_ns`` when its place is after the onset
-    ``react``     the frames that follow one that was heard, if the fault listens
+    ``react``     the frames that follow a received one, if the fault listens
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class FrameSource:
         return due_ns if due_ns < self.end_ns else NEVER_NS
 
     def due(self, now_ns: int) -> Iterator[Frame]:
-        """Yield what is due; who cannot send one on asks no further, and meets the next later."""
+        """Yield what is due; a caller that cannot send one stops, and gets the next one later."""
         for _ in range(FRAMES_AT_ONCE):
             if now_ns >= self.end_ns or self.next_due_ns > now_ns:
                 return
@@ -89,7 +89,7 @@ class FrameSource:
             yield from self._produce(self._index - 1)
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        """Return what follows a frame of another participant."""
+        """Return the frames that follow a frame of another participant."""
         if self._react is None or not self._onset_ns <= now_ns < self.end_ns:
             return ()
         return self._react(frame)
@@ -102,12 +102,12 @@ def frame_source(
     bitrate_bit_s: int,
     recording: Sequence[Timed] = (),
 ) -> FrameSource:
-    """Return the source of a fault that is none of a process.
+    """Return the source of a fault that acts by frames, not on a process.
 
     ``seed``       of the fault: what is random in it is a function of that and the place
     ``recording``  what a replay sends
     """
-    draws = random.Random(seed)  # noqa: S311 repeatable is what is wanted
+    draws = random.Random(seed)  # noqa: S311 it has to be repeatable
     if fault.kind is LiveKind.REPLAY:
         return _replay(fault, start_ns, recording)
     if fault.kind is LiveKind.SPOOF_NEXT:
@@ -151,7 +151,7 @@ def _babble(index: int) -> Sequence[Frame]:
 
 def _babble_times(fault: LiveFault, bitrate_bit_s: int) -> Callable[[int], int]:
     if fault.magnitude >= 1.0:
-        return lambda _index: 0  # always due; the bus says how many
+        return lambda _index: 0  # always due; the bus sets the number
     bits = frame_bits(_babble(0)[0]).nominal + INTERMISSION_BITS
     period_ns = round(bits * NS_PER_S / bitrate_bit_s / fault.magnitude)
     return lambda index: index * period_ns
@@ -166,7 +166,7 @@ def _nothing(_index: int) -> Sequence[Frame]:
 
 
 def _next_of(fault: LiveFault, frame: Frame) -> Sequence[Frame]:
-    """Forge what the sender would send next; it is then the true one that comes twice."""
+    """Forge what the sender would send next; the true one then arrives as a repetition."""
     if frame.can_id != _COMMAND_ID:
         return ()
     forged = with_value(frame, "steer_rad", lambda _value: fault.magnitude, steps=1)
@@ -187,7 +187,7 @@ def _true_ones(to: str, counter: int) -> Iterator[Frame]:
 
 
 def _flipped(frame: Frame, chance: float, draws: random.Random) -> Frame:
-    """Flip each bit with a chance, and one in any case: else it would be a spoofed frame."""
+    """Flip each bit with a chance, and at least one: otherwise it would be a spoofed frame."""
     bits = 8 * len(frame.data)
     mask = sum(1 << bit for bit in range(bits) if draws.random() < chance)
     mask = mask or 1 << draws.randrange(bits)
@@ -204,13 +204,13 @@ def _moved(frame: Frame) -> Frame:
 
 
 def _noise(draws: random.Random) -> Frame:
-    # Half of it where somebody listens: of all identifiers, hardly any is received.
+    # Half of them under identifiers that a node receives: of all identifiers, hardly any is.
     is_heard = draws.random() < 0.5
     can_id = draws.choice(_HEARD_IDS) if is_heard else draws.randrange(0x800)
     return Frame(can_id, draws.randbytes(draws.randrange(9)))
 
 
 def recording_of(frames: Sequence[tuple[int, Frame]]) -> list[Timed]:
-    """Return what of a log can be sent again, in the order of its times [ns]."""
+    """Return the frames of a log that can be sent again, in the order of their times [ns]."""
     sendable = sorted((one for one in frames if not one[1].flags & ERROR), key=lambda one: one[0])
     return [Timed(time_ns - sendable[0][0], frame) for time_ns, frame in sendable]

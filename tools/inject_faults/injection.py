@@ -1,4 +1,4 @@
-"""Faults at work on a bus and on processes, and the account of what was done and when."""
+"""Injects faults into a bus and processes, and records what was done and when."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -11,9 +11,9 @@ from ...runtime.port import ClosablePort
 from .frames import FrameSource
 
 TURN_NS = 1_000_000
-"""How long a full bus is left alone: it carries four frames meanwhile and has 64 of ours ready."""
+"""Pause when the bus is full: it carries four frames meanwhile and has 64 of ours ready."""
 _WAIT_NS_MAX = 50_000_000
-"""How long a request to end may go unnoticed."""
+"""Longest time until a request to end takes effect."""
 _HEARD_PER_TURN_MAX = 100
 
 
@@ -31,13 +31,13 @@ class Action(NamedTuple):
 
 
 class Deed(Protocol):
-    """A fault that is no frame: a process is stopped, a CAN controller is off the bus."""
+    """A fault that is not a frame: a process is stopped, a CAN controller is off the bus."""
 
     fault: LiveFault
 
     @property
     def where(self) -> str:
-        """What it acts on."""
+        """The process or node it acts on."""
         ...
 
     @property
@@ -46,11 +46,11 @@ class Deed(Protocol):
         ...
 
     def act(self, now_ns: int) -> str:
-        """Do what is due; returns what was done, empty for nothing."""
+        """Do what is due; returns the action, empty for none."""
         ...
 
     def close(self) -> str:
-        """Undo what lasts still; returns what was done."""
+        """Undo what still lasts; returns the action."""
         ...
 
 
@@ -58,7 +58,7 @@ class Injection:
     """Runs faults; use ``running`` so that no process stays stopped.
 
     ``port``      of the bus; None when no fault needs one
-    ``tell``      takes each action when it is done
+    ``tell``      is called with each action when it is done
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Injection:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """At the end of the block, undo what lasts and account for what has not ended."""
+        """At the end of the block, undo what lasts and record what has not ended."""
         try:
             yield
         finally:
@@ -138,7 +138,7 @@ class Injection:
         return max(min([*times, now_ns + _WAIT_NS_MAX]), earliest_ns)
 
     def _listen(self, until_ns: int) -> None:
-        """Take what others send until then; those that listen answer at once."""
+        """Receive frames until then; faults that listen answer at once."""
         if self._port is None:
             time.sleep(max(until_ns - time.monotonic_ns(), 0) / NS_PER_S)
             return

@@ -4,9 +4,9 @@ It is held by a descriptor (``pidfd_open(2)``) from the start, so that a signal 
 process that got its number meanwhile.
 
 A clock that jumps is a pause of that length. CLOCK_MONOTONIC can be neither set nor offset for a
-process that runs (clock_settime(2), time_namespaces(7)); when it goes ahead of a program, that is
-because the program or its virtual machine did not run meanwhile. On its own clock it then sees
-what it would see of a jump: as many periods have gone by without a tick.
+running process (clock_settime(2), time_namespaces(7)). It jumps for a program only when the program
+or its virtual machine did not run meanwhile. A paused program observes the same: as many periods
+have passed without a tick.
 """
 
 import os
@@ -42,7 +42,7 @@ class ProcessFault:
 
     @property
     def where(self) -> str:
-        """What it acts on."""
+        """The process it acts on."""
         return f"process {self.fault.pid}"
 
     @property
@@ -51,7 +51,7 @@ class ProcessFault:
         return self._plan[0][0] if self._plan else None
 
     def act(self, now_ns: int) -> str:
-        """Send the signal that is due; returns what was done, empty for nothing."""
+        """Send the signal that is due; returns the action, empty for none."""
         if not self._plan or now_ns < self._plan[0][0]:
             return ""
         _, number = self._plan.pop(0)
@@ -65,7 +65,7 @@ class ProcessFault:
         return number.name
 
     def close(self) -> str:
-        """Continue a process that is stopped, and let go of it; returns what was done."""
+        """Continue a stopped process, and release it; returns the action."""
         done = ""
         if self.is_stopped:
             with suppress(ProcessLookupError):

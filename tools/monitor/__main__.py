@@ -29,15 +29,15 @@ from steer_by_wire.tools.monitor.watch import BusWatch
 
 NAME = "steer-by-wire monitor"
 REFRESHES_PER_S = 4
-"""Of the screen; each sends some kilobytes over ssh."""
+"""Refreshes of the screen; each sends some kilobytes over ssh."""
 _WAIT_S = 0.05
-"""How long a key may wait to be noticed."""
+"""Longest time until a key takes effect."""
 _FRAMES_PER_TURN_MAX = 1000
-"""A flood must not keep the monitor from drawing, nor from hearing a key."""
+"""A flood must not keep the monitor from drawing, nor from reading keys."""
 
 
 class _Settings(NamedTuple):
-    """What the latency keys have come to, and how often that was sent."""
+    """The latency that the keys have set, and how often it was sent."""
 
     choice: LatencyChoice = LatencyChoice()
     sent: int = 0
@@ -71,7 +71,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _show(port: ClosablePort, bus: str, watch: BusWatch, stop: Callable[[], bool]) -> None:
-    """Draw the screen until a key or a signal ends it; the terminal is as before then."""
+    """Draw the screen until a key or a signal ends it; the terminal is restored then."""
     console = Console()
     plain_ascii = not console.encoding.lower().startswith("utf")
     settings = _Settings()
@@ -107,7 +107,7 @@ def _print(port: ClosablePort, watch: BusWatch, stop: Callable[[], bool], start_
 
 
 def _listen(port: ClosablePort, watch: BusWatch, wait_s: float) -> int:
-    """Take the frames that come within ``wait_s`` [s]; returns the time now [ns]."""
+    """Receive the frames that arrive within ``wait_s`` [s]; returns the time now [ns]."""
     end_ns = time.monotonic_ns() + round(wait_s * NS_PER_S)
     now_ns = end_ns - 1
     for _ in range(_FRAMES_PER_TURN_MAX):
@@ -124,7 +124,7 @@ def _listen(port: ClosablePort, watch: BusWatch, wait_s: float) -> int:
 def _take_keys(
     keys: Sequence[str], settings: _Settings, port: ClosablePort, watch: BusWatch
 ) -> _Settings:
-    """Let keys change the latency, and send what they came to."""
+    """Let keys change the latency, and send the result."""
     choice, sent = settings
     for key in keys:
         changed = pressed(choice, key)
@@ -133,7 +133,7 @@ def _take_keys(
             frame = encode(choice.message(), 0)
             if port.send(frame):
                 sent += 1
-                watch.on_frame(frame, time.monotonic_ns())  # nobody hears himself
+                watch.on_frame(frame, time.monotonic_ns())  # a bus returns no own frames
     return _Settings(choice, sent)
 
 

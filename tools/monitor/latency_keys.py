@@ -1,4 +1,4 @@
-"""What the keys do: each changes the latency that is asked for, and sends it."""
+"""What the keys do: each changes the requested latency, and sends it."""
 
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
@@ -14,7 +14,7 @@ _SPREAD_S_MAX = limits(LatencyConfig)["spread_s"].maximum
 
 
 class LatencyChoice(NamedTuple):
-    """The latency the monitor asks for; nothing is asked for before the first key."""
+    """The latency that the monitor requests; none before the first key."""
 
     direction: Direction = Direction.BOTH
     model: LatencyModel = LatencyModel.NORMAL
@@ -23,12 +23,12 @@ class LatencyChoice(NamedTuple):
     loss: float = 0.0
 
     def message(self) -> LatencyConfig:
-        """Return what asks the plant for it."""
+        """Return the message that requests it from the plant."""
         return LatencyConfig(*self)
 
 
 def pressed(choice: LatencyChoice, key: str) -> LatencyChoice | None:
-    """Return the choice after a key; None for a key that does nothing."""
+    """Return the choice after a key; None for a key without effect."""
     change = _CHANGES.get(key)
     return None if change is None else change(choice)
 

@@ -62,9 +62,9 @@ def one_line(view: View) -> str:
 
 
 def strip_text(strip: Strip, width: int, blocks: str) -> str:
-    """Return a strip as ``width`` characters, the newest last, low for its least value.
+    """Return a strip as ``width`` characters, the newest last, its least value drawn low.
 
-    What is constant is drawn low, what is missing is blank.
+    Constant values are drawn low, missing ones are blank.
     """
     shown = _largest_of_groups(strip, width)
     there = [value for value in shown if value is not None]
@@ -169,7 +169,7 @@ def _latency(view: View, strip_width: int, blocks: str) -> list[Text]:
 
 
 def _delay(view: View) -> str:
-    """Return the delay down and up, by echo and by estimate; - is not known now."""
+    """Return the delay down and up, by echo and by estimate; - where it is not known now."""
     delay = view.delay
     if delay is None:
         return ""
@@ -231,7 +231,7 @@ def _refused(view: View) -> Text:
 
 
 def _alarms(view: View) -> str:
-    """Return what the controller says is wrong: stale messages, and a fault of its own."""
+    """Return the faults that the controller reports: stale messages, and a fault of its own."""
     safety = view.safety
     if safety is None:
         return ""

@@ -1,4 +1,4 @@
-"""Reads keys from a terminal without waiting for a line, and puts the terminal back as it was."""
+"""Reads keys from a terminal without waiting for a line, and restores the terminal afterwards."""
 
 import os
 import re
@@ -25,7 +25,7 @@ def keys_in(text: str) -> list[str]:
 
 @contextmanager
 def terminal_keys() -> Iterator[Callable[[], list[str]]]:
-    """Yield what returns the keys pressed since it was last called; none without a terminal."""
+    """Yield a function that returns the keys pressed since its last call: none without terminal."""
     if not sys.stdin.isatty():
         yield list
     elif sys.platform == "win32":
@@ -37,7 +37,7 @@ def terminal_keys() -> Iterator[Callable[[], list[str]]]:
         descriptor = sys.stdin.fileno()
         before = termios.tcgetattr(descriptor)
         try:
-            # Keys at once and unseen; Ctrl-C and Ctrl-Z stay signals.
+            # Keys are read at once and without echo; Ctrl-C and Ctrl-Z remain signals.
             tty.setcbreak(descriptor)
             yield lambda: _unix_keys(descriptor)
         finally:

@@ -1,6 +1,6 @@
-"""From frames to a view: what is on the bus now, and what it was like for the last SPAN_S.
+"""From frames to a view: the state of the bus now, and its history over the last SPAN_S.
 
-Times are when the monitor took a frame. So everything it says about latency and lateness contains
+Times are those at which the monitor took a frame. So its figures of latency and lateness contain
 its own waiting; on a machine that is not overloaded that is some hundredths of a millisecond.
 """
 
@@ -58,8 +58,8 @@ class MessageView(NamedTuple):
     """One message on the bus.
 
     ``period_s``    the DBC's; None for one that is sent when needed
-    ``cycle``       distances of its frames; None with fewer than two of them
-    ``is_stale``    whether it has stayed away for a second and more
+    ``cycle``       intervals between its frames; None with fewer than two of them
+    ``is_stale``    whether it has not been received for a second or more
     """
 
     name: str
@@ -73,7 +73,7 @@ class MessageView(NamedTuple):
 
 
 class View(NamedTuple):
-    """Everything the monitor shows; what was not heard yet is None."""
+    """Everything the monitor shows; None for what was not received yet."""
 
     elapsed_s: float
     frames: int
@@ -99,7 +99,7 @@ class View(NamedTuple):
     error_frames: int
 
     def is_stale(self, name: str) -> bool:
-        """Whether the message called ``name`` in the DBC was heard, but not lately."""
+        """Whether the message called ``name`` in the DBC was received, but not lately."""
         return any(row.name == name and row.is_stale for row in self.messages)
 
 
@@ -129,7 +129,7 @@ class _Recent:
 
 
 class BusWatch:
-    """Takes every frame on the bus; ``view`` says what there is to see."""
+    """Takes every frame on the bus; ``view`` returns the state to be shown."""
 
     def __init__(self, start_ns: int) -> None:
         self._start_ns = start_ns
@@ -157,7 +157,7 @@ class BusWatch:
         self._follow(heard, now_ns)
 
     def view(self, now_ns: int) -> View:
-        """Return what there is to see at ``now_ns``."""
+        """Return the state to be shown at ``now_ns``."""
         late_ages_ns, lateness_s = self._lateness(now_ns)
         strips = {name: recent.strip(now_ns) for name, recent in self._recent.items()}
         strips["lateness_s"] = strip_of(late_ages_ns, lateness_s)
@@ -213,7 +213,7 @@ class BusWatch:
         self._sent_ns[counter] = now_ns
         number = self._commands[-1][1] if self._commands else counter
         step = (counter - number) % COMMAND_COUNTERS
-        if step > _IN_FLIGHT_MAX:  # a controller that was started anew
+        if step > _IN_FLIGHT_MAX:  # the controller was restarted
             self._commands.clear()
             number, step = counter, 0
         self._commands.append((now_ns, number + step))
@@ -223,8 +223,8 @@ class BusWatch:
     def _lateness(self, now_ns: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return age [ns] and lateness [s] of the last commands, each of shape (n,).
 
-        Commands are numbered, and due at a fixed period: the straight line through time over
-        number, moved down to the earliest command, is when they were due.
+        Commands are numbered, and due at a fixed period. The straight line through time over
+        number, moved down to the earliest command, gives the times they were due.
         """
         if len(self._commands) < 3:
             return np.empty(0, dtype=np.int64), np.empty(0)

@@ -3,9 +3,9 @@
     steer-by-wire probe [-i INTERFACE -c CHANNEL] [--seconds SECONDS] [--json FILE]
 
 Measures twice: as an ordinary program, and with the real-time rights that the host grants. Without
-``-i`` the bus is chosen as the programs choose it; where that is the emulated bus and nobody runs
-one, the probe brings its own. On the bus it sends nothing but its own requests and echoes, 0x7FE
-and 0x7FF, a hundred a second each. docs/real_time.md says how to read the result.
+``-i`` the bus is chosen as the programs choose it; if that is the emulated bus and none is running,
+the probe starts its own. On the bus it sends only its own requests and echoes, 0x7FE and 0x7FF, a
+hundred a second each. docs/real_time.md explains how to read the result.
 """
 
 import argparse
@@ -27,7 +27,7 @@ from steer_by_wire.tools.probe_host.probe import Probe, probe, steps
 
 NAME = "steer-by-wire probe"
 WIDTH_MIN = 95
-"""Of the table, whose figures are no use cut short."""
+"""Width of the table, whose figures are no use cut short."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

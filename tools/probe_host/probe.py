@@ -17,14 +17,14 @@ from .wake_ups import WakeUps, measure_wake_ups
 RATES_HZ = (100, 500, 1000)
 ORDINARY, REAL_TIME = "ordinary", "real-time"
 REAL_TIME_RIGHTS = ("real-time priority", "memory lock")
-"""Of the host's answers, those to what an ordinary user is refused."""
+"""The host's rights that an ordinary user is refused."""
 ECHO_GRACE_S = 60.0
 
 
 class Measured(NamedTuple):
     """What was measured with one set of rights.
 
-    ``round_trip``  None where it could not be measured; ``obstacle`` says why
+    ``round_trip``  None where it could not be measured; ``obstacle`` is the reason
     """
 
     rights: str
@@ -35,7 +35,7 @@ class Measured(NamedTuple):
 
 
 class Probe(NamedTuple):
-    """The bus, and what was measured on it; ``refused`` says why there is nothing in real time."""
+    """The bus, and what was measured on it; ``refused`` is why nothing ran in real time."""
 
     bus: str
     driver: str
@@ -44,7 +44,7 @@ class Probe(NamedTuple):
 
 
 Tell = Callable[[str], None]
-"""Is told what is measured next."""
+"""Called with the name of the next measurement."""
 
 
 def steps(options: argparse.Namespace) -> int:
@@ -70,7 +70,7 @@ def _wants_rights(options: argparse.Namespace) -> bool:
 
 
 def _refusal(request: RealTimeRequest) -> str:
-    """Return why the host grants nothing of what is asked for; empty when it grants something."""
+    """Return why the host grants none of the requested rights; empty when it grants any."""
     with real_time(request) as answers:
         rights = [answer for answer in answers if answer.name in REAL_TIME_RIGHTS]
     if any(answer.got for answer in rights):
@@ -103,7 +103,7 @@ def _measure(
 
 @contextmanager
 def _bus(options: argparse.Namespace) -> Iterator[tuple[argparse.Namespace, OpenPort]]:
-    """Open the bus; where that is an emulated one that nobody runs, run one until the end."""
+    """Open the bus; where that is an emulated one that is not running, run one until the end."""
     choice = choose_bus(options)
     may_be_own = choice.interface == "emulated" and not getattr(options, "bus_kwargs", None)
     try:

@@ -1,7 +1,7 @@
 """How long a frame takes to another program on the same bus, and its echo back.
 
 Both ends are nodes in the executor that the programs use, each in a process of its own. The two
-identifiers are the highest there are, so the probe gives way to everybody on a bus in use.
+identifiers are the highest, so the probe has the lowest priority on a bus in use.
 """
 
 import argparse
@@ -55,7 +55,7 @@ class EchoNode:
 
 
 class RequestNode:
-    """Asks every PERIOD_NS from ``start_ns`` to ``end_ns``, and times the answers."""
+    """Sends a request every PERIOD_NS from ``start_ns`` to ``end_ns``, and times the answers."""
 
     def __init__(
         self, start_ns: int, end_ns: int, clock_ns: Callable[[], int] = time.monotonic_ns
@@ -69,7 +69,7 @@ class RequestNode:
 
     @property
     def deadline_ns(self) -> int:
-        """When it asks next [ns]."""
+        """When the next request is due [ns]."""
         return self._timer.deadline_ns
 
     @property
@@ -86,7 +86,7 @@ class RequestNode:
         return ()
 
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
-        """Ask."""
+        """Send a request."""
         self.unanswered += self._asked is not None
         data = self._timer.advance(now_ns).to_bytes(4, "little")
         self._asked = (data, self._clock_ns())
@@ -98,7 +98,7 @@ class RequestNode:
 
 
 def measure_round_trip(port: Port, seconds: float, spin_ns: int) -> RoundTrip:
-    """Ask whoever echoes for ``seconds``; raises BusError."""
+    """Send requests to the echo for ``seconds``; raises BusError."""
     start_ns = time.monotonic_ns() + PERIOD_NS
     node = RequestNode(start_ns, start_ns + round(seconds * NS_PER_S))
     RealTimeExecutor(node, port, spin_ns=spin_ns).run(lambda: False)
@@ -139,7 +139,7 @@ def echoing(
 
 
 def _obstacle(receiver: Connection) -> str:
-    """Wait for the echo to be there; returns why it is not, else nothing."""
+    """Wait until the echo is ready; returns why it is not, else an empty text."""
     try:
         return str(receiver.recv()) if receiver.poll(START_S_MAX) else "the echo does not start"
     except EOFError:

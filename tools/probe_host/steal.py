@@ -1,4 +1,4 @@
-"""Keeps apart what happened while the host gave processor time to somebody else.
+"""Separates measurements taken while the host gave processor time to another machine.
 
 A virtual machine that is stopped cannot be on time. Linux counts the time stolen from it, coarsely;
 so time is cut into slices, and a slice in which any was stolen is disturbed as a whole.
@@ -18,8 +18,8 @@ T = TypeVar("T")
 class Sliced(NamedTuple, Generic[T]):
     """What was measured.
 
-    ``undisturbed``     samples of the slices in which nothing was stolen, or none could tell
-    ``steal_fraction``  of all processors' time, 0 to 1; None where the platform does not tell
+    ``undisturbed``     samples of the slices without stolen time, as far as it is known
+    ``steal_fraction``  of all processors' time, 0 to 1; None where the platform does not report it
     """
 
     samples: list[T]

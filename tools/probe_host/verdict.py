@@ -6,14 +6,14 @@ from ...runtime.node import NS_PER_S
 from .wake_ups import Figures, WakeUps
 
 LATENESS_SHARE_MAX = 0.1
-"""Of the period, for 99 of 100 wake-ups: more, and the law's samples are no longer equally far
-apart."""
+"""Share of the period, for 99 of 100 wake-ups: beyond it, the law's samples are no longer equally
+spaced."""
 DONE_SHARE_MAX = 0.5
-"""Of the period, for 99 of 100 ticks: the other half is for frames, and for what was not seen."""
+"""Share of the period, for 99 of 100 ticks: the other half is for frames, and a reserve."""
 UNDISTURBED_SHARE_MIN = 0.5
-"""Of all periods; with fewer, stealing is what this machine is like."""
+"""Share of all periods; with fewer, stolen time is the normal state of this machine."""
 MISSED_SHARE_MAX = 0.001
-"""Of all periods: now and then every machine stalls, and a controller goes on from its grid."""
+"""Share of all periods: any machine stalls at times, and a controller continues on its grid."""
 RULE = (
     "a rate is kept if at most one period in a thousand is missed, 99 of 100 wake-ups are late by "
     "at most a tenth of the period, and 99 of 100 ticks are done within half of it; slices in "

@@ -1,8 +1,8 @@
 """How late this machine wakes a program up, and when a controller's work of the period is done.
 
 The executor is the one that the programs use, waiting on the real port. Its node does what the
-controller does in a period, with a measurement that it makes up and a command that nobody gets:
-a probe has no business on somebody's bus.
+controller does in a period, with a measurement that it makes up and a command that it does not
+send: a probe must not disturb a bus in use.
 """
 
 import time
@@ -20,7 +20,7 @@ from ...runtime.statistics import DurationStatistics, DurationSummary
 from .steal import Sliced, Slices
 
 PRESET = "practical_pd_ddob"
-"""The law that takes longest."""
+"""The law with the longest computing time."""
 
 
 class Sample(NamedTuple):
@@ -31,7 +31,7 @@ class Sample(NamedTuple):
 
 
 class Figures(NamedTuple):
-    """What a number of periods were like; ``missed`` ones passed without a wake-up."""
+    """Statistics of a number of periods; ``missed`` ones passed without a wake-up."""
 
     lateness: DurationSummary
     done: DurationSummary
@@ -78,11 +78,11 @@ class WorkingNode:
         return self._controller.deadline_ns >= self._end_ns
 
     def on_frame(self, _frame: Frame, _now_ns: int) -> Sequence[Frame]:
-        """Take no notice."""
+        """Ignore the frame."""
         return ()
 
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
-        """Work, in silence."""
+        """Work without sending."""
         deadline_ns = self._controller.deadline_ns
         self._controller.on_frame(self._frames[self._ticks % len(self._frames)], now_ns)
         self._controller.on_tick(now_ns)

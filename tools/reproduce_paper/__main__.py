@@ -38,7 +38,7 @@ WORKERS = 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Reproduce what is asked for; returns the exit status."""
+    """Reproduce what is requested; returns the exit status."""
     return run_main(NAME, partial(_reproduce, _parse(arguments)))
 
 

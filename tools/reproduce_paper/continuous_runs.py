@@ -26,12 +26,12 @@ from ...pair.trace import FloatArray, rms
 from ...plant_emulator.path_shapes import ellipse
 
 _STEP_S = 0.05
-"""The curvature is linear between break points and lsim is exact for linear input."""
+"""The curvature is linear between break points, and lsim is exact for linear input."""
 _K_P_RAD_M, _K_D_RAD_S_M = 1.0596, 0.939
 
 
 class Observer(NamedTuple):
-    """A DOB: Q = A/B, coefficients highest first, and what it is told of the command."""
+    """A DOB: Q = A/B, coefficients highest first, and which command it is fed with."""
 
     numerator: tuple[float, ...]
     denominator: tuple[float, ...]

@@ -1,6 +1,6 @@
 """The four vertices of the paper's uncertainty box and its published laws, as the figures use them.
 
-Lettered a to d in the order of Table II, which its text does not contradict.
+Lettered a to d in the order of Table II, which the paper's text does not contradict.
 """
 
 from ...controller.nominal_model import steer_to_lateral_error

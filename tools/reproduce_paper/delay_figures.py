@@ -1,7 +1,7 @@
 """Figures 21 to 24: PD against PD+CDOB, and PD+CDOB against DDOB, with 80 ms on the commands.
 
-What a figure says is held against three variants: the laws as published, with a filtered
-derivative, and with what keeps them on the path (`delay_runs` says what and why).
+Each figure's statement is checked with three variants: the laws as published, with a filtered
+derivative, and with what keeps them on the path (`delay_runs` gives the reasons).
 """
 
 from typing import NamedTuple
@@ -50,7 +50,7 @@ _STEER_CAPTION = (
     "as in Figure"
 )
 _NOTABLY = 0.1
-"""What "smaller" and "similar" steer is taken to mean: by more, or by less, than a tenth."""
+"""Threshold for "smaller" and "similar" steer: by more, or by less, than a tenth."""
 
 
 class _Compared(NamedTuple):
@@ -61,7 +61,7 @@ class _Compared(NamedTuple):
 
     @property
     def pair(self) -> tuple[History, History]:
-        """Return the run the figure compares with, and the one it praises."""
+        """Return the run that the figure compares with, and the one that it prefers."""
         first, second = self.runs.values()
         return first, second
 
@@ -221,7 +221,7 @@ def _steers_alike(item: _Compared) -> Comparison:
 def _two_laps(
     name: str, laws: tuple[tuple[Law, float], ...], *, steer: bool
 ) -> tuple[Picture, list[Comparison]]:
-    """Drive two laps and tell where each law is after the first and after the second."""
+    """Drive two laps and return where each law is after the first and after the second."""
     lap = lap_s(delayed_plant(DURATION_S))
     runs: dict[str, History] = {}
     comparisons = []
@@ -234,7 +234,7 @@ def _two_laps(
 
 
 def _drift(label: str, run: History, lap: float | None) -> Comparison:
-    """Tell the error at the ends of both laps and the drift rate between them."""
+    """Return the error at the ends of both laps and the drift rate between them."""
     if lap is None:
         middle_m, end_m = run.lateral_error_m[run.time_s.size // 2], run.lateral_error_m[-1]
         text = (

@@ -14,10 +14,10 @@ from .result import Picture
 from .simulation import History, thinned
 
 LINEAR_M = 0.1
-"""Up to here the scale of the error is linear, beyond it is logarithmic."""
+"""Up to here the scale of the error is linear; beyond, it is logarithmic."""
 
 STEER_SHOWN_S = 10.0
-"""Of the steer the first seconds are drawn: longer, a limit cycle is a filled area."""
+"""Only the first seconds of the steer are drawn: later, a limit cycle is a filled area."""
 
 _ERROR_STEP_S, _STEER_STEP_S, _LAP_STEP_S = 0.02, 0.005, 0.1
 _COLOUR_OF = {

@@ -5,8 +5,8 @@ one after the other, and named wherever they are:
 
     filter     C(s) = K_p + K_d s/(s/N + 1), N = 30 rad/s, instead of the ideal derivative. Every
                implementation has one. 30 rad/s lies between the N at which PD loses its stability
-               at 80 ms and the one at which PD+CDOB does (`delay_steps` computes both):
-               elsewhere there is nothing for a CDOB to show.
+               at 80 ms and the one at which PD+CDOB does (`delay_steps` computes both). Elsewhere
+               a CDOB makes no difference.
     washout    H = (s/(s + ω_h))² with ω_h = 3 rad/s on the CDOB's compensation, and with DDOB the
                type-2 Q in the DOB. They change the law; not in the paper.
 """
@@ -26,7 +26,7 @@ STEER_RAD_MAX = 0.6
 
 DURATION_S = 60.0
 END_S = 5.0
-"""The mean over so long is what is told of the end of a lap."""
+"""The reported error at the end of a lap is the mean over this time."""
 
 FILTER_RAD_S = 30.0
 WASHOUT_RAD_S = 3.0

@@ -1,4 +1,4 @@
-"""Beside Figure 21: which derivative filter, and what comes of a step of the reference."""
+"""Beside Figure 21: which derivative filter, and the response to a step of the reference."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -96,7 +96,7 @@ def _is_stable(controller: ControllerSettings) -> bool:
 
 
 def step_picture(name: str, plant: PlantSettings) -> Picture:
-    """Draw the answers to a step of the reference on a straight road."""
+    """Draw the responses to a step of the reference on a straight road."""
     figure = Figure(figsize=(10.5, 4.4))
     left, right = figure.subplots(1, 2)
     columns: dict[str, FloatArray] = {}
@@ -118,7 +118,7 @@ def step_picture(name: str, plant: PlantSettings) -> Picture:
 
 
 def step_comparisons(plant: PlantSettings) -> tuple[Comparison, ...]:
-    """Return what is left of a reference step in the last seconds, and how much is steered."""
+    """Return the RMS error in the last seconds of a reference step, and the RMS steer."""
     return tuple(
         Comparison(
             f"reference step of {_REFERENCE_M:g} m, straight road, 80 ms, N = 30 rad/s, {label}",

@@ -1,9 +1,9 @@
 """Figures 16 to 20: lateral deviation with and without DOB, corners of the box and disturbance.
 
-In (1) nothing but the path's curvature drives the vehicle off the path, so it acts in all five
-figures. Figures 16 to 19 take the corners a to d of the uncertainty box. Figure 20 is said to add
-the curvature ρ_ref as external disturbance; since it acts in the others too, Figure 20 is read as
-the nominal vehicle, whose model has no uncertainty but the one (19) brings along.
+In (1) only the path's curvature drives the vehicle off the path, so it acts in all five figures.
+Figures 16 to 19 take the corners a to d of the uncertainty box. According to the paper, Figure 20
+adds the curvature ρ_ref as external disturbance. Since it acts in the others too, Figure 20 is read
+as the nominal vehicle, whose model has no uncertainty but the one that (19) introduces.
 """
 
 from collections.abc import Callable
@@ -111,7 +111,7 @@ def _run(preset: str, rear_cornering_stiffness_n_rad: float) -> _Runs:
 
 
 def _falls(runs: _Runs) -> Comparison:
-    """Check what the text says: with DOB the error decreases."""
+    """Check the text's statement: with DOB the error decreases."""
     without, with_dob = rms(runs.pd.lateral_error_m), rms(runs.pd_dob.lateral_error_m)
     return Comparison(
         f"RMS without → with DOB, {_name(runs)}",

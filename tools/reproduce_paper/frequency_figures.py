@@ -3,8 +3,8 @@
     Figure 10    y/r = C G/(1 + C G)                        without DOB
     Figure 11    y/r = C M/(1 + C M),  M = y/u_new          with DOB, (12)
 
-"It can be seen that at low frequency there are larger variations in figure 10." What varies with
-the vehicle is looked at in two places: y/r of the closed loop, which two integrators hold at 1 for
+"It can be seen that at low frequency there are larger variations in figure 10." The variation with
+the vehicle is examined in two places: y/r of the closed loop, which two integrators hold at 1 for
 ω towards 0 whatever the vehicle, and y/u_new, which is G without DOB. No delay, no sampling.
 """
 
@@ -31,7 +31,7 @@ CUTOFF_RAD_S = 5.0
 """ω_c of the DOB, section VI.B.1."""
 SPREAD_AT_RAD_S = 0.1
 LOW_RAD_S = 1.0
-"""What the eye takes for low ω in the two figures."""
+"""Upper end of low ω, as the two figures suggest."""
 _OMEGA_RAD_S = (1e-2, 1e3)
 _OMEGAS = 2001
 
@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 
 
 class CornerResponses(NamedTuple):
-    """Sizes of a response at the four vertices, 4 by the number of ω [rad/s]."""
+    """Magnitudes of a response at the four vertices, 4 by the number of ω [rad/s]."""
 
     omega_rad_s: Array
     size: Array
@@ -237,7 +237,7 @@ def _spread_picture(without: Spreads, with_dob: Spreads) -> Picture:
 
 
 def _draw_corners(axes: Axes, responses: CornerResponses) -> None:
-    """Draw a size in dB for each vertex, and the cutoff of Q."""
+    """Draw a magnitude in dB for each vertex, and the cutoff of Q."""
     lines = zip(COLOURS, corner_labels(), responses.size, ("-", "--", "-", "--"), strict=False)
     for colour, label, size, line in lines:
         axes.semilogx(responses.omega_rad_s, 20.0 * np.log10(size), line, color=colour, label=label)

@@ -1,4 +1,4 @@
-"""The index page: what each figure and table of the paper came to."""
+"""The index page: the result of each figure and table of the paper."""
 
 from collections.abc import Callable, Sequence
 
@@ -36,7 +36,7 @@ def index_page(written: Sequence[Written], read_png: Callable[[str], bytes]) -> 
     """Return the page.
 
     ``written``   in the order in which they appear
-    ``read_png``  gives the picture of a stem
+    ``read_png``  returns the picture of a stem
     """
     about = Section("What is compared", [_ABOUT], tables=(_meanings(written), _summary(written)))
     sections = [_section(item, read_png) for item in written]
@@ -44,7 +44,7 @@ def index_page(written: Sequence[Written], read_png: Callable[[str], bytes]) -> 
 
 
 def heading(item: Written) -> str:
-    """Return "Figure 8: title" from the key, unless the title says so itself."""
+    """Return "Figure 8: title" from the key, unless the title contains it itself."""
     kind, _, rest = item.key.partition("_")
     if item.title.startswith(("Figure", "Table")) or not rest[:1].isdigit():
         return item.title

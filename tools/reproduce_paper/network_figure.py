@@ -2,8 +2,8 @@
 
     |L_n/(1 + L_n)| < 1/|Δ_m| for all ω,   Δ_m = e^(-jωT) - 1
 
-What the condition cannot tell, the roots of the loop do: counted with the exact delay in continuous
-time, and computed for the law as it runs at 1 kHz.
+The condition is only sufficient; the roots of the loop decide. They are counted with the exact
+delay in continuous time, and computed for the law as it runs at 1 kHz.
 """
 
 from typing import NamedTuple
@@ -105,7 +105,7 @@ def figure_12() -> Reproduction:
 
 
 def network_verdict(settings: ControllerSettings, delay_s: float) -> NetworkVerdict:
-    """Return what condition and roots say of a CDOB around its own nominal model."""
+    """Return the results of condition and roots for a CDOB around its own nominal model."""
     parts = cdob_parts(settings)
     ratio, omega_rad_s = cdob_small_gain(parts, delay_s)
     roots = closed_loop_roots(continuous_law(settings), parts.model, delay_s)

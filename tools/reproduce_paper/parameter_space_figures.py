@@ -214,12 +214,12 @@ def _draw_published(axes: Axes) -> None:
 
 
 def _draw_corners(axes: Axes, corners: Sequence[_Case], spec: DStability) -> GainRegion:
-    """Draw the edge of each corner's region, and fill what all of them share; returns that."""
+    """Draw the edge of each corner's region, and fill the intersection of all; returns that."""
     common = d_stable_region([case.loops[0] for case in corners], spec, WINDOW)
     fill_region(axes, common, f"all four: area {common.polygon.area:.2f}", 0.3)
     for index, (case, colour) in enumerate(zip(corners, COLOURS, strict=False)):
         region = d_stable_region(case.loops, spec, WINDOW)
-        style = {"ls": "--", "lw": 2.0} if index % 2 else {"lw": 1.2}  # equal but for a hair
+        style = {"ls": "--", "lw": 2.0} if index % 2 else {"lw": 1.2}  # the two are almost equal
         axes.plot(*region.polygon.exterior.xy, color=colour, label=case.name, **style)
     _draw_published(axes)
     axes.set_title("continuous, every corner of the uncertainty box", fontsize=10)
@@ -236,7 +236,7 @@ def _judged(case: _Case, spec: DStability) -> Comparison:
 
 
 def _margin_comparisons(region: GainRegion) -> tuple[Comparison, ...]:
-    """Say how far each boundary of the region is from the published gains."""
+    """Return how far each boundary of the region is from the published gains."""
     return tuple(
         Comparison(
             f"distance to the boundary {margin.bound}, {margin.kind} root",
@@ -249,7 +249,7 @@ def _margin_comparisons(region: GainRegion) -> tuple[Comparison, ...]:
 
 
 def _checked(region: GainRegion, loops: Sequence[GainLoop], spec: DStability) -> Comparison:
-    """Say what judging the roots anew at random gains made of the region."""
+    """Compare the region with the roots computed anew at random gains."""
     inside, outside, wrong = verified(region, loops, spec, CHECKED_GAINS, _SEED)
     text = f"{inside} inside and {outside} outside, {len(wrong)} of them judged otherwise"
     return Comparison("gains at which the roots were computed again", "", text, None)

@@ -136,12 +136,12 @@ def _path(fit: _Fit) -> Path:
 
 
 def _column(name: str, index: int) -> str:
-    """Return the header of a column; those of the second ellipse are told apart."""
+    """Return the header of a column; those of the second ellipse get names of their own."""
     return name if index == 0 else f"other_{name}"
 
 
 def _fit_comparison(fit: _Fit) -> Comparison:
-    """Hold the PD row that an ellipse gives against the published one."""
+    """Compare the PD row that an ellipse gives with the published one."""
     ours_m = table_2_row(PD, DrivenEllipse(*fit))
     theirs_m = [column.pd_m for column in published.TABLE_2]
     worst_m = max(abs(ours - theirs) for ours, theirs in zip(ours_m, theirs_m, strict=True))

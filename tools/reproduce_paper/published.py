@@ -1,7 +1,7 @@
-"""What SAE 2018-01-1086 prints about its runs: Table II, and what it says of figures 14 to 24.
+"""What SAE 2018-01-1086 prints about its runs: Table II, and its text on figures 14 to 24.
 
-Nothing here is computed. The runs themselves are shown only as pictures: neither the axes of the
-ellipse, nor the duration, nor a value of any curve is in the text.
+Nothing here is computed. The paper shows the runs themselves only as pictures: its text gives
+neither the axes of the ellipse, nor the duration, nor a value of any curve.
 """
 
 from typing import NamedTuple
@@ -10,8 +10,8 @@ from typing import NamedTuple
 class Table2Column(NamedTuple):
     """One column of Table II: a corner of the uncertainty box, and the RMS tracking errors [m].
 
-    ``corner``  letter of the corner; the text does not say which corner has which letter, these
-                follow the columns
+    ``corner``  letter of the corner; the text does not assign the letters, these follow the
+                columns
     """
 
     corner: str

@@ -2,8 +2,8 @@
 
 The nodes have no reference: their path is the reference. So law and vehicle run here without nodes
 and frames, in the order of one control period: measure, decide, limit, hold. The reference enters
-the PD alone, as in Figure 6: the law is started at rest at the error -r, of which the observers'
-filters, with the double zero of Q/G_n at s = 0, know nothing.
+the PD alone, as in Figure 6. The law is started at rest at the error -r; the observers' filters,
+with the double zero of Q/G_n at s = 0, do not respond to it.
 """
 
 from collections import deque

@@ -1,6 +1,6 @@
-"""Every figure and table that can be computed: by what it is asked for, and who computes it.
+"""Every figure and table that can be computed: how it is selected, and what computes it.
 
-Modules are imported when their figure is wanted, so that one figure does not load all of them.
+Modules are imported when their figure is requested, so that one figure does not load all of them.
 """
 
 from collections.abc import Callable
@@ -67,7 +67,7 @@ NOT_COMPUTED = {
 
 
 def numbers_of(kind: str) -> tuple[str, ...]:
-    """Return what ``--figure`` or ``--table`` can be given, each once."""
+    """Return the numbers that ``--figure`` or ``--table`` takes, each once."""
     return tuple(dict.fromkeys(entry.number for entry in ENTRIES if entry.kind == kind))
 
 

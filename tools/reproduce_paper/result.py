@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 
 class Verdict(StrEnum):
-    """How what the paper says compares with what comes out."""
+    """How the paper's statement compares with the result."""
 
     REPRODUCED = "reproduced"
     WITH_CORRECTION = "reproduced with the stated correction"
@@ -34,7 +34,7 @@ class Picture(NamedTuple):
 class Comparison(NamedTuple):
     """One figure of the paper beside ours, as text with units.
 
-    ``published``   what the paper prints, or says in words; "" where it says nothing
+    ``published``   what the paper prints, or states in words; "" where it states nothing
     ``reproduced``  what was computed
     ``agrees``      None where there is nothing to agree with
     """
@@ -50,7 +50,7 @@ class Reproduction(NamedTuple):
 
     ``key``      figure_09 or table_2
     ``caption``  the paper's parameters and ours
-    ``why``      what stands behind the verdict, with the correction spelt out
+    ``why``      the reasons for the verdict, with the correction spelt out
     """
 
     key: str

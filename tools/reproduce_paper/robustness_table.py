@@ -42,7 +42,7 @@ _LIMIT_MS = DELAY_NS_MAX / NS_PER_MS
 class Variant(NamedTuple):
     """One way of running the laws: a family of presets and what is changed in it.
 
-    ``with_cdob``  what is changed besides in the laws that have a CDOB
+    ``with_cdob``  further changes in the laws that have a CDOB
     """
 
     label: str
@@ -133,7 +133,7 @@ def robustness(settings: ControllerSettings, plant: TransferFunction) -> Robustn
 
 
 def common_delays(sets: Sequence[tuple[DelayInterval, ...]]) -> tuple[DelayInterval, ...]:
-    """Return the delays that are in every set."""
+    """Return the intersection of the sets of delays."""
     common: tuple[DelayInterval, ...] = (DelayInterval(0, DELAY_NS_MAX),)
     for intervals in sets:
         overlaps = (

@@ -1,8 +1,8 @@
 """The one place where figures of the paper are simulated: presets, runs, and numbers of a run.
 
-Both nodes run in virtual time on a wire that takes no time (compiled: the same bits), so what is
-simulated is what runs on a bus. The paper's laws are continuous; 1 kHz comes closest. The plant
-then measures at 1 kHz too: the ideal derivative of a value that is held for longer is another law.
+Both nodes run in virtual time on a wire that takes no time (compiled: the same bits), so the
+simulation is of what runs on a bus. The paper's laws are continuous; 1 kHz comes closest. The plant
+then measures at 1 kHz too: the ideal derivative of a value held for longer is another law.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ class History(NamedTuple):
 def simulate(plant_settings: PlantSettings, controller_settings: ControllerSettings) -> History:
     """Return the time histories of one run, compiled.
 
-    A run that leaves what the wire can carry is one for the nodes, whose modes then decide.
+    A run that leaves the range of the wire is done by the nodes, whose modes then decide.
     """
     run = run_batch(plant_settings, controller_settings)
     if run.outcome is Outcome.COMPLETE:
@@ -58,7 +58,7 @@ def paper_controller(preset: str, overrides: Sequence[str] = ()) -> ControllerSe
 
 
 def thinned(trace: History, step_s: float) -> History:
-    """Return every so many rows of a trace, for pictures and tables; numbers take all rows."""
+    """Return every n-th row of a trace, for pictures and tables; figures use all rows."""
     period_s = float(trace.time_s[1] - trace.time_s[0])
     stride = max(1, round(step_s / period_s))
     return History(*(column[::stride] for column in trace))

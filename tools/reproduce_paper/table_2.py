@@ -1,8 +1,8 @@
 """Table II: RMS tracking errors of PD and PD+DOB in the four corners, and what was tried for them.
 
-What is compared is printed with four digits. The PD row comes out within 0.0002 m once C_r has its
-zero back. The PD+DOB row does not: (11) with Q of (20) at 5 rad/s leaves a thirtieth of the error,
-the table only a good half. `table_2_attempts` has what else was tried; nothing of it is
+Values are compared as printed, with four digits. The PD row is reproduced within 0.0002 m once C_r
+has its zero back. The PD+DOB row is not: (11) with Q of (20) at 5 rad/s leaves a thirtieth of the
+error, the table only a good half. `table_2_attempts` has what else was tried; none of it is
 adopted.
 """
 
@@ -103,12 +103,12 @@ def _rows(law: str, preset: str, published_m: Sequence[float]) -> list[Row]:
 
 
 def _comparisons(rows: Sequence[Row]) -> list[Comparison]:
-    """Hold all lines of one law against its published one, which is the first."""
+    """Compare all lines of one law with its published one, which is the first."""
     return [_against(rows[0], row) for row in rows[1:]]
 
 
 def _attempt(theirs: Row, ours: Row) -> Comparison:
-    """Tell how far an attempt is off; it is not a result, so that it neither agrees nor not."""
+    """Return how far an attempt is off; it is not a result, so it has no verdict."""
     tried = ours._replace(label=f"PD+DOB, tried: {ours.label}")
     return _against(theirs, tried)._replace(agrees=None)
 

@@ -1,12 +1,12 @@
-"""What could stand behind Table II's PD+DOB row: attempts, none of them adopted.
+"""What could explain Table II's PD+DOB row: attempts, none of them adopted.
 
-Each is one thing the authors may have done otherwise; where it has a free number, the number is the
-one that comes closest to the published row (least squares over the four corners).
+Each is one thing that the authors may have done otherwise. Where it has a free number, the number
+is the one that comes closest to the published row (least squares over the four corners).
 
     lower cut-off   Q of (20) with another ω_c
     τ = 5 s         for ω_c = 5 rad/s, τ = 1/ω_c
     weaker Q        g Q with a gain g < 1 at rest
-    own command     the observer is told the PD's wish instead of the command (v = -C y)
+    own command     the observer is fed with the PD's command instead of the whole (v = -C y)
     other point     the error of a point d ahead of the centre of gravity, while (11) holds that of
                     the preview point at zero. In a steady turn at walking speed the side slip is
                     l_r ρ, so that y_d = ρ (l_s - d) (l_r + (l_s + d)/2)

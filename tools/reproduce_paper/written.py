@@ -1,7 +1,7 @@
-"""What a reproduction leaves in a folder: PNG and CSV per picture, and a summary as JSON.
+"""Files that a reproduction writes: PNG and CSV per picture, and a summary as JSON.
 
-The summaries are what the index page is made of, so that figures computed one by one still end up
-on one page.
+The index page is made of the summaries, so that figures computed one by one still end up on one
+page.
 """
 
 import csv
@@ -67,9 +67,9 @@ def write_columns(picture: Picture, file: Path) -> None:
 
 
 def read_written(folder: Path, keys: Iterable[str]) -> list[Written]:
-    """Return what has been written into a folder, in the order of ``keys``.
+    """Return the summaries in a folder, in the order of ``keys``.
 
-    Raises SettingsError naming a summary that is none.
+    Raises SettingsError naming an invalid summary.
     """
     files = [_summary(folder, key) for key in keys]
     return [_read(file) for file in files if file.is_file()]

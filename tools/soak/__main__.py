@@ -3,10 +3,10 @@
     steer-by-wire soak [--duration-s 600] [--between-s 10] [--starve-s 10] [--out FOLDER]
 
 First the babbling node has the lowest priority: the pair must lose, reorder and miss nothing, the
-recorder must have every frame, memory must stay as it is. Then its priority is between those of
-each two messages of the pair: the higher of them must not wait behind the lower. Then it has the
-highest: nothing of the pair gets through, which both have to notice. Exit status: 0 when all of
-that was so, 1 when not, 3 when a process failed, 4 when a file cannot be written.
+recorder must have every frame, and memory must not grow. Then its priority is between those of each
+two messages of the pair: the higher of them must not wait behind the lower. Then it has the
+highest: no frame of the pair gets through, which both nodes have to detect. Exit status: 0 when all
+of these hold, 1 when not, 3 when a process failed, 4 when a file cannot be written.
 """
 
 import argparse
@@ -41,7 +41,7 @@ from steer_by_wire.tools.soak.verdict import (
 NAME = "steer-by-wire soak"
 NOT_SHOWN = 1
 WIDTH = 132
-"""Of the tables, whose figures are no use cut short."""
+"""Width of the tables, whose figures are no use cut short."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

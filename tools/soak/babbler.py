@@ -1,4 +1,4 @@
-"""The babbling node as a process: sends frames that count as fast as the bus takes them.
+"""The babbling node as a process: sends numbered frames as fast as the bus takes them.
 
 python -m steer_by_wire.tools.soak.babbler ADDRESS CHANNEL REPORT PRIORITY ID...
 
@@ -21,11 +21,11 @@ from ...runtime.program import StopRequest
 from ...runtime.report import write_json
 
 PATIENCE_S = 0.05
-"""How long it waits for room before it looks whether it is to end."""
+"""Longest wait for room before it checks whether it has to end."""
 FRAMES_AT_ONCE = 200
 _SEND_BUFFER_BYTES = 1 << 17
-"""More frames in front of the broker than other clients have: a babbler that is held up for a
-moment must not let the bus go idle."""
+"""Room for more frames in front of the broker than other clients have: a babbler that is delayed
+for a moment must not let the bus go idle."""
 
 
 def main() -> int:
@@ -48,7 +48,7 @@ def main() -> int:
 
 
 def _silent_bus(address: str, channel: str, can_id: int) -> can.BusABC:
-    """Join the bus, and hear nothing: a node that listens and never reads is disconnected."""
+    """Join the bus, and receive nothing: a node that listens and never reads is disconnected."""
     nothing = {"can_id": can_id, "can_mask": 0x7FF, "extended": False}  # but what only we send
     bus = can.Bus(interface="emulated", channel=channel, address=address, can_filters=[nothing])
     _deepen(bus)

@@ -10,8 +10,8 @@ with the interval to the next frame in each. PLANT_STATUS, sent in between where
 follow itself at once and has n + 1; CONTROLLER_SAFETY keeps a control period between two. For n = 1
 it is the first step of the response-time analysis of Davis, Burns, Bril and Lukkien, Controller
 Area Network (CAN) schedulability analysis: refuted, revisited and revised, Real-Time Systems 35,
-2007, and the last one too as long as the sum is below every period. A program or a bus that is held
-up breaks n = 1: what should have been a period apart then comes at once.
+2007. It is also the last step as long as the sum is below every period. A program or a bus that
+stalls breaks n = 1: frames due a period apart then come at once.
 """
 
 from collections.abc import Collection, Mapping

@@ -19,14 +19,14 @@ from .process_memory import MemoryFigures, MemoryWatch
 
 CHANNEL = "can0"
 SAMPLES = 600
-"""Of memory over a run, one a second at most."""
+"""Samples of memory over a run, one a second at most."""
 CONTROLLER, PLANT = "steering-controller", "plant-emulator"
 _BEAR_OVERRUNS = 'overruns.overruns_max="off"'
 _BEAR_MISSED_PERIODS = 'overruns.missed_periods_max="off"'
 
 
 class Plan(NamedTuple):
-    """What to run.
+    """Settings of a soak.
 
     ``babble_ids`` identifiers of the babbling node
     ``babble_s``   how long it babbles; the pair runs ``settle_s`` before and ``recover_s`` after it
@@ -47,9 +47,9 @@ class Plan(NamedTuple):
 
 
 class LiveSoak(NamedTuple):
-    """What a run came to.
+    """Result of a run.
 
-    ``modes``    when the controller's commands told another mode, after the onset [s]; which; steer
+    ``modes``    when the controller's commands changed mode after the onset [s]; which; steer
     ``reports``  of all processes, by their names
     """
 
@@ -65,7 +65,7 @@ class LiveSoak(NamedTuple):
 def run_live_soak(
     plan: Plan, folder: Path, tell: Callable[[str], None] = lambda _line: None
 ) -> LiveSoak:
-    """Run it and read what it left in ``folder``; raises ProcessError."""
+    """Run it and read the files that it left in ``folder``; raises ProcessError."""
     folder.mkdir(parents=True, exist_ok=True)
     with (
         tempfile.TemporaryDirectory(prefix="soak-") as private,
@@ -80,7 +80,7 @@ def run_live_soak(
         _wait(programs, watch, plan.babble_s)
         reports = {"babbler": programs.stop("babbler")}
         time.sleep(plan.recover_s)
-        # The controller first: without a plant it would hold, and that is not what is looked for.
+        # The controller first: without a plant it would hold, which is not to be tested here.
         for name in (CONTROLLER, PLANT, "recorder", "broker"):
             reports[name] = programs.stop(name)
         tell("reading the logs")
@@ -96,7 +96,7 @@ def run_live_soak(
 
 
 def _start(programs: Processes, plan: Plan, socket: Path) -> None:
-    """Start all but the babbling node; the recorder before anybody sends."""
+    """Start all but the babbling node; the recorder before any node sends."""
     priority = str(plan.priority)
     rate = ["--bitrate", str(plan.bitrate_bit_s), "--priority", priority]
     programs.start_broker(socket, rate)
@@ -106,7 +106,7 @@ def _start(programs: Processes, plan: Plan, socket: Path) -> None:
     arguments = [address, CHANNEL, bus_log, report, str(plan.priority // 2)]
     programs.start("recorder", "steer_by_wire.tools.soak.recorder", arguments)
     seconds = plan.settle_s + plan.babble_s + plan.recover_s
-    # Without a priority, periods that a busy machine misses are no finding about the pair.
+    # Without real-time priority, periods missed on a busy machine are no finding about the pair.
     bear = [] if plan.priority else ["--set", _BEAR_OVERRUNS, "--set", _BEAR_MISSED_PERIODS]
     own = {
         PLANT: (
@@ -134,7 +134,7 @@ def _start_babbler(programs: Processes, plan: Plan) -> None:
 
 
 def _wait(programs: Processes, watch: MemoryWatch, duration_s: float) -> None:
-    """Let it run, and look at the memory now and then."""
+    """Let it run, and sample the memory at intervals."""
     start_s = time.monotonic()
     period_s = max(duration_s / SAMPLES, min(1.0, duration_s / 10.0))
     index = 0

@@ -10,7 +10,7 @@ from .verdict import Finding, bounds_ns
 
 
 def findings_table(title: str, findings: Sequence[Finding]) -> Table:
-    """Return what was to be shown, and if it was."""
+    """Return what was to be shown, and whether it was."""
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
     for name in ("", "", "measured"):
         table.add_column(name)
@@ -20,7 +20,7 @@ def findings_table(title: str, findings: Sequence[Finding]) -> Table:
 
 
 def messages_table(run: LiveSoak) -> Table:
-    """Return what became of each message; times in microseconds."""
+    """Return the figures of each message; times in microseconds."""
     table = Table(
         title="frames, and their delay before the start of frame [us]",
         title_justify="left",
@@ -45,7 +45,7 @@ def messages_table(run: LiveSoak) -> Table:
 
 
 def _us(time_s: float | None) -> str:
-    """Return a time in microseconds; a dash for what has no bound."""
+    """Return a time in microseconds; a dash where there is no bound."""
     return "-" if time_s is None else f"{1e6 * time_s:.0f}"
 
 

@@ -1,14 +1,14 @@
-"""Memory of processes over a run: what they hold at its start, middle and end, and if it grows."""
+"""Memory of processes over a run: at its start, middle and end, and whether it grows."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 GROWTH_KIB_MAX = 512
-"""What may be added over half a run that is called flat: the bins of statistics, one at a time, and
+"""Growth over half a run that still counts as flat: the bins of statistics, one at a time, and
 pages that an allocator touches late."""
 WARM_UP = 0.5
-"""Share of the run after which growth is looked for. Buffers grow with the longest stall so far, in
+"""Share of the run after which growth is measured. Buffers grow with the longest stall so far, in
 steps; a leak grows in the second half of a run as in the first."""
 
 

@@ -21,14 +21,14 @@ _RECEIVED = 1
 
 
 def main() -> int:
-    """Record until SIGINT or SIGTERM, and then what still waits; returns the exit status."""
+    """Record until SIGINT or SIGTERM, then the frames that still wait; returns the exit status."""
     address, channel, file, report, priority, *fd = sys.argv[1:]
     stop = StopRequest()
     with (
         stop.on_signals(),
         can.Bus(interface="emulated", channel=channel, address=address, fd=bool(fd)) as bus,
     ):
-        # Before the priority, which it would inherit.
+        # Before the priority is set, which it would inherit.
         recording = Recording(Path(file), channel)
         with real_time(RealTimeRequest(int(priority))):
             print("ready", flush=True)
@@ -39,8 +39,8 @@ def main() -> int:
 
 
 def _record(bus: can.BusABC, recording: Recording, stop: StopRequest) -> int:
-    """Record until asked to stop and nothing more comes; returns the number of frames."""
-    # The bus stamps the end of frame in wall-clock time; a recording wants the monotonic clock's.
+    """Record until stopped and no frame is left; returns the number of frames."""
+    # The bus stamps the end of frame in wall-clock time; a recording needs the monotonic clock's.
     offset_ns = time.time_ns() - time.monotonic_ns()
     frames = 0
     while True:

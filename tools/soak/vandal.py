@@ -16,7 +16,7 @@ _BATCH = 100
 
 
 def flood(connect: Callable[[], socket.socket]) -> None:
-    """Send frames of low priority without end; take what comes."""
+    """Send frames of low priority without end; receive all frames."""
     vandal = connect()
     vandal.sendall(pack_filters(CLASSIC_RECORD, []))
     batch = pack_frame(CLASSIC_RECORD, Frame(0x7F0, bytes(8))) * _BATCH
@@ -27,7 +27,7 @@ def flood(connect: Callable[[], socket.socket]) -> None:
 
 
 def stall(connect: Callable[[], socket.socket]) -> None:
-    """Read nothing, until thrown out; then again."""
+    """Read nothing, until disconnected; then connect again."""
     while True:
         vandal = connect()
         while _is_open(vandal):
@@ -36,7 +36,7 @@ def stall(connect: Callable[[], socket.socket]) -> None:
 
 
 def garbage(connect: Callable[[], socket.socket]) -> None:
-    """Send bytes that mean nothing; come back at once when thrown out."""
+    """Send bytes without meaning; reconnect at once when disconnected."""
     for number in count():
         try:
             with connect() as vandal:
@@ -58,7 +58,7 @@ def filters(connect: Callable[[], socket.socket]) -> None:
 
 
 def visits(connect: Callable[[], socket.socket]) -> None:
-    """Come, leave frames of low priority behind, and go, without end."""
+    """Connect, leave frames of low priority behind, and disconnect, without end."""
     batch = pack_frame(CLASSIC_RECORD, Frame(0x7F1, bytes(8))) * 60
     while True:
         try:
@@ -89,7 +89,7 @@ def main() -> int:
 
 
 def _empty(vandal: socket.socket) -> None:
-    """Take what has come, without waiting."""
+    """Receive what has arrived, without waiting."""
     try:
         while vandal.recv(1 << 16, socket.MSG_DONTWAIT):
             pass
@@ -98,7 +98,7 @@ def _empty(vandal: socket.socket) -> None:
 
 
 def _is_open(vandal: socket.socket) -> bool:
-    """Send a frame now and then, which tells when the broker has hung up."""
+    """Send a frame now and then, to detect when the broker has closed the connection."""
     try:
         vandal.sendall(pack_frame(CLASSIC_RECORD, Frame(0x7F2, b"")))
     except TimeoutError:

@@ -2,8 +2,8 @@
 
     python -m steer_by_wire.tools.soak.vandals [--seconds 15] [--json FILE]
 
-A good client sends a frame of high priority every few milliseconds, another one takes it; in
-between runs nobody else, or one vandal of each kind, or one of each at once.
+A good client sends a frame of high priority every few milliseconds, and another one receives it. At
+the same time no other client runs, or one vandal of each kind in turn, or one of each at once.
 """
 
 import argparse
@@ -43,9 +43,9 @@ WIDTH = 110
 class Cost(NamedTuple):
     """What was measured beside vandals.
 
-    ``delay``        from sending a frame to having it at the other end
-    ``lost``         frames that did not come
-    ``processor``    share of one processor that the broker took
+    ``delay``        from sending a frame to receiving it at the other end
+    ``lost``         frames that did not arrive
+    ``processor``    share of one processor that the broker used
     ``memory_kib``   most that the broker held [KiB]
     ``broker``       its report
     """
@@ -114,7 +114,7 @@ def measure(name: str, kinds: Sequence[str], duration_s: float, level: int) -> C
 def _exchange(
     sender: can.BusABC, listener: can.BusABC, duration_s: float, broker: int
 ) -> tuple[DurationSummary, int, int]:
-    """Send and take frames one at a time."""
+    """Send and receive frames one at a time."""
     delays, lost, most_kib = DurationStatistics(), 0, 0
     for number in range(round(duration_s / PERIOD_S)):
         begin_ns = time.monotonic_ns()
@@ -132,7 +132,7 @@ def _exchange(
 
 
 def _processor_s(pid: int) -> float:
-    """Return the processor time that a process has taken so far [s]."""
+    """Return the processor time that a process has used so far [s]."""
     fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 

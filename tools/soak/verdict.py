@@ -1,4 +1,4 @@
-"""Whether a soak shows what it is to show: a table of findings, each with its figure."""
+"""Whether a soak shows what it is meant to show: a table of findings, each with its figure."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -10,15 +10,15 @@ from .bounds import delay_bounds_ns
 from .live import CHANNEL, CONTROLLER, PLANT, LiveSoak
 
 LOAD_MIN = 0.999
-"""Of a bus that is called full: a broker that is held up for long leaves gaps."""
+"""Load of a bus that counts as full: a broker that stalls for long leaves gaps."""
 PERIOD_S = 0.01
 """The shortest cycle of the pair."""
 STARVED_S_MIN = 0.001
-"""After the onset: the frame that was on the wire then is complete."""
+"""Time after the onset by which the frame that was on the wire then is complete."""
 
 
 class Finding(NamedTuple):
-    """One thing that was to be shown, whether it was, and the figure."""
+    """One thing to be shown, whether it was, and the figure."""
 
     what: str
     holds: bool
@@ -67,7 +67,7 @@ def starve_findings(run: LiveSoak) -> Iterator[Finding]:
     hold_s = next((s for s, mode, _ in run.modes if mode == Mode.HOLDING.name and s > 0.0), None)
     figure = "never" if hold_s is None else f"{1e3 * hold_s:.0f} ms after the onset"
     yield Finding("controller in HOLDING", hold_s is not None and hold_s < ends_s, figure)
-    # Its commands cannot tell: by now its queue is full. The report can.
+    # Its commands cannot show it: by now its queue is full. The report can.
     stopped_s = run.reports[CONTROLLER]["node"]["mode_s"][Mode.SAFE_STOP.name.lower()]
     yield Finding("then in SAFE_STOP", stopped_s > 0.0, f"for {stopped_s:.2f} s")
     guard = run.reports[PLANT]["node"]["safety"]
@@ -95,13 +95,13 @@ def bounds_ns(run: LiveSoak, at_once: int = 1) -> dict[int, int]:
 
 
 def _room_for_all(run: LiveSoak) -> Finding:
-    """Where the broker is not run for long, the sockets of those that send fill up."""
+    """While the broker does not run for long, the sockets of the senders fill up."""
     refused = _refused(run)
     return Finding("room for every frame", not refused, f"{refused} frames found no room")
 
 
 def _nothing_lost(run: LiveSoak) -> Finding:
-    """What found no room was never handed over, but has taken its counter."""
+    """A frame without room was never handed over, but has used up its counter."""
     lost = sum(message.lost for message in run.messages)
     reordered = sum(message.reordered for message in run.messages)
     differ = [message.name for message in run.messages if not message.is_same]
@@ -114,7 +114,7 @@ def _nothing_lost(run: LiveSoak) -> Finding:
 
 
 def _nothing_above_lost(run: LiveSoak) -> Finding:
-    """But what found no room while the broker was not run, for each message."""
+    """Except frames without room while the broker did not run, for each message."""
     stall_s = run.reports["broker"]["lateness"]["max_s"]
     above = [message for message in run.messages if message.can_id in bounds_ns(run)]
     figure = ", ".join(f"{message.name} {message.lost}" for message in above)
@@ -127,7 +127,7 @@ def _refused(run: LiveSoak) -> int:
 
 
 def _handed_over_is_on_bus(run: LiveSoak) -> Finding:
-    """What a full queue refused is lost, and its counter with it; nothing else may be."""
+    """A frame that a full queue rejected is lost, and its counter with it; no other may be."""
     differ = [message.name for message in run.messages if not message.is_same]
     oldest_s = max(message.waited.max_ns for message in run.messages) * 1e-9
     refused = _refused(run)
@@ -150,11 +150,11 @@ def _nothing_missed(messages: list[MessageCount]) -> Finding:
 
 
 def _priority_kept(run: LiveSoak) -> Finding:
-    """99 of 100 frames within the bound, all within that of what stalls let come at once."""
+    """99 of 100 frames within the bound, all within that for frames that a stall lets pile up."""
     stall_s = run.reports["broker"]["lateness"]["max_s"]
     for name in (CONTROLLER, PLANT):
         stall_s = max(stall_s, run.reports[name]["loop"]["lateness"]["max_s"])
-    # What came due in the stall, and what comes due while that waits.
+    # Frames that became due in the stall, and those that become due while they wait.
     at_once = 1 + int((stall_s * NS_PER_S + max(bounds_ns(run).values())) / (PERIOD_S * NS_PER_S))
     p99_beyond = _beyond(run, "p99_s", bounds_ns(run))
     max_beyond = _beyond(run, "max_s", bounds_ns(run))
@@ -169,7 +169,7 @@ def _priority_kept(run: LiveSoak) -> Finding:
 
 
 def _beyond(run: LiveSoak, figure: str, bounds: dict[int, int]) -> list[str]:
-    """Name the messages of the pair of whose delay a figure is beyond its bound."""
+    """Name the messages of the pair for which a figure of the delay is beyond its bound."""
     delays = run.reports["broker"]["channels"][CHANNEL]["arbitration_delay"]
     return [
         f"0x{can_id:03X} {1e6 * delays[f'{can_id:03X}'][figure]:.0f} of {bound_ns / 1e3:.0f} us"

@@ -5,7 +5,7 @@
     steer-by-wire stress STUDY --replay ID [--live BUS]
     steer-by-wire stress STUDY --live BUS --subset N
 
-Ctrl-C ends it with all that has been computed stored; the same command goes on from there. The
+Ctrl-C ends it and keeps all that has been computed; the same command continues from there. The
 results are the same bytes however often it was interrupted and whatever computed them.
 """
 
@@ -39,9 +39,9 @@ from steer_by_wire.tools.stress_latency.workers import Threads, Workers
 
 NAME = "steer-by-wire stress"
 DIFFERENT = 1
-"""Exit status of a replay whose figures are not those stored."""
+"""Exit status of a replay whose figures differ from those stored."""
 ROW_BYTES = 150
-"""Of a row in a Parquet file, about."""
+"""Approximate size of a row in a Parquet file."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -132,7 +132,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _sizes(scenarios: Scenarios) -> list[str]:
-    """Say what the study consists of."""
+    """Print what the study consists of."""
     study = scenarios.study
     sampling, design = study.settings.sampling, study.design
     lines = [
@@ -182,7 +182,7 @@ def _workers(options: argparse.Namespace, scenarios: Scenarios) -> Iterator[Work
 def _compute(
     console: Console, store: Store, workers: Workers, runs: int, stop: StopRequest
 ) -> bool:
-    """Compute what is missing, showing how far it is; returns whether that is all."""
+    """Compute what is missing, showing the progress; returns whether the study is complete."""
     before = store.stored()
     if before:
         console.print(f"stored already: {before:,} runs in {store.folder}")

@@ -1,7 +1,7 @@
 """Many machines, through dask.distributed: the same blocks, the same results.
 
 Every worker makes the study from its settings by itself and keeps what runs share, as a thread
-does. Workers need this package in the same version; waypoint and trace files under the same names.
+does. Workers need this package in the same version, and waypoint and trace files of the same names.
 """
 
 import importlib
@@ -76,7 +76,7 @@ class DaskWorkers:
 def dask_workers(study: Study, address: str | None, workers: int | None) -> Iterator[DaskWorkers]:
     """Join a scheduler, or start ``workers`` processes on this machine, until the block ends.
 
-    Raises SettingsError where distributed is missing or nobody answers.
+    Raises SettingsError where distributed is missing or no scheduler answers.
     """
     try:
         distributed = importlib.import_module("distributed")
@@ -87,8 +87,8 @@ def dask_workers(study: Study, address: str | None, workers: int | None) -> Iter
         ) from error
     with ExitStack() as stack:
         if address is None:
-            # Deaf to Ctrl-C, which a terminal sends to all: they finish what they have in hand, and
-            # the study ends them.
+            # They ignore Ctrl-C, which a terminal sends to all: they finish their current block,
+            # and the study ends them.
             with handled(signal.SIGINT, signal.SIG_IGN):
                 cluster = distributed.LocalCluster(
                     n_workers=workers, threads_per_worker=1, dashboard_address=None
@@ -113,7 +113,7 @@ def compute_block(payload: str, ids: Sequence[int]) -> tuple[Any, Any, Any]:
 
 @lru_cache(maxsize=2)
 def _computer(payload: str) -> Computer:
-    """Return what computes the runs of a study, made of what ``_payload`` has written."""
+    """Return the computer of a study's runs, from the output of ``_payload``."""
     study = json.loads(payload)
     settings = StudySettings.model_validate_json(json.dumps(study["settings"]))
     design = make_design(study_factors(settings, study["file"]), settings.sampling)

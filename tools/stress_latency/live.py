@@ -1,7 +1,7 @@
-"""Runs of a study with the real programs on a bus, compared with what the study has of them.
+"""Runs of a study with the real programs on a bus, compared with the study's own results.
 
-Each run takes its own time. What differs is the time on the wire and when the programs are woken;
-the latencies, losses and noise are the same, drawn from the same seed.
+Each run takes its own time. The time on the wire and the wake-ups of the programs differ; the
+latencies, losses and noise are the same, drawn from the same seed.
 """
 
 import json
@@ -30,7 +30,7 @@ GRACE_S = 30.0
 """How much longer than its motion a run may take on a stalled machine."""
 POLL_S = 0.1
 COMPARED = ("verdict", "rms_m", "peak_m", "amplitude_m", "latency_mean_s", "latency_p99_s")
-"""What is compared; a plant's trace says nothing of the commands' limits."""
+"""Figures that are compared; a plant's trace does not contain the commands' limits."""
 
 
 class LiveRun(NamedTuple):
@@ -49,7 +49,7 @@ def subset(runs: int, count: int) -> list[int]:
 
 @contextmanager
 def open_bus(name: str, folder: Path) -> Iterator[Bus]:
-    """Give the bus that ``--live`` names, until the end of the block.
+    """Open the bus that ``--live`` names, until the end of the block.
 
     ``name``  emulated: a bus of its own; a SocketCAN interface such as vcan0; or INTERFACE:CHANNEL
               of python-can
@@ -135,7 +135,7 @@ def live_line(one: LiveRun) -> str:
 
 
 def _drive(pair: Pair, bus: Bus, files: PairFiles, should_stop: Callable[[], bool]) -> bool:
-    """Run both programs to the end; returns whether they came to it."""
+    """Run both programs to the end; returns whether they reached it."""
     plant, controller = (str(files.settings(name)) for name in ("plant_emulator", "controller"))
     live = LivePair(bus, [plant], [controller], files)
     with live:

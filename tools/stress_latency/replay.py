@@ -1,7 +1,7 @@
-"""Makes one run of a study again: compiled, and with the two nodes in virtual time.
+"""Repeats one run of a study: compiled, and with the two nodes in virtual time.
 
-The nodes run on a wire that takes no time, as the study does. Their samples and commands go through
-the same figures; every figure must come out as it is stored, to the last digit.
+The nodes run on a wire that takes no time, as the study does. The same figures are computed from
+their samples and commands; every figure must equal the stored one, to the last digit.
 """
 
 import math
@@ -25,11 +25,11 @@ TICKS_MAX = 10_000_000
 
 
 class Replay(NamedTuple):
-    """One run made again.
+    """One repeated run.
 
-    ``stored``    the row; None where the study has not come to it yet
+    ``stored``    the row; None where the study has not reached it yet
     ``compiled``  figures by column, and the verdict, computed anew
-    ``virtual``   those that the nodes give; empty where there was nothing to run
+    ``virtual``   figures of the nodes; empty where there was nothing to run
     ``fastmath``  whether the compiled run may differ from the nodes
     """
 
@@ -43,7 +43,7 @@ class Replay(NamedTuple):
     @property
     def differences(self) -> list[str]:
         """Columns in which the three do not agree to the last digit; with fastmath the nodes, which
-        do not use it, are not asked.
+        do not use it, are left out.
         """
         asked = (self.stored,) if self.fastmath else (self.stored, self.virtual)
         views = [view for view in asked if view]
@@ -55,7 +55,7 @@ class Replay(NamedTuple):
 
 
 def replay(store: Store, computer: Computer, run: int) -> Replay:
-    """Make run number ``run`` again; raises SettingsError where there is none of this number."""
+    """Repeat run number ``run``; raises SettingsError where there is none of this number."""
     scenarios = computer.scenarios
     study = scenarios.study
     if not 0 <= run < study.runs:
@@ -74,7 +74,7 @@ def replay(store: Store, computer: Computer, run: int) -> Replay:
 
 
 def commands(files: PairFiles) -> list[str]:
-    """Return the commands that make the run again, in virtual time and live."""
+    """Return the commands that repeat the run, in virtual time and live."""
     plant, controller = (
         shlex.quote(str(files.settings(name))) for name in ("plant_emulator", "controller")
     )
@@ -88,7 +88,7 @@ def commands(files: PairFiles) -> list[str]:
 def _virtual(
     computer: Computer, pair: Pair, compiled: Mapping[str, Any], end: RunEnd
 ) -> dict[str, Any]:
-    """Return what the two nodes give, up to where the compiled run ended."""
+    """Return the figures of the two nodes, up to where the compiled run ended."""
     made = make_virtual_pair(pair.plant, pair.controller, controller_samples_max=TICKS_MAX)
     plant, controller = made.plant, made.controller
     samples, ticks = compiled["samples"], compiled["commands_sent"]

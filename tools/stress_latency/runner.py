@@ -1,4 +1,4 @@
-"""Runs a study from where it is to its end, or as far as it may."""
+"""Runs a study from where it is to its end, or until it is stopped."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -14,11 +14,11 @@ from .workers import Block, ShouldStop, Workers
 BLOCK_RUNS = 64
 """Runs handed to a worker at once: some tens of milliseconds."""
 FLUSH_S = 10.0
-"""How often what is computed is written though its chunk is not complete: what a crash may cost."""
+"""Interval at which an incomplete chunk is written, which limits the loss in a crash."""
 KINDS_OF = 200
-"""Controllers looked at for kinds of laws that an estimate has not compiled yet."""
+"""Controllers searched for kinds of laws that an estimate has not compiled yet."""
 TRIALS_MAX, TRIAL_RUNS, TRIALS_S = 16, 160, 3.0
-"""How many stretches of how many runs an estimate is made of, and how long they may take."""
+"""Stretches, runs in each, and longest time of an estimate."""
 
 
 class Estimate(NamedTuple):

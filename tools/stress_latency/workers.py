@@ -1,4 +1,4 @@
-"""Threads over scenarios: the compiled loop does without the interpreter's lock."""
+"""Threads over scenarios: the compiled loop does not hold the interpreter's lock."""
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
@@ -9,16 +9,16 @@ from ...studies.compute import Computed, Computer
 from ...studies.scenario import Scenarios
 
 WAITING_PER_WORKER = 3
-"""Blocks handed out and not yet taken back, a worker: memory stays bounded, nobody idles."""
+"""Blocks in progress for each worker: memory stays bounded, and no worker idles."""
 PATIENCE_S = 0.25
-"""How long to wait for a block before looking whether to stop."""
+"""Longest wait for a block before checking whether to stop."""
 
 Block = list[int]
 ShouldStop = Callable[[], bool]
 
 
 class Workers(Protocol):
-    """What computes blocks of ids, in any order."""
+    """Compute blocks of ids, in any order."""
 
     @property
     def description(self) -> str:
@@ -31,8 +31,8 @@ class Workers(Protocol):
         ...
 
     def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
-        """Yield what is done, nothing computed lost when it should stop; an empty one now and
-        then, so that the caller comes to speak.
+        """Yield completed blocks; none computed is lost on a stop. An empty one now and then lets
+        the caller act.
         """
         ...
 
@@ -50,7 +50,7 @@ class Threads:
         return f"{self.count} thread{'s' if self.count > 1 else ''}"
 
     def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
-        """Yield what is done."""
+        """Yield completed blocks."""
         failed: list[BaseException] = []
 
         def stops() -> bool:

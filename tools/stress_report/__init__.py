@@ -8,7 +8,7 @@ def write_report(folder: Path) -> Path:
 
     Raises SettingsError where there are no results, OSError where nothing can be written.
     """
-    # Pictures and compiled runs take a second to import, which nobody else has to wait for.
+    # Pictures and compiled runs take a second to import, which other commands need not wait for.
     from .report import write
 
     return write(folder)

@@ -17,10 +17,10 @@ LEVELS_MAX = 40
 
 
 class Axis(NamedTuple):
-    """One axis; a study that varies no such thing has one level, of which ``factor`` is None.
+    """One axis; a study that varies no such thing has one level, whose ``factor`` is None.
 
     ``values``  of the levels, or of the middle of each bin
-    ``labels``  as they stand at the axis
+    ``labels``  as printed at the axis
     ``place``   of each row
     """
 
@@ -32,7 +32,7 @@ class Axis(NamedTuple):
 
 
 class StudyAxes(NamedTuple):
-    """``group`` of each row is the same where everything but latency and jitter is."""
+    """``group`` is the same for rows that differ in latency and jitter only."""
 
     mean: Axis
     jitter: Axis
@@ -41,7 +41,7 @@ class StudyAxes(NamedTuple):
 
 
 def study_axes(study: StudyRecord, rows: Rows) -> StudyAxes:
-    """Return the axes of a study, of the downlink if both directions vary by themselves."""
+    """Return the axes of a study, of the downlink if both directions vary independently."""
     mean = _factor(study.factors, ("mean_s",))
     jitter = _factor(study.factors, ("spread_fraction", "spread_s"))
     others = [f.name for f in study.factors if f not in (mean, jitter)]

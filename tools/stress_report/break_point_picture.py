@@ -16,7 +16,7 @@ from .break_points import (
 _MARKERS = "os^Dv<>p"
 _TICKS_MS = (10, 20, 50, 100, 150, 200, 300, 400, 500, 700, 1000, 1500, 2000)
 _SHORTEST_MS = 1e-6 * STEP_NS
-"""Where no latency, or not even none, is drawn: the axis is logarithmic."""
+"""Where latency 0, or not even that, is drawn: the axis is logarithmic."""
 
 
 def draw_break_points(points: list[BreakPoint], axes: StudyAxes, names: tuple[str, ...]) -> Figure:
@@ -27,7 +27,7 @@ def draw_break_points(points: list[BreakPoint], axes: StudyAxes, names: tuple[st
     end_ms = 1e-6 * LATENCY_NS_MAX
     for controller, name in enumerate(names):
         own = [point for point in points if point.controller == controller]
-        # Beside each other, or laws of the same break-point hide each other.
+        # Beside each other, since laws of the same break-point would hide each other.
         at = np.array([chosen.index(point.jitter) for point in own]) + 0.06 * (
             controller - 0.5 * (len(names) - 1)
         )

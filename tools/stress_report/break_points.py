@@ -1,13 +1,13 @@
 """Break-point of each law: the largest mean latency that it holds, by bisection, seed by seed.
 
 At one jitter, a law holds a mean latency with a seed if it holds the path under the GROUPS_MAX of
-all other conditions in the study (corners, paths, ...) in which it breaks first, as a search with
-the first seed under CANDIDATES_MAX of them shows: a large error does not mean that it breaks first.
-Of more than that many, those in which most runs of the study do not hold, or with the largest
-errors, are looked at. Its break-point with that seed is
-the largest multiple of STEP_NS that holds, found by galloping from the one of the seed before and
-bisecting; it takes for granted that what holds a latency holds shorter ones, of which the heat maps
-are the proof. One seed draws the same uniforms for every latency and every law.
+all other conditions in the study (corners, paths, ...) in which it breaks first. These are found by
+a search with the first seed under CANDIDATES_MAX of them: a large error does not mean that it
+breaks first. If there are more conditions, the candidates are those in which most runs of the study
+do not hold, or with the largest errors. The break-point with that seed is the largest multiple of
+STEP_NS that holds, found by galloping from that of the seed before and bisecting. This assumes that
+a law that holds a latency holds shorter ones, which the heat maps confirm. One seed draws the same
+uniforms for every latency and every law.
 
 Bounds over seeds are order statistics (``tools.stress_report.order_statistics``).
 """
@@ -29,12 +29,12 @@ from .order_statistics import held_bound, median_interval
 from .results import Rows, StudyRecord, case_of, read_overrides
 
 SEEDS = 29
-"""The fewest of which, if all hold, at least HELD_SHARE do, with CONFIDENCE."""
+"""The smallest number of which, if all hold, at least HELD_SHARE do, with CONFIDENCE."""
 HELD_SHARE = 0.90
 CONFIDENCE = 0.95
 STEP_NS = 10_000_000
 LATENCY_NS_MAX = 2 * NS_PER_S
-"""Where galloping ends."""
+"""Upper end of galloping."""
 GROUPS_MAX = 2
 CANDIDATES_MAX = 8
 JITTERS_MAX = 6
@@ -42,11 +42,11 @@ _THREADS = 2
 
 
 class BreakPoint(NamedTuple):
-    """Break-point of a law at one jitter [s]; -1 where not even no latency is held.
+    """Break-point of a law at one jitter [s]; -1 where it does not even hold latency 0.
 
     ``by_seed_s``    in ascending order; LATENCY_NS_MAX stands for that and more
     ``held_s``       at least HELD_SHARE of all seeds hold here, with CONFIDENCE; NaN where there
-                     are too few seeds to say
+                     are too few seeds
     ``low_s``, ``high_s``   interval of the median, with CONFIDENCE
     """
 
@@ -60,7 +60,7 @@ class BreakPoint(NamedTuple):
 
 
 class _Conditions(NamedTuple):
-    """What a latency is varied under: overrides of other conditions, and where to start."""
+    """The conditions under which a latency is varied: their overrides, and where to start."""
 
     controller: int
     jitter: int
@@ -94,7 +94,7 @@ def break_points(
 def largest_held(holds: Callable[[int], bool], guess: int, largest: int) -> int:
     """Return the largest number from 0 to ``largest`` that holds, -1 if none does.
 
-    ``guess``  where to start to look; what holds a number is taken to hold all smaller ones
+    ``guess``  where to start the search; what holds a number is taken to hold all smaller ones
     """
     low, high, step = -1, largest + 1, 1
     at = min(max(guess, 0), largest)
@@ -122,8 +122,8 @@ class _Search:
         searched = list(group)
         found: list[list[int]] = [[] for _ in group]
         for seed in run_seeds:
-            # The laws one after the other: they break at latencies near each other, and share
-            # the networks of those.
+            # The laws one after the other: they break at similar latencies, and share the networks
+            # of those.
             for place, steps in enumerate(found):
                 if not steps:
                     searched[place] = self._first_to_break(searched[place], seed)
@@ -137,7 +137,7 @@ class _Search:
         return self._edge(conditions, seed, steps[-1] if steps else conditions.guess)
 
     def _first_to_break(self, conditions: _Conditions, seed: int) -> _Conditions:
-        """Return the conditions with those overrides only under which the law breaks first."""
+        """Return those conditions, by their overrides, under which the law breaks first."""
         if len(conditions.overrides) <= GROUPS_MAX:
             return conditions
         edges, guess = [], conditions.guess
@@ -178,7 +178,7 @@ class _Search:
         return verdicts(rules, np.array([end]), row[None, :])[0] is Verdict.HOLDS
 
     def _is_fixed(self, conditions: _Conditions) -> bool:
-        """Whether no draw makes a difference."""
+        """Whether nothing in the runs is random."""
         plants = [
             self._computer.scenarios.plant(case_of(overrides | {"plant.seed": 0}))
             for overrides in self._at(conditions, 0.1)
@@ -208,7 +208,7 @@ def _keys(axis: Axis) -> tuple[str, ...]:
 def _conditions(
     study: StudyRecord, rows: Rows, axes: StudyAxes, jitters: list[int]
 ) -> list[_Conditions]:
-    """Choose for each law and jitter from all else, and where to start to look."""
+    """Choose for each law and jitter from all other conditions, and where to start."""
     picked: list[tuple[int, int, list[int], int]] = []
     for jitter in jitters:
         for controller in range(len(study.names)):
@@ -227,7 +227,7 @@ def _worst(rows: Rows, axes: StudyAxes, here: Any) -> tuple[list[int], int]:
     groups, place = np.unique(axes.group[here], return_inverse=True)
     failed = np.bincount(place, weights=~rows.holds[here])
     largest_m = np.zeros(len(groups))
-    # Among those that all hold the one that comes nearest to breaking has the largest error.
+    # Among those that all hold, the one nearest to breaking has the largest error.
     np.maximum.at(largest_m, place, np.nan_to_num(rows.rms_m[here], nan=np.inf))
     worst = np.lexsort((-largest_m, -failed))[:CANDIDATES_MAX]
     runs = [int(rows.id[here[np.flatnonzero(place == group)[-1]]]) for group in worst.tolist()]

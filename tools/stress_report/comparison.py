@@ -12,7 +12,7 @@ from .results import FloatArray, IntArray, Rows, StudyRecord
 
 
 class Effort(NamedTuple):
-    """What runs ask of the steering: medians over them."""
+    """Steering effort of runs: medians over them."""
 
     steer_rms_rad: float
     steer_rate_rms_rad_s: float
@@ -25,7 +25,7 @@ class Comparison(NamedTuple):
     ``only_it``, ``only_reference``  pairs of runs in which only the one or the other holds
     ``low``, ``median``, ``high``    of the ratios: 10th, 50th, 90th percentile
     ``better``                       share of the ratios below 1
-    ``effort``                       of all its runs, those that do not hold too
+    ``effort``                       of all its runs, including those that do not hold
     """
 
     controller: int
@@ -85,6 +85,6 @@ def effort(rows: Rows, chosen: IntArray) -> Effort:
 
 
 def median(values: FloatArray) -> float:
-    """Return the median of what is known; NaN where nothing is."""
+    """Return the median of the known values; NaN where there are none."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else math.nan

@@ -1,8 +1,8 @@
 """Expected cost by covariance propagation beside the mean of many runs, for cells of a study.
 
-Both answer the same question in ways that share nothing but the law's and vehicle's numbers; where
-they differ by more than a few standard errors, one of them is wrong. Compared is on the grid, where
-the propagation is exact; the runs off the grid say what rounding up changes.
+The two methods share nothing but the law's and vehicle's numbers; where they differ by more than a
+few standard errors, one of them is wrong. They are compared on the grid, where the propagation is
+exact; the runs off the grid show the effect of rounding up.
 """
 
 import math
@@ -26,7 +26,7 @@ from .results import IntArray, Rows, StudyRecord, case_of, read_overrides
 RUNS = 50
 DURATION_S_MAX = 20.0
 MEAN_S_MAX = 0.2
-"""Longer latencies have so many commands on their way that their moments take long."""
+"""With longer latencies so many commands are on their way that the moments take too long."""
 _THREADS = 2
 _ROUNDING = 1e-9
 
@@ -47,7 +47,7 @@ class CostCheck(NamedTuple):
 
     @property
     def standard_errors(self) -> float:
-        """How far the two are from each other, in standard errors; NaN where nothing is random."""
+        """The difference of the two, in standard errors; NaN where nothing is random."""
         off_m2 = self.expected.mean_square_m2 - self.on_grid.mean_square_m2
         return off_m2 / self.on_grid.standard_error_m2 if self.is_random else math.nan
 
@@ -60,7 +60,7 @@ class LeftOut(NamedTuple):
 
 
 class CostChecks(NamedTuple):
-    """``left_out`` says which laws and cells are not compared, by the reason."""
+    """``left_out`` are the laws and cells that are not compared, by the reason."""
 
     checks: list[CostCheck]
     left_out: dict[str, list[str]]
@@ -137,7 +137,7 @@ def _cells(rows: Rows, axes: StudyAxes) -> list[tuple[int, int, int]]:
 
 
 def _calmest(rows: Rows, here: IntArray) -> int:
-    """Return a run of the conditions under which the laws meet their limits least."""
+    """Return a run of the conditions under which the laws are limited least."""
     cases, place = np.unique(rows.case[here], return_inverse=True)
     limited = np.zeros(len(cases))
     np.maximum.at(limited, place, np.nan_to_num(rows.limited_share[here], nan=1.0))
@@ -184,7 +184,7 @@ def _costs(
     controllers: list[ControllerSettings],
     places: list[int],
 ) -> dict[int, tuple[MonteCarloCost, MonteCarloCost] | str]:
-    """Return the costs of runs of some laws, on and off the grid, or why they say nothing."""
+    """Return the costs of runs of some laws, on and off the grid, or why they cannot be used."""
     run_seeds = seeds(int(study.sampling["seed"]), RUNS)
     found: dict[int, tuple[MonteCarloCost, MonteCarloCost] | str] = {}
 

@@ -21,7 +21,7 @@ second needs fourth moments, too many to be propagated; with those of a Gaussian
 
 and the covariance of the two sums, 0. C_kl is exact for LAGS_FROM instants k spread over the run.
 
-Latencies that lie on the grid of steps are treated exactly; ``Rounding`` says how others get there.
+Latencies on the grid of steps are treated exactly; ``Rounding`` defines how others are rounded.
 """
 
 import math
@@ -50,16 +50,16 @@ from .moment_recursion import Recursion, move_first, move_second
 
 LAGS_FROM = 24
 NUMBERS_MAX = 250_000
-"""In all second moments together: about a millisecond a period."""
+"""Limit for all second moments together: about a millisecond a period."""
 
 FloatArray = NDArray[np.float64]
 
 
 class Rounding(StrEnum):
-    """Of a latency to whole steps."""
+    """How a latency is rounded to whole steps."""
 
     UP = "up"
-    """What ``on_grid`` does with the latencies of a run, so that the two can be compared."""
+    """As ``on_grid`` rounds the latencies of a run, so that the two can be compared."""
     NEAREST = "nearest"
     """Keeps the mean; an approximation that gets better with shorter steps."""
 
@@ -92,8 +92,8 @@ def expected_cost(
 ) -> ExpectedCost:
     """Return the expected cost of a run of these settings; their seed does not matter.
 
-    Raises SettingsError for settings whose loop is not linear with independent latencies, or whose
-    commands on their way are too many.
+    Raises SettingsError for settings whose loop is not linear with independent latencies, or with
+    too many commands on their way.
     """
     loop = linear_loop(plant, controller, steps_per_period)
     step_s = loop.period_s / steps_per_period
@@ -107,7 +107,7 @@ def latency_cdf(line: LatencySettings) -> LatencyCdf:
 
     mean_s, spread_s = line.mean_s, line.spread_s
     if line.model is Distribution.CONSTANT or min(mean_s, spread_s) < RESOLUTION_S:
-        # Settings are whole ns: what is on the grid must not fall behind it by rounding.
+        # Settings are whole ns: a latency on the grid must not leave it by rounding.
         return lambda t: np.where(t >= mean_s - 0.5 * RESOLUTION_S, 1.0, 0.0)
     if line.model is Distribution.GAMMA:
         return gamma_cdf(mean_s, spread_s)

@@ -1,6 +1,6 @@
 """Heat maps over mean latency and jitter, one a law: RMS error, and share of runs that hold.
 
-A cell holds what is worst over everything else that varies (corners of the box, paths, ...):
+A cell holds the worst over everything else that varies (corners of the box, paths, ...):
 
     RMS     the largest of the medians over replicates
     held    the smallest share of replicates that hold the path
@@ -42,7 +42,7 @@ _TEXT_CELLS_MAX = 130
 class HeatMaps(NamedTuple):
     """Arrays of shape (controllers, jitters, means); NaN where nothing was run.
 
-    ``family``  place in HATCHES of the worst that became of a run; -1 where all hold
+    ``family``  place in HATCHES of the worst end of a run; -1 where all hold
     """
 
     rms_m: FloatArray
@@ -155,7 +155,7 @@ def _draw(
 
 def _hatch(panel: object, row: int, column: int, family: int) -> None:
     hatch = tuple(HATCHES.values())[family]
-    for colour, width in (("white", 2.2), ("0.1", 0.7)):  # seen on any colour
+    for colour, width in (("white", 2.2), ("0.1", 0.7)):  # visible on any colour
         patch = Rectangle(
             (column - 0.5, row - 0.5),
             1.0,

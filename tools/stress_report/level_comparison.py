@@ -1,10 +1,10 @@
-"""Levels of the factors that are no network: what a derivative, a noise or a corner changes.
+"""Levels of the factors other than the network: the effect of a derivative, a noise or a corner.
 
     q = RMS at a level / RMS at the first level     run by run, law by law, all else the same
 
 Every run is paired with that of the same law, replicate (so the same network, noise and seed) and
-levels of all other factors. Only factors with a few levels are compared; of one that is drawn, or
-has a network in it, the heat maps and break-points speak.
+levels of all other factors. Only factors with a few levels are compared. For those that are drawn,
+or belong to the network, see the heat maps and break-points.
 """
 
 from itertools import product
@@ -18,7 +18,7 @@ from .results import FactorRecord, IntArray, Rows, StudyRecord
 
 LEVELS_MAX = 12
 CELLS_MAX = 120
-"""Rows of the table of all combinations; more of them are no table that anyone reads."""
+"""Rows of the table of all combinations; a longer table would not be read."""
 
 
 class Ratios(NamedTuple):
@@ -34,7 +34,7 @@ class Ratios(NamedTuple):
 class Condition(NamedTuple):
     """One law under one combination of levels; the figures are medians over its runs.
 
-    ``..._by_latency``  RMS of error and steer at each mean latency; empty where it was not asked
+    ``..._by_latency``  RMS of error and steer at each mean latency; empty if not requested
     """
 
     controller: int
@@ -58,7 +58,7 @@ def compared_factors(study: StudyRecord) -> list[FactorRecord]:
 
 
 def level_ratios(study: StudyRecord, rows: Rows, factor: FactorRecord) -> list[Ratios]:
-    """Return what the levels of a factor change, law by law."""
+    """Return the effect of the levels of a factor, law by law."""
     rest = _same_but_for(study, rows, factor)
     found = []
     for controller in range(len(study.names)):
@@ -83,8 +83,8 @@ def conditions_by_level(
     factors: list[FactorRecord],
     latency: IntArray | None = None,
 ) -> list[Condition]:
-    """Return every law under every combination of levels, those of the first factor beside each
-    other; none where they are too many.
+    """Return every law under every combination of levels, with those of the first factor beside
+    each other; none where they are too many.
 
     ``latency``  the place of each row's mean latency, to have the figures by it too
     """
@@ -123,7 +123,7 @@ def _is_at(rows: Rows, factor: FactorRecord, label: object) -> IntArray:
 
 
 def _same_but_for(study: StudyRecord, rows: Rows, factor: FactorRecord) -> IntArray:
-    """Return a number of each row that is the same where all but the factor is."""
+    """Return a number for each row, the same where all but the factor is the same."""
     key = rows.case % int(study.sampling["replicates"])
     for other in study.factors:
         if other.name != factor.name:

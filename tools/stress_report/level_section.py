@@ -1,4 +1,4 @@
-"""The section that compares levels of factors: what a derivative or a noise makes of a law."""
+"""The section that compares levels of factors: the effect of a derivative or a noise on a law."""
 
 from collections.abc import Sequence
 
@@ -20,11 +20,11 @@ from .sections import (
 )
 
 LATENCIES_MAX = 6
-"""More mean latencies than these are no columns; the heat maps have them."""
+"""More mean latencies than these get no columns; the heat maps have them."""
 
 
 def level_sections(study: StudyRecord, rows: Rows, axes: StudyAxes) -> list[Section]:
-    """Return the section, none where no factor but the network has levels."""
+    """Return the section, empty where only the network has levels."""
     factors = compared_factors(study)
     if not factors:
         return []

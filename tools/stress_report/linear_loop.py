@@ -11,7 +11,7 @@
     1       so that what drives the loop is part of its matrix
 
 Left out are the limits of commands and actuator, and the resolution of signals: a run that meets no
-limit is linear. Whatever else is not linear, or not of this form, is refused.
+limit is linear. Whatever else is not linear, or not of this form, is rejected.
 """
 
 from typing import NamedTuple
@@ -37,14 +37,14 @@ from ...runtime.settings import SettingsError
 FloatArray = NDArray[np.float64]
 
 LATERAL_ERROR, WHEEL = 3, 4
-"""Where y and δ are in the plant's state."""
+"""Places of y and δ in the plant's state."""
 
 
 class LinearLoop(NamedTuple):
-    """What the loop is made of; ``driven`` has shape (steps, plant states).
+    """The parts of the loop; ``driven`` has shape (steps, plant states).
 
     ``law_at_rest``  the law's state after a constant error of 1 m, from which it starts: it takes
-                     the first measurement for one that has lasted
+                     the first measurement for a lasting one
     ``transition``   of the plant over one step
     ``hold``         what a unit command held over the step adds
     ``driven``       what path and disturbances add in each step
@@ -141,7 +141,7 @@ def _curvatures(path: Path, arc_lengths_m: FloatArray) -> FloatArray:
 
 
 def _unfit(plant: PlantSettings, controller: ControllerSettings) -> list[str]:
-    """Return what keeps a run from being a jump-linear loop."""
+    """Return why a run is not a jump-linear loop."""
     down, actuator = plant.latency.downlink, plant.actuator
     conditions = {
         "law: must read the lateral error and its own commands alone": design_law(

@@ -1,8 +1,8 @@
 """One control period of the moments of a jump-linear loop, compiled, in place.
 
 Arrays have the shape (modes, states, columns). A first moment has one column, or several that do
-not mix; a second moment as many as states, and is moved in its rows and in its columns. The states
-are those of ``linear_loop``: plant, law, commands with the newest first, sum, one.
+not mix. A second moment has as many columns as states, and is moved in its rows and columns. The
+states are those of ``linear_loop``: plant, law, commands with the newest first, sum, one.
 """
 
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 
 
 class Recursion(NamedTuple):
-    """What a period does.
+    """The matrices of a period.
 
     ``decision``    (law + 1, 1 + law): the law's new states and its command, from y and the law
     ``transition``, ``hold``   of the plant over one step
@@ -128,7 +128,7 @@ def _move_columns(r: Any, x: Any, held: Any, driven: Any, work: Any) -> None:
 
 @compiled
 def _age(x: Any) -> None:
-    """Every command gets a period older; the oldest mode keeps what it has."""
+    """Make every command a period older; the oldest mode keeps its moments."""
     last = x.shape[0] - 1
     if last == 0:
         return
@@ -140,7 +140,7 @@ def _age(x: Any) -> None:
 
 @compiled
 def _choose(x: Any, chosen: Any, kept: Any) -> None:
-    """Let commands arrive: a younger one takes the place of any older."""
+    """Let commands arrive: a younger one replaces any older one."""
     older = np.zeros(x.shape[1:])
     for mode in range(x.shape[0] - 1, -1, -1):
         for i in range(x.shape[1]):

@@ -1,4 +1,4 @@
-"""The cost of runs with many seeds, next to which the expected one is put (``expected_cost``).
+"""The cost of runs with many seeds, for comparison with the expected cost (``expected_cost``).
 
     mean      (J_1 + ... + J_n)/n                       its standard error s/√n
     variance  s² = Σ (J_i - mean)²/(n - 1)              its standard error √((μ4 - s⁴)/n)
@@ -27,14 +27,14 @@ from ...studies.sampling import replicate_seed
 FloatArray = NDArray[np.float64]
 
 _AT_LIMIT = 1.0 - 1e-9
-"""Of a command at its limit: the difference of two commands is rounded."""
+"""Share of the limit at which a command counts as limited: differences of commands are rounded."""
 
 
 class MonteCarloCost(NamedTuple):
     """The cost of runs that differ in their seeds.
 
     ``error_deviation_m``  of the lateral error over the runs, at each sample that all of them have
-    ``limited``  how many met a limit, or did not come to their end: these are not linear
+    ``limited``  how many met a limit, or ended early: these are not linear
     """
 
     costs_m2: FloatArray
@@ -48,17 +48,17 @@ class MonteCarloCost(NamedTuple):
 
     @property
     def standard_error_m2(self) -> float:
-        """Of the mean."""
+        """Standard error of the mean."""
         return math.sqrt(self.variance_m4 / len(self.costs_m2))
 
     @property
     def variance_m4(self) -> float:
-        """Of the costs."""
+        """Variance of the costs."""
         return float(self.costs_m2.var(ddof=1))
 
 
 def seeds(first: int, count: int) -> list[int]:
-    """Return the seeds of the replicates of a study, and of as many more as are asked for."""
+    """Return the seeds of the replicates of a study, and of as many more as needed."""
     return [replicate_seed(first, replicate) for replicate in range(count)]
 
 

@@ -1,10 +1,10 @@
-"""What a study has left in its folder, read column by column: settings, factors, rows.
+"""The results of a study in its folder, read column by column: settings, factors, rows.
 
     study.json        what the results follow from
     results.parquet   the rows; of a study that is not complete yet, the files in chunks/
 
-Only the columns that are asked for are read; texts come as places in a list. A hundred thousand
-rows are a few tens of megabytes.
+Only the requested columns are read; texts are read as places in a list. A hundred thousand rows are
+a few tens of megabytes.
 """
 
 import json
@@ -46,9 +46,9 @@ class FactorRecord(NamedTuple):
 
 
 class StudyRecord(NamedTuple):
-    """What the results follow from.
+    """The settings from which the results follow.
 
-    ``scenarios``  makes settings of overrides, as the study did; of its points it knows nothing
+    ``scenarios``  makes settings of overrides, as the study did; it does not know its points
     ``runs``       of the complete study
     ``fastmath``   whether its runs are close to those of the nodes, and not the same
     """
@@ -77,7 +77,7 @@ class StudyRecord(NamedTuple):
         return laws.index("pd") if "pd" in laws else 0
 
     def replay(self, run: int) -> str:
-        """Return the command that makes a run again."""
+        """Return the command that repeats a run."""
         return (
             f"steer-by-wire stress {self.folder / 'study.toml'} --out {self.folder} --replay {run}"
         )
@@ -110,7 +110,7 @@ class Rows(NamedTuple):
 
 
 def read_study(folder: Path) -> StudyRecord:
-    """Return what the results in a folder follow from; raises SettingsError."""
+    """Return the record of the results in a folder; raises SettingsError."""
     file = folder / "study.json"
     try:
         record = read_json(file)
@@ -164,7 +164,7 @@ def _settings(plant: object, controllers: Mapping[str, object]) -> tuple[Any, di
 
 
 def _factor(name: object, keys: object, labels: object) -> FactorRecord:
-    """Return a factor of the record; raises TypeError for what is none."""
+    """Return a factor of the record; raises TypeError for anything else."""
     if not (isinstance(name, str) and isinstance(keys, list) and isinstance(labels, list)):
         raise TypeError("a factor is a name, keys and labels")
     if not all(isinstance(key, str) for key in keys):
@@ -175,7 +175,7 @@ def _factor(name: object, keys: object, labels: object) -> FactorRecord:
 
 
 def read_rows(study: StudyRecord) -> Rows:
-    """Return the columns of the rows there are, sorted by id; raises SettingsError for none."""
+    """Return the columns of the existing rows, sorted by id; raises SettingsError for none."""
     names = [factor.name for factor in study.factors]
     table = _table(study.folder, _types(study))
     run = table["id"]
@@ -195,7 +195,7 @@ def read_rows(study: StudyRecord) -> Rows:
 
 
 def read_overrides(study: StudyRecord, runs: Sequence[int]) -> dict[int, dict[str, Any]]:
-    """Return what sets each of these runs apart from the base of the study, by dotted key."""
+    """Return the overrides by which each run differs from the base of the study, by dotted key."""
     import pyarrow as pa
 
     types = {"id": pa.int64(), "overrides": pa.string()}
@@ -208,7 +208,7 @@ def read_overrides(study: StudyRecord, runs: Sequence[int]) -> dict[int, dict[st
 
 
 def case_of(overrides: Mapping[str, Any]) -> Case:
-    """Return overrides in the form that ``Scenarios`` makes settings of."""
+    """Return overrides in the form that ``Scenarios`` takes."""
     return Case(0, 0, int(overrides["plant.seed"]), (), overrides)
 
 

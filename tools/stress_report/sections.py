@@ -1,4 +1,4 @@
-"""The words and tables of the page, section by section."""
+"""The text and tables of the page, section by section."""
 
 import math
 from collections.abc import Sequence
@@ -134,7 +134,7 @@ def comparison_section(study: StudyRecord, found: Sequence[Comparison]) -> Secti
 def worst_section(
     study: StudyRecord, rows: Rows, found: Sequence[WorstRun], pictures: Sequence[Picture]
 ) -> Section:
-    """Return the worst runs and the commands that make them again."""
+    """Return the worst runs and the commands that repeat them."""
     lines = [
         (
             number(f"{rank}."),
@@ -235,7 +235,7 @@ def _latency(seconds: float) -> str:
 
 
 def effort_cells(effort: Effort) -> tuple[Cell, Cell, Cell]:
-    """Return what a law asks of the steering, under EFFORT_HEADINGS."""
+    """Return the steering effort of a law, under EFFORT_HEADINGS."""
     return (
         number(three_digits(1e3 * effort.steer_rms_rad)),
         number(three_digits(1e3 * effort.steer_rate_rms_rad_s)),

@@ -1,4 +1,4 @@
-"""The first section of the page: what was run, and what became of it."""
+"""The first section of the page: what was run, and how the runs ended."""
 
 import json
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ _DURATION = "plant.duration_s"
 
 
 def study_section(study: StudyRecord, rows: Rows) -> Section:
-    """Return what was run, and what became of it."""
+    """Return what was run, and how the runs ended."""
     sampling, runs = study.sampling, len(rows.id)
     size = f"{runs:,} runs" if runs == study.runs else f"{runs:,} of {study.runs:,} runs so far"
     texts = {
@@ -63,7 +63,7 @@ def _factor(factor: FactorRecord) -> str:
 
 
 def _against(tables: Mapping[str, Any], defaults: Settings) -> Cell:
-    """Return what differs from the defaults, and all of it to unfold."""
+    """Return the settings that differ from the defaults, and all of them to unfold."""
     usual = dict(leaves(defaults.model_dump(mode="json", exclude_none=True)))
     values = [(key, value) for key, value in leaves(tables) if value not in ([], None)]
     differing = [(key, value) for key, value in values if usual.get(key) != value]
@@ -78,7 +78,7 @@ def _texts(values: list[tuple[str, Any]]) -> str:
 
 
 def _warnings(study: StudyRecord, rows: Rows) -> list[str]:
-    """Say what the verdicts of short runs do not see."""
+    """Return what the verdicts of short runs do not cover."""
     durations_s = [float(study.plant["duration_s"])]
     for factor in study.factors:
         if _DURATION in factor.keys:

@@ -1,8 +1,8 @@
-"""The worst runs of a study, made again from what their rows say of them, and drawn.
+"""The worst runs of a study, repeated from their rows, and drawn.
 
-Worst are runs that left the range of the sensor, the earliest first; then the largest RMS error.
-Of replicates only the worst is taken: they differ in their seeds alone, or not at all. A run that
-never started has no trace and is not among them.
+The worst are runs that left the range of the sensor, the earliest first; then those with the
+largest RMS error. Of replicates only the worst is taken: they differ in their seeds alone, or not
+at all. A run that never started has no trace and is left out.
 """
 
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ COUNT = 10
 
 
 class WorstRun(NamedTuple):
-    """One of the worst runs; ``again_rms_m`` is that of the run made again."""
+    """One of the worst runs; ``again_rms_m`` is that of the repeated run."""
 
     row: int
     id: int
@@ -32,7 +32,7 @@ class WorstRun(NamedTuple):
 
     @property
     def again_rms_m(self) -> float:
-        """RMS error of the run made again."""
+        """RMS error of the repeated run."""
         return float(np.sqrt(np.mean(self.run.lateral_error_m**2)))
 
 
@@ -76,7 +76,7 @@ def draw_worst(study: StudyRecord, found: list[WorstRun]) -> Figure:
 
 
 def conditions(study: StudyRecord, rows: Rows, row: int) -> str:
-    """Return what the factors are in a row, in one line."""
+    """Return the values of the factors in a row, in one line."""
     texts = []
     for factor in study.factors:
         value = rows.factors[factor.name][row]

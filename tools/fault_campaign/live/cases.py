@@ -1,8 +1,8 @@
 """The faults of the live campaign, and who must notice what: by what each fault is.
 
-A receiver sees a frame's length, CRC, identifier and counter, and that nothing comes. So a counter
-that does not fit is noticed, a forged one that fits is accepted: the true one comes second then,
-and that is noticed.
+A receiver checks a frame's length, CRC, identifier and counter, and detects that nothing arrives.
+So a counter that does not fit is detected, but a forged one that fits is accepted: the true frame
+then comes second, and that is detected.
 """
 
 from collections.abc import Mapping
@@ -15,10 +15,10 @@ from ....plant_emulator.fault_settings import SIGNAL_FAULTS
 PLANT, CONTROLLER = "plant-emulator", "steering-controller"
 ONSET_S, DURATION_S = 0.5, 1.0
 PLANT_ONSET_S = 2.0
-"""Of faults in the plant's settings: after the first command, which comes as the run starts."""
+"""Onset of faults in the plant's settings, after the first command, sent as the run starts."""
 SILENCE, LOST, SKIPPED, LIMITED = "silence", "lost", "skipped", "intervention"
-"""Counted by the node that held because nothing came, that missed frames or periods of its own, or
-whose safety limiter stepped in."""
+"""Counters of a node: that it held because nothing arrived, missed frames, missed periods of its
+own, or had to limit a command."""
 BUS_OFF = "bus_off"
 STATUS_BUS_FAILED = 3
 _COUNTER = frozenset({"repeated", "out_of_order", "too_far"})
@@ -28,13 +28,13 @@ _CONTENT = frozenset({"bad_crc", "wrong_length", "masqueraded", "out_of_range"})
 class LiveCase(NamedTuple):
     """One run.
 
-    ``fault``      as ``tools.inject_faults`` takes it, without its times; empty for none of its
+    ``fault``      as ``tools.inject_faults`` takes it, without its times; empty for none
     ``targets``    the programs that are stopped or killed
     ``with_key``   whether the pair authenticates its frames, by CAN FD and a key of its own
-    ``expected``   by program, the counts of which one must have risen
+    ``expected``   by program, the counters of which one must have risen
     ``at_plant``   one of the plant's ``[[faults]]`` instead, without its times
     ``reconnects`` whether both programs wait for a bus that they have lost
-    ``ends``       by program, the exit status with which it ends, where that is not 0
+    ``ends``       by program, its exit status where that is not 0
     """
 
     name: str
@@ -123,8 +123,9 @@ CASES = (
         _by(plant=_SILENCE, controller=_SKIPPED),
         (CONTROLLER,),
     ),
-    # As when their machine was suspended: nobody has sent meanwhile. The plant's silence ended long
-    # before anything can come; the controller holds only if it looks before the plant has sent.
+    # As when their machine was suspended: no node has sent meanwhile. The plant's silence ended
+    # long before any frame can arrive. The controller holds only if it checks before the plant
+    # has sent.
     LiveCase(
         "both clocks jump 1 s",
         f"{LiveKind.CLOCK_JUMP},magnitude=1",
@@ -166,11 +167,11 @@ CASES = (
         _by(controller=frozenset({"out_of_range", "not_available"})),
     ),
     _at_plant("commands 0.9 rad off", "downlink", "offset", 0.9, _by(plant=frozenset({LIMITED}))),
-    # A plausible value with a valid CRC and counter shows a receiver nothing.
+    # A receiver cannot detect a plausible value with a valid CRC and counter.
     _at_plant("measurements stuck", "uplink", "stuck", 1.0, _by()),
     _at_plant("measurements 0.1 m off", "uplink", "offset", 0.1, _by()),
     _at_plant("measurements doubled", "uplink", "scale", 2.0, _by()),
     _at_plant("measurements drift 0.1 m/s", "uplink", "drift", 0.1, _by()),
     _at_plant("measurements noisy, 0.02 m", "uplink", "noise", 0.02, _by()),
 )
-"""The first one is without a fault, and what it records is what the replay sends."""
+"""The first one is without a fault; the replay sends what it records."""

@@ -1,9 +1,9 @@
-"""What a live run shows: who noticed the fault, by what, when, and what became of the vehicle.
+"""What a live run shows: who detected the fault, by what, when, and what the vehicle did.
 
-Three sources that do not depend on each other: the counts in both reports; what each program told
-on the bus, by the bus's time stamps; what it handed over, by its own recording, which also tells
-when the bus lets nothing through. Only frames that a program has sent by its own recording count as
-its: an intruder may have sent the same identifier.
+The three sources do not depend on each other: the counters in both reports; what each program sent
+on the bus, by the bus's time stamps; what it handed to the bus, by its own recording, which also
+covers times when the bus lets nothing through. A frame counts as a program's own only if its own
+recording has it: an intruder may have sent the same identifier.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -55,16 +55,16 @@ _UNSAFE = frozenset(SafetyState) - {SafetyState.NORMAL}
 _HELD = (Mode.HOLDING, Mode.SAFE_STOP)
 
 _OF_THE_MACHINE = frozenset({SKIPPED})
-"""Not held against a run without a fault: a shared machine may stall."""
+"""A run without a fault does not fail by these: a shared machine may stall."""
 Told = tuple[int, Message]
 """A message and its time on the wall clock [ns]."""
 
 
 class Telling(NamedTuple):
-    """When a program first showed the fault after its onset [s]; None: it did not.
+    """When a program first reported the fault after its onset [s]; None: it did not.
 
-    ``noticed_s``  by what it handed over
-    ``told_s``     by what was complete on the bus
+    ``noticed_s``  by the frame it handed to the bus
+    ``told_s``     by the frame that was complete on the bus
     """
 
     noticed_s: float | None
@@ -72,8 +72,8 @@ class Telling(NamedTuple):
 
 
 class Vehicle(NamedTuple):
-    """What became of it: greatest deviation at the preview point and angle of the wheel after the
-    onset, the same before it, and the last status that the plant told; None where it told nothing.
+    """Motion of the vehicle: greatest deviation at the preview point and angle of the wheel after
+    the onset, the same before it, and the plant's last status; None where it sent nothing.
     """
 
     error_peak_m: float | None
@@ -88,7 +88,7 @@ class Outcome(NamedTuple):
 
     ``counts``     above zero in the reports, by program and cause
     ``tellings``   by program
-    ``mistakes``   what is not as it should be; none: the run has passed
+    ``mistakes``   what is not as expected; the run passes if there are none
     """
 
     name: str
@@ -101,7 +101,7 @@ class Outcome(NamedTuple):
 
 
 def judge_trial(trial: Trial) -> Outcome:
-    """Read what a run left, and judge it."""
+    """Read the files of a run, and judge it."""
     counts = {
         name: counts_of(trial.reports[name])
         for name in (PLANT, CONTROLLER)
@@ -126,7 +126,7 @@ def judge_trial(trial: Trial) -> Outcome:
 
 
 def counts_of(report: Mapping[str, Any]) -> dict[str, int]:
-    """Return what a program's report counts of faults, by cause, where it is above zero."""
+    """Return a program's fault counters that are above zero, by cause."""
     node = report["node"]
     counts = dict(node["rejected"])
     counts |= node.get("authentication", {}).get("refused", {})
@@ -142,7 +142,7 @@ def counts_of(report: Mapping[str, Any]) -> dict[str, int]:
 
 
 def mistakes_of(trial: Trial, counts: Mapping[str, Mapping[str, int]]) -> Iterator[str]:
-    """Yield what is not as it should be, in words."""
+    """Yield what is not as expected, in words."""
     case = trial.case
     for name, causes in case.expected.items():
         if not causes & set(counts.get(name, {})):
@@ -177,7 +177,7 @@ def _onset_ns(trial: Trial, on_bus: Sequence[tuple[int, Frame]]) -> int:
 
 
 def vehicle_of(told: Sequence[Told], onset_ns: int, end_ns: int) -> Vehicle:
-    """Return what the plant's own messages say of the vehicle up to ``end_ns``."""
+    """Return the motion of the vehicle up to ``end_ns``, from the plant's own messages."""
     statuses = [one for t, one in told if isinstance(one, SteeringStatus) and t < end_ns]
 
     def peak(pick: Callable[[Message], float | None], from_ns: int, to_ns: int) -> float | None:
@@ -202,7 +202,7 @@ def _wheel(message: Message) -> float | None:
 
 
 def _first_sign(frames: Sequence[tuple[int, Frame]], onset_ns: int, end_ns: int) -> float | None:
-    """Return how long after the onset a program's own messages first show the fault [s]."""
+    """Return how long after the onset a program's own messages first report the fault [s]."""
     before = (0, 0)
     for time_ns, message in _decoded(frames):
         if time_ns >= end_ns:
@@ -215,7 +215,7 @@ def _first_sign(frames: Sequence[tuple[int, Frame]], onset_ns: int, end_ns: int)
 
 
 def _refused(message: Message) -> tuple[int, int] | None:
-    """Return how many frames a sender has refused and missed, if the message says that."""
+    """Return how many frames a sender has rejected and missed, if the message contains that."""
     match message:
         case PlantStatus():
             return message.rejected, 0
@@ -225,7 +225,7 @@ def _refused(message: Message) -> tuple[int, int] | None:
 
 
 def _is_sign(message: Message, before: tuple[int, int]) -> bool:
-    """Whether a message says that its sender has seen a fault, after what ``before`` it had."""
+    """Whether a message reports that its sender has detected a fault since ``before``."""
     match message:
         case SteeringCommand() | ControllerStatus():
             return message.mode in _HELD

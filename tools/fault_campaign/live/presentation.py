@@ -59,7 +59,7 @@ def record_of(outcome: Outcome) -> dict[str, Any]:
 
 
 def outcome_table(outcomes: Sequence[Outcome]) -> TerminalTable:
-    """Return the runs as a table; times in ms after the onset, noticed / told on the bus."""
+    """Return the runs as a table; times in ms after the onset, noticed / reported on the bus."""
     table = TerminalTable(title="live campaign: noticed / told on the bus, ms after the onset")
     for heading in ("fault", "plant counts", "controller counts"):
         table.add_column(heading, overflow="fold")
@@ -88,7 +88,7 @@ def _row(outcome: Outcome) -> list[str]:
 
 
 def _unbroken(text: str) -> Cell:
-    """Return a number's cell that stays on one line."""
+    """Return the cell of a number, which stays on one line."""
     return number(text.replace(" ", "\N{NO-BREAK SPACE}"))
 
 

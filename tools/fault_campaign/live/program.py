@@ -19,16 +19,16 @@ from .trial import run_trial, write_excerpt
 
 NAME = "live campaign"
 WIDTH = 150
-"""Of the table, whose figures are no use cut short."""
+"""Width of the table, whose figures are no use cut short."""
 FILE = "campaign_live.json"
 _KEY_LIBRARY = "cryptography"
 
 
 def run_live_campaign(folder: Path, seed: int, cases: Sequence[LiveCase] = CASES) -> list[Outcome]:
-    """Run the cases, print what came of them and write it to ``folder``.
+    """Run the cases, print the results and write them to ``folder``.
 
-    The first case is the one without a fault: a replay sends what it has recorded. Raises BusError
-    when a process does not start or does not end.
+    The first case is without a fault: a replay sends its recording. Raises BusError when a process
+    does not start or does not end.
     """
     folder.mkdir(parents=True, exist_ok=True)
     steal, begin_s = StealClock(), time.monotonic()

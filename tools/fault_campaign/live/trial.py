@@ -22,7 +22,7 @@ from .cases import (
 CHANNEL = "can0"
 SETTLE_S, RECOVER_S = 1.5, 2.0
 GONE_TIMEOUT_S = 5.0
-"""How long the files' writers, processes of the programs, may need to end after them."""
+"""Time that the file-writing processes of the programs may need to end after them."""
 _INJECTOR, _RECORDER, _BROKER = "injector", "recorder", "broker"
 _RUN_S = 600.0
 _KEY_BYTES = 16
@@ -31,13 +31,13 @@ _COMMAND = f" {CAN_IDS[SteeringCommand]:03X}#"
 
 
 class Trial(NamedTuple):
-    """What a run left.
+    """Files and figures of a run.
 
     ``statuses``   exit status by process; -9 for SIGKILL
     ``reports``    of the programs that have written one
     ``actions``    what the injector did: wall clock [ns], fault, what
-    ``observed``   wall clock from when on the fault is awaited, and when the run was ended [ns]
-    ``left``       processes and files that should be gone
+    ``observed``   wall clock from which the fault is expected, and when the run was ended [ns]
+    ``left``       processes and files that should have gone
     """
 
     case: LiveCase
@@ -54,7 +54,7 @@ class Trial(NamedTuple):
         return self.folder / "bus.log"
 
     def own_log(self, program: str) -> Path:
-        """What one program sent and took."""
+        """Frames that one program sent and received."""
         return self.folder / f"{program}.log"
 
 
@@ -87,7 +87,7 @@ def run_trial(case: LiveCase, folder: Path, seed: int, recording: Path) -> Trial
         end_ns = time.time_ns()
         pids = programs.pids()
         statuses = {_INJECTOR: programs.end(_INJECTOR)} if case.fault else {}
-        # Both at once: either would hold without the other.
+        # Both together: either would enter its hold if the other ended first.
         for name in (PLANT, CONTROLLER):
             programs.interrupt(name)
         for name in (CONTROLLER, PLANT, _RECORDER, _BROKER):
@@ -104,7 +104,7 @@ def run_trial(case: LiveCase, folder: Path, seed: int, recording: Path) -> Trial
 
 
 def write_excerpt(bus_log: Path, excerpt: Path) -> None:
-    """Copy a recording of the bus from the first command on, which is when both take part."""
+    """Copy a recording of the bus from the first command on: from then both nodes take part."""
     lines = bus_log.read_text(encoding="ascii").splitlines(keepends=True)
     first = next((place for place, line in enumerate(lines) if _COMMAND in line), 0)
     excerpt.write_text("".join(lines[first:]), encoding="ascii")
@@ -117,7 +117,7 @@ def write_key(path: Path) -> None:
 
 
 def _start_pair(programs: Processes, socket: Path, case: LiveCase, key: Path) -> None:
-    """Start all but the injector; the recorder before anybody sends."""
+    """Start all but the injector; the recorder before any node sends."""
     broker = ["--allow-bus-off"]
     broker += ["--data-bitrate", str(_DATA_BITRATE_BIT_S)] if case.with_key else []
     programs.start_broker(socket, broker)
@@ -138,7 +138,7 @@ def _start_pair(programs: Processes, socket: Path, case: LiveCase, key: Path) ->
         files = ["--report", programs.path(name, ".json"), "--record", programs.path(name, ".log")]
         files += ["--key-file", key] if case.with_key else []
         options += ["--reconnect"] if case.reconnects else []
-        # Settings first: behind --bus-kwargs they would be taken for more of its arguments.
+        # Settings first: after --bus-kwargs they would be parsed as more of its arguments.
         programs.start(name, module, [*options, *map(str, files), *_bus_options(programs)])
 
 
@@ -161,7 +161,7 @@ def _bus_options(programs: Processes) -> list[str]:
 
 
 def _still_there(pids: Mapping[str, int]) -> list[str]:
-    """Return which processes are there even after a while."""
+    """Return which processes still exist after a while."""
     until_s = time.monotonic() + GONE_TIMEOUT_S
     while True:
         left = [f"process {name}" for name, pid in pids.items() if Path(f"/proc/{pid}").exists()]
