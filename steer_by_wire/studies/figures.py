@@ -273,7 +273,7 @@ def _line(error_m: Any, first: Any, window: Any) -> Any:
 
 @compiled
 def _effort(rules: Any, sent_rad: Any, row: Any) -> None:
-    """Write the figures of the commands; those before the first command count as none."""
+    """Write the figures of the commands; the first step counts from 0."""
     if len(sent_rad) == 0:
         return
     square, peak, step_square, limited = 0.0, 0.0, 0.0, 0
