@@ -55,7 +55,7 @@ class GainLoop(Protocol):
 
     @property
     def dead_time_s(self) -> float:
-        """Upper bound of the rate at which P turns with ω [s]; it sets how boundaries are sampled."""
+        """Upper bound of how fast P turns with ω [s]; it sets how boundaries are sampled."""
 
     def critical(self, s_rad_s: Complexes) -> Complexes:
         """Return -1/P at each s; not finite where P is zero."""
