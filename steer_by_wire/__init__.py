@@ -60,8 +60,8 @@ _MODULES = {
     "run_study": "study_table",
     "simulate": "simulation",
 }
-"""Where each name comes from. It is imported when it is first asked for: to import the package
-itself takes the standard library alone."""
+"""Where each name comes from. It is imported at its first use: importing the package itself takes
+the standard library alone."""
 
 __all__ = [
     "ControllerSettings",

@@ -27,7 +27,7 @@ class Program(NamedTuple):
 
     ``main``         MODULE:FUNCTION, which takes the arguments and returns an exit status
     ``summary``      one line for the list
-    ``takes_name``   it can be started by another name too, and is given the one in use
+    ``takes_name``   it has more than one name, and is given the one in use
     """
 
     main: str
@@ -92,7 +92,7 @@ PROGRAMS: Mapping[str, Program] = MappingProxyType(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one program; returns its exit status, 2 for a name that is none."""
+    """Run one program; returns its exit status, 2 for an unknown name."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     if "_ARGCOMPLETE" in os.environ:
         return _complete()
@@ -116,7 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def start(name: str, words: Sequence[str]) -> int:
-    """Import a program and run it; a library that is missing is reported in one line."""
+    """Import a program and run it; a missing library is reported in one line."""
     program, called = PROGRAMS[name], f"{NAME} {name}"
     module, _, function = program.main.partition(":")
     try:
@@ -126,7 +126,7 @@ def start(name: str, words: Sequence[str]) -> int:
         if (error.name or __package__).partition(".")[0] == __package__:
             raise
         return _refuse(called, missing_library(error))
-    except KeyboardInterrupt:  # while the modules are read; programs have their own ending
+    except KeyboardInterrupt:  # while modules are imported; a running program handles its own
         return STATUS_INTERRUPTED
     return status
 
@@ -174,7 +174,7 @@ def _print_completion(words: Sequence[str]) -> int:
 
 
 def _complete() -> int:
-    """Answer the shell's question, which comes in the environment (argcomplete's protocol)."""
+    """Answer the shell's request for completions, which comes in the environment (argcomplete)."""
     import argcomplete
 
     def answer(parser: argparse.ArgumentParser, *_arguments: object) -> NoReturn:
@@ -182,7 +182,7 @@ def _complete() -> int:
         raise SystemExit(0)
 
     line = os.environ["COMP_LINE"][: int(os.environ["COMP_POINT"])]
-    words = argcomplete.lexers.split_line(line)[3]  # those that are whole
+    words = argcomplete.lexers.split_line(line)[3]  # the complete words
     if len(words) > 1 and words[1] in PROGRAMS:
         os.environ["_ARGCOMPLETE"] = "2"  # the program's own words begin after its name
         argparse.ArgumentParser.parse_args = answer  # type: ignore[assignment,method-assign]

@@ -25,7 +25,7 @@ def command_parser(
     """Return a program's parser, to which it adds its options.
 
     ``name``       as the user types it; error messages begin with it
-    ``doc``        of which the first line is the description: the program's docstring
+    ``doc``        the program's docstring; its first line is the description
     ``example``    commands that work as printed, one a line
     ``arguments``  what the usage shows after the name
     """
@@ -40,19 +40,19 @@ def command_parser(
 
 
 def missing_library(error: ModuleNotFoundError) -> str:
-    """Return in one line which library is missing, and what installs it."""
+    """Return one line that names the missing library and the command that installs it."""
     library = (error.name or "").partition(".")[0]
     return f"{library} is not installed: {installation(library)}"
 
 
 def installation(library: str) -> str:
-    """Return the command that installs the extra, of this distribution, with a library."""
+    """Return the command that installs this distribution's extra with a library."""
     extra = _extra_of(library)
     return f"pip install '{DISTRIBUTION}[{extra}]'" if extra else f"pip install {DISTRIBUTION}"
 
 
 def _extra_of(library: str) -> str:
-    """Return the extra that brings a library; empty for what is always needed, or unknown."""
+    """Return the extra that brings a library; empty for a required or unknown one."""
     try:
         requirements = requires(DISTRIBUTION) or ()
     except PackageNotFoundError:  # started from a folder without being installed

@@ -1,7 +1,7 @@
 """Tables of a run: what happened in plant and controller, as arrays on one time axis.
 
-Time 0 is the start of motion. The plant is seen once a sensor period and the controller once a
-control period, so that there are two tables of them; an array of a table has shape (rows,).
+Time 0 is the start of motion. The plant is sampled once per sensor period and the controller once
+per control period, so each has a table of its own; an array of a table has shape (rows,).
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ IntArray = NDArray[np.int64]
 
 
 class PlantTable(NamedTuple):
-    """The true state of the rig, one row a sensor period; NaN where there is no value.
+    """The true state of the rig, one row per sensor period; NaN where there is no value.
 
     Compiled runs have no ``uplink_latency_s`` and no ``side_slip_rad``: NaN.
     """
@@ -51,7 +51,7 @@ class PlantTable(NamedTuple):
 
 
 class ControllerTable(NamedTuple):
-    """What the controller knew and decided, one row a control period from the first command on.
+    """What the controller knew and decided, one row per control period from the first command on.
 
     Compiled runs have no ``measured_m`` and no ``sample_age_s``: NaN.
     """
@@ -59,7 +59,7 @@ class ControllerTable(NamedTuple):
     time_s: FloatArray  # since the start of motion
     mode: IntArray  # Mode: 1 is ACTIVE
     measured_m: FloatArray  # the newest lateral error that has arrived
-    sample_age_s: FloatArray  # since that arrived
+    sample_age_s: FloatArray  # since that error arrived
     law_rad: FloatArray  # what the law asked for, before limits
     sent_rad: FloatArray  # the command, after limits
     disturbance_rad: FloatArray  # d̂ of the DOB
@@ -111,7 +111,7 @@ class ControllerTable(NamedTuple):
 
 
 class Track(NamedTuple):
-    """Seen from above, one row a sensor period: preview point, and the path beside it."""
+    """The run seen from above, one row per sensor period: preview point, and path beside it."""
 
     x_m: FloatArray
     y_m: FloatArray

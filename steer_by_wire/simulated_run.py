@@ -22,10 +22,10 @@ class Run(NamedTuple):
     """One run of plant emulator and controller.
 
     ``plant``, ``controller``  what happened, as arrays
-    ``*_settings``             all that the run follows from
+    ``*_settings``             all that determines the run
     ``*_report``               as the programs write them; empty for a compiled run
     ``engine``                 virtual or compiled
-    ``outcome``                complete, or what ended the run before
+    ``outcome``                complete, or what ended the run early
     """
 
     plant: PlantTable
@@ -46,7 +46,7 @@ class Run(NamedTuple):
 
     @property
     def lateral_error_peak_m(self) -> float:
-        """Largest size of the lateral error; 0 without samples."""
+        """Largest magnitude of the lateral error; 0 without samples."""
         return float(np.max(np.abs(self.plant.lateral_error_m), initial=0.0))
 
     def track(self) -> Track:
@@ -69,7 +69,7 @@ class Run(NamedTuple):
         return plant, controller
 
     def plot(self) -> "Figure":
-        """Draw error, steer, estimates and latency over time; raises ValueError.
+        """Draw error, steer, estimates and latency; raises ValueError if a library is missing.
 
         Save the figure by ``run.plot().savefig("run.png")``.
         """
@@ -90,7 +90,7 @@ class Run(NamedTuple):
     def save(self, folder: str | Path) -> None:
         """Write settings and tables: plant.toml, controller.toml, plant.csv, controller.csv.
 
-        ``simulate(folder / "plant.toml", folder / "controller.toml")`` makes the run again.
+        ``simulate(folder / "plant.toml", folder / "controller.toml")`` repeats the run.
         Raises OSError.
         """
         folder = Path(folder)

@@ -32,8 +32,8 @@ CONTROLLER_PRESETS = "steer_by_wire.controller.presets"
 Engine = Literal["virtual", "compiled"]
 NO_OVERRIDES: Mapping[str, Any] = MappingProxyType({})
 START_S_MAX = 60
-"""How long in virtual time a plant waits for its first command before the network is taken to be
-shut."""
+"""How long in virtual time a plant waits for its first command before the network is assumed to
+lose every frame."""
 
 S = TypeVar("S", bound=Settings)
 
@@ -138,7 +138,7 @@ def _run_virtual(
     from .pair.virtual import make_virtual_pair, run_virtual_nodes
     from .runtime.bus_model import BusModel
 
-    # One period more than the motion has: the last tick shares the instant of the last sample.
+    # One period more than the motion: the last tick falls on the instant of the last sample.
     pair = make_virtual_pair(
         plant,
         controller,

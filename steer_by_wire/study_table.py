@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 def run_study(file: str | Path) -> Mapping[str, NDArray[Any]]:
     """Compute every run of a study file on one thread; returns columns of shape (runs,) by name.
 
-    ``controller``, ``replicate``, ``verdict``, the factors by their names, and the figures that
-    ``results.parquet`` of ``stress_latency`` has; in its order, and the same to the last bit.
+    ``controller``, ``replicate``, ``verdict``, the factors by their names, and the figures of
+    ``results.parquet`` of ``stress_latency``; in the same order and the same to the last bit.
     Nothing is stored. Raises SettingsError.
     """
     from .studies.compute import Computer
@@ -39,7 +39,7 @@ def run_study(file: str | Path) -> Mapping[str, NDArray[Any]]:
 
 
 def _factors(scenarios: "Scenarios") -> dict[str, NDArray[Any]]:
-    """Return what sets the runs apart."""
+    """Return the columns in which the runs differ."""
     names = scenarios.controllers
     cases = [scenarios.case(run // len(names)) for run in range(scenarios.study.runs)]
     factors = [factor.name for factor in scenarios.study.design.factors]

@@ -1,4 +1,4 @@
-"""Worker processes: the one way in which the tools share out what they compute."""
+"""Worker processes: the one way in which the tools distribute computations."""
 
 import multiprocessing
 import os
@@ -10,11 +10,11 @@ from threading import Thread
 from typing import Any
 
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-"""Workers whose matrices spread over the same processors wait for each other most of the time."""
+"""Limits numerical libraries to one thread: workers would wait for each other's threads."""
 
 
 class _Pool(ProcessPoolExecutor):
-    """Starts its processes, which it does when work comes, while Ctrl-C waits."""
+    """Starts its processes, when work is submitted, with Ctrl-C held back."""
 
     def submit(self, *work: Any, **further: Any) -> Future[Any]:
         with _ctrl_c_held():
@@ -27,19 +27,19 @@ def worker_pool(
 ) -> Iterator[ProcessPoolExecutor]:
     """Open worker processes, which call ``begin(*told)`` first.
 
-    An exception, Ctrl-C among them, ends them at once instead of waiting for what they do. They
-    leave Ctrl-C, which every process of a terminal gets, to this process, and end when it is gone,
-    however it was ended.
+    An exception in the block, Ctrl-C included, ends them at once without waiting for their work.
+    Ctrl-C reaches every process of a terminal; the workers leave it to this process. They end when
+    this process has ended, however it ended.
     """
     os.environ.update(_ONE_THREAD)
     others = set(multiprocessing.active_children())
-    # A fork of a process with threads may hang; spawned ones read the modules once.
+    # A fork of a process with threads may hang; spawned processes import the modules once.
     context = multiprocessing.get_context("spawn")
     pool = _Pool(workers, context, _begin, (begin, told))
     try:
         yield pool
     except BaseException:
-        with _ctrl_c_held():  # a second one would leave processes that nobody ends
+        with _ctrl_c_held():  # a second Ctrl-C would leave processes running
             pool.shutdown(wait=False, cancel_futures=True)
             for child in set(multiprocessing.active_children()) - others:
                 child.terminate()
@@ -55,7 +55,7 @@ def _begin(begin: Callable[..., None] | None, told: tuple[Any, ...]) -> None:
 
 
 def _end_with_parent() -> None:
-    """Wait for the end of the parent: the queue of work has no end that a worker could notice."""
+    """End with the parent: a worker that waits for work does not notice the parent's end."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -64,7 +64,7 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def _ctrl_c_held() -> Iterator[None]:
-    """Let Ctrl-C wait; what is started meanwhile leaves it alone before it can get it."""
+    """Hold Ctrl-C back; processes started meanwhile ignore it before it can reach them."""
     if not hasattr(signal, "pthread_sigmask"):  # as on Windows
         yield
         return

@@ -1,10 +1,10 @@
-"""Skips what this platform has not, orders the tests, and ends with one line that counts them.
+"""Skips what the platform lacks, orders the tests, and ends with one line that counts them.
 
 Tests that need a real ``vcan0`` are marked ``@pytest.mark.vcan``. They are collected like all
-others and moved to the end; ``vcan_session`` has them run where there is one.
+others and moved to the end; ``vcan_session`` runs them where there is one.
 
-On two cores, ``-n 3 --dist loadfile`` (pytest-xdist) has one worker begin with the files of these,
-and hands out the others a file at a time, so that what a file prepares is prepared once.
+On two cores, with ``-n 3 --dist loadfile`` (pytest-xdist), one worker begins with the files of
+these. The others are distributed a file at a time, so that each file is prepared once.
 """
 
 import os
@@ -21,11 +21,11 @@ from tests.support.last_line import last_line
 from tests.support.vcan_session import INSIDE, MARK, Inside, Outside, has_marked, is_marked
 
 # The analysis multiplies thousands of small matrices, for which more threads only wait for each
-# other: on a busy machine it takes ten times as long. To be said before numpy is imported.
+# other: on a busy machine it takes ten times as long. It must be set before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# Who starts the suite in the background may have told it to ignore Ctrl-C, and programs that the
-# tests end by it would ignore it too.
+# A suite started in the background may ignore Ctrl-C, and programs that the tests end by it would
+# ignore it too.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

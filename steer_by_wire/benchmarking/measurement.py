@@ -1,7 +1,7 @@
 """How the benchmark measures: repetitions, their median and spread, and the same loop everywhere.
 
-Times of two machines do not compare; their ratios to the time of one fixed loop of plain Python
-arithmetic, measured in the same run, do much better.
+Times of two machines cannot be compared. Their ratios to the time of one fixed loop of plain Python
+arithmetic, measured in the same run, compare much better.
 """
 
 import gc
@@ -22,7 +22,7 @@ class Target(NamedTuple):
     value: float
 
     def is_met(self, measured: float) -> bool:
-        """Whether a figure is as it should be."""
+        """Whether a figure meets the target."""
         return measured <= self.value if self.at_most else measured >= self.value
 
     @property
@@ -34,8 +34,8 @@ class Target(NamedTuple):
 class Line(NamedTuple):
     """One line of the result.
 
-    ``figures``  one a repetition, in ``unit``
-    ``work_us``  of each repetition: the time that the ratio to the calibration loop is of [µs]
+    ``figures``  one per repetition, in ``unit``
+    ``work_us``  time of each repetition that is divided by the calibration loop's [µs]
     """
 
     name: str
@@ -46,7 +46,7 @@ class Line(NamedTuple):
 
     @property
     def median(self) -> float:
-        """The figure that is told."""
+        """The figure that is reported."""
         return median(self.figures)
 
     @property
@@ -55,14 +55,14 @@ class Line(NamedTuple):
         return None if self.target is None else self.target.is_met(self.median)
 
     def ratio(self, calibration_us: float) -> float:
-        """Return the median of the work in runs of the calibration loop."""
+        """Return the median of the work, in runs of the calibration loop."""
         return median(self.work_us) / calibration_us
 
 
 def timed(
     name: str, work: Callable[[], object], count: int, target_us: float | None = None
 ) -> Line:
-    """Time ``work``, which does one thing ``count`` times; the line is microseconds each.
+    """Time ``work``, which does one thing ``count`` times; returns a line in microseconds each.
 
     The garbage collector is off meanwhile, as it is while the programs run.
     """

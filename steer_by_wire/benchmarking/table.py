@@ -10,7 +10,7 @@ from .measurement import Line
 
 
 def lines_table(lines: Sequence[Line], calibration_us: float | None = None) -> Table:
-    """Return a table; a column of ratios to the calibration loop where that was timed."""
+    """Return a table; with a column of ratios if the calibration loop was timed."""
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("what")
     ratio = [] if calibration_us is None else ["ratio"]
@@ -45,5 +45,5 @@ def line_record(line: Line) -> dict[str, Any]:
 
 
 def _short(figure: float) -> str:
-    """Return a figure with three digits that count."""
+    """Return a figure with three significant digits."""
     return f"{figure:.3g}" if figure < 1000.0 else f"{figure:.0f}"

@@ -10,9 +10,9 @@ AMPLITUDE_M, STEP_RAD = 0.01, 0.1
 
 
 def measurements() -> list[Frame]:
-    """Return measurements that can be sent in turn for ever: each counter of the protection once.
+    """Return measurements that can be sent in turn for ever: one for each end-to-end counter.
 
-    They swing, so that the law has something to do.
+    They oscillate, so that the law has work to do.
     """
     return [
         encode(LateralError(AMPLITUDE_M * math.sin(STEP_RAD * counter), 0.0), counter)

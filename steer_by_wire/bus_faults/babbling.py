@@ -1,8 +1,8 @@
 """A babbling node: always has a frame ready, so that the bus is never free.
 
-Its identifier decides what that does. The highest one takes what the others leave; the lowest one
-takes everything; one between two messages starves the lower of them, and must not hold up the
-higher. The payload counts, so that a recording of it shows what is missing.
+Its identifier decides the effect. The highest identifier takes the bus time that the others leave;
+the lowest takes all of it; one between two messages starves the message of lower priority, and must
+not delay the other. The payload counts up, so that a recording shows missing frames.
 """
 
 from collections.abc import Sequence
@@ -16,11 +16,12 @@ from ..runtime.node import NEVER_NS
 LOWEST_PRIORITY_IDS = (0x7FC, 0x7FD, 0x7FE, 0x7FF)
 HIGHEST_PRIORITY_IDS = (0x000, 0x001, 0x002, 0x003)
 """Several, because the emulated bus takes a bounded number of frames from each client: four queues
-last for 60 ms in which the machine may hold up babbler and broker. The pair's are in between."""
+last for 60 ms in which the machine may stall babbler and broker. The pair's identifiers lie in
+between."""
 _PAIR_IDS = sorted(can_id for message, can_id in CAN_IDS.items() if message is not LatencyConfig)
 GAPS = [range(below + 1, above) for below, above in pairwise(_PAIR_IDS)]
-"""The identifiers between two neighbours of the pair's own. All of a gap do the same to the pair:
-what is above them gets through, what is below them waits."""
+"""The identifiers between two neighbours of the pair's own. All in one gap affect the pair alike:
+messages of higher priority get through, those of lower priority wait."""
 _BABBLER = -1
 
 
@@ -34,7 +35,7 @@ class BabbledBus:
 
     ``model``     the bus; nobody else may submit to it
     ``can_id``    of the babbling node
-    ``start_ns``  when it begins, ``end_ns`` when it has sent enough [ns]
+    ``start_ns``  when it begins, ``end_ns`` when it stops [ns]
 
     The nodes do not get its frames: on a real bus their receive filters keep them away. A node's
     frame that finds its queue full is lost and counted, as in a transmit queue that is full.
@@ -51,7 +52,7 @@ class BabbledBus:
 
     @property
     def next_event_ns(self) -> int:
-        """When the next frame is complete, or the babbling begins [ns]."""
+        """When the next frame is complete, or when the babbling begins [ns]."""
         begins_ns = NEVER_NS if self.babbled or self._is_ready else self._start_ns
         return min(self._model.next_event_ns, begins_ns)
 

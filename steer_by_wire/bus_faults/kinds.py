@@ -1,9 +1,9 @@
-"""The faults of a live bus: kinds, what the magnitude of each is, and how one is written.
+"""The faults of a live bus: the kinds, the magnitude of each, and the syntax.
 
     KIND[,key=value...]      babble,onset_s=2,duration_s=1   pause,pid=4711,duration_s=0.5
 
-An injector is one more participant: it can add frames to a bus, and stop or end a process of its
-user. What needs a hand on the wire itself (loss, delay, stuck signals) is the fault stage at the
+An injector is one more node: it can add frames to a bus, and stop or kill a process of its user.
+Faults that change what others send (loss, delay, stuck signals) belong to the fault stage at the
 plant's edge, ``plant_emulator.faults``.
 """
 
@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 TIME_S_MAX = 1e5
 PID_MAX = 1 << 22
-"""The largest process number that Linux can be set to."""
+"""The largest process number that Linux can be configured for."""
 RECEIVERS = ("plant", "controller", "both")
 NODES = ("plant", "controller")
 
@@ -24,13 +24,13 @@ class LiveKind(StrEnum):
     """What goes wrong."""
 
     BABBLE = "babble"
-    """A node that sends with the lowest identifiers, which no frame of the pair gets past."""
+    """A node that sends with the lowest identifiers, so that no frame of the pair gets through."""
     SPOOF = "spoof"
     """Commands with a valid CRC and a counter of the intruder's own."""
     SPOOF_NEXT = "spoof_next"
-    """After each command a forged one with the next counter: the intruder listens."""
+    """After each command a forged one with the next counter: the intruder reads the bus."""
     REPLAY = "replay"
-    """A recording, sent again."""
+    """A recording is sent again."""
     BIT_FLIPS = "bit_flips"
     WRONG_LENGTH = "wrong_length"
     WRONG_IDENTIFIER = "wrong_identifier"
@@ -42,13 +42,13 @@ class LiveKind(StrEnum):
     PAUSE = "pause"
     """SIGSTOP, and SIGCONT at the end."""
     CLOCK_JUMP = "clock_jump"
-    """A pause of the magnitude: no process can be shown another monotonic clock while it runs."""
+    """A pause of the magnitude: the monotonic clock of a running process cannot be changed."""
     BUS_OFF = "bus_off"
-    """The CAN controller of a node takes no part in the bus until the end; an emulated bus only."""
+    """The CAN controller of a node is off the bus until the end; on an emulated bus only."""
 
 
 class LiveMagnitude(NamedTuple):
-    """What the magnitude of a kind is, in words with its unit, its range and what it is unsaid."""
+    """The magnitude of a kind: its meaning and unit in words, its range and its default."""
 
     what: str
     minimum: float
@@ -83,14 +83,14 @@ _KEYS: Mapping[LiveKind, tuple[str, ...]] = MappingProxyType(
         LiveKind.BUS_OFF: ("onset_s", "duration_s", "of"),
     }
 )
-"""Of those that do without a frame."""
+"""Of the kinds that send no frame."""
 _RECEIVER_KINDS = frozenset({LiveKind.BIT_FLIPS, LiveKind.WRONG_LENGTH, LiveKind.WRONG_IDENTIFIER})
 
 
 class LiveFault(NamedTuple):
-    """One fault; times from when the injector is ready [s].
+    """One fault; times since the injector was ready [s].
 
-    ``to``   whose messages a malformed frame pretends to be: plant, controller or both
+    ``to``   which node's identifiers a malformed frame uses: plant, controller or both
     ``pid``  of the process that is stopped or killed; 0 for none
     ``of``   whose CAN controller goes into bus-off: plant or controller; empty for none
     """
@@ -111,9 +111,9 @@ class LiveFault(NamedTuple):
 
 
 def parse_fault(text: str, pid: int = 0) -> LiveFault:
-    """Read one fault; raises ValueError with one line that says what, where and what is allowed.
+    """Parse one fault; raises ValueError with one line naming the mistake and what is allowed.
 
-    ``pid``  of a process fault that names none itself
+    ``pid``  for a process fault that names none itself
     """
     name, *parts = text.split(",")
     try:

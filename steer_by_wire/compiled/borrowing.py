@@ -1,9 +1,9 @@
 """Arrays without reference counts, for the inside of a compiled loop.
 
-A NamedTuple of arrays that is handed from function to function has every array's reference count
-raised and lowered on the way, atomically; here that costs more than the arithmetic. A borrowed
-array points to the same memory and counts nothing, so its owner must outlive it: borrow in the
-function that Python calls, which holds the owners as its arguments.
+Passing a NamedTuple of arrays to a function raises and lowers every array's reference count,
+atomically, which here costs more than the arithmetic. A borrowed array points to the same memory
+and has no count, so its owner must outlive it: borrow in the function that Python calls, which
+holds the owners as its arguments.
 """
 
 from typing import Any
@@ -13,7 +13,7 @@ from numba.extending import intrinsic
 
 
 def _uncounted(_typing: Any, kind: Any) -> Any:
-    """Type the call, and say how it is compiled; numba's ``carray`` takes longer to compile."""
+    """Type the call and define its code; numba's ``carray`` takes longer to compile."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         return _without_counts(context, builder, kind, arguments[0])
@@ -37,5 +37,5 @@ def _without_counts(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 
 borrowed: Any = intrinsic(_uncounted)
-"""For compiled code: returns an array, or a record with all its arrays and records of arrays, at
-the same place in memory without who counts their references; anything else as it is."""
+"""For compiled code: returns an array, or a record with all its arrays and records of arrays, in
+the same memory but without reference counts; anything else unchanged."""

@@ -1,9 +1,9 @@
 """Runs plant and controller compiled: what ``run_virtual_pair`` computes on an ideal wire, faster.
 
-Every number is the same to the last bit: the settings of the two programs are all it takes, and the
-arithmetic is theirs (``compiled.steps``), unless fastmath is asked for. Where a run meets what
-this loop has no answer to, an error that LATERAL_ERROR cannot carry or a law without a finite
-command, it ends, and ``outcome`` says so; virtual time would go on.
+Every number is the same to the last bit, unless fastmath is asked for: the input is the settings of
+the two programs, and the arithmetic is theirs (``compiled.steps``). A run ends early on an error
+that LATERAL_ERROR cannot carry, or on a command of the law that is not finite; ``outcome`` reports
+which. In virtual time the nodes would go on.
 """
 
 from enum import StrEnum
@@ -47,15 +47,15 @@ from .wire import NOTHING_KNOWN, Known, Wire
 from .wire_plan import plan_wire, speed_on_wire
 
 _DESIGNS_KEPT = 256
-"""Laws kept for the next run with the same controller; designing one costs a tenth of a run."""
+"""Laws cached for the next run with the same controller; designing one costs a tenth of a run."""
 
 
 class FaultsNotCompiledError(SettingsError):
-    """The settings have faults, which pass raw frames; the compiled loop has none."""
+    """The settings have faults, which act on raw frames; the compiled loop has no frames."""
 
 
 class OwnVehicleNotCompiledError(SettingsError):
-    """The vehicle moves by equations of another package, which the nodes alone integrate."""
+    """The vehicle's equations come from another package; only the nodes integrate those."""
 
 
 class Outcome(StrEnum):
@@ -118,7 +118,7 @@ class BatchRun(NamedTuple):
 
     @property
     def command_rad(self) -> FloatArray:
-        """The command in effect at each sample, as it was on the wire; NaN before the first."""
+        """The command in effect at each sample, as on the wire; NaN before the first."""
         resolution_rad = resolutions(SteeringCommand)["steer_rad"]
         sent_at = self.plan.command_tick[self.command[self.command >= 0]]
         on_wire_rad = np.full(len(self.command), np.nan)
@@ -150,8 +150,8 @@ def run_batch(
 ) -> BatchRun:
     """Run one pair to its end, on a wire that takes no time.
 
-    ``plan``      laid down before from the same settings, to share it between runs that differ in
-                  law, vehicle or path only
+    ``plan``      made from the same settings; runs that differ in law, vehicle or path only may
+                  share it
     ``fastmath``  whether operations may change order and fuse; numbers are then close to those of
                   the nodes, not the same
 
@@ -206,7 +206,7 @@ def _run(
     motion, constants, _, records, _ = world
     first, *others = plan.segments
     if plant.start_on_first_command:
-        # It stands on its path till then, and the sensor sees noise alone.
+        # Until then it stands on its path, and the sensor reads noise alone.
         first_sample = int(plan.tick_sample[first.first_tick])
         resolution_m = constants.lateral_error_resolution_m
         error_m = round(float(plan.noise_m[first_sample]) / resolution_m) * resolution_m
@@ -238,12 +238,12 @@ def _run(
 
 
 def _filled(column: FloatArray) -> int:
-    """Return how many entries of a record that began without numbers have one."""
+    """Return how many entries of a record, all NaN at first, have been filled."""
     return int(np.count_nonzero(np.isfinite(column)))
 
 
 def _loop_of(controller: ControllerSettings, *, fastmath: bool) -> _Loop:
-    """Return the compiled functions, which a law of another package has for itself."""
+    """Return the compiled functions; a law of another package gets its own."""
     law = controller.law_record
     if law.number is not LawNumber.CUSTOM:
         return _FASTMATH if fastmath else _EXACT

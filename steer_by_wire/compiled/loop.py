@@ -7,8 +7,8 @@ At one instant (``runtime.virtual_time`` with the nodes plant, controller and no
 3. the controller decides on the newest measurement that has arrived, and sends
 4. that command reaches the actuator, if its latency is zero
 
-Which measurement is in use at which tick, which command comes through and when, and what mode the
-controller is in follows from the latencies alone and is laid down before (``compiled.plan``).
+Which measurement is in use at which tick, which command comes through and when, and which mode the
+controller is in follow from the latencies alone and are computed beforehand (``compiled.plan``).
 
 The functions here are compiled at their first call, after ``compiled.steps.register_steps``.
 """
@@ -43,8 +43,8 @@ from .wire import (
 )
 
 COMPLETE, LEFT_RANGE, LAW_FAILED = range(3)
-"""How a segment ended: at its end; with an error LATERAL_ERROR cannot carry; with a command that is
-no number."""
+"""How a segment ended: complete; with an error that LATERAL_ERROR cannot carry; with a command that
+is not finite."""
 
 _ACTIVE, _SAFE_STOP = int(Mode.ACTIVE), int(Mode.SAFE_STOP)
 
@@ -54,7 +54,7 @@ class Constants(NamedTuple):
 
     ``ramp_step_rad``     of SAFE_STOP and of the fade after a recovery, per control period
     ``*_resolution_*``    of the signals on the wire (DBC)
-    ``motion_start_ns``   since when the vehicle moves
+    ``motion_start_ns``   when the vehicle starts to move
     """
 
     guard: GuardParams
@@ -67,14 +67,14 @@ class Constants(NamedTuple):
 
 
 class Schedule(NamedTuple):
-    """What happens when, in ns; it does not depend on how the vehicle moves.
+    """When everything happens, in ns; independent of how the vehicle moves.
 
     ``tick_ns``         control ticks from the first command on
     ``tick_sample``     the sample whose measurement is in use at each tick
     ``command_due_ns``  when each command that comes through reaches the actuator, in order
     ``command_tick``    which tick it was sent at
     ``sample_ns``       when the sensors sample
-    ``noise_m``         what each sample's lateral error has added on its way
+    ``noise_m``         the sensor noise of each sample's lateral error
     """
 
     tick_ns: NDArray[np.int64]
@@ -86,7 +86,7 @@ class Schedule(NamedTuple):
 
 
 class Records(NamedTuple):
-    """What is kept: the first seven per sample, the last two per control tick.
+    """The records of a run: the first seven per sample, the last two per control tick.
 
     ``command``     index into the schedule's commands of the one in effect, -1 before the first
     ``law_output``  (ticks, 4), in the order of ``LawOutput``
@@ -104,7 +104,7 @@ class Records(NamedTuple):
 
 
 def empty_records(samples: int, ticks: int) -> Records:
-    """Return room for a run: errors and commands begin as NaN, the others as anything."""
+    """Return empty records: errors and commands are NaN at first, the others uninitialised."""
     return Records(
         np.full(samples, np.nan),
         np.empty(samples),
@@ -119,8 +119,8 @@ def empty_records(samples: int, ticks: int) -> Records:
 
 
 class Progress(NamedTuple):
-    """Where the plant is: its motion, the steering's guard, the next sample to take, the next
-    command to come through, and the one in effect.
+    """State of the plant: its motion, the steering's guard, the next sample to take, the next
+    command to arrive, and the one in effect.
     """
 
     motion: MotionState
@@ -131,8 +131,8 @@ class Progress(NamedTuple):
 
 
 class Control(NamedTuple):
-    """Where the controller is: the law's state, the command last sent, the fade that is left [rad],
-    and what it knows of the wire, None of a law that does not look back.
+    """State of the controller: the law's state, the command last sent, the rest of the fade [rad],
+    and what it knows of the wire; None for a law that does not look back.
     """
 
     law_state: Any
@@ -144,7 +144,7 @@ class Control(NamedTuple):
 class Segment(NamedTuple):
     """Ticks that the controller spends in one mode, as ``range(first_tick, last_tick)``.
 
-    ``is_recovery``  whether the law has just started anew with a command being held
+    ``is_recovery``  whether the law has just restarted while a command was being held
     """
 
     mode: int
@@ -168,7 +168,7 @@ def _plant_until(
     z, guard, sample, command, in_effect = x
     while True:
         command_ns = sample_ns = to_ns + 1
-        # An unsigned index need not be tested for counting from the end, which costs a twentieth.
+        # An unsigned index needs no test for negative values, which would cost a twentieth.
         of, at = np.uintp(command), np.uintp(sample)
         if command < len(s.command_due_ns) and s.command_tick[of] < ticks_done:
             command_ns = s.command_due_ns[of]
@@ -223,7 +223,7 @@ def run_to_first_tick(
 
 @compiled
 def start_run(p: Any, c: Constants) -> Any:
-    """Return where the plant starts."""
+    """Return the plant's initial state."""
     return _start(borrowed(p), c)
 
 
@@ -247,7 +247,7 @@ def run_only_segment(
     """Run from the plant's start through a segment that lasts to the end.
 
     Returns the samples taken, the ticks done, and how it ended. Most runs have one segment only;
-    to hand the plant's state to Python and back costs as much as hundreds of ticks.
+    passing the plant's state to Python and back costs as much as hundreds of ticks.
     """
     p, s, r, wire = borrowed(p), borrowed(s), borrowed(r), borrowed(wire)
     x, _, ticks, outcome = _run_ticks(
@@ -272,7 +272,7 @@ def run_segment(
     """Run the ticks of a segment, each with the plant up to it, and the plant up to the next.
 
     ``x``       the plant, at the first tick of the segment or before it
-    ``end_ns``  how far to run the plant after the last tick of all
+    ``end_ns``  until when to run the plant after the very last tick
 
     Returns the plant, the controller, the tick that comes next, and how it ended.
     """
@@ -295,7 +295,7 @@ def _run_ticks(
 ) -> tuple[Progress, Control, int, int]:
     mode, first_tick, last_tick, is_recovery = segment
     law_state, sent_rad, fade_rad, known = control
-    # The plant runs in one place only: all of it is compiled into this loop.
+    # Call the plant in one place only: each call compiles all of it into this loop.
     for tick in range(first_tick, last_tick + 1):
         now = np.uintp(tick)
         to_ns = s.tick_ns[now] if tick < len(s.tick_ns) else end_ns

@@ -18,7 +18,7 @@ from ..plant_emulator.rig_settings import (
 from ..plant_emulator.settings import PlantSettings
 
 _KEPT = 32
-"""Motions kept for the next run with the same rig: about 2 MB each."""
+"""Motions cached for the next run with the same rig: about 2 MB each."""
 _INTERVAL = np.dtype(
     [
         ("start_ns", np.int64),
@@ -47,7 +47,7 @@ def _designed(
 
 @lru_cache(maxsize=_KEPT)
 def _road(settings: PathSettings) -> Path:
-    """Return a path with arrays, without the poses: they are for pictures and do not compile."""
+    """Return a path as arrays, without the poses, which serve pictures and do not compile."""
     path = build_path(settings)
     arrays: dict[str, Any] = {
         name: np.array(getattr(path, name))

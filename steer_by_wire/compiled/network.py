@@ -1,12 +1,12 @@
 """A latency line over a whole run at once: which frames come through, when, in which order.
 
-It gives what ``plant_emulator.latency_line`` gives frame by frame, from the same streams, to the
-last bit (``test_batch``). Written anew, for arrays, are three quantiles and the AR(1) process, and
-the queue, which is put as sorting:
+Its result equals that of ``plant_emulator.latency_line``, frame by frame, from the same streams, to
+the last bit (``test_batch``). Three quantiles and the AR(1) process are rewritten for arrays, and
+the queue becomes a sort:
 
-    order of leaving    by due time, frames due together as they came
-    newest wins         drops what leaves after a later frame of its message has left
-    in order            each frame is due no earlier than those of its message before it
+    order of leaving    by due time; frames due together in order of arrival
+    newest wins         drops a frame that leaves after a later one of its message
+    in order            no frame is due before an earlier one of its message
 """
 
 from math import exp, log, sqrt
@@ -36,8 +36,8 @@ BoolArray = NDArray[np.bool_]
 class Frames(NamedTuple):
     """Frames that enter a line, in order; each array has shape (frames,).
 
-    ``motion_ns``  the time of motion at which each comes
-    ``is_wanted``  those of the one message whose passage is asked for; all draw from the stream
+    ``motion_ns``  time of motion at which each enters
+    ``is_wanted``  frames of the message whose passage is asked for; all draw from the stream
     """
 
     came_ns: IntArray
@@ -46,7 +46,7 @@ class Frames(NamedTuple):
 
 
 class Passages(NamedTuple):
-    """Wanted frames that leave the line, in the order in which they do.
+    """Wanted frames that leave the line, in the order of leaving.
 
     ``frame``  index among all frames that entered
     """
@@ -57,7 +57,7 @@ class Passages(NamedTuple):
 
 
 class _Network(NamedTuple):
-    """Mean, spread [s] and loss for each frame; shape (frames,) or, where they stay, (1,)."""
+    """Mean, spread [s] and loss for each frame; shape (frames,), or (1,) where constant."""
 
     mean_s: FloatArray
     spread_s: FloatArray
@@ -67,7 +67,7 @@ class _Network(NamedTuple):
 def passages(
     settings: LatencySettings, seed: int, channel: Channel, duplicates: Channel, frames: Frames
 ) -> Passages:
-    """Let frames through a line whose streams are ``channel`` and ``duplicates`` of ``seed``."""
+    """Pass frames through a line whose streams are ``channel`` and ``duplicates`` of ``seed``."""
     count = len(frames.came_ns)
     network = _network(settings, frames)
     draws = (
@@ -83,7 +83,7 @@ def passages(
         chance, again = first_uniforms(seed, duplicates, 2 * count).reshape(-1, 2).T
         is_copied = chance[index] < settings.duplicates
         copy_ns = _latencies_ns(settings, network, again, frames.motion_ns, index[is_copied])
-        # A copy enters right behind its frame.
+        # A copy enters directly after its frame.
         index, latency_ns = (np.repeat(column, 1 + is_copied) for column in (index, latency_ns))
         latency_ns[np.cumsum(1 + is_copied)[is_copied] - 1] = copy_ns
     came_ns = frames.came_ns[index]
@@ -98,7 +98,7 @@ def passages(
 
 
 def _is_random(settings: LatencySettings) -> bool:
-    """Whether any draw makes a difference."""
+    """Whether random draws affect the result."""
     return _has_jitter(settings) or _is_lossy(settings)
 
 
@@ -166,7 +166,7 @@ def _run_chain(chains: Any, u: Any, has_one_each: Any) -> Any:
 def _correlated(u: FloatArray, came_ns: IntArray, correlation_time_s: float) -> FloatArray:
     """Return the uniforms of the AR(1) process: ``correlated_score``, ``uniform_of_score``."""
     elapsed_ns, of_frame = np.unique(np.diff(came_ns), return_inverse=True)
-    # Before the first frame lies all the time in the world. What exp gives depends on who is asked.
+    # An infinite time precedes the first frame. math.exp, because implementations of exp differ.
     coefficients = [exp(-(value / NS_PER_S) / correlation_time_s) for value in elapsed_ns.tolist()]
     phi = np.concatenate(([0.0], np.array(coefficients)[of_frame]))[: len(u)]
     scores = _run_scores(phi, np.sqrt(1.0 - phi * phi) * normal_scores(u))
@@ -222,9 +222,9 @@ def normal_scores(u: FloatArray) -> FloatArray:
 
 
 def _lognormal_quantiles(u: FloatArray, mean_s: float, spread_s: float) -> FloatArray:
-    """Return ``lognormal_quantile`` of an array, with all that does not depend on u found once.
+    """Return ``lognormal_quantile`` of an array; what does not depend on u is computed once.
 
-    numpy's own exp rounds otherwise than the plant's, and not alike on all processors.
+    numpy's exp rounds differently from the plant's, and differently on different processors.
     """
     if min(mean_s, spread_s) < RESOLUTION_S:
         return np.full(len(u), mean_s)

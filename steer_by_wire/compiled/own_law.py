@@ -1,6 +1,6 @@
-"""Compiled runs of a law from another package: what numba cannot compile, and what the law raises.
+"""Compiled runs of a law from another package: laws that do not compile, and laws that raise.
 
-Such a law is compiled anew in every process, because nobody knows what its file depends on.
+Such a law is compiled anew in every process, because it is unknown what its file depends on.
 """
 
 from functools import cache
@@ -20,11 +20,11 @@ class LawNotCompiledError(SettingsError):
 
 
 class LawRaisedError(SettingsError):
-    """The law raised an exception; the two nodes would count it as an output without numbers."""
+    """The law raised an exception; the two nodes would count it as an output that is not finite."""
 
 
 class OwnFunction:
-    """A compiled function whose exceptions are the law's."""
+    """A compiled function; its exceptions come from the law."""
 
     def __init__(self, law: str, function: Any) -> None:
         self._law, self._function = law, function

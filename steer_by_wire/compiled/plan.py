@@ -1,10 +1,10 @@
-"""What the network does to a run, laid down before it: which frame arrives when.
+"""The effect of the network on a run, computed beforehand: which frame arrives when.
 
 It depends on the settings and the seed alone, not on where the vehicle is, because latencies and
-losses are drawn from streams of their own. Whether the controller believes a measurement, and what
-mode it is in, follows from arrivals alone too, and is asked of its own classes.
+losses are drawn from streams of their own. Whether the controller accepts a measurement, and which
+mode it is in, also follow from the arrivals alone; the controller's own classes decide both.
 
-Left out is what no control depends on: the two status messages.
+The two status messages are left out, because control does not depend on them.
 """
 
 from typing import NamedTuple
@@ -26,11 +26,11 @@ from .steps import register_steps
 from .wire import Uplink
 
 SAMPLES_WITHOUT_ARRIVAL_MAX = 100_000
-"""Samples after which a network that lets none through is taken to be shut."""
+"""A network that delivers none of so many samples is assumed to lose every frame."""
 
 
 class Plan(NamedTuple):
-    """The instants of a run; ``loop.Schedule`` says what each of the first arrays means.
+    """The instants of a run; ``loop.Schedule`` describes the first arrays.
 
     ``motion_ns``  time of motion at each sample, 0 before it
     ``time_s``     the same since the motion's start, shape (samples since then,)
@@ -55,14 +55,14 @@ class Plan(NamedTuple):
 
 
 class Arrivals(NamedTuple):
-    """Frames of one message that the controller believes: when each arrives, of which sample."""
+    """Frames of one message that the controller accepts: when each arrives, of which sample."""
 
     arrival_ns: IntArray
     sample: IntArray
 
 
 class Believing(NamedTuple):
-    """What the controller believes of counters: as ``dbc.protection.SequenceCheck`` has it."""
+    """Which counters the controller accepts: the arguments of ``dbc.protection.SequenceCheck``."""
 
     max_jump: int
     resync_run: int
@@ -74,7 +74,7 @@ class NothingArrivesError(ValueError):
 
 
 def plan_run(plant: PlantSettings, controller: ControllerSettings) -> Plan:
-    """Lay down a run. Raises NothingArrivesError."""
+    """Plan a run. Raises NothingArrivesError."""
     register_steps()
     first_tick_ns = _first_tick_ns(plant, controller)
     motion_start_ns = first_tick_ns if plant.start_on_first_command else 0
@@ -114,7 +114,7 @@ def plan_run(plant: PlantSettings, controller: ControllerSettings) -> Plan:
 
 
 def believing_of(controller: ControllerSettings) -> Believing:
-    """Return what a controller believes."""
+    """Return which counters a controller accepts."""
     table = controller.supervision
     return Believing(table.max_counter_jump, table.recovery_frames, resync_ns_of(controller))
 
@@ -125,7 +125,7 @@ def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:
     period_ns, samples = controller.period_ns, 1
     believing = believing_of(controller)
     while samples <= SAMPLES_WITHOUT_ARRIVAL_MAX:
-        # Frames that come after the start have another time of motion, but none of them is first.
+        # Frames after the start have another time of motion, but none of them is the first.
         start_ns = NEVER_NS if plant.start_on_first_command else 0
         arrival_ns = arrivals_of(
             Uplink.LATERAL_ERROR, plant, believing, samples, start_ns
@@ -148,7 +148,7 @@ def arrivals_of(
     samples: int,
     motion_start_ns: int,
 ) -> Arrivals:
-    """Return what arrives of one message of the first samples."""
+    """Return the arrivals of one message of the first samples."""
     every = samples_per_vehicle_state(plant.sensor_period_ns)
     # LATERAL_ERROR and STEERING_STATUS of every sample, VEHICLE_STATE of some: all draw.
     messages = np.full(samples, 2)
@@ -179,7 +179,7 @@ def _believed(believing: Believing, number: IntArray, arrival_ns: IntArray) -> N
 def _segments(
     controller: ControllerSettings, arrival_ns: IntArray, in_use: IntArray, tick_ns: IntArray
 ) -> tuple[Segment, ...]:
-    """Return the modes of the ticks, of which the first one has ended the wait."""
+    """Return the modes of the ticks; the first tick ends the wait."""
     supervision = supervision_of(controller)
     if (tick_ns - arrival_ns[in_use] <= supervision.measurement_timeout_ns).all():
         return (Segment(int(Mode.ACTIVE), 0, len(tick_ns), False),)
@@ -203,7 +203,7 @@ def _segments(
 
 
 def _noise(plant: PlantSettings, samples: int) -> FloatArray:
-    """Return what the sensor adds to each sample's lateral error, as ``with_noise`` does [m]."""
+    """Return the sensor noise of each sample's lateral error, as in ``with_noise`` [m]."""
     deviation_m = plant.sensor_noise.lateral_error_m
     if deviation_m == 0.0:
         return np.zeros(samples)

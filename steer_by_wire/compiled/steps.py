@@ -1,8 +1,8 @@
 """The step functions that compiled loops may call: the same objects that run live.
 
-``register_jitable`` leaves a function as it is and lets numba compile it where a compiled one calls
-it. There is no second formulation of any arithmetic, so a compiled run gives the same bits. Which
-functions those are follows from what the steps call.
+``register_jitable`` leaves a function as it is and lets numba compile it where a compiled function
+calls it. No arithmetic is written twice, so a compiled run gives the same bits. Functions that the
+steps call are found and registered too.
 """
 
 import sys
@@ -50,15 +50,15 @@ _AROUND: dict[type, Callable[..., Any]] = {
     FeedForwardParams: feed_forward_step,
     KalmanParams: kalman_step,
 }
-"""Steps around a law's, which they are handed, by the type of their params."""
+"""Steps that wrap a law's step, which is their argument; by the type of their params."""
 _COMPILED_BY_NUMBA = frozenset(("numba", "numpy", *sys.stdlib_module_names))
 
 _laws: dict[type, Law] = {}
-"""By the type of their params."""
+"""Registered laws, by the type of their params."""
 
 
 class ForeignParamsError(SettingsError):
-    """The params of a law do not say whose they are."""
+    """The type of a law's params does not identify the law."""
 
 
 def step_functions() -> tuple[Callable[..., Any], ...]:
@@ -76,12 +76,12 @@ def register_steps() -> None:
 
 @cache
 def _register(function: Callable[..., Any]) -> None:
-    # The entries for callers in C and in Python, which nobody needs, take long to compile.
+    # The entries for callers in C and in Python are not needed and take long to compile.
     register_jitable(forceinline=True, no_cfunc_wrapper=True, no_cpython_wrapper=True)(function)
 
 
 def register_law(name: str, law: Law, params: Any) -> None:
-    """Have ``law_step`` call a law's step for its params, whatever is put around them.
+    """Make ``law_step`` call a law's step for its params, whatever wraps them.
 
     Raises ForeignParamsError for params of a type that is not the law's own.
     """
@@ -107,7 +107,7 @@ def law_step(params: Any, state: Any, seen: LawInput) -> Any:
 
 @overload(law_step)
 def _law_step_of_type(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG001
-    """Choose by type, when compiling."""
+    """Choose the step by type, at compile time."""
     kind = params.instance_class
     if kind in _AROUND:
         around = _AROUND[kind]
@@ -129,7 +129,7 @@ def _law_step_of_type(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG00
 
 
 def _reached(functions: Iterable[Callable[..., Any]]) -> dict[Callable[..., Any], None]:
-    """Return these functions and all that they call by name, in the order in which they are met."""
+    """Return these functions and all that they call by name, in the order of discovery."""
     reached: dict[Callable[..., Any], None] = {}
     waiting = list(functions)
     while waiting:
@@ -141,7 +141,7 @@ def _reached(functions: Iterable[Callable[..., Any]]) -> dict[Callable[..., Any]
 
 
 def _called_by(function: Callable[..., Any]) -> Iterator[Callable[..., Any]]:
-    """Return the Python functions whose names a function knows, but for those numba has itself."""
+    """Return the Python functions that a function names, except those that numba implements."""
     if not isinstance(function, FunctionType):
         return
     names = sorted(set(_names_in(function.__code__)))

@@ -1,8 +1,8 @@
-"""What a law that looks back is told in a compiled run, tick by tick, besides the newest error.
+"""The input of a law that looks back in a compiled run, tick by tick, besides the newest error.
 
-Most laws read the newest error and their last command only: their runs have no wire, None, which
-costs nothing. For a law that looks back the messages of each sample are recorded as they are taken
-and handed, in the order in which they arrive (``compiled.wire_plan``), to the steps of
+Most laws read only the newest error and their last command: their wire is None, which costs
+nothing. For a law that looks back, the messages of each sample are recorded when it is taken. They
+are passed, in order of arrival (``compiled.wire_plan``), to the steps of
 ``controller.link_memory``.
 """
 
@@ -52,11 +52,11 @@ _LATERAL_ERROR, _STEERING_STATUS, _ = map(int, Uplink)
 
 
 class Wire(NamedTuple):
-    """Of the controller; arrays of shape (arrivals,), then of shape (samples,); then numbers.
+    """The controller's input: arrays of shape (arrivals,), then of shape (samples,), then numbers.
 
-    ``arrival_*``       messages that the controller believes, by ``Uplink``, as they come
-    ``measured_*``      as on the wire, and so ``wheel_rad``; written while the run goes on
-    ``status``          code of STEERING_STATUS, with APPLYING for LIMITED; written likewise
+    ``arrival_*``       messages that the controller accepts, by ``Uplink``, in order of arrival
+    ``measured_*``      as on the wire, like ``wheel_rad``; written during the run
+    ``status``          code of STEERING_STATUS, with APPLYING for LIMITED; written during the run
     ``*_resolution_*``  of the signals, and the ranges they are clamped to
     """
 
@@ -102,17 +102,17 @@ NOTHING_KNOWN = Known(0, NO_ERRORS, NO_ECHOES, NO_COMMANDS, -1, -1)
 
 @compiled_inline
 def on_wire(value: float, resolution: float) -> float:
-    """Return what a signal makes of a value: ``round(value / resolution) * resolution``.
+    """Return a value as a signal carries it: ``round(value / resolution) * resolution``.
 
-    Rounded as a float, because the way through an integer costs more than the law; 0.0 is added
-    because rounding gives a negative zero where an integer has none.
+    It is rounded as a float, because converting to an integer and back costs more than the law.
+    0.0 is added because rounding can give a negative zero, which an integer cannot.
     """
     return float((np.rint(value / resolution) + 0.0) * resolution)
 
 
 def _choosing(with_wire: Callable[..., Any], without: Callable[..., Any]) -> Callable[..., Any]:
-    """Return what stands in compiled code for one of two functions, chosen by its first argument:
-    a wire or None.
+    """Return a function for compiled code that calls one of two functions, chosen by the type of
+    its first argument: a wire or None.
     """
 
     def chosen(*_: Any) -> Any:
@@ -131,7 +131,7 @@ def _nothing(*_: Any) -> None:
 
 @compiled_inside
 def _in_one_turn(angle_rad: float) -> float:
-    """Return ``math.remainder(angle_rad, math.tau)``, which does not compile; all here is exact."""
+    """Return ``math.remainder(angle_rad, math.tau)``, which does not compile; exact, too."""
     rest_rad = float(np.fmod(angle_rad, math.tau))
     if rest_rad > math.pi:
         return rest_rad - math.tau
@@ -226,10 +226,10 @@ def _all_of_it(
 
 
 record_wire = _choosing(_record, _nothing)
-"""(wire, sample, linear, guard): keeps what sensors and steering say besides the lateral error."""
+"""(wire, sample, linear, guard): records the signals of a sample other than the lateral error."""
 take_arrivals = _choosing(_take_arrivals, _nothing)
-"""(wire, known, schedule, records, now_ns): returns what is known with all that has arrived."""
+"""(wire, known, schedule, records, now_ns): returns the knowledge with all arrivals up to now."""
 take_command = _choosing(_take_command, _nothing)
-"""(wire, known, tick, sent_rad): returns what is known with the command that leaves at a tick."""
+"""(wire, known, tick, sent_rad): returns the knowledge with the command sent at a tick."""
 law_input = _choosing(_all_of_it, _newest_only)
-"""(wire, known, records, tick, now_ns, error_m, last_sent_rad): returns what the law is told."""
+"""(wire, known, records, tick, now_ns, error_m, last_sent_rad): returns the law's input."""

@@ -1,4 +1,4 @@
-"""What the controller hears of the plant in a run, and when, laid down before it."""
+"""Which messages of the plant the controller receives in a run, and when; computed beforehand."""
 
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from .plan import Believing, Plan, arrivals_of, believing_of
 from .wire import Uplink, Wire, on_wire
 
 _KEPT = 8
-"""Uplinks kept for the next run on the same network: half a megabyte each."""
+"""Uplinks cached for the next run on the same network: half a megabyte each."""
 
 
 class _Heard(NamedTuple):
@@ -32,7 +32,7 @@ class _Heard(NamedTuple):
 def plan_wire(
     plant: PlantSettings, controller: ControllerSettings, plan: Plan, speed_m_s: float
 ) -> Wire:
-    """Lay down the wire of one run."""
+    """Return the wire of one run."""
     samples = len(plan.sample_ns)
     network = plant_network(plant)
     heard = _heard(network, believing_of(controller), samples, plan.motion_start_ns)
@@ -65,7 +65,7 @@ def speed_on_wire(speed_m_s: float) -> float:
 
 
 def plant_network(plant: PlantSettings) -> PlantSettings:
-    """Return the settings with everything left as it is by default but the network."""
+    """Return the settings with everything at its default except the network."""
     return PlantSettings(
         seed=plant.seed,
         duration_s=plant.duration_s,
@@ -77,7 +77,7 @@ def plant_network(plant: PlantSettings) -> PlantSettings:
 
 
 def _empty_rings() -> Rings:
-    """Return what ``LinkMemory`` starts with, in arrays."""
+    """Return the initial rings of ``LinkMemory``, as arrays."""
     arrays: dict[str, Any] = {name: np.zeros(RING_SIZE) for name in Rings._fields}
     for name in ("has_error", "is_overruled"):
         arrays[name] = np.zeros(RING_SIZE, dtype=np.bool_)
@@ -99,7 +99,7 @@ def _heard(
 
 
 def _noise(plant: PlantSettings, samples: int) -> tuple[FloatArray, FloatArray]:
-    """Return what the sensors add to heading error [rad] and yaw rate [rad/s]."""
+    """Return the sensor noise of heading error [rad] and yaw rate [rad/s]."""
     noise = plant.sensor_noise
     deviations = (noise.heading_error_rad, noise.yaw_rate_rad_s)
     if not any(deviations):

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 MARGIN = 0.05
-"""Around the unit square, within which a curve is followed too."""
+"""Margin around the unit square within which a curve is followed too."""
 _CHORD_ERROR = 1e-6
 _HALVINGS = 24
 
@@ -18,8 +18,9 @@ def adapted(
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Halve intervals near the unit square until their middle lies on the chord.
 
-    Returns parameters, points, and which of the intervals between them belong to the curve: those
-    away from the square do not, nor those where halving does not help, the two sides of a pole.
+    Returns parameters, points, and which of the intervals between them belong to the curve.
+    Intervals away from the square do not, nor those that halving does not straighten, such as
+    across a pole.
     """
     points = at(parameters)
     open_, drawn = np.ones(len(points) - 1, np.bool_), np.ones(len(points) - 1, np.bool_)

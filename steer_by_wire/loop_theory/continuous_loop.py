@@ -7,9 +7,9 @@
     pd_cdob   u = C (r - y_fb),  y_fb = y + H (G_n Q u - Q y)          its (16) and Figure 6
     pd_ddob   both, the CDOB fed with u_new                            its Figure 13
 
-R, M and E are polynomials in s. Every denominator is cleared and none is cancelled that holds a
-state, so integrators that the law cancels in the plant stay to be seen: without washout pd_cdob and
-pd_ddob have two roots at s = 0 which (18) does not show.
+R, M and E are polynomials in s. Every denominator is cleared, and none that holds a state is
+cancelled, so integrators that the law cancels in the plant stay visible: without washout pd_cdob
+and pd_ddob have two roots at s = 0 that (18) does not show.
 
     L   = M G e^(-sT)/E                      loop, cut at the command
     y/r = R G e^(-sT)/(E + M G e^(-sT))      (18) for pd_cdob with G = G_n and H = 1

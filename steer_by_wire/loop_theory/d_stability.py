@@ -10,13 +10,14 @@ itself of a continuous one:
     dominant   |s| ≤ R                          at least the two roots nearest the origin
 
 R cannot bound every root, though the text reads as if it did: the sum of all roots of (19) with a
-PD around it is -459.2 - 227.6 K_d rad/s, so that two of the four are hundreds of rad/s fast
-whatever the gains. So R bounds the dominant pair. Roots beyond R have to settle and may be outside
-the cone; ``every_root_in_cone`` asks for that too, and ``every_root_damped`` tells it in any case.
+PD around it is -459.2 - 227.6 K_d rad/s, so two of the four are at hundreds of rad/s whatever the
+gains. So R bounds the dominant pair. Roots beyond R have to settle and may be outside the cone;
+``every_root_in_cone`` demands the cone of them too, and ``every_root_damped`` reports it in any
+case.
 
-Nearest the origin, and not rightmost, is how dominance is read, because then a verdict can change
-only where a root crosses the σ line, the cone or the circle: what the boundary crossing of
-``loop_theory.parameter_space`` rests on.
+Dominant means nearest the origin, not rightmost. A verdict can then change only where a root
+crosses the σ line, the cone or the circle, on which the boundary crossing of
+``loop_theory.parameter_space`` relies.
 """
 
 import math
@@ -29,7 +30,7 @@ from ..runtime.node import NS_PER_S
 
 _DOMINANT_ROOTS = 2
 _MODULUS_MIN = 1e-300
-"""A root at z = 0 has no logarithm; any root this small is as fast as none."""
+"""A root at z = 0 has no logarithm; roots this small decay at once and do not matter."""
 
 
 class DStability(NamedTuple):
@@ -42,7 +43,7 @@ class DStability(NamedTuple):
 
 
 class Judgement(NamedTuple):
-    """Which of the demands each set of roots meets; arrays of bool, one for each set.
+    """Which demands each set of roots meets; arrays of bool, one element per set.
 
     ``every_root_damped``  the whole loop is in the cone, demanded or not
     ``satisfied``          all that is demanded is met
@@ -62,7 +63,7 @@ def d_stability(
     *,
     every_root_in_cone: bool = False,
 ) -> DStability:
-    """Return the specification; raises ValueError for numbers that no pair of roots can meet."""
+    """Return the specification; raises ValueError if no pair of roots can meet it."""
     if not 0.0 <= sigma_1_s < math.inf:
         raise ValueError(f"sigma = {sigma_1_s:g} 1/s must be at least 0")
     if not 90.0 < cone_angle_deg < 180.0:

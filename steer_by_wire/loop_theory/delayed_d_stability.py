@@ -2,12 +2,12 @@
 
     Δ(s) = p(s) + q(s) e^(-sT),   deg q < deg p
 
-has infinitely many roots, which cannot be listed and judged, but the demands of
-``loop_theory.d_stability`` are counts: none with Re s ≥ -σ, at least two with |s| ≤ R, none
-of those outside the cone. Δ is entire, so each count is the number of turns that Δ makes around
-zero as s goes around the area (argument principle). e^(-sT) is evaluated as it stands.
+has infinitely many roots, which cannot be listed. But the demands of ``loop_theory.d_stability``
+are counts: none with Re s ≥ -σ, at least two with |s| ≤ R, none of those outside the cone. Δ is
+entire, so each count is the number of turns that Δ makes around zero as s goes around the area
+(argument principle). e^(-sT) is evaluated exactly.
 
-That *every* root is in the cone cannot be: far from the origin they line up along |q| e^(-T Re s) =
+Not *every* root can be in the cone: far from the origin the roots line up along |q| e^(-T Re s) =
 |p|, where Re s grows only as the logarithm of Im s.
 """
 
@@ -60,9 +60,9 @@ def roots_within(
     function: Callable[[NDArray[np.complex128]], NDArray[np.complex128]],
     contour: Callable[[NDArray[np.float64]], NDArray[np.complex128]],
 ) -> int:
-    """Return how many zeros of an entire function a closed contour goes around, each as often.
+    """Return how many zeros of an entire function a closed contour encloses, with multiplicity.
 
-    ``contour`` maps [0, 1] to the contour, once around against the clock.
+    ``contour`` maps [0, 1] to the contour, once around counterclockwise.
     """
     x = np.linspace(0.0, 1.0, _FIRST_POINTS)
     values = function(contour(x))

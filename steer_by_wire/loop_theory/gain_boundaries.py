@@ -11,13 +11,13 @@
     infinite root   the leading coefficient vanishes: a straight line, or none
 
 (J. Ackermann, Robust Control: Systems with Uncertain Physical Parameters, 1993.) No grid of gains
-is searched. Only those parts of the σ line, the cone and the circle are followed where a crossing
-can change the verdict of ``judge``: the cone within R (beyond it where every root has to be inside)
-and both left of -σ.
+is searched. The σ line, the cone and the circle are followed only where a crossing can change the
+verdict of ``judge``: the cone within R (and beyond it if every root has to be inside the cone), and
+cone and circle left of -σ.
 
-A curve is sampled adaptively in the window looked at (``adaptive_curve``). Ends of curves lie on
-other boundaries; off the real axis each is followed a little beyond, on it the limit is taken, so
-that rounding leaves no gap in the net of boundaries.
+A curve is sampled adaptively in the window (``adaptive_curve``). Ends of curves lie on other
+boundaries. Off the real axis a curve is followed a little beyond its end; on the axis the limit is
+taken. So rounding leaves no gap in the net of boundaries.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Bound(StrEnum):
 
 
 class RootKind(StrEnum):
-    """How a root gets to the other side."""
+    """How a root crosses the boundary."""
 
     COMPLEX = "complex"
     REAL = "real"
@@ -57,7 +57,7 @@ class RootKind(StrEnum):
 
 
 class Window(NamedTuple):
-    """The part of the plane that is looked at; K_p [rad/m], K_d [rad s/m]."""
+    """The part of the plane of the gains that is examined; K_p [rad/m], K_d [rad s/m]."""
 
     k_p_min: float
     k_p_max: float
@@ -91,8 +91,9 @@ class BoundaryCurve(NamedTuple):
 class _End(NamedTuple):
     """An end of a piece of ∂Γ on the real axis, where the two equations become one.
 
-    The gains there are the limit along the piece, whose parameter is ``parameter`` there, from two
-    steps off; with a mirror image they are even in the distance and differ by its square.
+    The gains at the end, where the piece's parameter is ``parameter``, are extrapolated from one
+    and two steps away. With its mirror image a piece is even in the distance, so the error of a
+    point falls with the distance squared.
     """
 
     parameter: float
@@ -185,8 +186,8 @@ def _first_samples(
 ) -> Floats:
     """Return first samples from start to end [rad/s]: by ratio, and by the turns of a dead time.
 
-    Beyond the last s where |K_p| + |K_d q| of the window's corners reaches |f| no curve is in the
-    window, and none is followed there.
+    No curve is in the window beyond the last s where |K_p| + |K_d q| of the window's corners
+    reaches |f|, and none is followed there.
     """
     ratios = np.geomspace(start, end, 2 + int(_PER_DECADE * math.log10(end / start)))
     s = s_of(ratios)
@@ -228,9 +229,9 @@ def _limit(at: Callable[[Floats], Floats], end: _End) -> Floats:
 
 
 def _on_line(gains: Floats, line: GainLine | None) -> Floats:
-    """Return the gains moved onto a straight line, as far as rounding has them off it.
+    """Return the gains moved onto a straight line, to remove rounding errors.
 
-    The limit along a curve is not exact, but it has to be on the line for the faces to close.
+    The limit along a curve is not exact, but it has to lie on the line for the faces to close.
     """
     if line is None:
         return gains

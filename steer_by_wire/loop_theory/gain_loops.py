@@ -9,8 +9,8 @@ z = e^(sT). Two kinds here, and ``loop_theory.law_gain_loop`` for the laws with 
     SampledGainLoop       the plant behind a delayed hold, and C(z) as ``controller.design`` makes
                           it from K_p, K_d and N: that is affine in both gains too
 
--1/P and not P is asked for, because the vehicle's two integrators are poles at s = 0: harmless in
-1/P.
+-1/P is used and not P, because the vehicle's two integrators are poles of P at s = 0 and harmless
+in 1/P.
 """
 
 from __future__ import annotations
@@ -47,15 +47,15 @@ class GainLine(NamedTuple):
 
 
 class GainLoop(Protocol):
-    """What the parameter space method asks of a loop."""
+    """What the parameter space method requires of a loop."""
 
     @property
     def omega_rad_s_max(self) -> float:
-        """Where the plane of s ends upwards: π/T of a sampled loop, else infinity [rad/s]."""
+        """Upper bound of Im s: π/T of a sampled loop, else infinity [rad/s]."""
 
     @property
     def dead_time_s(self) -> float:
-        """By how much P turns at most as ω rises [s]; the boundaries are sampled accordingly."""
+        """Upper bound of how fast P turns with ω [s]; it sets how boundaries are sampled."""
 
     def critical(self, s_rad_s: Complexes) -> Complexes:
         """Return -1/P at each s; not finite where P is zero."""
@@ -115,8 +115,8 @@ class ContinuousGainLoop:
     def infinite_root_line(self) -> GainLine | None:
         """Return where the leading coefficient of the characteristic polynomial vanishes.
 
-        None where the gains are not in it: P C is strictly proper for any of them, and no root can
-        reach infinity. With the ideal derivative P has to be of relative degree 1 for such a line.
+        None if it does not depend on the gains: P C is then strictly proper for any gains, and no
+        root can reach infinity. Such a line needs the ideal derivative and P of relative degree 1.
         """
         constant, k_p, k_d = self._characteristic[:, 0]
         return GainLine(constant, k_p, k_d) if k_p or k_d else None
@@ -133,7 +133,7 @@ class ContinuousGainLoop:
         return np.linalg.eigvals(companion).astype(np.complex128)
 
     def satisfies(self, spec: DStability, gains: Floats) -> Bools:
-        """Judge the roots of the characteristic polynomial; with delay, how many are where."""
+        """Judge the roots of the characteristic polynomial; with delay, by counts of roots."""
         if not self.dead_time_s:
             return judge(spec, self.roots(gains)).satisfied
         undelayed = self._characteristic[0]
@@ -216,8 +216,8 @@ class SampledGainLoop:
 def affine_in_gains(loops: Sequence[SampledLoop], delay_ns: int) -> Floats:
     """Return M_0, M_p and M_d of the state matrix M_0 + K_p M_p + K_d M_d, shape (3, n, n).
 
-    ``loops`` are those at the gains (1, 0), (1, 1) and (2, 0): three fix an affine matrix, and the
-    settings ask for K_p > 0.
+    ``loops`` are those at the gains (1, 0), (1, 1) and (2, 0): three loops determine an affine
+    matrix, and the settings require K_p > 0.
     """
     one, both, twice = (loop.closed_loop_matrix(delay_ns) for loop in loops)
     return np.array([2.0 * one - twice, twice - one, both - one])

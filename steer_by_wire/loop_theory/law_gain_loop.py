@@ -77,7 +77,7 @@ class LawGainLoop:
     def _solved(self, s_rad_s: Complexes) -> Complexes:
         """Return 1/P_p and P_d/P_p, shape (..., 2), also at poles of P_p.
 
-        The input u that holds rᵀx = 1, then the one that holds rᵀx = 0 against c_d.
+        First the input u that keeps rᵀx = 1, then the one that keeps rᵀx = 0 against c_d.
         """
         z = np.exp(s_rad_s * (self._period_ns / NS_PER_S))
         order = len(self._fed_back)

@@ -10,8 +10,8 @@ With L = -P K, the loop cut at the command:
                        outside of it are those of the open loop outside of it, less the turns of
                        1 + L around 0; none means that every mode decays faster than σ
 
-The count on a grid of points can miss an encirclement that lies between two of them. It serves
-searches; what is kept is confirmed with eigenvalues (``controller.analysis.sampled_loop``).
+The count on a grid of points can miss an encirclement between two of them. It serves searches; the
+final result is confirmed with eigenvalues (``controller.analysis.sampled_loop``).
 """
 
 import math
@@ -30,7 +30,7 @@ from .responses import ComplexArray, law_response, plant_responses
 FloatArray = NDArray[np.float64]
 
 _OMEGA_RAD_S_MIN = 0.02
-"""Below this the grids of ω are linear, above logarithmic."""
+"""The grids of ω are linear below this and logarithmic above."""
 
 
 class StabilityGrid(NamedTuple):
@@ -64,7 +64,7 @@ def stability_grid(
     decay_1_s: float,
     points: int,
 ) -> StabilityGrid:
-    """Return what the count of poles that decay more slowly than σ needs; σ > 0 [1/s]."""
+    """Return the grid for the count of poles that decay more slowly than σ; σ > 0 [1/s]."""
     period_s = period_ns / NS_PER_S
     radius = math.exp(-decay_1_s * period_s)
     angle_rad = _spread(math.pi, min(0.5 * decay_1_s, _OMEGA_RAD_S_MIN) * period_s, points)
@@ -76,7 +76,7 @@ def stability_grid(
 def frequency_grid(
     models: Sequence[TransferFunction], delays_ns: Sequence[int], period_ns: int, points: int
 ) -> FrequencyGrid:
-    """Return what sensitivity and noise gain need."""
+    """Return the grid for sensitivity and noise gain."""
     angle_rad = _spread(math.pi, _OMEGA_RAD_S_MIN * period_ns / NS_PER_S, points)[1:]
     z = np.exp(1j * angle_rad)
     return FrequencyGrid(angle_rad, z, _plants(models, delays_ns, period_ns, z))
@@ -86,7 +86,7 @@ def slow_poles(grid: StabilityGrid, design: LawDesign) -> NDArray[np.int64]:
     """Return how many modes of each loop decay no faster than σ, shape (corners, delays)."""
     system = law_system(design)
     distance = 1.0 - grid.plants * law_response(system, grid.z)
-    # From ω = 0 to π; the lower half of the circle turns by as much again.
+    # From ω = 0 to π; the lower half of the circle adds as many turns again.
     turns = np.angle(distance[..., 1:] / distance[..., :-1]).sum(axis=-1) / math.pi
     open_loop = grid.poles_outside[:, None] + _outside(system.a, grid.radius)
     return np.asarray(open_loop - np.rint(turns), dtype=np.int64)
@@ -109,9 +109,9 @@ def sensitivity_size(grid: FrequencyGrid, law: ComplexArray) -> FloatArray:
 
 
 def _peak(size: FloatArray) -> FloatArray:
-    """Return the largest value over the last axis, of the parabola through it and its neighbours.
+    """Return the peak over the last axis, of the parabola through the maximum and its neighbours.
 
-    On the grid alone a peak between two points comes out too low.
+    The maximum on the grid is too low for a peak between two points.
     """
     highest = np.clip(size.argmax(axis=-1), 1, size.shape[-1] - 2)[..., None]
     before, top, after = (

@@ -45,18 +45,18 @@ from .gain_loops import Floats, GainLoop, SampledGainLoop
 from .law_gain_loop import LawGainLoop
 
 _OVERSHOOT = 1e-5
-"""By which an end of a curve is drawn beyond the boundary it lies on, of the window's sides: more
-than a curve is off its chords, so that it crosses; what sticks out is no edge of a face."""
+"""How far an end of a curve is extended beyond the boundary it lies on, in window sides: more than
+a curve deviates from its chords, so that it crosses. The piece beyond is no edge of a face."""
 _GRID = 1e-9
-"""To which nodes are rounded, of the window's sides; it makes the arithmetic of areas robust."""
+"""Grid to which nodes are rounded, in window sides; it makes the arithmetic of areas robust."""
 _FACE_AREA_MIN = 1e-10
-"""Of the window; a smaller face is between two polylines of one and the same crossing."""
+"""Share of the window; a smaller face lies between two polylines of the same crossing."""
 
 
 class Margin(NamedTuple):
-    """How far a boundary of the region is.
+    """Distance to one kind of boundary of the region.
 
-    ``relative``  distance with each gain measured in its own value: 0.1 is a tenth of both
+    ``relative``  distance with each gain in units of its own value: 0.1 is a tenth of both
     """
 
     bound: Bound
@@ -67,7 +67,7 @@ class Margin(NamedTuple):
 class GainRegion(NamedTuple):
     """Gains for which every loop is D-stable, K_p [rad/m] as x and K_d [rad s/m] as y.
 
-    ``polygon``  within the window; empty where no gains in it do
+    ``polygon``  the region within the window; may be empty
     ``curves``   every boundary in the window, of all loops
     """
 
@@ -167,8 +167,8 @@ def law_region(
 ) -> GainRegion:
     """Return the gains of the PD for which the loop of a whole law is D-stable, as above.
 
-    The observers and N are those of ``settings``, its gains do not matter. Takes a good deal longer
-    than ``sampled_region``: up to a second for each plant and delay.
+    The observers and N are those of ``settings``; its gains do not matter. Takes much longer than
+    ``sampled_region``: up to a second for each plant and delay.
     """
     loops = (
         LawGainLoop(settings, plant, period_ns, delay_ns)
@@ -241,7 +241,7 @@ def _good(
 
 
 def _overshot(points: Floats) -> Floats:
-    """Return a polyline with both ends drawn out."""
+    """Return a polyline with both ends extended."""
     first, last = points[0] - points[1], points[-1] - points[-2]
     first, last = (_OVERSHOOT * end / max(np.hypot(*end), 1e-300) for end in (first, last))
     return np.concatenate([[points[0] + first], points, [points[-1] + last]])

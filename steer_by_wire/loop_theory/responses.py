@@ -4,8 +4,8 @@
     plant   P(z) = C (zI - A)⁻¹ (b_new + b_old z⁻¹) z⁻ⁿ   from steer to lateral error, delayed
 
 The same matrices as in ``controller.analysis.linear_system``. The law's are brought to Schur form
-first, after which one back substitution serves all z: no polynomial, whose coefficients would lose
-the dozen poles near z = 1, and no linear solve for each z.
+first, after which one back substitution serves all z. A polynomial would lose the dozen poles near
+z = 1 in its coefficients, and a linear solve for each z would take longer.
 """
 
 from collections.abc import Sequence

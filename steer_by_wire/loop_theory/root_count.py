@@ -2,13 +2,13 @@
 
     Δ(s) = p(s) + q(s) e^(-sT),   deg q < deg p = n,   real coefficients
 
-Cleared of denominators Δ is entire, so its argument along the imaginary axis counts its zeros there
-are to the right, and no pole on the axis asks for an indentation:
+Cleared of denominators Δ is entire, so its argument along the imaginary axis counts its zeros to
+the right, and there is no pole on the axis that would need an indentation:
 
     Z = n/2 - (arg Δ(jω) from ω = 0 to ∞)/π
 
-e^(-jωT) is evaluated as it stands; a Padé approximation has other roots. Powers of s common to p
-and q are taken out first and reported: roots at s = 0 that no delay and no gain moves.
+e^(-jωT) is evaluated exactly; a Padé approximation has other roots. Powers of s common to p and q
+are taken out first and reported: roots at s = 0 that no delay and no gain moves.
 """
 
 from typing import NamedTuple
@@ -29,10 +29,10 @@ class RootCount(NamedTuple):
     """Where the roots of a loop lie.
 
     ``right``      in the open right half-plane
-    ``at_origin``  at s = 0 exactly, from a cancellation of integrators: what goes in there is
-                   integrated by something the feedback does not see
-    ``clearance``  smallest |Δ|/(|p| + |q|) on the imaginary axis, from 0, where a root lies on it
-                   and ``right`` means nothing, to 1
+    ``at_origin``  at s = 0 exactly, from cancelled integrators: they integrate their input, and the
+                   feedback does not see it
+    ``clearance``  smallest |Δ|/(|p| + |q|) on the imaginary axis, from 0 to 1; at 0 a root lies on
+                   the axis and ``right`` is meaningless
     """
 
     right: int
@@ -53,8 +53,8 @@ def on_axis(omega_rad_s: NDArray[np.float64]) -> NDArray[np.complex128]:
 def count_roots(undelayed: Polynomial, delayed: Polynomial, delay_s: float) -> RootCount:
     """Return where the roots of p + q e^(-sT) lie, T ≥ 0.
 
-    ``undelayed`` is p and ``delayed`` q. Raises ValueError unless deg q < deg p: the loop would
-    answer at once (neutral), and its roots need not be finitely many.
+    ``undelayed`` is p and ``delayed`` q. Raises ValueError unless deg q < deg p: otherwise the loop
+    responds at once (neutral), and infinitely many roots may lie to the right.
     """
     p, q, at_origin = _without_common_powers(undelayed, delayed)
     if len(q) >= len(p):
@@ -91,10 +91,10 @@ def _without_common_powers(
 
 
 def _initial_points(p: Polynomial, q: Polynomial, delay_s: float) -> NDArray[np.float64]:
-    """Return ω from 0 to where p[0] s^n is more than twice all other terms, for good [rad/s].
+    """Return ω from 0 to where p[0] s^n stays more than twice all other terms [rad/s].
 
-    Beyond, the argument has only what _values divided by the leading term shows still to go. The
-    points are dense enough that neither the polynomials nor e^(-jωT) can make a turn unseen.
+    The argument beyond the last point follows from _values divided by the leading term there. The
+    points are so dense that neither the polynomials nor e^(-jωT) can turn unnoticed between them.
     """
     others = np.abs(p)
     others[0] = 0.0

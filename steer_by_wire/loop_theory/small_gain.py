@@ -6,12 +6,12 @@
             L_n = C (1 - Q) G_n/(1 + C G_n Q),   so  L_n/(1 + L_n) = (1 - Q) C G_n/(1 + C G_n)
 
 (17), (18) print e^(-T) for e^(-Ts), and (26) has a factor e^(-Ts) in L_n too many: with Δ_m the
-delay, L_n (1 + Δ_m) is the loop, so L_n must not hold the delay a second time. ``as_printed`` takes
-it as it is printed nonetheless. The delay is exact, no Padé.
+delay, L_n (1 + Δ_m) is the loop, so L_n must not contain the delay a second time. ``as_printed``
+takes it as printed nonetheless. The delay is exact, no Padé.
 
-All of it is sufficient and not necessary: sizes are compared and phases thrown away. What meets a
-condition is stable, if it is so for Δ_m = 0; what fails it may be stable as well. The exact answers
-are in ``continuous_loop`` and ``sampled_loop``.
+The conditions are sufficient and not necessary: they compare magnitudes and ignore phases. A loop
+that meets one is stable, if it is stable for Δ_m = 0; a loop that fails it may be stable as well.
+The exact answers are in ``continuous_loop`` and ``sampled_loop``.
 """
 
 import math
@@ -25,7 +25,7 @@ from ..controller.transfer_function import TransferFunction
 from .root_count import on_axis
 
 CUTOFF_RAD_S = (1e-2, 1e5)
-"""Cutoffs are sought between these; a set that reaches the upper one counts as unbounded."""
+"""Cutoffs are searched between these; a set that reaches the upper one counts as unbounded."""
 _CUTOFFS = 250
 _OMEGA_RAD_S = (1e-3, 1e5)
 _OMEGAS = 10_000
@@ -38,21 +38,21 @@ QFamily = Callable[[float], TransferFunction]
 
 
 class Interval(NamedTuple):
-    """Cutoffs from one to the other [rad/s]; inf where there is no upper one."""
+    """Cutoffs from one to the other [rad/s]; inf without an upper bound."""
 
     minimum_rad_s: float
     maximum_rad_s: float
 
 
 class Peak(NamedTuple):
-    """Largest size of a response, and the ω where it is reached [rad/s]."""
+    """Largest magnitude of a response, and the ω where it is reached [rad/s]."""
 
     size: float
     omega_rad_s: float
 
 
 class Uncertainty(NamedTuple):
-    """Largest |Δ_m| over a set of plants at each ω [rad/s], both of one length."""
+    """Largest |Δ_m| over a set of plants at each ω [rad/s]; both arrays have the same length."""
 
     omega_rad_s: NDArray[np.float64]
     size: NDArray[np.float64]
@@ -65,7 +65,7 @@ class Uncertainty(NamedTuple):
 
 
 class CdobParts(NamedTuple):
-    """What (26) is made of."""
+    """The transfer functions in (26)."""
 
     compensator: TransferFunction  # C [rad/m]
     q: TransferFunction  # Q, or H Q where there is a washout H
@@ -153,9 +153,9 @@ def accepted_cutoffs(
 ) -> tuple[Interval, ...]:
     """Return all ranges of cutoffs that a test accepts, their ends to 1 in 10 million.
 
-    Scanned at ``points`` cutoffs from 0.01 to 100,000 rad/s, each change between two neighbours
-    bisected: nothing is assumed of the order. A range narrower than a step, 7 % at 250 points, can
-    be missed.
+    ``points`` cutoffs from 0.01 to 100,000 rad/s are tested, and each change between two neighbours
+    is bisected; the verdict need not be monotone. A range narrower than a step, 7 % at 250 points,
+    can be missed.
     """
     cutoffs_rad_s = [float(cutoff) for cutoff in np.geomspace(*CUTOFF_RAD_S, points)]
     verdicts = [accepts(cutoff) for cutoff in cutoffs_rad_s]
@@ -193,8 +193,8 @@ def cdob_nominal_loop(
 def cdob_small_gain(parts: CdobParts, delay_s: float, *, as_printed: bool = False) -> Peak:
     """Return the largest |L_n/(1 + L_n) Δ_m| of (25): the condition is met where it is below 1.
 
-    ``as_printed`` takes (26) with its e^(-Ts). It then presupposes that the loop is stable at T,
-    which is what was to be shown, and says something of a delay of 2 T.
+    ``as_printed`` takes (26) with its e^(-Ts). The condition then presupposes that the loop is
+    stable at T, which was to be shown, and makes a statement about a delay of 2 T.
     """
     printed_delay_s = delay_s if as_printed else 0.0
 
@@ -206,7 +206,7 @@ def cdob_small_gain(parts: CdobParts, delay_s: float, *, as_printed: bool = Fals
 
 
 def _refined_peak(size: Callable[[Omegas], NDArray[np.float64]]) -> Peak:
-    """Return the maximum of a size over ω, looked at more closely where the grid has it."""
+    """Return the maximum of a magnitude over ω, refined around the maximum on the grid."""
     omega_rad_s = np.geomspace(*_OMEGA_RAD_S, _OMEGAS)
     index = int(np.argmax(size(omega_rad_s)))
     around = omega_rad_s[max(0, index - 1)], omega_rad_s[min(_OMEGAS - 1, index + 1)]
@@ -217,7 +217,7 @@ def _refined_peak(size: Callable[[Omegas], NDArray[np.float64]]) -> Peak:
 
 
 def _peak(sizes: NDArray[np.float64], uncertainty: Uncertainty) -> Peak:
-    """Return the largest of the sizes."""
+    """Return the largest of the magnitudes."""
     index = int(np.argmax(sizes))
     return Peak(float(sizes[index]), float(uncertainty.omega_rad_s[index]))
 

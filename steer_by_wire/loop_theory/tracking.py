@@ -11,12 +11,12 @@ Everything is evaluated on the circle |z| = R > 1 and taken back to time by inve
 
     y[k] = R^k · ifft(Y(R e^{2πi j/M}))[k]
 
-On the unit circle itself it would not do, since plant and y_ρ have their double integrators there.
-What comes later than M ticks returns at the beginning, multiplied by R^-M: that and rounding,
-multiplied by R^k, are what R is chosen between. y_ρ may stop at the end of the run, for the loop is
-causal; M leaves the loop some time to settle after that.
+The unit circle itself does not work, since plant and y_ρ have their double integrators there. What
+comes later than M ticks wraps around to the beginning, multiplied by R^-M, and rounding is
+multiplied by R^k: R is a compromise between the two. y_ρ may stop at the end of the run, because
+the loop is causal; M leaves the loop some time to settle after that.
 
-Limits, quantisation and jitter are left out; all is exact besides.
+Limits, quantisation and jitter are left out; everything else is exact.
 """
 
 import math
@@ -36,7 +36,7 @@ from .responses import ComplexArray, law_response, plant_responses
 FloatArray = NDArray[np.float64]
 
 _LATE_FACTOR = 1e-8
-"""R^-M, by which what comes after the M ticks is multiplied; rounding is by at most 1/this."""
+"""R^-M, the factor of what comes after the M ticks; rounding grows by at most its inverse."""
 _ROOM = 1.3
 """Ticks of the transform per tick of the run."""
 
@@ -58,7 +58,7 @@ class TrackingGrid(NamedTuple):
 
 
 class Tracking(NamedTuple):
-    """What a law makes of the paths of a grid; each of shape (paths, corners, delays).
+    """The results of a law on the paths of a grid; each of shape (paths, corners, delays).
 
     ``rms_m``            of the lateral error over the ticks 1 to last [m]
     ``steer_rad``        largest |steer| [rad]
@@ -77,7 +77,7 @@ def unsteered_error_m(
 
     ``curvature_1_m``  ρ at 0, interval, 2 interval, ..., taken as linear in between
 
-    Starts at rest on the path.
+    The vehicle starts on the path, with no lateral speed.
     """
     earlier, later = curvature_1_m[:-1], curvature_1_m[1:]
     slope = _accumulated(0.5 * interval_s * (earlier + later))
@@ -111,7 +111,7 @@ def tracking_grid(
 def track(grid: TrackingGrid, design: LawDesign) -> Tracking:
     """Return error and steer of a law on every path, corner and delay of the grid.
 
-    Means nothing where the loop is unstable.
+    The result is meaningless where the loop is unstable.
     """
     law = law_response(law_system(design), grid.z)
     sensitivity = 1.0 / (1.0 - grid.plants * law)

@@ -18,7 +18,7 @@ class ParameterRange(NamedTuple):
 
 
 class UncertaintyBox(NamedTuple):
-    """All vehicles between the bounds; what has no range is as in ``nominal``."""
+    """All vehicles between the bounds; parameters without a range are those of ``nominal``."""
 
     nominal: NominalVehicle
     ranges: tuple[ParameterRange, ...]

@@ -13,7 +13,7 @@ from .virtual import BITRATE_BIT_S
 
 
 class Channels(NamedTuple):
-    """One channel a pair, and what they are in a few words."""
+    """One channel per pair, and a short description of them."""
 
     buses: tuple[Bus, ...]
     description: str
@@ -25,7 +25,7 @@ def open_channels(wanted: str, names: Sequence[str], log: Path) -> Iterator[Chan
 
     ``wanted``  socketcan (vcan0, vcan1, ... one a pair), emulated, or auto: socketcan where this
                 machine has them all, else emulated
-    ``log``     where the emulated bus says what it carried
+    ``log``     report of the emulated bus on what it carried
 
     Raises SettingsError when socketcan is wanted and an interface is missing.
     """

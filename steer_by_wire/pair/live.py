@@ -68,9 +68,9 @@ class Bus(NamedTuple):
 class LivePair:
     """Two running programs and their recorder; use it as a context manager.
 
-    Leaving the block ends the programs with SIGINT, so that their reports are written whatever
-    ended the block, and kills what does not end. They end in order with this process too, however
-    that is ended; what it records itself is then as far as it was written.
+    Leaving the block ends the programs with SIGINT, so that their reports are written however the
+    block ended, and kills those that do not end. They also end cleanly when this process ends, in
+    whatever way. Its own recording then ends with the last frame that was written.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Processes that run together and end with this one: a bus, plant, controller, what joins them."""
+"""Processes that run together and end with this one: bus, plant, controller and others."""
 
 import json
 import os
@@ -15,11 +15,11 @@ from ..runtime.bus import BusError
 
 START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 60.0
-"""How long a process may take to begin, and to write what it has to; a busy machine needs it."""
+"""How long a process may take to start, and to write its results; long, for a busy machine."""
 ABORT_TIMEOUT_S = 5.0
 """How long each may take when the run is given up."""
 _AFTER_S = {"recorder": 1.0, "broker": 2.0}
-"""By how much these outlast a tool that was ended: they end after those that use them."""
+"""How long these outlast a tool that has ended: they end after the processes that use them."""
 _POLL_S = 0.02
 _LISTENING, _READY = "listening at", "ready"
 
@@ -31,7 +31,7 @@ class ProcessError(BusError):
 class Processes:
     """Processes by their names; use it as a context manager, which leaves none behind.
 
-    They end in order with this process too, however that is ended.
+    They also end cleanly when this process ends, in whatever way.
 
     ``folder``   where each writes what it prints (NAME.txt) and its report (NAME.json)
     ``private``  folder of the broker's socket, removed with this process; None without a broker
@@ -75,7 +75,7 @@ class Processes:
         self._await("broker", _LISTENING)
 
     def start(self, name: str, module: str, arguments: Sequence[str]) -> None:
-        """Start ``python -m module`` and wait until it says that it is ready."""
+        """Start ``python -m module`` and wait until it reports that it is ready."""
         self.begin(name, module, arguments)
         self._await(name, _READY)
 
@@ -104,7 +104,7 @@ class Processes:
         return self._statuses[name]
 
     def failure(self, name: str) -> ProcessError:
-        """Return what to raise when one has ended that should not have, or with an error."""
+        """Return the error to raise when one has ended too early, or with an error."""
         return ProcessError(
             f"{name} has ended with status {self.status(name)}: {self._last_line(name)}"
         )
@@ -125,27 +125,27 @@ class Processes:
         return found
 
     def kill(self, names: Sequence[str]) -> None:
-        """End some that would not end in order."""
+        """Kill some of them with SIGKILL."""
         for name in names:
             process = self._processes.pop(name)
             process.kill()
             self._statuses[name] = process.wait()
 
     def stop(self, name: str) -> dict[str, Any]:
-        """End one in order; returns its report. Raises ProcessError when it fails to."""
+        """End one cleanly; returns its report. Raises ProcessError when it fails."""
         if self.end(name):
             raise self.failure(name)
         report: dict[str, Any] = json.loads(self.path(name, ".json").read_text(encoding="utf-8"))
         return report
 
     def interrupt(self, name: str) -> None:
-        """Ask one to end in order, once: a second SIGINT may hit it when it has let go of them."""
+        """Send SIGINT, once: a second one may come when the handler has been removed."""
         if name not in self._asked:
             self._asked.add(name)
             self._processes[name].send_signal(signal.SIGINT)
 
     def end(self, name: str) -> int:
-        """End one in order, if it has not ended; returns its exit status, -9 for SIGKILL.
+        """End one cleanly, if it still runs; returns its exit status, -9 for SIGKILL.
 
         Raises ProcessError when it does not end.
         """

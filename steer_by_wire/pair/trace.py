@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 
 class Trace(NamedTuple):
-    """Columns of one run, one row a sensor period; each array has shape (samples,)."""
+    """Columns of one run, one row per sensor period; each array has shape (samples,)."""
 
     time_s: FloatArray  # since the start of motion
     lateral_error_m: FloatArray  # true, at the preview point

@@ -19,7 +19,7 @@ from .live import PairResult
 from .trace import Trace
 
 BITRATE_BIT_S = 500_000
-"""The bit rate virtual time and the emulated bus have unless told otherwise."""
+"""The default bit rate of virtual time and of the emulated bus."""
 
 SLICE_NS = 1_000_000_000
 
@@ -28,7 +28,7 @@ class VirtualPair(NamedTuple):
     """Both nodes of a run that begins at 0.
 
     ``plant``  the rig itself, with its samples
-    ``edge``   the same behind the faults of its settings: what is on the bus
+    ``edge``   the rig with the faults of its settings: the node on the bus
     """
 
     plant: PlantNode
@@ -99,5 +99,5 @@ def run_virtual_nodes(
 
 
 def _writer(log: CandumpLog) -> Callable[[int, int, Frame], None]:
-    """Return what writes every frame on the wire into ``log``."""
+    """Return a function that writes every frame on the wire into ``log``."""
     return lambda time_ns, _sender, frame: log.write(time_ns, frame)

@@ -1,4 +1,4 @@
-"""Logs of a bus and what they say: any format in, signals and figures out.
+"""Reads logs of a bus: any format in, signals and figures out.
 
 Admission rule: it reads frames that were on a bus; it draws and writes nothing.
 """

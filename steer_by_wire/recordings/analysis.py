@@ -1,4 +1,4 @@
-"""Takes the frames of one log, one at a time, and knows its figures at the end."""
+"""Takes the frames of one log, one at a time, and returns its figures at the end."""
 
 import heapq
 import math
@@ -31,13 +31,13 @@ from .durations import Durations, History
 from .latency import Latencies
 
 GAP_PERIODS = 3
-"""A message that stays away longer than so many of its periods has left a gap."""
+"""A message that is absent for more than so many of its periods leaves a gap."""
 GAPS_MAX = 20
 """How many gaps are listed, the longest."""
 CONFIGS_MAX = 100
 """How many changes of the latency are listed, the first."""
 _CLOCK_STARTED_NS = 631_152_000 * NS_PER_S
-"""1990: smaller times are since some start, not dates."""
+"""1990: smaller times count from some start and are no dates."""
 
 _FROM_PLANT = (LateralError, SteeringStatus, VehicleState, PlantStatus)
 
@@ -58,7 +58,7 @@ HISTORIES: Mapping[str, tuple[str, str]] = {
 
 
 class Gap(NamedTuple):
-    """A message stayed away; sorts by its length."""
+    """A message was absent; sorts by length."""
 
     duration_s: float
     at_s: float
@@ -66,7 +66,7 @@ class Gap(NamedTuple):
 
 
 class _Modular:
-    """A count of which only the rest modulo ``modulus`` is sent: how far it went during the log."""
+    """How far a count went during the log; only the count modulo ``modulus`` is sent."""
 
     def __init__(self, modulus: int) -> None:
         self._modulus = modulus
@@ -86,8 +86,8 @@ def _modular(message_type: type[Message], field: str) -> _Modular:
 class LogAnalysis:
     """Analyses one log.
 
-    Frames have times in nanoseconds, or None all of them where the log has none. Then there is
-    nothing about latency, cycles and gaps.
+    Frames have times in nanoseconds. In a log without times every frame has None, and there are no
+    figures of latency, cycles and gaps.
     """
 
     def __init__(self) -> None:
@@ -117,9 +117,9 @@ class LogAnalysis:
         self._plant_rejected = _modular(PlantStatus, "rejected")
 
     def take(self, time_ns: int | None, frame: Frame) -> tuple[float, Heard] | None:
-        """Take the next frame; returns time since the start [s] and message, or None.
+        """Take the next frame; returns the time since the start [s] and the message.
 
-        None comes for what a node would refuse. The time is NaN in a log without times.
+        Returns None for a frame that a node would reject. The time is NaN in a log without times.
         """
         self._frames += 1
         since_ns = self._since_start(time_ns)
@@ -137,7 +137,7 @@ class LogAnalysis:
         return at_s, heard
 
     def figures(self) -> dict[str, Any]:
-        """Return everything that can be told, ready for JSON; call it once, at the end."""
+        """Return all figures, ready for JSON; call it once, at the end."""
         self.latencies.finish()
         self._leave_mode(self._end_ns - (self._start_ns or 0))
         start_ns = self._start_ns
@@ -178,7 +178,7 @@ class LogAnalysis:
         return time_ns - self._start_ns
 
     def _time(self, heard: Heard, since_ns: int) -> None:
-        """Let a message on the bus count for latencies, cycles and gaps."""
+        """Count a message on the bus for latencies, cycles and gaps."""
         name, message, counter, is_late = heard
         if isinstance(message, _FROM_PLANT):
             self.latencies.on_plant_frame(since_ns)
@@ -203,7 +203,7 @@ class LogAnalysis:
             add(self._gaps, gap)
 
     def _watch(self, message: Message, since_ns: int | None) -> None:
-        """Follow modes, law, the nodes' own counts, and changes of the latency."""
+        """Follow modes, law, the counts that the nodes report, and changes of the latency."""
         if isinstance(message, ControllerStatus):
             self._skipped_ticks.take(message.skipped_ticks)
             self._laws[Law(message.law).name] = None

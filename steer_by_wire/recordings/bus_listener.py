@@ -1,8 +1,8 @@
-"""What a listener on the bus makes of its frames: messages, and everything else by cause.
+"""Decodes the frames on a bus as a listener: messages, and rejected frames counted by cause.
 
-It judges as the nodes do (``dbc.messages.decode``, then the end-to-end counter), with the widest
-window: a listener commands nobody, so it may believe a counter that jumped by up to MAX_JUMP. Of
-authenticated frames it reads the payload and does not check the rest, having no key.
+It decides as the nodes do (``dbc.messages.decode``, then the end-to-end counter), with the widest
+window: a listener controls nothing, so it may accept a counter that jumped by up to MAX_JUMP. Of
+authenticated frames it reads the payload only, because it has no key.
 """
 
 from collections import Counter
@@ -23,11 +23,11 @@ from ..dbc.secured_frame import plain
 from ..runtime.frame import ERROR, Frame
 
 MAX_JUMP = 127
-"""The most that distinguishes newer from older."""
+"""The largest jump of a counter that still distinguishes newer from older."""
 RESYNC_RUN = 20
-"""Refused counters in a row that make a restarted sender believed."""
+"""Consecutive rejected counters after which the sender is taken to have restarted."""
 FOREIGN_IDS_MAX = 1000
-"""How many foreign identifiers are told apart."""
+"""How many foreign identifiers are counted separately."""
 
 NAMES: Mapping[type[Message], str] = {kind: name for name, kind in MESSAGE_TYPES.items()}
 """The name of each message in the DBC."""
@@ -38,7 +38,7 @@ class Heard(NamedTuple):
     """A message on the bus.
 
     ``counter``  end-to-end counter, 0 for LATENCY_CONFIG
-    ``is_late``  overtaken by a newer one: a node would refuse it
+    ``is_late``  overtaken by a newer one: a node would reject it
     """
 
     name: str
@@ -51,10 +51,10 @@ class MessageCounts(NamedTuple):
     """Frames under the identifier of one message.
 
     ``accepted``  intact, within range, newer than all before
-    ``missing``   counters that were skipped by those accepted; a frame that came late was skipped
-                  before it came, so that it is counted here too
+    ``missing``   counters that the accepted frames skip; a late frame was skipped before it came,
+                  so it is counted here too
     ``late``      older than the newest
-    ``refused``   the others, by cause
+    ``refused``   all others, by cause
     """
 
     accepted: int
@@ -81,22 +81,22 @@ class BusListener:
 
     @property
     def foreign(self) -> Mapping[int, int]:
-        """Frames by foreign identifier, as far as FOREIGN_IDS_MAX goes."""
+        """Frames by foreign identifier, for the first FOREIGN_IDS_MAX identifiers."""
         return dict(self._foreign)
 
     @property
     def foreign_frames(self) -> int:
-        """Frames with an identifier that is none of ours."""
+        """Frames with an identifier that the DBC does not define."""
         return self._foreign_frames
 
     @property
     def error_frames(self) -> int:
-        """Error frames, which the listener's own CAN controller makes."""
+        """Error frames, which the listener's own CAN controller generates."""
         return self._error_frames
 
     @property
     def refused(self) -> Mapping[str, int]:
-        """Frames under our identifiers that are no messages to be believed, by cause."""
+        """Rejected frames under identifiers of the DBC, by cause."""
         total = Counter[str]()
         for counts in self._refused.values():
             total.update(counts)
@@ -113,7 +113,7 @@ class BusListener:
         )
 
     def take(self, frame: Frame) -> Heard | None:
-        """Judge one frame; None for what is no message, and for one that came twice."""
+        """Return the message in a frame; None for a rejected, foreign or duplicate frame."""
         decoded = decode(plain(frame))
         if isinstance(decoded, Decoded):
             message, counter = decoded

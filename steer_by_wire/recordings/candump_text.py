@@ -1,11 +1,11 @@
-"""Reads what candump prints, in whatever way it was told to print.
+"""Reads the output of candump, whatever its options.
 
     (1436509052.249713) vcan0 044#2A366C2BBA      candump -L and -l, canplayer, python-can's .log
      (1436509052.249713)  vcan0  044   [5]  2A 36 6C 2B BA                candump -ta (-tz, -tA)
      (000.010000)  vcan0  RX - -  044   [5]  2A 36 6C 2B BA               candump -td -x
       vcan0  044   [5]  2A 36 6C 2B BA                                    candump: no times
 
-A line that cannot be read is counted and passed over.
+A line that cannot be read is counted and skipped.
 """
 
 import re
@@ -20,10 +20,10 @@ from ..runtime.node import NS_PER_S
 from .text_lines import TextLines
 
 _HEAD_LINES = 200
-"""Lines that tell whether the times of candump are distances."""
+"""Lines from which to decide whether candump's times are differences (-td)."""
 _CAN_ERR_FLAG = 0x20000000
 TIME_NS_LIMIT = 1 << 62
-"""The year 2116: a time beyond is a misprint, and differences of times are to fit into 64 bits."""
+"""The year 2116: a later time is a misprint, and differences of times must fit into 64 bits."""
 _CLOCK_STARTED_NS = 631_152_000 * NS_PER_S
 """1990: greater times are dates."""
 _PLAIN = re.compile(
@@ -63,7 +63,7 @@ def candump_frames(lines: TextLines) -> Iterator[Logged]:
 
 
 def _plain(line: str, read_time: Callable[[str], int | None]) -> Logged | None:
-    """Read a line as candump prints it without -L; None for what is no frame."""
+    """Read a line as candump prints it without -L; None if it is no frame."""
     match = _PLAIN.fullmatch(line)
     if match is None:
         return None
@@ -99,17 +99,17 @@ def _time_ns(stamp: str) -> int | None:
 
 
 def _are_distances(stamps: list[str]) -> bool:
-    """Whether times are those of candump -td, not -tz: they would run backwards otherwise."""
+    """Whether times are those of candump -td, not -tz: as times they would run backwards."""
     times = [time_ns for stamp in stamps if (time_ns := _time_ns(stamp)) is not None]
     if max(times, default=0) >= _CLOCK_STARTED_NS:
         return False
-    # Among as many distances the next is smaller as often as not; times hardly ever step back.
+    # Differences fall as often as they rise; times hardly ever step back.
     backwards = sum(after < before for before, after in pairwise(times))
     return 10 * backwards > len(times)
 
 
 def _distances() -> Callable[[str], int | None]:
-    """Return what reads distances and adds them up."""
+    """Return a function that reads differences and adds them up."""
     now_ns = 0
 
     def read(stamp: str) -> int | None:

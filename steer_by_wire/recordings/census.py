@@ -1,7 +1,7 @@
-"""What the logs of a soak tell: every frame that was sent, that was on the bus, that was taken.
+"""Compares the logs of a soak: every frame that was sent, was on the bus, and was accepted.
 
-Two views that share nothing: the sequences of payloads, sender's recording against the bus's; and
-the counters that the end-to-end protection puts into every frame, which step by one.
+Two independent views: the sequences of payloads, the sender's recording against the bus's; and the
+counters of the end-to-end protection, which step by one.
 """
 
 from collections import defaultdict
@@ -20,7 +20,7 @@ from ..runtime.statistics import DurationStatistics, DurationSummary
 
 NAMES = {can_id: message.__name__ for message, can_id in CAN_IDS.items()}
 _COUNTER_BYTE = 2
-"""Of the end-to-end header, in every message that is sent in cycles."""
+"""Of the end-to-end header, in every cyclic message."""
 
 Timed = tuple[int, Frame]
 """A frame and when it was sent or complete [ns]."""
@@ -30,8 +30,8 @@ class BusLog(NamedTuple):
     """Everything that was on the bus.
 
     ``frames``        all of them
-    ``unreadable``    lines that are none
-    ``disordered``    frames with a time not above that of the one before
+    ``unreadable``    lines that are no frames
+    ``disordered``    frames no later than the one before
     ``babbled``       frames of the babbling node; ``babble_missing`` those its counters miss
     ``babble_ns``     end of its first and last frame [ns]
     ``load``          share of that time that the wire was busy, intermissions included
@@ -55,10 +55,10 @@ class MessageCount(NamedTuple):
     ``is_same``    whether the two are the same payloads in the same order
     ``lost``       counters that are missing on the bus
     ``reordered``  frames on the bus whose counter does not go forward
-    ``taken``      by the node at the other end
-    ``is_run``     whether that is a part of what was on the bus, without a gap
-    ``missed``     counters that are missing there, ``disordered`` that do not go forward
-    ``waited``     from handing over to start of frame
+    ``taken``      accepted by the node at the other end
+    ``is_run``     whether those frames are a gapless part of what was on the bus
+    ``missed``     counters missing among them; ``disordered`` those that do not go forward
+    ``waited``     from the hand-over for sending to the start of frame
     """
 
     name: str
@@ -76,7 +76,7 @@ class MessageCount(NamedTuple):
 
 
 def read_bus_log(path: Path, babble_ids: Collection[int], bitrate_bit_s: int) -> BusLog:
-    """Read the recorder's log, of any length in memory for the control frames alone."""
+    """Read the recorder's log, of any length; only the control frames are kept in memory."""
     control: defaultdict[int, list[Timed]] = defaultdict(list)
     expected = dict.fromkeys(babble_ids, 0)
     bits = frames = disordered = babbled = missing = 0
@@ -109,7 +109,7 @@ def read_bus_log(path: Path, babble_ids: Collection[int], bitrate_bit_s: int) ->
 
 
 def read_own_log(path: Path) -> tuple[dict[int, list[Timed]], dict[int, list[Timed]]]:
-    """Return what a node's recording says it has sent and taken, by identifier."""
+    """Return the frames sent and accepted according to a node's recording, by identifier."""
     sent: defaultdict[int, list[Timed]] = defaultdict(list)
     taken: defaultdict[int, list[Timed]] = defaultdict(list)
     with path.open(encoding="ascii") as lines:
@@ -172,7 +172,7 @@ def _is_run(part: Sequence[Frame], whole: Sequence[Frame]) -> bool:
 
 
 def mode_changes(sent: Mapping[int, Sequence[Timed]]) -> Iterator[tuple[int, Mode, float]]:
-    """Yield when a controller's own commands told another mode [ns], which, and the steer [rad]."""
+    """Yield time [ns], new mode and steer [rad] of each mode change in a controller's commands."""
     last: Mode | None = None
     for time_ns, frame in sent.get(CAN_IDS[SteeringCommand], ()):
         decoded = decode(frame)
@@ -187,10 +187,10 @@ def _counters(frames: Sequence[Timed]) -> list[int]:
 
 
 def _waited(sent: Sequence[Timed], on_bus: Sequence[Timed], bitrate_bit_s: int) -> DurationSummary:
-    """Return from handing over to start of frame, as far as the frames are the same.
+    """Return the waits from hand-over to start of frame, as far as the frames are the same.
 
-    The two clocks of the wall clock's time are read microseconds apart, so a difference below zero
-    is none.
+    The two recorders read the wall clock microseconds apart, so a negative difference counts as
+    zero.
     """
     statistics = DurationStatistics()
     for (sent_ns, frame), (end_ns, on_wire) in zip(sent, on_bus, strict=False):

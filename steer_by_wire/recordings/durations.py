@@ -15,10 +15,9 @@ POINTS_MAX = 20_000
 
 
 class Durations:
-    """Durations, one at a time; their spread too.
+    """Collects durations one at a time; their spread too.
 
-    A duration that comes out below zero, which only a clock that was set back makes, counts as
-    zero.
+    A negative duration, possible only where a clock was set back, counts as zero.
     """
 
     def __init__(self) -> None:
@@ -39,7 +38,7 @@ class Durations:
         return np.array([self._statistics.quantile_ns(f) / NS_PER_S for f in fractions])
 
     def report(self) -> dict[str, Any]:
-        """Return the figures, times in seconds; None for what needs a duration and has none.
+        """Return the figures, times in seconds; None for those that need at least one duration.
 
         ``jitter_s``  standard deviation
         """
@@ -62,8 +61,8 @@ class Durations:
 class History:
     """A time history for a picture, and exact figures of all its values.
 
-    When it is full, each four points in a row leave only their lowest and their highest, so that
-    no peak is lost from the picture.
+    When it is full, every four consecutive points are reduced to their lowest and their highest,
+    so no peak is lost from the picture.
     """
 
     def __init__(self, points_max: int = POINTS_MAX) -> None:

@@ -1,4 +1,4 @@
-"""Reads one log, of one file or several, into its figures."""
+"""Computes the figures of one log, which may be several files."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -9,7 +9,7 @@ from .log_file import LogError, open_log
 from .signal_table import Export
 
 PROGRESS_FRAMES = 5_000
-"""Frames between two words about the progress."""
+"""Frames between two reports of progress."""
 
 
 class AnalysedLog(NamedTuple):
@@ -25,13 +25,13 @@ def analyse_files(
     exports: Sequence[Export] = (),
     advance: Callable[[str, float | None], None] = lambda _name, _fraction: None,
 ) -> AnalysedLog:
-    """Read files that are one log, one after the other.
+    """Read the files of one log, one after the other.
 
-    ``channel``  the only one to look at, where the log has several
-    ``exports``  what is given every message; its owner closes it
-    ``advance``  is called now and then with a file, and how much of it was read (None: unknown)
+    ``channel``  the only one to analyse, where the log has several
+    ``exports``  receive every message; the caller closes them
+    ``advance``  called now and then with a file and how much of it was read (None: unknown)
 
-    Raises LogError when a file cannot be read at all, or has nothing of the channel.
+    Raises LogError if a file cannot be read at all, or has no frame of the channel.
     """
     analysis = LogAnalysis()
     unreadable, first_unreadable = 0, ""

@@ -8,18 +8,19 @@ status:
     uplink       a_k - s_k          after sensing, to the bus
     downlink     s_k - t_c          from the bus to the first sample that sees the command act
 
-The round trip is measured. How it divides is not in the times alone, because s_0 is on a clock
-that nobody sees: a_k - k T gives the uplink up to a constant, hence its jitter. The constant comes
-from the plant's own word: PLANT_STATUS carries the latency of each direction ten times a second,
-and the median of the uplink is set to the median of what was told. Where there is no PLANT_STATUS
-the fastest uplink is taken as zero, so that ``uplink`` is what was added to the fastest frame.
+The round trip is measured. The times alone do not show how it divides, because s_0 is on a clock
+that the log does not contain: a_k - k T gives the uplink up to a constant, hence its jitter. The
+constant comes from the plant: PLANT_STATUS reports the latency of each direction ten times a
+second, and the median of the uplink is set to the median of the reported values. Without
+PLANT_STATUS the fastest uplink is taken as zero; ``uplink`` is then the excess over the fastest
+frame.
 
-What the downlink contains beside latency: the wait for the next sample, 0 to T. What is in neither:
-commands that never act, because the network lost them or a newer one overtook them. A frame that
-the plant's uplink lost is not on the bus, so it shows as a missing counter only.
+The downlink includes the wait for the next sample, 0 to T. Neither direction includes commands that
+never act because the network lost them or a newer one overtook them. A frame that the plant's
+uplink lost is not on the bus, so it shows only as a missing counter.
 
-All this is done in windows of WINDOW_NS, because two clocks that drift apart by 1e-5 are 0.1 ms
-apart after one.
+The evaluation works in windows of WINDOW_NS, because two clocks that drift apart by 1e-5 are 0.1 ms
+apart after one window.
 """
 
 from typing import NamedTuple
@@ -37,7 +38,7 @@ WINDOW_NS = 10 * NS_PER_S
 IN_FLIGHT_MAX = 4096
 """Commands whose time is remembered, as in the controller's own measurement."""
 TOLD_MIN = 5
-"""Words of the plant that a window needs to be believed."""
+"""PLANT_STATUS messages that a window needs for its reported latency to be used."""
 
 
 class _Status(NamedTuple):
@@ -70,8 +71,8 @@ class Latencies:
         self._window: list[_Status] = []
         self._told_s: list[float] = []
         self._newest: tuple[int, int, int] | None = None  # counter, number, arrival
-        self._heard_ns: int | None = None  # the plant, last
-        self._silence_ns = 0  # of the plant, at most, since the last status
+        self._heard_ns: int | None = None  # the plant's newest frame
+        self._silence_ns = 0  # longest silence of the plant since the last status
 
     @property
     def echoed(self) -> int:
@@ -86,7 +87,7 @@ class Latencies:
         self._sent_ns[command.command_counter] = time_ns
 
     def on_plant_frame(self, time_ns: int) -> None:
-        """Take any frame of the plant, before it is taken for what it is."""
+        """Record the arrival of any frame of the plant; call it before the message's own method."""
         if self._heard_ns is not None:
             self._silence_ns = max(self._silence_ns, time_ns - self._heard_ns)
         self._heard_ns = time_ns
@@ -94,7 +95,7 @@ class Latencies:
     def on_status(
         self, status: SteeringStatus, counter: int, is_late: bool, time_ns: int
     ) -> int | None:
-        """Take a status of the actuator; returns the round trip it ends [ns], or None."""
+        """Take a status of the actuator; returns the round trip that it completes [ns], or None."""
         round_trip_ns = None
         if not is_late and status.status is not Code.NO_COMMAND:
             sent_ns = self._sent_ns.pop(status.applied_counter, None)
@@ -110,10 +111,10 @@ class Latencies:
         return round_trip_ns
 
     def on_plant_status(self, status: PlantStatus, time_ns: int) -> None:
-        """Take the plant's own word."""
+        """Take the latencies that the plant reports."""
         self._told_s.append(status.uplink_latency_s)
         self.told_uplink.record(round(status.uplink_latency_s * NS_PER_S))
-        if self.commands:  # before the first the plant says 0
+        if self.commands:  # before the first command the plant reports 0
             self.told_downlink.record(round(status.downlink_latency_s * NS_PER_S))
             self.history["told_downlink"].add(time_ns / NS_PER_S, status.downlink_latency_s)
 
@@ -122,7 +123,7 @@ class Latencies:
         self._close_window()
 
     def _unwrapped(self, counter: int, is_late: bool, time_ns: int) -> int:
-        """Return the number of a status, of which its counter is the rest modulo 256."""
+        """Return the number of a status; its counter is that number modulo 256."""
         if self._newest is None:
             self._newest = (counter, counter, time_ns)
             return counter
@@ -130,7 +131,7 @@ class Latencies:
         if is_late:
             return number - (before - counter) % COUNTERS
         forward = (counter - before) % COUNTERS
-        # After a long gap whole turns of the counter are missing too: the time tells how many.
+        # After a long gap whole turns of the counter are missing too: the time shows how many.
         periods = (time_ns - before_ns) / (CYCLE_TIMES_MS[SteeringStatus] * NS_PER_MS)
         number += forward + max(round((periods - forward) / COUNTERS), 0) * COUNTERS
         self._newest = (counter, number, time_ns)

@@ -1,7 +1,7 @@
 """Reads the frames of one log file: python-can's formats, and what candump prints.
 
-What decides is the end of the name for .asc, .blf, .csv, .db, .mf4 and .trc; everything else is
-taken as text of candump, line by line. A line that cannot be read is counted and passed over.
+The suffix decides for .asc, .blf, .csv, .db, .mf4 and .trc. Every other file is read as candump
+text, line by line. A line that cannot be read is counted and skipped.
 """
 
 from collections.abc import Callable, Iterator
@@ -29,7 +29,7 @@ class LogFile(Protocol):
     """The frames of one file, to be iterated over once."""
 
     def __iter__(self) -> Iterator[Logged]:
-        """Yield the frames; raises LogError when there is not one."""
+        """Yield the frames; raises LogError if there are none."""
         ...
 
     @property
@@ -89,7 +89,7 @@ class _TextLog:
         try:
             for count, logged in enumerate(self._frames, start=1):  # noqa: B007 read below
                 yield logged
-        except (OSError, EOFError) as error:  # a .gz that is none, or is cut off
+        except (OSError, EOFError) as error:  # a .gz that is truncated or no gzip file
             if not count:
                 raise LogError(f"{self._lines.path}: {error}") from error
             self._lines.count_unreadable(str(error))
@@ -106,8 +106,8 @@ def _python_can(
 ) -> Iterator[Logged]:
     """Yield the frames of a text format that python-can reads.
 
-    Its readers give up at the first line they cannot read. Then a new one is given what stood
-    before the first frame, which says how the lines are to be read, and the lines that are left.
+    Its readers give up at the first line that they cannot read. A new reader then gets the header,
+    which defines how lines are read, and the lines that are left.
     """
     header: list[str] | None = None
     messages = iter(reader(lines))
@@ -134,13 +134,13 @@ def _python_can(
 def _logged(message: can.Message) -> Logged:
     """Return the frame in a message; raises ValueError for one that has no time."""
     channel = "" if message.channel is None else str(message.channel)
-    if not abs(message.timestamp) * NS_PER_S < TIME_NS_LIMIT:  # no number neither
+    if not abs(message.timestamp) * NS_PER_S < TIME_NS_LIMIT:  # rejects NaN too
         raise ValueError(f"a time of {message.timestamp:g} s")
     return Logged(round(message.timestamp * NS_PER_S), channel, frame_of(message))
 
 
 class _BinaryLog:
-    """A log in a format of blocks: what is damaged ends it."""
+    """A log in a block format: reading ends at the first damaged block."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -149,7 +149,7 @@ class _BinaryLog:
         if path.suffix.lower() == ".mf4" and find_spec("asammdf") is None:
             raise LogError(f"{path}: .mf4 needs asammdf: pip install 'steer-by-wire-emulator[mf4]'")
         try:
-            with path.open("rb"):  # sqlite would make a file that is not there
+            with path.open("rb"):  # sqlite would create a missing file
                 self._size = max(path.stat().st_size, 1)
             self._reader: Any = self._opened()
         except OSError as error:
@@ -164,7 +164,7 @@ class _BinaryLog:
         try:
             return can.BLFReader(file)
         except Exception:
-            file.close()  # which a reader that has failed leaves open
+            file.close()  # a reader that failed leaves it open
             raise
 
     @property

@@ -2,10 +2,10 @@
 
     s_k = s_0 + k T + (samples skipped before k) T
 
-A plant that is held up skips samples without counting them, which moves s_k by whole periods. Held
-up it sends nothing either, so a skip of n samples has a silence of n periods or more. Behind such
-a silence the arrivals are later than before it by n T; n is the nearest whole number, as far as
-the silence allows it and the jitter lets it be told.
+A stalled plant skips samples without counting them, which moves s_k by whole periods. It sends
+nothing meanwhile, so a skip of n samples comes with a silence of n periods or more. After such a
+silence the arrivals are later than before it by n T; n is the nearest whole number that the silence
+allows, if it stands out from the jitter.
 """
 
 from itertools import pairwise
@@ -21,13 +21,13 @@ from .durations import FloatArray
 NumberArray = NDArray[Any]
 """Whole numbers or nanoseconds, as integers or floats."""
 NEIGHBOURS_MAX, NEIGHBOURS_MIN = 50, 10
-"""Samples before and behind a silence that are compared: up to the next silence, and no fewer."""
+"""Samples compared on each side of a silence: up to the next silence, within these two bounds."""
 _TELLING = 3
-"""Samples that tell something, where a log ends."""
+"""Samples that are enough where a log ends."""
 SIGNIFICANT = 7.0
-"""A shift is believed from so many standard errors on."""
+"""A shift of more than so many standard errors is significant."""
 _JUMP_NS = NS_PER_S // 2
-"""A shift of the sensing times that no latency makes, but a plant that was started anew."""
+"""A larger shift of the sensing times is no latency: the plant was restarted."""
 
 
 class Uplink(NamedTuple):
@@ -54,7 +54,7 @@ def relative_uplink(
     period_ns = _period_ns(numbers, arrivals_ns)
     shift_ns = arrivals_ns - arrivals_ns[0] - (numbers - numbers[0]) * period_ns
     skipped = 0
-    # A plant that was started anew counts and senses from anywhere.
+    # A restarted plant begins with any number, at any time.
     jumps = np.flatnonzero(np.abs(np.diff(shift_ns)) > _JUMP_NS) + 1
     edges = [0, *jumps.tolist(), len(shift_ns)]
     for start, end in pairwise(edges):
@@ -71,7 +71,7 @@ def _without_skips(
 ) -> tuple[FloatArray, int]:
     """Return the shifts without those of skipped samples, and how many samples those are."""
     corrected_ns = np.array(shift_ns, dtype=np.float64)
-    # A sample that came on time follows a silence of a period, and nothing was skipped.
+    # A sample that came on time follows a silence of one period: nothing was skipped.
     silent = np.flatnonzero(silences_ns >= 1.1 * period_ns).tolist()
     skipped = 0
     for place, next_place in zip(silent, [*silent[1:], len(shift_ns)], strict=False):
@@ -89,14 +89,14 @@ def _without_skips(
 
 
 def _standard_error_ns(before_ns: FloatArray, behind_ns: FloatArray) -> float:
-    """Return that of the distance of the medians, by the median deviation of both sides."""
+    """Return the standard error of the medians' difference, from both sides' median deviation."""
     deviations_ns = np.concatenate([part - np.median(part) for part in (before_ns, behind_ns)])
     deviation_ns = 1.4826 * float(np.median(np.abs(deviations_ns)))
     return 1.2533 * deviation_ns * float(np.sqrt(1.0 / before_ns.size + 1.0 / behind_ns.size))
 
 
 def _period_ns(numbers: NumberArray, arrivals_ns: NumberArray) -> float:
-    """Return the sensing period [ns]: the DBC's, unless what was measured is another one."""
+    """Return the sensing period [ns]: the DBC's, unless the log shows another one."""
     wanted_ns = float(CYCLE_TIMES_MS[SteeringStatus] * NS_PER_MS)
     steps = np.diff(numbers)
     is_forward = steps > 0

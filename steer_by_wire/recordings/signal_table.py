@@ -2,9 +2,9 @@
 
     time_s, message, steering_command.steer_rad, ..., latency_config.loss
 
-``time_s`` counts from the first frame of the log. Each row is what a listener on the bus knew at
-that time: the signals of its message are new, the others as they were last. Before the first frame
-of a message its signals are empty. Enumerations are numbers, as in the DBC's value tables.
+``time_s`` counts from the first frame of the log. Each row holds what a listener on the bus knew at
+that time: the signals of its message are new, all others keep their last value. The signals of a
+message are empty before its first frame. Enumerations are numbers, as in the DBC's value tables.
 """
 
 from collections.abc import Callable
@@ -43,7 +43,7 @@ class Export(Protocol):
     """A file that the messages of a log are written to."""
 
     def write(self, time_ns: int | None, at_s: float, heard: Heard) -> None:
-        """Add a message: time as in the log [ns], since its start [s]."""
+        """Add a message: time in the log [ns], and time since its start [s]."""
         ...
 
     def close(self) -> None:
@@ -115,7 +115,7 @@ class ParquetTable:
 
 
 def _formats(name: str) -> list[Callable[[float], str]]:
-    """Return what writes each field of a message with as many digits as it has."""
+    """Return functions that write each field of a message with its number of digits."""
     return [
         _whole if resolution >= 1.0 else f"{{:.{_digits(resolution)}f}}".format
         for resolution in resolutions(MESSAGE_TYPES[name]).values()

@@ -1,7 +1,7 @@
-"""The lines of a text file as python-can's readers want them, with numbers and a way back.
+"""The lines of a text file as python-can's readers need them: numbered, and lines can be put back.
 
-A last line without its end is what a killed writer leaves. It is no line: half a payload reads as a
-whole frame, with a wrong length.
+A killed writer leaves a last line without its line end. That line is dropped: half a payload would
+read as a whole frame of a wrong length.
 """
 
 import gzip
@@ -9,9 +9,9 @@ from collections import deque
 from pathlib import Path
 
 SEEN_MAX = 1000
-"""How many lines from the beginning are remembered: far more than any format's header."""
+"""How many lines from the beginning are kept: far more than any format's header."""
 LINE_BYTES_MAX = 1 << 16
-"""A longer line ends the log: what is no text may have no line ends, and a device no end at all."""
+"""A longer line ends the log: binary data may have no line ends, and a device has no end."""
 
 
 class TextLines:
@@ -57,7 +57,7 @@ class TextLines:
         return line
 
     def put_back(self, lines: list[str]) -> None:
-        """Let ``lines`` come again before what is left."""
+        """Put ``lines`` back before those that are left."""
         self._again.extendleft(reversed(lines))
 
     def count_unreadable(self, why: str) -> None:

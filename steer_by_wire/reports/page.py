@@ -1,4 +1,4 @@
-"""The page: one self-contained HTML file, pictures inside, no script, nothing from elsewhere.
+"""The page: one self-contained HTML file, with its pictures, no script and no external content.
 
 It is XML too, so that an XML parser can check it. Every text is escaped.
 """
@@ -59,7 +59,7 @@ class Table(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """A PNG, what it shows for those who do not see it, and the file beside the page it draws."""
+    """A PNG, its text alternative, and the file beside the page with the data that it draws."""
 
     png: bytes
     text: str
@@ -67,7 +67,7 @@ class Picture(NamedTuple):
 
 
 class Section(NamedTuple):
-    """A heading, and below it, in this order, what there is; links lead to its ``key``."""
+    """A heading, then the other fields in this order if present; links lead to its ``key``."""
 
     title: str
     paragraphs: Sequence[str | Cell] = ()

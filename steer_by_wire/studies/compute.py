@@ -1,8 +1,8 @@
-"""Computes scenarios: what runs in a thread or on another machine.
+"""Computes scenarios, in a thread or on another machine.
 
-Everything that runs can share is made once and kept: the network of a run belongs to all the runs
-that differ only in law, vehicle or path; controllers, vehicles and paths are kept where they are
-made. What is left a run is the compiled loop and the compiled figures, which need no lock.
+What runs can share is made once and kept: all runs that differ only in law, vehicle or path share
+one network; controllers, vehicles and paths are cached where they are made. Each run then costs the
+compiled loop and the compiled figures only, which need no lock.
 """
 
 from collections import OrderedDict
@@ -58,9 +58,9 @@ class Computed(NamedTuple):
 class Network(NamedTuple):
     """What the network does to a run.
 
-    ``latency``  what a run sees of it, by what decides on the commands in effect: the steering's
-                 safety settings, how many samples there are, and the command in effect at the last,
-                 by which a steering that has gone to its safe state is known
+    ``latency``  the latency figures of a run, keyed by what decides the commands in effect: the
+                 steering's safety settings, the number of samples, and the command in effect at the
+                 last, which shows whether the steering has gone to its safe state
     """
 
     plan: Plan
@@ -103,7 +103,7 @@ class Computer:
         return Computed(np.array(ids[:done], dtype=np.int64), ends[:done], figures[:done])
 
     def one(self, plant: PlantSettings, controller: ControllerSettings, row: FloatArray) -> RunEnd:
-        """Write what is computed of one run into ``row``, shape (len(COLUMNS),)."""
+        """Write the results of one run into ``row``, shape (len(COLUMNS),)."""
         try:
             network = self.network(plant, controller)
         except NothingArrivesError:
@@ -131,7 +131,7 @@ class Computer:
         return _ENDS[run.outcome]
 
     def network(self, plant: PlantSettings, controller: ControllerSettings) -> Network:
-        """Return what the network does to a run, kept for others that meet the same."""
+        """Return what the network does to a run; cached for runs with the same network."""
         key = (
             *(plant.latency, plant.seed, plant.duration_ns, plant.sensor_period_ns),
             *(plant.start_on_first_command, plant.sensor_noise.lateral_error_m),

@@ -34,7 +34,7 @@ NAMED_PATHS: Mapping[str, Mapping[str, Any]] = {
 class Level(NamedTuple):
     """One value of a factor.
 
-    ``label``   what stands in the results
+    ``label``   its value in the results
     ``values``  by dotted key, ``plant.vehicle.speed_km_h``
     """
 
@@ -43,11 +43,11 @@ class Level(NamedTuple):
 
 
 class Factor(NamedTuple):
-    """What varies.
+    """A quantity that varies.
 
     ``levels``    in order; None where ``quantile`` is given
     ``quantile``  from u in (0, 1) to a value of the keys
-    ``is_endless``  whether values as small or as large as can be may be drawn
+    ``is_endless``  whether the drawn values are unbounded
     """
 
     name: str
@@ -57,7 +57,7 @@ class Factor(NamedTuple):
     is_endless: bool = False
 
     def at(self, u: float) -> Level:
-        """Return the level at the quantile u; of levels in a list each is equally likely."""
+        """Return the level at the quantile u; listed levels are equally likely."""
         if self.quantile is None:
             levels = self.levels or ()
             return levels[min(int(u * len(levels)), len(levels) - 1)]
@@ -68,8 +68,8 @@ class Factor(NamedTuple):
 def make_factors(settings: FactorSettings, is_grid: bool, where: str) -> list[Factor]:
     """Return the factors that one table stands for.
 
-    ``is_grid``  whether every level is run; ranges have levels then, else they are drawn from
-    ``where``    the table, for the error's one line
+    ``is_grid``  whether every level is run; a range then has levels, else values are drawn from it
+    ``where``    the table, for the error message
 
     Raises SettingsError.
     """
@@ -140,7 +140,7 @@ def _normal(table: Normal) -> Callable[[float], float]:
 
 
 def range_values(start: float, stop: float, step: float | None, count: int | None) -> list[float]:
-    """Return a range with both ends, without the digits that only rounding adds."""
+    """Return a range with both ends, without digits that are rounding errors."""
     if step is not None:
         intervals = math.floor((stop - start) / step * (1.0 + 1e-12) + 1e-9)
         values = [start + index * step for index in range(intervals + 1)]
@@ -207,7 +207,7 @@ def _all(keys: tuple[str, ...], value: Any) -> tuple[tuple[str, Any], ...]:
 
 
 def _label(value: Any) -> Label:
-    """Return a value as it stands in the results: tables in one line."""
+    """Return a value as the results show it: tables in one line."""
     if isinstance(value, dict):
         return ", ".join(f"{key}={item}" for key, item in value.items())
     return value if isinstance(value, bool | int | float) else str(value)

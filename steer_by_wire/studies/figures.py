@@ -3,23 +3,23 @@
     y    lateral error, once a sensor period      [m]
     δ    command sent, once a control period      [rad]
 
-Of the whole run: RMS and peak of y, RMS and peak of δ, RMS of δ̇ (the control effort), how long y
-took to stay in its band, on which share of the control periods a command met its limits, and how
-long the commands in effect had been on their way.
+Over the whole run: RMS and peak of y, RMS and peak of δ, RMS of δ̇ (the control effort), the
+settling time of y in its band, the share of control periods in which a command was at its limits,
+and the latency of the commands in effect.
 
-Of its end: the last two windows of ``window_s`` each are fitted by straight lines,
+At its end: the last two windows of ``window_s`` each are fitted by straight lines,
 
     y = m + d (t − t_middle) + e
 
-so that what the path asks of the law, which changes slowly, is in the lines and what the loop does
-by itself in e. ``mean_m`` and ``mean_before_m`` are m of the last window and of the one before;
+so that the lines contain the slowly changing error that the path causes, and e contains the loop's
+own motion. ``mean_m`` and ``mean_before_m`` are m of the last window and of the one before;
 ``drift_m_s`` = (m − m_before)/window; the amplitudes are √2 times the RMS of e. The peaks of the
-two windows are those of y itself. A run too short for two windows is one window for its peak.
+two windows are those of y itself. For the peak, a run too short for two windows is one window.
 
-An oscillation is told from noise by its half periods: e crosses zero and goes beyond 0.3 of the
-amplitude on the other side. ``oscillation_rad_s`` is π over the mean of the half periods that lie
-in either window, ``irregularity`` their standard deviation over their mean. With two periods in a
-window both are good to 5 % and 0.2, with more they are better.
+An oscillation is distinguished from noise by its half periods: e crosses zero and exceeds 0.3 of
+the amplitude on the other side. ``oscillation_rad_s`` is π over the mean of the half periods that
+lie in either window, ``irregularity`` their standard deviation over their mean. With two periods in
+a window both are accurate to 5 % and 0.2, with more they are better.
 """
 
 import math
@@ -34,27 +34,27 @@ from ..plant_emulator.settings import PlantSettings
 from ..runtime.node import NS_PER_S
 
 FloatArray = NDArray[np.floating[Any]]
-"""What numpy says of the product of two arrays of float64."""
+"""The type that numpy's stubs give the product of two arrays of float64."""
 
 WINDOW_SHARE_MAX = 0.25
-"""Of the run: the two windows at its end leave the first half to settle."""
+"""Share of the run: the two windows at its end leave the first half to settle."""
 HALF_PERIODS_MIN = 4
-"""Fewer make no oscillation: the figures of one are NaN then."""
+"""Fewer half periods are no oscillation: its figures are then NaN."""
 _HYSTERESIS = 0.3
 _TOLERANCE = 1e-9
-"""Of a command at its limit: the difference of two commands is rounded."""
+"""Tolerance for a command at its limit: the difference of two commands is rounded."""
 
 
 class Figures(NamedTuple):
     """Figures of a run; NaN where there is none."""
 
     duration_s: float
-    """Of motion, up to where the run ended."""
+    """Duration of the motion, up to the end of the run."""
     rms_m: float
     peak_m: float
     final_m: float
     settling_s: float
-    """Since when the error has stayed in its band; NaN if it is outside at the end."""
+    """Time from which the error stays in its band; NaN if it is outside at the end."""
     mean_m: float
     mean_before_m: float
     drift_m_s: float
@@ -63,7 +63,7 @@ class Figures(NamedTuple):
     oscillation_rad_s: float
     irregularity: float
     end_peak_m: float
-    """The largest error in the last window, either way."""
+    """The largest magnitude of the error in the last window."""
     end_peak_before_m: float
     steer_rms_rad: float
     steer_peak_rad: float
@@ -82,8 +82,8 @@ COUNTS = (
     "uplink_lost",
 )
 COLUMNS = (*Figures._fields, *COUNTS)
-"""Columns of what is computed; the counts are whole numbers: samples since the start of motion,
-commands sent, those that reached the actuator, and frames that each direction lost."""
+"""Columns of the results. The counts are whole numbers: samples since the start of motion, commands
+sent, commands that reached the actuator, and frames lost in each direction."""
 
 
 class LatencyFigures(NamedTuple):
@@ -94,7 +94,7 @@ class LatencyFigures(NamedTuple):
 
 
 class FigureRules(NamedTuple):
-    """What the figures are taken with."""
+    """The rules by which the figures are computed."""
 
     sensor_period_s: float
     control_period_s: float
@@ -107,7 +107,7 @@ class FigureRules(NamedTuple):
 def figure_rules(
     plant: PlantSettings, controller: ControllerSettings, window_s: float, settling_band_m: float
 ) -> FigureRules:
-    """Return what the figures of a run of these settings are taken with."""
+    """Return the rules for the figures of a run of these settings."""
     limits = limits_of(controller)
     return FigureRules(
         plant.sensor_period_ns / NS_PER_S,
@@ -129,8 +129,8 @@ def take_figures(
 ) -> None:
     """Write the figures of a run into ``row``, shape (len(Figures._fields),).
 
-    ``time_s``, ``lateral_error_m``  one a sensor period
-    ``sent_rad``                     one command a control period
+    ``time_s``, ``lateral_error_m``  one per sensor period
+    ``sent_rad``                     one command per control period
     """
     row[:] = math.nan
     row[-2:] = latency
@@ -207,7 +207,7 @@ def _end(rules: Any, error_m: Any, row: Any) -> None:
     row[13] = _peak(error_m, first, window)
     level = _HYSTERESIS * min(last[2], before[2])
     halves, total, square = 0, 0.0, 0.0
-    # One after the other: between the two lines there is a step, which is no crossing.
+    # Each window by itself: the step between the two lines is no zero crossing.
     for begin, line in ((first, before), (middle, last)):
         count, length, squares = _half_periods(error_m, begin, window, line, level)
         halves += count
@@ -273,7 +273,7 @@ def _line(error_m: Any, first: Any, window: Any) -> Any:
 
 @compiled
 def _effort(rules: Any, sent_rad: Any, row: Any) -> None:
-    """Write what the commands ask of the steering; before the first one there is none."""
+    """Write the figures of the commands; the first step counts from 0."""
     if len(sent_rad) == 0:
         return
     square, peak, step_square, limited = 0.0, 0.0, 0.0, 0

@@ -1,7 +1,7 @@
-"""Frames that the network loses in a run, by direction; overtaken frames are not among them.
+"""Frames that the network loses in a run, by direction; overtaken frames are not counted.
 
-The latency lines lose frames by a stream of their own, whatever the latencies; so the frames that
-come through a line of the same losses without any latency are those that are not lost.
+The latency lines draw losses from a stream of their own, independent of the latencies. So the
+frames that come through a line with the same losses and no latency are those that are not lost.
 """
 
 from typing import NamedTuple
@@ -21,7 +21,7 @@ IntArray = NDArray[np.int64]
 
 
 class Losses(NamedTuple):
-    """Frames lost so far, counted up; None where none can be.
+    """Cumulative numbers of lost frames; None where no frame can be lost.
 
     ``down``  shape (ticks,), after each tick
     ``up``    shape (samples,), after each sample: of all messages

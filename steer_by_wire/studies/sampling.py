@@ -4,7 +4,7 @@
     latin_hypercube   ``count`` points, one in each of ``count`` layers of every factor
     sobol             ``count`` points of a scrambled Sobol sequence; best as a power of two
 
-The last factor of a grid varies fastest. Points are numbered; a number is all it takes to make one.
+The last factor of a grid varies fastest. Points are numbered, and each follows from its number.
 """
 
 import math
@@ -53,8 +53,8 @@ def make_design(factors: tuple[Factor, ...], sampling: SamplingSettings) -> Desi
 def replicate_seed(study_seed: int, replicate: int) -> int:
     """Return the seed of the runs of one replicate, from 0 to 2⁶³ − 1.
 
-    It depends on nothing else, so that all controllers meet the same network at all points: what
-    differs between two rows of a replicate is what their factors say, not luck.
+    It depends on nothing else, so all controllers meet the same network at all points: two rows of
+    a replicate differ because of their factors, not by chance.
     """
     words = np.random.SeedSequence((study_seed, replicate)).generate_state(1, np.uint64)
     return int(words[0]) >> 1
@@ -67,6 +67,6 @@ def _uniforms(sampling: SamplingSettings, count: int, factors: int) -> NDArray[n
     if sampling.kind is SamplingKind.LATIN_HYPERCUBE:
         points = qmc.LatinHypercube(factors, seed=rng).random(count)
     else:
-        # The balance of a sequence needs a power of two; what is beyond count is cut off.
+        # A balanced sequence needs a power of two points; those beyond count are cut off.
         points = qmc.Sobol(factors, seed=rng).random_base2(math.ceil(math.log2(count)))[:count]
     return np.clip(np.asarray(points, dtype=np.float64), 2.0**-54, 1.0 - 2.0**-53)

@@ -1,8 +1,8 @@
-"""A scenario: the settings of plant and controller, and nothing else, so that it can be run again.
+"""A scenario: the settings of plant and controller, and nothing else, so that it can be repeated.
 
-What factors set is laid over the settings every run starts from. One key of a direction is no
-setting itself: ``plant.latency.downlink.spread_fraction`` is spread_s as a share of mean_s; where
-it is 0 the model becomes constant.
+The values of the factors are laid over the settings that every run starts from. One key of each
+direction is no setting itself: ``plant.latency.downlink.spread_fraction`` is spread_s as a share of
+mean_s; where it is 0 the model becomes constant.
 """
 
 import json
@@ -25,7 +25,7 @@ FRACTION = ".spread_fraction"
 FRACTION_MAX = 100.0
 DESIGNED_MAX = 100
 CHECKED_MAX = 20_000
-"""Scenarios whose settings are checked before a study starts; the rest when they are run."""
+"""Scenarios whose settings are checked before a study starts; others are checked when run."""
 
 
 class Pair(Settings):
@@ -36,7 +36,7 @@ class Pair(Settings):
 
 
 class Case(NamedTuple):
-    """What the runs of all controllers at one point and replicate have in common.
+    """What the runs of all controllers share at one point and replicate.
 
     ``labels``     of the factors' levels
     ``overrides``  what differs from the base, by dotted key
@@ -50,12 +50,12 @@ class Case(NamedTuple):
 
     @property
     def overrides_text(self) -> str:
-        """What differs from the base, as JSON."""
+        """The overrides as JSON."""
         return json.dumps(self.overrides)
 
 
 class Scenarios:
-    """The scenarios of a study, made one by one."""
+    """The scenarios of a study, made one at a time."""
 
     def __init__(self, study: Study) -> None:
         self.study = study
@@ -113,7 +113,7 @@ class Scenarios:
         return self.checked(self.case(index), self.controllers[place])
 
     def checked(self, case: Case, name: str) -> Pair:
-        """Return the settings of a case, with types as strict as in a settings file's."""
+        """Return the settings of a case, with types checked as strictly as in a settings file."""
         tables = {
             "plant": _laid_over(self.study.plant, case.overrides, "plant."),
             "controller": _laid_over(self.study.controllers[name], case.overrides, "controller."),
@@ -130,10 +130,10 @@ class Scenarios:
             raise SettingsError(*dict.fromkeys(mistakes)) from error
 
     def check(self) -> None:
-        """Check the scenarios, of a very long study as many as is quick; raises SettingsError.
+        """Check the scenarios, in a very long study only a part; raises SettingsError.
 
-        Of the controllers the first DESIGNED_MAX are designed, so that one that has no gains is
-        refused before anything is run.
+        The first DESIGNED_MAX controllers are designed, so that one without gains is refused before
+        anything is run.
         """
         self._check_keys()
         self._check_fractions()
@@ -177,7 +177,7 @@ class Scenarios:
                     )
 
     def _check_fractions(self) -> None:
-        """Refuse a spread as a share of the mean that is no share."""
+        """Refuse a ``spread_fraction`` that is no valid share of the mean."""
         for factor in self.study.design.factors:
             for level in factor.levels or ():
                 for key, value in level.values:
@@ -196,7 +196,7 @@ class Scenarios:
         return SettingsError(f"{self.study.file}: settings {case.overrides} cannot be used")
 
     def _with_hint(self, mistake: str) -> str:
-        """Say where a value comes from that nobody has written: a distribution without an end."""
+        """Add a hint where a value that nobody has written comes from an unbounded distribution."""
         for factor in self.study.design.factors:
             if factor.is_endless and f": factor {factor.name}: " in mistake:
                 return (
@@ -235,7 +235,7 @@ def _settings_keys(values: Mapping[str, Any], plant: Mapping[str, Any]) -> dict[
         base = plant["latency"].get(line.removeprefix("plant.latency.").rstrip("."), {})
         mean_s = found.get(f"{line}mean_s", base.get("mean_s", 0.0))
         if fraction == 0.0:
-            # Equal to any model without spread, and much sooner computed.
+            # Equal to any model without spread, and much faster to compute.
             found[f"{line}model"] = "constant"
             found[f"{line}spread_s"] = 0.0
         else:
@@ -259,7 +259,7 @@ def _laid_over(
             table = table[parent]
         table[key] = value
         if key == "kind" and parents:
-            # The keys beside it belong to the other kind.
+            # The other keys belong to another kind.
             for other in [name for name in table if name != "kind"]:
                 if f"{prefix}{'.'.join((*parents, other))}" not in overrides:
                     del table[other]

@@ -1,14 +1,14 @@
 """Where the results of a study go: Parquet files that survive an interruption.
 
-    FOLDER/study.json                 what the results follow from; a study goes on only where it
+    FOLDER/study.json                 what determines the results; a study is continued only if it
                                       is the same
     FOLDER/chunks/000012.parquet      the rows of ``CHUNK_RUNS`` ids that follow each other, sorted
     FOLDER/chunks/000013.part.parquet those of a chunk that is not complete yet
     FOLDER/results.parquet            all rows, sorted by id, when the study is complete; the chunks
-                                      go then
+                                      are then removed
 
-Every file is written beside its place and moved there, so that it is whole or not there. Rows hold
-no time of day and no name of a machine: the same study gives the same bytes.
+Every file is written under another name and then renamed, so that it is either whole or absent.
+Rows hold no time of day and no name of a machine: the same study gives the same bytes.
 """
 
 import importlib
@@ -62,8 +62,8 @@ class Store:
         return self.results.exists()
 
     def open(self, text: str) -> None:
-        """Make the folder, or go on in it; raises SettingsError if it holds another study, or what
-        is there of this one is damaged.
+        """Create the folder or continue in it; raises SettingsError if it holds another study, or
+        if its files are damaged.
 
         ``text``  of the study file, kept beside the results
         """
@@ -92,7 +92,7 @@ class Store:
         if self.is_complete:
             return self._runs
         files = set(self._chunks.glob("*.parquet")) if self._chunks.exists() else set()
-        # A part may be left beside the chunk that it has become.
+        # An interruption may leave a part beside its complete chunk.
         files -= {self._part(int(file.stem)) for file in files if file.stem.isdigit()}
         return sum(check_columns(file, self._types) for file in files)
 
@@ -106,7 +106,7 @@ class Store:
             yield ids.tolist()
 
     def put(self, computed: Computed) -> None:
-        """Take runs; a chunk that is complete is written."""
+        """Take runs; complete chunks are written."""
         numbers = computed.ids // self._chunk_runs
         for number in np.unique(numbers).tolist():
             rows = numbers == number
@@ -118,14 +118,14 @@ class Store:
                 del self._open[number]
 
     def flush(self) -> None:
-        """Write what there is of the chunks that are not complete."""
+        """Write the rows of the incomplete chunks."""
         for number, chunk in self._open.items():
             if chunk.is_new:
                 self._write_chunk(self._part(number), number, chunk)
                 chunk.is_new = False
 
     def finish(self) -> None:
-        """Put all chunks together; every run must be stored."""
+        """Join all chunks; every run must be stored."""
         if self.is_complete:
             return
 
@@ -157,7 +157,7 @@ class Store:
         return self._chunks / f"{number:06d}.part.parquet"
 
     def _chunk(self, number: int) -> "_Chunk":
-        """Return a chunk in memory, with the rows of it that are stored."""
+        """Return a chunk in memory, with its stored rows."""
         if number not in self._open:
             size = min(self._chunk_runs, self._runs - number * self._chunk_runs)
             chunk = _Chunk(size)
@@ -175,7 +175,7 @@ class Store:
         return Computed(ids, np.array(ends, dtype=np.int64), np.column_stack(figures))
 
     def _places(self, file: Path, number: int, table: Any) -> IntArray:
-        """Return the ids of the rows of a chunk; raises SettingsError for rows that are not its."""
+        """Return the ids of the rows of a chunk; raises SettingsError for rows of another one."""
         ids: IntArray = table["id"].to_numpy()
         first = number * self._chunk_runs
         last = min(first + self._chunk_runs, self._runs) - 1
@@ -255,12 +255,12 @@ class _Chunk:
 
 
 def are_numbers(labels: Sequence[Any]) -> bool:
-    """Whether the column of a factor with these labels is one of numbers."""
+    """Whether a factor with these labels has a column of numbers."""
     return all(isinstance(label, int | float) and not isinstance(label, bool) for label in labels)
 
 
 def _write(file: Path, write: Any) -> None:
-    """Write a file beside its place and move it there."""
+    """Write a file under another name and rename it."""
     beside = file.with_name(f"{file.name}.writing")
     write(beside)
     os.replace(beside, file)

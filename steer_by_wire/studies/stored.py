@@ -1,6 +1,6 @@
-"""Reads what a study has left: files of its own, to which anything may have happened since.
+"""Reads the files of a study, to which anything may have happened since.
 
-What is damaged, or of another program, is told by a SettingsError of one line.
+A damaged file, or one of another program, raises a SettingsError of one line.
 """
 
 import json
@@ -15,10 +15,10 @@ _CAUSE_LENGTH_MAX = 160
 
 
 def read_json(file: Path) -> Any:
-    """Return what a JSON file holds; raises SettingsError where it is none, and OSError."""
+    """Return the content of a JSON file; raises OSError, and SettingsError for invalid JSON."""
     try:
         return json.loads(file.read_bytes())
-    except (ValueError, RecursionError) as error:  # of UnicodeDecodeError too
+    except (ValueError, RecursionError) as error:  # ValueError covers UnicodeDecodeError
         raise SettingsError(f"{file}: is not JSON: {_cause(error)}") from error
 
 
@@ -32,7 +32,7 @@ def check_columns(file: Path, types: Mapping[str, Any]) -> int:
     except (ArrowException, OSError) as error:
         raise _damaged(file, _cause(error)) from error
     for name, kind in types.items():
-        place = schema.get_field_index(name)  # -1 for a name that is there twice, too
+        place = schema.get_field_index(name)  # -1 for a duplicate name, too
         if place < 0:
             raise _damaged(file, f"has no column {name}")
         if schema.field(place).type != kind:
@@ -48,7 +48,7 @@ def read_columns(
     """Return these columns as a table without gaps; raises SettingsError.
 
     ``types``    pyarrow's, by column
-    ``filters``  which rows, as pyarrow has it; none: all
+    ``filters``  which rows, in pyarrow's form; without any, all rows
     """
     from pyarrow import ArrowException, parquet
 
@@ -66,9 +66,9 @@ def read_columns(
 
 
 def overrides_of(text: str, where: str) -> dict[str, Any]:
-    """Return what sets a run apart, by dotted key; raises SettingsError.
+    """Return the overrides of a run, by dotted key; raises SettingsError.
 
-    ``where``  what is wrong, if it is
+    ``where``  names the place for the error message
     """
     try:
         found = json.loads(text)

@@ -1,8 +1,8 @@
-"""A study made ready: the settings every run starts from, its points, and the order of its runs.
+"""A prepared study: the settings that every run starts from, its points, the order of its runs.
 
     id = (point · replicates + replicate) · controllers + controller
 
-so that the runs that share a network, and differ only in the controller, follow each other.
+so that runs that share a network, and differ only in the controller, are consecutive.
 """
 
 import hashlib
@@ -27,9 +27,9 @@ PLANT_PRESETS, CONTROLLER_PRESETS = (
 RUNS_MAX = 2**40
 MOTION_TABLES = ("plant.vehicle", "plant.actuator", "plant.path", "plant.disturbance")
 MOTIONS_KEPT = 24
-"""Vehicles and paths that a grid may turn through fastest: the batch engine keeps a few more."""
+"""Vehicles and paths that may vary fastest in a grid: the batch engine caches a few more."""
 FILE_KEYS = ("trace_file", "file")
-"""Settings of the plant that name a file; its content is a part of what results follow from."""
+"""Settings of the plant that name a file; the results depend on its content."""
 FAULTS_KEY = "plant.faults"
 COLUMNS_TAKEN = (
     *("id", "point", "replicate", "seed", "controller", "law", "overrides", "verdict", "ended_by"),
@@ -40,12 +40,12 @@ Tables = Mapping[str, Any]
 
 
 class Study(NamedTuple):
-    """All that the runs of a study follow from.
+    """All that determines the runs of a study.
 
     ``file``         the study file, for messages
     ``plant``        tables of the plant that every run starts from
-    ``controllers``  tables of each controller, by the name the study file has
-    ``fastmath``     whether runs are close to what the nodes compute instead of the same
+    ``controllers``  tables of each controller, by its name in the study file
+    ``fastmath``     whether runs may differ slightly from what the nodes compute
     """
 
     file: str
@@ -67,7 +67,7 @@ class Study(NamedTuple):
 
     @property
     def identity(self) -> str:
-        """All that the results follow from, as JSON; two studies are the same where it is."""
+        """All that determines the results, as JSON; equal for equal studies."""
         files = _digests([self.plant, *_values(self.design)])
         return json.dumps(
             {
@@ -79,7 +79,7 @@ class Study(NamedTuple):
                 "controllers": self.controllers,
                 "fastmath": self.fastmath,
                 "columns": COLUMNS,
-                # What the keys and shorthands of the factors come to in this version.
+                # The meaning of the factors' keys and shorthands in this version.
                 "levels": [
                     [factor.name, list(factor.keys), [level.label for level in factor.levels or ()]]
                     for factor in self.design.factors
@@ -91,15 +91,15 @@ class Study(NamedTuple):
 
 
 def load_study(file: Path, fastmath: bool = False) -> Study:
-    """Read a study file and all it names; raises SettingsError."""
+    """Read a study file and all files it names; raises SettingsError."""
     return make_study(read_study(file), str(file), file.parent)._replace(fastmath=fastmath)
 
 
 def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
-    """Make a study ready.
+    """Prepare a study.
 
-    ``file``    where it was read, for messages
-    ``folder``  what the files it names are relative to
+    ``file``    its path, for messages
+    ``folder``  base of relative paths in it
 
     Raises SettingsError.
     """
@@ -135,7 +135,7 @@ def _refuse_faults(study: Study) -> None:
 
 
 def _values(design: Design) -> list[Any]:
-    """Return all that factors set, with the keys."""
+    """Return all values that factors set, with their keys."""
     return [dict(level.values) for factor in design.factors for level in factor.levels or ()]
 
 
@@ -146,7 +146,7 @@ def _digests(values: Any) -> dict[str, str]:
     found: dict[str, str] = {}
     for key, value in values.items() if isinstance(values, dict) else ():
         if isinstance(value, str) and key.split(".")[-1] in FILE_KEYS:
-            with suppress(OSError):  # refused with the settings that name it
+            with suppress(OSError):  # reported with the settings that name it
                 found[value] = hashlib.sha256(Path(value).read_bytes()).hexdigest()
         else:
             found |= _digests(value)
@@ -154,7 +154,7 @@ def _digests(values: Any) -> dict[str, str]:
 
 
 def study_factors(settings: StudySettings, file: str) -> tuple[Factor, ...]:
-    """Return the factors, in the order in which a grid turns through them."""
+    """Return the factors, in the order in which a grid varies them."""
     is_grid = settings.sampling.kind is SamplingKind.GRID
     factors = [
         factor
@@ -179,8 +179,8 @@ def study_factors(settings: StudySettings, file: str) -> tuple[Factor, ...]:
                 )
     if not is_grid:
         return tuple(factors)
-    # The network is laid down once for all vehicles that meet it, if they follow each other; but
-    # only so many vehicles are kept ready.
+    # The network is computed once for consecutive vehicles that share it, but only so many vehicles
+    # are cached.
     motions = [factor for factor in factors if _sets_motion(factor)]
     others = [factor for factor in factors if not _sets_motion(factor)]
     count = 1
@@ -218,8 +218,8 @@ def _controller(base: BaseSettings, name: str, file: str, folder: Path) -> Table
 
 
 def _stored(folder: Path) -> Mapping[str, Any]:
-    """Return what study.json has, where the study file lies beside its results: the files that it
-    names have stayed where they were.
+    """Return the content of study.json if the study file lies beside its results: the files that
+    it names have stayed at their old places.
     """
     try:
         stored = json.loads((folder / "study.json").read_text(encoding="utf-8"))
@@ -231,7 +231,7 @@ def _stored(folder: Path) -> Mapping[str, Any]:
 def _checked(
     model: type[Settings], preset: Any, below: Path | None, tables: Tables, where: str
 ) -> Tables:
-    """Return settings with ``tables`` on top as tables again, all keys that have a value."""
+    """Return settings with ``tables`` on top, as tables again, with all keys that have a value."""
     overrides = [f"{key}={_toml(value)}" for key, value in leaves(tables)]
     try:
         settings = load_settings(model, preset, below, overrides)
@@ -258,7 +258,7 @@ def leaves(tables: Tables, path: str = "") -> list[tuple[str, Any]]:
 
 
 def _toml(value: Any) -> str:
-    """Return a value as TOML; JSON is, but for tables inside lists."""
+    """Return a value as TOML; JSON is valid TOML, except for tables inside lists."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""The study file: what every run has in common, what varies, how it is sampled, what is judged.
+"""The study file: what all runs have in common, what varies, how it is sampled and judged.
 
     [base]      a preset or file of the plant, tables on top, and the controllers to compare
     [[factors]] each the settings key(s) it sets, with a list, a range, a distribution, or levels
@@ -6,8 +6,8 @@
     [sampling]  grid, latin_hypercube or sobol; seed and replicates
     [verdict]   thresholds of the verdicts (``studies.verdict``)
 
-Read and checked here, as any settings file; what a factor sets is checked against the settings of
-plant and controller in ``studies.scenario``.
+It is read and checked here like any settings file. What a factor sets is checked against the
+settings of plant and controller in ``studies.scenario``.
 """
 
 from enum import StrEnum
@@ -105,7 +105,7 @@ class FactorSettings(Settings):
     """One ``[[factors]]``: keys and the values they take."""
 
     name: str | None = Field(None, pattern="^[a-z][a-z0-9_]*$", max_length=60)
-    """Of the column in the results; without it the last part of the first key."""
+    """Name of the column in the results; the default is the last part of the first key."""
     key: str | None = None
     """What is set: ``plant.`` or ``controller.`` and the key in the settings of that program."""
     keys: tuple[str, ...] | None = Field(None, min_length=1, max_length=20)
@@ -119,7 +119,7 @@ class FactorSettings(Settings):
     """How many values a range has, both ends included."""
     distribution: DistributionSettings | None = None
     levels: dict[str, dict[str, Any]] | None = Field(None, min_length=1, max_length=LEVELS_MAX)
-    """By label: tables ``plant`` and ``controller`` with all that the level sets."""
+    """By label: tables ``plant`` and ``controller`` with all settings of the level."""
     use: Shorthand | None = None
 
     @model_validator(mode="after")
@@ -196,9 +196,9 @@ class SamplingSettings(Settings):
 
     kind: SamplingKind = SamplingKind.GRID
     count: int | None = Field(None, ge=1, le=POINTS_MAX)
-    """Points; a grid has as many as there are combinations."""
+    """Number of points; a grid has one per combination."""
     seed: int = Field(1, ge=0, le=2**63 - 1)
-    """Of the points, and of all randomness of the runs."""
+    """Seeds the points and all random numbers of the runs."""
     replicates: int = Field(1, ge=1, le=REPLICATES_MAX)
     """Runs of every point and controller, each with its own seed."""
 
@@ -212,7 +212,7 @@ class SamplingSettings(Settings):
 
 
 class StudySettings(Settings):
-    """All that a study file says."""
+    """The content of a study file."""
 
     name: str = Field("study", pattern="^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=60)
     title: str = Field("", max_length=200)
@@ -223,7 +223,7 @@ class StudySettings(Settings):
 
 
 def read_study(file: Path) -> StudySettings:
-    """Return what a study file says; raises SettingsError."""
+    """Return the content of a study file; raises SettingsError."""
     return load_settings(StudySettings, file=file)
 
 

@@ -1,31 +1,35 @@
-"""What becomes of a run, told from its figures alone (``studies.figures``).
+"""The verdict on a run, from its figures alone (``studies.figures``).
 
 The first that applies:
 
     no start      no measurement ever reached the controller
-    left range    the error went beyond what LATERAL_ERROR can carry (±83.88 m)
+    left range    the error exceeded the range of LATERAL_ERROR (±83.88 m)
     unstable      the law gave no finite command; or an oscillation grows: its amplitude in the last
                   window is ``growth`` times that in the window before, or more
     limit cycle   an oscillation lasts: its amplitude is at least ``sustained`` times that before
     drifts        the mean of the last window is farther from the path than that of the window
                   before, moves away at ``drift_m_s`` or faster, and is beyond ``off_path_m``
-    left road     the error was beyond ``road_m`` at any time, even if it has come back
+    left road     the error exceeded ``road_m`` at any time, even if it has come back
     decays        not on the path in the last window, but the largest error there is less than
                   ``sustained`` times that in the window before: it comes back, too late
     off path      not on the path in the last window
     holds         none of these: on the path from the last window's first sample to its last
 
-On the path is a window in which the error stays within ``off_path_m`` and swings by less than
-``swing_m``. So ``holds`` promises both of every run, whatever else is known of it.
+A window is on the path if the error stays within ``off_path_m`` and swings by less than
+``swing_m``. So ``holds`` guarantees both for every run, whatever its other figures.
 
-An oscillation is either regular, half periods whose standard deviation is at most ``irregularity``
-of their mean, with an amplitude of ``amplitude_m`` or more; or a swing of ``swing_m`` or more
-without any rhythm, or too slow for the window to show one, about a mean and a trend that it exceeds
-(its window's largest error is at most CREST_MAX times its amplitude), and with ``amplitude_m`` in
-the window before: what a disturbance has just struck is off the path, but no oscillation yet. The
-lateral error is no sensor's reading: noise and resolution do not make a vehicle swing by 0.1 m. A
-loop that is unstable in the linear sense meets the limits of its commands sooner or later and then
-goes round in a limit cycle: both verdicts mean that it does not hold.
+An oscillation is one of two things:
+
+    regular   the standard deviation of the half periods is at most ``irregularity`` of their mean,
+              and the amplitude is ``amplitude_m`` or more
+    a swing   of ``swing_m`` or more, without a rhythm or too slow for the window to show one; it
+              exceeds mean and trend (the window's largest error is at most CREST_MAX times the
+              amplitude), and had an amplitude of ``amplitude_m`` or more in the window before
+
+The last condition excludes a run that a disturbance has just struck: it is off the path, but does
+not oscillate yet. The lateral error here is the true one: noise and resolution do not make a
+vehicle swing by 0.1 m. A loop that is unstable in the linear sense reaches the limits of its
+commands sooner or later and then stays in a limit cycle: both verdicts mean that it does not hold.
 """
 
 from enum import StrEnum
@@ -48,7 +52,7 @@ where it dies away to a fifth within the window."""
 
 
 class Verdict(StrEnum):
-    """What becomes of a run."""
+    """The verdict on a run."""
 
     NO_START = "no start"
     LEFT_RANGE = "left range"
@@ -74,13 +78,13 @@ RUN_ENDS = tuple(RunEnd)
 
 
 class VerdictRules(Settings):
-    """``[verdict]``: thresholds; what is not set is as here."""
+    """``[verdict]``: thresholds, with their defaults."""
 
     window_s: float = Field(15.0, gt=0.0, le=10_000.0)
-    """Of each of the two windows at the end of a run; at most a quarter of it."""
+    """Length of each of the two windows at the end of a run; at most a quarter of the run."""
     settling_band_m: float = Field(0.1, gt=0.0, le=100.0)
     off_path_m: float = Field(0.25, gt=0.0, le=100.0)
-    """PD leaves up to 0.16 m of bends and lasting disturbances, as it is meant to; this is half as
+    """By design PD leaves up to 0.16 m in bends and under lasting disturbances; this is half as
     much again.
     """
     road_m: float = Field(1.75, gt=0.0, le=100.0)
@@ -96,12 +100,12 @@ class VerdictRules(Settings):
 def rules_of(
     rules: VerdictRules, plant: PlantSettings, controller: ControllerSettings
 ) -> FigureRules:
-    """Return what the figures of a run of these settings are taken with."""
+    """Return the rules for the figures of a run of these settings."""
     return figure_rules(plant, controller, rules.window_s, rules.settling_band_m)
 
 
 def short_windows(rules: VerdictRules, duration_s: float) -> str:
-    """Return what is to be said of runs too short for the windows asked for; empty for others."""
+    """Return a warning for runs too short for the windows asked for; empty for others."""
     window_s = WINDOW_SHARE_MAX * duration_s
     if window_s >= rules.window_s:
         return ""
@@ -128,7 +132,7 @@ def verdicts(rules: VerdictRules, ends: NDArray[np.int64], figures: FloatArray) 
 
     amplitude_m, before_m = column("amplitude_m"), column("amplitude_before_m")
     peak_m, peak_before_m = column("end_peak_m"), column("end_peak_before_m")
-    # Comparisons with NaN are false: what has no figure has no such behaviour.
+    # Comparisons with NaN are false: without the figure a run does not show the behaviour.
     is_regular = (amplitude_m >= rules.amplitude_m) & (column("irregularity") <= rules.irregularity)
     swings = amplitude_m >= rules.swing_m
     is_about_path = (peak_m <= CREST_MAX * amplitude_m) & (before_m >= rules.amplitude_m)

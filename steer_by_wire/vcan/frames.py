@@ -1,4 +1,4 @@
-"""What goes over the serial lines of a User Mode Linux, both ways: kind, length, content."""
+"""Frames on the serial lines of a User Mode Linux, both ways: kind, length, content."""
 
 import struct
 from collections.abc import Iterator
@@ -9,13 +9,13 @@ _HEAD = struct.Struct("<BI")
 
 
 class Kind(IntEnum):
-    """What a frame brings; the first three carry the number of the stream that they mean."""
+    """The kinds of frames; the first three are the numbers of the streams that they carry."""
 
     STDIN = 0
     STDOUT = 1
     STDERR = 2
     READY = 3
-    """The interfaces are up and the command starts; from now on the guest listens."""
+    """The interfaces are up and the command starts; from now on the guest reads frames."""
     FAILED = 4
     """There will be no command; content: why."""
     STATUS = 5
@@ -41,7 +41,7 @@ def pack(kind: Kind, content: bytes = b"") -> bytes:
 
 
 class Unpacker:
-    """Puts frames together again from whatever pieces they come in."""
+    """Reassembles frames from pieces of any size."""
 
     def __init__(self) -> None:
         self._waiting = b""

@@ -2,10 +2,9 @@
 
     wrapper ──lifeline──► guard ──► command or User Mode Linux ──► whatever these start
 
-The guard adopts every orphan below it (PR_SET_CHILD_SUBREAPER), so it can find and kill them all
-when the command has ended, when it is told to, and when the wrapper has gone, however that ended:
-the lifeline is a pipe, and its end is the end of the wrapper. Bytes on it are signals for the
-command.
+The guard adopts every orphan below it (PR_SET_CHILD_SUBREAPER), so it can find and kill them all.
+It does so when the command has ended, on request, and when the wrapper has ended in any way: the
+lifeline is a pipe that closes with the wrapper. Bytes on it are signals for the command.
 """
 
 import os
@@ -23,7 +22,7 @@ from .system_calls import adopt_orphans, die_with_parent, signal_descriptor
 
 KILLED_STATUS = 128 + signal.SIGKILL
 NOT_EXECUTABLE_STATUS, NOT_FOUND_STATUS = 126, 127
-"""As of a shell."""
+"""Exit statuses as in a shell."""
 _BETWEEN_KILLS_S = 0.005
 _END = 0
 """On the lifeline: kill everything. No signal has this number."""
@@ -36,12 +35,12 @@ class Guard(NamedTuple):
     lifeline: int
 
     def send(self, number: int) -> None:
-        """Have the command sent a signal."""
+        """Send the command a signal."""
         with suppress(BrokenPipeError):
             os.write(self.lifeline, bytes([number]))
 
     def end(self) -> None:
-        """Have everything killed; may be asked for again."""
+        """Kill everything; may be called again."""
         self.send(_END)
 
 
@@ -49,7 +48,7 @@ class Launch(NamedTuple):
     """What a guard starts.
 
     ``run``          called in the new process; does not return
-    ``descriptors``  that the new process alone is to hold
+    ``descriptors``  held by the new process only
     ``clean``        called when everything has ended
     """
 
@@ -67,7 +66,7 @@ def start_guard(launch: Launch) -> Guard:
         status = KILLED_STATUS
         try:
             status = _guard(launch, read_end)
-        except BaseException:  # nothing may leave a forked process but its status
+        except BaseException:  # no exception may leave a forked process
             traceback.print_exc()
         finally:
             os._exit(status)
@@ -77,13 +76,13 @@ def start_guard(launch: Launch) -> Guard:
 
 
 def exit_status(wait_status: int) -> int:
-    """Return a process's exit status as a shell tells it."""
+    """Return a process's exit status as a shell reports it."""
     code = os.waitstatus_to_exitcode(wait_status)
     return code if code >= 0 else 128 - code
 
 
 def execute(command: Sequence[str], environment: dict[str, str]) -> NoReturn:
-    """Become ``command``, as a process that was started from a shell; never returns."""
+    """Become ``command``, as if started from a shell; never returns."""
     for number in (signal.SIGPIPE, signal.SIGXFSZ):
         signal.signal(number, signal.SIG_DFL)  # Python ignores them, and that is inherited
     signal.pthread_sigmask(signal.SIG_SETMASK, ())
@@ -104,7 +103,7 @@ def _guard(launch: Launch, lifeline: int) -> int:
     if child == 0:
         die_with_parent()
         if os.getppid() != guard:
-            os._exit(KILLED_STATUS)  # it had gone before we asked
+            os._exit(KILLED_STATUS)  # the parent had ended before die_with_parent()
         launch.run()
     for descriptor in launch.descriptors:
         os.close(descriptor)
@@ -126,21 +125,21 @@ def _guard(launch: Launch, lifeline: int) -> int:
 
 
 def _reap() -> dict[int, int]:
-    """Take leave of every child that has ended; returns their exit statuses."""
+    """Reap every child that has ended; returns their exit statuses."""
     ended: dict[int, int] = {}
     with suppress(ChildProcessError):
         while True:
             pid, status = os.waitpid(-1, os.WNOHANG)
             if pid == 0:
                 break
-            # User Mode Linux traces its processes; one whose tracer was killed is told as stopped.
+            # User Mode Linux traces its processes; if the tracer was killed, one reads as stopped.
             if not os.WIFSTOPPED(status):
                 ended[pid] = exit_status(status)
     return ended
 
 
 def _kill_descendants() -> None:
-    """Kill until nobody is left: who is killed may just have started somebody."""
+    """Kill until no descendant is left: each may just have started another one."""
     while found := descendants(os.getpid()):
         for pid in found:
             with suppress(ProcessLookupError):

@@ -1,4 +1,4 @@
-"""The host's own interfaces, as they are: nothing is made, nothing is changed."""
+"""The host's own interfaces, used as they are: nothing is created or changed."""
 
 import os
 from collections.abc import Callable
@@ -37,11 +37,11 @@ def run(request: Request, timeout_s: float | None) -> int:
 
 
 def run_as_child(timeout_s: float | None, start: Callable[[], NoReturn]) -> int:
-    """Run what ``start`` becomes on this machine, with our standard streams."""
+    """Run the process that ``start`` becomes on this machine, with our standard streams."""
     guard = start_guard(Launch(start))
 
     def pass_on(arrived: Signal) -> None:
-        # The terminal's own signals go to everybody in the foreground, the command included.
+        # The terminal sends its signals to all foreground processes, the command included.
         if not arrived.from_terminal:
             guard.send(arrived.number)
 

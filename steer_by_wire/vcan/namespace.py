@@ -1,7 +1,7 @@
-"""A network namespace of one's own: interfaces that nobody else sees, gone with the last process.
+"""A private network namespace: its interfaces are visible inside only, and end with it.
 
-Root makes one directly; an ordinary user makes a user namespace around it, is root in there while
-the interfaces are made, and then goes back to being who it was by a second user namespace.
+Root makes one directly. An ordinary user makes a user namespace around it, is root inside while the
+interfaces are made, and then becomes itself again by a second user namespace.
 """
 
 import os
@@ -38,7 +38,7 @@ _ECHO = Path("/sys/module/vcan/parameters/echo")
 
 
 def obstacle(request: Request) -> str:
-    """Why there is no such namespace; empty when there is. Makes one to find out."""
+    """Why no such namespace can be made; empty when it can. Makes one to find out."""
     programs = ["ip", "tc"] if request.netem else ["ip"]
     if missing := missing_programs(programs):
         return f"no program {', '.join(missing)} (apt-get install iproute2)"
@@ -48,7 +48,7 @@ def obstacle(request: Request) -> str:
         try:
             _enter(request)
             os._exit(0)
-        except BaseException as error:  # it is all that may leave a forked process
+        except BaseException as error:  # no exception may leave a forked process
             os.write(write_end, str(error).encode()[:2000])
         os._exit(1)
     os.close(write_end)
@@ -83,7 +83,7 @@ def _enter(request: Request) -> None:
             _map(f"0 {user} 1", f"0 {group} 1")
         unshare(CLONE_NEWNET | CLONE_NEWNS)
         make_mounts_private()
-        # What /sys/class/net shows is settled when it is mounted.
+        # The network namespace that /sys/class/net shows is fixed when it is mounted.
         mount("sysfs", "/sys", MS_NOSUID | MS_NODEV | MS_NOEXEC)
     except OSError as error:
         raise BackendError(f"no private network namespace: {error.strerror}") from error
@@ -103,7 +103,7 @@ def _enter(request: Request) -> None:
 
 
 def _map(users: str, groups: str) -> None:
-    """Say who is who in a new user namespace, seen from the one around it."""
+    """Write the user and group maps of a new user namespace."""
     process = Path("/proc/self")
     (process / "setgroups").write_text("deny")
     (process / "uid_map").write_text(users)
@@ -111,7 +111,7 @@ def _map(users: str, groups: str) -> None:
 
 
 def _load_vcan(request: Request) -> None:
-    """Load the module with what netem needs; without one, the next command tells."""
+    """Load vcan with the echo that netem needs; if that fails, the next command reports it."""
     if request.netem and not _ECHO.exists() and not missing_programs(["modprobe"]):
         command = ["modprobe", "vcan", "echo=1"]
         environment = {**os.environ, "PATH": program_path()}
@@ -119,7 +119,7 @@ def _load_vcan(request: Request) -> None:
 
 
 def _explain(command: list[str], complaint: str) -> str:
-    """Say what one of ``link_commands`` has come to grief on."""
+    """Return why one of ``link_commands`` has failed."""
     why = (complaint.strip().splitlines() or ["no reason given"])[0]  # tc's usage may follow
     if "vcan" in command and ("Unknown device type" in why or "not supported" in why):
         return (

@@ -1,4 +1,4 @@
-"""What a run with vcan0 is asked to be, and how it is told that it cannot."""
+"""A request for a run with vcan0, and the error when it cannot be met."""
 
 import os
 import re
@@ -12,7 +12,7 @@ INTERFACES_MAX = 64
 FD_MTU = 72
 """With this MTU a CAN interface carries CAN FD frames too (linux/can.h, CANFD_MTU)."""
 QUEUE_FRAMES = "100000"
-"""Netem's queue, unless its parameters say otherwise: every frame that is under way is in it."""
+"""Netem's queue by default: it holds every frame that is under way."""
 
 SYSTEM_FOLDERS = "/usr/sbin:/sbin"
 """Where ip and tc are; not on every user's PATH."""
@@ -36,17 +36,17 @@ class Request(NamedTuple):
 
 
 def program_path() -> str:
-    """Return the PATH that system programs are looked for on."""
+    """Return the PATH on which system programs are searched."""
     return f"{os.environ.get('PATH', os.defpath)}:{SYSTEM_FOLDERS}"
 
 
 def missing_programs(names: Sequence[str]) -> list[str]:
-    """Return which of the programs this machine does not have."""
+    """Return which of the programs are missing on this machine."""
     return [name for name in names if shutil.which(name, path=program_path()) is None]
 
 
 class BackendError(Exception):
-    """A backend cannot run the command; the text is one line that says what is missing."""
+    """A backend cannot run the command; the text is one line that names what is missing."""
 
 
 def interface_names(text: str) -> tuple[str, ...]:
@@ -91,7 +91,7 @@ def netem_of(
 
 
 def link_commands(request: Request) -> list[list[str]]:
-    """Return the commands that make the request's interfaces in a network of one's own."""
+    """Return the commands that make the request's interfaces in a private network."""
     commands = [["ip", "link", "set", "lo", "up"]]
     for name in request.interfaces:
         commands += [

@@ -11,13 +11,13 @@ from .system_calls import Signal, read_signal, signal_descriptor
 
 PASSED_ON = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGWINCH)
 TIMEOUT_STATUS = 124
-"""As of timeout(1)."""
+"""As with timeout(1)."""
 GRACE_S = 5.0
 """How long the command may take to end after it was asked to."""
 
 
 def block_signals() -> None:
-    """Keep the signals that are passed on from ending the wrapper; before ``start_guard``."""
+    """Block the signals that are passed on, so the wrapper survives; before ``start_guard``."""
     signal.pthread_sigmask(signal.SIG_BLOCK, (*PASSED_ON, signal.SIGCHLD))
 
 
@@ -31,7 +31,7 @@ def supervise(
 
     ``timeout_s``  after which the command is asked to end, and killed when it does not
     ``pass_on``    sends a signal to the command
-    ``relay``      descriptors to watch beside; their data are functions to call without arguments
+    ``relay``      further descriptors to watch; their data are functions without arguments to call
     """
     signals = signal_descriptor((*PASSED_ON, signal.SIGCHLD))
     selector = relay or selectors.DefaultSelector()

@@ -48,7 +48,7 @@ def mount(kind: str, target: str, flags: int = 0, options: str = "") -> None:
 
 
 def make_mounts_private() -> None:
-    """Let no later mount be seen outside of this mount namespace."""
+    """Keep later mounts invisible outside this mount namespace."""
     _libc("mount", b"none", b"/", None, ctypes.c_ulong(MS_REC | MS_PRIVATE), None)
 
 
@@ -68,7 +68,7 @@ def die_with_parent() -> None:
 
 
 def insert_module(path: str, parameters: str) -> None:
-    """Load a module into the kernel; one that is there already is no error."""
+    """Load a module into the kernel; a module that is already loaded is no error."""
     with open(path, "rb") as file:
         number = FINIT_MODULE[platform.machine()]
         try:
@@ -83,7 +83,7 @@ def power_off() -> None:
 
 
 def signal_descriptor(numbers: Iterable[int]) -> int:
-    """Return a descriptor that reads as the (blocked) signals that come (``read_signal``)."""
+    """Return a descriptor from which ``read_signal`` reads the (blocked) signals."""
     members = bytearray(_SIGNAL_SET_BYTES)
     for number in numbers:
         members[(number - 1) // 8] |= 1 << (number - 1) % 8
@@ -91,6 +91,6 @@ def signal_descriptor(numbers: Iterable[int]) -> int:
 
 
 def read_signal(descriptor: int) -> Signal:
-    """Take the oldest signal that waits; waits for one."""
+    """Return the oldest pending signal; waits for one if there is none."""
     number, _, origin = _SIGNAL_INFO.unpack(os.read(descriptor, _SIGNAL_INFO.size))
     return Signal(number, origin == SI_KERNEL)

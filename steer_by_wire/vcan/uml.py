@@ -1,6 +1,7 @@
 """User Mode Linux: a kernel with CAN as an ordinary program, on the host's own files.
 
-Outside: what it takes, and starting it. Inside is ``uml_guest``; between them, ``uml_streams``.
+This module checks what it needs and starts it. Inside it runs ``uml_guest``; ``uml_streams``
+connects the two.
 """
 
 import json
@@ -31,13 +32,13 @@ MODULES = (
     "can", "can-raw", "can-bcm", "can-gw", "vcan", "vxcan", "slcan",
     "sch_netem", "sch_prio", "cls_basic", "em_canid",
 )  # fmt: skip
-"""What is loaded, as far as it is there, with all that these need."""
+"""Kernel modules to load, if they exist, with their dependencies."""
 BOOT_S_MAX = 120.0
-"""A boot takes two seconds, on a machine that does other things ten."""
+"""A boot takes two seconds, and ten on a busy machine."""
 
 
 def obstacle(request: Request) -> str:
-    """Why there is no User Mode Linux; empty when there is."""
+    """Why User Mode Linux is not available; empty when it is."""
     needed = {PROGRAM: "user-mode-linux", "ip": "iproute2"}
     if request.netem:
         needed["tc"] = "iproute2"
@@ -107,7 +108,7 @@ def _run(request: Request, timeout_s: float | None, preloaded: bytes = b"") -> i
 
 
 def _unnamed_file(content: bytes, folder: Path) -> int:
-    """Return a descriptor of a file that is in no folder; ``folder`` is one to be executed from."""
+    """Return a descriptor of an unnamed file; ``folder`` must allow execution."""
     with tempfile.TemporaryFile(dir=folder) as file:
         file.write(content)
         file.flush()
@@ -117,7 +118,7 @@ def _unnamed_file(content: bytes, folder: Path) -> int:
 def _become(
     kernel: Sequence[str], environment: dict[str, str], inherited: Sequence[int], said: int
 ) -> NoReturn:
-    """Become the kernel, in a session of its own: Ctrl-C is for the command, which gets it from us.
+    """Become the kernel, in a session of its own: Ctrl-C is for the command, and we pass it on.
 
     ``said``  takes what the kernel prints
     """
@@ -157,7 +158,7 @@ def _kernel_command(
 
 
 def _make_folder(request: Request) -> Path:
-    """Write down what the guest is to do, in a private folder without blanks in its name."""
+    """Write the guest's job into a private folder without blanks in its name."""
     place = tempfile.gettempdir()
     if any(character.isspace() or character in "\",'" for character in place):
         place = "/tmp"  # noqa: S108 the kernel's command line has blanks between its words
@@ -246,12 +247,12 @@ def _memory_folder(request: Request) -> Path:
 
 
 def last_words(said: bytes) -> str:
-    """Return the end of what a kernel has said: of a panic, its cause and not the call trace."""
+    """Return the end of a kernel's output; of a panic, its cause without the call trace."""
     before, panic, trace = said.decode(errors="replace").partition("Kernel panic")
     lines = (before + panic + trace.partition("\n")[0]).splitlines()
     return "; ".join([line.strip() for line in lines if line.strip()][-2:])
 
 
 def cpuinfo() -> str:
-    """Return what the kernel says of the processors."""
+    """Return the content of /proc/cpuinfo."""
     return CPUS.read_text(encoding="utf-8", errors="replace")

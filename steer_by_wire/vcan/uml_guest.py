@@ -51,7 +51,7 @@ def main(folder: str) -> NoReturn:
 
 
 class _Ends(NamedTuple):
-    """Our ends of the command's standard streams; of a terminal, its one end and no ``stderr``."""
+    """Our ends of the command's standard streams; a terminal has one end and no ``stderr``."""
 
     stdin: int
     stdout: int
@@ -81,14 +81,14 @@ class _Command:
             self._selector.register(descriptor, read, descriptor)
 
     def run(self) -> None:
-        """Pass everything on until the command has ended, then tell its status."""
+        """Forward all streams until the command has ended, then send its status."""
         while self._status is None:
             for key, _ in self._selector.select():
                 if callable(key.data):
                     key.data()
                 else:
                     self._pass_output(key.data)
-        # Who still holds a pipe is ended with the command, or the streams would have no end.
+        # Processes that still hold a pipe end with the command, or the streams would not end.
         with suppress(ProcessLookupError):
             os.kill(-1, signal.SIGKILL)
         for descriptor in list(self._streams):
@@ -109,12 +109,12 @@ class _Command:
                     self._status = exit_status(status)
 
     def _pass_output(self, descriptor: int) -> bool:
-        """Pass on what is there; returns whether the stream goes on."""
+        """Forward the available output; returns whether the stream goes on."""
         try:
             piece = os.read(descriptor, PIECE_BYTES)
         except BlockingIOError:
             return True
-        except OSError:  # of a terminal, so is its end told
+        except OSError:  # a terminal signals its end by an error
             piece = b""
         if piece:
             _write(self._line, pack(self._streams[descriptor], piece))
@@ -151,12 +151,12 @@ class _Command:
         self._selector.register(self._ends.stdin, selectors.EVENT_WRITE, self._feed)
 
     def _feed(self) -> None:
-        """Give the command what it takes; only when it has all does the line bring more."""
+        """Write input to the command; the line is read again only when all has been written."""
         try:
             self._waiting = self._waiting[os.write(self._ends.stdin, self._waiting) :]
         except BlockingIOError:
             return
-        except BrokenPipeError:  # it does not want any more
+        except BrokenPipeError:  # the command has closed its input
             self._waiting, self._input_ended = b"", True
         if self._waiting:
             return
@@ -225,10 +225,10 @@ def _start(job: dict[str, Any]) -> tuple[int, _Ends]:
 
 
 def _become(job: dict[str, Any]) -> None:
-    """Take on limits, user and folder of who has asked."""
+    """Take on the limits, user and folder of the wrapper."""
     os.umask(job["file_mask"])
     for number, limits in job["limits"].items():
-        with suppress(OSError, ValueError):  # some kernels know more of them, or allow less
+        with suppress(OSError, ValueError):  # kernels differ in the limits that they know and allow
             resource.setrlimit(int(number), tuple(limits))
     runtime = job["environment"].get("XDG_RUNTIME_DIR", "")
     os.setgroups(job["groups"])
@@ -245,6 +245,6 @@ def _write(descriptor: int, content: bytes) -> None:
 
 
 def _await_end(line: int) -> None:
-    """Wait for the wrapper to have read everything: then it hangs up."""
+    """Wait until the wrapper has read everything and closes the line."""
     while os.read(line, PIECE_BYTES):
         pass

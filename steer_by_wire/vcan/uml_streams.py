@@ -1,7 +1,7 @@
 """The wrapper's side of a User Mode Linux's serial lines.
 
-Two lines, which are pipes out here, carry the frames of ``frames``: one everything but standard
-input, which must not hold up a signal, one standard input.
+Two lines, which are pipes on this side, carry the frames of ``frames``. Standard input has a line
+of its own, so that it cannot delay a signal on the other.
 """
 
 import fcntl
@@ -22,17 +22,17 @@ from .request import BackendError
 from .system_calls import Signal
 
 PIECE_BYTES = 2048
-"""Of standard input, at most in one frame: less than a pipe takes at once when it takes any."""
+"""Standard input per frame, at most: a pipe with room takes at least so much at once."""
 
 
 def has_terminal() -> bool:
-    """Whether somebody sits at a terminal; then the command gets one too."""
+    """Whether we run at a terminal; then the command gets one too."""
     return os.isatty(0) and os.isatty(1)
 
 
 @contextmanager
 def raw_terminal() -> Iterator[None]:
-    """Let the guest's terminal do all that one does, such as echo and Ctrl-C, during the block."""
+    """Leave echo, Ctrl-C and the like to the guest's terminal during the block."""
     if not has_terminal():
         yield
         return
@@ -45,9 +45,9 @@ def raw_terminal() -> Iterator[None]:
 
 
 class Streams:
-    """Passes streams and signals on, and remembers how it ended.
+    """Forwards streams and signals, and keeps the command's exit status.
 
-    ``selector``  watches what can be read; its data are what to call
+    ``selector``  watches the readable descriptors; its data are the functions to call
     """
 
     def __init__(self, guard: Guard, from_guest: int, to_guest: int, to_stdin: int) -> None:
@@ -63,7 +63,7 @@ class Streams:
         self.selector.register(from_guest, selectors.EVENT_READ, self._read)
 
     def pass_on(self, arrived: Signal) -> None:
-        """Send a signal to the command; one that comes before there is a command ends it all."""
+        """Send a signal to the command; before the command has started, a signal ends the run."""
         if arrived.number == signal.SIGWINCH:
             self._tell_size()
         elif self._ready:
@@ -73,7 +73,7 @@ class Streams:
             self._guard.end()
 
     def give_up(self, after_s: float) -> None:
-        """End a kernel that has not booted by now; ``after_s`` is for the complaint."""
+        """End a kernel that has not booted by now; ``after_s`` is for the message."""
         if not self._ready:
             self._given_up = f" within {after_s:g} s"
             self._guard.end()
@@ -107,9 +107,10 @@ class Streams:
         self._work_off()
 
     def _work_off(self, patiently: bool = False) -> None:
-        """Take the frames that have come, until somebody does not read what they bring.
+        """Handle the frames that have come, until a reader of our output stops reading.
 
-        Then the guest is not read either, so that it stops too; signals and the time still count.
+        Then the guest is not read either, so that it stops too; signals and the time limit still
+        work.
 
         ``patiently``  wait for the reader instead
         """
@@ -138,19 +139,19 @@ class Streams:
             self._watch_stdin()
         elif frame.kind is Kind.STATUS:
             self._status = int(frame.content)
-            self._guard.end()  # all is written: the guest has synchronised its files
+            self._guard.end()  # nothing is lost: the guest has synchronised its files
         elif frame.kind is Kind.FAILED:
             self._failure = frame.content.decode(errors="replace")
             self._guard.end()
 
     def _print(self, stream: int, content: bytes, patiently: bool) -> bytes:
-        """Print what is taken at once, or all of it; returns the rest."""
+        """Print as much as is accepted at once, or all of it; returns the rest."""
         try:
             while content and (patiently or select.select([], [stream], [], 0.0)[1]):
-                # A pipe that has room has it for this much.
+                # A pipe that has room takes this much.
                 content = content[os.write(stream, content[: select.PIPE_BUF]) :]
         except OSError:
-            # Nobody reads on: let the command know as if it had written there itself.
+            # The reader has gone: close the command's stream, as if it had written there itself.
             self._write(self._to_guest, pack(Kind.CLOSED, b"%d" % stream))
             return b""
         return content
@@ -161,7 +162,7 @@ class Streams:
             self._write(self._to_guest, pack(Kind.SIZE, size))
 
     def _watch_stdin(self) -> None:
-        """Let the lines' free space say when to read: a pipe that has room has it for a piece."""
+        """Read when the line has free space: a pipe that has room takes a whole piece."""
         self.selector.register(self._to_stdin, selectors.EVENT_WRITE, self._await_stdin)
 
     def _await_stdin(self) -> None:
@@ -169,7 +170,7 @@ class Streams:
         try:
             self.selector.register(0, selectors.EVENT_READ, self._pass_stdin)
         except (PermissionError, OSError, ValueError):
-            # A file or /dev/null can always be read and cannot be watched; closed is at its end.
+            # A file or /dev/null is always readable and cannot be watched; closed, it has ended.
             self._pass_stdin(watched=False)
 
     def _pass_stdin(self, watched: bool = True) -> None:

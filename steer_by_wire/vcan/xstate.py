@@ -1,6 +1,6 @@
 """The library that lets User Mode Linux run on processors with AMX; compiled where it is needed.
 
-``xstate.c`` says what it does. It is preloaded into ``linux.uml`` alone.
+``xstate.c`` describes what it does. It is preloaded into ``linux.uml`` only.
 """
 
 import hashlib
@@ -19,7 +19,7 @@ COMPILER = "gcc"
 FLAGS = ("-std=gnu11", "-O2", "-Wall", "-Wextra", "-shared", "-fPIC")
 PACKAGES = "gcc libc6-dev"
 SYMPTOM = "ptrace set fp regs failed"
-"""What User Mode Linux dies with at its first process when it lacks the library."""
+"""The error with which User Mode Linux dies at its first process without the library."""
 
 
 def is_needed(cpuinfo: str) -> bool:
@@ -31,7 +31,7 @@ def is_needed(cpuinfo: str) -> bool:
 
 
 def obstacle() -> str:
-    """Why the library cannot be had; empty when it can."""
+    """Why the library is not available; empty when it is."""
     if is_kept() or shutil.which(COMPILER):
         return ""
     return (
@@ -51,7 +51,7 @@ def library() -> bytes:
         with tempfile.TemporaryDirectory(dir=kept.parent) as folder:
             written = Path(folder) / kept.name
             written.write_bytes(compiled)
-            written.replace(kept)  # whole or not at all: another run may be about it too
+            written.replace(kept)  # atomic: another run may be writing it too
     return compiled
 
 
@@ -61,7 +61,7 @@ def is_kept() -> bool:
 
 
 def kept_file() -> Path:
-    """Return where the library is kept: by its source, and what it was compiled with and for."""
+    """Return where the library is kept; the name depends on source, compiler and machine."""
     origin = (SOURCE.read_bytes(), COMPILER, FLAGS, platform.machine(), platform.libc_ver())
     key = hashlib.sha256(repr(origin).encode()).hexdigest()[:16]
     # A user without a home directory has "/~", where nothing can be kept.

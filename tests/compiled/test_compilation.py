@@ -1,4 +1,4 @@
-"""Compiled functions on disk: what several processes need is compiled by one of them."""
+"""Compiled functions on disk: one process compiles what several need."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""What laws make of a VEHICLE_STATE or STEERING_STATUS that stays away, live and compiled."""
+"""How laws respond to a missing VEHICLE_STATE or STEERING_STATUS, live and compiled."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -69,8 +69,8 @@ def test_a_compiled_run_equals_the_nodes_where_messages_go_stale(
     limits_ns = age_limits_of(controller)
     is_stale = age_ns(wire, Uplink.VEHICLE_STATE, plan) > limits_ns.vehicle_state_ns
     is_late = age_ns(wire, Uplink.STEERING_STATUS, plan) > limits_ns.steering_status_ns
-    # The run has what it is for: while the law steers, either message goes stale, and with short
-    # limits STEERING_STATUS without the other.
+    # The run is meaningful: while the law steers, either message goes stale, and with short limits
+    # STEERING_STATUS does so alone.
     assert (is_active & is_stale).any()
     assert (is_active & (is_stale | is_late)).any()
     if limits:

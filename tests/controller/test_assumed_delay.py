@@ -1,7 +1,8 @@
 """Why the delay is measured: a predictor that assumes a constant one, beside the one that measures.
 
-Latency of the commands 300 ± 90 ms, 2 % lost, the newest wins: a command that is overtaken never
-acts, so those that act are younger than the mean latency, by how much depends on its distribution.
+The latency of the commands is 300 ± 90 ms, 2 % are lost, and the newest wins. A command that is
+overtaken never acts, so those that act are younger than the mean latency; by how much depends on
+the distribution.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""The controller node against a stand-in for the plant, over a link that the test moves."""
+"""The controller node against a stand-in for the plant, over a link that the test steps."""
 
 import math
 from itertools import pairwise

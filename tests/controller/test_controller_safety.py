@@ -1,4 +1,4 @@
-"""The controller watches the age of what it receives, and says in time what is wrong."""
+"""The controller watches the age of what it receives, and reports faults in time."""
 
 from collections.abc import Sequence
 from itertools import pairwise

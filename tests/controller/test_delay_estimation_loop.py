@@ -1,4 +1,4 @@
-"""The estimated delay while both nodes run, right to a control period; and where it is not told."""
+"""The estimated delay while both nodes run, right to a control period; and where it is absent."""
 
 from functools import cache
 from typing import Any
@@ -124,7 +124,7 @@ def test_in_a_steady_circle_what_was_observable_at_its_start_is_so_no_more() -> 
     assert told.observable
     late = told.told[-200:]
     assert {one.estimate_state for one in late} == {EstimateState.NOT_OBSERVABLE}
-    # What it was remains told.
+    # The last estimate remains reported.
     assert late[-1].estimated_delay_s == pytest.approx(0.08, abs=TOLERANCE_S)
 
 

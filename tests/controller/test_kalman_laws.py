@@ -39,7 +39,7 @@ def steers(
     settings: ControllerSettings,
     is_dropped: Callable[[Frame, int], bool] = lambda _frame, _now_ns: False,
 ) -> np.ndarray:
-    """Return the commands of a run; ``is_dropped`` says what never reaches the controller."""
+    """Return the commands of a run; ``is_dropped`` selects frames lost before the controller."""
 
     class Deaf(ControllerNode):
         def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:

@@ -74,10 +74,10 @@ def test_the_slowest_pole_is_the_decay_or_growth_of_a_run(
 def test_runs_decay_within_the_stable_delays_and_grow_beyond(
     law: tuple[str, ...], corner: str, lag_s: float
 ) -> None:
-    """Nearer to the end than that a run takes longer than a minute to tell.
+    """Nearer to the end than this a run of a minute does not show the difference.
 
-    Off the grid of the control period the delay that echoes show is up to half a period wrong, one
-    way or the other: beyond the margin the stable delays are a comb.
+    Off the grid of the control period the delay measured by echoes is up to half a period wrong, in
+    either direction: beyond the margin the stable delays are a comb.
     """
     intervals = stable_constant_delays(loop_of(law, CORNERS[corner], lag_s))
     margin_ns, last_ns = intervals[0].last_ns, intervals[-1].last_ns
@@ -176,7 +176,7 @@ def test_the_check_of_periods_without_a_common_multiple_says_so() -> None:
 def test_the_check_of_the_predictor_tells_what_its_fallback_survives(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Of two gains for the same fallback it tells two margins, those of the law alone."""
+    """For two gains of the same fallback it reports two margins, those of the law alone."""
     monkeypatch.setattr(check, "SHOWN_DELAYS_MS", ())
     monkeypatch.setattr(check, "stable_constant_delays", lambda _loop, _limit_ns: ())
     margins_ms = []

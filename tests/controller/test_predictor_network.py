@@ -36,7 +36,7 @@ def run(
     controller_settings: ControllerSettings,
     is_dropped: Callable[[Frame, int], bool] = lambda _frame, _now_ns: False,
 ) -> tuple[PlantNode, ControllerNode]:
-    """Run both nodes; ``is_dropped`` says which frames never reach the controller."""
+    """Run both nodes; ``is_dropped`` selects frames that never reach the controller."""
 
     class Deaf(ControllerNode):
         def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
@@ -146,7 +146,7 @@ def test_two_laws_that_are_far_apart_meet_at_the_rate_of_the_fade() -> None:
 def test_the_filter_goes_on_after_a_hold_and_starts_anew_after_a_safe_stop(
     silence_s: float,
 ) -> None:
-    """In the midst of a curve nothing is heard for 0.3 s, which is a hold; for 1.5 s it is more."""
+    """In a curve nothing is received for 0.3 s, which is a hold, and then for 1.5 s."""
     is_short, end_ns = silence_s < 1.0, round((6.0 + silence_s) * 1e9)
     network = ("duration_s=12", "latency.downlink.mean_s=0.2", "latency.uplink.mean_s=0.05")
     plant_node, node = run(

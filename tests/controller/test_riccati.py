@@ -1,4 +1,4 @@
-"""Gains of filter and feedback against scipy's Riccati solver, and what has none."""
+"""Gains of filter and feedback against scipy's Riccati solver, and cases without a solution."""
 
 import numpy as np
 import pytest

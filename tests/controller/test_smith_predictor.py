@@ -20,7 +20,7 @@ PERIOD_NS, PERIOD_S = 10_000_000, 0.01
 
 
 def sent_history(sent_rad: Sequence[float], error_m: float) -> LawInput:
-    """What a law is told that has sent these commands, the newest last."""
+    """Return the input of a law that has sent these commands, the newest last."""
     history = NO_HISTORY._replace(tick_mask=-1, sent_rad=sent_rad)
     newest_rad = sent_rad[-1] if sent_rad else 0.0
     return LawInput(error_m, newest_rad, link=NO_LINK._replace(tick=len(sent_rad)), history=history)

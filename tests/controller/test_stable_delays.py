@@ -82,7 +82,7 @@ def test_the_delay_that_an_integrator_bears_is_that_of_its_polynomial(whole_peri
     last_ns = delay_margin_ns(stable)
     assert last_ns is not None
     # A mode counts as stable while it decays at SLOWEST_DECAY_1_S. That costs what the continuous
-    # loop y' = -g y(t - τ) says: its rate rises by g²/(1 + π²/4) a second of delay.
+    # loop y' = -g y(t - τ) gives: its rate rises by g²/(1 + π²/4) per second of delay.
     rate_rise_1_s2 = (100.0 * gain) ** 2 / (1.0 + math.pi**2 / 4.0)
     expected_ns = 10 * MS_NS * whole_periods - 1e9 * SLOWEST_DECAY_1_S / rate_rise_1_s2
     assert last_ns == pytest.approx(expected_ns, abs=2 * RESOLUTION_NS)

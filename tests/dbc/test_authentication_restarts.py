@@ -1,4 +1,4 @@
-"""Authenticated ends that start late, start again or hear a recording: whom they believe."""
+"""Authenticated ends that start late, restart or receive a recording: which frames they accept."""
 
 from collections.abc import Sequence
 
@@ -56,7 +56,7 @@ def test_before_it_has_heard_a_challenge_an_end_sends_what_nobody_accepts() -> N
 
 
 def recorded_session(plant_end: Authentication, controller_end: Authentication) -> list[Frame]:
-    """All that a listener hears of two ends that meet and run."""
+    """All frames that a listener receives of two ends that meet and run."""
     frames = []
     for _ in range(20):
         for frame in (*FROM_PLANT, PLANT_STATUS):

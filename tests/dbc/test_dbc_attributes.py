@@ -1,4 +1,4 @@
-"""What the DBC says to an interaction layer, and that it is what both nodes do.
+"""What the DBC specifies for an interaction layer, and that both nodes conform to it.
 
 The names are those of Vector's interaction layer; the E2E parameters' are those of AUTOSAR.
 """

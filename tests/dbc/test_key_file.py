@@ -1,4 +1,4 @@
-"""The key comes from a file that is nobody else's, and is seen nowhere."""
+"""The key comes from a file that no other user can read, and is shown nowhere."""
 
 import os
 import stat

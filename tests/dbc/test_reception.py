@@ -1,4 +1,4 @@
-"""What a node believes of the frames it receives."""
+"""Which of the frames it receives a node accepts."""
 
 from hypothesis import given
 from hypothesis import strategies as st

@@ -145,7 +145,7 @@ def test_a_message_is_sent_by_whom_to_whom_and_how_often(
     assert not definition.is_extended_frame
     assert definition.senders == [sender]
     assert definition.cycle_time == cycle_ms
-    # What is sent at changes as well says so at the signals that change (test_dbc_attributes).
+    # Messages also sent on change declare that at the signals that change (test_dbc_attributes).
     assert definition.send_type == ("NoMsgSendType" if cycle_ms is None else "Cyclic")
     for signal in definition.signals:
         assert set(signal.receivers) == receivers, signal.name

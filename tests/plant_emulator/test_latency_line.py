@@ -1,4 +1,4 @@
-"""Latency lines: never early, ordered as told, every frame accounted for, the seed decides."""
+"""Latency lines: never early, ordered as configured, every frame accounted for, seeded."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence

@@ -34,7 +34,7 @@ from tests.support.running_program import ORDINARY, UNSUPERVISED
 Capture = pytest.CaptureFixture[str]
 PATIENCE_S = 60.0
 NOTICE = f"plant-emulator: {NOBODY}\n"
-"""What every run on classic CAN says on standard error, once."""
+"""What every run on classic CAN prints on standard error, once."""
 
 
 def on_bus(address: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""Settings of the plant emulator: presets, defaults, and what is said about mistakes."""
+"""Settings of the plant emulator: presets, defaults, and messages about mistakes."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from steer_by_wire.runtime.settings import (
 
 
 def mistake(text: str, tmp_path: Path) -> str:
-    """What is said about a settings file; it has to be one line."""
+    """Return the error message for a settings file; it has to be one line."""
     file = tmp_path / "rig.toml"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(SettingsError) as caught:

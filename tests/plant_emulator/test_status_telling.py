@@ -1,4 +1,4 @@
-"""PLANT_STATUS tells a change of SAFETY at once, and does not flood the bus."""
+"""PLANT_STATUS reports a change of SAFETY at once, and does not flood the bus."""
 
 import pytest
 from hypothesis import given
@@ -13,7 +13,7 @@ NORMAL, LIMITING, HOLDING, FALLBACK, SAFE_STATE = SafetyState
 
 
 def changes(tested: Link) -> list[tuple[float, SafetyState]]:
-    """Times since the start [ms] at which SAFETY was told to be another than before."""
+    """Times since the start [ms] at which a change of SAFETY was reported."""
     found: list[tuple[float, SafetyState]] = []
     for now_ns, message in tested.messages(PlantStatus):
         if not found or found[-1][1] is not message.safety:
@@ -22,7 +22,7 @@ def changes(tested: Link) -> list[tuple[float, SafetyState]]:
 
 
 def drive(states: list[tuple[int, SafetyState]], until_ns: int) -> list[tuple[int, SafetyState]]:
-    """Let SAFETY change at these times [ns]; returns what was told when."""
+    """Let SAFETY change at these times [ns]; returns what was reported when."""
     telling, state, pending = StatusTelling(0), NORMAL, list(states)
     told: list[tuple[int, SafetyState]] = []
     while True:

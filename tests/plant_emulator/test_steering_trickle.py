@@ -1,4 +1,4 @@
-"""Commands that come now and then: what the plant does, tells and counts, and what networks do."""
+"""Occasional commands: what the plant does, reports and counts, and what networks do."""
 
 from collections.abc import Sequence
 from itertools import pairwise

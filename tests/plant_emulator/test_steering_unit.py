@@ -1,4 +1,4 @@
-"""The steering's control unit in the plant: what it does with commands, counts and says."""
+"""The steering's control unit in the plant: what it does with commands, counts and reports."""
 
 import random
 from itertools import pairwise

@@ -43,7 +43,7 @@ def test_signals_have_the_rms_and_peak_of_the_run(constant: Run) -> None:
     figures = analyse(constant.log)
     trace, node = constant.result.trace, constant.result.plant["node"]
     error = figures["signals"]["lateral_error_m"]
-    # It has the samples before the motion too, and ends before the last have left the uplink.
+    # The log has the samples before the motion too, and ends before the last have left the uplink.
     assert error["samples"] == pytest.approx(node["samples"], abs=5)
     assert error["rms"] == pytest.approx(node["lateral_error_rms_m"], rel=3e-3)
     assert abs(error["peak"]) == pytest.approx(node["lateral_error_peak_m"], abs=5e-6)
@@ -77,7 +77,7 @@ def test_jitter_comes_out_in_both_directions(varying: Run) -> None:
     latency = analyse(varying.log)["latency"]
     node = varying.result.plant["node"]
     uplink, downlink = node["uplink"]["latency"], node["downlink"]["latency"]
-    # The plant tells its latency 120 times, so the median of what it told is that far off.
+    # The plant reports its latency 120 times, so the median of the reports is that far off.
     told_s = 3 * SPREAD_S / math.sqrt(120)
     for key in ("mean_s", "p50_s", "p99_s"):
         assert latency["uplink"][key] == pytest.approx(uplink[key], abs=told_s + ON_THE_WIRE_S)

@@ -1,4 +1,4 @@
-"""What a program starts ends with it, however it ends, in order and without leaving anything."""
+"""What a program starts ends with it, however it ends, cleanly and without leaving anything."""
 
 import os
 import signal
@@ -78,7 +78,7 @@ def started(line: Lifeline, arguments: Sequence[str]) -> Iterator[subprocess.Pop
 
 
 def is_gone(pid: int) -> Callable[[], bool]:
-    """Return what says whether a process has ended, reaped or not."""
+    """Return a function that checks whether a process has ended, reaped or not."""
 
     def answer() -> bool:
         try:

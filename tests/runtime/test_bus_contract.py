@@ -1,7 +1,7 @@
-"""What every bus promises to the nodes, asked of each backend there is.
+"""What every bus promises to the nodes, tested on each available backend.
 
-Nothing here depends on how fast the machine is: a frame that must not come is shown not to have
-come by one that was sent after it.
+Nothing here depends on how fast the machine is: a frame that must not arrive is proven absent by
+one that was sent after it.
 """
 
 import random

@@ -1,4 +1,4 @@
-"""Which bus is opened, and how a failing one is told."""
+"""Which bus is opened, and how a failing one is reported."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""The state of a CAN controller, from answers of the kernel that are made up."""
+"""The state of a CAN controller, from answers of a fake kernel."""
 
 import struct
 
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from steer_by_wire.runtime.can_state import is_in_bus_off
 
 LOOPBACK = "lo"
-"""A network interface that every Linux has; the made-up kernel says what it likes of it."""
+"""A network interface that every Linux has; the fake kernel gives it any state."""
 
 
 def attribute(kind: int, value: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""A connection that counts error frames and comes back to a lost bus, on ports that are made up."""
+"""A connection that counts error frames and reconnects to a lost bus, on fake ports."""
 
 from collections import deque
 
@@ -75,7 +75,7 @@ class Machine:
 
 @pytest.fixture(autouse=True)
 def carriers(monkeypatch: pytest.MonkeyPatch) -> dict[str, bool]:
-    """No retry waits long, and network interfaces have the carriers that a test says."""
+    """No retry waits long, and network interfaces have the carriers that a test sets."""
     states: dict[str, bool] = {}
     monkeypatch.setattr(connection_module, "RETRY_S", 0.001)
     monkeypatch.setattr(connection_module, "has_carrier", states.get)

@@ -1,7 +1,7 @@
-"""The emulated bus: its time on the wire, and its manners towards good and bad clients.
+"""The emulated bus: its time on the wire, and how it treats good and bad clients.
 
-Brokers run as processes of their own. What is said about times is said about the time stamps,
-which come from the bus model, not from how fast this machine is.
+Brokers run as processes of their own. Times are asserted on the time stamps, which come from the
+bus model and do not depend on how fast this machine is.
 """
 
 import asyncio

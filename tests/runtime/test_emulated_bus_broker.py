@@ -1,4 +1,4 @@
-"""The broker with a clock that is made up: floods, stalls and garbage cost no other anything.
+"""The broker with a fake clock: floods, stalls and garbage do not affect other clients.
 
 Clients are ordinary sockets, the broker is stepped by hand in the same thread: nothing here waits.
 """
@@ -119,7 +119,7 @@ def test_frames_of_a_client_do_not_wait_behind_its_own_of_lower_priority(bench: 
 
 
 def told(client: socket.socket) -> list[Buffer]:
-    """What a client has heard of its transmit buffers."""
+    """Return the reports that a client has received about its transmit buffers."""
     raw, size = client.recv(1 << 16), CLASSIC_RECORD.size
     records = [raw[start : start + size] for start in range(0, len(raw), size)]
     delivered = [unpack_delivery(CLASSIC_RECORD, record)[0] for record in records]

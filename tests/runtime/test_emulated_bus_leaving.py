@@ -1,4 +1,4 @@
-"""Who comes to the broker and leaves it: the others keep their frames, and each end is told."""
+"""Clients that join and leave the broker: the others keep their frames; each end is reported."""
 
 import errno
 import socket
@@ -106,7 +106,7 @@ def test_a_host_without_descriptors_is_asked_again_later(bench: Bench) -> None:
     assert attempts == 1
 
 
-# What is told
+# What is reported
 
 
 def test_each_disconnection_is_one_line_with_its_reason_and_is_counted(bench: Bench) -> None:

@@ -1,6 +1,6 @@
 """Bus-off on the emulated bus: what its client and the others see, and when it ends.
 
-The broker is stepped by hand at a clock that is made up; the last test runs a real one.
+The broker is stepped by hand on a fake clock; the last test runs a real one.
 """
 
 import socket

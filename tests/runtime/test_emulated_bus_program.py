@@ -188,7 +188,7 @@ def test_a_client_refuses_what_its_transmit_buffer_has_no_room_for_and_nothing_e
 
     def fill() -> None:
         for _ in range(100_000):
-            one.recv(0.001)  # slower than the broker tells, faster than the wire
+            one.recv(0.001)  # slower than the broker reports, faster than the wire
             one.send(message(0x300, bytes(8)), timeout=0)
 
     with pytest.raises(can.CanTimeoutError, match="frames of this identifier wait already"):

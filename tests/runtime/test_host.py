@@ -1,6 +1,6 @@
 """What the host is asked for, and how it answers.
 
-The host is made up, so that no test locks its own process into memory or starves the others.
+The host is a fake, so that no test locks its own process into memory or starves the others.
 """
 
 import ctypes

@@ -1,4 +1,4 @@
-"""What stands around a node lets through all that the node can be asked, but for what it is for."""
+"""Wrappers of a node pass on every call to the node, except those that they exist to change."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

@@ -127,7 +127,7 @@ class SlowNode:
 
 
 class Machine:
-    """A port that waits as long as it is told to, on a clock that the node's work moves on."""
+    """A port that waits as long as requested, on a clock that the node's work moves on."""
 
     def __init__(self, node: SlowNode) -> None:
         self._node = node

@@ -1,4 +1,4 @@
-"""The real-time executor with a clock and a port that are made up: nothing here waits."""
+"""The real-time executor with a fake clock and a fake port: nothing here waits."""
 
 from collections.abc import Callable, Sequence
 

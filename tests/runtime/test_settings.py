@@ -300,7 +300,7 @@ def test_dumped_settings_load_again_to_the_last_digit(rig: Rig) -> None:
     dumped = dump_toml(rig)
     again = load_settings(Rig, Preset("dumped", dumped))
     assert again == rig
-    assert repr(again) == repr(rig)  # tells 0.0 from -0.0
+    assert repr(again) == repr(rig)  # distinguishes 0.0 from -0.0
     assert dump_toml(again) == dumped
 
 

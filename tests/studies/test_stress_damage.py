@@ -1,6 +1,6 @@
-"""What a stress study has left, damaged: told in one line that names the file, wherever it is read.
+"""Damaged files of a stress study are reported in one line that names the file, by every reader.
 
-The rows are none of real runs, only of the right form: nothing is computed here.
+The rows come from no real runs and only have the right form: nothing is computed here.
 """
 
 import json

@@ -149,7 +149,7 @@ disturbance = {{ steps = [{{ at_s = 1.0, steering_offset_rad = 0.2 }}] }}
     assert found is Verdict.LEFT_ROAD
 
 
-# What is said of short runs
+# Warnings about short runs
 
 
 def test_runs_too_short_for_their_windows_are_warned_of(

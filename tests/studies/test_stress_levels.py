@@ -160,7 +160,7 @@ def test_the_page_folds_what_is_by_default_and_shows_levels(study: StudyRecord, 
     assert "Warning: runs of 4 s are judged by two windows of 1 s" in text
 
 
-# What is said before a study
+# What is printed before a study
 
 
 def test_a_normal_distribution_without_an_end_is_refused_with_a_hint(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Studies run: the same bytes whatever computes them and however often they are interrupted."""
+"""Studies give the same bytes whatever computes them and however often they are interrupted."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator

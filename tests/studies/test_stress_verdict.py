@@ -108,7 +108,7 @@ def test_how_a_run_ended_comes_first() -> None:
     assert verdict(found, RunEnd.LAW_FAILED) is Verdict.UNSTABLE
     nothing = Figures(*[math.nan] * len(Figures._fields))
     assert verdict(nothing, RunEnd.NO_START) is Verdict.NO_START
-    # Of what is not known nobody says that it holds.
+    # A run without figures does not hold.
     assert verdict(nothing) is Verdict.OFF_PATH
 
 
@@ -126,7 +126,7 @@ def test_verdicts_agree_with_the_linear_loop_on_which_delays_are_stable(preset: 
     """Eigenvalues of the sampled loop know nothing of limits, quantisation or the verdict's rules.
 
     A mode that takes longer than half a minute to change by e is not asked about: a run of two
-    minutes cannot tell it from a lasting one.
+    minutes cannot distinguish it from a lasting one.
     """
     law = load_settings(ControllerSettings, read_preset("steer_by_wire.controller.presets", preset))
     corner = read_preset("steer_by_wire.plant_emulator.presets", "paper_corner_d")

@@ -1,4 +1,4 @@
-"""A broker that a test steps by hand, with a clock that is made up, and ordinary sockets."""
+"""A broker that a test steps by hand, with a fake clock and ordinary sockets."""
 
 import socket
 import tempfile
@@ -25,7 +25,7 @@ CLASSIC_FRAME_NS = 300_000
 
 
 class Bench:
-    """A broker, its clock, its clients, and what it has told."""
+    """A broker, its clock, its clients, and what it has reported."""
 
     def __init__(self, stack: ExitStack) -> None:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bus-")))
@@ -49,7 +49,7 @@ class Bench:
         return self.is_read
 
     def connect(self) -> socket.socket:
-        """A connection that has said nothing yet."""
+        """A connection that has sent nothing yet."""
         client = self._stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
         client.connect(str(self._path))
         client.setblocking(False)

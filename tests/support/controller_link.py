@@ -1,4 +1,4 @@
-"""The controller node over a link that the test moves, with a stand-in for the plant."""
+"""The controller node over a link that the test steps, with a stand-in for the plant."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""A guard that is told commands and wheel angles, the timer always on time."""
+"""A guard that is given commands and wheel angles, with a timer that is always on time."""
 
 import math
 from collections.abc import Iterable
@@ -14,7 +14,7 @@ MODES = ["NO_COMMAND", "FOLLOWING", "HOLDING", "FALLBACK", "SAFE_STATE"]
 
 
 class Guarded:
-    """A guard that is told commands and wheel angles at times in ms, its timer always on time."""
+    """A guard that is given commands and wheel angles at times in ms; its timer is on time."""
 
     def __init__(
         self,

@@ -3,10 +3,10 @@
     x[k+1] = F x[k] + B u[k] + w[k],   E w wᵀ = Q        x = (β, r, Δψ, y, ρ, d, δ)
     z[k]   = H x[k] + v[k],            E v vᵀ = R        z = (y, Δψ)
 
-All seven states are the filter's here, the wheel among them, and the gain is what its own predict
-and update arrive at from covariances as large as the first metres of a run: another way to every
-number of ``VehicleGains`` than by the Riccati equation. For tests and analysis: filterpy imports
-matplotlib and most of scipy, two thirds of a second that a live program must not spend.
+Here the filter estimates all seven states, the wheel among them. Its gain is where its own predict
+and update converge from covariances as large as the first metres of a run: a way to every number of
+``VehicleGains`` that is independent of the Riccati equation. For tests and analysis only: filterpy
+imports matplotlib and most of scipy, two thirds of a second that a live program must not spend.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""What a run of the suite ends with: how many tests have passed, failed, been skipped, and why."""
+"""The last line of a run of the suite: how many tests passed, failed, were skipped, and why."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence

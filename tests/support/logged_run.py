@@ -25,7 +25,7 @@ DOWNLINK_S, UPLINK_S = 0.08, 0.02
 SPREAD_S = 0.003
 """So small against the period that hardly a measurement overtakes another."""
 START_NS = 1_700_000_000_123_456_000
-"""What virtual time is told to begin at, where a format wants a date."""
+"""Where virtual time begins, for formats that need a date."""
 ON_THE_WIRE_S = 1.5e-3
 """More than the frames of one instant take on the bus of virtual time."""
 CONTROLLER = load_settings(

@@ -1,4 +1,4 @@
-"""The predictor law's settings, and a history of what it has sent and heard."""
+"""The predictor law's settings, and a history of what it has sent and received."""
 
 import math
 from collections.abc import Callable, Mapping

@@ -24,7 +24,7 @@ class Adapter:
     """One adapter.
 
     ``path``      where programs find it: a link that changes with every plugging in
-    ``commands``  what it was told, without the frames
+    ``commands``  the commands that it received, without the frames
     ``frames``    what it was given to send
     """
 
@@ -121,7 +121,7 @@ class AdapterBus:
             self.adapters[index].plug_in()
 
     def say(self, index: int, line: bytes) -> None:
-        """Have one adapter tell its program something."""
+        """Have one adapter send something to its program."""
         with self._lock:
             self.adapters[index].say(line)
 

@@ -1,7 +1,7 @@
 """The same results to the last bit, whichever instructions the libraries choose for a processor.
 
 OpenBLAS and numpy look at the processor and take what is fastest there, which adds in different
-orders and rounds differently. Told to behave as on others, they have to make no difference.
+orders and rounds differently. Made to behave as on others, they must make no difference.
 """
 
 import json

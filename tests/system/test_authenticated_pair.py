@@ -203,7 +203,7 @@ def test_with_different_keys_nothing_moves_and_both_say_why() -> None:
     assert pair.plant.samples == []
     assert pair.controller.report()["mode_s"]["waiting"] == pytest.approx(8.0, abs=0.02)
     # CONTROLLER_STATUS, which would synchronise, and what needs it: DELAY_STATUS with it, and
-    # CONTROLLER_SAFETY every 20 ms to tell of the frames refused at the other end.
+    # CONTROLLER_SAFETY every 20 ms to report the frames rejected at the other end.
     refused_by_plant = {"forged": 80, "unsynchronised": 80 + 400}
     assert pair.report == {"synchronised": False, "verified": 0, "refused": refused_by_plant}
     assert pair.controller_end is not None
@@ -224,7 +224,7 @@ def test_refusals_of_authentication_are_told_on_the_bus_and_kept_apart_in_the_re
         (by_controller, 4096, pair.controller_end),
         (by_plant, 64, pair.plant_end),
     ):
-        # All but those since the last frame that told of them.
+        # All but those since the last frame that reported them.
         assert 0 <= (sum(end.refused.values()) - rejected[-1]) % modulus < 20
         assert len(set(rejected)) > 30
         assert end.node.report()["rejected"] == {}

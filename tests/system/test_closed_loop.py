@@ -90,7 +90,7 @@ class Heard(NamedTuple):
 
 
 class Run(NamedTuple):
-    """Both nodes after a run, and what was heard on the wire."""
+    """Both nodes after a run, and what was received from the wire."""
 
     plant: PlantNode
     controller: ControllerNode
@@ -130,8 +130,8 @@ def textbook_loop(
 ) -> list[tuple[float, float]]:
     """Lateral error [m] and the command in effect [rad] at every sample after the first.
 
-    Sense, round to the wire's resolution, control, limit, round, hold; the law is told what it
-    asked for after the limits, as the node tells it, and not what the wire made of it.
+    Sense, round to the wire's resolution, control, limit, round, hold. As in the node, the law gets
+    its own command after the limits, not rounded to the wire's resolution.
     """
     design = design_law(controller)
     angle_rad = controller.limits.steer_rad_max
@@ -186,7 +186,7 @@ def test_the_same_seed_gives_the_same_log_byte_for_byte(tmp_path: Path) -> None:
 
 
 def first_echoes(result: Run) -> dict[int, tuple[int, int]]:
-    """When each command was sent, and when its counter was first heard back [ns], by counter."""
+    """When each command was sent, and when its counter first came back [ns], by counter."""
     sent_ns = {command.command_counter: at_ns for at_ns, command in result.commands}
     echoes: dict[int, tuple[int, int]] = {}
     for at_ns, said in result.heard:

@@ -1,4 +1,4 @@
-"""The one command: what it says of its programs, that its examples work, and its other names."""
+"""The one command: its help on the programs, that its examples work, and its other names."""
 
 import argparse
 import os

@@ -24,7 +24,7 @@ PRESET = "practical_pd_ddob"
 
 
 def starved(supervision: OverrunSupervision, stalls: Sequence[int], served: int) -> list[str]:
-    """Miss so many periods, then serve some on time, again and again; returns what is told."""
+    """Miss so many periods, then serve some on time, repeatedly; returns what is reported."""
     timer = PeriodicTimer(0, PERIOD_NS)
     told = []
     for missed in stalls:

@@ -1,4 +1,4 @@
-"""README tells the truth: its links, its names, and the commands that need no root or hardware."""
+"""README is correct: its links, its names, and the commands that need no root or hardware."""
 
 import argparse
 import os

@@ -1,4 +1,4 @@
-"""Recordings of both programs beside candump's log, on a real vcan0: all tell the same."""
+"""Recordings of both programs beside candump's log, on a real vcan0: all agree."""
 
 import subprocess
 import time
@@ -97,7 +97,7 @@ def test_candump_and_the_plants_recording_know_both_directions(run: Run) -> None
         assert latency["is_absolute"]
         assert latency["told_uplink"]["p50_s"] == pytest.approx(UPLINK_S, abs=5e-4)
         assert latency["told_downlink"]["p50_s"] == pytest.approx(DOWNLINK_S, abs=5e-4)
-    # What the plant says of itself does not pass the controller's filter.
+    # The plant's own status does not pass the controller's filter.
     controller = analyse_files([run.controller]).figures
     assert controller["messages"]["PLANT_STATUS"]["accepted"] == 0
     assert not controller["latency"]["is_absolute"]

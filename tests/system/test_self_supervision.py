@@ -91,7 +91,7 @@ def test_a_plant_that_does_not_keep_its_rate_steers_straight_says_so_and_ends() 
     assert set(told[first:]) == {SteeringStatusCode.SAFE_STATE}
     assert tested.last(PlantStatus).safety is SafetyState.SAFE_STATE
     assert tested.last(SteeringStatus).wheel_angle_rad == 0.0
-    # From 0.1 rad at 0.2 rad/s is sooner than the telling is over.
+    # The ramp from 0.1 rad at 0.2 rad/s ends before the reporting does.
     failed_ns = START_NS + round(safe_state["at_s"] * 1e9)
     assert end_ns == failed_ns + TELLING_NS
     assert len(tested.frames) > before

@@ -37,7 +37,7 @@ PATIENCE_S = 60.0
 _TIOCSETD, _N_SLCAN, _SIOCGIFNAME = 0x5423, 17, 0x8910
 ADAPTER = 0
 WARNING, PASSIVE, BUS_OFF, ACTIVE = b"sw110120", b"sp150140", b"sb256256", b"sa000000"
-"""What an adapter says of its error counters: state, received, transmitted."""
+"""What an adapter reports of its error counters: state, received, transmitted."""
 NO_ACKNOWLEDGE = b"e1a"
 
 
@@ -146,7 +146,7 @@ def test_frames_that_are_not_read_in_time_are_counted() -> None:
         sent += sender.send(Frame(0x5A0, b"12345678"))
     while receiver.recv(0.0):
         received += 1
-    assert receiver.dropped == 0  # it is told with the next frame
+    assert receiver.dropped == 0  # it is reported with the next frame
     sent += sender.send(Frame(0x5A0, b"12345678"))
     receive(receiver)
     assert received + 1 < sent

@@ -1,7 +1,7 @@
 """Broker, plant emulator and controller as real processes, and the same settings in virtual time.
 
-What a busy machine can spoil is compared only where it has not: a stall is told by skipped periods,
-by lateness, and by the time that the host gave to others.
+Results that a stall of the machine can change are compared only if there was none: skipped periods,
+lateness, and time that the host gave to others reveal a stall.
 """
 
 import time
@@ -91,7 +91,7 @@ def first_run(folder: Path) -> PairResult:
 
 
 class Recorded(list[tuple[float, Message, int]]):
-    """Time [s], message and end-to-end counter of every frame that the recorder has heard."""
+    """Time [s], message and end-to-end counter of every frame that the recorder has received."""
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +128,7 @@ def test_every_message_flows_and_its_counter_steps_by_one(
     kind: type[Message], period_s: float, recorded: Recorded, first_run: PairResult
 ) -> None:
     counters = [counter for _, message, counter in recorded if isinstance(message, kind)]
-    # A stalled machine may skip periods, and says how many.
+    # On a stalled machine the program may skip periods, and reports how many.
     assert (
         len(counters) > 0.5 * (DURATION_S - CONTROL_PERIOD_S * sum(skipped(first_run))) / period_s
     )

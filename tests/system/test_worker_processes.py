@@ -72,6 +72,6 @@ def test_an_exception_ends_what_the_workers_do() -> None:
     with pytest.raises(ZeroDivisionError):
         _fail_beside_work(children)
     (worker,) = set(children) - before
-    # The pool's own thread waits for it, too: a join that comes second returns without the status.
+    # The pool's own thread waits for it too: the later of two joins returns without the status.
     wait_until(lambda: worker.exitcode is not None, "the worker's end")
     assert worker.exitcode == -signal.SIGTERM

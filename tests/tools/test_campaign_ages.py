@@ -1,4 +1,4 @@
-"""The campaign on the messages whose age only tells: detected and said in time, control kept."""
+"""The campaign on messages whose age is only reported: detected in time, and control is kept."""
 
 import pytest
 

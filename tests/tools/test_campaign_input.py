@@ -1,4 +1,4 @@
-"""Bad input of the fault campaign: specifications that no run could have, and results of others."""
+"""Bad input of the fault campaign: impossible specifications, and foreign results."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""The demo as a user runs it, short; what it leaves behind, and what it says to bad input."""
+"""The demo as a user runs it, short; what it leaves behind, and its errors for bad input."""
 
 import json
 from contextlib import chdir

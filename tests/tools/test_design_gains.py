@@ -98,7 +98,7 @@ def shipped_candidate(name: str, law: str) -> Candidate:
 
 
 def nobody(_done: float, _best: float) -> None:
-    """Is told how far a search is."""
+    """Takes the progress of a search."""
 
 
 # The lattice and the evolution strategy

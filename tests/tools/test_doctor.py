@@ -1,4 +1,4 @@
-"""``steer-by-wire doctor``: answers on every machine, and tells what to do about what lacks."""
+"""``steer-by-wire doctor``: works on every machine, and reports how to get what is missing."""
 
 import json
 import os

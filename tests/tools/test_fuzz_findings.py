@@ -1,4 +1,4 @@
-"""What fuzzing has found, in words: each of these once ended in a traceback, or in no end."""
+"""Findings of fuzzing, in words: each of these once ended in a traceback, or did not end."""
 
 import argparse
 import importlib.resources

@@ -1,7 +1,7 @@
 """Any bytes into whatever reads bytes: the targets of ``tools.fuzz``, with hypothesis.
 
-What the promises are is said by each target. The examples are the same in every run; atheris looks
-for new ones, and what it has found is kept below.
+Each target documents what it promises. The examples are the same in every run; atheris searches for
+new ones, and its findings are kept below.
 """
 
 from random import Random

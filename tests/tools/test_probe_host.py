@@ -43,7 +43,7 @@ PROGRAM = (sys.executable, "-m", "steer_by_wire.tools.probe_host")
 
 
 class Clock:
-    """A clock that says what it is told, and moves on by a microsecond with each reading."""
+    """A clock that the test sets, and that advances by a microsecond with each reading."""
 
     def __init__(self, now_ns: int = 0) -> None:
         self.now_ns = now_ns
@@ -54,7 +54,7 @@ class Clock:
 
 
 def steal_clocks(*answers: Sequence[float | None]) -> Callable[[], StealClock]:
-    """Make steal clocks that answer in turn as they are told."""
+    """Make steal clocks that return the given values in turn."""
 
     class Told(StealClock):
         def __init__(self, mine: Sequence[float | None]) -> None:

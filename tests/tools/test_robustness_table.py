@@ -1,4 +1,4 @@
-"""The table of what the laws tolerate: what its text says, what is drawn and what is written."""
+"""The table of what the laws tolerate: its text, its drawing and its files."""
 
 import math
 

@@ -228,7 +228,7 @@ def test_each_message_waits_for_one_frame_and_for_those_before_it() -> None:
     assert bounds_ns == {0x100: 270_000, 0x310: 810_000}
 
 
-# What the logs tell
+# What the logs show
 
 
 def command(counter: int) -> Frame:

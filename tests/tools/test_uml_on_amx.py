@@ -1,7 +1,7 @@
 """User Mode Linux on processors with AMX, whose floating point state is larger than its buffer.
 
-Such a host is made of this one by ``amx_host.c``, preloaded into the genuine ``linux.uml``.
-``traced_state.c`` asks what the kernel of this machine itself answers to a tracer.
+``amx_host.c``, preloaded into the real ``linux.uml``, makes this host look like such a processor.
+``traced_state.c`` queries what the kernel of this machine itself answers to a tracer.
 """
 
 import os
@@ -53,7 +53,7 @@ def compile_c(source: Path, program: Path, *flags: str) -> None:
 
 
 def make_machine(folder: Path, boot: str) -> None:
-    """Make a machine whose ``linux.uml`` does with a boot what the shell script says."""
+    """Make a machine whose ``linux.uml`` runs the shell script instead of booting."""
     program = folder / "bin" / "linux.uml"
     program.parent.mkdir()
     version = f'[ "$1" != --version ] || exec {LINUX_UML} "$@"'

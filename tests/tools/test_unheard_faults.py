@@ -1,4 +1,4 @@
-"""What a log's reader says of faults on the messages that no node receives."""
+"""What the reader of a log reports about faults on messages that no node receives."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What must hold for any walk of faults: asked of runs as they are, and of runs that never were."""
+"""What must hold for any walk of faults, checked on real runs and on made-up ones."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -44,7 +44,7 @@ def said(
     point: PointSettings = POINT,
     **more: Any,
 ) -> str:
-    """Return what is said of a run.
+    """Return the judgement of a run.
 
     ``stages``              faults with their first and last effect [s]
     ``plant, controller``   what they counted

@@ -220,7 +220,7 @@ def read_terminal(terminal: int, until: str = "\0") -> str:
     while until not in shown and select.select([terminal], [], [], PATIENCE_S)[0]:
         try:
             shown += os.read(terminal, 4096).decode()
-        except OSError:  # so is the end of a terminal told
+        except OSError:  # a terminal signals its end by an error
             break
     return shown
 
