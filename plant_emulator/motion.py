@@ -169,7 +169,7 @@ class Motion:
 
     An unstable vehicle that nobody holds grows without bound: (1) is linear. When its state is
     finite no more, the vehicle stays in its last state that was, for good, while the wheel and the
-    path go on; ``is_finite`` says so.
+    path go on; ``is_finite`` reports this.
 
     ``advance``  ``advance_motion``, or what has other equations of motion
     """

@@ -51,7 +51,7 @@ from .stable_delays import (
 from .unit_answers import floats_in, unit_answers
 
 _START_S = 10
-"""The period that is analysed begins so late: whatever a law looks back to is there."""
+"""Start of the analysed period, late enough for all the history that a law reads."""
 _TICKS_MAX = 40
 """In one common multiple of the periods, and samples too."""
 _DOUBLINGS = 60
@@ -174,7 +174,7 @@ class PredictorLoop:
     def _kept(self, delay_ns: int) -> tuple[Matrix, NDArray[np.intp]]:
         """Return A, and which states act on the lateral error and are acted on by it.
 
-        The observers of a fallback only listen, and a difference that fades does so by itself.
+        The observers of a fallback do not act on the loop, and a fading difference decays alone.
         """
         a = self.matrices(delay_ns).a
         acts = a != 0.0

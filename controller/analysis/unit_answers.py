@@ -1,4 +1,4 @@
-"""What a tick of a law that looks back makes of what it is told, by unit vectors.
+"""The response of a law that looks back to unit inputs, at one tick.
 
 The law's own step function is asked, once for every float of its state and for everything that it
 reads: a law that is linear at a constant latency has told all of itself then.
@@ -22,7 +22,7 @@ _SETTLED_NS = 1_500_000_000
 def unit_answers(
     design: LawDesign, params: Any, timing: Timing, tick: int, speed_m_s: float
 ) -> Matrix:
-    """Return law and steer after a tick, by what the law was before and is told.
+    """Return the law's state and steer after a tick, by its state before and its input.
 
     What a law counts, and is not 0 at rest, is taken off again.
     """
@@ -67,7 +67,7 @@ def _settled_at_rest(
 
 
 class _Wire:
-    """What a law is told, all of it zero but for what is set in the rings."""
+    """Input of a law, all zero except the values set in the rings."""
 
     def __init__(self, timing: Timing, speed_m_s: float) -> None:
         self._speed_m_s = speed_m_s
@@ -93,7 +93,7 @@ class _Wire:
         )
 
     def seen(self, tick: int, yaw_rate_rad_s: float = 0.0) -> LawInput:
-        """Return what the law is told at a tick."""
+        """Return the law's input at a tick."""
         newest = self._timing.newest_sample(tick)
         return LawInput(
             self.lateral_error_m[newest % _RING],

@@ -284,7 +284,7 @@ class Broker:
         return Answer(self._bitrate_bit_s, data_bitrate_bit_s, reason, self._takes_bus_off)
 
     def _refuse(self, client: Connection, reason: str, now_ns: int) -> None:
-        """Tell a client why it cannot join, and close."""
+        """Report to a client why it cannot join, and close."""
         client.queue(self._answer(reason).pack())
         self._flush(client, now_ns)
         self._drop(client, Cause.REFUSED, f"refused: {reason}", now_ns)

@@ -165,7 +165,7 @@ class BusOff(NamedTuple):
 
 
 class Buffer(NamedTuple):
-    """What the broker says of a client's transmit buffer for one identifier."""
+    """The broker's report on a client's transmit buffer for one identifier."""
 
     can_id: int
     extended: bool
@@ -173,7 +173,7 @@ class Buffer(NamedTuple):
 
 
 Request = Frame | Filter | ClearFilters | BusOff
-"""What a client's record says."""
+"""Meaning of a client's record."""
 
 
 def record_format(fd: bool) -> Struct:
@@ -204,7 +204,7 @@ def pack_bus_off(record: Struct, request: BusOff) -> bytes:
 
 
 def pack_buffer(record: Struct, buffer: Buffer) -> bytes:
-    """Return the record that says whether a transmit buffer has room."""
+    """Return the record that reports whether a transmit buffer has room."""
     can_id, extended, has_room = buffer
     return record.pack(_BUFFER, EXTENDED * extended, has_room, can_id, 0, b"")
 
