@@ -102,11 +102,11 @@ class Timing(NamedTuple):
 class LoopMatrices(NamedTuple):
     """x ↦ A x + B w over one common multiple of the periods; steer of every tick = C x + D w.
 
-    And x ↦ A x + E v, with p = F x + G v: what is added to the commands that begin to act, and what
-    acts then; of what began to act before, and still does, x has the last.
+    And x ↦ A x + E v with p = F x + G v: v is added to the commands that begin to act, and p acts
+    then. x contains the last command that began to act before and still acts.
 
     ``w``  noise of the lateral errors of its samples [m]
-    ``v``  added behind the law, where it does not know of it [rad]
+    ``v``  added after the law, which does not know of it [rad]
     """
 
     a: Matrix
@@ -119,7 +119,7 @@ class LoopMatrices(NamedTuple):
 
 
 class Signals:
-    """Everything in the loop, each a row over the state at the beginning, the noise and v."""
+    """All signals in the loop, each a row over the initial state, the noise and v."""
 
     def __init__(self, timing: Timing, plant: tuple[Matrix, Matrix], law_floats: int) -> None:
         self._timing = timing
@@ -186,7 +186,7 @@ class Signals:
         self._tick += 1
 
     def matrices(self) -> LoopMatrices:
-        """Return the state at the end, and the steers and what acts on the way."""
+        """Return the final state, and the steers and acting commands in between."""
         known = self._timing.newest_sample(self._tick - 1)
         ticks = range(self._timing.applied_tick(known), self._tick)
         states = self._timing.states_known(self._tick - 1, self._sample)
