@@ -8,8 +8,8 @@ Text formats and ``.blf`` lose no more than the last second, whatever is killed:
 the operating system after every read, ``.blf`` every SYNC_NS, and both as often to the disk. A text
 file may then end in the middle of a line; who reads it must not take that for a frame.
 
-How many frames are in the file is written to a file of the program's own whenever that changes, so
-that a recorder that is killed has said so.
+The number of frames in the file is written to a separate file of the program whenever it changes,
+so that it is known even if the recorder is killed.
 """
 
 import argparse

@@ -5,9 +5,9 @@ both sides send records only, all of one size for the life of the connection: 24
 of classic frames, 80 for one of CAN FD.
 
 Fixed sizes let a client read exactly one frame per ``recv``. Nothing is ever left in a buffer in
-the client's process, so "the socket is readable" means "a frame is waiting", which is what select,
-asyncio and ``can.Notifier`` take it to mean; but for the record that says of a transmit buffer of
-the client that it has filled up, or has room again.
+the client's process, so "the socket is readable" means "a frame is waiting", as select, asyncio and
+``can.Notifier`` assume. The only exception is the record which reports that a transmit buffer of
+the client is full, or has room again.
 
     hello    magic:8 options:1 pad:3 bitrate:4 data_bitrate:4 channel:64      client to broker
     answer   magic:8 options:1 pad:3 bitrate:4 data_bitrate:4 reason:160      broker to client
@@ -15,7 +15,7 @@ the client that it has filled up, or has room again.
 
 All little-endian. Texts are UTF-8, filled up with zeros. A bit rate of 0 in a hello is "whatever
 the bus has". ``time_ns`` is the end of the frame in nanoseconds of the wall clock, 0 towards the
-broker; in a request for bus-off it says how long that lasts.
+broker; in a request for bus-off it is the duration.
 """
 
 from struct import Struct
