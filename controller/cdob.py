@@ -9,9 +9,9 @@
     d̂_n   network_disturbance_rad       what the network takes away from u           [rad]
     y_fb  compensated_lateral_error_m   error the controller sees                    [m]
 
-Without washout the loop has no feedback at rest: (18) leaves curvature and steering offset to the
-two integrators of G_n, and the vehicle drifts off the path. Below ω_h the washout shows the
-controller the true error, where a delay does no harm.
+Without washout the loop has no feedback at rest: with (18) the two integrators of G_n integrate
+curvature and steering offset, and the vehicle drifts off the path. With the washout the controller
+sees the true error at frequencies below ω_h, where a delay does no harm.
 """
 
 from typing import NamedTuple

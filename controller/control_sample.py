@@ -1,4 +1,4 @@
-"""What the controller did in one period, for plots."""
+"""The controller's values in one period, for plots."""
 
 from typing import NamedTuple
 
@@ -11,8 +11,8 @@ class ControlSample(NamedTuple):
 
     ``time_ns``          when the tick ran [ns]
     ``lateral_error_m``  the newest measurement [m]
-    ``sample_age_ns``    since that measurement arrived [ns]
-    ``law_output``       of this period; the last one while the law is not ACTIVE
+    ``sample_age_ns``    time since that measurement arrived [ns]
+    ``law_output``       of this period; the last one while the mode is not ACTIVE
     ``sent_steer_rad``   the command, after limits [rad]
     """
 

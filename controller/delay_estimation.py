@@ -3,26 +3,26 @@
 Two estimators look at different sensors and share the fit (``controller.lag_fit``) and the command:
 
     network disturbance   lateral error and curvature, as the CDOB's d̂_n sees them
-    cross-correlation     yaw rate, which the path has no part in
+    cross-correlation     yaw rate, which does not depend on the path
 
-What is estimated is T of a measurement that arrives at t and shows the command sent until t - T:
+They estimate T of a measurement that arrives at t and shows the commands sent up to t - T:
 
     z(t) = g x(t - T) + c       T = lag + T_s/2 - mean age of the measurement in use at a tick
 
-the latencies down and up together. x is filtered by Tustin's rule from the command held over the
-period before, half a period too late, which the second term makes good; the ages that a law sees
-beside T are no part of it. The vehicle's own lag is taken off as far as its mass is known; what
-lags besides, as the steering actuator, counts as delay.
+T is the downlink and uplink latency together. x is filtered by Tustin's rule from the command held
+over the previous period, which makes it half a period late; the term T_s/2 corrects this. The
+measurement's age at a tick is not part of T. The vehicle's own lag is subtracted as far as its
+mass is known. Any other lag, such as that of the steering actuator, counts as delay.
 
-The loop is closed, so the command answers to the measurement. In the yaw rate that does no harm:
-its noise never reaches the command. The lateral error's noise does, and would show as a delay near
-zero. Of it, what H leaves coloured, a share of about √(2 ω_h T_s), can go along with old commands;
-the estimate's deviation is widened by this share of what the residual could shift it by.
+The loop is closed, so the command depends on the measurement. The yaw rate's noise does no harm,
+because it never reaches the command. The lateral error's noise does, and would look like a delay
+near zero. A share of about √(2 ω_h T_s) of it, which H leaves coloured, can correlate with old
+commands. The standard deviation is widened by this share of the largest shift that the residual
+could cause.
 
-Both estimates come with a standard deviation. The confidence is the probability, if the error is
-normal, that it stays within the tolerance; the estimate is observable where that is high enough,
-and where the two do not contradict each other. It influences no law, and compiled runs leave it
-away.
+Both estimates have a standard deviation. The confidence is the probability that the error, assumed
+normal, stays within the tolerance. The delay is observable where the confidence is high enough and
+the two estimates do not contradict each other. No law uses the estimate, and compiled runs omit it.
 """
 
 import math
@@ -42,13 +42,13 @@ from .sections import (
 )
 
 PAIR_S = 0.02
-"""Distance of the pairs that are fitted, and of two lags: the yaw rate's cycle."""
+"""Time between the fitted pairs and between neighbouring lags: the cycle of the yaw rate."""
 _PAIRS_PER_PEAK = 5
 _SPEED_M_S_MIN = 0.3
 _SPEED_CHANGE = 0.05
-"""Share of the speed that filters are designed anew for."""
+"""Relative change of the speed at which the filters are designed anew."""
 _SETTLING_S = 2.0
-"""After that, until pairs count again."""
+"""From a new design until pairs count again."""
 _ERROR_SETTLING_S = 12.0 / ERROR_WASHOUT_RAD_S
 """From the start until pairs of the lateral error count."""
 _AGE_S_MAX = 0.3
@@ -56,22 +56,22 @@ _GAIN_MIN, _GAIN_MAX = 0.8, 1.25
 _CORRELATION_MIN = 0.5
 _LAG_SHARE_YAW = 0.2
 _LAG_SHARE_ERROR = 0.45
-"""Standard deviation of what the vehicle's unknown mass makes of its lag, as a share of that."""
+"""Relative standard deviation of the vehicle's lag, because its mass is not known."""
 _CONTRADICTION = 3.0
-"""Deviations of their difference that the two may be apart."""
+"""How far the two estimates may differ, in standard deviations of their difference."""
 _SKIPPED_MAX = 100
 _AGE_IN_WINDOWS_MAX = 2.0
-"""Mean age of the information beyond which it does not tell the delay of now."""
+"""Mean age of the information beyond which it does not show the present delay."""
 
 
 class DelayEstimationParams(NamedTuple):
-    """What is to be estimated.
+    """Parameters of the estimation.
 
-    ``vehicle``         its mass the one that its lag is computed with, its speed of no concern
-    ``delay_s_max``     largest delay that is looked for
+    ``vehicle``         its mass gives the vehicle's lag; its speed is not used
+    ``delay_s_max``     largest delay to search for
     ``window_s``        time constant of forgetting
-    ``tolerance_s``     the error that the confidence is the probability of
-    ``confidence_min``  where the delay counts as observable
+    ``tolerance_s``     the confidence is the probability of an error within this
+    ``confidence_min``  from this confidence on the delay counts as observable
     """
 
     period_s: float
@@ -83,7 +83,7 @@ class DelayEstimationParams(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What the controller has at a tick; the command is the one that was in force until now."""
+    """The controller's data at a tick; the command is the one in effect up to now."""
 
     steer_rad: float
     lateral_error_m: float
@@ -100,11 +100,11 @@ class Estimate(NamedTuple):
 
 
 class DelayEstimate(NamedTuple):
-    """What is known now.
+    """The present state of knowledge.
 
-    ``delay_s``        the newest that was observable, 0 before
+    ``delay_s``        the newest observable delay, 0 before the first
     ``confidence``     probability that the present estimate is within the tolerance
-    ``by_disturbance``, ``by_correlation``  what either estimator says, None for nothing
+    ``by_disturbance``, ``by_correlation``  result of each estimator, None if it has none
     """
 
     is_observable: bool
@@ -118,7 +118,7 @@ NOTHING_YET = DelayEstimate(False, 0.0, 0.0, None, None)
 
 
 class DelayEstimator:
-    """Watches commands and measurements; the arithmetic is done when a new estimate is due."""
+    """Collects commands and measurements, and evaluates them when a new estimate is due."""
 
     def __init__(self, params: DelayEstimationParams) -> None:
         self._params = params
@@ -139,11 +139,11 @@ class DelayEstimator:
         self.estimate = NOTHING_YET
 
     def on_tick(self, seen: Seen, skipped: int = 0) -> None:
-        """Take a control period, and those before it that were skipped."""
+        """Record a control period and the skipped periods before it."""
         if skipped:
             self._waiting += [seen] * min(skipped, _SKIPPED_MAX)
         self._waiting.append(seen)
-        # Sooner the estimate does not change.
+        # The estimate does not change earlier.
         while len(self._waiting) >= (count := self._ticks_to_peak()):
             self._take(self._waiting[:count])
             del self._waiting[:count]
@@ -152,7 +152,7 @@ class DelayEstimator:
         return self._ticks_per_peak - self._ticks % self._ticks_per_peak
 
     def _take(self, block: Sequence[Seen]) -> None:
-        """Take control periods up to where a new estimate may be due."""
+        """Process control periods up to the point where a new estimate may be due."""
         begin = 0
         for index, (_, _, _, vehicle, _) in enumerate(block):
             change_m_s = abs(vehicle.speed_m_s - self._speed_m_s)
@@ -166,7 +166,7 @@ class DelayEstimator:
             self._estimate(self._filters, _is_fresh(block[-1]))
 
     def _design(self, seen: Seen) -> None:
-        """Design the filters for the present speed; the first start at rest."""
+        """Design the filters for the present speed; the first ones start at rest."""
         p = self._params
         speed_m_s = seen.vehicle.speed_m_s
         filters = design_filters(p.vehicle._replace(speed_m_s=speed_m_s), p.period_s)
@@ -185,7 +185,7 @@ class DelayEstimator:
         self._filters, self._speed_m_s = filters, speed_m_s
 
     def _filter(self, block: Sequence[Seen]) -> None:
-        """Filter what was seen in control periods of one speed, and hand on the pairs in it."""
+        """Filter the data of control periods at one speed, and pass on the pairs in it."""
         f = self._filters
         if f is None or not block:
             return
@@ -212,7 +212,7 @@ class DelayEstimator:
         self._ticks += len(block)
 
     def _error_m(self, seen: Seen) -> float:
-        """Return the lateral error to filter, and take the ages of the measurements."""
+        """Return the lateral error to filter, and record the ages of the measurements."""
         error_m = self._as_old_as_the_curvature(seen.lateral_error_m - self._offset_m)
         if _is_fresh(seen):
             self._weight = self._keep * self._weight + 1.0
@@ -221,7 +221,7 @@ class DelayEstimator:
         return error_m
 
     def _as_old_as_the_curvature(self, error_m: float) -> float:
-        """Return the lateral error of when the curvature was taken, up to two periods ago [m]."""
+        """Return the lateral error at the time of the curvature, up to two periods ago [m]."""
         periods = (self._age_s - self._error_age_s) / self._params.period_s
         before_m, before_that_m = self._error_before_m, self._error_before_that_m
         self._error_before_m, self._error_before_that_m = error_m, before_m
@@ -255,16 +255,16 @@ class DelayEstimator:
 
 
 def _is_fresh(seen: Seen) -> bool:
-    """Whether the measurements are of now, and of a vehicle that moves."""
+    """Whether the measurements are up to date and the vehicle moves."""
     is_young = seen.error_age_s <= _AGE_S_MAX and seen.vehicle_age_s <= _AGE_S_MAX
     return is_young and seen.vehicle.speed_m_s >= _SPEED_M_S_MIN
 
 
 def combined(one: Estimate | None, other: Estimate | None) -> Estimate | None:
-    """Return both in one, None where there is none or they contradict each other.
+    """Return the combined estimate, None where there is none or they contradict each other.
 
-    They weigh as their variances ask for, but their deviations do not average out: what is not
-    known of the vehicle errs in both alike.
+    They are weighted by their inverse variances. Their deviations do not average out, because
+    errors in the vehicle's parameters affect both in the same way.
     """
     if one is None or other is None:
         return one or other
@@ -285,7 +285,7 @@ def _believed(
     slack_share: float,
     age_s_max: float,
 ) -> Estimate | None:
-    """Return the estimate of a peak that can be that of the command's response."""
+    """Return the estimate of a peak that can be the response to the command."""
     if peak is None or not _GAIN_MIN <= peak.gain <= _GAIN_MAX:
         return None
     is_told = math.isfinite(peak.deviation_s) and peak.age_s <= age_s_max

@@ -1,20 +1,20 @@
 """The filters that make command, lateral error and yaw rate comparable, designed at one speed.
 
-Yaw rate: the vehicle turns because it is steered, and the path has no part in it.
+Yaw rate: the vehicle turns because it is steered, whatever the path.
 
     x_b = W G_r u        W = s/(s + ω_w) · ω_l²/(s + ω_l)²        G_r wheel angle to yaw rate
     z_b = W r
 
-Network disturbance: of the communication disturbance observer (``controller.cdob``), with the
-curvature ρ of the path taken off, which (5) has the lateral error follow by -V²/s²:
+Network disturbance: that of the communication disturbance observer (``controller.cdob``), without
+the effect of the path's curvature ρ on the lateral error, which by (5) is -V²/s²:
 
     d̂_n = Q (u - (y + (V²/s²) ρ)/G_n)
     w = H G_n d̂_n = x_a - z_a               its compensation, H = (s/(s + ω_h))²
     x_a = Q H G_n u
     z_a = Q (H y + V²/(s + ω_h)² ρ)
 
-A network that delays by T makes w = x_a(t) - x_a(t - T): z_a is what w leaves of x_a. Written so,
-nothing is divided by G_n, and a vehicle at any speed will do whose poles are stable.
+With a network delay T, w = x_a(t) - x_a(t - T), so that z_a = x_a(t - T). In this form nothing is
+divided by G_n, and stable poles of the vehicle suffice at any speed.
 """
 
 from typing import NamedTuple
@@ -33,7 +33,7 @@ ERROR_LOWPASS_RAD_S = 15.0
 class DelayFilters(NamedTuple):
     """Discrete filters by Tustin, for a vehicle at one speed.
 
-    ``lag_s``  of the yaw rate behind a slow steer, which is the vehicle's and not the network's [s]
+    ``lag_s``  the vehicle's own lag of the yaw rate behind a slow steer [s]
     """
 
     command_to_yaw: Cascade3

@@ -12,26 +12,26 @@ from .shared_settings import NominalModelSettings, VehicleModelSettings
 
 
 class DelayEstimationSettings(Settings):
-    """[delay_estimation]: the delay from command and response; it influences no law."""
+    """[delay_estimation]: the delay estimated from command and response; no law uses it."""
 
     enabled: bool = True
     delay_s_max: Annotated[float, Field(ge=0.1, le=2.0)] = 1.0
-    """Largest delay that is looked for."""
+    """Largest delay to search for."""
     window_s: Annotated[float, Field(ge=2.0, le=120.0)] = 10.0
     """Time constant of forgetting: how fast a delay that changes is followed."""
     tolerance_ms: Annotated[float, Field(ge=1.0, le=200.0)] = 10.0
-    """The error that the confidence is the probability of."""
+    """The confidence is the probability of an error within this."""
     confidence_min: Annotated[float, Field(ge=0.5, le=0.999)] = 0.95
-    """From where on the delay counts as observable."""
+    """From this confidence on the delay counts as observable."""
     mass_over_nominal: Annotated[float, Field(ge=0.1, le=10.0)] = 1.65
-    """Mass that the vehicle's own lag is computed with, per that of [nominal_model]; the default is
-    the middle of the box 1600 to 5000 kg about a nominal 2000 kg."""
+    """Mass for computing the vehicle's own lag, relative to that of [nominal_model]. The default is
+    the middle of 1600 to 5000 kg for a nominal 2000 kg."""
 
 
 def delay_estimation_of(
     table: DelayEstimationSettings, model: NominalModelSettings | None, period_ns: int
 ) -> DelayEstimationParams | None:
-    """Return what is to be estimated, None if it is off or no nominal vehicle is known."""
+    """Return the estimation's parameters, None if it is off or there is no nominal vehicle."""
     if not table.enabled or not isinstance(model, VehicleModelSettings):
         return None
     vehicle = NominalVehicle(**model.model_dump(exclude={"kind"}))

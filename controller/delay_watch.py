@@ -1,15 +1,17 @@
-"""What the controller says of the delay from command to measurement: by echo, and by estimate.
+"""The delay from command to measurement as the controller reports it: by echo and by estimate.
 
-Both are the latencies down and up together, by the controller's own clock:
+Both are the sum of downlink and uplink latency, measured by the controller's own clock:
 
     echo       mean of (arrival of a STEERING_STATUS - sending of the command that it names)
                - control period/2
     estimate   ``controller.delay_estimation``, without the echo
 
-since a command is in effect for a period, and an echo may see any of it. Where the plant samples at
-the controller's rate it always sees the same of it, so that the echo is off by half a period at
-most. ``controller.link`` measures with the same echoes another delay: down only, between counters,
-for a law that predicts; the way up, and what the two clocks differ by, is no part of that one.
+Half a period is subtracted because a command is in effect for a whole period, and the echo may be
+taken at any time in it. If the plant samples at the controller's rate, the echo is always taken at
+the same point of the period, so that the result is wrong by half a period at most.
+
+``controller.link`` measures a different delay with the same echoes, for laws that predict: the
+downlink only, between counters. It does not contain the uplink or the difference of the clocks.
 """
 
 from collections.abc import Mapping
@@ -30,7 +32,7 @@ class EchoDelay:
     """Measures the delay by the echo of the command counter.
 
     ``averaging_ns``  time constant of the mean [ns]
-    ``timeout_ns``    without an echo for so long, the delay is not known [ns]
+    ``timeout_ns``    the delay is unknown after this time without an echo [ns]
     """
 
     def __init__(self, period_ns: int, averaging_ns: int, timeout_ns: int) -> None:
@@ -49,14 +51,14 @@ class EchoDelay:
         self._echo_ns = now_ns
 
     def delay_s(self, now_ns: int) -> float | None:
-        """Return the delay [s], None where echoes have stayed away."""
+        """Return the delay [s], None if the last echo is older than the timeout."""
         if self._echo_ns is None or now_ns - self._echo_ns > self._timeout_ns:
             return None
         return max(0.0, (self._mean_ns - self._half_period_ns) / NS_PER_S)
 
 
 class DelayWatch:
-    """Holds both; ``params`` None is an estimate that is off."""
+    """Measures the delay in both ways; ``params`` None switches the estimate off."""
 
     def __init__(self, params: DelayEstimationParams | None, echo: EchoDelay) -> None:
         self._estimator = None if params is None else DelayEstimator(params)
@@ -70,7 +72,7 @@ class DelayWatch:
         self._echo.on_echo(sent_ns, now_ns)
 
     def on_tick(self, now_ns: int, period: int, sent_steer_rad: float, received: Received) -> None:
-        """Take a control period: the command in force until now, and the newest measurements."""
+        """Record a control period: the command in effect until now and the newest measurements."""
         error_ns, vehicle_ns = received.errors.arrival_ns, received.states.arrival_ns
         if self._estimator is None or error_ns is None or vehicle_ns is None:
             return
@@ -95,7 +97,7 @@ class DelayWatch:
 
     @property
     def estimate_state(self) -> EstimateState:
-        """Whether command and response tell the delay."""
+        """Whether the delay can be estimated from command and response."""
         if self._estimator is None:
             return EstimateState.OFF
         if self._estimator.estimate.is_observable:
@@ -103,7 +105,7 @@ class DelayWatch:
         return EstimateState.NOT_OBSERVABLE
 
     def status(self, now_ns: int) -> DelayStatus:
-        """Return the message; a delay beyond its signal's range is sent as that range's end."""
+        """Return the message; a delay is clamped to the range of its signal."""
         echo_s = self._echo.delay_s(now_ns)
         estimated_s = confidence = 0.0
         if self._estimator is not None:
@@ -118,10 +120,10 @@ class DelayWatch:
         )
 
     def report(self, now_ns: int, period_s: float) -> Mapping[str, Any]:
-        """Return the figures, ready for JSON; what is not known is None.
+        """Return the figures, ready for JSON; unknown ones are None.
 
         ``observable_share``    of the control periods since the vehicle's motion was first known
-        ``first_observable_s``  since then
+        ``first_observable_s``  time since then until the delay was first observable
         """
         estimator = self._estimator
         first = self._first_observable_ticks
@@ -138,7 +140,7 @@ class DelayWatch:
 
 
 def delay_watch_of(settings: ControllerSettings) -> DelayWatch:
-    """Return what watches the delay; no law hears of it."""
+    """Return the delay watch for the settings; no law uses it."""
     averaging_ns = round(settings.link.delay_averaging_s * NS_PER_S)
     return DelayWatch(
         delay_estimation_of(settings.delay_estimation, settings.nominal_model, settings.period_ns),

@@ -50,11 +50,11 @@ if TYPE_CHECKING:
     from .law_settings import LawSettings
 
 FADE_RAD_S = 0.2
-"""How fast the difference between two laws fades when one takes over from the other, and what a law
-makes of a VEHICLE_STATE that has gone stale."""
+"""Fading rate of the difference between two laws when one takes over from the other, and of the
+steer that a law derives from VEHICLE_STATE when that is stale."""
 
 FILTER_SETTLES_S = 1.0
-"""After so long the Kalman filter knows yaw rate and side slip, whatever it began with."""
+"""Time after which the Kalman filter knows yaw rate and side slip from any initial state."""
 
 _Table = TypeVar("_Table")
 
@@ -62,16 +62,16 @@ _Table = TypeVar("_Table")
 class LawDesign(NamedTuple):
     """A law ready to run; ``Any`` stands for the law's own params and state records.
 
-    ``params``         of a law that is the same at every speed; of others, at the lowest speed
+    ``params``         the law's params; of a law scheduled on speed, those at the lowest speed
     ``initial_state``  after a constant lateral error [m], without steering
-    ``params_at``      of a law that is scheduled: its params at a speed [m/s]
+    ``params_at``      of a law scheduled on speed: its params at a speed [m/s]; else None
     ``looks_back``     whether the law reads more than the first two fields of its ``LawInput``
     ``recovered_state``  after a hold, from the state before it and the lateral error now [m]; None:
                        the law starts anew
-    ``commands_read``  how many of its last commands a law reads that is linear, from the lateral
-                       error and them alone; None for a law that is not, or reads more
+    ``commands_read``  number of its last commands that a law reads if it is linear in these and
+                       the lateral error alone; None for all other laws
     ``looking_back``   analysis of a law that is linear at a constant latency only
-    ``mistake``        what a law of another package raised last; empty for nothing
+    ``mistake``        the last exception of a law from another package; empty for none
     """
 
     params: Any
@@ -86,7 +86,7 @@ class LawDesign(NamedTuple):
 
 
 def design_law(settings: "LawSettings") -> LawDesign:
-    """Return the law of the settings, discretised at their rate, with what is put around it.
+    """Return the law of the settings, discretised at their rate, with its additions around it.
 
     ``step(params, state, LawInput) -> (state, LawOutput)``.
     """
@@ -100,7 +100,7 @@ def design_law(settings: "LawSettings") -> LawDesign:
 
 
 def _alone(law: Law, settings: "LawSettings") -> LawDesign:
-    """Return a law with nothing around it."""
+    """Return a law without any additions around it."""
     designed = law.design(settings)
     params_at = designed.at if isinstance(designed, Schedule) else None
     params = designed if params_at is None else params_at(0.0)
@@ -117,7 +117,7 @@ def _alone(law: Law, settings: "LawSettings") -> LawDesign:
 
 
 def _own(law: Law, settings: "LawSettings") -> LawDesign:
-    """Return a law of another package, which cannot end the controller by raising.
+    """Return a law of another package, guarded so that its exceptions cannot end the controller.
 
     Raises SettingsError where its design fails.
     """
@@ -139,7 +139,7 @@ def _own(law: Law, settings: "LawSettings") -> LawDesign:
 
 
 def _with_feed_forward(law: LawDesign, settings: "LawSettings", gain: float) -> LawDesign:
-    """Return a law, the steer for the curve added to its own."""
+    """Return a law with the steer for the curve added to its command."""
     steady, params_at = steady_steer(vehicle_of(settings), gain), law.params_at
     fade_step_rad = FADE_RAD_S / settings.rate_hz
 
@@ -157,7 +157,7 @@ def _with_feed_forward(law: LawDesign, settings: "LawSettings", gain: float) -> 
 
 
 def _with_kalman_derivative(law: LawDesign, settings: "LawSettings") -> LawDesign:
-    """Return a law whose dy/dt is the Kalman filter's.
+    """Return a law that takes dy/dt from the Kalman filter.
 
     Raises SettingsError where there are no gains.
     """
@@ -197,7 +197,7 @@ def _with_kalman_derivative(law: LawDesign, settings: "LawSettings") -> LawDesig
 
 
 def filter_opening(settings: "LawSettings") -> tuple[str, ...]:
-    """Return what is said before the analysis of a law with a Kalman filter."""
+    """Return the introduction to the analysis of a law with a Kalman filter."""
     speed_m_s = vehicle_of(settings).speed_m_s
     return (
         "The law has a filter that looks back. Analysed with a constant latency of the commands,",
@@ -215,7 +215,7 @@ def steady_steer(vehicle: VehicleModelSettings, gain: float = 1.0) -> SteadyStee
 
 
 def link_of(settings: "LawSettings") -> LinkParams:
-    """Return how the delay is measured."""
+    """Return the parameters of the delay measurement."""
     table = settings.link
     return LinkParams(
         round(NS_PER_S / settings.rate_hz),
@@ -225,7 +225,7 @@ def link_of(settings: "LawSettings") -> LinkParams:
 
 
 def vehicle_of(settings: "LawSettings") -> VehicleModelSettings:
-    """Return the nominal vehicle, which the settings have checked to be there."""
+    """Return the nominal vehicle; the settings guarantee that there is one."""
     if not isinstance(settings.nominal_model, VehicleModelSettings):
         raise ValueError("the law needs a [nominal_model] of kind 'vehicle'")
     return settings.nominal_model
@@ -339,8 +339,8 @@ def hold_equivalent_type_2(omega_rad_s: float, period_s: float) -> Cascade2:
 def _tustin_factor(factor: Factor, order: int, period_s: float) -> tuple[float, float, float]:
     """Return factor((2/T)(z - 1)/(z + 1)) (z + 1)^order z^(-order), by powers of 1/z.
 
-    Numerator and denominator are cleared with the section's own order and not always with 2: the
-    common factor z + 1 left over would be a cancelled pole on the unit circle.
+    Numerator and denominator are multiplied by the section's own order of (z + 1), not always by
+    order 2: a common factor z + 1 left over would be a cancelled pole on the unit circle.
     """
     c2 = factor.s2 * (2.0 / period_s) ** 2
     c1 = factor.s1 * (2.0 / period_s)
@@ -353,19 +353,19 @@ def _tustin_factor(factor: Factor, order: int, period_s: float) -> tuple[float, 
 
 
 def _two(sections: tuple[Section, ...]) -> Cascade2:
-    """Fill up to two sections."""
+    """Return two sections, the missing ones filled with IDENTITY."""
     first, second = sections + (IDENTITY,) * (2 - len(sections))
     return first, second
 
 
 def _three(sections: tuple[Section, ...]) -> Cascade3:
-    """Fill up to three sections."""
+    """Return three sections, the missing ones filled with IDENTITY."""
     first, second, third = sections + (IDENTITY,) * (3 - len(sections))
     return first, second, third
 
 
 def given(table: _Table | None) -> _Table:
-    """Return a table that the settings have checked to be there for their law."""
+    """Return a table that the settings guarantee for their law."""
     if table is None:
         raise ValueError("the law needs a table that the settings do not have")
     return table

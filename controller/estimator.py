@@ -1,4 +1,4 @@
-"""Kalman filter for the vehicle and what disturbs it, by the number of the plant's sample.
+"""Kalman filter for the vehicle and its disturbances, stepped by the plant's sample numbers.
 
 State: side slip β, yaw rate r, heading error Δψ and lateral error y of SAE 2018-01-1086 (1), and
 
@@ -9,13 +9,14 @@ State: side slip β, yaw rate r, heading error Δψ and lateral error y of SAE 2
     x[k+1] = F x[k] + G u[k],   (y, Δψ)[k] = H x[k]      sampled at the sensors' period
     x ← x + K ((y, Δψ) - H x)                            where the sample's LATERAL_ERROR came
 
-with the gain K at which the filter settles, from ``controller.predictor_design`` for each speed;
-u[k] is what the plant has said it applied from sample k to k + 1: the command that the echo names,
-and where the steering overrules it (hold, fallback, limits) the angle of the wheel, which without a
-lag is the input itself and behind one lags twice, for as long as that lasts. A measurement is used
-at the sample it was taken at: the filter stays at the newest sample of which both measurement and
-echo are known or lost for good, and runs on from there, at every tick anew, through what has come
-early.
+K is the steady-state gain of the filter, from ``controller.predictor_design`` for each speed. u[k]
+is what the plant reported as applied from sample k to k + 1: the command named by the echo, or the
+wheel angle while the steering overrules commands (hold, fallback, limits). Without an actuator lag
+the wheel angle is the input itself; with one, it is lagged twice for as long as that lasts.
+
+A measurement is used at the sample at which it was taken. The filter stays at the newest sample
+whose measurement and echo are both known or definitely lost. From there it runs ahead, anew at
+every tick, through data that arrived early.
 """
 
 from typing import NamedTuple
@@ -24,13 +25,13 @@ from .law_interface import History, Link
 from .link import LinkParams
 
 STARTS_ANEW_AFTER = 256
-"""Samples without an echo and a measurement, after which what was known of the vehicle is old."""
+"""Samples without an echo and a measurement after which the estimate is discarded."""
 
 
 class VehicleGains(NamedTuple):
     """F, G and K at one speed, by row and column; and the feedback, zeros where there is none.
 
-    Entries of F that are 0 or 1 for every vehicle are not here.
+    Entries of F that are 0 or 1 for every vehicle are omitted.
     """
 
     beta_beta: float
@@ -93,12 +94,12 @@ class EstimatorState(NamedTuple):
 
 
 def estimator_at_rest(lateral_error_m: float) -> EstimatorState:
-    """Return the estimate of a vehicle that stands beside its path, at no sample yet."""
+    """Return the estimate of a vehicle at rest beside its path, before the first sample."""
     return EstimatorState(-1, 0.0, 0.0, 0.0, lateral_error_m, 0.0, 0.0, 0.0)
 
 
 def model_step(g: VehicleGains, x: EstimatorState, command_rad: float) -> EstimatorState:
-    """Return the state one sample later, after a mean command of ``command_rad`` till then."""
+    """Return the state one sample later, with a mean command of ``command_rad`` in between."""
     sample, beta, r, psi, y, rho, d, delta = x
     return EstimatorState(
         sample + 1,
@@ -132,7 +133,7 @@ def model_step(g: VehicleGains, x: EstimatorState, command_rad: float) -> Estima
 def correction_step(
     g: VehicleGains, x: EstimatorState, lateral_error_m: float, heading_error_rad: float
 ) -> EstimatorState:
-    """Return the state after a measurement of its sample."""
+    """Return the state corrected by the measurement of its sample."""
     sample, beta, r, psi, y, rho, d, delta = x
     e_y, e_psi = lateral_error_m - y, heading_error_rad - psi
     return EstimatorState(
@@ -153,7 +154,7 @@ def sent_at(history: History, tick: int) -> float:
 
 
 def _acting_at(history: History, index: int) -> float:
-    """Return what the wheel was told at a sample [rad]; ``index`` is the sample's, masked."""
+    """Return the wheel's input at a sample [rad]; ``index`` is the sample's, masked."""
     if history.is_overruled[index]:
         return history.wheel_rad[index]
     return sent_at(history, history.applied_tick[index])
@@ -169,7 +170,7 @@ def command_from(p: LinkParams, link: Link, history: History, sample: int) -> fl
         tick, tick_after = history.applied_tick[before], history.applied_tick[after]
         if tick == tick_after:
             return sent_at(history, tick)
-        # When between the two samples it changed is not known.
+        # The time of the change between the two samples is unknown.
         return 0.5 * (sent_at(history, tick) + sent_at(history, tick_after))
     earliest = history.applied_tick[link.echo_sample & mask] if link.echo_sample >= 0 else -1
     begin = (sample * p.sensor_period_ns - link.delay_ns) / p.period_ns
@@ -181,7 +182,7 @@ def _mean_command(
 ) -> float:
     """Return the mean over ``begin`` to ``begin + length``, in periods of the controller.
 
-    A command older than ``earliest`` is in effect no more, one newer than ``latest`` is not sent.
+    A command older than ``earliest`` is no longer in effect; one newer than ``latest`` is not sent.
     """
     tick, position, total = int(begin // 1.0), begin, 0.0
     while position < begin + length:
@@ -194,7 +195,7 @@ def _mean_command(
 def estimate_to(
     p: LinkParams, g: VehicleGains, x: EstimatorState, link: Link, history: History, sample: int
 ) -> EstimatorState:
-    """Return the estimate at ``sample``, with what has been measured on the way to it."""
+    """Return the estimate at ``sample``, using the measurements up to it."""
     while x.sample < sample:
         x = model_step(g, x, command_from(p, link, history, x.sample))
         index = x.sample & history.sample_mask
@@ -206,7 +207,7 @@ def estimate_to(
 
 
 def start_estimate(x: EstimatorState, link: Link, history: History) -> EstimatorState:
-    """Return the state to go on from: a new one where there is none yet, or an old one only."""
+    """Return the state to continue from; a new one if there is none or it is too old."""
     known = min(link.error_sample, link.echo_sample)
     if x.sample >= 0 and known - x.sample <= STARTS_ANEW_AFTER:
         return x

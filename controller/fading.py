@@ -1,6 +1,6 @@
-"""A steer that fades where it would jump, because what it was made from has gone stale or is back.
+"""A steer that fades instead of jumping when its input becomes stale or comes back.
 
-On either change the difference to the steer before is added, and is taken off step by step.
+On either change the difference to the previous steer is added, and then reduced step by step.
 """
 
 from typing import NamedTuple
@@ -9,7 +9,7 @@ from .limits import ramp_step
 
 
 class Fading(NamedTuple):
-    """The steer given last, whether what it is made from was stale, and what is left to fade."""
+    """The last steer, whether its input was stale, and the difference still to fade."""
 
     steer_rad: float
     is_stale: bool

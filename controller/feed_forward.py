@@ -1,4 +1,4 @@
-"""Curvature feed-forward from the map: adds to any law the steer that holds the curve by itself.
+"""Curvature feed-forward from the map: adds to any law the steady-state steer of the curve.
 
     u = u_law + ρ (L + K_us V²)          K_us = m̃ (c_r l_r - c_f l_f)/(c_f c_r L)
 
@@ -7,15 +7,16 @@
     L     wheelbase_m             l_f + l_r                                               [m]
     K_us  understeer_s2_m         of the nominal vehicle                                  [s²/m]
 
-the steady state of SAE 2018-01-1086 (1) on a circle. Not in paper. The map tells the curvature of
-here and now, so the steer comes late by the latency of both directions. When VEHICLE_STATE is stale
-the curve may be over: the steer fades out, and when it is back, fades in.
+This is the steady state of SAE 2018-01-1086 (1) on a circle. Not in paper. The map gives the
+curvature at the present position, so the steer acts late by the latency of both directions. When
+VEHICLE_STATE is stale the curve may be over: the steer fades out, and fades in when the message is
+back.
 
-An observer must not see this steer. Curve and feed-forward cancel, and what is left is the law's
-own; from the whole command the DOB of (9) would find the curve as a disturbance all the same, take
-it out a second time, and leave the vehicle beside its path by the feed-forward divided by K_p. So
-the law is told its own part of the command that was sent. (The Smith predictor reads what was sent
-from the history: it predicts what the commands on their way will do, whatever they are for.)
+An observer must not see this steer. Curve and feed-forward cancel each other, which leaves the
+law's own part. From the whole command, the DOB of (9) would estimate the curve as a disturbance,
+compensate it a second time, and leave the vehicle beside its path by the feed-forward divided by
+K_p. So the law receives only its own part of the command that was sent. (The Smith predictor reads
+the whole command from the history, because it predicts the effect of all commands in transit.)
 """
 
 from collections.abc import Callable
@@ -36,7 +37,7 @@ class SteadySteer(NamedTuple):
 class FeedForwardParams(NamedTuple):
     """Parameters of the law inside, and of the steer added to it.
 
-    ``fade_step_rad``  how much of a curve that is not known any more fades in one period
+    ``fade_step_rad``  largest step per period of the fading while VEHICLE_STATE is stale
     """
 
     law: Any
@@ -62,7 +63,7 @@ def curve_steer(p: SteadySteer, vehicle: VehicleReading) -> float:
 
 
 def curve_step(p: SteadySteer, fade_step_rad: float, x: Fading, vehicle: VehicleReading) -> Fading:
-    """Advance the steer for the curve by one period: what is stale fades out."""
+    """Advance the steer for the curve by one period; it fades out while the message is stale."""
     wanted_rad = 0.0 if vehicle.is_stale else curve_steer(p, vehicle)
     return fading_step(fade_step_rad, x, wanted_rad, vehicle.is_stale)
 
@@ -70,14 +71,14 @@ def curve_step(p: SteadySteer, fade_step_rad: float, x: Fading, vehicle: Vehicle
 def feed_forward_at_rest(
     law_at_rest: Callable[[float], Any], lateral_error_m: float
 ) -> FeedForwardState:
-    """Return the state around a law's after a constant lateral error [m], no curve known yet."""
+    """Return the state, with the law's, after a constant lateral error [m]; no curve known yet."""
     return FeedForwardState(law_at_rest(lateral_error_m), NO_STEER)
 
 
 def feed_forward_step(
     law_step: LawStep, p: FeedForwardParams, x: FeedForwardState, seen: LawInput
 ) -> tuple[FeedForwardState, LawOutput]:
-    """Advance the law inside by one period, whose step is ``law_step``, and add the curve."""
+    """Advance the inner law by one period with ``law_step``, and add the steer for the curve."""
     own_rad = seen.sent_steer_rad - x.curve.steer_rad
     own = LawInput(seen.lateral_error_m, own_rad, seen.vehicle, seen.link, seen.history)
     x_law, output = law_step(p.law, x.law, own)

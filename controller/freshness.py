@@ -1,13 +1,13 @@
-"""How old the newest accepted frame of each message is, beside the age limit of its message.
+"""Compares the age of the newest accepted frame of each message with the message's age limit.
 
-The limits are settings of [supervision]. What follows from a message that is stale:
+The limits are settings of [supervision]. Consequences of a stale message:
 
-    LATERAL_ERROR     HOLDING (``controller.modes``): there is nothing to steer by
-    STEERING_STATUS   the delay is not known any more (``controller.link_memory``); laws that do
-                      not need it go on, since LATERAL_ERROR closes the loop and not to steer any
-                      more would be worse
-    VEHICLE_STATE     as above, and its curvature and yaw rate are not those of now: what a law
-                      makes of them fades out. Its speed, which changes slowly, stays in use
+    LATERAL_ERROR     HOLDING (``controller.modes``): there is no measurement to steer by
+    STEERING_STATUS   the delay is unknown (``controller.link_memory``). Laws that do not need it
+                      continue: LATERAL_ERROR still closes the loop, and to stop steering would be
+                      worse
+    VEHICLE_STATE     as above. Its curvature and yaw rate are out of date, and the steer that a
+                      law derives from them fades out. Its speed changes slowly and stays in use
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ NO_LIMIT_NS = 1 << 62
 
 
 class AgeLimits(NamedTuple):
-    """The age up to which a message is believed to tell of now [ns]."""
+    """The age up to which a message counts as fresh [ns]."""
 
     lateral_error_ns: int
     steering_status_ns: int

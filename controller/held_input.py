@@ -1,6 +1,6 @@
-"""What a linear system makes of an input that is held: the exact step from one instant to another.
+"""Response of a linear system to a held input: the exact step from one instant to another.
 
-Design time only, and without scipy, which is not for live programs.
+Design time only, and without scipy, which live programs do not import.
 """
 
 from math import factorial, frexp
@@ -10,13 +10,13 @@ import numpy as np
 from .matrix_arithmetic import Matrix, product
 
 _BLOCKS = 5
-"""Of four terms of the series each: with a norm of at most 1/2 what is left out is below 1e-24."""
+"""Blocks of four terms of the series: for a norm of at most 1/2 the remainder is below 1e-24."""
 
 
 def held_over(a: Matrix, b: Matrix, time_s: float | Matrix) -> tuple[Matrix, Matrix]:
-    """Return e^(At), and what a unit input during t adds to the state.
+    """Return e^(At), and the response of the state to a unit input during t.
 
-    A (..., n, n) and b (..., n) may be stacks of systems, or t of times, shape (...).
+    A (..., n, n) and b (..., n) may be stacks of systems, and t a stack of times, shape (...).
     """
     order = b.shape[-1]
     both = np.zeros((*a.shape[:-2], order + 1, order + 1))

@@ -2,14 +2,14 @@
 
     u = u_law - C (0 - y) - (K_p y + K_d ẏ),     ẏ = V β + l_s r + V Δψ
 
-The law runs as it is; of what its C(s) makes of the measured error, the derivative is replaced by
-that of the filter (``controller.estimator``) at its newest sample, without any prediction. The
-CDOB's compensation, which has no noise to speak of, stays with the filtered difference. The
-observers see the command that was sent, as always.
+The law itself is unchanged. In the response of its C(s) to the measured error, the derivative is
+replaced by that of the filter (``controller.estimator``) at its newest sample, without prediction.
+The CDOB's compensation has hardly any noise and keeps the filtered difference. As always, the
+observers see the command that was sent.
 
-While the filter is not told which commands act, as before the first echo or when echoes stop, and
-till it has settled after that, the filtered difference is back. The difference between the two
-fades out.
+Without echoes the filter does not know which commands act. Before the first echo, when echoes stop,
+and until the filter has settled afterwards, the filtered difference is used. At each change the
+difference between the two fades out.
 """
 
 from collections.abc import Callable
@@ -35,7 +35,7 @@ class DerivativeParams(NamedTuple):
 
     ``pd``             C(z) of the law
     ``fade_step_rad``  how much of a difference between the two derivatives fades in one period
-    ``settling_samples``  how many samples the filter needs, from its start or a gap in the echoes
+    ``settling_samples``  samples until the filter has settled after its start or a gap in echoes
     """
 
     gains: VehicleGains
@@ -52,8 +52,8 @@ class DerivativeParams(NamedTuple):
 class DerivativeState(NamedTuple):
     """State of the derivative.
 
-    ``settled_sample``  from this sample on the filter is believed
-    ``correction_rad``  what has been added last
+    ``settled_sample``  from this sample on the filter is used
+    ``correction_rad``  last correction of the command
     """
 
     estimate: EstimatorState

@@ -2,25 +2,26 @@
 
     z(t) ≈ g x(t - L) + c        for every lag L of a grid, over a window that forgets as e^(-t/τ)
 
-    J(L) = Σ (z - c)² (1 - ncc(L)²)      what the best g and c leave
+    J(L) = Σ (z - c)² (1 - ncc(L)²)      the residual with the best g and c
 
-so the least J is the largest normalised cross-correlation ncc. With the sums Σx, Σx², Σxz of each
-lag, and Σz, Σz² of all, one more pair of values costs three multiplications a lag, whatever the
-window. The parabola through the least J and its neighbours gives the lag between two of the grid,
-and how much the data say about it: I = J''/2, the information.
+so J is least where the normalised cross-correlation ncc is largest. With the sums Σx, Σx², Σxz of
+each lag, and Σz, Σz² common to all, one more pair of values costs three multiplications per lag,
+whatever the window. The parabola through the least J and its neighbours gives the lag between two
+points of the grid, and the information in the data: I = J''/2.
 
-How far off the lag may be follows from the residual e where the response is most sensitive to it:
+The error of the lag follows from the residual e where the response is most sensitive to the lag:
 
     score = Σ e g x'        over blocks of 0.25 s
     σ² = Σ scores² / I² · n/(n - 2)
 
-which holds for residuals of any colour that forget within a block. n is the number of blocks that
-the information comes from, 1 if it all comes from one. Where they are few, as after a single swift
-turn of the wheel, and wherever it is less, σ is 2 √(J/I): twice what the residual could shift the
-lag by if it went all along with the sensitivity, as g, c and L have taken a part of it away.
+This holds for residuals of any colour that decorrelate within a block. n is the number of blocks
+that the information comes from, 1 if it all comes from one. Where blocks are few, as after a single
+swift turn of the wheel, and wherever it is less, σ is 2 √(J/I). That is twice the shift of the lag
+by a residual that is fully correlated with the sensitivity; the factor of two allows for the part
+of the residual that the fit of g, c and L has removed.
 
-Written after openpilot's lag estimator in its idea (windowed, masked, normalised, between two
-samples by a parabola), not in its arithmetic, which is a transform over the whole window.
+The idea is that of openpilot's lag estimator (windowed, masked, normalised, a parabola between
+samples). The arithmetic differs: openpilot uses a transform over the whole window.
 """
 
 import math
@@ -30,21 +31,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 Values: TypeAlias = NDArray[np.float64]
-"""One of each lag."""
+"""One value per lag."""
 BLOCK_S = 0.25
 LEAD = 2
-"""How many steps of the grid lie before lag 0, so that a peak there has neighbours."""
+"""Steps of the grid before lag 0, so that a peak at 0 has neighbours."""
 _BLOCKS_MIN = 4.0
 _PAIRS_MIN = 50.0
-"""Pairs below which three numbers fitted leave too little to judge them by."""
+"""With fewer pairs, the fit of three parameters leaves too little data to judge it."""
 _WAITING_MAX = 50
-"""Pairs that wait to be taken together: numpy costs little more for all lags than for one."""
+"""Pairs processed at once: numpy costs little more for all lags than for one."""
 
 
 class LagGrid(NamedTuple):
     """The lags from ``-LEAD`` to ``lags - LEAD - 1`` steps.
 
-    ``step_s``    between two lags, and between two pairs of values [s]
+    ``step_s``    time between two lags, and between two pairs of values [s]
     ``window_s``  time constant of forgetting [s]
     """
 
@@ -54,14 +55,14 @@ class LagGrid(NamedTuple):
 
 
 class Peak(NamedTuple):
-    """Where the response fits best.
+    """The best fit of the response.
 
-    ``lag_s``        [s]
-    ``deviation_s``  standard deviation of it [s]
+    ``lag_s``        lag of the best fit [s]
+    ``deviation_s``  its standard deviation [s]
     ``gain``         g
     ``correlation``  ncc at the grid's best lag
-    ``slack_s``      residual beside sensitivity, both RMS: what a residual that goes all along with
-                     the sensitivity would shift the lag by [s]
+    ``slack_s``      RMS residual over RMS sensitivity: the shift of the lag by a residual that is
+                     fully correlated with the sensitivity [s]
     ``age_s``        mean age of the information [s]; about ``window_s`` when it comes evenly
     """
 
@@ -74,7 +75,7 @@ class Peak(NamedTuple):
 
 
 class LagFit:
-    """Takes pairs of command and response, ``grid.step_s`` apart; finds their lag."""
+    """Finds the lag between command and response from pairs of values ``grid.step_s`` apart."""
 
     def __init__(self, grid: LagGrid) -> None:
         self._grid = grid
@@ -97,7 +98,7 @@ class LagFit:
         self._scores = self._parts = self._parts_squared = self._ages = 0.0
 
     def push(self, command: float, response: float, *, counts: bool) -> None:
-        """Take a pair of values; one that does not count takes its place in time only."""
+        """Add a pair of values; one that does not count only advances the time."""
         self._x.insert(0, command)
         self._late_z.append(response)
         if len(self._late_z) > LEAD:
@@ -108,7 +109,7 @@ class LagFit:
             self._take_pairs()
 
     def peak(self) -> Peak | None:
-        """Return where the response fits best, None where that is nowhere inside the grid."""
+        """Return the best fit of the response, None if there is none inside the grid."""
         self._take_pairs()
         if self._weight < _PAIRS_MIN:
             return None
@@ -141,7 +142,7 @@ class LagFit:
         )
 
     def _take_pairs(self) -> None:
-        """Take the pairs that wait, all lags of one at once."""
+        """Process the waiting pairs, all lags of a pair at once."""
         keep, lags = self._keep, self._grid.lags
         x = np.array(self._x)
         xx = x * x
@@ -173,7 +174,7 @@ class LagFit:
         return np.where(fits, total - explained, total), products
 
     def _take_score(self, at: tuple[int, float, float, float], begin: int, z: float) -> None:
-        """Book the residual on its block; ``begin`` is where the pair's own command is."""
+        """Add the residual to its block; ``begin`` is the index of the pair's own command."""
         best, part, gain, offset = at
         low = best if part >= 0.0 else best - 1
         weight = part if part >= 0.0 else part + 1.0

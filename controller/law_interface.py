@@ -1,12 +1,12 @@
-"""What a law is told at one control tick, and what it answers.
+"""Input and output of a law at one control tick.
 
-Two clocks run side by side and never need to be compared: the controller counts its control
-periods (*tick*), the plant counts its samples (*sample*, by the E2E counter that LATERAL_ERROR and
-STEERING_STATUS of one sample share). ``History`` is kept by these numbers, so that a measurement is
-used at the time it was taken and a command at the time it was seen to act, however late either
-came. All of it is plain floats and integers, in lists live and in arrays in batches.
+There are two clocks, which never need to be compared. The controller counts its control periods
+(*tick*). The plant counts its samples (*sample*, by the E2E counter that LATERAL_ERROR and
+STEERING_STATUS of one sample share). ``History`` is indexed by these numbers. A measurement is
+therefore used at the time it was taken, and a command at the time it took effect, however late the
+frames arrived. All values are plain floats and integers: lists in a live run, arrays in batches.
 
-Most laws use the first two fields only.
+Most laws use only the first two fields of ``LawInput``.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from typing import NamedTuple
 class VehicleReading(NamedTuple):
     """The newest VEHICLE_STATE; zeros before the first.
 
-    ``is_stale``  whether yaw rate and curvature are too old to be taken for those of now
+    ``is_stale``  whether yaw rate and curvature are too old to be used
     """
 
     speed_m_s: float
@@ -26,12 +26,12 @@ class VehicleReading(NamedTuple):
 
 
 class Link(NamedTuple):
-    """How commands and measurements travel, as far as the wire has shown it.
+    """Transmission of commands and measurements, as observed on the bus.
 
     ``tick``           number of this control period
     ``error_sample``   number of the newest lateral error, -1 before the first
     ``echo_sample``    number of the newest sample with an echo, -1 before the first
-    ``delay_ns``       from a tick to the sample, each by its clock, at which its command acts [ns]
+    ``delay_ns``       from a tick to the sample at which its command acts, each by its clock [ns]
     ``is_measured``    whether STEERING_STATUS and VEHICLE_STATE are both fresh
     """
 
@@ -43,15 +43,16 @@ class Link(NamedTuple):
 
 
 class History(NamedTuple):
-    """What was sent, by tick, and what was measured, by sample.
+    """Sent commands by tick, and measurements by sample.
 
-    Entry ``number & mask`` belongs to a number: live these are rings, in batches whole runs.
+    The value of a number is at index ``number & mask``. In a live run the arrays are rings; in
+    batches they hold the whole run.
 
     ``sent_rad``         the command of a tick [rad]
-    ``lateral_error_m``  of a sample; not to be read where ``has_error`` is not true
+    ``lateral_error_m``  of a sample; valid only where ``has_error`` is true [m]
     ``applied_tick``     the tick whose command was in effect at a sample, -1 for none
-    ``is_overruled``     whether the steering led the wheel elsewhere at a sample than its command
-    ``wheel_rad``        where it was then; not to be read where ``is_overruled`` is not true [rad]
+    ``is_overruled``     whether the steering overruled the command at a sample
+    ``wheel_rad``        wheel angle at that sample; valid only where ``is_overruled`` is true [rad]
     """
 
     tick_mask: int
@@ -71,10 +72,10 @@ NO_HISTORY = History(0, 0, (0.0,), (0.0,), (0.0,), (False,), (-1,), (False,), (0
 
 
 class LawInput(NamedTuple):
-    """What a law is told.
+    """Input of a law.
 
     ``lateral_error_m``  the newest measurement [m]
-    ``sent_steer_rad``   the command of the previous period as it left, after limits [rad]
+    ``sent_steer_rad``   the command sent in the previous period, after limits [rad]
     """
 
     lateral_error_m: float
@@ -85,7 +86,7 @@ class LawInput(NamedTuple):
 
 
 class LawOutput(NamedTuple):
-    """What a law decides in one period, and what it believes; what a law lacks stays 0."""
+    """Command and internal estimates of a law in one period; estimates a law lacks stay 0."""
 
     steer_rad: float  # before limits
     disturbance_rad: float  # d̂ of the DOB

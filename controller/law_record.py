@@ -1,7 +1,7 @@
-"""The record that a law is: all that the rest of the program knows of it.
+"""The record of a law: all that the rest of the program knows of it.
 
-A law is one module that ends with its record. ``controller.laws`` finds the module, the settings,
-the node, ``--check`` and the compiled runs follow from the record.
+A law is one module that ends with its record, and ``controller.laws`` finds the module. Settings,
+node, ``--check`` and compiled runs use only the record.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ class Schedule(NamedTuple):
 
 
 class Fallback(NamedTuple):
-    """The law that another one becomes, and when, in words."""
+    """The law that takes over from another one, and a text that describes when."""
 
     law: str
     when: str
@@ -34,7 +34,7 @@ class LookingBack(NamedTuple):
     """How ``--check`` analyses a law that is linear only while the latency is constant.
 
     ``opening``, ``closing``  lines before and after the analysis
-    ``state_period_ns``  from one VEHICLE_STATE to the next; None: the law does not read it
+    ``state_period_ns``  period of VEHICLE_STATE [ns]; None: the law does not read it
     ``request_periods``  control periods after which the law repeats itself
     """
 
@@ -51,19 +51,19 @@ class Law(NamedTuple):
     ``step``      ``step(params, state, LawInput) -> (state, LawOutput)``: one control period
     ``at_rest``   state after a constant lateral error [m] and no steering, from the params
     ``design``    params from the settings; a ``Schedule`` where they depend on the speed
-    ``number``    on the wire
+    ``number``    its code on the bus
     ``settings``  model of the law's own table, which is named after the law
-    ``needs``     tables of other names that the law cannot do without
+    ``needs``     other tables that the law requires
     ``needs_vehicle``    whether [nominal_model] has to be of kind 'vehicle'
     ``cutoffs``          keys of its own table that have to be below the Nyquist frequency
     ``looks_back``       whether the law reads more than the first two fields of its ``LawInput``;
-                         where it does not, nothing is remembered of the wire
+                         if not, no history of the bus is kept
     ``takes_derivative`` whether the law feeds the lateral error through C(s) of [pd], whose
                          derivative may then be the Kalman filter's
     ``feed_forward_refusal``  why [feed_forward] must not be added; empty: it may be
-    ``commands_read``    of a law that is linear, from the lateral error and its own last commands
-                         alone: how many of these it reads, from the params; None: not linear
-    ``looking_back``     of a law that is linear at a constant latency: its analysis
+    ``commands_read``    for a law that is linear in the lateral error and its own last commands:
+                         returns the number of these commands from the params; None: not linear
+    ``looking_back``     analysis of a law that is linear at a constant latency only
     ``after_hold``       state after a hold, from the params, the state before the hold and the
                          lateral error now [m]; None: the law starts anew
     """
@@ -85,5 +85,5 @@ class Law(NamedTuple):
 
 
 def last_command(_params: Any) -> int:
-    """Return how many commands a law reads that reads ``sent_steer_rad`` only."""
+    """Return the number of commands that a law reads if it reads ``sent_steer_rad`` only."""
     return 1

@@ -1,8 +1,8 @@
-"""Runs the law, at its own pace: its parameters and state, and how its commands are faded in.
+"""Runs the law: keeps its parameters and state, and fades its commands in.
 
-On recovery the law starts anew, at rest at the present measurement. What it then asks for differs
-from the command that was held; the difference is added to its commands and fades out at the ramp
-rate, so that the first command equals the last one held. The law is given what was sent, as always.
+On recovery the law starts anew, at rest at the present measurement. Its first command differs from
+the held one. The difference is added to its commands and fades out at the ramp rate, so that the
+first command equals the last one held. As always, the law's input is the command that was sent.
 """
 
 from math import isfinite
@@ -18,16 +18,16 @@ from .received import Received
 from .settings import ControllerSettings, age_limits_of
 
 FAILURES_MAX = 1
-"""Outputs that are no number: the law is held and started anew once, and not trusted again."""
+"""Restarts of a law after an output that is not finite; one more failure stops it for good."""
 
 
 class LawRunner:
-    """Holds the law and what it remembers.
+    """Holds the law, its state and its memory.
 
     ``design``    the law
-    ``memory``    commands, measurements and echoes, of a law that looks back; None for others
-    ``output``    of its newest step that gave a number
-    ``failures``  how often its output was no finite number
+    ``memory``    commands, measurements and echoes for a law that looks back; None for others
+    ``output``    newest finite output
+    ``failures``  how often its output was not finite
     """
 
     def __init__(self, settings: ControllerSettings, ramp_step_rad: float) -> None:
@@ -46,27 +46,27 @@ class LawRunner:
 
     @property
     def is_distrusted(self) -> bool:
-        """Whether it has failed once more after it had been started anew."""
+        """Whether the law has failed again after its restart."""
         return self.failures > FAILURES_MAX
 
     def on_speed(self, speed_m_s: float) -> None:
-        """Schedule the law on a speed."""
+        """Set the law's parameters for a speed."""
         if self.design.params_at is not None and speed_m_s != self._speed_m_s:
             self._speed_m_s = speed_m_s
             self._params = self.design.params_at(speed_m_s)
 
     def start(self, before: Mode, lateral_error_m: float) -> None:
-        """Prepare for becoming ACTIVE after another mode: some laws go on after a hold."""
+        """Prepare for ACTIVE after another mode; some laws continue after a hold."""
         recovered = self.design.recovered_state
         if recovered is None or before is not Mode.HOLDING or self._state is None:
             self._state = self.design.initial_state(lateral_error_m)
         else:
             self._state = recovered(self._state, lateral_error_m)
-        # Before the first command nothing is held that the law would have to continue from.
+        # Before the first command there is no held command to continue from.
         self._fade_rad = 0.0 if before is Mode.WAITING else None
 
     def run(self, received: Received, sent_rad: float, period: int, now_ns: int) -> float | None:
-        """Advance by one period; returns the command [rad], None where the law gives no number."""
+        """Advance by one period; returns the command [rad], None if it is not finite."""
         link, history, memory = NO_LINK, NO_HISTORY, self.memory
         if memory is not None:
             link, history = memory.link(period, now_ns), memory.history
@@ -84,5 +84,5 @@ class LawRunner:
             if isfinite(command_rad):
                 return command_rad
         self.failures += 1
-        self._state = None  # nothing that a recovery could go on from
+        self._state = None  # nothing that a recovery could continue from
         return None

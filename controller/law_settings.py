@@ -1,6 +1,6 @@
 """Settings of the control laws: which law runs, and the tables it is designed from.
 
-Anything a filter could not be built from is refused here, naming the key.
+Values from which no filter can be built are refused here, naming the key.
 """
 
 import json
@@ -40,7 +40,7 @@ _OwnTable = TypeVar("_OwnTable", bound=Settings)
 
 
 def find_law(name: str) -> Law:
-    """Return the law of a name, ours or another package's; raises NoLawError."""
+    """Return the law with this name, ours or another package's; raises NoLawError."""
     return LAWS[name] if name in LAWS else find_own_law(name)
 
 
@@ -52,7 +52,7 @@ def _known_law(name: Any) -> Any:
 
 
 def _own_table(value: Any, info: ValidationInfo) -> Settings | None:
-    """Return [own_law] as the law's own model has it."""
+    """Return [own_law] validated by the law's own model."""
     name = info.data.get("law")
     kind = None if name is None or name in LAWS else find_law(name).settings
     if kind is None:
@@ -75,7 +75,7 @@ LawName = Annotated[
 
 
 class _SharedTables(Settings):
-    """What the settings of every law begin with."""
+    """Settings that all laws share."""
 
     law: LawName
     rate_hz: Annotated[float, Field(ge=10.0, le=1000.0)] = 100.0
@@ -89,7 +89,7 @@ if TYPE_CHECKING:
     class _TablesOfLaws(_SharedTables):
         pass
 
-else:  # a field for each law that has a table, called as the law
+else:  # a field for each law that has a table, named after the law
     _TablesOfLaws = create_model(
         "_TablesOfLaws",
         __base__=_SharedTables,
@@ -102,14 +102,14 @@ else:  # a field for each law that has a table, called as the law
 
 
 class LawSettings(_TablesOfLaws):
-    """What ``controller.design`` needs; a law's tables may be left out where the law has no use."""
+    """Settings for ``controller.design``; tables that the law does not use may be omitted."""
 
     own_law: Annotated[
         SerializeAsAny[Settings] | None,
         PlainValidator(_own_table),
         WithJsonSchema({"type": "object"}),
     ] = Field(default=None, validate_default=True)
-    """Of a law of another package, whose model is in its record."""
+    """Table of a law from another package; the law's record contains its model."""
     feed_forward: FeedForwardSettings | None = None
     estimator: EstimatorSettings = EstimatorSettings()
     link: LinkSettings = LinkSettings()
@@ -144,7 +144,7 @@ class LawSettings(_TablesOfLaws):
 
     @classmethod
     def json_schema_for(cls, data: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the JSON schema, in it that of the own law which the data name."""
+        """Return the JSON schema, including that of the own law named in the data."""
         schema = cls.model_json_schema()
         try:
             kind = find_law(str(data.get("law"))).settings
@@ -197,7 +197,7 @@ class LawSettings(_TablesOfLaws):
         return self
 
     def _cutoffs_rad_s(self) -> dict[str, float | None]:
-        """Return every cutoff by its key [rad/s]; None where it is left out."""
+        """Return every cutoff by its key [rad/s]; None where it is omitted."""
         cutoffs = {"pd.derivative_filter_rad_s": self.pd.derivative_filter_rad_s}
         if self.dob is not None:
             cutoffs["dob.q_cutoff_rad_s"] = self.dob.q_cutoff_rad_s

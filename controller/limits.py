@@ -1,10 +1,10 @@
-"""What every steering command passes before it is sent, whatever the law says.
+"""Limits on angle and rate that every steering command passes before it is sent, under any law.
 
     lo = max(−steer_rad_max, last − step_rad_max)
     hi = min(+steer_rad_max, last + step_rad_max)      step_rad_max = rate limit · period
 
-A command that the law could not compute (NaN, ±∞) never leaves: the last one is kept, and the node
-counts it and falls back to HOLDING. The step functions are plain arithmetic on floats.
+A command that is not finite (NaN, ±∞) is never sent: the last one is kept, and the node counts the
+failure and falls back to HOLDING. The step functions are plain arithmetic on floats.
 """
 
 import math

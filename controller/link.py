@@ -1,4 +1,4 @@
-"""What travels between controller and plant, and how long it takes, from counters alone.
+"""The delay between controller and plant, measured from counters alone.
 
 The plant echoes in STEERING_STATUS the number of the command it applies, and STEERING_STATUS and
 LATERAL_ERROR of one sample share their E2E counter. So each echo pairs a sample of the plant with a
@@ -6,15 +6,16 @@ tick of the controller:
 
     offset = sample · sensor period - tick · control period
 
-of the command in effect. It holds the latency down, the age of a command that is held, and how far
-the two clocks are apart, which need not be known: whoever predicts from a sample to where a command
-will act needs this sum and nothing else. The latency up, jitter and the order of arrival have no
-part in it.
+of the command in effect. The offset is the sum of the downlink latency, the age of the held
+command, and the difference of the two clocks. The parts need not be known: to predict from a sample
+to the time at which a command acts takes only the sum. The uplink latency, jitter and the order of
+arrival do not affect it.
 
     delay = mean of the offsets - control period/2
 
-since a command is in effect for a period, and an echo may see any of it. The mean is that of all
-echoes at first and then forgets with a time constant, to follow a network that changes.
+Half a period is subtracted because a command is in effect for a whole period, and the echo may be
+taken at any time in it. The mean is at first that of all echoes; then it forgets with a time
+constant, to follow a network that changes.
 """
 
 from typing import NamedTuple
@@ -24,7 +25,7 @@ _OFFSET_STEP_NS_MAX = 1_000_000_000
 
 
 class LinkParams(NamedTuple):
-    """Periods of the two clocks, and how many echoes the mean remembers."""
+    """Periods of the two clocks, and the number of echoes that the mean covers."""
 
     period_ns: int
     sensor_period_ns: int
@@ -42,7 +43,7 @@ NO_DELAY = DelayState(0, 0.0)
 
 
 def delay_step(p: LinkParams, x: DelayState, sample: int, tick: int) -> DelayState:
-    """Take an echo: at ``sample`` the command of ``tick`` was in effect; -1 is none at all."""
+    """Process an echo: the command of ``tick`` was in effect at ``sample``; tick -1: none was."""
     if tick < 0:
         return x
     offset_ns = float(sample * p.sensor_period_ns - tick * p.period_ns)
@@ -54,10 +55,10 @@ def delay_step(p: LinkParams, x: DelayState, sample: int, tick: int) -> DelaySta
 
 
 def delay_of(p: LinkParams, x: DelayState, echo_sample: int) -> float:
-    """Return the delay that the echoes have shown [ns]; ``echo_sample`` is the newest.
+    """Return the delay measured by the echoes [ns]; ``echo_sample`` is the newest.
 
-    While there are echoes but no command in them, the command of tick 0 acts after that sample at
-    the earliest.
+    While no echo has named a command yet, the command of tick 0 acts after that sample at the
+    earliest.
     """
     if x.echoes == 0:
         return float((echo_sample + 1) * p.sensor_period_ns)

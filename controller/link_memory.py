@@ -1,11 +1,11 @@
-"""What the controller remembers of the wire for laws that look back: by tick, and by sample.
+"""History of the bus for laws that look back: sent by tick, measured by sample.
 
-The E2E counters are unwrapped to numbers of samples: the number nearest to where the clock expects
-it, so that a gap longer than the counter's round, or a sender that starts anew, is bridged.
+E2E counters are unwrapped to sample numbers. The number nearest to the one expected by the clock is
+taken, so that a gap longer than the counter's range and a restart of the sender are bridged.
 
-Three steps take what was received or sent, ``link_at`` gives what follows for a control period; all
-write the numbered values into ``Rings``, lists live and arrays in batches. ``LinkMemory`` keeps the
-states for a node.
+Three step functions record received and sent values in ``Rings`` (lists in a live run, arrays in
+batches), and ``link_at`` derives the link of a control period. ``LinkMemory`` keeps the states for
+a node.
 """
 
 from collections.abc import Mapping
@@ -20,21 +20,21 @@ from .link import NO_DELAY, DelayState, LinkParams, delay_of, delay_step, unwrap
 from .sensor_rate import NO_RATE, RateState, rate_step
 
 RING_SIZE = 4096
-"""Ticks and samples remembered: 4 s at 1 kHz, and a power of two."""
+"""Number of stored ticks and samples: 4 s at 1 kHz, and a power of two."""
 _MASK = RING_SIZE - 1
 _NO_COMMAND = int(SteeringStatusCode.NO_COMMAND)
 _OVERRULED_FROM = int(SteeringStatusCode.LIMITED_BY_SAFETY)
-"""From this code on the wheel's target is not the command that the echo names."""
+"""From this code on the wheel's target is not the command named by the echo."""
 _IGNORING_FROM = int(SteeringStatusCode.HOLDING)
-"""From this code on the steering was without commands, and may be still: an echo is of the last one
-before, of which it says only how long none has come, or of the first ones after."""
+"""From this code on the steering had no commands, and may still have none. The echo names the last
+command before, whose age shows only how long none has come, or one of the first ones after."""
 
 
 class MemoryParams(NamedTuple):
     """Parameters of the memory.
 
     ``link``    periods and averaging
-    ``limits``  beyond these ages the delay, or the vehicle's speed, is not known
+    ``limits``  age limits of the delay and of the vehicle's speed
     """
 
     link: LinkParams
@@ -42,7 +42,7 @@ class MemoryParams(NamedTuple):
 
 
 class Rings(NamedTuple):
-    """Entry ``number % RING_SIZE`` belongs to a number; see ``History`` for the first seven.
+    """The value of a number is at ``number % RING_SIZE``; see ``History`` for the first seven.
 
     ``command_tick``  the tick that sent a command, by the command's number
     """
@@ -110,9 +110,9 @@ def error_step(
     heading_error_rad: float,
     now_ns: int,
 ) -> Errors:
-    """Keep a measurement at the sample it was taken at; samples lost on the way have none."""
+    """Store a measurement at the sample at which it was taken; lost samples have none."""
     sample = _sample_of(p.link, x, echoes, counter, now_ns)
-    if sample <= x.sample:  # of an earlier sample, or from before the first frame that was heard
+    if sample <= x.sample:  # an earlier sample, or one before the first received frame
         return x
     for lost in range(max(x.sample + 1, sample - RING_SIZE), sample):
         rings.has_error[lost & _MASK] = False
@@ -136,9 +136,9 @@ def echo_step(
     wheel_rad: float,
     now_ns: int,
 ) -> Echoes:
-    """Keep which command was in effect at a sample, and where the wheel was if none acted.
+    """Store the command in effect at a sample, and the wheel angle if no command acted.
 
-    At samples lost on the way it is taken to be what the echo before has said.
+    Lost samples get the values of the previous echo.
     """
     sample = _sample_of(p.link, x, errors, counter, now_ns)
     if sample <= x.sample:
@@ -155,7 +155,7 @@ def echo_step(
     rings.is_overruled[index] = status >= _OVERRULED_FROM
     rings.wheel_rad[index] = wheel_rad
     delay = x.delay
-    if _is_late(p, x, now_ns):  # another network since, or another plant
+    if _is_late(p, x, now_ns):  # network or plant may have changed since
         delay = NO_DELAY
     if status < _IGNORING_FROM:
         delay = delay_step(p.link, delay, sample, tick)
@@ -163,7 +163,7 @@ def echo_step(
 
 
 def command_step(rings: Rings, x: Commands, tick: int, sent_rad: float) -> Commands:
-    """Keep the command of a tick; a skipped one has left the last in force."""
+    """Store the command of a tick; the last command stays in effect over skipped ticks."""
     for skipped in range(max(x.newest_tick + 1, tick - RING_SIZE), tick):
         rings.sent_rad[skipped & _MASK] = rings.sent_rad[x.newest_tick & _MASK]
     rings.sent_rad[tick & _MASK] = sent_rad
@@ -174,7 +174,7 @@ def command_step(rings: Rings, x: Commands, tick: int, sent_rad: float) -> Comma
 def link_at(
     p: MemoryParams, errors: Errors, echoes: Echoes, vehicle_ns: int, tick: int, now_ns: int
 ) -> Link:
-    """Return what is known at a tick; without the vehicle's speed nothing is.
+    """Return the link at a tick; without the vehicle's speed all of it is unknown.
 
     ``vehicle_ns``  when the newest VEHICLE_STATE arrived, -1 for none
     """
@@ -191,7 +191,7 @@ def link_at(
 def _sample_of(
     p: LinkParams, x: Errors | Echoes, other: Errors | Echoes, counter: int, now_ns: int
 ) -> int:
-    """Return the sample of a frame that was accepted; the first of all is taken at its counter."""
+    """Return the sample number of an accepted frame; that of the very first is its counter."""
     if x.sample >= 0:
         expected = x.sample + (now_ns - x.arrival_ns) // p.sensor_period_ns
     elif other.sample >= 0:
@@ -202,7 +202,7 @@ def _sample_of(
 
 
 def _tick_of(rings: Rings, commands: Commands, applied_counter: int, status: int) -> int:
-    """Return the tick whose command is in effect, -1 where it is none or too old to know."""
+    """Return the tick whose command is in effect, -1 if none is or it is no longer stored."""
     if status == _NO_COMMAND or commands.sent == 0:
         return -1
     newest = commands.sent - 1
@@ -213,15 +213,15 @@ def _tick_of(rings: Rings, commands: Commands, applied_counter: int, status: int
 
 
 def _is_late(p: MemoryParams, echoes: Echoes, now_ns: int) -> bool:
-    """Whether the newest echo is too old to say anything of the delay now."""
+    """Whether the newest echo is too old to show the present delay."""
     return echoes.sample >= 0 and now_ns - echoes.arrival_ns > p.limits.steering_status_ns
 
 
 class LinkMemory:
-    """Keeps commands, measurements and echoes for a node.
+    """Stores commands, measurements and echoes for a node.
 
     ``params``  periods and averaging
-    ``limits``  beyond these ages the delay, or the vehicle's speed, is not known
+    ``limits``  age limits of the delay and of the vehicle's speed
     """
 
     def __init__(self, params: LinkParams, limits: AgeLimits) -> None:
@@ -245,17 +245,17 @@ class LinkMemory:
         self.history = history_of(self._rings)
 
     def on_vehicle(self, now_ns: int) -> None:
-        """Note that the vehicle's speed is known."""
+        """Record that the vehicle's speed is known."""
         self._vehicle_ns = now_ns
 
     def on_error(self, error: LateralError, counter: int, now_ns: int) -> None:
-        """Keep a measurement."""
+        """Store a measurement."""
         self._errors = error_step(
             self._params, self._rings, self._errors, self._echoes, counter, *error, now_ns
         )
 
     def on_echo(self, status: SteeringStatus, counter: int, now_ns: int) -> None:
-        """Keep an echo."""
+        """Store an echo."""
         wheel_rad, applied_counter, code = status
         self._echoes = echo_step(
             self._params,
@@ -271,21 +271,21 @@ class LinkMemory:
         )
 
     def on_command(self, period: int, sent_rad: float) -> None:
-        """Keep the command of a control period."""
+        """Store the command of a control period."""
         if self._first_period is None:
             self._first_period = period
         self._commands = command_step(self._rings, self._commands, self._tick(period), sent_rad)
 
     def link(self, period: int, now_ns: int) -> Link:
-        """Return what is known in a control period."""
+        """Return the link in a control period."""
         tick = self._tick(period)
         return link_at(self._params, self._errors, self._echoes, self._vehicle_ns, tick, now_ns)
 
     def sensor_period(self) -> Mapping[str, Any]:
-        """Return how the sensors' period agrees with its setting, ready for JSON.
+        """Return whether the sensors' period agrees with its setting, ready for JSON.
 
-        ``times_wrong``  how often it was found to be another
-        ``measured_s``   what it was then, None where it never was
+        ``times_wrong``  how often a different period was detected
+        ``measured_s``   that period [s], None if there was none
         """
         rate = self._errors.rate
         return {

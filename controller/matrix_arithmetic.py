@@ -1,9 +1,9 @@
 """Products, quotients and powers of small matrices, of + − × ÷ in a fixed order.
 
-What a law is designed from has to have the same bits on every processor. Behind numpy's ``@`` and
-``linalg`` a library adds in an order of its own on each kind; each number here is one operation of
-two others, which IEEE 754 rounds in one way. A stack of matrices, shape (..., n, m), costs hardly
-more than one.
+A law's design must have the same bits on every processor. The library behind numpy's ``@`` and
+``linalg`` adds in a different order on each kind of processor. Here each number results from one
+operation on two others, whose rounding IEEE 754 defines. A stack of matrices, shape (..., n, m),
+costs hardly more than one.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ def transposed(a: Matrix) -> Matrix:
 def quotient(a: Matrix, b: Matrix) -> Matrix:
     """Return A⁻¹ B by elimination with pivots, shapes (n, n) or (..., n, n), and (..., n, m).
 
-    Of a singular A the result is not finite.
+    For a singular A the result is not finite.
     """
     order = a.shape[-1]
     rows = np.concatenate((np.broadcast_to(a, (*b.shape[:-1], order)), b), axis=-1)
@@ -45,7 +45,7 @@ def quotient(a: Matrix, b: Matrix) -> Matrix:
 
 
 def contracts(a: Matrix, squarings: int) -> NDArray[np.bool_]:
-    """Whether A^(2^squarings) or a power before it has norm < 1/2: all eigenvalues are below 1."""
+    """Whether one of ``squarings`` powers A, A², A⁴ ... has norm < 1/2: |eigenvalues| below 1."""
     has_shrunk = np.zeros(a.shape[:-2], dtype=np.bool_)
     for _ in range(squarings):
         has_shrunk |= np.abs(a).sum(axis=-1).max(axis=-1) < 0.5

@@ -1,15 +1,15 @@
 """When the controller may steer, and what it does when measurements stop.
 
     mode        the command sent at each tick
-    WAITING     none: nothing valid was ever measured
+    WAITING     none: there was no valid measurement yet
     ACTIVE      the law's, within the limits
     HOLDING     the last one, unchanged
     SAFE_STOP   the last one ramped to zero, then zero
 
-``TRANSITIONS`` is the whole behaviour: in each mode the first row whose guard is true decides, and
-no true guard means stay. Guards see how old the newest measurement is, how many good ones came in a
-row, whether the law failed, and whether the controller has found a fault in itself, which ends in
-SAFE_STOP for good; the law itself never branches on any of these.
+``TRANSITIONS`` defines the whole behaviour: in each mode the first row with a true guard decides,
+and without a true guard the mode stays. Guards depend on the age of the newest measurement, the
+number of good ones in a row, a failure of the law, and a fault that the controller has detected in
+itself, which leads to SAFE_STOP for good. The law itself never branches on any of these.
 """
 
 from collections.abc import Callable, Mapping
@@ -39,12 +39,12 @@ class ModeState(NamedTuple):
 
 
 class Evidence(NamedTuple):
-    """What a transition depends on besides time.
+    """Conditions of a transition besides time.
 
     ``arrival_ns``   when the newest good measurement arrived, None before the first [ns]
     ``good_run``     good measurements in a row since the last fault
     ``law_failed``   whether the law's output at this tick was not a finite number
-    ``own_fault``    whether the controller cannot be relied on any more
+    ``own_fault``    whether the controller has detected a fault in itself
     """
 
     arrival_ns: int | None
@@ -57,7 +57,7 @@ Guard = Callable[[Supervision, ModeState, Evidence, int], bool]
 
 
 def is_fresh(p: Supervision, _state: ModeState, seen: Evidence, now_ns: int) -> bool:
-    """Whether there is a measurement young enough to steer by."""
+    """Whether there is a measurement recent enough to steer by."""
     return seen.arrival_ns is not None and now_ns - seen.arrival_ns <= p.measurement_timeout_ns
 
 
@@ -67,13 +67,13 @@ def is_stale(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> b
 
 
 def is_trusted(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> bool:
-    """Whether measurements are back, fresh and enough good ones in a row, and no fault is ours."""
+    """Whether measurements are fresh again, enough of them good in a row, without an own fault."""
     is_back = seen.good_run >= p.recovery_frames and is_fresh(p, state, seen, now_ns)
     return is_back and not seen.own_fault
 
 
 def is_at_fault(_p: Supervision, _state: ModeState, seen: Evidence, _now_ns: int) -> bool:
-    """Whether the controller has found a fault in itself."""
+    """Whether the controller has detected a fault in itself."""
     return seen.own_fault
 
 
@@ -83,7 +83,7 @@ def is_held_enough(p: Supervision, state: ModeState, _seen: Evidence, now_ns: in
 
 
 def is_law_failed(_p: Supervision, _state: ModeState, seen: Evidence, _now_ns: int) -> bool:
-    """Whether the law gave no finite command."""
+    """Whether the law's command was not finite."""
     return seen.law_failed
 
 
@@ -115,11 +115,11 @@ _ACTIVE = Mode.ACTIVE
 
 
 class Supervisor:
-    """Keeps the mode, and how many good measurements came in a row.
+    """Keeps the mode, and the number of good measurements in a row.
 
     ``start_ns``  when WAITING begins [ns]
 
-    ``mode``      the mode in force
+    ``mode``      the present mode
     """
 
     def __init__(self, supervision: Supervision, start_ns: int) -> None:
@@ -130,20 +130,20 @@ class Supervisor:
         self._own_fault = False
 
     def on_measurement(self, before_ns: int | None, now_ns: int) -> None:
-        """Note a good measurement; one that comes after a gap starts a new run.
+        """Record a good measurement; one after a gap starts a new run.
 
-        ``before_ns``  when the one before arrived, None for the first [ns]
+        ``before_ns``  when the previous one arrived, None for the first [ns]
         """
         timeout_ns = self._supervision.measurement_timeout_ns
         continues = before_ns is not None and now_ns - before_ns <= timeout_ns
         self._good_run = self._good_run + 1 if continues else 1
 
     def on_rejection(self) -> None:
-        """Note a measurement that came damaged: the run of good ones is over."""
+        """Record a damaged measurement, which ends the run of good ones."""
         self._good_run = 0
 
     def on_own_fault(self) -> None:
-        """Note that the controller cannot be relied on any more; this stays."""
+        """Record a fault of the controller itself, which is permanent."""
         self._own_fault = True
 
     def move_on(
@@ -155,7 +155,7 @@ class Supervisor:
         """
         before = self._state.mode
         if before is _ACTIVE and not law_failed and not self._own_fault:
-            # Nearly always: of the table's guards only is_stale could be true.
+            # The usual case: only is_stale could be true of the table's guards.
             timeout_ns = self._supervision.measurement_timeout_ns
             if arrival_ns is not None and now_ns - arrival_ns <= timeout_ns:
                 return None

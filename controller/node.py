@@ -1,14 +1,14 @@
 """The controller as a node: measurements in, one command each control period out.
 
-At every tick: mode table → law → limits → STEERING_COMMAND. The law never hears how old its sample
-is; freshness, modes and fallback are decided here, around it.
+At every tick: mode table → law → limits → STEERING_COMMAND. The law does not know the age of its
+sample; freshness, modes and fallback are decided here, around it.
 
-    controller.received       what has arrived, and when
+    controller.received       received values and their arrival times
     controller.modes          the mode table
-    controller.law_runner     the law, and how its commands are faded in
+    controller.law_runner     the law, and the fading in of its commands
     controller.sent_commands  when each command was sent
-    controller.status_frames  what is said to all who watch
-    controller.run_figures    what is kept for the report
+    controller.status_frames  status messages for monitoring
+    controller.run_figures    figures for the report
 """
 
 from collections.abc import Mapping, Sequence
@@ -64,7 +64,7 @@ class ControllerNode:
     ``samples_max``  how many control periods are kept in ``samples``, from the first command on
 
     ``deadline_ns``  when the next tick is due [ns]
-    ``finished``     whether it has found a fault in itself and steers no more; else it runs on
+    ``finished``     whether it has detected a fault in itself and no longer steers
     """
 
     def __init__(self, settings: ControllerSettings, start_ns: int, samples_max: int = 0) -> None:
@@ -88,7 +88,7 @@ class ControllerNode:
         self._statuses = StatusFrames(law)
         self._facts = SafetyFacts(0, *self._received.freshness(start_ns), _NO_FAULT)
         self._fresh_until_ns = -1
-        """Until when the facts hold, if no frame is refused and no fault is found."""
+        """End of the facts' validity, if no frame is refused and no fault is detected [ns]."""
         self._figures = RunFigures(start_ns, samples_max)
 
     @property
@@ -97,7 +97,7 @@ class ControllerNode:
         return self._figures.samples
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        """Take a frame; the answer to a measurement waits for the next tick."""
+        """Process a frame; the response to a measurement is sent at the next tick."""
         received, memory = self._received, self._law.memory
         before_ns = received.errors.arrival_ns
         message = received.take(frame, now_ns)
@@ -118,11 +118,11 @@ class ControllerNode:
         return ()
 
     def on_unauthenticated(self) -> None:
-        """Note that a frame was refused before it came here."""
+        """Record that authentication has refused a frame."""
         self._received.unauthenticated += 1
 
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
-        """Decide on a command, and report the status, if due."""
+        """Compute and send a command, and report the status if due."""
         frames = []
         is_safety_due = False
         if self._control_timer.deadline_ns <= now_ns:
@@ -154,11 +154,11 @@ class ControllerNode:
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON: those of ``RunFigures``, and
 
-        ``failure``     the fault it has found in itself, empty for none
-        ``stale``       how often each message got older than its age limit
-        ``sensor_period``  whether it is what the setting says; None for laws that do not ask
+        ``failure``     the fault it has detected in itself, empty for none
+        ``stale``       how often each message exceeded its age limit
+        ``sensor_period``  whether it agrees with its setting; None for laws that do not check it
         ``delay``       from command to measurement, by echo and by estimate
-        ``lost``        frames that never came or came too late; ``rejected`` by cause
+        ``lost``        frames that never arrived or arrived too late; ``rejected`` by cause
         """
         timer, law, reception = self._control_timer, self._law, self._received.reception
         return {
@@ -182,7 +182,7 @@ class ControllerNode:
 
     @property
     def _failure(self) -> str:
-        """The fault it has found in itself; once it is there it stays."""
+        """The fault it has detected in itself, which is permanent."""
         if self._law.is_distrusted:
             mistake = self._law.design.mistake()
             return "the law's output was again no finite number after it had been started anew" + (
@@ -191,7 +191,7 @@ class ControllerNode:
         return self._overruns.failure
 
     def _on_echo(self, status: SteeringStatus, now_ns: int) -> None:
-        """Take the counter of the command that is applied now."""
+        """Process the counter of the command that is applied now."""
         if status.status is _NO_COMMAND:
             return
         echo = self._commands.on_echo(status.applied_counter)
@@ -217,7 +217,7 @@ class ControllerNode:
         return self._sent_steer_rad
 
     def _move_on(self, now_ns: int, *, law_failed: bool) -> None:
-        """Take a transition of the mode table, and prepare what the new mode needs."""
+        """Take a transition of the mode table, and prepare for the new mode."""
         before, arrival_ns = self._supervisor.mode, self._received.errors.arrival_ns
         entered = self._supervisor.move_on(arrival_ns, now_ns, law_failed=law_failed)
         if entered is not None:
@@ -226,7 +226,7 @@ class ControllerNode:
             self._law.start(before, self._received.lateral_error_m)
 
     def _command_frame(self, now_ns: int, period: int) -> Frame:
-        """Return the command of this period, and note that it was sent."""
+        """Return the command of this period, and record that it was sent."""
         counter, steer_rad, mode = (
             self._commands.next_counter,
             self._sent_steer_rad,
@@ -245,7 +245,7 @@ class ControllerNode:
         return frame
 
     def _safety_facts(self, now_ns: int) -> SafetyFacts:
-        """Return what CONTROLLER_SAFETY has to say in time."""
+        """Return the facts that CONTROLLER_SAFETY must report in time."""
         fault, received, facts = _NO_FAULT, self._received, self._facts
         if self._law.is_distrusted:
             fault = ControllerFault.LAW_FAILED
@@ -256,7 +256,7 @@ class ControllerNode:
             return facts
         freshness = received.freshness(now_ns)
         self._facts = SafetyFacts(received.refused, *freshness, fault)
-        # One that is stale may be back at any time.
+        # A stale message may return at any time.
         is_fresh = freshness == (Freshness.FRESH,) * len(freshness)
         self._fresh_until_ns = received.fresh_until_ns() if is_fresh else -1
         return self._facts

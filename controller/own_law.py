@@ -1,8 +1,8 @@
-"""A law of somebody else's package: found by its name, and kept from ending the controller.
+"""A law from another package: found by its name, and guarded so that it cannot end the controller.
 
 It is named ``package.module:ATTRIBUTE``, or by an entry point of the group ``steer_by_wire.laws``.
-What it raises while it runs counts as an output that is no number: the controller holds the last
-command, starts the law anew once, and then stops safely.
+An exception while it runs counts as an output that is not finite: the controller holds the last
+command, restarts the law once, and stops safely if it fails again.
 """
 
 from collections.abc import Callable
@@ -22,14 +22,14 @@ _NO_NUMBER = LawOutput(nan, nan, nan, nan)
 
 
 class NoLawError(ValueError):
-    """There is no law of this name; the text is one line."""
+    """There is no law with this name; the text is one line."""
 
 
 def place_of(name: str) -> str | None:
-    """Return ``package.module:ATTRIBUTE`` of a name that may be a law's, None of any other."""
+    """Return ``package.module:ATTRIBUTE`` if the name may be that of a law, else None."""
     if ":" in name:
         return name
-    # Not above: it imports what reads archives and mail, and who runs our laws has no use for it.
+    # Not at the top: it imports readers of archives and mail, which our own laws do not need.
     from importlib.metadata import entry_points
 
     return next((found.value for found in entry_points(group=GROUP, name=name)), None)
@@ -49,14 +49,14 @@ def find_own_law(name: str) -> Law:
 
 
 class Guard:
-    """A law's functions, from which no exception comes out; ``mistake`` is the last of them."""
+    """A law's functions with all exceptions caught; ``mistake`` describes the last one."""
 
     def __init__(self, law: Law) -> None:
         self._law = law
         self.mistake = ""
 
     def step(self, params: Any, state: Any, seen: LawInput) -> tuple[Any, LawOutput]:
-        """Advance the law by one period; an output that is none has no numbers."""
+        """Advance the law by one period; an invalid output is replaced by one without numbers."""
         if state is None:
             return state, _NO_NUMBER
         try:
@@ -67,7 +67,7 @@ class Guard:
             return state, _NO_NUMBER
 
     def at_rest(self, params: Any, lateral_error_m: float) -> Any:
-        """Return the law's state at rest; None, which no step goes on from, if it raises."""
+        """Return the law's state at rest; None, on which every step fails, if it raises."""
         return self._state(self._law.at_rest, params, lateral_error_m)
 
     def after_hold(self, params: Any, state: Any, lateral_error_m: float) -> Any:
@@ -88,7 +88,7 @@ class Guard:
 
 
 def numbers_or_none(output: LawOutput) -> LawOutput:
-    """Return an output; one with a single field that is not finite has no numbers at all."""
+    """Return the output, or one without any numbers if a field is not finite."""
     if (
         isfinite(output.steer_rad)
         and isfinite(output.disturbance_rad)

@@ -2,7 +2,7 @@
 
 c = -C(s) y_fb,   C(s) = K_p + K_d s/(s/N + 1)       N → ∞ (no filter) in paper
 
-y_fb  compensated_lateral_error_m   error fed back, the path being the reference 0   [m]
+y_fb  compensated_lateral_error_m   error fed back; the path is the reference 0      [m]
 c     steer_rad                     steering demand                                  [rad]
 """
 

@@ -1,4 +1,4 @@
-"""Gains of filter and feedback of the predictor, for every speed.
+"""Gains of the predictor's filter and feedback, for every speed.
 
 The model is SAE 2018-01-1086 (1) with (2) corrected as in ``controller.nominal_model``, and with a
 steering offset d and the wheel's lag T_a:
@@ -7,10 +7,10 @@ steering offset d and the wheel's lag T_a:
     r'  = a21 β + a22 r + b21 (δ + d)        y'  = V β + l_s r + V Δψ   d' = noise
     δ'  = (u - δ)/T_a,  or δ = u without a lag
 
-sampled exactly for a held command. The filter is the one that has settled for white noise on β', r'
-and the two random walks, and for the noise of the two measurements; the feedback costs least in
-(k y)² + (u - u_ss)², k being the steer that a metre is worth. A table over speed, geometric steps,
-linear in between.
+The model is sampled exactly for a held command. The filter is the steady-state one for white noise
+on β', r' and the two random walks, and for the noise of the two measurements. The feedback
+minimises the cost (k y)² + (u - u_ss)², with the weight k in steer per metre. The gains are
+tabulated over speed in geometric steps, and interpolated linearly.
 """
 
 from bisect import bisect_right
@@ -48,7 +48,7 @@ class GainSchedule(NamedTuple):
     gains: Sequence[VehicleGains]
 
     def at(self, speed_m_s: float) -> VehicleGains:
-        """Return the gains at a speed; beyond the table, those at its end."""
+        """Return the gains at a speed; outside the table, those at its nearer end."""
         after = bisect_right(self.speeds_m_s, speed_m_s)
         if after == 0:
             return self.gains[0]
@@ -71,7 +71,7 @@ def design_schedule(
 
     ``steer_per_error_rad_m``  the feedback's weight k; None for a filter without feedback
 
-    Raises SettingsError where there are none, naming the speed.
+    Raises SettingsError if there are no gains at a speed, naming it.
     """
     low, high = settings.speed_m_s_min, settings.speed_m_s_max
     steps = max(1, round(_SPEEDS_PER_DOUBLING * log(high / low, 2.0)))
@@ -89,7 +89,7 @@ def design_schedule(
 def sampled_vehicle(
     settings: EstimatorSettings, vehicle: VehicleModelSettings, speed_m_s: float, period_s: float
 ) -> SampledVehicle:
-    """Return the vehicle over a period of a held command."""
+    """Return the vehicle sampled over a period with a held command."""
     f, g = _sampled(settings, vehicle, [speed_m_s], period_s)
     return SampledVehicle(f[0], g[0])
 
@@ -100,7 +100,7 @@ def _sampled(
     speeds_m_s: Sequence[float],
     period_s: float,
 ) -> SampledVehicle:
-    """Return the same for each of some speeds, shapes (speeds, 7, 7) and (speeds, 7)."""
+    """Return the sampled vehicle at each speed, shapes (speeds, 7, 7) and (speeds, 7)."""
     models = [_continuous(vehicle, speed, settings.actuator_lag_s) for speed in speeds_m_s]
     a, b = map(np.array, zip(*models, strict=True))
     f, g = held_over(a, b, period_s)
@@ -168,7 +168,7 @@ def _feedback(
     k = feedback_gain(system, g[:, states, np.newaxis], weight, np.eye(1))[:, 0]
     held = np.array([_steady_state(vehicle, speed_m_s) for speed_m_s in speeds_m_s])
     of_wheel = k[:, 4] if has_lag else np.zeros(len(k))
-    # u = u_ss - k (x - x_ss), and a steering offset is met by its opposite, wheel and all.
+    # u = u_ss - k (x - x_ss); a steering offset is cancelled by its negative, also in the wheel.
     by_curvature = held[:, DELTA].copy()
     for place, state in enumerate(states):
         by_curvature += k[:, place] * held[:, state]
@@ -189,7 +189,7 @@ def _steady_state(vehicle: VehicleModelSettings, speed_m_s: float) -> Sequence[f
 def _continuous(
     vehicle: VehicleModelSettings, speed_m_s: float, lag_s: float
 ) -> tuple[Matrix, Matrix]:
-    """Return the model in continuous time; without a lag, the wheel enters as the input."""
+    """Return the model in continuous time; without a lag the wheel angle is the input."""
     v, m, j = speed_m_s, vehicle.virtual_mass_kg, vehicle.yaw_inertia_kg_m2
     c_f, c_r = vehicle.front_cornering_stiffness_n_rad, vehicle.rear_cornering_stiffness_n_rad
     l_f, l_r = vehicle.front_axle_distance_m, vehicle.rear_axle_distance_m

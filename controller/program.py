@@ -29,11 +29,11 @@ NAME = "steering-controller"
 CHECK_NAME = "steer-by-wire check"
 PRESETS = "steer_by_wire.controller.presets"
 DEFAULT_PRESET = "practical_pd_ddob"
-"""What runs when neither a preset nor a file is given: no law is good without its values."""
+"""Used if neither a preset nor a file is given, because no law works without suitable values."""
 
 
 def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
-    """Run the program, called ``name`` by who started it; returns its exit status."""
+    """Run the program under the name ``name``; returns its exit status."""
     parser = make_parser(
         name,
         "Holds a vehicle on its path at a fixed rate, over a CAN bus.",
@@ -90,7 +90,7 @@ def _run(name: str, options: argparse.Namespace) -> int:
 
 def _check(name: str, options: argparse.Namespace) -> int:
     settings = _settings(name, options)
-    # The second moments of varying latencies take seconds.
+    # Computing the second moments of varying latencies takes seconds.
     print(f"{name}: analysing the sampled loop ...", file=sys.stderr, flush=True)
     print(check_text(settings), end="")
     return ExitStatus.OK
@@ -106,7 +106,7 @@ def _settings(name: str, options: argparse.Namespace) -> ControllerSettings:
 
 
 def conclude(name: str, node: ControllerNode) -> None:
-    """Say what in the settings cannot be right."""
+    """Report settings that contradict the measurements."""
     seen = node.report()["sensor_period"]
     if seen is not None and seen["times_wrong"]:
         say(

@@ -1,7 +1,7 @@
-"""What the controller has received: the newest of each message, and whether it is of now.
+"""The newest received value of each message, and whether it is fresh.
 
-When a frame arrived is kept once, by the check of its message's counters. The mode table, the law,
-the watch on the delay and CONTROLLER_SAFETY all go by that.
+The arrival time of a frame is stored once, by the check of its message's counters. The mode table,
+the law, the delay watch and CONTROLLER_SAFETY all use it.
 """
 
 from ..dbc.messages import Freshness, LateralError, Message, Rejection, SteeringStatus, VehicleState
@@ -15,15 +15,15 @@ from .law_interface import NO_VEHICLE, VehicleReading
 from .settings import ControllerSettings, age_limits_of, resync_ns_of
 
 RECEIVED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState)
-"""What the controller receives."""
+"""The messages that the controller receives."""
 
 
 class Received:
-    """Judges frames and keeps what they say.
+    """Checks frames and stores their values.
 
     ``errors``, ``statuses``, ``states``  counter and arrival of the newest frame of each message
     ``lateral_error_m``, ``vehicle``      the newest values; 0 and NO_VEHICLE before the first
-    ``unauthenticated``                   frames refused before they came here
+    ``unauthenticated``                   frames refused by authentication
     """
 
     def __init__(self, settings: ControllerSettings) -> None:
@@ -39,13 +39,13 @@ class Received:
 
     @property
     def refused(self) -> int:
-        """Frames refused so far, whatever the cause."""
+        """Frames refused so far, for any cause."""
         return self.reception.refused + self.unauthenticated
 
     def take(
         self, frame: Frame, now_ns: int
     ) -> Message | Rejection | SequenceResult | Refused | None:
-        """Judge a frame, and keep what it says; returns what ``Reception.take`` does."""
+        """Check a frame and store its values; returns the same as ``Reception.take``."""
         message = self.reception.take(frame, now_ns)
         if isinstance(message, LateralError):
             self.lateral_error_m = message.lateral_error_m
@@ -54,14 +54,14 @@ class Received:
         return message
 
     def vehicle_at(self, now_ns: int) -> VehicleReading:
-        """Return the newest motion of the vehicle, marked where it is not of now."""
+        """Return the newest motion of the vehicle, marked if it is stale."""
         arrival_ns = self.states.arrival_ns
         if arrival_ns is not None and now_ns - arrival_ns > self._limits.vehicle_state_ns:
             return self.vehicle._replace(is_stale=True)
         return self.vehicle
 
     def freshness(self, now_ns: int) -> tuple[Freshness, Freshness, Freshness]:
-        """Return how old the newest of each of RECEIVED is."""
+        """Return the freshness of each message of RECEIVED."""
         limits = self._limits
         return (
             freshness(self.errors.arrival_ns, limits.lateral_error_ns, now_ns),
@@ -70,7 +70,7 @@ class Received:
         )
 
     def fresh_until_ns(self) -> int:
-        """Return until when all of RECEIVED, which are fresh now, stay so if none comes [ns]."""
+        """Return until when all of RECEIVED, fresh now, stay fresh without new frames [ns]."""
         checks = (self.errors, self.statuses, self.states)
         return min(
             (check.arrival_ns or 0) + limit_ns

@@ -4,8 +4,8 @@
 
 Each step doubles the horizon (structure-preserving doubling algorithm: Anderson, Second-order
 convergent algorithms for the steady-state Riccati equation, Int. J. Control 28, 1978), so that a
-random walk as slow as hours settles in some twenty steps. Design time only; scipy is not for live
-programs. All matrices may be stacks, shape (..., n, m), of which each is one system.
+random walk with a time scale of hours settles in some twenty steps. Design time only, and without
+scipy, which live programs do not import. All matrices may be stacks of systems, shape (..., n, m).
 """
 
 import numpy as np
@@ -27,11 +27,11 @@ class UnsolvableError(ValueError):
 def solve_riccati(a: Matrix, b: Matrix, q: Matrix, r: Matrix) -> Matrix:
     """Return the stabilising X, shape (..., n, n), of A (n, n), B (n, m), Q (n, n) and R (m, m).
 
-    Raises UnsolvableError where the doubling does not settle: what cannot be steered grows by
-    itself.
+    Raises UnsolvableError if the doubling does not settle because a mode that cannot be controlled
+    grows.
     """
     identity = np.broadcast_to(np.eye(a.shape[-1]), a.shape)
-    with np.errstate(all="ignore"):  # of what does not settle
+    with np.errstate(all="ignore"):  # from systems that do not settle
         transition, acting = a, product(b, quotient(r, transposed(b)))
         g, h = acting, np.broadcast_to(q, a.shape)
         settled_h = np.full(a.shape, np.nan)
@@ -51,7 +51,7 @@ def solve_riccati(a: Matrix, b: Matrix, q: Matrix, r: Matrix) -> Matrix:
             if not np.isnan(settled_h).any():
                 break
         closed = quotient(identity + product(acting, settled_h), transition)
-        # What grows costs nothing, and is left to grow.
+        # A growing mode without cost is not stabilised.
         is_solved = contracts(closed, _DOUBLINGS)
     if not is_solved.all():
         raise UnsolvableError(int(np.argmin(is_solved)))
@@ -59,13 +59,13 @@ def solve_riccati(a: Matrix, b: Matrix, q: Matrix, r: Matrix) -> Matrix:
 
 
 def feedback_gain(a: Matrix, b: Matrix, q: Matrix, r: Matrix) -> Matrix:
-    """Return K, shape (..., m, n), of u = -K x that costs least in xᵀ Q x + uᵀ R u."""
+    """Return K, shape (..., m, n), of u = -K x that minimises Σ (xᵀ Q x + uᵀ R u)."""
     forward = product(transposed(b), solve_riccati(a, b, q, r))
     return quotient(r + product(forward, b), product(forward, a))
 
 
 def filter_gain(a: Matrix, h: Matrix, q: Matrix, r: Matrix) -> Matrix:
-    """Return K, (..., n, m), of x ← x + K (z - H x) after the measurement, once it has settled.
+    """Return the steady-state K, (..., n, m), of the correction x ← x + K (z - H x).
 
     ``q`` and ``r`` are the covariances of the state's noise over a period and of the measurement.
     """

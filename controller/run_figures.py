@@ -1,4 +1,4 @@
-"""What is kept of a run of the controller for its report."""
+"""Figures of a run of the controller, for its report."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,7 +10,7 @@ from .control_sample import ControlSample
 
 
 class RunFigures:
-    """Takes up what happens.
+    """Collects the figures.
 
     ``start_ns``     when the first mode begins [ns]
     ``samples_max``  how many control periods are kept in ``samples``, oldest first
@@ -31,13 +31,13 @@ class RunFigures:
         self.peak_steer_rad = 0.0
 
     def on_mode(self, entered: Mode) -> None:
-        """Book the time up to this tick on the mode that ends with it."""
+        """Add the time up to this tick to the mode that ends with it."""
         self._mode_ns[self._mode] += self.last_tick_ns - self._entered_ns
         self._mode, self._entered_ns = entered, self.last_tick_ns
         self._holds += entered is Mode.HOLDING
 
     def on_command(self, steer_rad: float) -> None:
-        """Take a command that is sent."""
+        """Record a sent command."""
         size_rad = abs(steer_rad)
         if size_rad > self.peak_steer_rad:
             self.peak_steer_rad = size_rad

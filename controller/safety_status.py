@@ -1,13 +1,14 @@
-"""What CONTROLLER_SAFETY says, and when it has to be said between its cycles.
+"""Content of CONTROLLER_SAFETY, and when it is sent between its cycles.
 
-    at the next tick   a message goes stale, a fault is found: has to be on the bus within the fault
-                       tolerant time, of which the age limit has used all but a period
-    at intervals       anything else that differs from what was told, as a refused frame or a
-                       message that is back: at the first tick INTERVAL_NS after the last one, or a
-                       flood of bad frames would be answered by one of good frames
+    at the next tick   a message becomes stale or a fault is detected. This must be on the bus
+                       within the fault tolerant time, of which the age limit leaves one period
+    at intervals       any other change since the last report, such as a refused frame or a
+                       message that is back: at the first tick INTERVAL_NS after the last report.
+                       Without this limit a flood of bad frames would cause a flood of reports
 
-A message that comes and goes is told as stale again only after it was told as back, so that both
-together are bounded. Lost frames alone wait for the cycle: a network loses some all the time.
+A message that stops and returns repeatedly is reported as stale again only after it was reported as
+back, so that the number of reports is bounded. Lost frames alone wait for the next cycle, because a
+network loses some all the time.
 """
 
 from collections.abc import Mapping
@@ -18,14 +19,14 @@ from ..dbc.protection import COUNTERS
 from ..runtime.frame import Frame
 
 INTERVAL_NS = 20_000_000
-"""50 frames a second are 1.4 % of a bus of 500 kbit/s, and 20 ms a seventh of the 150 ms in which a
-refusal has to be told."""
+"""50 frames a second are 1.4 % of a 500 kbit/s bus, and 20 ms is a seventh of the 150 ms within
+which a refusal must be reported."""
 _AGES = ("lateral_error", "steering_status", "vehicle_state")
 _LOST_COUNTERS = int(limits(ControllerSafety)["rejected"].maximum) + 1
 
 
 class SafetyFacts(NamedTuple):
-    """What may have to be said at once."""
+    """Facts that may have to be reported at once."""
 
     rejected: int
     lateral_error: Freshness
@@ -34,7 +35,7 @@ class SafetyFacts(NamedTuple):
     fault: ControllerFault
 
     def is_worse_than(self, told: "SafetyFacts") -> bool:
-        """Whether a message has gone stale, or a fault was found, since ``told``."""
+        """Whether a message has become stale or a fault was detected since the report ``told``."""
         stale = Freshness.STALE
         return (
             self.fault is not told.fault
@@ -45,7 +46,7 @@ class SafetyFacts(NamedTuple):
 
 
 class SafetyStatus:
-    """Remembers what was told, and makes the frames."""
+    """Keeps the last reported facts, and makes the frames."""
 
     def __init__(self) -> None:
         self._before: SafetyFacts | None = None
@@ -56,11 +57,11 @@ class SafetyStatus:
 
     @property
     def went_stale(self) -> Mapping[str, int]:
-        """How often each message has gone stale."""
+        """How often each message has become stale."""
         return dict(self._went_stale)
 
     def on_tick(self, facts: SafetyFacts, now_ns: int) -> bool:
-        """Take the facts of a control tick; returns whether to tell them before the next cycle."""
+        """Process the facts of a tick; returns whether to report them before the next cycle."""
         before, told = self._before, self._told
         if facts is before and facts is told:
             return False
@@ -74,7 +75,7 @@ class SafetyStatus:
         return now_ns - self._told_ns >= INTERVAL_NS or facts.is_worse_than(told)
 
     def frame(self, facts: SafetyFacts, lost: int, now_ns: int) -> Frame:
-        """Return the frame that tells ``facts`` and the frames lost so far."""
+        """Return the frame that reports ``facts`` and the frames lost so far."""
         self._told, self._told_ns = facts, now_ns
         message = ControllerSafety(
             facts.rejected % _LOST_COUNTERS,

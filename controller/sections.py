@@ -1,11 +1,11 @@
-"""Second-order sections: the one filter every observer and controller here is made of.
+"""Second-order sections: every observer and controller here consists of these filters.
 
     y[k] = b0 u[k] + b1 u[k-1] + b2 u[k-2] - a1 y[k-1] - a2 y[k-2]
 
-realised in direct form II transposed, which keeps two numbers of state and adds them up in the
-order that rounds least. Coefficients and state are plain floats in tuples; the steps import nothing
-and branch on nothing, so the same functions run interpreted in the live program and compiled in
-batches. A state is a plain tuple, not a NamedTuple: building one costs a third of the time.
+The form is direct form II transposed, which keeps two state values and adds them in the order with
+the least rounding error. Coefficients and state are plain floats in tuples. The steps have no
+imports and no branches, so the same functions run interpreted in the live program and compiled in
+batches. A state is a plain tuple, because building it takes a third of the time of a NamedTuple.
 
 A cascade of 1, 2 or 3 sections is written out instead of looped over: sizes are then part of the
 type, which a compiler needs and which also is the fastest form interpreted.
@@ -26,7 +26,7 @@ class Section(NamedTuple):
 
 
 IDENTITY = Section(1.0, 0.0, 0.0, 0.0, 0.0)
-"""Passes its input through: fills a cascade that needs fewer sections than it has."""
+"""Passes its input through; fills unused places of a cascade."""
 
 SectionState = tuple[float, float]
 
@@ -66,9 +66,9 @@ def cascade_3_step(p: Cascade3, x: Cascade3State, u: float) -> tuple[Cascade3Sta
 def sections_run(
     p: Sequence[Section], x: Sequence[SectionState], inputs: Sequence[float]
 ) -> tuple[tuple[SectionState, ...], Sequence[float]]:
-    """Advance sections in series by a period an input; returns the states and the outputs.
+    """Advance sections in series by one period per input; returns the states and the outputs.
 
-    The same numbers as by one step a period, in a third of the time.
+    The numbers are the same as with one step per period, in a third of the time.
     """
     states = []
     for (b0, b1, b2, a1, a2), (x1, x2) in zip(p, x, strict=True):
@@ -83,10 +83,10 @@ def sections_run(
 
 
 def section_at_rest(p: Section, u: float) -> tuple[SectionState, float]:
-    """Return the state after a constant input u since ever, and the constant output.
+    """Return the steady state for a constant input u, and the constant output.
 
-    A section with a pole at z = 1 (an integrator) rests at zero, and only with u = 0; any other
-    input raises ValueError.
+    A section with a pole at z = 1 (an integrator) is at rest only with u = 0, and its state is then
+    zero. Any other input raises ValueError.
     """
     denominator = 1.0 + p.a1 + p.a2
     if denominator == 0.0:

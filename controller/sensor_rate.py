@@ -1,14 +1,15 @@
-"""Whether the sensors' counter advances as fast as the setting of their period says.
+"""Checks that the sensors' counter advances at the rate that the setting of their period implies.
 
-Laws that look back take the numbers of samples for times. A setting that is not the plant's shows
-in nothing else: every frame is in order. So the samples that a counter has advanced by are held
-against the clock, in windows of a second:
+Laws that look back convert sample numbers to times. Nothing else reveals a setting that differs
+from the plant's period, because every frame is valid. So the advance of the counter is compared
+with the clock, in windows of a second:
 
     counted = samples · sensor period           differs from the window's length by a fifth
 
-Only when WINDOWS in a row are off to the same side, the setting is wrong: jitter and a latency that
-changes move the ends of windows and cancel in the next one, loss changes no counter, and a gap, as
-of a plant that was stopped, ends the window that it is in. As many that agree take it back.
+The setting counts as wrong only after WINDOWS successive windows that differ in the same direction.
+Jitter and a changing latency move the ends of a window and cancel in the next one. Loss does not
+change the counter. A gap, as when the plant is stopped, ends its window. The same number of
+windows that agree withdraws the verdict.
 """
 
 from typing import NamedTuple
@@ -16,19 +17,19 @@ from typing import NamedTuple
 WINDOW_NS = 1_000_000_000
 WINDOWS = 4
 TOLERANCE = 1.2
-"""To either side; more than a latency does that rises by half a second in as few windows."""
+"""In either direction; more than the effect of a latency that rises by half a second in WINDOWS."""
 GAP_NS = 500_000_000
-"""Without a sample for so long nothing is known of how many there were."""
+"""After this time without a sample the number of samples is unknown."""
 
 
 class RateState(NamedTuple):
-    """The window that is open, and what those before have shown.
+    """The open window, and the result of those before.
 
     ``begin_sample``, ``begin_ns``  its first sample, and when that arrived; -1 for no window
     ``side``, ``run``               of the last ``run`` windows: 1 too many samples, -1 too few
-    ``is_wrong``                    whether the period is not the setting's
-    ``times_wrong``                 how often it was found to be another
-    ``measured_ns``                 the period in the last window that was off, 0 for none
+    ``is_wrong``                    whether the measured period differs from the setting
+    ``times_wrong``                 how often this was detected
+    ``measured_ns``                 the period in the last window that differed, 0 for none
     """
 
     begin_sample: int
@@ -46,7 +47,7 @@ NO_RATE = RateState(0, -1, 0, 0, False, 0, 0.0)
 def rate_step(
     period_ns: int, x: RateState, newest_ns: int, sample: int, arrival_ns: int
 ) -> RateState:
-    """Take a sample later than any before.
+    """Process a sample newer than all before.
 
     ``period_ns``  the setting
     ``newest_ns``  when the sample before it arrived, if there is one

@@ -1,9 +1,9 @@
-"""When each command was sent, by its counter: what its echoes are held against.
+"""The sending time of each command, by its counter, for comparison with its echoes.
 
-The plant echoes the counter of the command it applies, in every STEERING_STATUS. From sending a
-counter to its first echo pass the latency down, the wait for the plant's next status, and the
-latency up: the round trip. Later echoes of the same counter say nothing new of that; so does a
-command that was never applied, because the network lost it or a newer one overtook it.
+The plant echoes the counter of the command it applies, in every STEERING_STATUS. The round trip is
+the time from sending a counter to its first echo: the downlink latency, the wait for the plant's
+next status, and the uplink latency. Later echoes of the same counter add no information. A command
+that was lost or overtaken by a newer one is never applied and has no echo.
 """
 
 from typing import NamedTuple
@@ -12,8 +12,8 @@ from ..dbc.messages import COMMAND_COUNTERS
 from ..runtime.record import new_record
 
 IN_FLIGHT_MAX = 4096
-"""Commands whose sending time is remembered: 4 s at 1 kHz, and far below the values of the counter,
-so that a counter that comes round again is not taken for the old one."""
+"""Commands whose sending time is stored: 4 s at 1 kHz, and far fewer than the counter's values, so
+that a counter that has wrapped is not mistaken for the old one."""
 
 
 class Echo(NamedTuple):
@@ -24,7 +24,7 @@ class Echo(NamedTuple):
 
 
 class SentCommands:
-    """Keeps the sending times; ``count`` is how many commands were sent."""
+    """Stores the sending times; ``count`` is the number of commands sent."""
 
     def __init__(self) -> None:
         self._sent_ns = [0] * IN_FLIGHT_MAX
@@ -33,18 +33,18 @@ class SentCommands:
 
     @property
     def next_counter(self) -> int:
-        """The counter of the command that is sent next."""
+        """The counter of the next command."""
         return self.count % COMMAND_COUNTERS
 
     def on_sent(self, now_ns: int) -> None:
-        """Remember when a command was sent."""
+        """Store when a command was sent."""
         index = self.count % IN_FLIGHT_MAX
         self._sent_ns[index] = now_ns
         self._is_echoed[index] = False
         self.count += 1
 
     def on_echo(self, counter: int) -> Echo | None:
-        """Take the counter of a command in effect; None where it is not remembered."""
+        """Return the echo for the counter of a command in effect; None if it is not stored."""
         age = (self.count - 1 - counter) % COMMAND_COUNTERS
         if age >= min(self.count, IN_FLIGHT_MAX):
             return None

@@ -1,7 +1,7 @@
-"""Settings of the controller: its law, the limits on its commands, and the care for its inputs.
+"""Settings of the controller: its law, the limits on its commands, the supervision of its inputs.
 
-Times a user sets are in milliseconds; ``period_ns``, ``supervision_of`` and ``limits_of`` give them
-as the node and the step functions want them.
+Times a user sets are in milliseconds; ``period_ns``, ``supervision_of`` and ``limits_of`` convert
+them for the node and the step functions.
 """
 
 from typing import Annotated, Self
@@ -20,7 +20,7 @@ from .limits import SteerLimits
 from .modes import Supervision
 
 TELLING_MS = 5.0
-"""Of the fault tolerant time, for the frame that tells the bus: a late tick, and the wire."""
+"""Part of the fault tolerant time for reporting on the bus: a late tick, and the wire."""
 
 
 AgeMs = Annotated[float, Field(ge=1.0, le=10_000.0)]
@@ -28,9 +28,9 @@ AgeMsOrOff = Annotated[Annotated[AgeMs, Tag("number")] | OffWord, NUMBER_OR_WORD
 
 
 class LimitSettings(Settings):
-    """Limits on every command, whatever the law says.
+    """Limits on every command, under any law.
 
-    ``steer_rad_max``         to either side; never beyond what the command's signal can carry [rad]
+    ``steer_rad_max``         to either side, within the range of the command's signal [rad]
     ``steer_rate_rad_s_max``  [rad/s]
     """
 
@@ -41,25 +41,25 @@ class LimitSettings(Settings):
 
 
 class SupervisionSettings(Settings):
-    """What happens when messages stop, and when they are believed again.
+    """What happens when messages stop, and when they are trusted again.
 
-    ``fault_tolerant_time_ms``  within this after a message stops, that has to be acted upon and
-                                told on the bus (the fault tolerant time interval of ISO 26262)
-    ``measurement_timeout_ms``  a LATERAL_ERROR older than this is not steered by: HOLDING; left
-                                out: as old as the fault tolerant time allows, with a period for the
-                                tick and 5 ms for the frame that tells it. A step in the network's
-                                latency is a gap in what arrives, too
-    ``steering_status_timeout_ms``  without a STEERING_STATUS for longer, the delay is not known any
-                                more; left out: as above
-    ``vehicle_state_timeout_ms``  without a VEHICLE_STATE for longer, its curvature and yaw rate are
-                                not those of now, and the delay counts as not known; left out: as
-                                above; "off": however old, as for a plant that sends it rarely
+    ``fault_tolerant_time_ms``  after a message stops, the controller must react and report it on
+                                the bus within this time (fault tolerant time interval, ISO 26262)
+    ``measurement_timeout_ms``  a LATERAL_ERROR older than this is not used to steer: HOLDING. If
+                                omitted: the fault tolerant time, less a period for the tick and
+                                5 ms for the frame that reports it. A step in the network's latency
+                                also is a gap in what arrives
+    ``steering_status_timeout_ms``  without a STEERING_STATUS for longer, the delay counts as
+                                unknown. If omitted: as above
+    ``vehicle_state_timeout_ms``  without a VEHICLE_STATE for longer, its curvature and yaw rate
+                                count as out of date and the delay as unknown. If omitted: as
+                                above. "off": no limit, for a plant that sends it rarely
     ``hold_ms``                 how long the last command is held then
     ``ramp_rad_s``              how fast it is then ramped to zero; also how fast the difference
                                 between the held command and the law's fades out on recovery
     ``recovery_frames``         good measurements in a row that end the hold or the ramp
-    ``max_counter_jump``        frames that may be lost in a row, plus one, before a counter is
-                                no longer believed to go on
+    ``max_counter_jump``        largest accepted step of a counter: one more than the number of
+                                frames that may be lost in a row
     """
 
     fault_tolerant_time_ms: Annotated[float, Field(ge=1.0, le=60_000.0)] = 150.0
@@ -79,7 +79,7 @@ class ControllerSettings(LawSettings):
     supervision: SupervisionSettings = SupervisionSettings()
     delay_estimation: DelayEstimationSettings = DelayEstimationSettings()
     overruns: OverrunSettings = OverrunSettings()
-    """Beyond these the controller takes itself for too slow, stops steering, and ends."""
+    """Limits beyond which the controller counts as too slow, stops steering, and ends."""
 
     @model_validator(mode="after")
     def _refuse_a_reaction_that_comes_too_late(self) -> Self:
@@ -124,7 +124,7 @@ def supervision_of(settings: ControllerSettings) -> Supervision:
 
 
 def age_limits_of(settings: ControllerSettings) -> AgeLimits:
-    """Return the age up to which each message is believed; those left out, from the FTTI."""
+    """Return the age limit of each message; omitted ones are derived from the FTTI."""
     table = settings.supervision
     reaction_ms = settings.period_ns / NS_PER_MS + TELLING_MS
 
@@ -143,10 +143,10 @@ def age_limits_of(settings: ControllerSettings) -> AgeLimits:
 
 
 def resync_ns_of(settings: ControllerSettings) -> int:
-    """Return after what silence of a message a new start of its sender may be believed [ns].
+    """Return the silence of a message after which a restart of its sender is accepted [ns].
 
-    Longer than any age limit and the tick that acts on it: a stream of measurements that does not
-    go on from the last is steered by after a hold and the run that ends it, or not at all.
+    It is longer than any age limit plus the tick that acts on it. A stream of measurements that
+    does not continue the previous one is therefore used only after a hold and the run that ends it.
     """
     limits = (limit_ns for limit_ns in age_limits_of(settings) if limit_ns != NO_LIMIT_NS)
     return max(limits) + settings.period_ns + 1

@@ -23,15 +23,15 @@ class PdSettings(Settings):
     derivative_gain_rad_s_m: Annotated[float, Field(ge=0.0, le=1e6)]  # K_d
     derivative_filter_rad_s: CutoffRadS | None = None  # N; omitted: the ideal derivative
     derivative: Literal["filtered", "kalman"] = "filtered"
-    """kalman: that of the measured error from the filter of [estimator], while echoes come."""
+    """kalman: derivative of the measured error from the filter of [estimator], with echoes only."""
 
 
 class DobSettings(Settings):
     """Q of the disturbance observer.
 
     order_2: ω²/(s + ω)², (20). type_2: (3τs + 1)/(τs + 1)³ with τ = 1/ω, whose 1 - Q has a double
-    zero at s = 0, so that a ramp of the disturbance is rejected too, up to half a control period's
-    worth that sampling leaves.
+    zero at s = 0, so that a ramp of the disturbance is rejected too. Sampling leaves an error of up
+    to half a control period of the ramp.
     """
 
     q_cutoff_rad_s: CutoffRadS  # ω
@@ -89,12 +89,12 @@ class VehicleModelSettings(Settings):
 
 
 class LinkSettings(Settings):
-    """[link]: what is known of the plant's sensors, and how the delay is measured."""
+    """[link]: the period of the plant's sensors, and the measurement of the delay."""
 
     sensor_period_ms: Annotated[float, Field(ge=1.0, le=100.0)] = 10.0
-    """Between two LATERAL_ERROR of the plant; the default is the DBC's cycle time."""
+    """Period of the plant's LATERAL_ERROR; the default is the DBC's cycle time."""
     delay_averaging_s: Annotated[float, Field(gt=0.0, le=60.0)] = 0.5
-    """Time constant of the mean of the delays that echoes show."""
+    """Time constant for averaging the delays measured by echoes."""
 
     @property
     def sensor_period_s(self) -> float:
@@ -103,9 +103,9 @@ class LinkSettings(Settings):
 
 
 class EstimatorSettings(Settings):
-    """[estimator]: what the Kalman filter takes for noise, and at which speeds it is designed.
+    """[estimator]: noise that the Kalman filter assumes, and speeds for which it is designed.
 
-    Noise densities are standard deviations after one second; of the measurements, per sample.
+    Noise densities are standard deviations after one second; those of measurements are per sample.
     """
 
     lateral_error_noise_m: Annotated[float, Field(ge=1e-6, le=10.0)] = 0.002
@@ -115,7 +115,7 @@ class EstimatorSettings(Settings):
     curvature_walk_1_m_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.02
     steering_offset_walk_rad_sqrt_s: Annotated[float, Field(gt=0.0, le=10.0)] = 0.005
     actuator_lag_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
-    """Of the wheel behind the command, if known."""
+    """Lag of the wheel behind the command, if known."""
     speed_m_s_min: Annotated[float, Field(ge=0.1, le=80.0)] = 0.5
     speed_m_s_max: Annotated[float, Field(ge=0.1, le=80.0)] = 25.0
 
@@ -130,7 +130,7 @@ class EstimatorSettings(Settings):
 
 
 class FeedForwardSettings(Settings):
-    """[feed_forward]: adds the steer that holds the curve the map tells of, to any law."""
+    """[feed_forward]: adds to any law the steady-state steer of the curve given by the map."""
 
     gain: Annotated[float, Field(ge=0.0, le=2.0)] = 1.0
     """Share of the nominal vehicle's steady-state steer."""

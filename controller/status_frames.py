@@ -1,4 +1,4 @@
-"""The frames that say to all who watch how the controller is."""
+"""The frames that report the controller's state, for monitoring."""
 
 from ..dbc.messages import ControllerStatus, DelayStatus, Law, Mode, SignalRange, encode, limits
 from ..dbc.protection import COUNTERS
@@ -19,7 +19,7 @@ class StatusFrames:
         self._sent = 0
 
     def status(self, mode: Mode, output: LawOutput, skipped: int) -> Frame:
-        """Return the status; an estimate beyond its signal's range is sent as that range's end."""
+        """Return the status; an estimate is clamped to the range of its signal."""
         status = ControllerStatus(
             mode,
             self._law,
@@ -30,12 +30,12 @@ class StatusFrames:
         return encode(status, self._sent % COUNTERS)
 
     def delay(self, status: DelayStatus) -> Frame:
-        """Return what is known of the delay, under the counter of the status it follows."""
+        """Return the delay's frame, with the counter of the status that it follows."""
         frame = encode(status, self._sent % COUNTERS)
         self._sent += 1
         return frame
 
 
 def _clamp(value: float, allowed: SignalRange) -> float:
-    """Return the value nearest to a finite ``value`` that the signal carries."""
+    """Return a finite ``value`` clamped to the signal's range."""
     return min(max(value, allowed.minimum), allowed.maximum)

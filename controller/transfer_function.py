@@ -2,10 +2,10 @@
 
     F(s) = s^k · Π numerator factors / Π denominator factors,   factor = s2·s² + s1·s + s0
 
-The power of s is an exact integer k, so the two integrators of the vehicle cancel against the
-washout (s/(s + ω_h))² by integer arithmetic and leave no nearly cancelled pole-zero pair at s = 0,
-which rounding would turn into an unstable one. Factors stay factors: nothing is multiplied out and
-no roots are searched, so a filter's sections get exactly the coefficients they were designed with.
+The power of s is an exact integer k, so the two integrators of the vehicle cancel the washout
+(s/(s + ω_h))² in integer arithmetic. No nearly cancelled pole-zero pair at s = 0 is left, which
+rounding could make unstable. Factors stay factors: nothing is multiplied out and no roots are
+searched, so a filter's sections get exactly the coefficients they were designed with.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ class TransferFunction(NamedTuple):
     def biquads(self) -> tuple[tuple[Factor, Factor], ...]:
         """Return proper (numerator, denominator) pairs of degree ≤ 2 whose product is F(s).
 
-        s² takes part as one factor, paired with the first denominator. Raises ValueError where F
-        cannot be split so: an odd power of s, or a section left with a numerator of higher degree.
+        s² is one of the factors, paired with the first denominator. Raises ValueError if F cannot
+        be split in this way: an odd power of s, or a section whose numerator has a higher degree.
         """
         one, s_squared = Factor(0.0, 0.0, 1.0), Factor(1.0, 0.0, 0.0)
         if self.power_of_s % 2:

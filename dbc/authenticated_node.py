@@ -1,10 +1,10 @@
-"""A node behind authentication: it sees only what is authentic, and all it sends is secured.
+"""A node behind authentication: it receives only authentic frames, and all it sends is secured.
 
     bus ── secured ──► verify ── classic ──► node ── classic ──► secure ── secured ──► bus
 
-The node inside is the one that runs on classic CAN and knows nothing of this; the same frames in
-give the same frames out. What is refused does not reach it and is counted here, by cause; the node
-is told that there was one, so that it can say so on the bus.
+The inner node is the one that runs on classic CAN and does not know of authentication: the same
+frames in give the same frames out. Refused frames do not reach it. They are counted here by cause,
+and the node is notified of each, so that it can report the refusal on the bus.
 """
 
 from collections import Counter
@@ -35,8 +35,8 @@ class AuthenticatedNode(Wrapper[N]):
         return dict(sorted(self._refused.items()))
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        """Let the node have a frame that is authentic and new."""
-        if frame.can_id not in _OUR_IDS:  # nobody's business, as without authentication
+        """Pass a frame to the node if it is authentic and new."""
+        if frame.can_id not in _OUR_IDS:  # ignored, as without authentication
             return ()
         verified = self._authentication.verify(frame)
         if isinstance(verified, Refused):
@@ -47,15 +47,15 @@ class AuthenticatedNode(Wrapper[N]):
         return self._secured(self.node.on_frame(verified, now_ns))
 
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
-        """Let the node do what is due, and secure what it sends."""
+        """Run the node's due tasks, and secure the frames it sends."""
         return self._secured(self.node.on_tick(now_ns))
 
     def report(self) -> Mapping[str, Any]:
-        """Return the node's report, and under ``authentication`` what was made of its frames.
+        """Return the node's report, with the figures of authentication under ``authentication``.
 
         ``synchronised``  whether the peer binds its frames to this end's challenge
         ``verified``      frames that were authentic and new
-        ``refused``       the others, by cause; the node's ``rejected`` does not have them
+        ``refused``       the others, by cause; the node's ``rejected`` does not contain them
         """
         return {
             **self.node.report(),

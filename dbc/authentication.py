@@ -3,32 +3,32 @@
     CMAC_K( data ID | payload | challenge | counter )     every message, 64 bits of it sent
     CMAC_K( data ID | payload | own challenge | echo | counter )   status messages, all 128 bits
 
-    K          key that both ends have                      AES-128, RFC 4493
+    K          key shared by both ends                      AES-128, RFC 4493
     data ID    0xA000 + identifier, not sent                16 bits
-    challenge  of the receiver, which drew it at its start  64 bits, not sent with the frame
+    challenge  of the receiver, drawn at its start          64 bits, not sent with the frame
     counter    of the sender, one more for each frame       64 bits, 32 of them sent
 
-The layout is in ``dbc.secured_frame``. SecOC leaves it open how both ends come to the same
-freshness value; its examples take the high part from trip and reset counters that a synchronisation
-message spreads and that must outlast a power cycle in every receiver. Here a number the receiver
-draws at random takes their place, so that nothing has to be stored:
+The layout is in ``dbc.secured_frame``. SecOC does not specify how both ends agree on the freshness
+value. In its examples the high part comes from trip and reset counters, which a synchronisation
+message distributes and every receiver must keep over a power cycle. Here a random number drawn by
+the receiver replaces them, so that nothing has to be stored:
 
-1. The status messages carry the sender's challenge and, as echo, the peer's challenge that the
-   sender binds its frames to: the one it heard last.
-2. A receiver accepts what is bound to its own challenge and newer than all it has accepted of that
-   identifier. A challenge is never drawn twice, so nothing recorded before the receiver's start can
-   pass, and nothing is accepted twice.
-3. A sender's counter starts at the wall clock in microseconds and so goes on where that of its
-   previous run was, or further: a restart of the sender does not make old frames new.
-4. A status message that names another echo (its sender has started, or thinks we have) is not
-   accepted, but its challenge is answered, unless a newer one that was accepted shows it to be old.
-5. The receiver completes a truncated counter to the value nearest to the newest it knows; the
-   status messages carry all of it, whatever was lost in between.
+1. The status messages carry the sender's challenge and, as echo, the peer's challenge to which the
+   sender binds its frames: the last one it received.
+2. A receiver accepts a frame that is bound to its own challenge and newer than all accepted frames
+   of that identifier. A challenge is never drawn twice, so no frame recorded before the receiver's
+   start is accepted, and no frame is accepted twice.
+3. A sender's counter starts at the wall clock in microseconds, which is at or beyond the counter of
+   its previous run: a restart of the sender does not make old frames new.
+4. A status message with another echo (its sender has started, or assumes that we have) is not
+   accepted, but its challenge is adopted, unless a newer accepted one shows that it is old.
+5. The receiver completes a truncated counter to the value nearest to the newest it knows. The
+   status messages carry the whole counter, whatever was lost in between.
 
-Before it has heard a challenge a sender has nothing to bind its frames to; it sends them with a
-CMAC of zeros, which nobody accepts.
+Before it has received a challenge, a sender has nothing to bind its frames to. It sends them with a
+CMAC of zeros, which is never accepted.
 
-The DBC is read when this module is imported, so that no control period pays for it.
+The DBC is read when this module is imported, so that this does not delay any control period.
 """
 
 import hmac
@@ -59,20 +59,20 @@ _DATA_ID_BASE = 0xA000
 _COUNTERS = 1 << COUNTER_BITS
 _ECHO_START = PAYLOAD_LENGTH + CHALLENGE_LENGTH
 _NONE = bytes(CHALLENGE_LENGTH)
-"""The echo of who has heard no challenge."""
+"""The echo of an end that has not received a challenge."""
 
 ComputeMac = Callable[[bytes], bytes]
-"""The CMAC of a text under a key that the function keeps to itself: ``dbc.key_file.read_key``."""
+"""The CMAC of a text, with a key that only the function holds: ``dbc.key_file.read_key``."""
 
 
 def _secoc_definitions() -> Mapping[int, Definition]:
-    """Our messages, by identifier, with the properties by which cantools secures them."""
+    """Our messages, by identifier, with the properties that cantools needs to secure them."""
     database = load_database()
     definitions = {}
     for can_id, layout in LAYOUTS.items():
         definition = database.get_message_by_frame_id(can_id)
         specifics = AutosarMessageSpecifics()
-        # ARXML is the only source cantools reads these from; there is no other way to set them.
+        # cantools reads these only from ARXML; there is no other way to set them.
         specifics._secoc = AutosarSecOCProperties(
             auth_algorithm_name="AES-128-CMAC",
             freshness_algorithm_name="challenge and counter",
@@ -92,13 +92,13 @@ SECOC_DEFINITIONS = _secoc_definitions()
 
 
 class Authentication:
-    """One end of an authenticated connection: makes frames secured, and verifies the peer's.
+    """One end of an authenticated connection: secures its own frames, and verifies the peer's.
 
     ``end``            CONTROLLER or PLANT
-    ``compute_mac``    with the key
-    ``challenge``      CHALLENGE_LENGTH random bytes, other ones at each start of the program: all
-                       that keeps frames of earlier runs out. Zeros stand for "none"
-    ``first_counter``  of the first frame sent; at each start higher than all before
+    ``compute_mac``    CMAC with the key
+    ``challenge``      CHALLENGE_LENGTH random bytes, different at each start of the program: the
+                       only protection against frames of earlier runs. Zeros stand for "none"
+    ``first_counter``  counter of the first frame; at each start higher than all before
     """
 
     def __init__(
@@ -140,13 +140,13 @@ class Authentication:
         return Frame(can_id, data + mac[: layout.mac_length], FD | BITRATE_SWITCH)
 
     def hears(self, can_id: int) -> bool:
-        """Whether ``verify`` needs frames of this identifier, whoever else receives them."""
+        """Whether ``verify`` needs frames of this identifier."""
         return can_id == self._peer_status_id
 
     def verify(self, frame: Frame) -> Frame | Refused:
-        """The classic frame in an authentic new one of the peer, or why it is refused.
+        """The classic frame in an authentic new frame of the peer, or why that is refused.
 
-        Never raises. A frame that is refused changes nothing but, see rule 4, whom we answer.
+        Never raises. A refused frame changes nothing but the challenge that we bind to, see rule 4.
         """
         if not is_secured(frame):
             return Refused.UNAUTHENTICATED
@@ -154,7 +154,7 @@ class Authentication:
         if layout is not SYNC:
             return self._verify_data(frame, layout)
         if frame.can_id != self._peer_status_id:
-            return Refused.UNAUTHENTICATED  # this end's own, or of nobody: not the peer's
+            return Refused.UNAUTHENTICATED  # not a message of the peer
         return self._verify_status(frame)
 
     def _verify_data(self, frame: Frame, layout: Layout) -> Frame | Refused:
@@ -164,7 +164,7 @@ class Authentication:
         counter = nearest(self._peer_counter, low, 8 * layout.counter_length)
         expected = self._mac(can_id, payload, _freshness(self._challenge, counter))
         if not hmac.compare_digest(mac, expected[: layout.mac_length]):
-            # A sender that does not know our challenge cannot do better: that is no attack.
+            # A sender that does not know our challenge yet can only send this: no attack.
             return Refused.FORGED if self._is_synchronised and any(mac) else Refused.UNSYNCHRONISED
         if counter <= self._newest[can_id]:
             return Refused.REPLAYED

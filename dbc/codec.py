@@ -1,7 +1,7 @@
 """Packs and unpacks the payload of one message, as the DBC defines it.
 
-The functions that do it are written once, by ``dbc.packing``, from ``dbc.generated_layout``:
-packing with cantools takes longer than a step of the control law.
+``dbc.packing`` generates the functions once, from ``dbc.generated_layout``, because packing with
+cantools takes longer than a step of the control law.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -27,7 +27,7 @@ class EncodeError(ValueError):
 
 
 class ContractError(ImportError):
-    """The DBC is not what the messages need; the text is one line.
+    """The DBC does not match the messages; the text is one line.
 
     An ImportError, because without the contract there are no messages to import.
     """
@@ -39,7 +39,7 @@ class Rejection(StrEnum):
     UNKNOWN_ID = "unknown_id"
     """No message of ours has this identifier."""
     WRONG_FORMAT = "wrong_format"
-    """An extended, remote, error or FD frame; all of ours are classic data frames."""
+    """An extended, remote, error or FD frame; all our messages are classic data frames."""
     WRONG_LENGTH = "wrong_length"
     BAD_CRC = "bad_crc"
     """Corrupted: the CRC is not that of the content under this identifier."""
@@ -55,13 +55,13 @@ MessageT = TypeVar("MessageT", bound=tuple[Any, ...])
 
 
 class MessageCodec(Generic[MessageT]):
-    """One message of the DBC and the NamedTuple that stands for it."""
+    """One message of the DBC and its NamedTuple."""
 
     def __init__(self, message: MessageLayout, message_type: type[MessageT]) -> None:
         """Build the tables.
 
         Raises KeyError for a field of ``message_type`` that has no signal of its name and unit, and
-        ValueError for what the DBC may ask but this codec does not do.
+        ValueError for features of a DBC that this codec does not support.
         """
         self.name = message.name
         self.can_id = message.can_id
@@ -92,7 +92,7 @@ class MessageCodec(Generic[MessageT]):
         self.resolutions = {name: float(signals[name].scale) for name in kinds}
 
     def pack_not_available(self, message: MessageT, counter: int) -> bytes:
-        """Like ``pack``, but every signal that can be NOT_AVAILABLE is; raises EncodeError."""
+        """Like ``pack``, with every signal NOT_AVAILABLE that can be; raises EncodeError."""
         payload = bytearray(self.pack(message, counter))
         mask = bits = 0
         for signal in self._signals.values():
@@ -121,7 +121,7 @@ class MessageCodec(Generic[MessageT]):
         )
 
     def _refusal(self, *raws: int) -> Rejection:
-        """Return why raws of which one is outside its range are refused."""
+        """Return why raws are refused, at least one of which is outside its range."""
         for raw, signal in zip(raws, self._signals.values(), strict=True):
             if not signal.raw_minimum <= raw <= signal.raw_maximum:
                 break

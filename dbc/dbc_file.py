@@ -1,7 +1,7 @@
-"""Reads the DBC, by cantools: for the generator, for tools and for tests.
+"""Reads the DBC with cantools, for the generator, tools and tests.
 
-What a node needs of it is in ``dbc.generated_layout``, because cantools brings python-can and a
-command line, and takes longer to import than all the rest of a node.
+A node uses ``dbc.generated_layout`` instead, because cantools imports python-can and a command
+line, and takes longer to import than all the rest of a node.
 """
 
 import importlib.resources
@@ -25,7 +25,7 @@ UNIT_SUFFIXES: Mapping[str | None, str] = {
     "rad/s": "_rad_s",
     "s": "_s",
 }
-"""A unit of the DBC, and how the name of a Python field in that unit ends."""
+"""The units of the DBC, and the suffix of a Python field in each unit."""
 
 
 def load_database() -> Database:
@@ -41,7 +41,7 @@ def parse_database(text: str) -> Database:
     """Read a DBC; cantools refuses overlapping signals (strict). Raises ContractError."""
     try:
         database = cantools.database.load_string(text, database_format="dbc", strict=True)
-    except Exception as error:  # cantools stumbles over a damaged file in more ways than its own
+    except Exception as error:  # cantools raises more than its own exceptions for a damaged file
         raise ContractError(f"{FILE}: {one_line(error)}") from error
     if not isinstance(database, Database):
         raise ContractError(f"{FILE}: read as {type(database).__name__}")
@@ -49,7 +49,7 @@ def parse_database(text: str) -> Database:
 
 
 def layouts_of(database: Database) -> tuple[MessageLayout, ...]:
-    """Return the layout of each message; raises ContractError for what is not packed here."""
+    """Return the layout of each message; raises ContractError for unsupported features."""
     layouts = []
     for message in database.messages:
         try:

@@ -20,7 +20,7 @@ LAYOUTS: tuple[MessageLayout, ...] = (
 
 
 def generated_text() -> str:
-    """Return what the file has to be; raises ContractError."""
+    """Return the required content of the file; raises ContractError."""
     return _HEAD + "".join(_message_text(layout) for layout in layouts_of(load_database())) + ")\n"
 
 

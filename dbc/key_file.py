@@ -1,10 +1,11 @@
 """The key of authenticated frames: from a file that only its owner can read, and never shown.
 
-The file holds 32 hexadecimal digits (AES-128) on one line. It is refused, in one line that never
-holds any of its content, unless it is a regular file, not a symbolic link, of this user or root,
-that nobody else may read or write; so it cannot have been put there by somebody else either.
+The file contains 32 hexadecimal digits (AES-128) on one line. It must be a regular file, not a
+symbolic link, owned by this user or root, that nobody else may read or write; so nobody else can
+have put it there either. Otherwise it is refused with a one-line error that never shows any of its
+content.
 
-The key is kept inside a started CMAC of ``cryptography``, which does not give it out again; no
+The key is kept only inside a started CMAC of ``cryptography``, from which it cannot be read. No
 object of ours holds it, so that no report, dump of settings or traceback can show it.
 """
 
@@ -24,7 +25,7 @@ KEY_LENGTH = 16
 """AES-128 [bytes]."""
 _DIGITS = 2 * KEY_LENGTH
 _READ_MAX = 4 * _DIGITS
-"""Enough to tell that a file is too long [bytes]."""
+"""Enough to detect that a file is too long [bytes]."""
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 _EXTRA = "pip install 'steer-by-wire-emulator[secoc]'"
 
@@ -32,8 +33,9 @@ _EXTRA = "pip install 'steer-by-wire-emulator[secoc]'"
 def open_authentication(path: Path, end: End) -> Authentication:
     """Start one end with the key in ``path``; raises SettingsError.
 
-    Its challenge is the operating system's randomness: the one number here that must not come from
-    a seed. Its counter starts at the wall clock in microseconds, see ``dbc.authentication``.
+    Its challenge comes from the operating system's random generator: it is the only number here
+    that must not come from a seed. Its counter starts at the wall clock in microseconds, see
+    ``dbc.authentication``.
     """
     compute_mac = read_key(path)
     challenge = os.urandom(CHALLENGE_LENGTH)
@@ -44,9 +46,9 @@ def read_key(path: Path) -> ComputeMac:
     """Return the CMAC under the key in ``path``; raises SettingsError."""
     if not hasattr(os, "geteuid"):
         raise SettingsError(f"{path}: this platform does not tell who may read a key file")
-    start_cmac = _start_cmac()  # can fail, so before there is a key in a local variable
+    start_cmac = _start_cmac()  # can fail, so it comes before the key is in a local variable
     key = _parsed(_read_private(path))
-    if key is None:  # raised here, where nothing holds the text any more
+    if key is None:  # raised here, where no variable holds the text any more
         raise SettingsError(f"{path}: a key is {_DIGITS} hexadecimal digits on one line")
     return start_cmac(key)
 
@@ -54,7 +56,7 @@ def read_key(path: Path) -> ComputeMac:
 def cmac_under(key: bytes) -> ComputeMac:
     """Return AES-CMAC (RFC 4493) under ``key``.
 
-    Raises ValueError for another length than KEY_LENGTH, and SettingsError without
+    Raises ValueError for a length other than KEY_LENGTH, and SettingsError without
     ``cryptography``.
     """
     if len(key) != KEY_LENGTH:
@@ -63,7 +65,7 @@ def cmac_under(key: bytes) -> ComputeMac:
 
 
 def _start_cmac() -> Callable[[bytes], ComputeMac]:
-    """Return what makes a CMAC of a key; raises SettingsError without ``cryptography``."""
+    """Return a function from key to CMAC; raises SettingsError without ``cryptography``."""
     try:
         from cryptography.hazmat.primitives.ciphers.algorithms import AES128
         from cryptography.hazmat.primitives.cmac import CMAC
@@ -71,7 +73,7 @@ def _start_cmac() -> Callable[[bytes], ComputeMac]:
         raise SettingsError(f"authentication needs cryptography: {_EXTRA}") from error
 
     def start_cmac(key: bytes) -> ComputeMac:
-        keyed = CMAC(AES128(key))  # a copy of it takes a third of the time of a new one
+        keyed = CMAC(AES128(key))  # copying it takes a third of the time of making a new one
 
         def compute_mac(text: bytes) -> bytes:
             context = keyed.copy()
@@ -84,12 +86,12 @@ def _start_cmac() -> Callable[[bytes], ComputeMac]:
 
 
 def _read_private(path: Path) -> bytes:
-    """Return what is in ``path``, as far as _READ_MAX; raises SettingsError if it is not private.
+    """Return the content of ``path`` up to _READ_MAX; raises SettingsError if it is not private.
 
-    What is checked is the file that is open, so that it cannot be exchanged in between.
+    The check is made on the open file, so that it cannot be replaced in between.
     """
     try:
-        # Not waiting: a named pipe without a writer would never open.
+        # Without waiting: a named pipe without a writer would never open.
         descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK)
     except OSError as error:
         if _parsed(os.fsencode(path)) is not None:
@@ -107,7 +109,7 @@ def _read_private(path: Path) -> bytes:
 
 
 def _obstacle(found: os.stat_result, user: int) -> str:
-    """Why a file is no place for a key of ``user``; empty when it is."""
+    """Why a file is not safe for a key of ``user``; empty if it is safe."""
     if not stat.S_ISREG(found.st_mode):
         return "is not a regular file"
     if found.st_uid not in (0, user):
@@ -118,7 +120,7 @@ def _obstacle(found: os.stat_result, user: int) -> str:
 
 
 def _parsed(text: bytes) -> bytes | None:
-    """Return the key in ``text``; None for what is no key."""
+    """Return the key in ``text``; None if it is not a key."""
     digits = text.removesuffix(b"\n").removesuffix(b"\r")
     if len(digits) != _DIGITS:
         return None

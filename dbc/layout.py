@@ -1,6 +1,6 @@
-"""What the DBC says of a message's payload, as plain records.
+"""The layout of a message's payload as defined by the DBC, as plain records.
 
-``dbc.generated_layout`` has them of every message, so that a node needs no reader of DBC files.
+``dbc.generated_layout`` has the records of all messages, so that a node needs no DBC reader.
 """
 
 from typing import NamedTuple
@@ -10,12 +10,12 @@ class SignalLayout(NamedTuple):
     """One signal: a little-endian integer, and value = raw * scale.
 
     ``name``              in the DBC
-    ``field``             that stands for it in Python: without its message's name, with its unit
+    ``field``             its name in Python: without its message's name, with its unit
     ``start``             position of its lowest bit, counted from the first bit of the payload
     ``length``            [bits]
-    ``minimum, maximum``  of its values, both included, in its unit
+    ``minimum, maximum``  range of its values, both included, in its unit
     ``unit``              empty if it has none
-    ``not_available``     the raw, outside that range, that means "no value now"; None: no raw does
+    ``not_available``     raw outside that range that means "no value now"; None if there is none
     """
 
     name: str
@@ -35,7 +35,7 @@ class MessageLayout(NamedTuple):
 
     ``length``         of its payload [bytes]
     ``cycle_time_ms``  0 if it is not sent cyclically
-    ``data_id``        of E2E profile 5, None: it is not protected
+    ``data_id``        of E2E profile 5; None if the message is not protected
     ``signals``        in the order of their bits, without CRC and counter of the protection
     """
 

@@ -3,8 +3,9 @@
 Units are SI and the last part of a field's name; signs are ISO 8855 (x forward, y left; left is
 positive). What each field means, its range and its resolution are in ``steer_by_wire.dbc``.
 
-Sending raises on what a signal cannot carry: such a value is a mistake of the program. Receiving
-never raises: a frame that is not a message is a ``Rejection``, to be counted by its cause.
+Encoding raises for a value that its signal cannot carry, which is a mistake of the program.
+Decoding never raises: a frame that is not a valid message gives a ``Rejection``, to be counted by
+cause.
 
 ``dbc.generated_layout`` is the DBC as records, so that a node needs no reader of DBC files.
 """
@@ -84,7 +85,7 @@ class Law(IntEnum):
     SMITH = 5
     DELAYED_SET_POINT = 6
     CUSTOM = 7
-    """Of somebody else's package."""
+    """A law from another package."""
 
 
 class SteeringStatusCode(IntEnum):
@@ -93,19 +94,19 @@ class SteeringStatusCode(IntEnum):
     NO_COMMAND = 0
     APPLYING = 1
     LIMITED = 2
-    """Applying it as far as its angle and rate limits allow."""
+    """Applies it as far as its angle and rate limits allow."""
     LIMITED_BY_SAFETY = 3
-    """Applying it as far as the safety limiter allows."""
+    """Applies it as far as the safety limiter allows."""
     HOLDING = 4
-    """Commands stay away: the last one is held."""
+    """Commands have stopped: the last one is held."""
     FALLBACK = 5
-    """Commands stayed away: the fallback that was configured."""
+    """Commands have stopped for longer: the configured fallback is applied."""
     SAFE_STATE = 6
-    """The wheel does not follow, or an override: the fallback, whatever comes."""
+    """The wheel does not follow, or an override: the fallback is applied, and commands ignored."""
 
 
 class SafetyState(IntEnum):
-    """The same in short, with all that happened since the last PLANT_STATUS."""
+    """The same in brief, including all events since the last PLANT_STATUS."""
 
     NORMAL = 0
     LIMITING = 1
@@ -125,33 +126,33 @@ class Freshness(IntEnum):
 
 
 class ControllerFault(IntEnum):
-    """What the controller has found wrong with itself."""
+    """A fault that the controller has detected in itself."""
 
     NONE = 0
     OVERRUNS = 1
-    """Too many ticks came too late."""
+    """Too many ticks were late."""
     LAW_FAILED = 2
-    """The law's output was again no finite number after it had been started anew."""
+    """The law's output was not finite again after a restart of the law."""
 
 
 class EchoState(IntEnum):
-    """Whether the echo of the command counter tells the delay."""
+    """Whether the echo of the command counter gives the delay."""
 
     UNKNOWN = 0
     KNOWN = 1
 
 
 class EstimateState(IntEnum):
-    """Whether command and response tell the delay."""
+    """Whether the delay can be estimated from command and response."""
 
     OFF = 0
     NOT_OBSERVABLE = 1
-    """They do not now: too little excitation, or what they tell contradicts itself."""
+    """Not at present: too little excitation, or the two estimates contradict each other."""
     OBSERVABLE = 2
 
 
 class Direction(IntEnum):
-    """Which latency line is meant; BOTH is the sum of the two."""
+    """The latency line to which a message refers; BOTH is the sum of the two."""
 
     DOWNLINK = 1
     """Commands, controller to plant."""
@@ -202,7 +203,7 @@ class VehicleState(NamedTuple):
 
 
 class ControllerStatus(NamedTuple):
-    """Controller to all, for watching; ``skipped_ticks`` is modulo 256."""
+    """Controller to all, for monitoring; ``skipped_ticks`` is modulo 256."""
 
     mode: Mode
     law: Law
@@ -212,7 +213,7 @@ class ControllerStatus(NamedTuple):
 
 
 class ControllerSafety(NamedTuple):
-    """Controller to all, for watching: what it refuses, what it misses, what is wrong with it.
+    """Controller to all, for monitoring: refused frames, missing messages, and its own faults.
 
     ``rejected`` and ``lost`` are modulo 4096.
     """
@@ -226,7 +227,7 @@ class ControllerSafety(NamedTuple):
 
 
 class DelayStatus(NamedTuple):
-    """Controller to all, for watching: the delay from command to measurement, down and up."""
+    """Controller to all, for monitoring: the delay from command to measurement, down and up."""
 
     echo_delay_s: float
     estimated_delay_s: float
@@ -236,7 +237,7 @@ class DelayStatus(NamedTuple):
 
 
 class PlantStatus(NamedTuple):
-    """Plant to all, for watching; ``lost`` is modulo 128 and ``rejected`` modulo 64."""
+    """Plant to all, for monitoring; ``lost`` is modulo 128 and ``rejected`` modulo 64."""
 
     downlink_latency_s: float
     uplink_latency_s: float
@@ -280,7 +281,7 @@ MESSAGE_TYPES: Mapping[str, type[Message]] = MappingProxyType(
         "LATENCY_CONFIG": LatencyConfig,
     }
 )
-"""The name of each message in the DBC, and the type that stands for it."""
+"""The name of each message in the DBC, and its Python type."""
 
 
 class Decoded(NamedTuple):
@@ -319,18 +320,17 @@ One that is sent cyclically and spontaneously comes in between as well, at chang
 
 
 def limits(message_type: type[Message]) -> Mapping[str, SignalRange]:
-    """What each field of ``message_type`` can carry, so that a node can clamp to it."""
+    """The range of each field of ``message_type``, so that a node can clamp to it."""
     return MappingProxyType(_CODECS[message_type].limits)
 
 
 def resolutions(message_type: type[Message]) -> Mapping[str, float]:
-    """How far apart the values are that each field of ``message_type`` can carry."""
+    """The resolution of each field of ``message_type``."""
     return MappingProxyType(_CODECS[message_type].resolutions)
 
 
 COMMAND_COUNTERS = int(limits(SteeringCommand)["command_counter"].maximum) + 1
-"""How many values the counter of a command has; it wraps, and has nothing to do with the E2E
-counter."""
+"""Number of values of a command's counter, which wraps and is independent of the E2E counter."""
 
 
 class Unpacking(NamedTuple):
@@ -341,13 +341,13 @@ class Unpacking(NamedTuple):
 
 
 def unpacking(message_type: type[Message]) -> Unpacking:
-    """Return how to read the payload of a message, for who receives many."""
+    """Return how to read the payload of a message, for a receiver of many frames."""
     codec = _CODECS[message_type]
     return Unpacking(codec.length, codec.unpack)
 
 
 def encode(message: Message, counter: int) -> Frame:
-    """The frame for ``message``; a value is rounded to the nearest the signal has.
+    """The frame for ``message``; a value is rounded to the signal's resolution.
 
     ``counter`` is the E2E counter, 0 to 255, one more for each frame of this type; LatencyConfig
     has none and ignores it. Raises EncodeError for a value outside its signal's range, a value that
@@ -358,7 +358,7 @@ def encode(message: Message, counter: int) -> Frame:
 
 
 def encode_not_available(message: Message, counter: int) -> Frame:
-    """The frame that says "no value now" for every signal of ``message`` that can say so.
+    """The frame for ``message`` with "no value now" in every signal that has such a raw.
 
     These are ``steer_rad`` of SteeringCommand and both fields of LateralError; the others are sent
     as they are in ``message``. Raises EncodeError as ``encode`` does, and for the other types.
@@ -380,7 +380,7 @@ def decode(frame: Frame) -> Decoded | Rejection:
 
 
 def rejection_of(frame: Frame) -> Rejection:
-    """Why there is no message in ``frame``, in which there is none."""
+    """Why ``frame``, which is not a valid message, is rejected."""
     can_id, data, flags = frame
     if flags & ERROR:  # its identifier is an error class and may equal one of ours
         return Rejection.WRONG_FORMAT

@@ -1,7 +1,7 @@
-"""Writes, for each message, the two functions that pack and unpack its payload, and compiles them.
+"""Generates and compiles, for each message, the two functions that pack and unpack its payload.
 
-Every frame on the bus passes here, so the functions have no loop over signals and call nothing
-twice: one line a signal, and one condition for all ranges. Of a message with one signal of each
+Every frame on the bus passes through them, so they have no loop over signals and call nothing
+twice: one line per signal, and one condition for all ranges. For a message with one signal of each
 kind they are
 
     def pack(message, counter):
@@ -40,8 +40,8 @@ kind they are
             return new(Message, (speed_m_s * 0.001, number, of_mode[mode],)), word >> 16 & 255
         return refusal(speed_m_s, number, mode)
 
-Whatever does not go smoothly is found out again, signal by signal, by ``cannot_send`` and
-``refusal``: they have time.
+In case of an error ``cannot_send`` and ``refusal`` search for the cause signal by signal; they need
+not be fast.
 """
 
 from binascii import crc_hqx
@@ -57,7 +57,7 @@ _ORDER = "'little'"
 _CRC_OF = f"crc({{}} + data_id, {START:#x})"
 _COUNTER_BITS = 8
 _HEADER_BITS = 8 * HEADER_BYTES - _COUNTER_BITS
-"""The CRC: what follows it is its content."""
+"""Bits of the CRC; it covers all that follows."""
 
 
 class Packing(NamedTuple):
@@ -86,10 +86,10 @@ def packing_of(
 
     ``message_type``  its NamedTuple
     ``length``        of its payload [bytes]
-    ``data_id``       of its protection; None: it has none, and its counter is always 0
+    ``data_id``       of its protection; None if it has none, and its counter is then always 0
     ``signals``       in the order of the fields, by their names
-    ``cannot_send``   returns what to raise for a message and a counter
-    ``refusal``       returns what to answer to raws of which one is out of its range
+    ``cannot_send``   returns the exception for a message and a counter that cannot be packed
+    ``refusal``       returns the result for raws, at least one of which is out of its range
     """
     source = "\n".join(
         (*_pack_lines(length, data_id, signals), "", *_unpack_lines(data_id, signals), "")
@@ -179,7 +179,7 @@ def _raw_of(name: str, signal: PackedSignal) -> str:
 
 
 def _carried(name: str, signal: PackedSignal) -> str:
-    """Return the condition that a signal carries a raw, or a member of an enum."""
+    """Return the condition that a signal can carry a raw, or a member of an enum."""
     in_range = f"{signal.raw_minimum} <= {name} <= {signal.raw_maximum}"
     if issubclass(signal.kind, IntEnum):
         return f"type({name}) is {signal.kind.__name__} and {in_range}"
@@ -187,7 +187,7 @@ def _carried(name: str, signal: PackedSignal) -> str:
 
 
 def _placed(name: str, signal: PackedSignal, begin: int) -> str:
-    """Return a raw at its place in what begins with bit ``begin`` of the payload."""
+    """Return a raw shifted to its place in a word that begins with bit ``begin`` of the payload."""
     raw = f"({name} & {signal.mask:#x})" if signal.sign else name
     return f"{raw} << {signal.shift - begin}" if signal.shift > begin else raw
 
@@ -201,14 +201,14 @@ def _raw_in_word(signal: PackedSignal) -> str:
 
 
 def _in_range(name: str, signal: PackedSignal) -> str:
-    """Return the condition that a raw is in its range; empty where no raw could be outside."""
+    """Return the condition that a raw is in its range; empty if every raw is."""
     low = f"{signal.raw_minimum} <= " if signal.raw_minimum > -signal.sign else ""
     high = f" <= {signal.raw_maximum}" if signal.raw_maximum < signal.mask - signal.sign else ""
     return f"{low}{name}{high}" if low or high else ""
 
 
 def _value_of(name: str, signal: PackedSignal) -> str:
-    """Return the value of a raw in its range."""
+    """Return the value of a raw that is in its range."""
     if issubclass(signal.kind, IntEnum):
         return f"of_{name}[{name}]"
     return f"{name} * {signal.resolution!r}" if signal.kind is float else name

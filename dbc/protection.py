@@ -4,26 +4,26 @@ A protected payload starts with the profile's header:
 
     bytes 0, 1   CRC-16 (polynomial 0x1021, start 0xFFFF), low byte first, over bytes 2 to the end
                  and then the Data ID, low byte first; the Data ID itself is not sent
-    byte 2       counter, one more for each frame of the message, 255 is followed by 0
+    byte 2       counter, one more for each frame of the message; 255 is followed by 0
 
-The CRC finds corruption and, by the Data ID, a payload under the wrong identifier. Every change of
-up to three bits in a frame of ours is found, others with probability 1 - 2**-16. The counter finds
-loss, repetition and reordering. A frame that is too old finds nobody: there is no time in it, so
-age is silence, which whoever waits for the message watches.
+The CRC detects corruption and, by the Data ID, a payload under the wrong identifier. In our frames
+it detects every change of up to three bits, and others with probability 1 - 2**-16. The counter
+detects loss, repetition and reordering. Neither detects a frame that is too old, because a frame
+contains no time. The receiver must watch for the silence of a message itself.
 """
 
 from binascii import crc_hqx
 from enum import StrEnum
 
 COUNTERS = 256
-"""How many values the counter has; it wraps."""
+"""Number of values of the counter, which wraps."""
 HEADER_BYTES = 3
 START = 0xFFFF
-"""Of the CRC's register."""
+"""Initial value of the CRC's register."""
 
 
 def header_bits(message_name: str) -> dict[str, tuple[int, int]]:
-    """Where the profile wants its header in a message: signal name to (first bit, bits)."""
+    """Place of the profile's header in a message: signal name to (first bit, bits)."""
     return {f"{message_name}_CRC": (0, 16), f"{message_name}_COUNTER": (16, 8)}
 
 
@@ -42,7 +42,7 @@ def _crc(payload: bytes | bytearray, data_id: int) -> int:
 
 
 class SequenceResult(StrEnum):
-    """What a received counter says about its frame; only ACCEPTED is to be used."""
+    """Verdict on a frame by its counter; only ACCEPTED frames are to be used."""
 
     ACCEPTED = "accepted"
     REPEATED = "repeated"
@@ -50,31 +50,32 @@ class SequenceResult(StrEnum):
     OUT_OF_ORDER = "out_of_order"
     """Older than the newest accepted frame."""
     TOO_FAR = "too_far"
-    """Newer by more than is believed."""
+    """Newer by more than ``max_jump``."""
 
 
 _ACCEPTED = SequenceResult.ACCEPTED
 
 
 class SequenceCheck:
-    """Judges the counters of one message as they arrive: the newest wins.
+    """Checks the counters of one message as they arrive: the newest wins.
 
     The first frame is accepted. After that a frame is accepted if it is newer than the newest
-    accepted one by 1 to ``max_jump`` (forward, modulo 256). A sender that restarted, or fell silent
-    for long, counts on from anywhere: after ``resync_run`` refused frames in a row whose counters
-    step by exactly one, the next that steps by one is accepted, but not before ``resync_ns`` have
-    passed since the newest accepted frame. With the time after which the receiver stops to act on
-    that frame, nobody is led from one stream of counters to another without having held first.
+    accepted one by 1 to ``max_jump`` (forward, modulo 256). A sender that restarted, or was silent
+    for long, may continue from any counter: after ``resync_run`` refused frames in a row whose
+    counters step by exactly one, the next that steps by one is accepted, but not before
+    ``resync_ns`` have passed since the newest accepted frame. If this is no shorter than the time
+    after which the receiver stops acting on that frame, it always holds before it changes from one
+    stream of counters to another.
 
     ``max_jump``    1 to 127, so that newer and older by the same amount stay distinguishable
     ``resync_run``  1 or more
-    ``resync_ns``   0 or more [ns]; 0 for who acts on nothing
+    ``resync_ns``   0 or more [ns]; 0 for a receiver that does not act on the message
 
     ``counter``         of the newest accepted frame, 0 before the first
     ``arrival_ns``      when that arrived, None before the first [ns]
-    ``lost``            counters skipped by accepted frames; one that arrives late is refused, so it
-                        stays counted; what a resynchronisation skipped is unknown and is not
-    ``resynchronised``  how often a run of refused frames was believed to be a sender's new start
+    ``lost``            counters skipped by accepted frames. A late frame is refused and stays
+                        counted; frames skipped by a resynchronisation are unknown and not counted
+    ``resynchronised``  how often a run of refused frames was accepted as a restart of the sender
     """
 
     def __init__(self, max_jump: int, resync_run: int, resync_ns: int = 0) -> None:
@@ -95,7 +96,7 @@ class SequenceCheck:
         self.resynchronised = 0
 
     def check(self, counter: int, now_ns: int = 0) -> SequenceResult:
-        """Judge the frame that carries ``counter`` (0 to 255) and arrives at ``now_ns``."""
+        """Check the frame that carries ``counter`` (0 to 255) and arrives at ``now_ns``."""
         if self.arrival_ns is None:
             return self._accept(counter, now_ns)
         forward = (counter - self.counter) % COUNTERS

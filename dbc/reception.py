@@ -1,8 +1,8 @@
-"""What a node believes of the frames it receives, and why it refuses the others.
+"""Which received frames a node accepts, and why it refuses the others.
 
 A frame must be intact and within its ranges (``dbc.messages.decode``) and, where its message has a
-counter, newer than the newest one accepted (``dbc.protection.SequenceCheck``). Everything refused
-is counted by cause.
+counter, newer than the newest accepted one (``dbc.protection.SequenceCheck``). Refused frames are
+counted by cause.
 """
 
 from collections import Counter
@@ -19,14 +19,14 @@ _ACCEPTED = SequenceResult.ACCEPTED
 
 
 class Reception:
-    """Receives some types of messages; frames of all other identifiers are not its business.
+    """Receives some types of messages; frames with other identifiers are ignored.
 
     ``message_types``  what is received
     ``max_jump``       see SequenceCheck; each type has its own
     ``resync_run``     see SequenceCheck
     ``resync_ns``      see SequenceCheck [ns]
 
-    ``accepted``, ``refused``  frames so far, refused for whatever cause
+    ``accepted``, ``refused``  frames so far, refused for any cause
     """
 
     def __init__(
@@ -57,17 +57,17 @@ class Reception:
 
     @property
     def resynchronised(self) -> int:
-        """How often a sender was believed to have started anew."""
+        """How often a restart of a sender was accepted."""
         checks = self._checks.values()
         return sum(check.resynchronised for check in checks if check is not None)
 
     @property
     def lost(self) -> int:
-        """Frames that never came, or came too late, by the counters of those accepted."""
+        """Frames that never arrived or arrived too late, by the counters of accepted frames."""
         return sum(check.lost for check in self._checks.values() if check is not None)
 
     def newest(self, message_type: type[Message]) -> SequenceCheck:
-        """Return what keeps counter and arrival of the newest frame of a message that has one."""
+        """Return the record of counter and arrival of a message's newest accepted frame."""
         check = self._checks[CAN_IDS[message_type]]
         if check is None:
             raise ValueError(f"{message_type.__name__} has no counter")
@@ -76,9 +76,9 @@ class Reception:
     def take(
         self, frame: Frame, now_ns: int = 0
     ) -> Message | Rejection | SequenceResult | Refused | None:
-        """Judge one frame: its message, the cause of its refusal, or None if not received here.
+        """Return a frame's message, the cause of its refusal, or None if it is not received here.
 
-        ``now_ns``  when it arrived; who sets no ``resync_ns`` need not tell
+        ``now_ns``  when it arrived; not needed without ``resync_ns``
         """
         can_id, data, flags = frame
         received = self._received.get(can_id)
@@ -99,8 +99,8 @@ class Reception:
         return message
 
     def _refuse_unread(self, frame: Frame) -> Rejection | Refused:
-        """Refuse a frame that is no message, for the reason that ``rejection_of`` finds."""
-        if frame.flags & FD and is_secured(frame):  # who has the key shows us the classic frame
+        """Refuse a frame that is not a valid message, for the cause found by ``rejection_of``."""
+        if frame.flags & FD and is_secured(frame):  # with a key, the classic frame arrives here
             return self._refuse(Refused.NO_KEY)
         return self._refuse(rejection_of(frame))
 

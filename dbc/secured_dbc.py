@@ -3,8 +3,8 @@
 python -m steer_by_wire.dbc.secured_dbc > secured.dbc
 candump vcan0 | cantools decode --single-line secured.dbc
 
-It is ``steer_by_wire.dbc`` with longer messages: what is behind the eighth byte, as
-``dbc.secured_frame`` has it, in signals of its own. LATENCY_CONFIG is as it was.
+It is ``steer_by_wire.dbc`` with longer messages: the bytes after the eighth, defined in
+``dbc.secured_frame``, are signals of their own. LATENCY_CONFIG is unchanged.
 """
 
 import importlib.resources
@@ -23,7 +23,7 @@ _TRAILERS = {
         ("MAC_LOW", 64),
     ),
 }
-"""The signals behind the payload, without their message's name, and their bits: at most 64."""
+"""The signals after the payload, without their message's name, and their bits: at most 64."""
 _FORMATS = ",".join(f'"{name}"' for name in ("StandardCAN", "ExtendedCAN", *["reserved"] * 12))
 _FD_FORMAT = 14
 """StandardCAN_FD in the list of formats that every tool knows by number."""
@@ -55,7 +55,7 @@ def secured_dbc() -> str:
 
 
 def _longer(found: re.Match[str]) -> str:
-    """Return the definition of a message with what is behind its payload."""
+    """Return the definition of a message with the signals after its payload."""
     can_id, message, sender, signals = found.groups()
     layout = LAYOUTS[int(can_id)]
     trailer = _trailer(layout, message, receivers=signals.rpartition('" ')[2])
@@ -63,7 +63,7 @@ def _longer(found: re.Match[str]) -> str:
 
 
 def _trailer(layout: Layout, message: str, receivers: str) -> str:
-    """Return the lines of the signals behind the payload, high byte first."""
+    """Return the lines of the signals after the payload, high byte first."""
     lines, start = "", 8 * PAYLOAD_LENGTH
     for name, bits in _TRAILERS[layout]:
         # In this byte order a DBC counts from the highest bit of the first byte.

@@ -15,8 +15,8 @@
         bytes 32 to 47  CMAC, all 128 bits
 
 The order payload, freshness, authenticator and the high byte first are those of AUTOSAR SecOC, as
-``cantools.autosar.secoc`` packs them. ``dbc.authentication`` makes and checks these frames; here is
-what those need who have no key, and nothing of it needs cryptography.
+``cantools.autosar.secoc`` packs them. ``dbc.authentication`` makes and checks these frames. This
+module contains the parts that need neither key nor cryptography.
 """
 
 from collections.abc import Mapping
@@ -29,14 +29,14 @@ from .messages import CAN_IDS, ControllerStatus, LatencyConfig, Message, PlantSt
 
 PAYLOAD_LENGTH = 8
 CHALLENGE_LENGTH = 8
-"""Of a challenge and of its echo."""
+"""Length of a challenge and of its echo [bytes]."""
 COUNTER_BITS = 64
 
 
 class Layout(NamedTuple):
-    """Where the parts of a secured frame are.
+    """Places of the parts of a secured frame.
 
-    ``secured_length``  bytes the CMAC is over, from the first on, before the freshness [bytes]
+    ``secured_length``  bytes covered by the CMAC, from the first up to the freshness [bytes]
     ``counter_length``  of the freshness counter on the wire [bytes]
     ``mac_length``      of the CMAC on the wire [bytes]
     """
@@ -52,7 +52,7 @@ class Layout(NamedTuple):
 
     @property
     def length(self) -> int:
-        """Of the whole payload [bytes]."""
+        """Length of the whole payload [bytes]."""
         return self.mac_start + self.mac_length
 
 
@@ -72,19 +72,19 @@ LAYOUTS: Mapping[int, Layout] = MappingProxyType(
 
 
 class Refused(StrEnum):
-    """Why a frame is not believed to come from who has the key, and to be new."""
+    """Why a frame is not accepted as new and from a sender with the key."""
 
     UNAUTHENTICATED = "unauthenticated"
-    """Not of the secured form: classic, or of another length."""
+    """Not in the secured form: classic, or of another length."""
     FORGED = "forged"
     """The CMAC is not that of this content, identifier, key and freshness."""
     REPLAYED = "replayed"
     """Authentic, but not newer than the newest accepted frame of its identifier."""
     UNSYNCHRONISED = "unsynchronised"
-    """Not bound to the challenge of this end: the sender has not learnt it yet, or it is a frame
-    from before this end started."""
+    """Not bound to the challenge of this end: the sender does not know it yet, or the frame is from
+    before this end started."""
     NO_KEY = "no_key"
-    """A secured frame, and this end has no key to check it with."""
+    """A secured frame, but this end has no key to check it."""
 
 
 class End(NamedTuple):
@@ -99,7 +99,7 @@ PLANT = End(PlantStatus, ControllerStatus)
 
 
 def is_secured(frame: Frame) -> bool:
-    """Whether ``frame`` has the secured form of one of our messages; its CMAC is not looked at."""
+    """Whether ``frame`` has the secured form of one of our messages; its CMAC is not checked."""
     can_id, data, flags = frame
     if flags & ~BITRATE_SWITCH != FD:
         return False
@@ -110,6 +110,6 @@ def is_secured(frame: Frame) -> bool:
 def plain(frame: Frame) -> Frame:
     """The classic frame in a secured one, which is NOT verified; any other frame as it is.
 
-    For who only watches: recordings, the monitor.
+    For passive receivers: recordings, the monitor.
     """
     return Frame(frame.can_id, frame.data[:PAYLOAD_LENGTH]) if is_secured(frame) else frame

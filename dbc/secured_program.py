@@ -1,6 +1,6 @@
-"""What both programs do with ``--key-file``: without it nothing here needs cryptography.
+"""The option ``--key-file`` of both programs; without it nothing here needs cryptography.
 
-The key itself is never an option: command lines are seen by every user of a machine.
+The key itself is never an option, because every user of a machine can read command lines.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from .messages import CAN_IDS, Message
 from .secured_frame import End, Refused
 
 NOBODY = "classic CAN authenticates nobody: whoever is on the bus can steer (see --key-file)"
-"""What a program says on start when it has no key."""
+"""Printed on start by a program without a key."""
 AUTHENTICATED = "authenticated CAN FD: only frames made with the key are believed"
 
 
@@ -39,14 +39,14 @@ def run_secured_node(
     received: Collection[type[Message]],
     conclude: Callable[[N], None] = lambda _node: None,
 ) -> ExitStatus:
-    """Run a node as ``runtime.program.run_node`` does, behind authentication where a key is given.
+    """Run a node as ``runtime.program.run_node`` does, behind authentication if a key is given.
 
     ``end``       which of the two ends the node is
     ``received``  the messages it receives
 
-    Says on standard error who is believed, and at the end what was refused. Raises SettingsError
-    for a key file that cannot be used and a recording that would stay empty, and what ``run_node``
-    raises.
+    Reports on standard error whose frames are accepted, and at the end the refused ones. Raises
+    SettingsError for a key file that cannot be used and a recording that would stay empty, and the
+    exceptions of ``run_node``.
     """
     can_ids = {CAN_IDS[message_type] for message_type in received}
     if options.key_file is None:
@@ -60,7 +60,7 @@ def run_secured_node(
         return run_node(name, options, settings, make_node, conclude_classic, can_ids, NOBODY)
     if options.record is not None and (obstacle := fd_obstacle(options.record)):
         raise SettingsError(f"{obstacle}; with --key-file all frames are CAN FD")
-    # Not above: they read the DBC once more, for which classic CAN has no use.
+    # Not at the top: they read the DBC once more, which classic CAN does not need.
     from .authenticated_node import AuthenticatedNode
     from .key_file import open_authentication
 

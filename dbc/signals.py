@@ -1,14 +1,14 @@
 """One signal of the DBC as the numbers that pack and unpack it.
 
-The DBC is the only truth: position, width, sign, resolution, range and "not available" all come
-from there, by ``dbc.generated_layout``.
+The DBC is the single source of position, width, sign, resolution, range and "not available", by way
+of ``dbc.generated_layout``.
 
     raw   = round(value / resolution)       nearest, halves to even
     value = raw * resolution                both as cantools computes them
 
-A NamedTuple's field and the signal it stands for are matched by name and unit: ``speed_m_s`` is
-SPEED in m/s. A field whose unit is not the DBC's therefore has no signal. Where a signal's name
-would not be unique in the DBC it begins with that of its message, which the field leaves out.
+A NamedTuple's field is matched to its signal by name and unit: ``speed_m_s`` is SPEED in m/s. A
+field whose unit differs from the DBC's therefore has no signal. Where a signal's name would not be
+unique in the DBC, it begins with the name of its message, which the field omits.
 """
 
 from enum import IntEnum
@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from .layout import SignalLayout
 
 NOT_AVAILABLE_NAME = "NOT_AVAILABLE"
-"""The entry in a signal's value table that says the sender has no value now."""
+"""The entry in a signal's value table for "the sender has no value now"."""
 
 
 class SignalRange(NamedTuple):
@@ -29,15 +29,15 @@ class SignalRange(NamedTuple):
 
 
 class PackedSignal(NamedTuple):
-    """Where a signal lies in the payload and what its raw integers mean.
+    """Place of a signal in the payload, and meaning of its raw integers.
 
-    ``kind``           of its values: float, by the resolution; int; or an IntEnum
+    ``kind``           type of its values: float, by the resolution; int; or an IntEnum
     ``resolution``     value of one raw, the integer 1 for integers
     ``shift``          position of its lowest bit, counted from the first bit of the payload
-    ``mask``           as many ones as it has bits
+    ``mask``           a one for each of its bits
     ``sign``           weight of the sign bit, 0 for an unsigned signal
     ``raw_minimum``, ``raw_maximum``  the DBC's range
-    ``not_available``  the raw, outside that range, that means "no value now"
+    ``not_available``  raw outside that range that means "no value now"
     ``text``           name and allowed values, for an error message
     """
 
@@ -54,11 +54,11 @@ class PackedSignal(NamedTuple):
     def to_raw(self, value: Any) -> int:
         """Return the raw of a value, in its range or not.
 
-        Raises TypeError, ValueError or OverflowError for what is no such value.
+        Raises TypeError, ValueError or OverflowError for a value of the wrong kind.
         """
         if self.kind is float:
             return round(float(value / self.resolution))
-        # Members of two IntEnums may be equal as numbers, so the class has to be looked at.
+        # Members of two IntEnums may be equal as numbers, so the class has to be checked.
         if issubclass(self.kind, IntEnum) and type(value) is not self.kind:
             raise TypeError(value)
         return index(value)
@@ -72,8 +72,8 @@ def signal_range(signal: SignalLayout) -> SignalRange:
 def packed_signal(signal: SignalLayout, kind: type) -> PackedSignal:
     """The numbers for ``signal``, standing for a field of type ``kind`` (float, int or an IntEnum).
 
-    Raises ValueError for an integer with another resolution than 1, and for an enumeration that
-    has not all values of its signal's range.
+    Raises ValueError for an integer with a resolution other than 1, and for an enumeration without
+    all values of its signal's range.
     """
     if kind is not float and signal.scale != 1:
         raise ValueError(f"{signal.name}: an integer needs the resolution 1")

@@ -27,7 +27,7 @@ _CELLS_PER_KNOT = 16
 _NEWTON_STEPS = 4
 """Linear interpolation starts Newton with an error below 1e-2 of a cell; each step squares it."""
 _TURN_MISSED_MAX_RAD = 0.1
-"""A heading that turns by more than its curvature says has a cusp between two points."""
+"""A heading that turns by more than its curvature implies has a cusp between two points."""
 _TOO_SHARP = "the path bends too sharply"
 
 

@@ -6,7 +6,7 @@
     message = "LATERAL_ERROR"
     onset_s = 3.0
     duration_s = 1.0
-    magnitude = 0.01              # of each bit, as the table `MAGNITUDES` says
+    magnitude = 0.01              # of each bit, see the table `MAGNITUDES`
 
 Wire faults change, lose, add or move frames as they are; a receiver's checks find what they break.
 Signal faults are a sender's: the value is wrong, its CRC and counter are right. Checked here once,

@@ -167,9 +167,9 @@ Advance = Callable[[MotionParams, MotionState, int], MotionState]
 class Motion:
     """Holds the state of one motion; every read-out is the one at ``time_ns``, and finite.
 
-    An unstable vehicle that nobody holds grows without bound: (1) is linear. When its state is
-    finite no more, the vehicle stays in its last state that was, for good, while the wheel and the
-    path go on; ``is_finite`` says so.
+    The state of an unstable, uncontrolled vehicle grows without bound, because (1) is linear. When
+    it is no longer finite, the vehicle stays in its last finite state for good, while the wheel and
+    the path continue; ``is_finite`` reports this.
 
     ``advance``  ``advance_motion``, or what has other equations of motion
     """

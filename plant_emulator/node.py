@@ -18,7 +18,7 @@ arrives on the bus, before its latency, so that two programs started one after t
 nodes in virtual time drive the same run.
 
 A fault that the plant finds in itself (``plant_emulator.self_supervision``) ends the run safely:
-the steering goes to its SAFE_STATE, says so, and when its fallback is over the node has finished.
+the steering enters its SAFE_STATE, reports it, and after its fallback the node has finished.
 """
 
 import math
@@ -284,7 +284,7 @@ class PlantNode:
             push(frame.can_id, frame, time_ns, motion_ns)
 
     def _status(self) -> PlantStatus:
-        """Return what PLANT_STATUS says, latencies as they are."""
+        """Return the content of PLANT_STATUS, with latencies not clamped."""
         network = self._network
         return PlantStatus(
             network.downlink.latest_latency_ns * 1e-9,

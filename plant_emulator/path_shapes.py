@@ -1,7 +1,7 @@
 """The paths the rig knows: straight, circle, ellipse, single and double lane change.
 
 ellipse: SAE 2018-01-1086, Fig. 14, from the end of the major axis (where it bends most), to the
-left. Its curvature is interpolated as `plant_emulator.curve` says.
+left. Its curvature is interpolated as described in `plant_emulator.curve`.
 
 lane changes: of clothoids with the curvatures 0, κ, 0, −κ, 0 after equal lengths, so that the
 heading returns to where it was. The double one has the proportions of ISO 3888-1: 30 m to the

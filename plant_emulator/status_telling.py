@@ -1,11 +1,11 @@
 """When PLANT_STATUS is due: every cycle, and in between where SAFETY differs from the last report.
 
-    at once        it goes from what commands decide to HOLDING, FALLBACK or SAFE_STATE, or further
-                   on in this order: a fault that must be reported within the fault tolerant time
-    at intervals   any other change, INTERVAL_NS after the last PLANT_STATUS at the earliest, or a
-                   flapping network would be answered by as many frames
+    at once        it changes from a state set by commands to HOLDING, FALLBACK or SAFE_STATE, or
+                   further in this order: a fault to be reported within the fault tolerant time
+    at intervals   any other change, INTERVAL_NS after the last PLANT_STATUS at the earliest, so
+                   that a flapping network does not cause a flood of frames
 
-That nothing has been limited since the last PLANT_STATUS is no change: it waits for the cycle, and
+The end of limiting since the last PLANT_STATUS is not reported early: it waits for the cycle, and
 so do latencies, losses and refusals.
 """
 
@@ -34,7 +34,7 @@ class StatusTelling:
         self.deadline_ns = start_ns
 
     def on_state(self, state: SafetyState, time_ns: int) -> None:
-        """Take what SAFETY would be now."""
+        """Process the present value of SAFETY."""
         told = self._told
         if state is told and self._change_ns == NEVER_NS:
             return
@@ -49,7 +49,7 @@ class StatusTelling:
         self.deadline_ns = min(self._timer.deadline_ns, self._change_ns)
 
     def on_telling(self, state: SafetyState, time_ns: int, now_ns: int) -> None:
-        """Note that PLANT_STATUS, due at ``time_ns``, reports a state."""
+        """Record that PLANT_STATUS, due at ``time_ns``, reports a state."""
         if self._timer.deadline_ns <= time_ns:
             self._timer.advance(now_ns)
         self._told, self._told_ns = state, time_ns

@@ -21,7 +21,7 @@ from .steering_guard import (
 
 _NORMAL = SafetyState.NORMAL
 _STATES = (_NORMAL, _NORMAL, SafetyState.HOLDING, SafetyState.FALLBACK, SafetyState.SAFE_STATE)
-"""What PLANT_STATUS says of each ``GuardMode`` where nothing was limited."""
+"""State in PLANT_STATUS for each ``GuardMode`` if nothing was limited."""
 _STATUS_CODES = tuple(SteeringStatusCode)
 _CODES = (
     int(SteeringStatusCode.NO_COMMAND),
@@ -30,14 +30,14 @@ _CODES = (
     int(SteeringStatusCode.FALLBACK),
     int(SteeringStatusCode.SAFE_STATE),
 )
-"""What STEERING_STATUS says of each ``GuardMode`` where nothing limits the command."""
+"""Code in STEERING_STATUS for each ``GuardMode`` if nothing limits the command."""
 _FOLLOWING = int(GuardMode.FOLLOWING)
 _LIMITED = int(SteeringStatusCode.LIMITED)
 _LIMITED_BY_SAFETY = int(SteeringStatusCode.LIMITED_BY_SAFETY)
 
 
 def status_of(x: GuardState, actuator_is_limited: bool) -> int:
-    """Return the code that STEERING_STATUS says now."""
+    """Return the present code of STEERING_STATUS."""
     if x.mode == _FOLLOWING:
         if is_overruled(x):
             return _LIMITED_BY_SAFETY
@@ -125,7 +125,7 @@ class SteeringUnit:
         self._note_mode(before, now_ns, cause)
 
     def status_code(self, *, actuator_is_limited: bool) -> SteeringStatusCode:
-        """Return what STEERING_STATUS says now."""
+        """Return the present content of STEERING_STATUS."""
         return _STATUS_CODES[status_of(self._state, actuator_is_limited)]
 
     @property
@@ -137,7 +137,7 @@ class SteeringUnit:
         return state
 
     def take_state(self) -> SafetyState:
-        """Return what PLANT_STATUS says."""
+        """Return the content of PLANT_STATUS."""
         state = self.safety
         self._limited_since_told = False
         return state

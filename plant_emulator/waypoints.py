@@ -1,4 +1,4 @@
-"""A path through the points of a file: a cubic spline, sampled as `plant_emulator.curve` says.
+"""A path through the points of a file: a cubic spline, sampled as in `plant_emulator.curve`.
 
 The file is CSV with the header ``x_m,y_m`` and one point per line; empty lines and lines that start
 with ``#`` are skipped. The spline's curvature is continuous and the path meets every point.

@@ -149,7 +149,7 @@ def open_bus(namespace: argparse.Namespace, choice: Choice | None = None) -> Ope
         # interface of SocketCAN is a plain OSError, a missing driver an ImportError.
         cause = one_line(error.__cause__ or error)
         raise BusError(f"cannot open {choice.name} ({choice.reason}): {cause}") from error
-    # Some of python-can's interfaces leave this at what the base class says.
+    # Some of python-can's interfaces keep the value of the base class here.
     what = choice.name if bus.channel_info == can.BusABC.channel_info else bus.channel_info
     return OpenBus(bus, f"{what} ({choice.reason})")
 

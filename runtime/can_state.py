@@ -1,7 +1,7 @@
 """The state of a CAN controller as the kernel knows it, requested by netlink (rtnetlink(7)).
 
-Any program on the machine can send an error frame that says bus-off, and the kernel loops it back
-to all others as if a controller had said so. What it answers here nobody can forge.
+Any program on the machine can send an error frame that reports bus-off, and the kernel loops it
+back to all others as if it came from a controller. The kernel's answer here cannot be forged.
 """
 
 import socket

@@ -10,7 +10,7 @@ A connection that is not to be kept raises BusError instead of leaving CONNECTED
 kept raises it when an outage lasts too long. An outage ends when a port that was opened again has
 received a frame, or has not failed when asked for one after SETTLED_S: an adapter that can be
 opened but fails at once has not come back, however late that is found. Meanwhile the node runs on,
-hears nothing, and what it sends is refused.
+receives nothing, and what it sends is refused.
 """
 
 import os

@@ -11,7 +11,7 @@ from .frame import Frame
 
 BUS_OFF = "bus_off"
 FORGED_BUS_OFF = "forged_bus_off"
-"""An error frame says bus-off, and the kernel that the controller is not."""
+"""An error frame reports bus-off, but according to the kernel the controller is not."""
 RESTARTED = "restarted"
 UNSPECIFIED = "unspecified"
 """A cause that no bit gives; all error frames of interfaces other than SocketCAN."""

@@ -1,6 +1,6 @@
 """What the host grants a real-time program: requested as far as possible, and reported.
 
-Nothing here fails: what is refused makes a program later at times, and the report says so.
+Nothing here fails: a refused request may make a program late at times, which the report shows.
 """
 
 import ctypes

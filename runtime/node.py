@@ -60,9 +60,9 @@ class ReportingNode(Node, Protocol):
     def report(self) -> Mapping[str, Any]:
         """Figures of the run so far; numbers, texts, and mappings of them.
 
-        ``failure``  may be there, and is why the node can be trusted no longer: it does not keep
-                     its rate, or what it computed was no number. Such a node goes to its safe
-                     state, says so on the bus, stays there, and has then ``finished``
+        ``failure``  optional: why the node can no longer be trusted, for it does not keep its
+                     rate, or its result was not finite. Such a node enters its safe state,
+                     reports this on the bus, stays there, and has then ``finished``
         """
         ...
 

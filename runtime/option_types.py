@@ -1,6 +1,6 @@
 """Types of command line options that programs share; argparse turns their errors into one line.
 
-What is wrong with an option is better said at once than when there is something to lose.
+A wrong option is reported at once, before a run could be lost because of it.
 """
 
 import argparse

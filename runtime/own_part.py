@@ -80,7 +80,7 @@ def own_table(
             return kind.model_validate_json(json.dumps(value, default=str), strict=True)
         except ValidationError as error:
             mistakes = explain(error, kind.model_json_schema(), value, {(): ""})
-            # A table that is left out has no place of its own in what is said.
+            # An omitted table has no place of its own in the message.
             prefix = "" if value else "own."
             lines = [f"{prefix}{line.removeprefix(': ')}" for line in mistakes]
             raise ValueError("; ".join(lines)) from error

@@ -228,9 +228,9 @@ def run_node(
 
     ``make_node``  called as ``make_node(start_ns)``, on the monotonic clock [ns]; the first tick is
                    due then, so it must not take long
-    ``conclude``   writes and says what the program has to add, after the report
+    ``conclude``   writes and prints the program's own additions, after the report
     ``can_ids``    identifiers the node receives; None for all
-    ``notice``     is said on standard error when the bus is open
+    ``notice``     is printed on standard error when the bus is open
 
     Returns the exit status: a bus, a node, a part of another package or a recording that fails
     leaves a report too. Raises BusError when the bus cannot be opened, and OSError when a file

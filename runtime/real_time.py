@@ -7,7 +7,7 @@ A wake-up, in this order:
    keep the node from ticking. What is left waits for the next wake-up, which follows at once.
    Error frames are the port's business and are not handed over.
    Where the port knows when a frame arrived, that is the time passed to the node, kept between the
-   last reading and this one: a node never hears of the future, nor of a time before its last.
+   last reading and this one: a node never gets a time in the future, nor one before its last.
 3. Tick while the node's deadline is due.
 
 Deadlines are absolute, so that being late once makes nothing late after it. The last of a wait may
@@ -28,7 +28,7 @@ TICKS_PER_WAKE_UP_MAX = 10_000
 """Ticks at one reading of the clock before the node is called stuck. Signals only ask for the end
 of a run, so a node that kept its executor here could not even be interrupted."""
 WAIT_NS_MAX = 50_000_000
-"""How long a wait may last, so that a request to stop is heard."""
+"""Longest wait, so that a request to stop is noticed."""
 
 
 class Received(NamedTuple):

@@ -148,7 +148,7 @@ class Recording:
     def close(self) -> RecordingFigures:
         """Let the recorder finish the file."""
         self._flush()
-        with suppress(OSError):  # it has ended already, and says why
+        with suppress(OSError):  # it has ended already, and reports why
             self._pipe.close()
         try:
             rest = self._answer.read() if _ends(self._recorder) else b""

@@ -8,8 +8,8 @@ Text formats and ``.blf`` lose no more than the last second, whatever is killed:
 the operating system after every read, ``.blf`` every SYNC_NS, and both as often to the disk. A text
 file may then end in the middle of a line; who reads it must not take that for a frame.
 
-How many frames are in the file is written to a file of the program's own whenever that changes, so
-that a recorder that is killed has said so.
+The number of frames in the file is written to a separate file of the program whenever it changes,
+so that it is known even if the recorder is killed.
 """
 
 import argparse
@@ -74,7 +74,7 @@ def record(path: Path, channel: str, source: BinaryIO, progress: int) -> dict[st
 
     ``progress``  descriptor of the file that holds how many frames ``path`` has; -1 for none
 
-    Says "ready" on standard output when the file is open.
+    Prints "ready" on standard output when the file is open.
     """
     counts = {"frames": 0, "left_out": 0}
     failure = ""
@@ -85,7 +85,7 @@ def record(path: Path, channel: str, source: BinaryIO, progress: int) -> dict[st
         writer = open_writer(path)
         os.write(1, b"ready\n")
         _write_all(writer, path.suffix.lower(), channel, _records(source), counts, progress)
-    except Exception as error:  # whatever a writer raises, the program has to hear of it
+    except Exception as error:  # whatever a writer raises must be reported to the program
         failure = _why(error)
     try:
         if writer is not None:

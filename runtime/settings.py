@@ -44,7 +44,7 @@ _INTEGER_BITS_MAX = 1024
 class Settings(BaseModel):
     """Base of every settings table: frozen, unknown keys refused, numbers finite.
 
-    A field that may be None has None as its default: TOML says "none" by leaving the key out.
+    A field that may be None has None as its default, because TOML can only omit the key.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -116,7 +116,7 @@ def with_values(settings: S, values: Mapping[str, Any], source: str) -> S:
     """Return ``settings`` with other ``values``, each by its dotted key, as ``table.key``.
 
     ``values``  what TOML has (numbers, words, lists, tables), NumPy's numbers, paths, or settings
-    ``source``  what an error says of where they come from
+    ``source``  origin of the values, for error messages
 
     Raises SettingsError.
     """

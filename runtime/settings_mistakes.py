@@ -98,7 +98,7 @@ def _explain_one(
     context = mistake.get("ctx", {})
     path, value = _path_in(data, mistake["loc"], mistake["type"]), mistake["input"]
     if "discriminator" in context:
-        # Said of the table, but the mistake is in the key that distinguishes the kinds of tables.
+        # Reported for the table, but the mistake is in the key that selects the kind of table.
         path, value = (*path, context["discriminator"].strip("'")), context.get("tag")
     key, allowed = dotted(path), _allowed(_schemas_at(schema, path, data))
     where = f"{_source(sources, path)}: {key}"
@@ -111,7 +111,7 @@ def _explain_one(
         case "missing" | "union_tag_not_found":
             return f"{where} is missing{allowed}"
         case "value_error" if isinstance(value, dict):
-            # Said of a whole table: to repeat all that is in it would hide the message.
+            # Reported for a whole table: repeating all its content would hide the message.
             return f"{where.removesuffix(': ')}: {context['error']}"
         case "value_error":
             return f"{where} = {_shown(value)}: {context['error']}"

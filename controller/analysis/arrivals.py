@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ...runtime.node import NS_PER_S
 
 AGE_PROBABILITY_MIN = 1e-9
-"""What is rarer counts as never: latencies so short, and so long a wait for any command."""
+"""Rarer events are neglected: shorter latencies, and longer waits for any command."""
 
 FloatArray = NDArray[np.float64]
 LatencyCdf = Callable[[FloatArray], FloatArray]

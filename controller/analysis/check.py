@@ -31,8 +31,8 @@ JITTER_MEANS_MS = (80, 160)
 JITTER_LOSS = 0.01
 SHOWN_DELAYS_MS = (0, 100, 200, 300, 400, 500)
 FILTER_PERIODS_MAX = 100
-"""Of delay, for a law with a filter: with its filter every command on its way is a state, and a
-hundred at each delay that is searched take a minute together."""
+"""Largest delay for a law with a filter: every command in transit is a state, and the search with a
+hundred of them at each delay takes a minute in total."""
 _MODULUS_SHOWN_MIN = 1e-3
 """Poles closer to z = 0 belong to memory that is empty after a few periods."""
 _RESOLUTION_NS = 10_000

@@ -1,4 +1,4 @@
-"""How many modes of the sampled loop grow, and at which delays one begins to: without eigenvalues.
+"""Counts the growing modes of the sampled loop, and finds the delays at which they begin to grow.
 
 With plant (A, b, c) behind a hold delayed by τ = n T + ε and the law F(z), the loop's poles are the
 zeros of
@@ -17,8 +17,8 @@ or cease to grow only where a zero crosses the circle,
 
 r hardly depends on ε below Nyquist, so that |r| is 1 at a few θ, and each θ has its delays
 τ = (arg r + 2πk) T/θ. They serve as starting points; Newton's method solves the equation itself.
-The list of crossings tells where to look, so that no change is missed for being shorter than the
-step of a scan; what is found there is decided by counting.
+The list of crossings gives the delays to examine, so that no change is missed because it is shorter
+than the step of a scan. The stability between crossings is decided by counting.
 
 ρ = exp(-SLOWEST_DECAY_1_S T): a mode that decays more slowly counts as growing.
 """

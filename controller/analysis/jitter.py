@@ -1,8 +1,8 @@
 """Stability of the sampled loop when the latency of every command is drawn anew.
 
-Each command gets a latency of its own, independent of all others, or is lost; of the commands that
-have arrived the newest is held, and what it overtook is dropped. The age of the held command is
-then a Markov chain, and the loop a jump-linear system, as in Jitterbug (Lincoln and Cervin 2002):
+Each command has its own latency, independent of all others, or is lost. The newest command that has
+arrived is held, and overtaken ones are dropped. The age of the held command is then a Markov chain,
+and the loop a jump-linear system, as in Jitterbug (Lincoln and Cervin 2002):
 
     x[k+1] = A_i x[k]        x = (plant, law, u[k-1], ..., u[k-n])        while u[k-i] is held
 
@@ -11,12 +11,12 @@ then a Markov chain, and the loop a jump-linear system, as in Jitterbug (Lincoln
 The second moments decay, the loop is *stable in the mean square*, if and only if the spectral
 radius λ of that recursion is below 1; -ln λ/(2T) is the rate at which the root mean square decays.
 With a latency that does not vary it is ``SampledLoop.decay_1_s``. Stability in the mean square is
-more than stability of almost every run: rare runs of bad luck that grow for long enough may give
-the mean of squares no bound although every single run calms down. The converse cannot happen.
+stronger than stability of almost every run: rare runs that grow for long enough can make the mean
+square unbounded although every single run decays. The converse cannot happen.
 
-``arrivals`` says when commands arrive, in steps T/steps_per_period. Commands are followed up to the
-age that is exceeded with a probability below AGE_PROBABILITY_MIN; should it come to that, the hold
-goes on to the next command without an arrival.
+``arrivals`` defines when commands arrive, in steps T/steps_per_period. Commands are followed up to
+the age that is exceeded with a probability below AGE_PROBABILITY_MIN; if it is exceeded, the next
+command is held without an arrival.
 """
 
 import math
@@ -41,7 +41,7 @@ from .linear_system import companion_form, without_idle_states
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 
 MOMENTS_MAX = 250_000
-"""Numbers in all second moments together: what is decided in a few seconds."""
+"""Largest size of all second moments together, for an analysis within a few seconds."""
 SPREAD_PARTS = 4
 SPREAD_RESOLUTION_NS = 1_000_000
 _SETTLING_S = 1.5

@@ -54,8 +54,8 @@ class HeldPlant(NamedTuple):
 
 
 _UNIT = 2.0**-20
-"""So small that what fades by a step a period is gone after one; a power of two changes no digit of
-what is linear."""
+"""So small that a difference that fades by a step per period is gone after one period. Scaling by a
+power of two is exact in a linear system."""
 
 
 class NotLinearError(ValueError):
@@ -65,11 +65,11 @@ class NotLinearError(ValueError):
 def law_system(design: LawDesign) -> LinearSystem:
     """Return the law from lateral error [m] to steer [rad], its own command fed back as sent.
 
-    Each column is what one step makes of a single small unit of state or input. The last states are
-    the commands of the previous periods, as many as the law reads, the newest first: without limits
-    they are those that were sent.
+    Each column is the response of one step to a small unit of a single state or input. The last
+    states are the commands of the previous periods, as many as the law reads, the newest first;
+    without limits they are those that were sent.
 
-    Raises NotLinearError for a law that is not linear in these, or answers with what is no number.
+    Raises NotLinearError for a law that is not linear in these, or whose output is not finite.
     """
     commands = design.commands_read
     if commands is None:
@@ -94,7 +94,7 @@ def law_system(design: LawDesign) -> LinearSystem:
 
 
 def _link_and_history(sent_rad: Sequence[float]) -> tuple[Link, History]:
-    """Return what a law is told that has sent these commands, the newest first, and no others."""
+    """Return the link and history of a law that has sent only these commands, newest first."""
     history = NO_HISTORY._replace(tick_mask=-1, sent_rad=tuple(reversed(sent_rad)))
     return NO_LINK._replace(tick=len(sent_rad)), history
 

@@ -1,13 +1,13 @@
-"""What travels round the loop of a law that looks back, as linear functions of where it began.
+"""The signals in the loop of a law that looks back, as linear functions of the initial state.
 
-At a constant latency every instant is known before: when samples are taken, ticks run and commands
-act, which of them the echo names, and what the controller has seen of it all. ``Signals`` moves the
-vehicle exactly from event to event, in the order of ``compiled.loop``: commands that are due,
-samples, the tick, and its command if there is no latency. What a tick makes of it, is told by
+At a constant latency every instant is known beforehand: when samples are taken, ticks run and
+commands act, which command the echo names, and what the controller has received. ``Signals`` moves
+the vehicle exactly from event to event, in the order of ``compiled.loop``: commands that are due,
+samples, the tick, and its command if there is no latency. The response of a tick is computed by
 ``controller.analysis.unit_answers``.
 
-Beside lateral and heading errors a law may read the yaw rate of VEHICLE_STATE, which the plant
-tells with some of its samples only; between two of them the law has the last one.
+Besides lateral and heading errors a law may read the yaw rate of VEHICLE_STATE, which the plant
+sends only with some of its samples. Between two of them the law uses the last one.
 """
 
 from collections.abc import Callable
@@ -27,7 +27,7 @@ BETA, R, PSI, Y, WHEEL = range(5)
 
 
 class Rig(NamedTuple):
-    """What the law is to steer: a vehicle with an actuator, and its network.
+    """The controlled system: a vehicle with an actuator, and its network.
 
     ``actuator_lag_s``  from the command to the wheel, first order; 0 for none [s]
     ``uplink_ns``       constant latency of every measurement and echo [ns]
@@ -39,7 +39,7 @@ class Rig(NamedTuple):
 
 
 class Timing(NamedTuple):
-    """When what happens, in the period that begins with ``first_tick`` and ``first_sample``.
+    """Times of all events in the period that begins with ``first_tick`` and ``first_sample``.
 
     ``samples_per_state``  from one VEHICLE_STATE to the next; 0: the law does not read it
     """
@@ -68,11 +68,11 @@ class Timing(NamedTuple):
         )
 
     def newest_sample(self, tick: int) -> int:
-        """Return the newest sample that has come at a tick."""
+        """Return the newest sample that has arrived by a tick."""
         return (tick * self.link.period_ns - self.uplink_ns) // self.link.sensor_period_ns
 
     def states_known(self, tick: int, before_sample: int) -> range:
-        """Return the samples with a VEHICLE_STATE, from the newest that has come at a tick on."""
+        """Return the samples with a VEHICLE_STATE, from the newest arrived by a tick on."""
         if self.samples_per_state == 0:
             return range(0)
         newest = self.newest_sample(tick) // self.samples_per_state * self.samples_per_state
@@ -90,7 +90,7 @@ class Timing(NamedTuple):
         return (time_ns - self.delay_ns) // self.link.period_ns
 
     def echoed_delay_ns(self) -> float:
-        """Return the delay that a long row of echoes shows."""
+        """Return the mean delay measured by many echoes."""
         samples = range(self.first_sample, self.first_sample + self.samples)
         offsets = [
             sample * self.link.sensor_period_ns - self.applied_tick(sample) * self.link.period_ns
@@ -102,11 +102,11 @@ class Timing(NamedTuple):
 class LoopMatrices(NamedTuple):
     """x ↦ A x + B w over one common multiple of the periods; steer of every tick = C x + D w.
 
-    And x ↦ A x + E v, with p = F x + G v: what is added to the commands that begin to act, and what
-    acts then; of what began to act before, and still does, x has the last.
+    And x ↦ A x + E v with p = F x + G v: v is added to the commands that begin to act, and p acts
+    then. x contains the last command that began to act before and still acts.
 
     ``w``  noise of the lateral errors of its samples [m]
-    ``v``  added behind the law, where it does not know of it [rad]
+    ``v``  added after the law, which does not know of it [rad]
     """
 
     a: Matrix
@@ -119,7 +119,7 @@ class LoopMatrices(NamedTuple):
 
 
 class Signals:
-    """Everything in the loop, each a row over the state at the beginning, the noise and v."""
+    """All signals in the loop, each a row over the initial state, the noise and v."""
 
     def __init__(self, timing: Timing, plant: tuple[Matrix, Matrix], law_floats: int) -> None:
         self._timing = timing
@@ -170,7 +170,7 @@ class Signals:
         self._sample += 1
 
     def decide(self, answer: Callable[[Timing, int], Matrix]) -> None:
-        """Let the law have its tick."""
+        """Run the law's tick."""
         ticks, samples = told_at(self._timing, self._tick)
         states = self._timing.states_known(self._tick, self._sample)[:1]
         told = [
@@ -186,7 +186,7 @@ class Signals:
         self._tick += 1
 
     def matrices(self) -> LoopMatrices:
-        """Return the state at the end, and the steers and what acts on the way."""
+        """Return the final state, and the steers and acting commands in between."""
         known = self._timing.newest_sample(self._tick - 1)
         ticks = range(self._timing.applied_tick(known), self._tick)
         states = self._timing.states_known(self._tick - 1, self._sample)

@@ -1,17 +1,16 @@
 """The loop of a law that looks back, at a constant latency: linear then, and analysed as it runs.
 
-With a constant latency the echo shows a constant delay, every measurement comes, and the predictor,
-or a law with dy/dt from the Kalman filter, is a linear system that repeats itself from one common
-multiple of control and sensor period to the next; so is the delayed set point, whose periods are
-that of VEHICLE_STATE and of the requests it remembers too. Its state at the beginning of a multiple
-is
+At a constant latency the echo shows a constant delay and every measurement arrives. The predictor,
+or a law with dy/dt from the Kalman filter, is then a linear system that repeats itself with the
+common multiple of control and sensor period. So is the delayed set point, whose multiple includes
+the periods of VEHICLE_STATE and of its stored requests. The state at the beginning of a multiple is
 
-    x = (vehicle and wheel, law and filter, commands sent, measurements on their way)
+    x = (vehicle and wheel, law and filter, commands sent, measurements in transit)
 
-and what becomes of it is exact (``controller.analysis.looking_back``). Left out are limits,
-quantisation and jitter, and what a step does when echoes come and go.
+and its evolution is exact (``controller.analysis.looking_back``). Limits, quantisation, jitter, and
+the transients when echoes stop and return are neglected.
 
-    stability          every eigenvalue of x ↦ A x, that command and error have a part in, decays
+    stability          every mode of x ↦ A x in which command and error take part decays
     peak sensitivity   largest gain on the unit circle from what is added to the vehicle's commands
                        to the commands that act, G + F (zI - A)⁻¹ E: where the loop repeats itself
                        from tick to tick |1/(1 + L)|, else the largest singular value over all its
@@ -51,9 +50,9 @@ from .stable_delays import (
 from .unit_answers import floats_in, unit_answers
 
 _START_S = 10
-"""The period that is analysed begins so late: whatever a law looks back to is there."""
+"""Start of the analysed period, late enough for all the history that a law reads."""
 _TICKS_MAX = 40
-"""In one common multiple of the periods, and samples too."""
+"""Most ticks, and most samples, in one common multiple of the periods."""
 _DOUBLINGS = 60
 _SETTLED = 1e-12
 _FREQUENCIES = 600
@@ -111,9 +110,9 @@ class PredictorLoop:
         return signals.matrices()
 
     def closed_loop_poles(self, delay_ns: int) -> NDArray[np.complex128]:
-        """Return the poles of what command and error have a part in, largest modulus first.
+        """Return the poles of the modes with command and error, largest modulus first.
 
-        In z over one common multiple of the periods, which is the control period mostly.
+        They are in z over one common multiple of the periods, usually the control period.
         """
         a, kept = self._kept(delay_ns)
         poles = np.linalg.eigvals(a[np.ix_(kept, kept)]).astype(np.complex128)
@@ -129,9 +128,9 @@ class PredictorLoop:
         return self.decay_1_s(delay_ns) > SLOWEST_DECAY_1_S
 
     def peak_sensitivity(self, delay_ns: int) -> float:
-        """Return the largest gain from what is added to the commands to what acts."""
+        """Return the largest gain from an addition to the commands to the acting commands."""
         loop, kept = self.matrices(delay_ns), self._kept(delay_ns)[1]
-        # What began to act before is in the last state, if there is any: no other acts on it.
+        # A command that began to act before is in the last state; no other state acts on it.
         kept = np.union1d(kept, [len(loop.a) - 1])
         a, e, f = loop.a[np.ix_(kept, kept)], loop.e[kept], loop.f[:, kept]
         nyquist_rad_s = math.pi * NS_PER_S / self.period_ns
@@ -174,7 +173,7 @@ class PredictorLoop:
     def _kept(self, delay_ns: int) -> tuple[Matrix, NDArray[np.intp]]:
         """Return A, and which states act on the lateral error and are acted on by it.
 
-        The observers of a fallback only listen, and a difference that fades does so by itself.
+        The observers of a fallback do not act on the loop, and a fading difference decays alone.
         """
         a = self.matrices(delay_ns).a
         acts = a != 0.0
@@ -206,9 +205,9 @@ def stable_constant_delays(
 ) -> tuple[DelayInterval, ...]:
     """Return the stable latencies of the commands from 0 to a limit, ascending.
 
-    Judged at every SCAN_STEP_NS and right behind it, where the delay that echoes show may jump;
-    between two of different verdict the end is bisected to RESOLUTION_NS. What begins and ends
-    between two of them is missed.
+    Stability is tested at every SCAN_STEP_NS and just after it, where the measured delay may jump.
+    Between two tests with different results the boundary is bisected to RESOLUTION_NS. An interval
+    that begins and ends between two tests is missed.
     """
     scan = range(0, delay_ns_max, SCAN_STEP_NS)
     tested = sorted({*scan, *(delay_ns + 1 for delay_ns in scan), delay_ns_max})

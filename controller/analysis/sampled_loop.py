@@ -1,11 +1,11 @@
 """Stability of the sampled loop at any constant delay between controller and plant.
 
-Controller and plant meet at the control ticks: the error is sampled, the law decides at once, its
-command acts after the delay and is held until the next one acts. For that the loop is a linear
-discrete system, exactly; limits, quantisation and jitter are left out. A latency of measurements
-adds to the delay, rounded up to a whole number of periods.
+At each control tick the error is sampled and the law computes its command without delay. The
+command acts after the delay and is held until the next one acts. The loop is then exactly a linear
+discrete system; limits, quantisation and jitter are neglected. A latency of measurements adds to
+the delay, rounded up to a whole number of periods.
 
-``stable_delays`` finds at which delays the loop is stable, ``jitter`` treats delays that vary.
+``stable_delays`` finds the delays at which the loop is stable; ``jitter`` treats varying delays.
 """
 
 import math
@@ -25,12 +25,12 @@ from .linear_system import (
 )
 
 SLOWEST_DECAY_1_S = 1e-3
-"""A mode that decays more slowly is drift, not stability: a quarter of an hour to one third. It
-also is what keeps rounding from deciding about a double pole at z = 1."""
+"""A mode that decays more slowly counts as drift: it takes a quarter of an hour to fall to a third.
+The bound also prevents that rounding decides on a double pole at z = 1."""
 _OMEGA_RAD_S_MIN = 1e-2
 _GEOMETRIC_POINTS = 1500
 _EVEN_POINTS_PER_PERIOD = 8  # a period of delay turns the loop by half a turn up to Nyquist
-_EVEN_PERIODS = 20  # what law and plant turn it by
+_EVEN_PERIODS = 20  # allowance for the phase of law and plant
 _BISECTIONS = 40
 _PEAK_ROUNDS = 4
 _PEAK_POINTS = 21

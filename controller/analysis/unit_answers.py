@@ -1,7 +1,7 @@
-"""What a tick of a law that looks back makes of what it is told, by unit vectors.
+"""The response of a law that looks back to unit inputs, at one tick.
 
-The law's own step function is asked, once for every float of its state and for everything that it
-reads: a law that is linear at a constant latency has told all of itself then.
+The law's own step function is evaluated once for every float of its state and for every input that
+it reads. This determines a law completely if it is linear at a constant latency.
 """
 
 from collections.abc import Iterator
@@ -16,15 +16,15 @@ from .looking_back import Matrix, Timing, told_at
 
 _RING = 4096
 _SETTLED_NS = 1_500_000_000
-"""A law that waits for its filter to settle has it then."""
+"""Time after which a law's filter has settled."""
 
 
 def unit_answers(
     design: LawDesign, params: Any, timing: Timing, tick: int, speed_m_s: float
 ) -> Matrix:
-    """Return law and steer after a tick, by what the law was before and is told.
+    """Return the law's state and steer after a tick, by its state before and its input.
 
-    What a law counts, and is not 0 at rest, is taken off again.
+    Counters of a law, which are not 0 at rest, are subtracted.
     """
     wire = _Wire(timing, speed_m_s)
     rest = _settled_at_rest(design, params, wire, timing, tick)
@@ -51,9 +51,9 @@ def unit_answers(
 def _settled_at_rest(
     design: LawDesign, params: Any, wire: "_Wire", timing: Timing, tick: int
 ) -> Any:
-    """Return the state before a tick of a law that has seen nothing but zeros for long enough.
+    """Return the state before a tick of a law after zero input for long enough.
 
-    It began with the first tick of a common multiple, as all do that count the periods.
+    The law starts with the first tick of a common multiple, as laws that count periods require.
     """
     rest: Any = None
     for periods in (1, ceil(_SETTLED_NS / wire.period_ns)):
@@ -67,7 +67,7 @@ def _settled_at_rest(
 
 
 class _Wire:
-    """What a law is told, all of it zero but for what is set in the rings."""
+    """Input of a law, all zero except the values set in the rings."""
 
     def __init__(self, timing: Timing, speed_m_s: float) -> None:
         self._speed_m_s = speed_m_s
@@ -93,7 +93,7 @@ class _Wire:
         )
 
     def seen(self, tick: int, yaw_rate_rad_s: float = 0.0) -> LawInput:
-        """Return what the law is told at a tick."""
+        """Return the law's input at a tick."""
         newest = self._timing.newest_sample(tick)
         return LawInput(
             self.lateral_error_m[newest % _RING],
@@ -123,7 +123,7 @@ def _truths(nested: Any) -> Iterator[bool]:
 
 
 def floats_in(nested: Any) -> int:
-    """Return how many floats a law's state holds."""
+    """Return the number of floats in a law's state."""
     return sum(1 for _ in _leaves(nested))
 
 

@@ -1,7 +1,7 @@
-"""The control laws: one module each, called as the DBC calls the law, and found by that name.
+"""The control laws: one module each, named as the law in the DBC, and found by that name.
 
-A law of somebody else's package is named ``package.module:ATTRIBUTE``, or by an entry point of the
-group ``steer_by_wire.laws``.
+A law from another package is named ``package.module:ATTRIBUTE``, or by an entry point of the group
+``steer_by_wire.laws``.
 """
 
 from collections.abc import Mapping

@@ -1,31 +1,32 @@
-"""Law ``delayed_set_point``: compares the yaw rate with what was asked for one delay ago.
+"""Law ``delayed_set_point``: compares the yaw rate with the one requested one delay ago.
 
-An outer loop asks for a yaw rate, from the path's curvature and the lateral error; an inner one
-sees to it that the vehicle turns as asked:
+An outer loop requests a yaw rate from the path's curvature and the lateral error. An inner loop
+controls the vehicle's yaw rate to that request:
 
     r_req = V (ρ + C(0 - y)/S)                       requested now
-    e     = r_req(t - T) - r                         asked for one delay ago, and measured now
+    e     = r_req(t - T) - r                         requested one delay ago, measured now
     u     = S ρ + C(0 - y) + S/V (k_p e + k_i ∫e)    S = L + K_us V², ``controller.feed_forward``
 
     y  lateral_error_m         [m]       r  yaw_rate_rad_s  of VEHICLE_STATE   [rad/s]
     ρ  preview_curvature_1_m   [1/m]     V  speed_m_s       of VEHICLE_STATE   [m/s]
 
-A yaw rate cannot follow before the delay is over: an error taken against the request of now would
-ask for the same correction again and again until then. So without model errors e is about 0 at any
-delay, and the inner loop has left to do what the feed-forward gets wrong; its integral takes out a
-steering offset. The outer loop sees the true lateral error and has the whole delay in it. When
-VEHICLE_STATE is stale the inner loop waits, and ρ and the proportional part fade out.
+The yaw rate cannot follow before the delay is over. An error against the present request would
+demand the same correction again and again until then. Against the delayed request, e is about 0 at
+any delay if the model is exact. The inner loop then corrects only the errors of the feed-forward,
+and its integral removes a steering offset. The outer loop uses the true lateral error and contains
+the whole delay. While VEHICLE_STATE is stale the inner loop pauses, and ρ and the proportional part
+fade out.
 
 The structure is that of openpilot's lateral torque controller (github.com/commaai/openpilot,
 selfdrive/controls/lib/latcontrol_torque.py): a buffer of requests, the set point taken from it at
-the lag of the car, feed-forward of the request of now, integral frozen while the command is
-limited, errors weighed in the vehicle's motion and turned into a command at the end. What differs:
+the lag of the car, feed-forward of the present request, integral frozen while the command is
+limited, errors computed in the vehicle's motion and converted to a command at the end. Differences:
 
 - lateral acceleration there, yaw rate here; torque there, wheel angle here. At constant speed the
   two differ by a factor, V
 - a model plans the path there; here the outer loop is the C(s) of the other laws, in steer
 - the lag there is learned by correlation; here T is a setting, or measured by the echo
-- friction, roll, the low speed factor and the request's jerk in the set point are left out, and so
+- friction, roll, the low-speed factor and the request's jerk in the set point are omitted, and so
   is the derivative, whose gain is 0 there
 """
 
@@ -51,21 +52,21 @@ if TYPE_CHECKING:
     from ..law_settings import LawSettings
 
 REQUESTS = 100
-"""Requests remembered."""
+"""Number of stored requests."""
 REQUESTS_S_MIN = 1.0
-"""For how long at least; openpilot's buffer holds a second."""
+"""Shortest time that the stored requests cover; openpilot's buffer holds a second."""
 SPEED_M_S_MIN = 0.5
-"""Below this a yaw rate error is taken to need the steer it needs here, which has no bound at 0."""
+"""Lower bound of the speed in S/V, which is unbounded at 0."""
 _LIMITED_RAD = 1e-9
 
 
 class DelayedSetPointSettings(Settings):
-    """[delayed_set_point]: the loop of the yaw rate; the outer one is [pd]."""
+    """[delayed_set_point]: the yaw rate loop; the outer loop is [pd]."""
 
     delay_s: Annotated[float, Field(ge=0.0, le=2.0)] | None = None
-    """From asking for a yaw rate until it is measured; omitted: measured by the echo."""
+    """From requesting a yaw rate until it is measured; omitted: measured by the echo."""
     proportional_gain: Annotated[float, Field(ge=0.0, le=10.0)]
-    """1: a yaw rate error is met by the steer that makes it good in the steady state."""
+    """1: a yaw rate error gives the steer that corrects it in the steady state."""
     integral_gain_1_s: Annotated[float, Field(ge=0.0, le=100.0)]
 
 
@@ -75,8 +76,8 @@ class DelayedSetPointParams(NamedTuple):
     ``proportional_gain``  k_p
     ``integral_step``      k_i times the control period
     ``delay_periods``      T in control periods; negative: measured by the echo
-    ``request_periods``    control periods from one request remembered to the next, at least 1
-    ``fade_step_rad``      how much of what VEHICLE_STATE told fades in one period when it is stale
+    ``request_periods``    control periods between two stored requests, at least 1
+    ``fade_step_rad``      largest step per period of the fading while VEHICLE_STATE is stale
     """
 
     pd: PdParams
@@ -93,9 +94,9 @@ class DelayedSetPointState(NamedTuple):
     """State of the law.
 
     ``integral_rad_s``   k_i ∫e
-    ``requests_rad_s``   remembered, the newest last
-    ``age_periods``      of the newest remembered
-    ``steer_rad``        what the law wanted last
+    ``requests_rad_s``   stored requests, the newest last
+    ``age_periods``      age of the newest stored request
+    ``steer_rad``        the law's last command
     """
 
     pd: SectionState
@@ -141,7 +142,7 @@ def delayed_set_point_step(
 
 
 def delay_of_requests(p: DelayedSetPointParams, link: Link) -> float:
-    """Return how old the request is whose effect is measured, in periods; negative: unknown."""
+    """Return the age of the request whose effect is measured now [periods]; negative: unknown."""
     if p.delay_periods >= 0.0:
         return p.delay_periods
     if not link.is_measured:
@@ -151,9 +152,9 @@ def delay_of_requests(p: DelayedSetPointParams, link: Link) -> float:
 
 
 def request_before(requests_rad_s: tuple[float, ...], back: float) -> float:
-    """Return the request ``back`` places before the newest, linear between two [rad/s].
+    """Return the request ``back`` places before the newest, interpolated linearly [rad/s].
 
-    The oldest, where that is not remembered any more.
+    It is the oldest one where that request is no longer stored.
     """
     newest = len(requests_rad_s) - 1
     place = min(max(newest - back, 0.0), float(newest))

@@ -2,9 +2,9 @@
 
     u = C(0 - y_fb) - d̂,   CDOB fed with c = u + d̂
 
-Both observers see the command that was sent, after limits, and do not wind up. The CDOB is given c
-as it was sent, u_sent + d̂, which is c itself while no limit acts: fed with the c it wanted, a CDOB
-without washout leaves the path for good after one saturation.
+Both observers see the command that was sent, after limits, and do not wind up. The input of the
+CDOB is u_sent + d̂, which is c itself while no limit acts. With the unlimited c as input, a CDOB
+without washout would leave the path for good after one saturation.
 """
 
 from typing import TYPE_CHECKING, NamedTuple

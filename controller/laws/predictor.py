@@ -1,17 +1,17 @@
-"""Law ``predictor``: predicts the vehicle to where its command will act, and steers for that.
+"""Law ``predictor``: predicts the vehicle's state to when the command will act, and controls that.
 
 The echo of the command counter measures the delay (``controller.link``); the Kalman filter
-(``controller.estimator``) gives the state at the newest sample; the model runs on through the
-commands that are on their way, up to the time this period's command is expected to act; and
+(``controller.estimator``) gives the state at the newest sample; the model extrapolates it with the
+commands in transit, up to the time at which this period's command is expected to act; and
 
     u = u_ss(ρ, d) - K_lqr (x - x_ss(ρ, d))
 
 with the steer u_ss and the state x_ss that hold the vehicle on a path of curvature ρ with a
 steering offset d, and K_lqr optimal for the vehicle at its speed. Not in SAE 2018-01-1086.
 
-While the delay is not known, as before the first echo or when echoes stop, the law is pd_ddob,
-which needs none; its observers run all the time. When one law follows the other, the difference of
-their commands is added and fades out.
+While the delay is unknown, as before the first echo or when echoes stop, the law is pd_ddob, which
+does not need it; its observers run all the time. When one law takes over from the other, the
+difference of their commands is added and fades out.
 """
 
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -58,20 +58,20 @@ FALLBACK = "pd_ddob"
 
 
 class PredictorSettings(Settings):
-    """[predictor]: what its feedback takes for a large error, and how far ahead it looks."""
+    """[predictor]: weight of the lateral error in the feedback, and the prediction horizon."""
 
     steer_per_error_rad_m: Annotated[float, Field(gt=0.0, le=100.0)] = 1.0
     """Weight of the lateral error in the feedback's cost: this much steer is as bad as a metre."""
     horizon_s_max: Annotated[float, Field(gt=0.0, le=2.0)] = 1.0
-    """Of prediction; beyond it the law is pd_ddob."""
+    """Longest prediction; for a longer delay the law is pd_ddob."""
 
 
 class PredictorParams(NamedTuple):
     """Parameters of the predictor at one speed.
 
     ``fade_step_rad``      how much of a difference between the two laws fades in one period
-    ``horizon_samples_max``  a delay beyond this is not predicted over: the law is then pd_ddob
-    ``settling_samples``     how long a filter that starts in the middle of a run is not believed
+    ``horizon_samples_max``  longest prediction; for a longer delay the law is pd_ddob
+    ``settling_samples``     time for which a filter started during a run is not used
     """
 
     gains: VehicleGains
@@ -83,9 +83,9 @@ class PredictorParams(NamedTuple):
 
 
 class PredictorState(NamedTuple):
-    """State of the predictor; ``steer_rad`` is what it wanted last.
+    """State of the predictor; ``steer_rad`` is its last command.
 
-    ``settled_sample``  from this sample on the filter is believed
+    ``settled_sample``  from this sample on the filter is used
     """
 
     estimate: EstimatorState
@@ -105,7 +105,7 @@ def predictor_step(
     estimate, settled_sample = start_estimate(x.estimate, link, history), x.settled_sample
     if estimate.sample != x.estimate.sample and estimate.sample >= 0:
         settled_sample = estimate.sample
-        # Before any command has acted the vehicle stands on its path, as the filter takes it to.
+        # Until a command has acted, the vehicle stands on its path, as the filter assumes.
         if history.applied_tick[estimate.sample & history.sample_mask] >= 0:
             settled_sample += p.settling_samples
     is_predicting = False
@@ -139,7 +139,7 @@ def predictor_step(
 def predict(
     p: PredictorParams, x: EstimatorState, link: Link, history: History, horizon: float
 ) -> EstimatorState:
-    """Return the state ``horizon`` samples ahead, linear between two samples."""
+    """Return the state ``horizon`` samples ahead, interpolated linearly between two samples."""
     after = x
     last = x.sample + int(max(horizon, 0.0))
     while after.sample <= last:
@@ -184,16 +184,16 @@ def predictor_at_rest(p: PredictorParams, lateral_error_m: float) -> PredictorSt
 def predictor_after_hold(
     p: PredictorParams, x: PredictorState, lateral_error_m: float
 ) -> PredictorState:
-    """Return the state after a hold, from that before it: the filter goes on, pd_ddob starts anew.
+    """Return the state after a hold: the filter continues, pd_ddob starts anew.
 
-    The command was held meanwhile and is known, so that the filter bridges the gap by its model.
+    The held command is known, so that the filter bridges the gap with its model.
     """
     fallback = pd_ddob_at_rest(p.fallback, lateral_error_m)
     return PredictorState(x.estimate, x.settled_sample, fallback, x.is_predicting, x.steer_rad, 0.0)
 
 
 def _horizon(p: LinkParams, link: Link, sample: int) -> float:
-    """Return how many samples lie between one and where the command of this tick will act."""
+    """Return the number of samples from ``sample`` until the command of this tick acts."""
     acts_ns = link.tick * p.period_ns + link.delay_ns
     return acts_ns / p.sensor_period_ns - sample
 

@@ -11,10 +11,10 @@
 O. J. Smith, "Closer control of loops with dead time", 1957; not in SAE 2018-01-1086, whose CDOB
 does the same with an estimate in place of u - u(t - T_m). Where the real delay is T_m and the
 vehicle the nominal one, y_fb is what the error would be without delay. Any other delay T leaves
-H G_n (u(t - T) - u(t - T_m)) in it: the law is told nothing of the real one.
+H G_n (u(t - T) - u(t - T_m)) in it, because the law does not know the real delay.
 
-Without washout G_n integrates twice: what the prediction is in error by at rest stays in y_fb, and
-a steering offset or a curve takes the vehicle off its path, as with the CDOB.
+Without washout G_n integrates twice. An error of the prediction at rest then stays in y_fb, and a
+steering offset or a curve takes the vehicle off its path, as with the CDOB.
 """
 
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 class SmithSettings(Settings):
-    """[smith]: the delay that the model has, and the washout (s/(s + ω_h))²."""
+    """[smith]: the delay of the model, and the washout (s/(s + ω_h))²."""
 
     delay_s: Annotated[float, Field(ge=0.0, le=2.0)]
     """From sending a command until its effect is measured, there and back; never adapted."""
@@ -51,8 +51,8 @@ class SmithSettings(Settings):
 class SmithParams(NamedTuple):
     """Parameters of the Smith predictor.
 
-    ``delay_ticks``  T_m in control periods, less the half by which the filter's own answer to a
-                     held command is late
+    ``delay_ticks``  T_m in control periods, less the half period by which the filter's response to
+                     a held command is late
     """
 
     pd: PdParams
@@ -80,9 +80,9 @@ def smith_step(p: SmithParams, x: SmithState, seen: LawInput) -> tuple[SmithStat
 
 
 def command_at(history: History, tick: int, back: float) -> float:
-    """Return the command sent ``back`` periods before a tick, linear between two [rad].
+    """Return the command sent ``back`` periods before a tick, interpolated linearly [rad].
 
-    0 before the first.
+    It is 0 before the first command.
     """
     whole = int(back)
     later, earlier = tick - whole, tick - whole - 1
@@ -99,8 +99,8 @@ def smith_at_rest(p: SmithParams, lateral_error_m: float) -> SmithState:
 def design_smith(settings: "LawSettings") -> SmithParams:
     """Return the parameters.
 
-    Tustin's rule takes a command to rise linearly over the period that it is in fact held for: the
-    compensation's answer is half a period late. That half is already in the model's delay.
+    Tustin's rule assumes that a command rises linearly over the period, but it is held. The
+    compensation's response is therefore half a period late, which counts towards the model's delay.
     """
     table, period_s = settings.table_of(SmithSettings), settings.period_s
     compensation = design_compensation(given(settings.model), table.washout_rad_s, period_s)

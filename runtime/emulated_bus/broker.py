@@ -3,16 +3,16 @@
 Each channel is a bus of its own with its own time. A frame competes for the wire from the moment
 the broker reads it, and is delivered at its end of frame, never earlier.
 
-No client holds up another, whatever it does; everything that waits for one has a bound:
+No client can delay another, and everything that waits for a client is bounded. A client that
 
-    who floods                  hears which of its transmit buffers is full; who goes on is not read
-                                until frames have gone out, and so waits in ``send``
-    who keeps changing filters  is read again FILTER_CHANGE_NS later for each change
-    who does not read           is disconnected when OUTGOING_BYTES_MAX wait for it
-    who sends garbage           is disconnected at the first record that is none
-    who says no hello           is disconnected after HELLO_TIMEOUT_NS
-    who leaves and comes back   leaves at most LEFT_FRAMES_MAX frames behind
-    who asks for a bus-off      is disconnected unless this broker takes that
+    floods the bus         is notified which of its transmit buffers is full; if it continues, it is
+                           not read until frames have gone out, and so waits in ``send``
+    keeps changing filters is read again FILTER_CHANGE_NS later for each change
+    does not read          is disconnected when OUTGOING_BYTES_MAX wait for it
+    sends garbage          is disconnected at the first invalid record
+    sends no hello         is disconnected after HELLO_TIMEOUT_NS
+    leaves and returns     leaves at most LEFT_FRAMES_MAX frames behind
+    requests a bus-off     is disconnected unless this broker allows it
 
 Waiting is by ``select`` because it counts microseconds; Python's epoll and poll round up to the
 next millisecond, which is four frames.
@@ -36,7 +36,7 @@ CLIENTS_MAX = 200
 """More would come near the 1024 descriptors that ``select`` can wait for."""
 CHANNELS_MAX = 64
 HELLO_TIMEOUT_NS = 5 * NS_PER_S
-"""A client says hello within a millisecond of its connection."""
+"""A client sends its hello within a millisecond of its connection."""
 FILTER_CHANGE_NS = 50 * NS_PER_US
 """What a change of filters costs its client: many times what it costs the broker."""
 ACCEPT_PAUSE_NS = 100 * NS_PER_MS
@@ -284,7 +284,7 @@ class Broker:
         return Answer(self._bitrate_bit_s, data_bitrate_bit_s, reason, self._takes_bus_off)
 
     def _refuse(self, client: Connection, reason: str, now_ns: int) -> None:
-        """Tell a client why it cannot join, and close."""
+        """Report to a client why it cannot join, and close."""
         client.queue(self._answer(reason).pack())
         self._flush(client, now_ns)
         self._drop(client, Cause.REFUSED, f"refused: {reason}", now_ns)

@@ -1,12 +1,13 @@
 """One channel of the broker: a bus with its own time, and the clients on it.
 
-A client has a transmit buffer for each identifier that it sends, as a CAN controller with enough of
-them. When one is full the client hears of it and refuses further frames of that identifier itself,
-so that the others do not wait behind them; who goes on all the same is not read any more.
+A client has a transmit buffer for each identifier that it sends, like a CAN controller with enough
+buffers. When one is full the client is notified and refuses further frames of that identifier
+itself, so that the others do not wait behind them. A client that sends more is no longer read.
 
-What a client has submitted still goes out when the client has gone, as the last frames of a program
-that ends do. So that nobody fills the bus by coming and going, at most LEFT_FRAMES_MAX frames of
-departed clients wait on one channel: beyond that, who left the most loses them.
+Frames that a client has submitted are still sent after it has gone, like the last frames of a
+program that ends. At most LEFT_FRAMES_MAX frames of departed clients wait on one channel, so that
+no client fills the bus by joining and leaving. Beyond that, the client that left the most loses
+its frames.
 """
 
 from collections.abc import Mapping
@@ -223,7 +224,7 @@ class Channel:
     def _tell_full(self, client: Connection, buffer: BufferKey) -> None:
         """Have the client refuse frames of this transmit buffer until there is room.
 
-        Who does not read would not hear of it: that one is held back in the end.
+        A client that does not read would not notice; it is held back in the end.
         """
         if buffer not in client.full and not client.is_behind:
             client.full.add(buffer)

@@ -272,7 +272,7 @@ def _join(hello: Hello, address_text: str | None) -> tuple[socket.socket, Answer
             f"start one with: emulated-can-bus{option}"
         ) from error
     try:
-        # A broker that is full answers and hangs up before it hears anything; its answer says why.
+        # A full broker answers and closes before it reads anything; its answer gives the reason.
         with suppress(BrokenPipeError):
             connection.sendall(raw)
         answer = unpack_answer(_receive_exactly(connection, ANSWER.size))

@@ -53,7 +53,7 @@ class Connection:
     ``record``          the format of the records of both sides from then on
     ``waiting``         frames it has submitted that are not complete yet, by transmit buffer; the
                         broker counts here
-    ``full``            transmit buffers of which it has heard that they have no room
+    ``full``            transmit buffers that were reported to it as full
     ``is_held_back``    whether it is not read because as many frames wait as may
     ``is_behind``       whether its socket had no room for all when it was last written to
     ``recovery``        while its CAN controller is in bus-off: the way out

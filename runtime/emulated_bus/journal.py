@@ -64,7 +64,7 @@ class Journal:
             self._say(f"{who} joins", now_ns)
 
     def note(self, what: str, now_ns: int) -> None:
-        """Tell what is done to a client that stays."""
+        """Report an action on a client that stays connected."""
         self._say(what, now_ns)
 
     def leave(self, who: str, cause: Cause, detail: str, now_ns: int) -> None:

@@ -21,7 +21,7 @@ def launched_broker(options: Sequence[str] = (), log: IO[str] | None = None) -> 
 
     Yields its address, a socket in a private directory, when clients can connect. The broker and
     the directory end with this process too, in whatever way that ends. Raises RuntimeError when it
-    does not start; it has said why on standard error.
+    does not start; it has reported why on standard error.
     """
     with tempfile.TemporaryDirectory(prefix="emulated-can-bus-") as directory, lifeline() as line:
         address = str(Path(directory) / "socket")

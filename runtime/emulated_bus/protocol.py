@@ -5,9 +5,9 @@ both sides send records only, all of one size for the life of the connection: 24
 of classic frames, 80 for one of CAN FD.
 
 Fixed sizes let a client read exactly one frame per ``recv``. Nothing is ever left in a buffer in
-the client's process, so "the socket is readable" means "a frame is waiting", which is what select,
-asyncio and ``can.Notifier`` take it to mean; but for the record that says of a transmit buffer of
-the client that it has filled up, or has room again.
+the client's process, so "the socket is readable" means "a frame is waiting", as select, asyncio and
+``can.Notifier`` assume. The only exception is the record which reports that a transmit buffer of
+the client is full, or has room again.
 
     hello    magic:8 options:1 pad:3 bitrate:4 data_bitrate:4 channel:64      client to broker
     answer   magic:8 options:1 pad:3 bitrate:4 data_bitrate:4 reason:160      broker to client
@@ -15,7 +15,7 @@ the client that it has filled up, or has room again.
 
 All little-endian. Texts are UTF-8, filled up with zeros. A bit rate of 0 in a hello is "whatever
 the bus has". ``time_ns`` is the end of the frame in nanoseconds of the wall clock, 0 towards the
-broker; in a request for bus-off it says how long that lasts.
+broker; in a request for bus-off it is the duration.
 """
 
 from struct import Struct
@@ -165,7 +165,7 @@ class BusOff(NamedTuple):
 
 
 class Buffer(NamedTuple):
-    """What the broker says of a client's transmit buffer for one identifier."""
+    """The broker's report on a client's transmit buffer for one identifier."""
 
     can_id: int
     extended: bool
@@ -173,7 +173,7 @@ class Buffer(NamedTuple):
 
 
 Request = Frame | Filter | ClearFilters | BusOff
-"""What a client's record says."""
+"""Meaning of a client's record."""
 
 
 def record_format(fd: bool) -> Struct:
@@ -204,7 +204,7 @@ def pack_bus_off(record: Struct, request: BusOff) -> bytes:
 
 
 def pack_buffer(record: Struct, buffer: Buffer) -> bytes:
-    """Return the record that says whether a transmit buffer has room."""
+    """Return the record that reports whether a transmit buffer has room."""
     can_id, extended, has_room = buffer
     return record.pack(_BUFFER, EXTENDED * extended, has_room, can_id, 0, b"")
 
