@@ -106,7 +106,14 @@ def test_a_blf_whose_recorder_is_killed_has_all_but_the_last_moment_and_the_time
     def counted() -> int:
         return int.from_bytes(path.read_bytes()[32:36], "little")  # by the header
 
-    wait_until(lambda: counted() == KILLED_FRAMES, f"{KILLED_FRAMES} frames in {path}")
+    def noted() -> int:
+        """Return what the recorder has noted for the program, after it was in the file."""
+        return int.from_bytes(os.pread(recording._progress.fileno(), 8, 0), sys.byteorder)
+
+    wait_until(
+        lambda: counted() == noted() == KILLED_FRAMES,
+        f"{KILLED_FRAMES} frames in {path}, and noted",
+    )
     os.kill(recording._recorder.pid, signal.SIGKILL)
     figures = recording.close()
     assert figures.frames == KILLED_FRAMES
