@@ -66,7 +66,9 @@ class Outside:
             self._start(session)
 
     @pytest.hookimpl(tryfirst=True)
-    def pytest_runtest_protocol(self, item: pytest.Item) -> bool | None:
+    def pytest_runtest_protocol(
+        self, item: pytest.Item, nextitem: pytest.Item | None
+    ) -> bool | None:
         if os.environ.get("WITH_VCAN_BACKEND"):
             return None
         if self._is_worker and self._reports is None and has_marked(item.path):
@@ -78,6 +80,8 @@ class Outside:
         for report in self._of(item):
             hook.pytest_runtest_logreport(report=report)
         hook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+        # The test before kept the folder and file that it shares with this one.
+        item.session._setupstate.teardown_exact(nextitem)
         return True
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
