@@ -147,25 +147,7 @@ def make_parser(
     parser.add_argument(
         "--duration", type=seconds, metavar="SECONDS", help="end after this time at the latest"
     )
-    group = parser.add_argument_group("real time, as far as the host grants it")
-    group.add_argument(
-        "--priority",
-        type=priority,
-        default=50,
-        metavar="0..99",
-        help="SCHED_FIFO priority; 0 does not request it (default: %(default)s)",
-    )
-    group.add_argument("--cpu", type=int, metavar="N", help="run on processor N only")
-    group.add_argument(
-        "--no-memory-lock", dest="lock_memory", action="store_false", help="let memory be paged out"
-    )
-    group.add_argument(
-        "--spin-us",
-        type=spin_us,
-        default=0,
-        metavar="US",
-        help=f"busy-wait this long before a deadline, 0 to {SPIN_US_MAX}; occupies a processor",
-    )
+    add_real_time_arguments(parser)
     add_bus_arguments(parser)
     group = parser.add_argument_group("a bus that fails")
     group.add_argument(
@@ -201,6 +183,29 @@ def add_settings_arguments(parser: argparse.ArgumentParser, preset_package: str)
         default=[],
         metavar="TABLE.KEY=VALUE",
         help="one setting on top of the file; repeatable",
+    )
+
+
+def add_real_time_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what a program may request of the host, the same for the programs and the probe."""
+    group = parser.add_argument_group("real time, as far as the host grants it")
+    group.add_argument(
+        "--priority",
+        type=priority,
+        default=50,
+        metavar="0..99",
+        help="SCHED_FIFO priority; 0 does not request it (default: %(default)s)",
+    )
+    group.add_argument("--cpu", type=int, metavar="N", help="run on processor N only")
+    group.add_argument(
+        "--no-memory-lock", dest="lock_memory", action="store_false", help="let memory be paged out"
+    )
+    group.add_argument(
+        "--spin-us",
+        type=spin_us,
+        default=0,
+        metavar="US",
+        help=f"busy-wait this long before a deadline, 0 to {SPIN_US_MAX}; occupies a processor",
     )
 
 

@@ -19,8 +19,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from steer_by_wire.command_line import command_parser
 from steer_by_wire.runtime.bus import add_bus_arguments
-from steer_by_wire.runtime.option_types import output_file, priority, seconds, spin_us
-from steer_by_wire.runtime.program import ExitStatus, run_main, say
+from steer_by_wire.runtime.option_types import output_file, seconds
+from steer_by_wire.runtime.program import ExitStatus, add_real_time_arguments, run_main, say
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.tools.probe_host.presentation import record_of, sentences, table_of
 from steer_by_wire.tools.probe_host.probe import Probe, probe, steps
@@ -41,25 +41,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--seconds", type=seconds, default=1.0, help="of each measurement (default: %(default)g)"
     )
     parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
-    group = parser.add_argument_group("real time, as far as the host grants it")
-    group.add_argument(
-        "--priority",
-        type=priority,
-        default=50,
-        metavar="0..99",
-        help="SCHED_FIFO priority; 0 does not ask for it (default: %(default)s)",
-    )
-    group.add_argument("--cpu", type=int, metavar="N", help="run on processor N only")
-    group.add_argument(
-        "--no-memory-lock", dest="lock_memory", action="store_false", help="let memory be paged out"
-    )
-    group.add_argument(
-        "--spin-us",
-        type=spin_us,
-        default=0,
-        metavar="US",
-        help="do not sleep this long before a deadline; takes a processor",
-    )
+    add_real_time_arguments(parser)
     add_bus_arguments(parser)
     parser.add_argument(
         "--no-fast-socketcan",
