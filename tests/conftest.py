@@ -86,7 +86,9 @@ LONGEST = (
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    config.addinivalue_line("markers", "vcan: needs a real vcan0, see tests/support/vcan_session.py")
+    config.addinivalue_line(
+        "markers", "vcan: needs a real vcan0, see tests/support/vcan_session.py"
+    )
     config.pluginmanager.register(Inside(config) if os.environ.get(INSIDE) else Outside(config))
 
 
