@@ -30,7 +30,7 @@ from .record import new_record
 INTERMISSION_BITS = 3
 """Recessive bits between two frames, at the nominal bit rate."""
 
-_DLC = {length: length for length in range(9)} | {
+DATA_LENGTH_CODE = {length: length for length in range(9)} | {
     12: 9, 16: 10, 20: 11, 24: 12, 32: 13, 48: 14, 64: 15
 }  # fmt: skip
 """Data length code of each payload length there is [bytes]."""
@@ -139,7 +139,7 @@ def frame_bits(frame: Frame) -> FrameBits:
     if not flags and len(data) == 8 and 0 <= can_id <= 0x7FF:
         return _bits_of_eight_bytes(can_id, data)
     limit = 0x1FFFFFFF if flags & EXTENDED else 0x7FF
-    dlc = _DLC.get(len(data))
+    dlc = DATA_LENGTH_CODE.get(len(data))
     if not 0 <= can_id <= limit or dlc is None or flags & ERROR:
         raise ValueError(f"not a frame that can be sent: {frame}")
     if flags & FD:
