@@ -78,6 +78,13 @@ def priority(text: str) -> int:
     return _whole(text, PRIORITY_MAX)
 
 
+def bit_rate(text: str) -> int:
+    """Read a bit rate [bit/s]."""
+    if not text.isdecimal() or not 10_000 <= int(text) <= 8_000_000:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a bit rate of 10000 to 8000000 bit/s")
+    return int(text)
+
+
 def _whole(text: str, maximum: int) -> int:
     if not (text.isascii() and text.isdecimal() and int(text) <= maximum):
         raise argparse.ArgumentTypeError(f"allowed is 0 to {maximum}, not {text!r}")

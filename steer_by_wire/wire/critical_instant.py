@@ -1,8 +1,8 @@
 """The bus model at the moments that are worst for a message: what a bound on it must not miss.
 
-``critical_response_ns``  the longest frame of lower priority has just won the bus when everything of
-                          higher priority is released at once, after its longest jitter, and again as
-                          soon as its period allows (Davis et al. 2007, section 3.1)
+``critical_response_ns``  the longest frame of lower priority has just won the bus when everything
+                          of higher priority is released at once, after its longest jitter, and
+                          again as soon as its period allows (Davis et al. 2007, section 3.1)
 ``random_responses_ns``   every message with a phase and jitters drawn from a seed, for some time
 """
 
@@ -17,7 +17,7 @@ from ..runtime.node import NEVER_NS
 from .response_times import Traffic
 
 Release = tuple[int, int, int]
-"""When a frame is handed to the bus, since when it counts as released [ns], index of its message."""
+"""When a frame is handed to the bus, and was due [ns], and the index of its message."""
 
 
 def critical_response_ns(
@@ -43,7 +43,7 @@ def random_responses_ns(
     frames: Mapping[str, Frame],
     bus: BusModel,
     duration_ns: int,
-    seed: int,
+    seed: int | tuple[int, ...],
 ) -> dict[str, int]:
     """Longest response of each message by name over a time [ns]; ``bus`` is new."""
     streams = np.random.SeedSequence(seed).spawn(len(messages))

@@ -3,11 +3,12 @@
 Source: ISO 11898-1:2015, frame formats and frame coding. A frame here is what one error active
 sender sends and one receiver acknowledges, from start of frame to end of frame.
 
-    classic   SOF id (SRR IDE id_ext) RTR IDE/r1 r0 DLC data CRC:15 | CRC delimiter ACK delimiter EOF:7
-    FD        SOF id (SRR IDE id_ext) RRS IDE FDF res BRS ESI DLC data | stuff count:3 parity CRC:17/21
+    classic   SOF ID (SRR IDE extension) RTR IDE/r1 r0 DLC data CRC:15
               | CRC delimiter ACK delimiter EOF:7
+    FD        SOF ID (SRR IDE extension) RRS IDE FDF res BRS ESI DLC data
+              | stuff count:3 parity CRC:17/21 CRC delimiter ACK delimiter EOF:7
 
-Up to the first bar a stuff bit follows every five equal bits. In FD frames the stuff count and the
+Up to the bar a stuff bit follows every five equal bits. In FD frames the stuff count and the
 CRC have fixed stuff bits, the complement of the bit before, in front and after every four bits.
 The CRC of FD frames covers the stuff bits and the stuff count; it has 17 bits for up to 16 bytes.
 """
@@ -39,7 +40,12 @@ class WireBit(NamedTuple):
 
 
 class Crc(NamedTuple):
-    """A cyclic redundancy check: ``width`` in bits, the polynomial without its first term, start."""
+    """A cyclic redundancy check.
+
+    ``width``       bits of the remainder
+    ``polynomial``  without its first term
+    ``start``       value of the register before the first bit
+    """
 
     width: int
     polynomial: int
@@ -130,9 +136,7 @@ def _fd_bits(frame: Frame) -> tuple[WireBit, ...]:
     count = _bits("stuff count", stuff_count(len(stuffed) - len(head)), 4)
     crc = fd_crc(len(frame.data))
     remainder = crc_of(crc, (bit.level for bit in [*stuffed, *count]))
-    check = _with_fixed_stuff_bits(
-        stuffed[-1].level, [*count, *_bits("CRC", remainder, crc.width)]
-    )
+    check = _with_fixed_stuff_bits(stuffed[-1].level, [*count, *_bits("CRC", remainder, crc.width)])
     whole = [*stuffed, *check, WireBit(RECESSIVE, "CRC delimiter")]
     if switch:
         # The rate switches at the sample points of BRS and of the CRC delimiter: see frame_length.

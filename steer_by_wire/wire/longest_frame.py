@@ -1,4 +1,4 @@
-"""The longest that a message can be on the wire: a bound for any payload, and payloads that come near.
+"""How long a message can be on the wire: a bound for any payload, and payloads that come near.
 
 A stuff bit can follow the first five bits and then every four, so n bits have at most (n - 1) / 4.
 No payload need reach that, because the CRC is not free to choose.

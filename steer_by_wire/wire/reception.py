@@ -3,13 +3,13 @@
 Source: ISO 11898-1:2015, frame coding, error detection and frame acceptance.
 
     stuff error  a sixth equal bit where a stuff bit must be
-    CRC error    another CRC, or in an FD frame another stuff count; reported after the ACK delimiter
-    form error   a dominant delimiter or end of frame, or a fixed stuff bit that is not the complement
-    protocol exception   a recessive res bit of an FD frame: the format of a later standard, no error
+    CRC error    another CRC, or another stuff count of an FD frame; found after the ACK delimiter
+    form error   a dominant delimiter or end of frame, or a fixed stuff bit equal to its predecessor
+    protocol exception   a recessive res bit of an FD frame: a later standard's format, no error
 
 A receiver accepts a frame at the last but one bit of its end of frame. A dominant last bit is
-therefore no error to it, but it is one to the sender, which repeats the frame: it is received twice.
-It accepts RTR, SRR, RRS, r1, r0 and ESI at either level, and a DLC above 8 of a classic frame as 8.
+therefore no error to it. To the sender it is one: it repeats the frame, which is received twice.
+It accepts SRR, RRS, r1, r0 and ESI at either level, and in a classic frame a DLC above 8 as 8.
 """
 
 from collections.abc import Iterable, Iterator
@@ -47,7 +47,7 @@ class Reception(NamedTuple):
     bit: int
 
 
-class _Found(Exception):
+class _FoundError(Exception):
     """Ends the reception of a frame."""
 
     def __init__(self, error: WireError) -> None:
@@ -60,7 +60,7 @@ def receive(levels: Iterable[int]) -> Reception:
     bits = _Bits(iter(levels))
     try:
         frame = _frame(bits)
-    except _Found as found:
+    except _FoundError as found:
         return Reception(None, found.error, bits.index)
     return Reception(frame, None, bits.index)
 
@@ -81,7 +81,7 @@ class _Bits:
         """The next bit on the wire."""
         level = next(self._levels, None)
         if level is None:
-            raise _Found(WireError.INCOMPLETE)
+            raise _FoundError(WireError.INCOMPLETE)
         self.index += 1
         self._run = self._run + 1 if level == self.last else 1
         self.last = level
@@ -99,7 +99,7 @@ class _Bits:
     def remove_stuff_bit(self) -> None:
         """Take the stuff bit that must follow five equal bits."""
         if self.raw() == self.kept[-1]:
-            raise _Found(WireError.STUFF)
+            raise _FoundError(WireError.STUFF)
         self.stuff_bits += 1
 
     def is_due(self) -> bool:
@@ -147,7 +147,7 @@ def _classic_frame(bits: _Bits, can_id: int, flags: int) -> Frame:
 
 def _fd_frame(bits: _Bits, can_id: int, flags: int) -> Frame:
     if bits.one() == RECESSIVE:
-        raise _Found(WireError.PROTOCOL_EXCEPTION)
+        raise _FoundError(WireError.PROTOCOL_EXCEPTION)
     flags |= FD | (BITRATE_SWITCH if bits.one() else 0)
     bits.one()  # ESI
     length = _BYTES_OF_DLC[bits.number(4)]
@@ -168,7 +168,7 @@ def _without_fixed_stuff_bits(bits: _Bits, crc_width: int) -> tuple[list[int], l
         if index % 4 == 0:
             before = bits.last
             if bits.raw() == before:
-                raise _Found(WireError.FORM)
+                raise _FoundError(WireError.FORM)
         levels.append(bits.raw())
     return levels[:4], levels[4:]
 
@@ -184,11 +184,11 @@ def _end_of_frame(bits: _Bits, *, is_right: bool) -> None:
     bits.raw()  # acknowledge slot
     _recessive(bits)
     if not is_right:
-        raise _Found(WireError.CRC)
+        raise _FoundError(WireError.CRC)
     for _ in range(EOF_BITS - 1):
         _recessive(bits)
 
 
 def _recessive(bits: _Bits) -> None:
     if bits.raw() == DOMINANT:
-        raise _Found(WireError.FORM)
+        raise _FoundError(WireError.FORM)

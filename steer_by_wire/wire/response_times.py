@@ -9,9 +9,9 @@ Tindell, Burns and Wellings, *Calculating CAN message response times*, Control E
 (1995): in a time t at most 1 + t / T_error of them, each of which costs its error frame and the
 longest frame that it can destroy.
 
-``C`` is a frame with intermission, ``T`` its period, ``J`` the jitter of its release, ``B`` the longest
-frame of lower priority that has just won the bus. A response time ends at the end of frame: the
-intermission after it belongs to nobody's wait but the next frame's.
+``C`` is a frame with intermission, ``T`` its period, ``J`` the jitter of its release, ``B`` the
+longest frame of lower priority, which has just won the bus. A response time ends at the end of
+frame, so that the last intermission is not in it.
 
 All times are integer nanoseconds. ``granularity_ns`` is how much later than another a release can
 be and still meet the same arbitration: a bit time on a real bus, 1 ns in this project's bus model.
@@ -59,11 +59,9 @@ class Wire(NamedTuple):
 def wire_of(
     bitrate_bit_s: int, error_interval_ns: int | None = None, granularity_ns: int | None = None
 ) -> Wire:
-    """Return a bus with this nominal bit rate [bit/s]; the granularity is a bit time unless given."""
+    """Return a bus of a nominal bit rate [bit/s]; the granularity is a bit time unless given."""
     bit_ns = -(-1_000_000_000 // bitrate_bit_s)
-    return Wire(
-        3 * bit_ns, ERROR_FRAME_BITS * bit_ns, error_interval_ns, granularity_ns or bit_ns
-    )
+    return Wire(3 * bit_ns, ERROR_FRAME_BITS * bit_ns, error_interval_ns, granularity_ns or bit_ns)
 
 
 def load(messages: Sequence[Traffic], wire: Wire) -> float:
@@ -87,10 +85,16 @@ def worst_response_ns(message: Traffic, messages: Sequence[Traffic], wire: Wire)
     for index in range(instances):
         wait_ns = max(wait_ns, blocking_ns + index * occupied_ns)
         while True:
-            longer_ns = blocking_ns + index * occupied_ns + sum(
-                _releases(wait_ns + wire.granularity_ns, m) * (m.frame_ns + wire.intermission_ns)
-                for m in higher
-            ) + _error_ns(wait_ns + occupied_ns, [message, *higher], wire)
+            longer_ns = (
+                blocking_ns
+                + index * occupied_ns
+                + sum(
+                    _releases(wait_ns + wire.granularity_ns, m)
+                    * (m.frame_ns + wire.intermission_ns)
+                    for m in higher
+                )
+                + _error_ns(wait_ns + occupied_ns, [message, *higher], wire)
+            )
             if longer_ns == wait_ns:
                 break
             wait_ns = longer_ns
@@ -107,9 +111,11 @@ def _busy_period_ns(message: Traffic, messages: Sequence[Traffic], wire: Wire) -
     blocking_ns = _blocking_ns(message, messages, wire)
     busy_ns = blocking_ns + message.frame_ns + wire.intermission_ns
     while True:
-        longer_ns = blocking_ns + sum(
-            _releases(busy_ns, m) * (m.frame_ns + wire.intermission_ns) for m in sharing
-        ) + _error_ns(busy_ns, sharing, wire)
+        longer_ns = (
+            blocking_ns
+            + sum(_releases(busy_ns, m) * (m.frame_ns + wire.intermission_ns) for m in sharing)
+            + _error_ns(busy_ns, sharing, wire)
+        )
         if longer_ns <= busy_ns:
             return busy_ns
         if longer_ns > _BUSY_PERIOD_NS_MAX:  # errors can fill the bus, too

@@ -9,6 +9,7 @@ from fractions import Fraction
 from typing import NamedTuple, TextIO
 
 from ..runtime.frame import Frame
+from ..runtime.frame_length import INTERMISSION_BITS
 from .frame_on_wire import RECESSIVE, frame_on_wire
 
 NS_PER_S = 1_000_000_000
@@ -31,37 +32,38 @@ class BitRates(NamedTuple):
 
 
 def write_vcd(file: TextIO, frames: Iterable[tuple[int, Frame]], rates: BitRates) -> int:
-    """Write frames with their starts [ns], in order; returns how many do not fit behind each other.
+    """Write frames with the times at which they end [ns], in order; returns how many were moved.
 
-    A frame that starts before the one before it has ended is left out and counted.
+    On a bus without a bit rate, such as vcan, frames can be closer than they are long. Such a frame
+    is moved behind the one before it and its intermission. The first one starts at time 0.
     """
     file.write(_HEADER)
-    before: tuple[int, int, int] | None = None
-    end_ns, left_out = 0, 0
-    file.write("#0\n" + _changes(before, _IDLE))
-    before = _IDLE
-    for start_ns, frame in frames:
-        if start_ns < end_ns:
-            left_out += 1
-            continue
-        for time_ns, values in _waveform(frame, start_ns, rates):
+    before = None
+    origin_ns, free_ns, moved = None, 0, 0
+    for end_ns, frame in frames:
+        bits = list(_waveform(frame, rates))
+        duration_ns = bits[-1][0]
+        if origin_ns is None:
+            origin_ns = end_ns - duration_ns
+        start_ns = end_ns - duration_ns - origin_ns
+        moved += start_ns < free_ns
+        start_ns = max(start_ns, free_ns)
+        for offset_ns, values in bits:
             if values != before:
-                file.write(f"#{time_ns}\n" + _changes(before, values))
+                file.write(f"#{start_ns + offset_ns}\n" + _changes(before, values))
                 before = values
-            end_ns = time_ns
-    file.write(f"#{end_ns + NS_PER_S * 11 // rates.nominal_bit_s}\n")
-    return left_out
+        free_ns = start_ns + duration_ns + INTERMISSION_BITS * NS_PER_S // rates.nominal_bit_s
+    file.write(f"#{free_ns}\n")
+    return moved
 
 
-def _waveform(
-    frame: Frame, start_ns: int, rates: BitRates
-) -> Iterator[tuple[int, tuple[int, int, int]]]:
-    """Start [ns] and values of each bit, and the idle bus after the last one."""
+def _waveform(frame: Frame, rates: BitRates) -> Iterator[tuple[int, tuple[int, int, int]]]:
+    """Offset [ns] and values of each bit, and of the idle bus after the last one."""
     offset_ns = Fraction(0)
     for bit in frame_on_wire(frame):
-        yield start_ns + round(offset_ns), (bit.level, int(bit.is_stuff), int(bit.is_fast))
+        yield round(offset_ns), (bit.level, int(bit.is_stuff), int(bit.is_fast))
         offset_ns += Fraction(NS_PER_S, rates.data_bit_s if bit.is_fast else rates.nominal_bit_s)
-    yield start_ns + round(offset_ns), _IDLE
+    yield round(offset_ns), _IDLE
 
 
 def _changes(before: tuple[int, int, int] | None, values: tuple[int, int, int]) -> str:

@@ -1,6 +1,6 @@
-"""How late each message on a CAN bus can be, beside the worst that the bus model shows.
+"""Bounds the response time of each message on a CAN bus, beside the worst case simulated.
 
-    steer-by-wire response-times FILE.dbc... [--bitrate BIT_S] [--error-interval-ms MS] [--json FILE]
+    steer-by-wire response-times FILE.dbc... [--bitrate BIT_S] [--error-interval-ms MS]
 
 Several files share one bus. Messages without a cycle time are left out and named, unless
 ``--period NAME=MS`` gives one. Where the set has this project's steering messages, the delay that
@@ -16,7 +16,7 @@ from pathlib import Path
 from rich.console import Console
 
 from steer_by_wire.command_line import command_parser
-from steer_by_wire.runtime.option_types import output_file
+from steer_by_wire.runtime.option_types import bit_rate, output_file
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.tools.response_times.message_set import (
@@ -41,10 +41,10 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="DBC, KCD, SYM, ARXML")
     parser.add_argument(
-        "--bitrate", type=_bit_s, default=500_000, metavar="BIT_S", help="default: %(default)s"
+        "--bitrate", type=bit_rate, default=500_000, metavar="BIT_S", help="default: %(default)s"
     )
     parser.add_argument(
-        "--data-bitrate", type=_bit_s, default=2_000_000, metavar="BIT_S",
+        "--data-bitrate", type=bit_rate, default=2_000_000, metavar="BIT_S",
         help="of CAN FD's data phase (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
@@ -88,12 +88,6 @@ def _run(options: argparse.Namespace) -> int:
     if options.json is not None:
         write_json(options.json, record_of(responses, bus, steering, options.seed))
     return ExitStatus.OK
-
-
-def _bit_s(text: str) -> int:
-    if not text.isdecimal() or not 10_000 <= int(text) <= 8_000_000:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a bit rate of 10000 to 8000000 bit/s")
-    return int(text)
 
 
 def _duration_ms(text: str) -> float:

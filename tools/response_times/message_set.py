@@ -1,5 +1,6 @@
 """The messages of the given files as traffic of one bus."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -68,7 +69,7 @@ def read_messages(
         else:
             sent.append(_sent(message, period_ms, bus))
     sent.sort(key=lambda message: message.bound.priority)
-    for one, other in zip(sent, sent[1:], strict=False):
+    for one, other in itertools.pairwise(sent):
         if one.bound.priority == other.bound.priority:
             raise SettingsError(
                 f"{one.bound.name} and {other.bound.name} have the same identifier "

@@ -7,7 +7,7 @@ from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.analysis.stable_delays import delay_margin_ns, stable_delays
 from ...controller.design import design_law
 from ...controller.settings import ControllerSettings
-from ...runtime.settings import load_settings, read_preset
+from ...runtime.settings import SettingsError, load_settings, read_preset
 from ...wire.response_times import Traffic, load, worst_response_ns
 from .message_set import BusSettings, SentMessage
 
@@ -78,14 +78,16 @@ def _round_trip_ns(traffic: Sequence[Traffic], bus: BusSettings) -> int | None:
 def _tolerance(preset: str, traffic: Sequence[Traffic], bus: BusSettings) -> Tolerance:
     settings = load_settings(ControllerSettings, read_preset(PRESETS, preset))
     design = design_law(settings)
+    if settings.model is None or design.looking_back is not None:
+        raise SettingsError(
+            f"preset {preset} is not linear without its delay: see steer-by-wire check --preset {preset}"
+        )
     loop = SampledLoop(design, settings.model, settings.period_ns)
     margin_ns = delay_margin_ns(stable_delays(loop))
     return Tolerance(preset, margin_ns, _load_max(traffic, bus, margin_ns))
 
 
-def _load_max(
-    traffic: Sequence[Traffic], bus: BusSettings, margin_ns: int | None
-) -> float | None:
+def _load_max(traffic: Sequence[Traffic], bus: BusSettings, margin_ns: int | None) -> float | None:
     """Bisect how much more often the other messages may come; None if they never break the loop."""
     faster_min, faster_max = 0.0, 1000.0
     for _ in range(_LOAD_STEPS):
