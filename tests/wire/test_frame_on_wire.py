@@ -25,7 +25,7 @@ def _encoded() -> list[tuple[str, str]]:
     return [(frame, f"{int(bits, 16):0{length}b}") for frame, bits, length in lines]
 
 
-@pytest.mark.parametrize("text, bits", _encoded())
+@pytest.mark.parametrize(("text", "bits"), _encoded())
 def test_the_bits_are_those_of_a_public_encoder(text: str, bits: str) -> None:
     entry = parse_entry(f"(0.0) can {text}")
     assert entry is not None

@@ -10,7 +10,7 @@ from steer_by_wire.wire.longest_frame import longest_frame
 
 
 @pytest.mark.parametrize(
-    "flags, length, bits", [(0, 8, 135), (0, 0, 55), (EXTENDED, 8, 160), (EXTENDED, 0, 80)]
+    ("flags", "length", "bits"), [(0, 8, 135), (0, 0, 55), (EXTENDED, 8, 160), (EXTENDED, 0, 80)]
 )
 def test_the_bound_of_a_classic_frame_is_the_one_in_the_literature(
     flags: int, length: int, bits: int

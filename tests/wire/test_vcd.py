@@ -43,7 +43,7 @@ def test_the_data_phase_runs_at_its_own_rate() -> None:
     assert sampled(file.getvalue(), "f", middles_ns) == fast
 
 
-@pytest.mark.parametrize("gap_ns, moved", [(1_000_000, 0), (100_000, 1)])
+@pytest.mark.parametrize(("gap_ns", "moved"), [(1_000_000, 0), (100_000, 1)])
 def test_a_frame_that_comes_too_early_is_moved(gap_ns: int, moved: int) -> None:
     frame, file = Frame(0x100, bytes(8)), StringIO()
     assert write_vcd(file, [(0, frame), (gap_ns, frame)], RATES) == moved

@@ -60,7 +60,7 @@ def _run(options: argparse.Namespace) -> int:
         if moved:
             say(
                 NAME,
-                f"{moved} frames were closer than they are long at these rates: moved back",
+                f"moved back, being closer together than they are long: {moved} frames",
                 sys.stderr,
             )
     return ExitStatus.OK

@@ -43,8 +43,8 @@ def steering_text(steering: Steering) -> str:
         f"bus load: {100 * steering.load:.1f} %",
         f"LATERAL_ERROR and STEERING_COMMAND together: {_ms(steering.least_ns)} ms on a free bus, "
         f"{most}",
-        "Constant delay that the loop of each law tolerates, and the load at which this bus "
-        "reaches it (the other messages sent more often):",
+        "Constant delay that the loop of each law tolerates, and the load by more urgent messages "
+        "(sent more and more often) at which the bus alone reaches it:",
     ]
     width = max(len(tolerance.preset) for tolerance in steering.tolerances)
     return "\n".join([*lines, *(_tolerance(t, width) for t in steering.tolerances)])

@@ -14,6 +14,8 @@ from .message_set import BusSettings, SentMessage
 PRESETS = "steer_by_wire.controller.presets"
 DEFAULT_PRESETS = ("paper_pd", "practical_pd", "practical_pd_ddob")
 _LOAD_STEPS = 30
+_FASTER_MAX = 1000.0
+_NAMES = ("STEERING_COMMAND", "LATERAL_ERROR")
 
 
 class Tolerance(NamedTuple):
@@ -21,8 +23,8 @@ class Tolerance(NamedTuple):
 
     ``margin_ns``     constant delay up to which its loop is stable; None beyond the search's limit,
                       0 if it is not even stable without
-    ``load_max``      load of the bus up to which the bus alone stays below that margin, the other
-                      messages being sent more and more often
+    ``load_max``      load by the steering and what has priority over it, up to which the bus alone
+                      stays below that margin; None if no load exceeds it
     """
 
     preset: str
@@ -60,9 +62,6 @@ def steering_of(
     )
 
 
-_NAMES = ("STEERING_COMMAND", "LATERAL_ERROR")
-
-
 def _round_trip_ns(traffic: Sequence[Traffic], bus: BusSettings) -> int | None:
     """Bound of both steering messages together [ns]."""
     total_ns = 0
@@ -80,7 +79,7 @@ def _tolerance(preset: str, traffic: Sequence[Traffic], bus: BusSettings) -> Tol
     design = design_law(settings)
     if settings.model is None or design.looking_back is not None:
         raise SettingsError(
-            f"preset {preset} is not linear without its delay: see steer-by-wire check --preset {preset}"
+            f"preset {preset} looks back: see steer-by-wire check --preset {preset}"
         )
     loop = SampledLoop(design, settings.model, settings.period_ns)
     margin_ns = delay_margin_ns(stable_delays(loop))
@@ -89,7 +88,7 @@ def _tolerance(preset: str, traffic: Sequence[Traffic], bus: BusSettings) -> Tol
 
 def _load_max(traffic: Sequence[Traffic], bus: BusSettings, margin_ns: int | None) -> float | None:
     """Bisect how much more often the other messages may come; None if they never break the loop."""
-    faster_min, faster_max = 0.0, 1000.0
+    faster_min, faster_max = 0.0, _FASTER_MAX
     for _ in range(_LOAD_STEPS):
         faster = (faster_min + faster_max) / 2
         round_trip_ns = _round_trip_ns(_sped_up(traffic, faster), bus)
@@ -97,7 +96,11 @@ def _load_max(traffic: Sequence[Traffic], bus: BusSettings, margin_ns: int | Non
             faster_min = faster
         else:
             faster_max = faster
-    return load(_sped_up(traffic, faster_min), bus.wire()) if faster_max < 1000 else None
+    if faster_max == _FASTER_MAX:
+        return None
+    lowest = max(m.priority for m in traffic if m.name in _NAMES)
+    urgent = [m for m in _sped_up(traffic, faster_min) if m.priority <= lowest]
+    return load(urgent, bus.wire())
 
 
 def _sped_up(traffic: Sequence[Traffic], factor: float) -> list[Traffic]:
