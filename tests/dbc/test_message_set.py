@@ -35,11 +35,9 @@ def test_identifiers_of_29_bits_and_lengths_of_can_fd_are_kept(tmp_path: Path) -
     assert (wide.flags, wide.length, wide.senders) == (FD | BITRATE_SWITCH, 12, ("B",))
 
 
-@pytest.mark.parametrize("text", ["", "BO_ x", "\x00\xff"])
+@pytest.mark.parametrize("text", ["BO_ x", "\x00\xff"])
 def test_what_is_no_database_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
     file = tmp_path / "bad.dbc"
     file.write_text(text)
-    with pytest.raises(ValueError, match="bad.dbc") as caught:
-        if read_message_set(file) == ():
-            raise ValueError(f"{file}: empty")
-    assert "\n" not in str(caught.value)
+    with pytest.raises(ValueError, match=r"bad\.dbc: [^\n]*$"):
+        read_message_set(file)

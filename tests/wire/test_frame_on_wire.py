@@ -1,4 +1,4 @@
-"""The bits of a frame, against a public encoder's and against the lengths that the bus model uses."""
+"""The bits of a frame, against a public encoder's and the lengths that the bus model uses."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ ENCODED = Path(__file__).with_name("encoded_frames.txt")
 
 Computed once with CANFrameGenerator.h and CANFDFrameGenerator.h (ISO protocol, ESI dominant, ACK
 dominant, without intermission) of github.com/pierremolinaro/codes-can, commit 3d3fb704b8ad, whose
-frames were compared with those of Teensy microcontrollers; 8,000 frames agreed, of which 64 are here.
+frames were compared with those of Teensy microcontrollers. 8,000 frames agreed; 64 are here.
 """
 
 
