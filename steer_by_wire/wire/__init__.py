@@ -1,5 +1,5 @@
-"""CAN frames bit by bit, as an oscilloscope shows them; for programs and tests, not for the loop.
+"""What follows from the bits and times of frames: waveforms, longest frames, response times.
 
-Admission rule: it says which bits are on the wire or what follows from them, with frames alone.
-The loop needs only lengths, and has them from ``runtime.frame_length``.
+Admission rule: it computes from frames and message sets alone, and no node needs it while it runs.
+The bits themselves are in ``runtime.frame_on_wire``, since the bus model needs them for errors.
 """

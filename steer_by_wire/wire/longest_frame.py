@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from ..runtime.frame import Frame
 from ..runtime.frame_length import FrameBits, frame_bits
-from .frame_on_wire import frame_on_wire
+from ..runtime.frame_on_wire import frame_on_wire
 
 _PATTERNS = (0x0F0F, 0x1E1E, 0x3C3C, 0x7878, 0xF0F0, 0xE1E1, 0xC3C3, 0x8787, 0x0000, 0xFFFF)
 """Four equal bits in turn, in every position, and equal bits throughout."""

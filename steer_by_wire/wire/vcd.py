@@ -10,7 +10,7 @@ from typing import NamedTuple, TextIO
 
 from ..runtime.frame import Frame
 from ..runtime.frame_length import INTERMISSION_BITS
-from .frame_on_wire import RECESSIVE, frame_on_wire
+from ..runtime.frame_on_wire import RECESSIVE, frame_on_wire
 
 NS_PER_S = 1_000_000_000
 _HEADER = """$timescale 1 ns $end

@@ -5,7 +5,7 @@ from io import StringIO
 import pytest
 
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
-from steer_by_wire.wire.frame_on_wire import frame_on_wire
+from steer_by_wire.runtime.frame_on_wire import frame_on_wire
 from steer_by_wire.wire.vcd import BitRates, write_vcd
 
 RATES = BitRates(500_000, 2_000_000)

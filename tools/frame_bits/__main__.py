@@ -18,10 +18,10 @@ from steer_by_wire.command_line import command_parser
 from steer_by_wire.recordings.log_file import LogError, open_log
 from steer_by_wire.runtime.candump import parse_entry
 from steer_by_wire.runtime.frame import ERROR, Frame
+from steer_by_wire.runtime.frame_on_wire import frame_on_wire
 from steer_by_wire.runtime.option_types import bit_rate, output_file
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.settings import SettingsError
-from steer_by_wire.wire.frame_on_wire import frame_on_wire
 from steer_by_wire.wire.vcd import BitRates, write_vcd
 
 NAME = "steer-by-wire bits"

@@ -16,8 +16,8 @@ The CRC of FD frames covers the stuff bits and the stuff count; it has 17 bits f
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from ..runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
-from ..runtime.frame_length import DATA_LENGTH_CODE, frame_bits
+from .frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
+from .frame_length import DATA_LENGTH_CODE, frame_bits
 
 DOMINANT, RECESSIVE = 0, 1
 RUN_MAX = 5

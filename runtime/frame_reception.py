@@ -16,8 +16,8 @@ from collections.abc import Iterable, Iterator
 from enum import Enum
 from typing import NamedTuple
 
-from ..runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
-from ..runtime.frame_length import DATA_LENGTH_CODE
+from .frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
+from .frame_length import DATA_LENGTH_CODE
 from .frame_on_wire import CRC_15, DOMINANT, RECESSIVE, RUN_MAX, crc_of, fd_crc, stuff_count
 
 _BYTES_OF_DLC = {code: length for length, code in DATA_LENGTH_CODE.items()}

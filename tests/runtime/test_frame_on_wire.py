@@ -8,7 +8,7 @@ from hypothesis import given
 from steer_by_wire.runtime.candump import parse_entry
 from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.frame_length import crc15, frame_bits
-from steer_by_wire.wire.frame_on_wire import CRC_15, crc_of, frame_on_wire, stuff_count
+from steer_by_wire.runtime.frame_on_wire import CRC_15, crc_of, frame_on_wire, stuff_count
 from tests.support.random_frames import sendable_frames
 
 ENCODED = Path(__file__).with_name("encoded_frames.txt")

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
-from steer_by_wire.wire.frame_on_wire import CRC_15, WireBit, crc_of, frame_on_wire
-from steer_by_wire.wire.reception import WireError, receive
+from steer_by_wire.runtime.frame_on_wire import CRC_15, WireBit, crc_of, frame_on_wire
+from steer_by_wire.runtime.frame_reception import WireError, receive
 from tests.support.random_frames import sendable_frames
 
 ONE_OF_EACH_FORMAT = (
