@@ -52,7 +52,7 @@ class BusErrors:
         self, noise: BusNoise, on_error: Callable[[ErrorEvent], None] | None = None
     ) -> None:
         self._noise = noise
-        self._on_error = on_error
+        self.on_error = on_error
         self._counters: dict[int, ErrorCounters] = {}
         self.causes: Counter[str] = Counter()
         self.received_twice = 0
@@ -115,7 +115,7 @@ class BusErrors:
         self.causes[disturbed.cause] += 1
         self.received_twice += disturbed.is_received
         self.bus_offs += own.state is ControllerState.BUS_OFF
-        if self._on_error is not None:
+        if self.on_error is not None:
             event = ErrorEvent(
                 time_ns,
                 sender,
@@ -127,4 +127,4 @@ class BusErrors:
                 own.state,
                 own.state is not before,
             )
-            self._on_error(event)
+            self.on_error(event)

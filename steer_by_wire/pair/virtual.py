@@ -14,8 +14,9 @@ from ..runtime.bus_model import BusModel
 from ..runtime.candump import CandumpLog
 from ..runtime.frame import Frame
 from ..runtime.host import no_collections
-from ..runtime.virtual_time import VirtualTimeExecutor
+from ..runtime.virtual_time import VirtualTimeExecutor, Wire
 from .live import PairResult
+from .shared_bus import SharedBus
 from .trace import Trace
 
 BITRATE_BIT_S = 500_000
@@ -78,7 +79,7 @@ def run_virtual_pair(
 def run_virtual_nodes(
     plant: PlantNode | FaultyNode[PlantNode],
     controller: ControllerNode,
-    bus: BusModel | None,
+    bus: Wire | None,
     candump_log: Path | None,
     should_stop: Callable[[], bool],
 ) -> None:
@@ -91,6 +92,8 @@ def run_virtual_nodes(
         on_wire = None
         if candump_log is not None:
             on_wire = _writer(stack.enter_context(CandumpLog(candump_log, "virtual")))
+            if isinstance(bus, SharedBus):
+                bus.watch(on_wire)
         executor = VirtualTimeExecutor((plant, controller), bus, on_wire)
         until_ns = SLICE_NS
         while not (executor.finished or should_stop()):
