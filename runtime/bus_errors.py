@@ -87,7 +87,7 @@ class BusErrors:
         if hit_ns is None:
             return None
         end_ns = start_ns
-        for index, bit in enumerate(frame_on_wire(frame)):
+        for index, bit in enumerate(frame_on_wire(frame)):  # noise is rare, so this is too
             end_ns += data_bit_ns if bit.is_fast else bit_ns
             if hit_ns < end_ns:
                 return disturb(frame, index, is_passive=self.is_passive(sender))

@@ -20,7 +20,6 @@ from ..runtime.frame import EXTENDED, Frame
 from ..runtime.frame_length import INTERMISSION_BITS, frame_bits
 from ..runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S
 
-
 OnWire = Callable[[int, int, Frame], None]
 """Called as ``on_wire(end_ns, sender, frame)``."""
 

@@ -41,6 +41,8 @@ def shared_bus(options: argparse.Namespace, bitrate_bit_s: int, seed: int) -> Sh
         raise SettingsError("--load needs --rest-bus FILE.dbc")
     if not options.rest_bus and options.bit_error_rate is None:
         return None
+    if options.ideal_wire or options.interface:
+        raise SettingsError("--rest-bus and --bit-error-rate need a bus with a bit rate")
     errors = None
     if options.bit_error_rate is not None:
         errors = BusErrors(BusNoise(NoiseRates(options.bit_error_rate), bitrate_bit_s, seed))
@@ -49,7 +51,9 @@ def shared_bus(options: argparse.Namespace, bitrate_bit_s: int, seed: int) -> Sh
         try:
             listed = [m for file in options.rest_bus for m in read_message_set(file)]
             messages = rest_of(listed, seed, bitrate_bit_s, options.load)
-        except (OSError, ValueError) as error:
+        except OSError as error:
+            raise SettingsError(f"--rest-bus {error.filename}: {error.strerror}") from error
+        except ValueError as error:
             raise SettingsError(f"--rest-bus: {error}") from error
     return SharedBus(BusModel(bitrate_bit_s, errors=errors), messages, seed, errors)
 
@@ -74,6 +78,16 @@ def bus_lines(bus: SharedBus, duration_s: float) -> Sequence[tuple[str, str]]:
             )
         )
     return lines
+
+
+def bus_words(options: argparse.Namespace) -> list[str]:
+    """Return the options as words of a command."""
+    words = [word for file in options.rest_bus for word in ("--rest-bus", str(file))]
+    if options.load is not None:
+        words += ["--load", f"{options.load:g}"]
+    if options.bit_error_rate is not None:
+        words += ["--bit-error-rate", f"{options.bit_error_rate:g}"]
+    return words
 
 
 def _load(text: str) -> float:
