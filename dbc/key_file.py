@@ -45,7 +45,7 @@ def open_authentication(path: Path, end: End) -> Authentication:
 def read_key(path: Path) -> ComputeMac:
     """Return the CMAC under the key in ``path``; raises SettingsError."""
     if not hasattr(os, "geteuid"):
-        raise SettingsError(f"{path}: this platform does not tell who may read a key file")
+        raise SettingsError(f"{path}: this platform does not report who may read a key file")
     start_cmac = _start_cmac()  # can fail, so it comes before the key is in a local variable
     key = _parsed(_read_private(path))
     if key is None:  # raised here, where no variable holds the text any more

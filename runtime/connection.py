@@ -34,7 +34,7 @@ from .real_time import Received
 
 RETRY_S = 0.5
 SETTLED_S = 1.0
-TOLD_OUTAGES_MAX = 10
+REPORTED_OUTAGES_MAX = 10
 """Outages that are reported; further ones are only counted."""
 _RETRY_NS = round(RETRY_S * NS_PER_S)
 _SETTLED_NS = round(SETTLED_S * NS_PER_S)
@@ -64,20 +64,20 @@ class Connection:
 
     ``opened``       the port, which is this connection's to shut down from now on
     ``patience_s``   how long an outage may last [s]; 0 lets none begin
-    ``tell``         is called with one line for the user about an outage
+    ``report``       is called with one line for the user about an outage
     """
 
     def __init__(
         self,
         opened: OpenPort,
         patience_s: float = 0.0,
-        tell: Callable[[str], None] = lambda _line: None,
+        report: Callable[[str], None] = lambda _line: None,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self._opened = opened
         self._port: ClosablePort | None = opened.port
         self._patience_s = patience_s
-        self._tell = tell
+        self._report = report
         self._clock_ns = clock_ns
         self._error_frames: Counter[str] = Counter()
         self._dropped = 0
@@ -186,9 +186,9 @@ class Connection:
         if self._lost_at_ns == NEVER_NS:
             self._lost_at_ns = self._clock_ns()
             self._outages += 1
-            if self._outages <= TOLD_OUTAGES_MAX:
-                last = "; more are only counted" if self._outages == TOLD_OUTAGES_MAX else ""
-                self._tell(
+            if self._outages <= REPORTED_OUTAGES_MAX:
+                last = "; more are only counted" if self._outages == REPORTED_OUTAGES_MAX else ""
+                self._report(
                     f"{cause}; waiting {self._patience_s:g} s at most for the bus to return{last}"
                 )
 
@@ -199,8 +199,8 @@ class Connection:
         self._is_silent = False
         self._outage_ns += lasted_ns
         self._reconnections += 1
-        if self._outages <= TOLD_OUTAGES_MAX:
-            self._tell(f"the bus is back after {lasted_ns / NS_PER_S:.2f} s")
+        if self._outages <= REPORTED_OUTAGES_MAX:
+            self._report(f"the bus is back after {lasted_ns / NS_PER_S:.2f} s")
 
     def _watch_outage(self) -> None:
         """End an outage that is over; raises BusError when it has lasted too long."""

@@ -124,15 +124,15 @@ class RealTimeExecutor:
         ``should_stop`` is asked once a wake-up, at least every WAIT_NS_MAX.
         """
         start_ns = self._clock_ns()
-        before_ns = told_ns = start_ns
+        before_ns = passed_ns = start_ns
         while not (self._node.finished or should_stop()):
             first = self._wait(before_ns)
             now_ns = self._clock_ns()
             self._wake_ups += 1
             if first is not None:
-                self._drain(first, told_ns, now_ns)
+                self._drain(first, passed_ns, now_ns)
             self._tick(now_ns)
-            told_ns = now_ns
+            passed_ns = now_ns
             # Read again, because the wait that follows is counted from here and not from now_ns.
             before_ns = self._clock_ns()
             if self._node.deadline_ns <= before_ns:
@@ -150,18 +150,18 @@ class RealTimeExecutor:
                 received = self._port.recv(0.0)
         return received
 
-    def _drain(self, first: Received, told_ns: int, now_ns: int) -> None:
+    def _drain(self, first: Received, passed_ns: int, now_ns: int) -> None:
         """Hand over ``first`` and what waits behind it, as far as one wake-up goes.
 
-        ``told_ns``  the last time that was passed to the node before [ns]
+        ``passed_ns``  the last time that was passed to the node before [ns]
         """
         received: Received | None = first
         taken = 0
         while received is not None:
             frame, arrival_ns = received
-            told_ns = now_ns if arrival_ns is None else min(max(arrival_ns, told_ns), now_ns)
+            passed_ns = now_ns if arrival_ns is None else min(max(arrival_ns, passed_ns), now_ns)
             if not frame.flags & ERROR:
-                self._send(self._node.on_frame(frame, told_ns))
+                self._send(self._node.on_frame(frame, passed_ns))
                 self._frames_received += 1
             taken += 1
             if taken == FRAMES_PER_WAKE_UP_MAX:

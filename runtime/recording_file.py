@@ -110,7 +110,7 @@ def _write_all(
 ) -> None:
     """Write all records in order of time; counts them as it goes."""
     left_out = LEFT_OUT.get(suffix, 0)
-    sync, told = _sync_of(writer), 0
+    sync, shown = _sync_of(writer), 0
     for records in _ordered(reads):
         for time_ns, _, frame, is_received in records:
             if frame.flags & left_out:
@@ -127,9 +127,9 @@ def _write_all(
         if sync is not None:
             sync.after_write(len(records))
         in_file = frames_in_file(writer, counts["frames"])
-        if progress >= 0 and in_file != told:
+        if progress >= 0 and in_file != shown:
             os.pwrite(progress, PROGRESS.pack(in_file), 0)
-            told = in_file
+            shown = in_file
 
 
 def _sync_of(writer: can.io.generic.MessageWriter) -> "Sync | None":

@@ -115,7 +115,7 @@ def _looking_back_analysis(
         loop = SampledLoop(fallback, settings.model, settings.period_ns)
         yield from _delays(stable_delays(loop))
         yield "around the nominal plant. A heavier or a faster vehicle bears less delay; --law"
-        yield f"{name} --check tells more."
+        yield f"{name} --check analyses it."
     yield from law.closing
     yield "Latency that varies is for simulation: steer-by-wire stress."
 

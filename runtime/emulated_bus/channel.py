@@ -126,7 +126,7 @@ class Channel:
             self._model.submit(frame, client.number, now_ns)
             waiting_of[buffer] = waiting
             if waiting >= BUFFER_FULL and not self._is_fifo:
-                self._tell_full(client, key)
+                self._report_full(client, key)
             if key in self._senders or len(self._senders) < WATCHED_IDS_MAX:
                 self._senders[key] = client.number
         return True
@@ -221,7 +221,7 @@ class Channel:
             if not self._left[number]:
                 del self._left[number]
 
-    def _tell_full(self, client: Connection, buffer: BufferKey) -> None:
+    def _report_full(self, client: Connection, buffer: BufferKey) -> None:
         """Have the client refuse frames of this transmit buffer until there is room.
 
         A client that does not read would not notice; it is held back in the end.

@@ -35,18 +35,18 @@ class Cause(StrEnum):
 class Journal:
     """Counts and reports disconnections.
 
-    ``tell``        takes one line and returns whether it could be printed without waiting
+    ``print_line``  takes one line and returns whether it could be printed without waiting
     ``is_verbose``  whether orderly comings and goings are reported too
     """
 
-    def __init__(self, tell: Callable[[str], bool], is_verbose: bool = False) -> None:
-        self._tell = tell
+    def __init__(self, print_line: Callable[[str], bool], is_verbose: bool = False) -> None:
+        self._print_line = print_line
         self._is_verbose = is_verbose
         self._causes: Counter[Cause] = Counter()
         self._lines_left = LINES_AT_ONCE
         self._counted_from_ns: int | None = None
-        self._untold = 0
-        self._untold_since = 0
+        self._unprinted = 0
+        self._unprinted_since = 0
 
     @property
     def disconnections(self) -> Mapping[str, int]:
@@ -54,9 +54,9 @@ class Journal:
         return {cause.value: self._causes[cause] for cause in Cause}
 
     @property
-    def untold(self) -> int:
+    def unprinted(self) -> int:
         """Lines that were not printed."""
-        return self._untold
+        return self._unprinted
 
     def join(self, who: str, now_ns: int) -> None:
         """Note that a client has joined a channel."""
@@ -75,13 +75,13 @@ class Journal:
 
     def _say(self, line: str, now_ns: int) -> None:
         self._ration(now_ns)
-        missing = f" ({self._untold_since} lines before this one were not printed)"
-        if self._lines_left and self._tell(line + missing * bool(self._untold_since)):
+        missing = f" ({self._unprinted_since} lines before this one were not printed)"
+        if self._lines_left and self._print_line(line + missing * bool(self._unprinted_since)):
             self._lines_left -= 1
-            self._untold_since = 0
+            self._unprinted_since = 0
         else:
-            self._untold += 1
-            self._untold_since += 1
+            self._unprinted += 1
+            self._unprinted_since += 1
 
     def _ration(self, now_ns: int) -> None:
         """Grant the lines that have come due since they were counted last."""

@@ -72,7 +72,7 @@ def _serve(
     rates = f"{options.bitrate} bit/s"
     if options.data_bitrate is not None:
         rates += f", CAN FD data at {options.data_bitrate} bit/s"
-    journal = Journal(partial(_tell, name), options.verbose)
+    journal = Journal(partial(_print_line, name), options.verbose)
     broker = Broker(
         listener,
         options.bitrate,
@@ -86,7 +86,7 @@ def _serve(
     with suppress(KeyboardInterrupt), real_time(RealTimeRequest(options.priority)):
         broker.run(sys.stdin.fileno() if options.end_with_stdin else None)
     report = broker_report(broker, journal, time.monotonic_ns() - start_ns)
-    _tell(name, summary_line(report))
+    _print_line(name, summary_line(report))
     if options.report is not None:
         # Not above: it brings python-can and pydantic, which the broker does without.
         from ..report import write_json
@@ -94,7 +94,7 @@ def _serve(
         write_json(options.report, report)
 
 
-def _tell(name: str, line: str) -> bool:
+def _print_line(name: str, line: str) -> bool:
     """Print a line to standard error, if that takes it at once; returns whether it did.
 
     A pipe that nobody reads is full at some point, and must not hold up the bus. One that can be

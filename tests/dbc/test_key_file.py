@@ -16,7 +16,7 @@ from steer_by_wire.dbc.secured_frame import CONTROLLER, PLANT, Refused
 from steer_by_wire.runtime.settings import SettingsError
 
 pytestmark = pytest.mark.skipif(
-    not hasattr(os, "geteuid"), reason="this platform does not tell who may read a file"
+    not hasattr(os, "geteuid"), reason="this platform does not report who may read a file"
 )
 
 KEY = bytes.fromhex("c0ffee00112233445566778899aabbcc")
@@ -177,4 +177,4 @@ def test_a_platform_that_cannot_tell_who_may_read_is_refused(
     file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("steer_by_wire.dbc.key_file.os", SimpleNamespace())
-    assert "does not tell who may read" in refusal(file)
+    assert "does not report who may read" in refusal(file)

@@ -65,7 +65,7 @@ CONTROLLER_SETTINGS = load_settings(
 )
 
 
-class Heard(NamedTuple):
+class ReceivedMessage(NamedTuple):
     time_ns: int
     sender: int
     frame: Frame
@@ -106,13 +106,13 @@ class Pair:
         self.controller_end = (
             None if controller_end is None else AuthenticatedNode(self.controller, controller_end)
         )
-        self.heard: list[Heard] = []
+        self.heard: list[ReceivedMessage] = []
         nodes: list[Node] = [
             self.plant if self.plant_end is None else self.plant_end,
             self.controller if self.controller_end is None else self.controller_end,
         ]
         executor = VirtualTimeExecutor(
-            [*nodes, *others], bus, lambda *heard: self.heard.append(Heard(*heard))
+            [*nodes, *others], bus, lambda *heard: self.heard.append(ReceivedMessage(*heard))
         )
         executor.run(LIMIT_NS)
 

@@ -139,7 +139,7 @@ class _Bus:
         )
         self._stack.callback(self._end)
         self._said: list[Frame] = []
-        self._heard: list[Frame] = []
+        self._received: list[Frame] = []
         self._raw = b""
         self._speaker, self._listener = self._join(), self._join()
 
@@ -177,10 +177,10 @@ class _Bus:
     def finish(self) -> None:
         """Let the bus come to rest; every frame sent must have been received."""
         for _ in range(_TURNS_MAX):
-            if self._heard == self._said:
+            if self._received == self._said:
                 return
             self.turn(NS_PER_MS // 4)
-        promise(False, f"said {len(self._said)} frames, heard {len(self._heard)}")
+        promise(False, f"said {len(self._said)} frames, received {len(self._received)}")
 
     def _join(self) -> socket.socket:
         connection = self.connect()
@@ -204,15 +204,15 @@ class _Bus:
             frame, _ = unpack_delivery(CLASSIC_RECORD, self._raw[: CLASSIC_RECORD.size])
             self._raw = self._raw[CLASSIC_RECORD.size :]
             if not isinstance(frame, Frame):
-                promise(False, f"who sends nothing hears {frame}")
+                promise(False, f"a client that sends nothing receives {frame}")
                 return
             check_frame(frame)
             if self._is_ours(frame):
-                self._heard.append(frame)
+                self._received.append(frame)
 
     def _is_ours(self, frame: Frame) -> bool:
         """Whether it is our next frame; an intruder may send the same, but never before us."""
-        place = len(self._heard)
+        place = len(self._received)
         return place < len(self._said) and frame == self._said[place]
 
     def _end(self) -> None:

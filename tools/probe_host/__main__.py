@@ -78,12 +78,12 @@ def _probe_with_progress(options: argparse.Namespace) -> Probe:
         task = progress.add_task("opening the bus", total=steps(options))
         begun = False
 
-        def tell(what: str) -> None:
+        def report(what: str) -> None:
             nonlocal begun
             progress.update(task, description=what, advance=int(begun))
             begun = True
 
-        return probe(options, tell)
+        return probe(options, report)
 
 
 if __name__ == "__main__":
