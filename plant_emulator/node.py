@@ -48,11 +48,7 @@ from .plant_messages import PlantMessages
 from .plant_report import line_report, motion_report
 from .plant_samples import PlantSample, RunRecord
 from .safety_settings import design_guard, resync_ns_of
-from .self_supervision import (
-    NOT_FINITE_COMMAND,
-    NOT_FINITE_VEHICLE,
-    SelfSupervision,
-)
+from .self_supervision import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfSupervision
 from .sensors import Readings
 from .settings import PlantSettings
 from .status_timing import StatusTiming

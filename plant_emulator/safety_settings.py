@@ -12,11 +12,7 @@ from pydantic import Field, Tag
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.settings import NUMBER_OR_WORD, OffWord, Settings
 from .rig_settings import ActuatorSettings, VehicleSettings
-from .safety_limiter import (
-    LimiterParams,
-    acceleration_gain_m_s2,
-    limit_rows,
-)
+from .safety_limiter import LimiterParams, acceleration_gain_m_s2, limit_rows
 from .steering_guard import OFF_NS, RAMP_PERIOD_NS, GuardParams
 
 OFF: Literal["off"] = "off"

@@ -32,13 +32,7 @@ Every target, of ramps too, passes the safety limiter. Times count from the star
 from enum import IntEnum
 from typing import NamedTuple
 
-from .safety_limiter import (
-    LimiterParams,
-    LimiterState,
-    limit_steer,
-    start_limiter,
-    watch_wheel,
-)
+from .safety_limiter import LimiterParams, LimiterState, limit_steer, start_limiter, watch_wheel
 
 RAMP_PERIOD_NS = 10_000_000
 """A ramp is a step of the target every so often."""

@@ -29,14 +29,7 @@ from numpy.typing import NDArray
 
 from ...runtime.node import NS_PER_S
 from ..held_input import held_over
-from .arrivals import (
-    Arrivals,
-    LatencyCdf,
-    arrivals,
-    constant_cdf,
-    gamma_cdf,
-    hazards_by_age,
-)
+from .arrivals import Arrivals, LatencyCdf, arrivals, constant_cdf, gamma_cdf, hazards_by_age
 from .linear_system import companion_form, without_idle_states
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 

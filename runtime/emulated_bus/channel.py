@@ -19,13 +19,7 @@ from ..node import NEVER_NS
 from ..statistics import DurationStatistics, DurationSummary
 from .bus_off import BUS_OFF_FRAME, RESTARTED_FRAME, Recovery
 from .connection import BufferKey, Connection
-from .protocol import (
-    OWN,
-    Buffer,
-    BusOff,
-    pack_buffer,
-    pack_frame,
-)
+from .protocol import OWN, Buffer, BusOff, pack_buffer, pack_frame
 
 BUFFER_FULL = 16
 """Frames in one transmit buffer from which on its client refuses more of them."""

@@ -24,13 +24,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from ...controller.settings import ControllerSettings, limits_of
-from ...dbc.messages import (
-    Mode,
-    SteeringCommand,
-    SteeringStatus,
-    SteeringStatusCode,
-    resolutions,
-)
+from ...dbc.messages import Mode, SteeringCommand, SteeringStatus, SteeringStatusCode, resolutions
 from ...plant_emulator.safety_settings import resync_ns_of as plant_resync_ns_of
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.node import NS_PER_S

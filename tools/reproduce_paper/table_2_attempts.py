@@ -22,12 +22,7 @@ from scipy.optimize import minimize_scalar
 from ...loop_theory.uncertainty import paper_box
 from ...pair.trace import rms
 from . import published
-from .continuous_runs import (
-    DrivenEllipse,
-    curvature_met,
-    order_2,
-    table_2_row,
-)
+from .continuous_runs import DrivenEllipse, curvature_met, order_2, table_2_row
 
 PATH = DrivenEllipse(78.2, 41.74, 200.0)
 """Inferred from the PD row; see figure_14."""

@@ -31,15 +31,7 @@ from ....recordings.census import read_own_log
 from ....runtime.candump import CandumpReader
 from ....runtime.frame import FD, Frame
 from ....runtime.node import NS_PER_S
-from .cases import (
-    CONTROLLER,
-    LIMITED,
-    LOST,
-    PLANT,
-    PLANT_ONSET_S,
-    SILENCE,
-    SKIPPED,
-)
+from .cases import CONTROLLER, LIMITED, LOST, PLANT, PLANT_ONSET_S, SILENCE, SKIPPED
 from .trial import Trial
 
 _SIGKILL_STATUS = -9
