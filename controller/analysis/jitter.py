@@ -70,11 +70,6 @@ def mean_square_decay_1_s(loop: SampledLoop, when: Arrivals) -> float:
     return _MomentRecursion(loop, when).decay_1_s(_TOLERANCE, 10.0 * _TOLERANCE)
 
 
-def is_mean_square_stable(loop: SampledLoop, when: Arrivals) -> bool:
-    """Whether the root mean square decays; faster than its rate. Raises as the rate does."""
-    return _MomentRecursion(loop, when).is_stable()
-
-
 def stable_spreads(
     loop: SampledLoop,
     mean_ns: int,

@@ -24,7 +24,7 @@ from steer_by_wire.tools.fault_campaign.detectability import (
     expect_fault,
     expect_node_fault,
 )
-from steer_by_wire.tools.fault_campaign.execution import RESULTS, read_results, specification_hash
+from steer_by_wire.tools.fault_campaign.execution import RESULTS, read_stored, specification_hash
 from steer_by_wire.tools.fault_campaign.grouping import group
 from steer_by_wire.tools.fault_campaign.memory import GROWTH_BYTES_MAX, Memory, measure_memory
 from steer_by_wire.tools.fault_campaign.node_faults import NodeFault
@@ -311,7 +311,8 @@ def test_the_program_goes_on_where_it_was_left_and_compares(
     printed = capsys.readouterr().out
     assert f"{len(lines) - 2} of {len(lines)} runs are there already" in printed
     assert "fixed 1, unchanged 21, new failure 0, still failing 0" in printed
-    assert {one.name for one in read_results(tmp_path / "now")} <= {one.name for one in results}
+    now = read_stored(tmp_path / "now").results
+    assert {one.name for _, one in now} <= {one.name for one in results}
     page = ET.parse(tmp_path / "now" / "index.html")  # noqa: S314 our own
     assert page.getroot().tag == "html"
 

@@ -96,12 +96,6 @@ def execute(
                 take(future.result())
 
 
-def read_results(folder: Path, spec_hash: str | None = None) -> list[Result]:
-    """Return the results in a folder; only those of ``spec_hash``, if it is given."""
-    stored = read_stored(folder, spec_hash)
-    return [result for of_hash, result in stored.results if spec_hash in (None, of_hash)]
-
-
 def read_stored(folder: Path, spec_hash: str | None = None) -> Stored:
     """Return everything in a folder; raises SettingsError, and OSError."""
     file = folder / RESULTS

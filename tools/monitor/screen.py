@@ -8,7 +8,6 @@ from ...dbc.messages import ControllerFault, EchoState, EstimateState, Freshness
 from .latency_keys import LatencyChoice
 from .watch import MessageView, Spread, Strip, View
 
-LINES = 24
 WIDTH_MIN = 80
 _BLOCKS = "▁▂▃▄▅▆▇█"
 _ASCII_BLOCKS = "_.-=+*#@"
