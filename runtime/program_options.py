@@ -30,7 +30,7 @@ PATIENCE_S = 60.0
 def make_parser(
     name: str, doc: str | None, example: str, preset_package: str
 ) -> argparse.ArgumentParser:
-    """Return a parser with the options both programs have; ``command_parser`` has the arguments."""
+    """Return a parser with the common options; see ``command_parser`` for the arguments."""
     parser = command_parser(name, doc, example, "[SETTINGS.toml] [options]")
     add_settings_arguments(parser, preset_package)
     parser.add_argument("--report", type=output_file, metavar="FILE", help="write a report, JSON")
@@ -66,7 +66,7 @@ def make_parser(
 
 
 def add_settings_arguments(parser: argparse.ArgumentParser, preset_package: str) -> None:
-    """Add what ``load_program_settings`` reads."""
+    """Add the options that ``load_program_settings`` reads."""
     presets = ", ".join(preset_names(preset_package))
     parser.add_argument(
         "settings", nargs="?", type=Path, metavar="SETTINGS.toml", help="settings file"
@@ -83,7 +83,7 @@ def add_settings_arguments(parser: argparse.ArgumentParser, preset_package: str)
 
 
 def add_real_time_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what a program may request of the host, the same for the programs and the probe."""
+    """Add the requests to the host, for the programs and the probe."""
     group = parser.add_argument_group("real time, as far as the host grants it")
     group.add_argument(
         "--priority",
@@ -108,7 +108,7 @@ def add_real_time_arguments(parser: argparse.ArgumentParser) -> None:
 def load_program_settings(
     model: type[_S], preset_package: str, options: argparse.Namespace, overrides: Sequence[str] = ()
 ) -> _S:
-    """Return the settings that the command line asks for; raises SettingsError.
+    """Return the settings of the command line; raises SettingsError.
 
     ``overrides``  further ``table.key=value``, on top of those of ``--set``
     """
