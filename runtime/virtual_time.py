@@ -23,7 +23,7 @@ from .node import NEVER_NS, Node
 from .record import new_record
 
 EVENTS_PER_INSTANT_MAX = 10_000
-"""Deliveries and ticks at one instant before it counts as a livelock; real nodes need a few tens."""
+"""Deliveries and ticks at one instant before it counts as a livelock. Real nodes need some tens."""
 
 
 class Wire(Protocol):
