@@ -12,14 +12,8 @@ from functools import partial
 from ..command_line import command_parser
 from ..dbc.secured_frame import CONTROLLER
 from ..dbc.secured_program import add_key_file_argument, run_secured_node
-from ..runtime.program import (
-    ExitStatus,
-    add_settings_arguments,
-    load_program_settings,
-    make_parser,
-    run_main,
-    say,
-)
+from ..runtime.program import ExitStatus, run_main, say
+from ..runtime.program_options import add_settings_arguments, load_program_settings, make_parser
 from .analysis.check import check_text
 from .laws import LAWS
 from .node import RECEIVED, ControllerNode

@@ -10,7 +10,8 @@ from functools import partial
 from ..dbc.secured_frame import PLANT
 from ..dbc.secured_program import add_key_file_argument, run_secured_node
 from ..runtime.option_types import output_file
-from ..runtime.program import load_program_settings, make_parser, run_main, say
+from ..runtime.program import run_main, say
+from ..runtime.program_options import load_program_settings, make_parser
 from .faults import FaultyNode, with_faults
 from .node import RECEIVED, SAMPLES_MAX, PlantNode, motion_params
 from .plant_samples import write_trace

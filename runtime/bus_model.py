@@ -2,10 +2,10 @@
 
 Rules:
 
-1. Whenever the bus is free, every frame that waits competes, those submitted at that very instant
-   included. The lowest arbitration field wins; between equal ones, the one submitted first. A
-   sender has a transmit buffer for each identifier, so that none of its frames waits behind one
-   of lower priority. As a FIFO, which it is with SocketCAN's queue, only its oldest one competes.
+1. Whenever the bus is free, all waiting frames compete, including those submitted at that instant.
+   The lowest arbitration field wins; of equal ones, the first submitted. A sender has a transmit
+   buffer for each identifier, so that none of its frames waits behind one of lower priority. With
+   a FIFO, as SocketCAN has, only the sender's oldest frame competes.
 2. A frame on the wire is never interrupted.
 3. A frame is complete at its end of frame, and the next one may start three bits (intermission)
    later. Someone always acknowledges; clock tolerance is not modelled.
@@ -14,11 +14,11 @@ Rules:
 
 Two nodes sending equal arbitration fields at once is an error on a real bus; here they queue.
 
-Times are integer nanoseconds outside. Inside they are integer ticks, the largest fraction of a
-nanosecond that divides both bit times, so that frames sent back to back add up without rounding;
-an end is rounded up to the next nanosecond only when it is reported.
+Times are integer nanoseconds at the interface. Internally they are integer ticks, the largest
+fraction of a nanosecond that divides both bit times, so that consecutive frames add up without
+rounding. An end is rounded up to the next nanosecond only when it is returned.
 
-The same class serves virtual time and, with the real clock's readings, the emulated bus.
+The same class serves virtual time and, with readings of the real clock, the emulated bus.
 """
 
 from collections import deque
@@ -36,13 +36,13 @@ from .record import new_record
 
 
 class BusOverflowError(RuntimeError):
-    """A sender has as many frames of one identifier waiting as it may have."""
+    """A sender's transmit buffer is full."""
 
 
 class Delivery(NamedTuple):
     """A frame that is complete on the wire.
 
-    ``end_ns``  when its end of frame was [ns]
+    ``end_ns``  time of its end of frame [ns]
     ``sender``  who submitted it
     """
 
@@ -52,7 +52,7 @@ class Delivery(NamedTuple):
 
 
 class BusLoad(NamedTuple):
-    """What the bus has done so far.
+    """Totals of the bus.
 
     ``frames``   complete frames
     ``busy_ns``  time they took, intermissions included [ns]
@@ -92,7 +92,7 @@ def arbitration_field(frame: Frame) -> int:
 
 
 class BusModel:
-    """The bus at work. ``now_ns`` must never run backwards from one call to the next.
+    """A bus. ``now_ns`` must never decrease from one call to the next.
 
     ``bitrate_bit_s``       nominal bit rate [bit/s]
     ``data_bitrate_bit_s``  bit rate of the data phase of FD frames with BITRATE_SWITCH [bit/s];
@@ -126,7 +126,7 @@ class BusModel:
                 f"bit rates and queue limit must be positive, not {bitrate_bit_s} bit/s, "
                 f"{data_rate} bit/s and {queue_limit}"
             )
-        # Without a unit, a time in this class is in 1/_per_ns of a nanosecond.
+        # A time without a unit is in 1/_per_ns of a nanosecond.
         self._ticks_per_ns = lcm(
             bitrate_bit_s // gcd(bitrate_bit_s, NS_PER_S), data_rate // gcd(data_rate, NS_PER_S)
         )
@@ -143,7 +143,7 @@ class BusModel:
         self._off_until_ticks: dict[int, int] = {}
         self.lost_in_bus_off = 0
         self._queue: list[_Waiting] = []
-        # By sender and identifier; in a FIFO by sender, and what waits behind its oldest frame.
+        # By sender and identifier; with FIFOs by sender, without its oldest frame.
         self._waiting_of: dict[tuple[int, int], int] = {}
         self._behind: dict[int, deque[_Waiting]] = {}
         self._sequence = 0
@@ -158,14 +158,13 @@ class BusModel:
 
     @property
     def load(self) -> BusLoad:
-        """What the bus has done so far."""
+        """Totals so far."""
         return BusLoad(self._frames, self._whole_ns(self._busy_ticks), self._refused)
 
     def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
         """Queue ``frame`` of ``sender``, ready to compete from ``now_ns`` on.
 
-        Raises ValueError for what is not a frame that can be sent, BusOverflowError when its
-        transmit buffer is full; the frame is not taken then.
+        Raises ValueError for a frame that cannot be sent, BusOverflowError for a full buffer.
         """
         nominal_bits, data_bits = frame_bits(frame)
         now_ticks = now_ns * self._ticks_per_ns
@@ -220,7 +219,7 @@ class BusModel:
         return completed
 
     def _look_ahead(self) -> None:
-        """Find when the next frame will be complete, and until when nothing is to be decided."""
+        """Find the next end of a frame, and the time up to which there is no arbitration."""
         if self._on_wire is not None:
             end_ticks = self._end_ticks
             self._decided_until_ticks = end_ticks - 1
@@ -236,9 +235,9 @@ class BusModel:
             self.next_event_ns = -(-end_ticks // self._ticks_per_ns)
 
     def _settle(self, now_ticks: int) -> None:
-        """Complete what ended by now, and decide every arbitration before now.
+        """Complete frames that have ended by now, and decide all arbitrations before now.
 
-        The one at this instant stays open: a frame submitted at the same instant still competes.
+        One at this instant stays open, because a frame submitted at this instant still competes.
         """
         queue, on_wire, end_ticks = self._queue, self._on_wire, self._end_ticks
         while True:
@@ -274,8 +273,8 @@ class BusModel:
         self._on_wire, self._end_ticks = on_wire, end_ticks
 
     def _on_arbitration(self, winner: _Waiting) -> None:
-        """Note that a frame has won the bus."""
-        # Taken out, since senders and identifiers come and go: what is kept must not grow.
+        """Record that a frame has won the bus."""
+        # Removed when zero: senders and identifiers come and go, and memory must not grow.
         still_waiting = self._waiting_of.pop(winner.buffer) - 1
         if still_waiting:
             self._waiting_of[winner.buffer] = still_waiting
@@ -374,7 +373,7 @@ class BusModel:
         return False
 
     def _compete_next(self, sender: int) -> None:
-        """Let the next frame in a sender's FIFO compete, its oldest one being on the wire now."""
+        """Let the next frame of a sender's FIFO compete."""
         behind = self._behind[sender]
         heappush(self._queue, behind.popleft())
         if not behind:

@@ -1,8 +1,8 @@
 """Error frames of SocketCAN: what a CAN controller reports of the bus, read and written.
 
 Classes are bits of the identifier, details bits of the payload (linux/can/error.h). They are the
-same whether a frame comes from ``AF_CAN`` or through python-can's ``socketcan``; other interfaces
-of python-can number their error frames as they like.
+same through ``AF_CAN`` and through python-can's ``socketcan``; other interfaces of python-can have
+their own codes.
 """
 
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ FORGED_BUS_OFF = "forged_bus_off"
 """An error frame reports bus-off, but according to the kernel the controller is not."""
 RESTARTED = "restarted"
 UNSPECIFIED = "unspecified"
-"""A cause that no bit gives; all error frames of interfaces other than SocketCAN."""
+"""No bit names a cause; also all error frames of interfaces other than SocketCAN."""
 
 _CLASSES = (
     (0x001, "transmit_timeout"),
@@ -78,7 +78,7 @@ def error_frame(event: ErrorEvent) -> Frame:
 
 
 def error_causes(frame: Frame) -> tuple[str, ...]:
-    """Return every cause that one error frame names, at least UNSPECIFIED."""
+    """Return all causes that an error frame names, at least UNSPECIFIED."""
     return tuple(_causes(frame.can_id, frame.data.ljust(8, b"\0"))) or (UNSPECIFIED,)
 
 

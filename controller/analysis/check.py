@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...runtime.node import NS_PER_MS, NS_PER_S
-from ...runtime.settings import dump_toml
+from ...runtime.toml_text import dump_toml
 from ..design import LawDesign, design_law, link_of, vehicle_of
 from ..law_record import LookingBack
 from ..link import LinkParams
@@ -20,12 +20,7 @@ from .linear_system import NotLinearError, law_system
 from .looking_back import Rig
 from .predictor_loop import PredictorLoop, stable_constant_delays
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
-from .stable_delays import (
-    DELAY_NS_MAX,
-    DelayInterval,
-    delay_margin_ns,
-    stable_delays,
-)
+from .stable_delays import DELAY_NS_MAX, DelayInterval, delay_margin_ns, stable_delays
 
 JITTER_MEANS_MS = (80, 160)
 JITTER_LOSS = 0.01
@@ -115,7 +110,7 @@ def _looking_back_analysis(
         loop = SampledLoop(fallback, settings.model, settings.period_ns)
         yield from _delays(stable_delays(loop))
         yield "around the nominal plant. A heavier or a faster vehicle bears less delay; --law"
-        yield f"{name} --check tells more."
+        yield f"{name} --check analyses it."
     yield from law.closing
     yield "Latency that varies is for simulation: steer-by-wire stress."
 

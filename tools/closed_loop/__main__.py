@@ -34,13 +34,8 @@ from steer_by_wire.runtime.host import RealTimeRequest, StealClock, real_time
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
 from steer_by_wire.runtime.report import host_report, loop_report, write_json
-from steer_by_wire.runtime.settings import (
-    Settings,
-    dump_toml,
-    load_settings,
-    preset_names,
-    read_preset,
-)
+from steer_by_wire.runtime.settings import Settings, load_settings, preset_names, read_preset
+from steer_by_wire.runtime.toml_text import dump_toml
 from steer_by_wire.tools.closed_loop.bus_options import (
     add_bus_arguments,
     bus_lines,

@@ -129,7 +129,7 @@ def _run(options: argparse.Namespace) -> int:
         for index, law in enumerate(linear_laws(spec))
     ]
     console = Console(markup=False, highlight=False, soft_wrap=True)
-    _tell_demands(spec, vehicle)
+    _print_demands(spec, vehicle)
     status = int(ExitStatus.OK)
     fallback: ControllerSettings | None = None
     progress = shared_progress(len(jobs))
@@ -213,7 +213,7 @@ def _status_of(verification: Verification, status: int) -> int:
     return status if verification.held else NO_DESIGN
 
 
-def _tell_demands(spec: Specification, vehicle: VehicleFile) -> None:
+def _print_demands(spec: Specification, vehicle: VehicleFile) -> None:
     corners = vehicle.box.vertices()
     print(
         f"{len(corners)} corners x {len(spec.delays_ns)} delays from 0 to"
@@ -244,8 +244,8 @@ def _watch(
             _, waiting = wait(waiting, timeout=_POLL_S)
             for index, task in enumerate(tasks):
                 done, best = shared[2 * index], shared[2 * index + 1]
-                told = f"best {best:.4g}" if 0.0 < best < 1e3 else ""
-                bars.update(task, completed=1.0 if futures[index].done() else done, best=told)
+                shown = f"best {best:.4g}" if 0.0 < best < 1e3 else ""
+                bars.update(task, completed=1.0 if futures[index].done() else done, best=shown)
 
 
 def _lines(spec: Specification, design: Design, out: Path) -> Iterator[str]:
