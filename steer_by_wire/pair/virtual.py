@@ -14,6 +14,7 @@ from ..runtime.bus_model import BusModel
 from ..runtime.candump import CandumpLog
 from ..runtime.frame import Frame
 from ..runtime.host import no_collections
+from ..runtime.node import Node
 from ..runtime.virtual_time import VirtualTimeExecutor, Wire
 from .live import PairResult
 from .shared_bus import SharedBus
@@ -78,7 +79,7 @@ def run_virtual_pair(
 
 def run_virtual_nodes(
     plant: PlantNode | FaultyNode[PlantNode],
-    controller: ControllerNode,
+    controller: Node,
     bus: Wire | None,
     candump_log: Path | None,
     should_stop: Callable[[], bool],
