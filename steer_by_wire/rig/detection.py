@@ -32,9 +32,9 @@ def first_reaction(
     time_ns = 0
     for time_ns, one in received:
         message = None if isinstance(one, Rejection) else one.message
-        if onset_ns is None and measured_ns is not None:
-            if time_ns - measured_ns > _LATE * period_ns:
-                onset_ns = measured_ns + period_ns
+        is_late = measured_ns is not None and time_ns - measured_ns > _LATE * period_ns
+        if onset_ns is None and is_late and measured_ns is not None:
+            onset_ns = measured_ns + period_ns
         if isinstance(message, SteeringCommand):
             command_ns = time_ns
             if onset_ns is not None and message.mode != Mode.ACTIVE:
