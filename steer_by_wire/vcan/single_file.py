@@ -11,6 +11,7 @@ from pathlib import Path
 _PACKAGE = Path(__file__).resolve().parents[1]
 _SHEBANG = b"#!/usr/bin/env python3\n"
 _BOOT = """import hashlib
+import os
 import sys
 import tempfile
 import zipfile
