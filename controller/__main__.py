@@ -11,9 +11,9 @@ INSTALLATION_STATUS = 2
 
 
 def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
-    """Run the program, called ``name`` by who started it; returns its exit status."""
+    """Run the program under the name ``name``; returns its exit status."""
     try:
-        # Not above: Ctrl-C while the modules are read, half a second, is no reason for a traceback.
+        # Not at the top: Ctrl-C during the half second of imports must not cause a traceback.
         from steer_by_wire.controller.program import main as run_program
 
         return run_program(arguments, name)
@@ -22,7 +22,7 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
     except ModuleNotFoundError as error:
         print(f"{name}: error: {missing_library(error)}", file=sys.stderr)
         return INSTALLATION_STATUS
-    except ImportError as error:  # as for a damaged DBC
+    except ImportError as error:  # such as a damaged DBC
         print(f"{name}: error: {error}", file=sys.stderr)
         return INSTALLATION_STATUS
 

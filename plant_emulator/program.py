@@ -22,7 +22,7 @@ PRESETS = "steer_by_wire.plant_emulator.presets"
 
 
 def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
-    """Run the program, called ``name`` by who started it; returns its exit status."""
+    """Run the program under the name ``name``; returns its exit status."""
     parser = make_parser(
         name,
         "Emulates vehicle, path, actuator and network latency on a CAN bus.",
