@@ -7,13 +7,12 @@ time is up, 126 and 127 for a command that cannot be run or is not found.
 """
 
 import argparse
-import math
 import os
 import sys
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import command_parser, seconds, whole_number
 from steer_by_wire.vcan.request import BackendError, Request, interface_names, netem_of
 
 NAME = "with-vcan"
@@ -114,7 +113,7 @@ def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
         "interfaces or one; every frame meets it, in both directions",
     )
     parser.add_argument(
-        "--timeout", type=_seconds, metavar="SECONDS", help="end with status 124 after this time"
+        "--timeout", type=seconds, metavar="SECONDS", help="end with status 124 after this time"
     )
     parser.add_argument(
         "--interfaces",
@@ -124,7 +123,11 @@ def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
         help="a number (vcan0, vcan1, ...) or names with commas between; default: vcan0",
     )
     parser.add_argument(
-        "--memory", type=_mebibytes, default=1024, metavar="MIB", help="of a User Mode Linux"
+        "--memory",
+        type=whole_number(128, 65536),
+        default=1024,
+        metavar="MIB",
+        help="of a User Mode Linux",
     )
     parser.add_argument("--which", action="store_true", help="only say which backend it would be")
     parser.add_argument(
@@ -147,22 +150,6 @@ def _interfaces(text: str) -> tuple[str, ...]:
         return interface_names(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
-
-
-def _seconds(text: str) -> float:
-    try:
-        value_s = float(text)
-    except ValueError:
-        value_s = math.nan
-    if not 0.0 < value_s < 1e9:
-        raise argparse.ArgumentTypeError(f"allowed is above 0 to 1e9, not {text!r}")
-    return value_s
-
-
-def _mebibytes(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and 128 <= int(text) <= 65536):
-        raise argparse.ArgumentTypeError(f"allowed is 128 to 65536, not {text!r}")
-    return int(text)
 
 
 if __name__ == "__main__":

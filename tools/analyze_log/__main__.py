@@ -25,7 +25,7 @@ from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import add_out_argument, command_parser
 from steer_by_wire.recordings.file_analysis import analyse_files
 from steer_by_wire.recordings.log_file import LogError
 from steer_by_wire.recordings.signal_table import (
@@ -65,13 +65,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "files", nargs="+", type=Path, metavar="FILE", help="a recording, or what candump printed"
     )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/logs"),
-        metavar="DIR",
-        help="each FILE gets a folder of its name in it (default: %(default)s)",
-    )
+    add_out_argument(parser, "out/logs", "each FILE gets a folder of its name in it")
     parser.add_argument(
         "--join", action="store_true", help="the files are one log, one after the other"
     )

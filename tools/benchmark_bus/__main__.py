@@ -24,11 +24,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from steer_by_wire.benchmarking.measurement import Line
 from steer_by_wire.benchmarking.table import line_record, lines_table
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import command_parser, seconds, whole_number
 from steer_by_wire.runtime.bus import BusError, socketcan_obstacle
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.host import StealClock
-from steer_by_wire.runtime.option_types import output_file, seconds
+from steer_by_wire.runtime.option_types import output_file
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.tools.benchmark_bus.allocations import tick_memory
@@ -107,7 +107,9 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--seconds", type=seconds, default=4.0, help="of each short run (default: %(default)g)"
     )
-    parser.add_argument("--repetitions", type=_count, default=5, help="default: %(default)s")
+    parser.add_argument(
+        "--repetitions", type=whole_number(1, 1000), default=5, help="default: %(default)s"
+    )
     parser.add_argument(
         "--long-seconds",
         type=seconds,
@@ -221,12 +223,6 @@ def _machine_lines(machine: Mapping[str, Any], *, refused: bool) -> list[str]:
         f"{fifo}{', SCHED_FIFO refused by the host' if refused else ''}"
         f"{f'; with_vcan: {backend}' if backend else ''}",
     ]
-
-
-def _count(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and 1 <= int(text) <= 1000):
-        raise argparse.ArgumentTypeError(f"allowed is 1 to 1000, not {text!r}")
-    return int(text)
 
 
 def _priority(text: str) -> int:

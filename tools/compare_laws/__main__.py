@@ -19,7 +19,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import add_out_argument, add_overrides_argument, command_parser
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
 from steer_by_wire.tools.compare_laws.picture import draw_comparison
 from steer_by_wire.tools.compare_laws.runs import Cell, compare, controller_settings, own_contestant
@@ -32,13 +32,7 @@ DELAY_MS_MAX = 600
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     parser = command_parser(NAME, __doc__, f"{NAME} --step-ms 100 --seeds 1 --duration-s 20")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/comparison"),
-        metavar="DIR",
-        help="default: %(default)s",
-    )
+    add_out_argument(parser, "out/comparison")
     parser.add_argument(
         "--step-ms",
         type=int,
@@ -69,12 +63,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="PACKAGE.MODULE:LAW",
         help="a law of your own, with the tables of practical_pd_ddob; repeatable",
     )
-    parser.add_argument(
-        "--law-set",
-        action="append",
-        default=[],
-        metavar="TABLE.KEY=VALUE",
-        help="a setting of your laws, as own_law.gain=2; repeatable",
+    add_overrides_argument(
+        parser, "--law-set", "a setting of your laws, as own_law.gain=2", dest=None
     )
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 

@@ -21,7 +21,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import add_out_argument, command_parser
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.pair.channels import Channels, open_channels
 from steer_by_wire.pair.live import LivePair, PairFiles, PairResult
@@ -53,9 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser(NAME, __doc__, f"{NAME} --duration 10 --out out/demo")
-    parser.add_argument(
-        "--out", type=Path, default=Path("out/demo"), metavar="DIR", help="default: %(default)s"
-    )
+    add_out_argument(parser, "out/demo")
     parser.add_argument(
         "--bus",
         choices=("auto", "socketcan", "emulated"),

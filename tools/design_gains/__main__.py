@@ -24,7 +24,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import add_out_argument, add_overrides_argument, command_parser
 from steer_by_wire.controller.laws.predictor import FALLBACK
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.runtime.option_types import settings_file
@@ -85,21 +85,8 @@ def _parser() -> argparse.ArgumentParser:
         metavar="SPEC",
         help=f"a file, or one of {', '.join(_specifications())}",
     )
-    parser.add_argument(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="TABLE.KEY=VALUE",
-        help="one value on top of the specification; repeatable",
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/gains"),
-        metavar="DIR",
-        help="where the presets go (default: %(default)s)",
-    )
+    add_overrides_argument(parser, what="one value on top of the specification")
+    add_out_argument(parser, "out/gains", "where the presets go")
     parser.add_argument(
         "--pictures", type=Path, metavar="DIR", help="where the pictures go (default: as --out)"
     )

@@ -25,7 +25,7 @@ from typing import TypeVar
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import command_parser, whole_number
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.runtime.settings import Preset, SettingsError, load_settings, preset_names
@@ -95,27 +95,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--live", action="store_true", help="also on real processes, with their logs in DIR/live"
     )
     parser.add_argument(
-        "--processes", type=_up_to(64), default=2, metavar="1..64", help="default: %(default)s"
+        "--processes",
+        type=whole_number(1, 64),
+        default=2,
+        metavar="1..64",
+        help="default: %(default)s",
     )
     parser.add_argument(
         "--random-walks",
-        type=_up_to(WALKS_MAX),
+        type=whole_number(1, WALKS_MAX),
         metavar="N",
         help=f"instead: N sequences of up to {WALK_FAULTS_MAX} faults, of this seed and the next",
     )
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
-
-
-def _up_to(maximum: int) -> Callable[[str], int]:
-    """Return a reader of whole numbers from 1 on."""
-
-    def read(text: str) -> int:
-        is_whole = text.isascii() and text.isdecimal() and len(text) <= len(str(maximum))
-        if not (is_whole and 1 <= int(text) <= maximum):
-            raise argparse.ArgumentTypeError(f"allowed is 1 to {maximum}, not {text[:60]!r}")
-        return int(text)
-
-    return read
 
 
 def _run(options: argparse.Namespace) -> int:

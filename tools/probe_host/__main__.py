@@ -17,9 +17,9 @@ from functools import partial
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import command_parser, seconds
 from steer_by_wire.runtime.bus import add_bus_arguments
-from steer_by_wire.runtime.option_types import output_file, seconds
+from steer_by_wire.runtime.option_types import output_file
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.program_options import add_real_time_arguments
 from steer_by_wire.runtime.report import write_json

@@ -17,7 +17,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import add_out_argument, command_parser
 from steer_by_wire.reports.plot_style import plot_style
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.runtime.settings import SettingsError
@@ -81,9 +81,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
             help=f"repeatable: {', '.join(numbers_of(kind))}",
         )
     parser.add_argument("--all", action="store_true", help="everything, the default")
-    parser.add_argument(
-        "--out", type=Path, default=Path("out/paper"), metavar="DIR", help="default: %(default)s"
-    )
+    add_out_argument(parser, "out/paper")
     return parser.parse_args(arguments)
 
 

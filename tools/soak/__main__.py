@@ -14,14 +14,13 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from pathlib import Path
 
 from rich.console import Console
 
 from steer_by_wire.bus_faults.babbling import GAPS, HIGHEST_PRIORITY_IDS, LOWEST_PRIORITY_IDS
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import add_out_argument, command_parser, seconds
 from steer_by_wire.runtime.host import StealClock
-from steer_by_wire.runtime.option_types import priority, seconds
+from steer_by_wire.runtime.option_types import priority
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.tools.soak.live import LiveSoak, Plan, run_live_soak
@@ -79,13 +78,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="0..99",
         help="SCHED_FIFO priority, as far as the host grants it (default: %(default)s)",
     )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/soak"),
-        metavar="FOLDER",
-        help="for logs and figures; 12 MB a minute (default: %(default)s)",
-    )
+    add_out_argument(parser, "out/soak", "for logs and figures; 12 MB a minute")
     return parser
 
 

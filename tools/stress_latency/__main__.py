@@ -22,7 +22,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import command_parser, whole_number
 from steer_by_wire.runtime.option_types import settings_file
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
 from steer_by_wire.runtime.settings import preset_names
@@ -69,10 +69,15 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--no-report", action="store_true", help="end with the results")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
-        "--threads", type=_count, metavar="N", help="default: as many as there are processors"
+        "--threads",
+        type=whole_number(1, 4096),
+        metavar="N",
+        help="default: as many as there are processors",
     )
     where.add_argument("--scheduler", metavar="ADDRESS", help="of dask.distributed: many machines")
-    where.add_argument("--workers", type=_count, metavar="N", help="processes, through dask")
+    where.add_argument(
+        "--workers", type=whole_number(1, 4096), metavar="N", help="processes, through dask"
+    )
     again = parser.add_argument_group("runs made again")
     again.add_argument("--replay", type=int, metavar="ID", help="one run, in virtual time")
     again.add_argument(
@@ -80,20 +85,15 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         metavar="BUS",
         help="with the real programs, in real time: emulated, vcan0 or INTERFACE:CHANNEL",
     )
-    again.add_argument("--subset", type=_count, metavar="N", help="runs of --live, spread evenly")
+    again.add_argument(
+        "--subset", type=whole_number(1, 4096), metavar="N", help="runs of --live, spread evenly"
+    )
     options = parser.parse_args(arguments)
     if options.live and options.replay is None and options.subset is None:
         parser.error("--live needs --subset N or --replay ID")
     if options.subset is not None and not options.live:
         parser.error("--subset belongs to --live")
     return options
-
-
-def _count(text: str) -> int:
-    """Read a number of things; argparse turns the error into one line."""
-    if not (text.isascii() and text.isdigit()) or not 0 < int(text) <= 4096:
-        raise argparse.ArgumentTypeError(f"allowed is 1 to 4096, not {text!r}")
-    return int(text)
 
 
 def _run(options: argparse.Namespace) -> int:
