@@ -16,11 +16,11 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 
 from steer_by_wire.command_line import add_out_argument, add_overrides_argument, command_parser
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
+from steer_by_wire.terminal import plain_console, progress_bars
 from steer_by_wire.tools.compare_laws.picture import draw_comparison
 from steer_by_wire.tools.compare_laws.runs import Cell, compare, controller_settings, own_contestant
 from steer_by_wire.tools.compare_laws.tables import markdown_lines, table_lines
@@ -75,19 +75,12 @@ def _run(options: argparse.Namespace) -> int:
     for one in further:  # before anything is run
         controller_settings(one, has_lag=False)
     options.out.mkdir(parents=True, exist_ok=True)
-    console = Console(markup=False, highlight=False, soft_wrap=True)
+    console = plain_console()
     delays_s = [1e-3 * ms for ms in range(0, DELAY_MS_MAX + 1, options.step_ms)]
     stop = StopRequest()
     with (
         stop.on_signals(),
-        Progress(
-            BarColumn(30),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-            console=console,
-            transient=True,
-            disable=not console.is_terminal,
-        ) as bars,
+        progress_bars(console, BarColumn(30), MofNCompleteColumn(), TimeRemainingColumn()) as bars,
     ):
         task = bars.add_task("")
         cells = compare(

@@ -31,6 +31,7 @@ from steer_by_wire.studies.scenario import Scenarios
 from steer_by_wire.studies.store import CHUNK_RUNS, Store
 from steer_by_wire.studies.study import load_study
 from steer_by_wire.studies.verdict import short_windows
+from steer_by_wire.terminal import plain_console
 from steer_by_wire.tools.stress_latency.dask_runner import dask_workers
 from steer_by_wire.tools.stress_latency.live import live_line, open_bus, run_live, subset
 from steer_by_wire.tools.stress_latency.replay import commands, replay, replay_lines
@@ -97,7 +98,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _run(options: argparse.Namespace) -> int:
-    console = Console(markup=False, highlight=False, soft_wrap=True)
+    console = plain_console()
     scenarios = Scenarios(load_study(options.study, options.fastmath))
     scenarios.check()
     store = Store(options.out or Path("out/stress") / scenarios.study.settings.name, scenarios)
