@@ -59,7 +59,7 @@ def make_parser(
         "--no-fast-socketcan",
         dest="fast_socketcan",
         action="store_false",
-        help="open SocketCAN through python-can too",
+        help="use python-can for SocketCAN too",
     )
     return parser
 

@@ -19,13 +19,13 @@ NAME = "with-vcan"
 UNAVAILABLE_STATUS = 3
 STDERR = 2
 PACKAGES = "user-mode-linux kmod can-utils iproute2"
-"""Of Debian and Ubuntu: with these every backend but the host's own kernel is complete."""
+"""Of Debian and Ubuntu, for all backends but the host's own kernel."""
 
 
 class Backend(NamedTuple):
     """One way to vcan0.
 
-    ``obstacle``  why it cannot be gone; empty when it can
+    ``obstacle``  why it cannot be used; empty if it can
     ``run``       runs a command, within a time [s]; returns its exit status
     """
 
@@ -35,7 +35,7 @@ class Backend(NamedTuple):
 
 
 def backends() -> tuple[Backend, ...]:
-    """Return what there is on this platform, best first."""
+    """Return the backends of this platform, best first."""
     if sys.platform != "linux":
         return ()
     from steer_by_wire.vcan import host, namespace, uml
@@ -65,7 +65,7 @@ def choose(wanted: str, request: Request) -> Backend:
 
 
 def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
-    """Run the command; returns the exit status. ``name`` is what who started it calls it."""
+    """Run the command under the name ``name``; returns its exit status."""
     options = _parse(arguments, name)
     request = Request(tuple(options.command), options.interfaces, options.netem, options.memory)
     try:
@@ -84,7 +84,7 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
 def _run(name: str, backend: Backend, request: Request, timeout_s: float | None) -> int:
     from steer_by_wire.vcan.supervision import TIMEOUT_STATUS, block_signals
 
-    # One that was closed would else become the number of one of our pipes.
+    # Otherwise one of our pipes could get the number of a closed standard stream.
     while os.open(os.devnull, os.O_RDWR) <= STDERR:
         pass
     block_signals()
@@ -102,15 +102,15 @@ def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
         "--backend",
         choices=("auto", "host", "namespace", "uml"),
         default="auto",
-        help="default: auto, the first of these that can be had",
+        help="default: auto, the first one that works here",
     )
     parser.add_argument(
         "--netem",
         action="append",
         default=[],
         metavar="[NAME:]PARAMETERS",
-        help='latency in the kernel, as "delay 40ms 10ms loss 1%%" (tc-netem(8)), of all '
-        "interfaces or one; every frame meets it, in both directions",
+        help='latency in the kernel, such as "delay 40ms 10ms loss 1%%" (tc-netem(8)), of all '
+        "interfaces or one, in both directions",
     )
     parser.add_argument(
         "--timeout", type=seconds, metavar="SECONDS", help="end with status 124 after this time"
@@ -120,16 +120,18 @@ def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
         type=_interfaces,
         default=("vcan0",),
         metavar="N|NAMES",
-        help="a number (vcan0, vcan1, ...) or names with commas between; default: vcan0",
+        help="a number (vcan0, vcan1, ...) or comma-separated names; default: vcan0",
     )
     parser.add_argument(
         "--memory",
         type=whole_number(128, 65536),
         default=1024,
         metavar="MIB",
-        help="of a User Mode Linux",
+        help="memory of User Mode Linux",
     )
-    parser.add_argument("--which", action="store_true", help="only say which backend it would be")
+    parser.add_argument(
+        "--which", action="store_true", help="only print which backend would be used"
+    )
     parser.add_argument(
         "command", nargs=argparse.REMAINDER, metavar="COMMAND...", help="and its arguments"
     )

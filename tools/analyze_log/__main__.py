@@ -1,4 +1,4 @@
-"""What logs of the bus contain: signals, latency and jitter, cycle times, frames lost and refused.
+"""Analyse logs of the bus: signals, latency and jitter, cycle times, frames lost and refused.
 
     steer-by-wire analyze run.log
     steer-by-wire analyze controller.blf candump-2026-11-21.log --out out/logs --mcap
@@ -63,19 +63,21 @@ def _parser() -> argparse.ArgumentParser:
         "FILE... [options]",
     )
     parser.add_argument(
-        "files", nargs="+", type=Path, metavar="FILE", help="a recording, or what candump printed"
+        "files", nargs="+", type=Path, metavar="FILE", help="a recording, or the output of candump"
     )
-    add_out_argument(parser, "out/logs", "each FILE gets a folder of its name in it")
+    add_out_argument(parser, "out/logs", "a folder for each FILE is made in it")
     parser.add_argument(
         "--join", action="store_true", help="the files are one log, one after the other"
     )
-    parser.add_argument("--channel", help="of a log with several; all unless given")
+    parser.add_argument(
+        "--channel", help="the channel to read, if the log has several (default: all)"
+    )
     parser.add_argument("--mcap", action="store_true", help="also write signals.mcap")
     parser.add_argument(
         "--parquet",
         action=argparse.BooleanOptionalAction,
         default=None,
-        help="also write signals.parquet; unless said, where pyarrow is installed",
+        help="also write signals.parquet (default: if pyarrow is installed)",
     )
     return parser
 

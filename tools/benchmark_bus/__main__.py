@@ -1,4 +1,4 @@
-"""How fast the controller answers and how punctual it is on a CAN bus, beside C and bare Python.
+"""Measure how fast and punctually the controller answers on a CAN bus, against C and bare Python.
 
     steer-by-wire with-vcan steer-by-wire benchmark-bus [--json FILE]
     steer-by-wire benchmark-bus --no-can
@@ -102,10 +102,13 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--no-can",
         action="store_true",
-        help="only lateness and skipped ticks, on an emulated bus: no CAN in the kernel is needed",
+        help="only lateness and skipped ticks, on an emulated bus; needs no SocketCAN",
     )
     parser.add_argument(
-        "--seconds", type=seconds, default=4.0, help="of each short run (default: %(default)g)"
+        "--seconds",
+        type=seconds,
+        default=4.0,
+        help="duration of each short run (default: %(default)g)",
     )
     parser.add_argument(
         "--repetitions", type=whole_number(1, 1000), default=5, help="default: %(default)s"
@@ -115,16 +118,18 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         type=seconds,
         default=60.0,
         metavar="SECONDS",
-        help=f"of the run at {LONG_RATE_HZ} Hz (default: %(default)g)",
+        help=f"duration of the run at {LONG_RATE_HZ} Hz (default: %(default)g)",
     )
     parser.add_argument(
         "--priority",
         type=_priority,
         default=50,
         metavar=f"0|{PRIORITY_MIN}..{PRIORITY_MAX}",
-        help="of SCHED_FIFO, for C and Python alike; 0: none (default: %(default)s)",
+        help="SCHED_FIFO priority of all programs; 0: none (default: %(default)s)",
     )
-    parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
+    parser.add_argument(
+        "--json", type=output_file, metavar="FILE", help="also write the figures to a file"
+    )
     return parser.parse_args(arguments)
 
 

@@ -1,4 +1,4 @@
-"""Plant emulator and controller in one process: in virtual time, or in real time on one bus.
+"""Run plant emulator and controller in one process, in virtual time or in real time.
 
     steer-by-wire run --controller-preset practical_pd --out out/run
     steer-by-wire run plant.toml --controller controller.toml --interface virtual
@@ -92,8 +92,8 @@ def _parser() -> argparse.ArgumentParser:
         "--plant-preset", metavar="NAME", help=", ".join(preset_names(PLANT_PRESETS))
     )
     add_overrides_argument(plant, "--plant-set", "one setting on top", dest=None)
-    plant.add_argument("--duration", type=float, metavar="SECONDS", help="of motion")
-    plant.add_argument("--seed", type=int, metavar="N", help="of all randomness of the run")
+    plant.add_argument("--duration", type=float, metavar="SECONDS", help="duration of the motion")
+    plant.add_argument("--seed", type=int, metavar="N", help="seed of all random numbers")
     controller = parser.add_argument_group("controller")
     controller.add_argument(
         "--controller", type=Path, metavar="CONTROLLER.toml", help="settings of the controller"
@@ -102,7 +102,7 @@ def _parser() -> argparse.ArgumentParser:
         "--controller-preset",
         metavar="NAME",
         help=f"{', '.join(preset_names(CONTROLLER_PRESETS))}; "
-        f"without this and without a file: {CONTROLLER_PRESET}",
+        f"default without a file: {CONTROLLER_PRESET}",
     )
     controller.add_argument(
         "--law", metavar="NAME", help="short for --controller-set law=NAME; also package.module:LAW"
@@ -114,16 +114,18 @@ def _parser() -> argparse.ArgumentParser:
         type=whole_number(1, BITRATE_BIT_S_MAX),
         default=BITRATE_BIT_S,
         metavar="BIT/S",
-        help="of the bus in virtual time (default: %(default)s)",
+        help="bit rate of the bus in virtual time (default: %(default)s)",
     )
     wire.add_argument(
-        "--ideal-wire", action="store_true", help="virtual time; frames take no time on the wire"
+        "--ideal-wire", action="store_true", help="in virtual time, frames take no time on the wire"
     )
     wire.add_argument(
-        "--interface", choices=("virtual",), help="real time, on python-can's bus in one process"
+        "--interface",
+        choices=("virtual",),
+        help="in real time, on python-can's bus within the process",
     )
     add_bus_arguments(parser)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where the run's files go")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the run's files")
     return parser
 
 

@@ -1,4 +1,4 @@
-"""Compare every law over delay, jitter, loss and an actuator lag, and say where each breaks.
+"""Compare all laws over delay, jitter, loss and actuator lag, and show where each breaks.
 
     steer-by-wire compare [--out DIR] [--step-ms 25] [--seeds 3]
 
@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=int,
         default=25,
         choices=(10, 20, 25, 50, 100),
-        help="between delays (default: %(default)s)",
+        help="step between delays (default: %(default)s)",
     )
     parser.add_argument(
         "--seeds",
@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default=3,
         choices=range(1, 101),
         metavar="1..100",
-        help="of each random network (default: %(default)s)",
+        help="seeds per random network (default: %(default)s)",
     )
     parser.add_argument(
         "--duration-s",
@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default=60.0,
         choices=(20.0, 60.0, 120.0),
         metavar="S",
-        help="of each run: 20, 60 or 120 (default: %(default)g)",
+        help="duration of each run: 20, 60 or 120 (default: %(default)g)",
     )
     parser.add_argument(
         "--law",
@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="a law of your own, with the tables of practical_pd_ddob; repeatable",
     )
     add_overrides_argument(
-        parser, "--law-set", "a setting of your laws, as own_law.gain=2", dest=None
+        parser, "--law-set", "a setting of your laws, such as own_law.gain=2", dest=None
     )
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 

@@ -1,4 +1,4 @@
-"""How well the delay is estimated without an echo, over delays, paths, vehicles and laws.
+"""Study how well the delay is estimated without an echo, over delays, paths, vehicles and laws.
 
     steer-by-wire delay-study --out out/delay_estimation
 

@@ -1,4 +1,4 @@
-"""The main job in one command: three laws, the same latency, real processes on a CAN bus.
+"""Drive three laws with the same latency, as real processes on a CAN bus, and draw the result.
 
     steer-by-wire demo [--out DIR] [--bus auto|socketcan|emulated] [--duration SECONDS] [--seed N]
 
@@ -58,10 +58,10 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--bus",
         choices=("auto", "socketcan", "emulated"),
         default="auto",
-        help="default: vcan0 where there is one, else emulated",
+        help="default: vcan0 if there is one, otherwise emulated",
     )
     parser.add_argument("--duration", type=_duration, metavar="SECONDS", help="default: 30")
-    parser.add_argument("--seed", type=int, metavar="N", help="of the latency; default: 1086")
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of the latency; default: 1086")
     return parser.parse_args(arguments)
 
 

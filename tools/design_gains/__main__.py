@@ -87,14 +87,14 @@ def _parser() -> argparse.ArgumentParser:
         help=f"a file, or one of {', '.join(_specifications())}",
     )
     add_overrides_argument(parser, what="one value on top of the specification")
-    add_out_argument(parser, "out/gains", "where the presets go")
+    add_out_argument(parser, "out/gains", "folder for the presets")
     parser.add_argument(
-        "--pictures", type=Path, metavar="DIR", help="where the pictures go (default: as --out)"
+        "--pictures", type=Path, metavar="DIR", help="folder for the pictures (default: as --out)"
     )
     parser.add_argument(
         "--verify",
         action="store_true",
-        help="run every corner and delay in virtual time too, half a second each",
+        help="also run every corner and delay in virtual time, half a second each",
     )
     return parser
 

@@ -1,4 +1,4 @@
-"""Inject faults into the pair in virtual time, by the thousand, and say what is detected how soon.
+"""Inject thousands of faults into the pair in virtual time, and show what is detected how soon.
 
     steer-by-wire faults [SPEC.toml] [--out DIR] [--compare EARLIER]
     steer-by-wire faults --live
@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         nargs="?",
         type=Path,
         metavar="SPEC.toml",
-        help="default: the specification that comes with it",
+        help="default: the built-in specification",
     )
     parser.add_argument(
         "--set",
@@ -89,10 +89,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help=f"default: {OUT}")
     parser.add_argument(
-        "--compare", type=Path, metavar="EARLIER", help="with the results in this DIR"
+        "--compare", type=Path, metavar="EARLIER", help="compare with the results in this DIR"
     )
     parser.add_argument(
-        "--live", action="store_true", help="also on real processes, with their logs in DIR/live"
+        "--live", action="store_true", help="also run real processes, with logs in DIR/live"
     )
     parser.add_argument(
         "--processes",
@@ -105,7 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--random-walks",
         type=whole_number(1, WALKS_MAX),
         metavar="N",
-        help=f"instead: N sequences of up to {WALK_FAULTS_MAX} faults, of this seed and the next",
+        help=f"run N random sequences of up to {WALK_FAULTS_MAX} faults instead, from this seed on",
     )
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 

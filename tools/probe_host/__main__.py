@@ -1,4 +1,4 @@
-"""How punctual this machine is, how fast its bus is, and which controller rate it can keep.
+"""Measure how punctual this machine is, how fast its bus is, and which rate it can keep.
 
     steer-by-wire probe [-i INTERFACE -c CHANNEL] [--seconds SECONDS] [--json FILE]
 
@@ -39,16 +39,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser(NAME, __doc__, f"{NAME} --json probe.json")
     parser.add_argument(
-        "--seconds", type=seconds, default=1.0, help="of each measurement (default: %(default)g)"
+        "--seconds",
+        type=seconds,
+        default=1.0,
+        help="duration of each measurement (default: %(default)g)",
     )
-    parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
+    parser.add_argument(
+        "--json", type=output_file, metavar="FILE", help="also write the figures to a file"
+    )
     add_real_time_arguments(parser)
     add_bus_arguments(parser)
     parser.add_argument(
         "--no-fast-socketcan",
         dest="fast_socketcan",
         action="store_false",
-        help="open SocketCAN through python-can too",
+        help="use python-can for SocketCAN too",
     )
     return parser.parse_args(arguments)
 

@@ -81,7 +81,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
             metavar="N",
             help=f"repeatable: {', '.join(numbers_of(kind))}",
         )
-    parser.add_argument("--all", action="store_true", help="everything, the default")
+    parser.add_argument("--all", action="store_true", help="all of them (default)")
     add_out_argument(parser, "out/paper")
     return parser.parse_args(arguments)
 

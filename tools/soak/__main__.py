@@ -1,4 +1,4 @@
-"""The pair on an emulated bus that a babbling node keeps full, as real processes.
+"""Run the pair as real processes on an emulated bus that a babbling node keeps full.
 
     steer-by-wire soak [--duration-s 600] [--between-s 10] [--starve-s 10] [--out FOLDER]
 
@@ -55,30 +55,30 @@ def _parser() -> argparse.ArgumentParser:
         type=seconds,
         default=600.0,
         metavar="S",
-        help="of the babbling with the lowest priority (default: %(default)g)",
+        help="babbling with the lowest priority (default: %(default)g)",
     )
     parser.add_argument(
         "--between-s",
         type=seconds,
         default=10.0,
         metavar="S",
-        help="of that between each two messages of the pair (default: %(default)g)",
+        help="babbling between each two messages of the pair (default: %(default)g)",
     )
     parser.add_argument(
         "--starve-s",
         type=seconds,
         default=10.0,
         metavar="S",
-        help="of that with the highest (default: %(default)g)",
+        help="babbling with the highest priority (default: %(default)g)",
     )
     parser.add_argument(
         "--priority",
         type=priority,
         default=50,
         metavar="0..99",
-        help="SCHED_FIFO priority, as far as the host grants it (default: %(default)s)",
+        help="SCHED_FIFO priority, if the host grants it (default: %(default)s)",
     )
-    add_out_argument(parser, "out/soak", "for logs and figures; 12 MB a minute")
+    add_out_argument(parser, "out/soak", "folder for logs and figures; 12 MB a minute")
     return parser
 
 

@@ -1,4 +1,4 @@
-"""Stress study: thousands of runs over latency, jitter, vehicles and laws; where does each break?
+"""Run a stress study: thousands of runs over latency, jitter, vehicles and laws.
 
     steer-by-wire stress latency_jitter --dry-run
     steer-by-wire stress STUDY [--out DIR] [--threads N]
@@ -59,35 +59,45 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         help=f"a file, or one of {', '.join(preset_names('steer_by_wire.studies'))}",
     )
     parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="for the results (default: out/stress/NAME)"
+        "--out", type=Path, metavar="DIR", help="folder for the results (default: out/stress/NAME)"
     )
-    parser.add_argument("--dry-run", action="store_true", help="say how large it is, and end")
+    parser.add_argument(
+        "--dry-run", action="store_true", help="print the size of the study, and end"
+    )
     parser.add_argument(
         "--fastmath",
         action="store_true",
-        help="a little faster, but not bit for bit what the programs compute",
+        help="a little faster, but not bit for bit like the programs",
     )
-    parser.add_argument("--no-report", action="store_true", help="end with the results")
+    parser.add_argument("--no-report", action="store_true", help="write no report")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "--threads",
         type=whole_number(1, 4096),
         metavar="N",
-        help="default: as many as there are processors",
+        help="default: one per processor",
     )
-    where.add_argument("--scheduler", metavar="ADDRESS", help="of dask.distributed: many machines")
     where.add_argument(
-        "--workers", type=whole_number(1, 4096), metavar="N", help="processes, through dask"
+        "--scheduler", metavar="ADDRESS", help="scheduler of dask.distributed, for many machines"
     )
-    again = parser.add_argument_group("runs made again")
-    again.add_argument("--replay", type=int, metavar="ID", help="one run, in virtual time")
+    where.add_argument(
+        "--workers",
+        type=whole_number(1, 4096),
+        metavar="N",
+        help="number of processes, through dask",
+    )
+    again = parser.add_argument_group("repeated runs")
+    again.add_argument("--replay", type=int, metavar="ID", help="repeat one run in virtual time")
     again.add_argument(
         "--live",
         metavar="BUS",
-        help="with the real programs, in real time: emulated, vcan0 or INTERFACE:CHANNEL",
+        help="repeat with the real programs in real time: emulated, vcan0 or INTERFACE:CHANNEL",
     )
     again.add_argument(
-        "--subset", type=whole_number(1, 4096), metavar="N", help="runs of --live, spread evenly"
+        "--subset",
+        type=whole_number(1, 4096),
+        metavar="N",
+        help="number of runs of --live, spread evenly",
     )
     options = parser.parse_args(arguments)
     if options.live and options.replay is None and options.subset is None:
