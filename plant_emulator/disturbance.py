@@ -6,7 +6,7 @@
     F    side force [N], l_F ahead of the centre of gravity [m]
     M    yaw moment [N m]
     δ_0  steering offset [rad]: on the front wheel, behind the actuator and unseen by its sensor
-    b11, b21   as in (2), on the friction of the moment
+    b11, b21   as in (2), with the present friction
 
 The force pushes the virtual mass m̃ = m/μ: on friction μ, a real force counts as F = real/μ. The
 disturbance of the paper, the curvature of the path, comes from the path.
@@ -20,7 +20,7 @@ from .vehicle import VehicleParams, on_friction, state_matrices
 
 
 class DisturbanceInterval(NamedTuple):
-    """What disturbs the vehicle from ``start_ns`` until the next interval starts."""
+    """Disturbance of the vehicle from ``start_ns`` until the next interval."""
 
     start_ns: int
     side_slip_disturbance_rad_s: float
@@ -40,7 +40,7 @@ class _Load(NamedTuple):
 def disturbance_intervals(
     settings: DisturbanceSettings, vehicle: VehicleParams
 ) -> list[DisturbanceInterval]:
-    """Return the profile; its first interval starts with the motion, at 0."""
+    """Return the profile; its first interval starts at 0, with the motion."""
     load = _Load()
     intervals = [_interval(0, load, settings.side_force_arm_m, vehicle)]
     for step in settings.all_steps:

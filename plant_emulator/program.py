@@ -22,7 +22,7 @@ PRESETS = "steer_by_wire.plant_emulator.presets"
 
 
 def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
-    """Run the program, called ``name`` by who started it; returns its exit status."""
+    """Run the program under the name ``name``; returns its exit status."""
     parser = make_parser(
         name,
         "Emulates vehicle, path, actuator and network latency on a CAN bus.",
@@ -39,7 +39,7 @@ def _run(name: str, options: argparse.Namespace) -> int:
     seed = [] if options.seed is None else [f"seed={options.seed}"]
     settings = load_program_settings(PlantSettings, PRESETS, options, seed)
     params = motion_params(settings)
-    # Without a trace nobody asks for them, and memory is to stay as it is however long the run.
+    # Without a trace, samples would only take memory.
     samples_max = 0 if options.trace is None else SAMPLES_MAX
     return run_secured_node(
         name,
@@ -57,7 +57,7 @@ def _run(name: str, options: argparse.Namespace) -> int:
 def _conclude(
     name: str, options: argparse.Namespace, edge: PlantNode | FaultyNode[PlantNode]
 ) -> None:
-    """Write the trace, and say how well the path was held."""
+    """Write the trace, and print how well the path was held."""
     node = edge.node if isinstance(edge, FaultyNode) else edge
     if options.trace is not None:
         write_trace(options.trace, node.path, node.samples)

@@ -1,4 +1,4 @@
-"""A live view of the bus in a terminal: signals, modes, latency, cycle times, frames by cause.
+"""Show the bus live in a terminal: signals, modes, latency, cycle times, refused frames by cause.
 
     steer-by-wire monitor -i socketcan -c vcan0
 
