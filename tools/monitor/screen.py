@@ -4,9 +4,10 @@ from collections.abc import Mapping, Sequence
 
 from rich.text import Text
 
+from ...bus_view.recent import Spread, Strip
+from ...bus_view.watch import MessageView, View
 from ...dbc.messages import ControllerFault, EchoState, EstimateState, Freshness
 from .latency_keys import LatencyChoice
-from .watch import MessageView, Spread, Strip, View
 
 WIDTH_MIN = 80
 _BLOCKS = "▁▂▃▄▅▆▇█"
