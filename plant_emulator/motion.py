@@ -178,6 +178,11 @@ class Motion:
         """Let a steering command (finite) reach the actuator now."""
         self._state = command_motion(self._params, self._state, steer_rad)
 
+    def disturb(self, params: MotionParams) -> None:
+        """Let the one interval of other parameters begin now; all else in them is the same."""
+        self._params = params
+        self._state = _enter_interval(params, self._state, 0)
+
     def advance(self, to_ns: int) -> None:
         """Move on to ``to_ns``. Raises ValueError when that lies in the past."""
         if to_ns < self._state.time_ns:

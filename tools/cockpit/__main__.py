@@ -97,7 +97,9 @@ def _run(options: argparse.Namespace) -> int:
         return asyncio.run(_serve(options, None, block))
     if options.export is not None:
         raise SettingsError("--export needs a RECORDING")
-    if not {"interface", "channel"} & set(vars(options)):  # python-can leaves out what was not given
+    if not {"interface", "channel"} & set(
+        vars(options)
+    ):  # python-can leaves out what was not given
         rig = Rig(options.bus)
         return asyncio.run(_serve(options, Desk(rig, None, "", may_control=True), None))
     opened = open_port(options)

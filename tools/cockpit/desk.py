@@ -20,7 +20,7 @@ from .lane import Lane
 from .rig import Rig
 from .scenario import Scenario, choices, scenario_of
 from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS
-from .wishes import Act, Record, ResetFigures, SetLatency, Start, Wish, WishError, wish_of
+from .wishes import Act, Disturb, Record, ResetFigures, SetLatency, Start, Wish, WishError, wish_of
 
 LISTENS_ONLY = "this page only listens; --allow-control lets it change the latency"
 NOT_OURS = "only the pairs that the cockpit has started itself can be started, killed or paused"
@@ -121,7 +121,7 @@ class Desk:
 
     def _fulfil(self, wish: Wish) -> None:
         match wish:
-            case SetLatency():
+            case SetLatency() | Disturb():
                 for lane in self.lanes:
                     lane.send([encode(wish.message, 0)])
             case Start():

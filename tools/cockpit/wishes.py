@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from ...dbc.messages import Direction, LatencyConfig
+from ...dbc.messages import Direction, DisturbanceConfig, LatencyConfig
 from ...runtime.settings import Settings
 from .rig import Action, Program
 from .scenario import LANES_MAX, Latency
@@ -27,6 +27,22 @@ class SetLatency(Settings):
             latency.mean_s,
             latency.spread_s,
             latency.loss,
+        )
+
+
+class Disturb(Settings):
+    """Let these disturbances act from now on, in every lane."""
+
+    do: Literal["disturb"]
+    side_force_n: Annotated[float, Field(ge=-32767.0, le=32767.0)]
+    steering_offset_rad: Annotated[float, Field(ge=-0.5, le=0.5)]
+    friction: Annotated[float, Field(ge=0.05, le=1.0)]
+
+    @property
+    def message(self) -> DisturbanceConfig:
+        """What is sent for it."""
+        return DisturbanceConfig(
+            self.side_force_n, 0.0, self.steering_offset_rad, 1.0 - self.friction
         )
 
 
@@ -59,7 +75,9 @@ class ResetFigures(Settings):
     do: Literal["reset"]
 
 
-Wish = Annotated[SetLatency | Start | Act | Record | ResetFigures, Field(discriminator="do")]
+Wish = Annotated[
+    SetLatency | Disturb | Start | Act | Record | ResetFigures, Field(discriminator="do")
+]
 _WISH: TypeAdapter[Wish] = TypeAdapter(Wish)
 
 

@@ -1,6 +1,6 @@
 // Controls that act on the running loop: latency of both directions, disturbances, figures.
 
-import { element } from "cockpit/words.js";
+import { element, pressed } from "cockpit/words.js";
 
 const SEND_AFTER_MS = 60; // a slider that is dragged sends this often at most
 const GUST = { side_force_n: 1500, duration_s: 1.5 };
@@ -16,10 +16,10 @@ export class Network {
   constructor(app) {
     this.app = app;
     this.timers = {};
-    this.load = { side_force_n: 0, yaw_moment_n_m: 0, steering_offset_rad: 0, friction: 1 };
   }
 
   build(disabled) {
+    this.load = { side_force_n: 0, steering_offset_rad: 0, friction: 1 };
     this.disabled = disabled;
     const scenario = this.app.head.scenario;
     return [
@@ -70,28 +70,34 @@ export class Network {
     this.offset = button("Steering offset", "offset", `Front wheel ${1000 * OFFSET_RAD} mrad to the left, unseen by its sensor (S)`, () => this.toggleOffset());
     this.ice = button("Ice", "ice", "Friction 0.3 instead of 1 (I)", () => this.toggleIce());
     const gust = button("Gust", "gust", `Side force of ${GUST.side_force_n} N for ${GUST.duration_s} s (G)`, () => this.gust());
-    for (const toggle of [this.offset, this.ice]) toggle.setAttribute("aria-pressed", "false");
+    for (const toggle of [this.offset, this.ice]) pressed(toggle, false);
     return element("div", { className: "group" }, element("h2", {}, "Disturbances"), element("div", { className: "row" }, gust, this.offset, this.ice));
   }
 
   gust() {
-    this.app.wish({ do: "gust", ...GUST });
+    this.load.side_force_n = GUST.side_force_n;
+    this.disturb();
+    clearTimeout(this.timers.gust);
+    this.timers.gust = setTimeout(() => {
+      this.load.side_force_n = 0;
+      this.disturb();
+    }, 1000 * GUST.duration_s);
   }
 
   toggleOffset() {
     this.load.steering_offset_rad = this.load.steering_offset_rad ? 0 : OFFSET_RAD;
-    this.disturb(this.offset, this.load.steering_offset_rad !== 0);
+    pressed(this.offset, this.load.steering_offset_rad !== 0);
+    this.disturb();
   }
 
   toggleIce() {
-    const ice = this.app.head.choices.ice_friction;
-    this.load.friction = this.load.friction === 1 ? ice : 1;
-    this.disturb(this.ice, this.load.friction !== 1);
+    this.load.friction = this.load.friction === 1 ? this.app.head.choices.ice_friction : 1;
+    pressed(this.ice, this.load.friction !== 1);
+    this.disturb();
   }
 
-  disturb(button, isOn) {
-    button.setAttribute("aria-pressed", String(isOn));
-    this.app.wish({ do: "disturb", steering_offset_rad: this.load.steering_offset_rad, friction: this.load.friction });
+  disturb() {
+    this.app.wish({ do: "disturb", ...this.load });
   }
 }
 
