@@ -51,9 +51,8 @@ _MODES = {
     Mode.SAFE_STOP: (BAD, "measurements stayed away: the command goes to zero"),
 }
 _FAULTS = {
-    ControllerFault.NONE: (GOOD, "none found"),
-    ControllerFault.OVERRUNS: (BAD, "too many control ticks came too late"),
-    ControllerFault.LAW_FAILED: (BAD, "the law gave no finite number, also after a restart"),
+    ControllerFault.OVERRUNS: "too many control ticks came too late",
+    ControllerFault.LAW_FAILED: "the law gave no finite number, also after a restart",
 }
 _STEERING = {
     SteeringStatusCode.NO_COMMAND: (NOTICE, "no command has come yet: the wheel is straight"),
@@ -78,8 +77,7 @@ def lights_of(known: Known) -> tuple[Light, ...]:
     controller, safety = known.controller, known.safety
     steering, plant = known.steering, known.plant
     return (
-        _light("Controller", controller and controller.mode, _MODES, "CONTROLLER_STATUS"),
-        _light("Own fault", safety and safety.fault, _FAULTS, "CONTROLLER_SAFETY"),
+        _controller(controller, safety),
         _measurements(safety),
         _delay(known.delay),
         _light("Steering", steering and steering.status, _STEERING, "STEERING_STATUS"),
@@ -95,6 +93,13 @@ def _light(
         return Light(name, OFF, "SILENT", f"no {message} on the bus")
     level, cause = words[code]
     return Light(name, level, code.name, cause)
+
+
+def _controller(status: ControllerStatus | None, safety: ControllerSafety | None) -> Light:
+    """Return the mode; a fault that the controller has found in itself comes before it."""
+    if safety is not None and safety.fault is not ControllerFault.NONE:
+        return Light("Controller", BAD, safety.fault.name, _FAULTS[safety.fault])
+    return _light("Controller", status and status.mode, _MODES, "CONTROLLER_STATUS")
 
 
 def _measurements(safety: ControllerSafety | None) -> Light:

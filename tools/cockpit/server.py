@@ -71,7 +71,7 @@ class Server:
 
     async def _replay(self, _request: web.Request) -> web.Response:
         if self._block is None:
-            raise web.HTTPNotFound
+            return web.Response(status=204)
         return web.Response(body=self._block, content_type="application/octet-stream")
 
     async def _recording(self, request: web.Request) -> web.Response:
@@ -136,8 +136,8 @@ class Server:
 
 async def serve(server: Server, host: str, port: int) -> tuple[web.AppRunner, int]:
     """Start to serve; returns what to clean up, and the port. Raises OSError."""
-    runner = web.AppRunner(server.application(), access_log=None)
+    runner = web.AppRunner(server.application(), access_log=None, shutdown_timeout=0.5)
     await runner.setup()
-    site = web.TCPSite(runner, host, port, shutdown_timeout=0.5)
+    site = web.TCPSite(runner, host, port)
     await site.start()
     return runner, int(runner.addresses[0][1])

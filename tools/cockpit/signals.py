@@ -52,14 +52,14 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("foot_x_m", "path x", "m", 1.0, 2),
     Signal("foot_y_m", "path y", "m", 1.0, 2),
     Signal("path_heading_rad", "path heading", "rad", 1.0, 3),
-    Signal("rms_m", "RMS error", "mm", 1e3, 1),
-    Signal("peak_m", "peak error", "mm", 1e3, 1),
+    Signal("rms_m", "RMS error", "mm", 1e3, 2),
+    Signal("peak_m", "peak error", "mm", 1e3, 2),
 )
 NAMES = tuple(signal.name for signal in SIGNALS)
 
 CHARTS: tuple[Chart, ...] = (
     Chart("Lateral error", ("lateral_error_m",), "lateral_error_m"),
-    Chart("Steer", ("steer_rad", "steer_in_effect_rad", "wheel_angle_rad"), "wheel_angle_rad"),
+    Chart("Steer", ("wheel_angle_rad", "steer_in_effect_rad", "steer_rad"), "wheel_angle_rad"),
     Chart("Latency", ("downlink_s", "uplink_s"), "downlink_s"),
     Chart("Round trip", ("round_trip_s",), "round_trip_s"),
     Chart("Lateness of commands", ("lateness_s",), "lateness_s"),

@@ -87,7 +87,7 @@ export class Charts {
       scales: { x: { time: false }, y: { range: (_plot, low, high) => wide(low, high) } },
       series: [{}, ...lines.map(({ ink, dash }) => ({ stroke: ink, width: 1.4, dash, points: { show: false } }))],
       axes: [
-        { ...axis, size: isLast ? 22 : 0, gap: 2, values: (_plot, marks) => marks.map((mark) => (isLast ? `${mark} s` : "")) },
+        { ...axis, size: isLast ? 22 : 0, gap: 2, values: (_plot, marks) => marks.map((mark) => (isLast && mark >= 0 ? `${+mark.toFixed(3)} s` : "")) },
         { ...axis, size: 46, gap: 4, space: 22, values: (_plot, marks) => marks.map((mark) => String(+mark.toFixed(6)).replace("-", "−")) },
       ],
       hooks: { setSelect: [(plot) => this.select(plot)], ready: [(plot) => this.listen(plot)] },

@@ -49,17 +49,8 @@ function build() {
 
 function buildControls() {
   const { head } = app;
-  if (head.kind === "replay") {
-    byId("controls").replaceChildren(aboutReplay(head));
-    return;
-  }
   const listens = !head.may_control && element("div", { className: "group" }, element("p", { className: "note" }, "This page only listens: --allow-control lets it send."));
   byId("controls").replaceChildren(...[listens, head.is_own && setup.scenarios(), ...network.build(!head.may_control), head.is_own && setup.programs(), setup.recording()].filter(Boolean));
-}
-
-function aboutReplay(head) {
-  const rate = `${(1 / head.row_period_s).toFixed(0)} rows a second are drawn; RMS and peak are of every frame.`;
-  return element("div", { className: "group" }, element("h2", {}, "Replay"), element("p", {}, head.bus), element("p", { className: "note" }, rate));
 }
 
 function drawStatus() {
@@ -140,8 +131,10 @@ function startReplay({ head, rows }) {
   app.lanes = [rows];
   app.player = new Player(app, head.duration_s);
   byId("hold").hidden = true;
+  byId("controls").hidden = true;
+  document.body.className = "replay";
+  setText(byId("bus"), `${head.bus}; ${(1 / head.row_period_s).toFixed(0)} rows a second, RMS and peak of every frame`);
   build();
-  buildControls();
 }
 
 function hold() {

@@ -15,14 +15,14 @@ export class Figures {
   build() {
     const { head, signals } = this.app;
     const several = head.lanes.length > 1;
-    const names = head.figures.map((figure) => element("th", { scope: "col", title: figure.explanation }, figure.label));
+    const names = head.figures.map((figure) => element("th", { scope: "col", title: figure.explanation }, several ? `${figure.label} [${signals[figure.signal].unit}]` : figure.label));
     this.cells = head.lanes.map(() => head.figures.map(() => element("span")));
     const lines = head.lanes.map((lane, index) => {
       const swatch = element("span", { className: "swatch" });
       swatch.style.borderColor = colour(`lane-${index}`);
       const who = several ? [element("td", { className: "who" }, swatch, lane.label)] : [];
       const cells = head.figures.map((figure, at) =>
-        element("td", { title: figure.explanation }, this.cells[index][at], element("small", {}, signals[figure.signal].unit)));
+        element("td", { title: figure.explanation }, this.cells[index][at], several ? "" : element("small", {}, signals[figure.signal].unit)));
       return element("tr", {}, ...who, ...cells);
     });
     const first = several ? [element("th", {}, "")] : [];

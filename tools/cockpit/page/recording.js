@@ -16,7 +16,7 @@ function embedded() {
 async function served() {
   if (!location.protocol.startsWith("http")) return null;
   const answer = await fetch("replay");
-  return answer.ok ? new Uint8Array(await answer.arrayBuffer()) : null;
+  return answer.status === 200 ? new Uint8Array(await answer.arrayBuffer()) : null;
 }
 
 // Returns { head, rows }, or null where there is no recording.

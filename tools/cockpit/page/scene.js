@@ -29,13 +29,14 @@ export class Scene {
   toggleFactor() {
     this.factor = this.factor === 1 ? 10 : 1;
     pressed(byId("deviation"), this.factor === 10);
-    setText(byId("deviation"), `deviation ×${this.factor}`);
+    setText(byId("deviation"), `Deviation ×${this.factor}`);
     this.app.touch();
   }
 
   toggleWhole() {
     this.isWhole = !this.isWhole;
     pressed(byId("overview"), this.isWhole);
+    byId("zoom-in").disabled = byId("zoom-out").disabled = this.isWhole;
     this.app.touch();
   }
 
@@ -86,8 +87,8 @@ export class Scene {
     if (!this.isWhole) drawGrid(pen, camera, place);
     drawPath(pen, camera, facts, rows, at);
     drawLine(pen, trail, colour(`lane-${lane}`), 2 / camera.scale);
-    drawDeviation(pen, camera, state);
     drawVehicle(pen, facts, state, this.isWhole ? 3 : 1);
+    drawDeviation(pen, camera, state);
     pen.restore();
     this.drawLabels(pen, place, camera, lane, state);
   }

@@ -51,14 +51,14 @@ function drawGlass(pen, front, rear) {
 
 // Where the wheels would point: the newest command, the one in effect, and the wheel itself.
 function drawRays(pen, front, state) {
-  const rays = [[state.wanted, "wanted", [0.16, 0.1]], [state.inEffect, "in-effect", [0.05, 0.08]], [state.applied, "applied", []]];
-  for (const [angle, ink, dash] of rays) {
+  const rays = [[state.applied, "applied", [], 0.12], [state.inEffect, "in-effect", [0.08, 0.1], 0.08], [state.wanted, "wanted", [0.2, 0.14], 0.06]];
+  for (const [angle, ink, dash, width] of rays) {
     if (!Number.isFinite(angle)) continue;
     pen.beginPath();
     pen.moveTo(front, 0);
     pen.lineTo(front + RAY_M * Math.cos(angle), RAY_M * Math.sin(angle));
     pen.setLineDash(dash);
-    pen.lineWidth = 0.07;
+    pen.lineWidth = width;
     pen.strokeStyle = colour(ink);
     pen.stroke();
   }
@@ -103,7 +103,8 @@ export function drawSteer(pen, place, state, isSmall) {
     pen.textAlign = "left";
   });
   pen.fillStyle = colour("dim");
-  pen.fillText(`left ${1000 * end}`, x, top - 9);
+  pen.fillText(isSmall ? `± ${1000 * end} mrad` : `left ${1000 * end}`, x, top - 9);
+  if (isSmall) return;
   pen.textAlign = "right";
   pen.fillText(`right ${1000 * end} mrad`, x + width, top - 9);
   pen.textAlign = "left";
