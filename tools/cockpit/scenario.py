@@ -92,7 +92,8 @@ def scenarios() -> Sequence[Scenario]:
 
 def scenario_of(values: Mapping[str, Any], source: str = _PAGE) -> Scenario:
     """Return the scenario that ``values`` describe; raises SettingsError naming ``source``."""
-    return with_values(Scenario(controllers=(_ANY_LAW,)), values, source)
+    given = {key: value for key, value in values.items() if value is not None}
+    return with_values(Scenario(controllers=(_ANY_LAW,)), given, source)
 
 
 def lane_settings(scenario: Scenario) -> Sequence[LaneSettings]:
