@@ -56,11 +56,12 @@ function buildControls() {
 function drawStatus() {
   const { status } = app;
   if (!status) return;
+  const failure = status.lanes.map((lane) => lane.failure).find(Boolean);
+  setText(byId("connection"), failure || (status.busy && `${status.busy} …`) || "");
+  if (!app.lanes.length) return;
   lights.draw(status.lanes.map((lane) => lane.lights));
   frames.draw(status.lanes[app.lane]?.frames);
   setup.draw(status);
-  const failure = status.lanes.map((lane) => lane.failure).find(Boolean);
-  setText(byId("connection"), failure ?? (status.busy && `${status.busy} …`) ?? "");
 }
 
 // What a replay shows of lights and frames now, in the form of a live status.
