@@ -1,15 +1,14 @@
 """The plant emulator as a node: commands in, measurements out, the vehicle in between.
 
-``on_frame`` only judges what comes: a command enters the downlink, other disturbances wait for
-the tick. ``on_tick`` does everything that
-is due, each thing at its own exact time and not at the time of the tick, in this order at one
-instant:
+``on_frame`` only judges a frame; a command enters the downlink. ``on_tick`` does everything that is
+due, each thing at its own exact time and not at the time of the tick, in this order at one instant:
 
 1. commands leave the downlink and reach the steering's control unit, which sets the wheel's target
 2. the control unit acts on commands that stay away (``plant_emulator.steering_guard``)
 3. the sensors sample, and their messages enter the uplink
 4. messages leave the uplink for the bus
 5. PLANT_STATUS is sent: the rig's own word, which takes no way through the uplink
+6. disturbances that a tool has set begin to act
 
 A tick that comes late therefore changes when frames leave, not how the vehicle moves: the motion is
 advanced from event to event, and a command acts from the instant it was due.

@@ -13,7 +13,7 @@ from ...pair.live import Bus
 from ...pair.processes import Processes
 from ...plant_emulator.path_shapes import build_path
 from ...runtime.bus import BusPort
-from ...runtime.settings import dump_toml
+from ...runtime.toml_text import dump_toml
 from .course import LaneFacts, lane_facts
 from .lane import Lane
 from .scenario import LaneSettings, Scenario, lane_settings
