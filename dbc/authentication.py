@@ -123,7 +123,7 @@ class Authentication:
         return self._is_synchronised
 
     def secure(self, frame: Frame) -> Frame:
-        """The secured form of a classic ``frame``; KeyError for LATENCY_CONFIG, which has none."""
+        """The secured form of a classic ``frame``; KeyError for what a tool sends."""
         can_id, payload, _ = frame
         layout = LAYOUTS[can_id]
         counter = self._counter

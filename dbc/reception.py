@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping
 from typing import TypeVar
 
 from ..runtime.frame import FD, Frame
-from .messages import CAN_IDS, LatencyConfig, Message, Rejection, rejection_of, unpacking
+from .messages import CAN_IDS, DATA_IDS, Message, Rejection, rejection_of, unpacking
 from .protection import SequenceCheck, SequenceResult
 from .secured_frame import Refused, is_secured
 
@@ -38,7 +38,7 @@ class Reception:
     ) -> None:
         self._checks = {
             CAN_IDS[message_type]: None
-            if message_type is LatencyConfig  # sent by hand, so it has no counter
+            if message_type not in DATA_IDS  # sent by hand, so it has no counter
             else SequenceCheck(max_jump, resync_run, resync_ns)
             for message_type in message_types
         }

@@ -177,6 +177,11 @@ class Motion:
         """Apply a steering command (finite) to the actuator now."""
         self._state = command_motion(self._params, self._state, steer_rad)
 
+    def disturb(self, params: MotionParams) -> None:
+        """Let the one interval of other parameters begin now; all else in them is the same."""
+        self._params = params
+        self._state = _enter_interval(params, self._state, 0)
+
     def advance(self, to_ns: int) -> None:
         """Advance to ``to_ns``. Raises ValueError if that is in the past."""
         if to_ns < self._state.time_ns:

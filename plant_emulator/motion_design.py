@@ -61,7 +61,7 @@ def design_motion_arrays(
     intervals = disturbance_intervals(disturbance, params)
     table: Any
     first_rows: Any
-    table, first_rows = _transitions(params, actuator_params, intervals)
+    table, first_rows = transitions(params, actuator_params, intervals)
     return MotionParams(
         params.speed_m_s,
         params.preview_m,
@@ -87,7 +87,7 @@ def vehicle_params(settings: VehicleSettings) -> VehicleParams:
     )
 
 
-def _transitions(
+def transitions(
     vehicle: VehicleParams, actuator: ActuatorParams, intervals: Sequence[DisturbanceInterval]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the tables of every friction and wheel phase, end to end, and `first_rows`."""

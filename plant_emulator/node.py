@@ -8,6 +8,7 @@ each at its exact time and not at that of the tick, in this order at one instant
 3. the sensors sample, and their messages enter the uplink
 4. messages leave the uplink for the bus
 5. PLANT_STATUS is sent by the rig itself, without the uplink's latency
+6. disturbances that a tool has set begin to act
 
 A late tick therefore changes when frames leave, but not how the vehicle moves: a command acts from
 the instant at which it was due.
@@ -26,6 +27,7 @@ from typing import Any
 
 from ..dbc.messages import (
     CAN_IDS,
+    DisturbanceConfig,
     LatencyConfig,
     Message,
     PlantStatus,
@@ -38,6 +40,7 @@ from ..runtime.frame import Frame
 from ..runtime.node import NEVER_NS
 from ..runtime.periodic import PeriodicTimer
 from ..runtime.record import new_record
+from .disturbing import Disturbing
 from .latency_line import Passage
 from .motion_design import MotionParams, design_motion
 from .network import Network
@@ -54,7 +57,7 @@ from .status_timing import StatusTiming
 from .steering_unit import SteeringUnit
 from .streams import Channel, uniforms
 
-RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig)
+RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig, DisturbanceConfig)
 """What the plant receives."""
 VEHICLE_STATE_PERIOD_NS = 20_000_000
 SAMPLES_MAX = 1_000_000
@@ -98,6 +101,7 @@ class PlantNode:
         self._motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
         params = motion_params(settings) if params is None else params
         self._motion = make_motion(settings.vehicle, params)
+        self._disturbing = Disturbing(settings, params)
         self._unit = SteeringUnit(
             design_guard(settings.safety, settings.vehicle, settings.actuator)
         )
@@ -151,6 +155,9 @@ class PlantNode:
                 self.deadline_ns = due_ns
         elif isinstance(received, LatencyConfig):
             self._network.reconfigure(received)
+        elif isinstance(received, DisturbanceConfig):
+            self._disturbing.ask(received)
+            self.deadline_ns = min(self.deadline_ns, now_ns)
         elif isinstance(received, Rejection) and frame.can_id == _COMMAND_ID:
             self._unit.on_rejection()
         return ()
@@ -171,6 +178,9 @@ class PlantNode:
             guard_ns = self._motion_start_ns + unit.deadline_ns  # NEVER_NS before motion starts
             due_ns = min(command_ns, guard_ns, sample_ns, measured_ns, status_timing.deadline_ns)
             if due_ns > now_ns:
+                if self._disturbing.is_asked:
+                    self._advance(now_ns)
+                    self._motion.disturb(self._disturbing.params())
                 self.deadline_ns = due_ns
                 return frames
             if command_ns == due_ns:

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 from ..dbc.messages import (
     CAN_IDS,
+    DATA_IDS,
     MESSAGE_TYPES,
     Decoded,
-    LatencyConfig,
     Message,
     Rejection,
     decode,
@@ -37,7 +37,7 @@ _NAMES_BY_ID = {CAN_IDS[kind]: name for kind, name in NAMES.items()}
 class ReceivedMessage(NamedTuple):
     """A message on the bus.
 
-    ``counter``  end-to-end counter, 0 for LATENCY_CONFIG
+    ``counter``  end-to-end counter, 0 for a message without one
     ``is_late``  overtaken by a newer one: a node would reject it
     """
 
@@ -70,7 +70,7 @@ class BusListener:
         self._checks = {
             name: SequenceCheck(MAX_JUMP, RESYNC_RUN)
             for kind, name in NAMES.items()
-            if kind is not LatencyConfig  # sent by hand, so it has no counter
+            if kind in DATA_IDS  # others are sent by hand, so it has no counter
         }
         self._accepted = Counter[str]()
         self._late = Counter[str]()

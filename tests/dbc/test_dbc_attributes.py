@@ -18,6 +18,7 @@ from steer_by_wire.dbc.messages import (
     Decoded,
     DelayStatus,
     Direction,
+    DisturbanceConfig,
     EchoState,
     EstimateState,
     LatencyConfig,
@@ -85,6 +86,8 @@ def test_an_interaction_layer_starts_with_nothing_that_anybody_would_act_on() ->
                 assert message.safety is SafetyState.NORMAL
             case LatencyConfig():
                 assert message == (Direction.BOTH, 0, 0.0, 0.0, 0.0)
+            case DisturbanceConfig():
+                assert not any(message)
             case _:
                 assert isinstance(message, ControllerSafety)
                 assert not any(message)
@@ -114,7 +117,10 @@ def test_a_message_that_is_sent_at_changes_says_at_those_of_which_signals() -> N
             "SAFETY",
             *(f"{name}_FRESHNESS" for name in freshness),
         },
-        "OnWrite": {"DIRECTION", "MODEL", "MEAN", "SPREAD", "LOSS"},
+        "OnWrite": {
+            *("DIRECTION", "MODEL", "MEAN", "SPREAD", "LOSS"),
+            *("SIDE_FORCE", "YAW_MOMENT", "STEERING_OFFSET", "FRICTION_LOSS"),
+        },
     }
 
 
@@ -179,4 +185,4 @@ def test_what_only_a_test_rig_has_is_marked() -> None:
         for definition in DATABASE.messages
         if attributes(definition).get("RigMessage") == 1
     }
-    assert marked == {"PLANT_STATUS", "LATENCY_CONFIG"}
+    assert marked == {"PLANT_STATUS", "LATENCY_CONFIG", "DISTURBANCE_CONFIG"}

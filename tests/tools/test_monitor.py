@@ -6,6 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from steer_by_wire.bus_view.recent import SPAN_S, STRIP_LENGTH, strip_of
+from steer_by_wire.bus_view.watch import BusWatch, View
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.messages import (
     Decoded,
@@ -31,7 +33,6 @@ from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.monitor.latency_keys import LatencyChoice, pressed
 from steer_by_wire.tools.monitor.screen import as_text, one_line, screen_lines, strip_text
 from steer_by_wire.tools.monitor.terminal_keys import keys_in
-from steer_by_wire.tools.monitor.watch import SPAN_S, STRIP_LENGTH, BusWatch, View, strip_of
 
 NS = 1_000_000_000
 BLOCKS = "▁▂▃▄▅▆▇█"

@@ -4,9 +4,10 @@ from collections.abc import Mapping, Sequence
 
 from rich.text import Text
 
+from ...bus_view.recent import Spread, Strip
+from ...bus_view.watch import MessageView, View
 from ...dbc.messages import ControllerFault, EchoState, EstimateState, Freshness
 from .latency_keys import LatencyChoice
-from .watch import MessageView, Spread, Strip, View
 
 WIDTH_MIN = 80
 _BLOCKS = "▁▂▃▄▅▆▇█"
@@ -34,7 +35,7 @@ def screen_lines(
     lines = [_title(view, bus, width), _state(view)]
     lines += _signals(view, strip_width, blocks)
     lines += _latency(view, strip_width, blocks)
-    lines += [Text(_HEAD, style="bold"), *(_message(row) for row in view.messages)]
+    lines += [Text(_HEAD, style="bold"), *_messages(view)]
     lines += [_refused(view), _choice(choice, sent), Text(_KEYS, style="dim")]
     for line in lines:
         line.truncate(width)
@@ -206,8 +207,16 @@ _HEAD = (
 )
 
 
-def _message(row: MessageView) -> Text:
-    period = "-" if row.period_s is None else f"{_ONE_MS * row.period_s:.0f}"
+def _messages(view: View) -> list[Text]:
+    """Return a line for each cyclic message, and one for those that tools send."""
+    by_tools = [row for row in view.messages if row.period_s is None]
+    counts = ", ".join(f"{row.name} {row.accepted} ({row.refused} refused)" for row in by_tools)
+    cyclic = [_message(row, row.period_s) for row in view.messages if row.period_s is not None]
+    return [*cyclic, Text(counts, style="dim")]
+
+
+def _message(row: MessageView, period_s: float) -> Text:
+    period = f"{_ONE_MS * period_s:.0f}"
     cycle = "" if row.cycle is None else "".join(f"{_ms(value):>8}" for value in row.cycle)
     middle = "  stays away" if row.is_stale else cycle
     text = Text(
