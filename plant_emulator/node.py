@@ -28,10 +28,13 @@ from typing import Any
 from ..dbc.messages import (
     CAN_IDS,
     LatencyConfig,
+    LateralError,
     Message,
     PlantStatus,
     Rejection,
     SteeringCommand,
+    SteeringStatus,
+    VehicleState,
     limits,
 )
 from ..dbc.reception import Reception
@@ -47,7 +50,7 @@ from .path import Path
 from .plant_messages import PlantMessages
 from .plant_report import line_report, motion_report
 from .plant_samples import PlantSample, RunRecord
-from .safety_settings import design_guard, resync_ns_of
+from .safety_settings import design_guard
 from .self_supervision import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfSupervision
 from .sensors import Readings
 from .settings import PlantSettings
@@ -57,6 +60,8 @@ from .streams import Channel, uniforms
 
 RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig)
 """What the plant receives."""
+SENT: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState, PlantStatus)
+"""What the plant alone sends."""
 VEHICLE_STATE_PERIOD_NS = 20_000_000
 SAMPLES_MAX = 1_000_000
 """Samples kept for a trace: nearly three hours at 100 Hz."""
@@ -110,12 +115,7 @@ class PlantNode:
         self._status_timing = StatusTiming(start_ns)
         self.deadline_ns = start_ns
         self._network = Network(settings)
-        self._reception = Reception(
-            RECEIVED,
-            settings.max_counter_jump,
-            settings.resync_frames,
-            resync_ns_of(settings.safety),
-        )
+        self._reception = Reception(RECEIVED, settings.counters, SENT)
         self._unauthenticated = 0
         self._command: Passage[SteeringCommand] | None = None
         noise = settings.sensor_noise
@@ -186,7 +186,7 @@ class PlantNode:
                 frames += self._network.measured(due_ns)
                 continue  # nothing that there is to say of the steering has changed
             else:
-                status = self._status()
+                status = self._status(due_ns)
                 status_timing.on_report(status.safety, due_ns, now_ns)
                 frames.append(self._messages.plant_status(status))
             status_timing.on_state(unit.safety, due_ns)
@@ -211,6 +211,7 @@ class PlantNode:
             "lost_on_the_bus": self._reception.lost,
             "rejected": self._reception.rejected,
             "resynchronised": self._reception.resynchronised,
+            "second_senders": self._reception.second_senders,
             "skipped_samples": self._sensor_timer.skipped,
             "not_available": self._messages.not_available,
             "clamped": self._messages.clamped,
@@ -279,7 +280,7 @@ class PlantNode:
             frame = messages.vehicle_state(motion.speed_m_s, readings, z.curvature_1_m)
             push(frame.can_id, frame, time_ns, motion_ns)
 
-    def _status(self) -> PlantStatus:
+    def _status(self, now_ns: int) -> PlantStatus:
         """Return the content of PLANT_STATUS, with latencies not clamped."""
         network = self._network
         return PlantStatus(
@@ -288,4 +289,5 @@ class PlantNode:
             network.lost % _LOST_COUNTERS,
             (self._reception.refused + self._unauthenticated) % _REJECTED_COUNTERS,
             self._unit.take_state(),
+            self._reception.second_sender(now_ns),
         )
