@@ -179,9 +179,11 @@ def test_one_that_believes_a_new_start_at_once_does_not_leave_control_for_a_repl
 ) -> None:
     check = SequenceCheck.check
 
-    def hasty(sequence: SequenceCheck, counter: int, _now_ns: int) -> SequenceResult:
-        sequence._resync_ns = 0
-        return check(sequence, counter)
+    def hasty(
+        sequence: SequenceCheck, counter: int, now_ns: int, content: object
+    ) -> SequenceResult:
+        sequence._rule = sequence._rule._replace(resync_ns=0)
+        return check(sequence, counter, now_ns, content)
 
     monkeypatch.setattr(SequenceCheck, "check", hasty)
     result = faulty(case("replay", "LATERAL_ERROR", 0.5))
