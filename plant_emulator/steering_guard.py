@@ -14,17 +14,19 @@ silence there, and so is a controller that died: the unit cannot distinguish the
 know earlier than its network permits. A latency that rises by 200 ms at once is a silence of
 200 ms.
 
-Recovery are ``recovery_frames`` commands in a row, without such a silence or a damaged frame
-between them. Nothing jumps: the difference between the target and the first command followed
-is added to it and fades out at the ramp rate. After FALLBACK that is the command which ends it. In
-HOLDING it is the first that comes, since a network with jitter, whose newer commands overtake, has
-such gaps all the time, and to wait for a run in each would add to its delay. A further silence
-before the recovery starts the run anew, and the fade from where it is then.
+Recovery are ``recovery_frames`` commands without such a silence between them, and one more for
+each damaged frame among them: the good ones have to be the majority. Nothing jumps: the difference
+between the target and the first command followed is added to it and fades out at the ramp rate.
+After FALLBACK that is the command which ends it. In HOLDING it is the first that comes, since a
+network with jitter, whose newer commands overtake, has such gaps all the time, and to wait for a
+run in each would add to its delay. A further silence before the recovery starts the run anew, and
+the fade from where it is then.
 
 The clock of ``hold_ns`` stands while the newest command is younger than ``silence_ns``, and runs
-when it is not, or is the first after a damaged frame. No command sets it back but the one that ends
-HOLDING: single commands now and then end in FALLBACK. SAFE_STATE is entered where the wheel does
-not follow its target, where the plant has found a fault in itself, or by the override, and stays.
+when it is not, or damaged frames have used up the run. No command sets it back but the one that
+ends HOLDING: single commands now and then end in FALLBACK. SAFE_STATE is entered where the wheel
+does not follow its target, where the plant has found a fault in itself, or by the override, and
+stays.
 
 Every target, of ramps too, passes the safety limiter. Times count from the start of motion.
 """
@@ -58,7 +60,7 @@ class GuardParams(NamedTuple):
 
     ``silence_ns``       time without a command that is silence; OFF_NS: none is
     ``hold_ns``          of silence from HOLDING to FALLBACK
-    ``recovery_frames``  commands in a row that end either
+    ``recovery_frames``  commands more than damaged frames that end either
     ``ramp_rad_s``       of the fade after a recovery
     ``ramp_step_rad``    of the ramp to zero, every RAMP_PERIOD_NS; 0: the target is kept
     ``override_ns``      from when on SAFE_STATE is ordered; OFF_NS: never
@@ -78,7 +80,7 @@ class GuardState(NamedTuple):
 
     ``arrived_ns``   when the newest command arrived
     ``deadline_ns``  when `guard_timer` is due next
-    ``good_run``     commands in a row towards recovery, the newest included; 0 after a damaged one
+    ``good_run``     commands towards recovery, the newest included, less the damaged frames
     ``fade_rad``     what is added to the command
     """
 
@@ -119,6 +121,11 @@ def guard_command(
         fade_rad = wanted_rad - steer_rad
     limiter, _ = limit_steer(p.limiter, x.limiter, wanted_rad, time_ns)
     return GuardState(mode, limiter, time_ns, deadline_ns, good_run, fade_rad), True
+
+
+def guard_rejection(x: GuardState) -> GuardState:
+    """Take a command that came damaged: it takes a good one back."""
+    return x._replace(good_run=max(x.good_run - 1, 0))
 
 
 def guard_timer(p: GuardParams, x: GuardState, time_ns: int) -> tuple[GuardState, bool]:
