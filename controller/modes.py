@@ -9,7 +9,8 @@
 ``TRANSITIONS`` defines the whole behaviour: in each mode the first row with a true guard decides,
 and without a true guard the mode stays. Guards depend on the age of the newest measurement, the
 number of good ones without a gap, a failure of the law, and a fault that the controller has
-detected in itself, which leads to SAFE_STOP for good. The law itself never branches on any of these.
+detected in itself, which leads to SAFE_STOP for good. The law itself never branches on any of
+these.
 """
 
 from collections.abc import Callable, Mapping

@@ -103,9 +103,9 @@ class SequenceCheck:
 
     **Second sender.** A sender never uses a counter for two contents. ``resync_run`` refused frames
     that step by one and each contradict an accepted frame, or are too far ahead, while others are
-    accepted, come from a second sender. If it is no further behind than a believed step reaches,
-    the accepted stream may be the false one. Then neither is accepted (DISPUTED) until one of them
-    is alone, which is found as a restart is.
+    accepted, come from a second sender. If it is no further behind than the accepted stream has
+    stepped ahead lately, that stream may be the false one. Then neither is accepted (DISPUTED)
+    until one of them is alone, which is found as a restart is.
 
     ``period_ns``  of the sender; a shorter one is measured, each time its counters wrap [ns]
 
@@ -114,6 +114,7 @@ class SequenceCheck:
     ``lost``              counters skipped by accepted frames. A late frame is refused and stays
                           counted; frames skipped by a resynchronisation are unknown and not counted
     ``resynchronised``    how often a run of refused frames was accepted as a restart of the sender
+    ``disputes``          how often neither of two senders could be believed
     ``second_sender_ns``  when a frame of a second sender was last noticed, None for never [ns]
     """
 
@@ -127,6 +128,7 @@ class SequenceCheck:
         self._is_disputed = False
         self._contents: list[object] = []
         self._wrapped_ns = self._wrapped_at = 0
+        self._longest_step = self._longest_before = 1
         self._last_refused = _NONE
         self._run = 0
         self._last_foreign = _NONE
@@ -136,6 +138,7 @@ class SequenceCheck:
         self.arrival_ns: int | None = None
         self.lost = 0
         self.resynchronised = 0
+        self.disputes = 0
         self.second_sender_ns: int | None = None
 
     def check(self, counter: int, now_ns: int = 0, content: object = b"") -> SequenceResult:
@@ -157,10 +160,27 @@ class SequenceCheck:
             return self._skip(counter, forward, now_ns, content)
         return self._refuse(counter, forward, now_ns, content, now_ns - before_ns)
 
+    def undisputed(self) -> object | None:
+        """Return the content of the last frame that only the true sender can have sent, if known.
+
+        To be asked for when a dispute begins.
+        """
+        newest = self.counter - self._longest_lately - self._rule.resync_run
+        for counter in range(newest, newest - HALF, -1):
+            if self._contents[counter % COUNTERS] is not None:
+                return self._contents[counter % COUNTERS]
+        return None
+
+    @property
+    def _longest_lately(self) -> int:
+        """The longest accepted step since the counter has wrapped twice."""
+        return max(self._longest_step, self._longest_before)
+
     def _start(self, counter: int, now_ns: int, content: object) -> SequenceResult:
         """Accept the first frame of a stream of counters."""
         self._contents = [None] * COUNTERS
         self._wrapped_ns, self._wrapped_at = now_ns, counter
+        self._longest_step = self._longest_before = 1
         self._is_disputed = False
         self._foreign_run = 0
         return self._accept(counter, now_ns, content)
@@ -170,10 +190,12 @@ class SequenceCheck:
         for skipped in range(self.counter + 1, self.counter + forward):
             self._contents[skipped % COUNTERS] = None
         self.lost += forward - 1
+        self._longest_step = max(self._longest_step, forward)
         if counter < self.counter:
             measured_ns = (now_ns - self._wrapped_ns) // (COUNTERS - self._wrapped_at + counter)
             self._period_ns = min(max(measured_ns, PERIOD_NS_MIN), self._period_ns_max)
             self._wrapped_ns, self._wrapped_at = now_ns, counter
+            self._longest_before, self._longest_step = self._longest_step, 1
         return self._accept(counter, now_ns, content)
 
     def _accept(self, counter: int, now_ns: int, content: object) -> SequenceResult:
@@ -216,6 +238,7 @@ class SequenceCheck:
         is_second = (self.arrival_ns or 0) > self._foreign_since_ns
         if self._foreign_run >= self._rule.resync_run and is_second:
             self.second_sender_ns = now_ns
-            if -forward % COUNTERS <= self._rule.step_before_silence(self._period_ns):
+            if -forward % COUNTERS < self._longest_lately:
+                self.disputes += 1
                 self._is_disputed = True
                 self._next = _NONE

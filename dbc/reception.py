@@ -100,6 +100,12 @@ class Reception:
             + SecondSender.PEER * any(_is_recent(noticed_ns, now_ns) for noticed_ns in peer)
         )
 
+    def undisputed(self, message_type: type[Message]) -> Message | None:
+        """Return the last message from before a dispute that has just begun, None if unknown."""
+        content = self.newest(message_type).undisputed()
+        unpacked = unpacking(message_type).unpack(content) if isinstance(content, bytes) else None
+        return unpacked[0] if isinstance(unpacked, tuple) else None
+
     def newest(self, message_type: type[Message]) -> SequenceCheck:
         """Return the record of counter and arrival of a message's newest accepted frame."""
         check = self._checks[CAN_IDS[message_type]]

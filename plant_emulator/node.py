@@ -37,6 +37,7 @@ from ..dbc.messages import (
     VehicleState,
     limits,
 )
+from ..dbc.protection import SequenceResult
 from ..dbc.reception import Reception
 from ..runtime.frame import Frame
 from ..runtime.node import NEVER_NS
@@ -116,6 +117,8 @@ class PlantNode:
         self.deadline_ns = start_ns
         self._network = Network(settings)
         self._reception = Reception(RECEIVED, settings.counters, SENT)
+        self._commands = self._reception.newest(SteeringCommand)
+        self._disputes = 0
         self._unauthenticated = 0
         self._command: Passage[SteeringCommand] | None = None
         noise = settings.sensor_noise
@@ -144,6 +147,10 @@ class PlantNode:
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Judge a frame; a command enters the downlink."""
         received = self._reception.take(frame, now_ns)
+        if received is SequenceResult.DISPUTED and self._commands.disputes > self._disputes:
+            # What is held from now on is not to be the second sender's.
+            self._disputes = self._commands.disputes
+            received = self._reception.undisputed(SteeringCommand)
         if isinstance(received, SteeringCommand):
             if self._motion_start_ns == NEVER_NS:
                 self._motion_start_ns = now_ns
