@@ -110,6 +110,7 @@ def test_a_message_that_is_sent_at_changes_says_at_those_of_which_signals() -> N
     assert sent == {
         "OnChange": {
             "CONTROLLER_SAFETY_REJECTED",
+            "CONTROLLER_SAFETY_SECOND_SENDER",
             "FAULT",
             "SAFETY",
             *(f"{name}_FRESHNESS" for name in freshness),
