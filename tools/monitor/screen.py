@@ -57,6 +57,7 @@ def one_line(view: View) -> str:
         f"{view.elapsed_s:.1f} s  {mode}  error {error} mm  steer {steer} mrad  "
         f"down/up {one_way} ms  round trip {trip} ms  {view.frames_per_s:.0f} frames/s  "
         f"missing {missing}  refused {sum(view.refused.values())}  foreign {view.foreign_frames}"
+        f"{_second_senders(view)}"
     )
 
 
