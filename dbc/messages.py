@@ -28,6 +28,7 @@ from .enumerations import (
     Law,
     Mode,
     SafetyState,
+    SecondSender,
     SteeringStatusCode,
 )
 from .generated_layout import LAYOUTS
@@ -60,6 +61,7 @@ __all__ = [
     "PlantStatus",
     "Rejection",
     "SafetyState",
+    "SecondSender",
     "SignalRange",
     "SteeringCommand",
     "SteeringStatus",
@@ -128,6 +130,7 @@ class ControllerSafety(NamedTuple):
     steering_status_freshness: Freshness
     vehicle_state_freshness: Freshness
     fault: ControllerFault
+    second_sender: SecondSender = SecondSender.NONE
 
 
 class DelayStatus(NamedTuple):
@@ -141,13 +144,14 @@ class DelayStatus(NamedTuple):
 
 
 class PlantStatus(NamedTuple):
-    """Plant to all, for monitoring; ``lost`` is modulo 128 and ``rejected`` modulo 64."""
+    """Plant to all, for monitoring; ``lost`` is modulo 64 and ``rejected`` modulo 32."""
 
     downlink_latency_s: float
     uplink_latency_s: float
     lost: int
     rejected: int
     safety: SafetyState = SafetyState.NORMAL
+    second_sender: SecondSender = SecondSender.NONE
 
 
 class LatencyConfig(NamedTuple):

@@ -10,7 +10,7 @@
 
         bytes 0 to 7    payload, as in the classic frame
         bytes 8 to 15   challenge: the number that frames sent to this sender are to be bound to
-        bytes 16 to 23  echo: the challenge that this sender binds its own frames to
+        bytes 16 to 23  echo: the challenge that this message answers
         bytes 24 to 31  freshness counter, all 64 bits
         bytes 32 to 47  CMAC, all 128 bits
 

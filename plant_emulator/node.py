@@ -29,12 +29,16 @@ from ..dbc.messages import (
     CAN_IDS,
     DisturbanceConfig,
     LatencyConfig,
+    LateralError,
     Message,
     PlantStatus,
     Rejection,
     SteeringCommand,
+    SteeringStatus,
+    VehicleState,
     limits,
 )
+from ..dbc.protection import SequenceResult
 from ..dbc.reception import Reception
 from ..runtime.frame import Frame
 from ..runtime.node import NEVER_NS
@@ -49,7 +53,7 @@ from .path import Path
 from .plant_messages import PlantMessages
 from .plant_report import line_report, motion_report
 from .plant_samples import PlantSample, RunRecord
-from .safety_settings import design_guard, resync_ns_of
+from .safety_settings import design_guard
 from .self_supervision import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfSupervision
 from .sensors import Readings
 from .settings import PlantSettings
@@ -59,6 +63,8 @@ from .streams import Channel, uniforms
 
 RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig, DisturbanceConfig)
 """What the plant receives."""
+SENT: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState, PlantStatus)
+"""What the plant alone sends."""
 VEHICLE_STATE_PERIOD_NS = 20_000_000
 SAMPLES_MAX = 1_000_000
 """Samples stored for a trace: nearly three hours at 100 Hz."""
@@ -112,12 +118,9 @@ class PlantNode:
         self._status_timing = StatusTiming(start_ns)
         self.deadline_ns = start_ns
         self._network = Network(settings)
-        self._reception = Reception(
-            RECEIVED,
-            settings.max_counter_jump,
-            settings.resync_frames,
-            resync_ns_of(settings.safety),
-        )
+        self._reception = Reception(RECEIVED, settings.counters, SENT)
+        self._commands = self._reception.newest(SteeringCommand)
+        self._disputes = 0
         self._unauthenticated = 0
         self._command: Passage[SteeringCommand] | None = None
         noise = settings.sensor_noise
@@ -146,6 +149,10 @@ class PlantNode:
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Check a frame; a command enters the downlink."""
         received = self._reception.take(frame, now_ns)
+        if received is SequenceResult.DISPUTED and self._commands.disputes > self._disputes:
+            # What is held from now on is not to be the second sender's.
+            self._disputes = self._commands.disputes
+            received = self._reception.undisputed(SteeringCommand)
         if isinstance(received, SteeringCommand):
             if self._motion_start_ns == NEVER_NS:
                 self._motion_start_ns = now_ns
@@ -194,7 +201,7 @@ class PlantNode:
                 frames += self._network.measured(due_ns)
                 continue  # the steering's status has not changed
             else:
-                status = self._status()
+                status = self._status(due_ns)
                 status_timing.on_report(status.safety, due_ns, now_ns)
                 frames.append(self._messages.plant_status(status))
             status_timing.on_state(unit.safety, due_ns)
@@ -219,6 +226,7 @@ class PlantNode:
             "lost_on_the_bus": self._reception.lost,
             "rejected": self._reception.rejected,
             "resynchronised": self._reception.resynchronised,
+            "second_senders": self._reception.second_senders,
             "skipped_samples": self._sensor_timer.skipped,
             "not_available": self._messages.not_available,
             "clamped": self._messages.clamped,
@@ -287,7 +295,7 @@ class PlantNode:
             frame = messages.vehicle_state(motion.speed_m_s, readings, z.curvature_1_m)
             push(frame.can_id, frame, time_ns, motion_ns)
 
-    def _status(self) -> PlantStatus:
+    def _status(self, now_ns: int) -> PlantStatus:
         """Return the content of PLANT_STATUS, with latencies not clamped."""
         network = self._network
         return PlantStatus(
@@ -296,4 +304,5 @@ class PlantNode:
             network.lost % _LOST_COUNTERS,
             (self._reception.refused + self._unauthenticated) % _REJECTED_COUNTERS,
             self._unit.take_state(),
+            self._reception.second_sender(now_ns),
         )

@@ -13,7 +13,7 @@ from ..runtime.option_types import output_file
 from ..runtime.program import run_main, say
 from ..runtime.program_options import load_program_settings, make_parser
 from .faults import FaultyNode, with_faults
-from .node import RECEIVED, SAMPLES_MAX, PlantNode, motion_params
+from .node import RECEIVED, SAMPLES_MAX, SENT, PlantNode, motion_params
 from .plant_samples import write_trace
 from .settings import PlantSettings
 
@@ -49,7 +49,7 @@ def _run(name: str, options: argparse.Namespace) -> int:
         lambda start_ns: with_faults(
             PlantNode(settings, start_ns, params, samples_max), settings.faults, settings.seed
         ),
-        RECEIVED,
+        (*RECEIVED, *SENT),
         lambda node: _conclude(name, options, node),
     )
 

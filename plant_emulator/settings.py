@@ -4,6 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from ..dbc.protection import SequenceRule
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.overruns import OverrunSettings
 from ..runtime.settings import Settings
@@ -17,7 +18,7 @@ from .rig_settings import (
     SensorNoiseSettings,
     VehicleSettings,
 )
-from .safety_settings import SafetySettings
+from .safety_settings import SafetySettings, resync_ns_of
 
 
 class PlantSettings(Settings):
@@ -30,8 +31,9 @@ class PlantSettings(Settings):
     """Between two LATERAL_ERROR, and two STEERING_STATUS."""
     start_on_first_command: bool = True
     """Whether the vehicle stands until a valid command arrives on the bus."""
-    max_counter_jump: Annotated[int, Field(ge=1, le=127)] = 100
-    """Largest accepted step of the command counter; one less commands may be lost in a row."""
+    counter_lead_ms: Annotated[float, Field(ge=0.0, le=10_000.0)] = 40.0
+    """How much earlier on the bus than the time since the newest command explains a newer one may
+    come: how late a sender's tick may be, as a bus delivers frames in their order."""
     resync_frames: Annotated[int, Field(ge=1, le=100)] = 5
     """Commands in a row with consecutive counters after which a new sender is accepted."""
     vehicle: VehicleSettings = VehicleSettings()
@@ -50,6 +52,12 @@ class PlantSettings(Settings):
     def duration_ns(self) -> int:
         """Length of the motion [ns]."""
         return round(self.duration_s * NS_PER_S)
+
+    @property
+    def counters(self) -> SequenceRule:
+        """Which counters of the commands are believed."""
+        lead_ns = round(self.counter_lead_ms * NS_PER_MS)
+        return SequenceRule(lead_ns, self.resync_frames, resync_ns_of(self.safety))
 
     @property
     def sensor_period_ns(self) -> int:

@@ -12,17 +12,18 @@ Silence is the time since the last command arrived at the actuator, behind the l
 steering's control unit is. The unit cannot distinguish a network that delays or loses commands from
 a controller that has stopped. A sudden rise of the latency by 200 ms is a silence of 200 ms.
 
-Recovery takes ``recovery_frames`` commands in a row, without such a silence or a damaged frame
-between them. The target never jumps: its difference to the first command followed is added to the
-command and fades out at the ramp rate. After FALLBACK this is the command that ends it. In HOLDING
-it is the first one that comes: a network with jitter, where newer commands overtake, has such gaps
-all the time, and waiting for a run after each would add to its delay. Another silence before the
-recovery restarts the run, and the fade from its present value.
+Recovery takes ``recovery_frames`` commands without such a silence between them, and one more for
+each damaged frame among them: the good ones have to be the majority. The target never jumps: its
+difference to the first command followed is added to the command and fades out at the ramp rate.
+After FALLBACK this is the command that ends it. In HOLDING it is the first one that comes: a
+network with jitter, where newer commands overtake, has such gaps all the time, and waiting for a
+run after each would add to its delay. Another silence before the recovery restarts the run, and the
+fade from its present value.
 
 The clock of ``hold_ns`` stops while the newest command is younger than ``silence_ns``, and runs
-otherwise, or while it is the first after a damaged frame. Only the end of HOLDING resets it, so
-that occasional single commands end in FALLBACK. SAFE_STATE is entered if the wheel does not follow
-its target, if the plant has detected a fault in itself, or by the override, and stays.
+otherwise, or while damaged frames have used up the run. Only the end of HOLDING resets it, so that
+occasional single commands end in FALLBACK. SAFE_STATE is entered if the wheel does not follow its
+target, if the plant has detected a fault in itself, or by the override, and stays.
 
 Every target, also of a ramp, passes the safety limiter. Times count from the start of motion.
 """
@@ -56,7 +57,7 @@ class GuardParams(NamedTuple):
 
     ``silence_ns``       time without a command that counts as silence; OFF_NS: none does
     ``hold_ns``          time of silence from HOLDING to FALLBACK
-    ``recovery_frames``  commands in a row that end either
+    ``recovery_frames``  commands more than damaged frames that end either
     ``ramp_rad_s``       of the fade after a recovery
     ``ramp_step_rad``    of the ramp to zero, every RAMP_PERIOD_NS; 0: the target is kept
     ``override_ns``      when SAFE_STATE is forced; OFF_NS: never
@@ -76,7 +77,7 @@ class GuardState(NamedTuple):
 
     ``arrived_ns``   when the newest command arrived
     ``deadline_ns``  when `guard_timer` is due next
-    ``good_run``     commands in a row towards recovery, the newest included; 0 after a damaged one
+    ``good_run``     commands towards recovery, the newest included, less the damaged frames
     ``fade_rad``     added to the command
     """
 
@@ -117,6 +118,11 @@ def guard_command(
         fade_rad = wanted_rad - steer_rad
     limiter, _ = limit_steer(p.limiter, x.limiter, wanted_rad, time_ns)
     return GuardState(mode, limiter, time_ns, deadline_ns, good_run, fade_rad), True
+
+
+def guard_rejection(x: GuardState) -> GuardState:
+    """Take a command that came damaged: it takes a good one back."""
+    return x._replace(good_run=max(x.good_run - 1, 0))
 
 
 def guard_timer(p: GuardParams, x: GuardState, time_ns: int) -> tuple[GuardState, bool]:

@@ -13,6 +13,7 @@ from .steering_guard import (
     GuardState,
     guard_command,
     guard_fault,
+    guard_rejection,
     guard_timer,
     guard_wheel,
     is_overruled,
@@ -99,8 +100,8 @@ class SteeringUnit:
         return is_followed
 
     def on_rejection(self) -> None:
-        """Process a damaged command, which ends the run of good ones."""
-        self._state = self._state._replace(good_run=0)
+        """Process a damaged command."""
+        self._state = guard_rejection(self._state)
 
     def on_timer(self, now_ns: int) -> bool:
         """Do what is due; returns whether it sets the target."""

@@ -114,7 +114,7 @@ def test_a_compiled_run_equals_the_nodes_with_any_settings(seed: int) -> None:
             f"supervision.measurement_timeout_ms={rng.choice([10, 30, 300])}",
             f"supervision.hold_ms={rng.choice([0, 15, 100])}",
             f"supervision.recovery_frames={rng.choice([1, 5])}",
-            f"supervision.max_counter_jump={rng.choice([1, 100])}",
+            f"supervision.counter_lead_ms={rng.choice([0, 20, 300])}",
         ],
     )
     assert_same_as_nodes(plant, controller)

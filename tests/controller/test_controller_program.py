@@ -46,7 +46,7 @@ def checked(capsys: Capture, *arguments: str) -> str:
         ("limits.steer_rad_max = 2.0", ["limits.steer_rad_max = 2", "0.0", "1.31071"]),
         ("limits.steer_rate_rad_s_max = 0", ["limits.steer_rate_rad_s_max = 0"]),
         ("supervision.hold_ms = -1", ["supervision.hold_ms = -1", "10000"]),
-        ("supervision.max_counter_jump = 128", ["max_counter_jump = 128", "1", "127"]),
+        ("supervision.counter_lead_ms = -1", ["counter_lead_ms = -1", "0", "10000"]),
         ("supervision.ramp_rad_s = inf", ["supervision.ramp_rad_s"]),
         ("supervision.hold_s = 1", ["supervision.hold_s", "supervision.hold_ms"]),
     ],

@@ -6,7 +6,7 @@ The names are those of Vector's interaction layer; the E2E parameters' are those
 from cantools.database.can import Message as Definition
 
 from steer_by_wire.controller.received import RECEIVED as CONTROLLER_RECEIVES
-from steer_by_wire.controller.settings import ControllerSettings, age_limits_of
+from steer_by_wire.controller.settings import ControllerSettings, age_limits_of, counters_of
 from steer_by_wire.dbc.dbc_file import load_database
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
@@ -113,6 +113,7 @@ def test_a_message_that_is_sent_at_changes_says_at_those_of_which_signals() -> N
     assert sent == {
         "OnChange": {
             "CONTROLLER_SAFETY_REJECTED",
+            "CONTROLLER_SAFETY_SECOND_SENDER",
             "FAULT",
             "SAFETY",
             *(f"{name}_FRESHNESS" for name in freshness),
@@ -169,12 +170,15 @@ def timeout_ms(definition: Definition, signal: str, node: str) -> float | None:
 
 
 def test_the_e2e_parameters_are_those_both_receivers_check_with() -> None:
-    jumps = {CONTROLLER.supervision.max_counter_jump, PlantSettings().max_counter_jump}
     for definition in DATABASE.messages:
         found = attributes(definition)
-        if MESSAGE_TYPES[definition.name] in DATA_IDS:
+        message_type = MESSAGE_TYPES[definition.name]
+        if message_type in DATA_IDS:
             assert found["E2EDataLength"] == 8 * definition.length
-            assert {found["E2EMaxDeltaCounter"]} == jumps
+            is_received = message_type in CONTROLLER_RECEIVES
+            rule = counters_of(CONTROLLER) if is_received else PlantSettings().counters
+            period_ns = CYCLE_TIMES_MS[message_type] * NS_PER_MS
+            assert found["E2EMaxDeltaCounter"] == rule.step_before_silence(period_ns)
         else:
             assert not any(name.startswith("E2E") for name in found)
 

@@ -131,6 +131,8 @@ def test_a_live_pair_refuses_spoofed_commands_holds_while_the_plant_is_paused_an
     assert [line for line in done.stdout.splitlines() if "frames sent" in line]
     # Whether its counter fits or not, some are refused: the spoofed ones, or the true ones.
     assert sum(plant.report()["node"]["rejected"].values()) > 0
+    for program in (plant, controller):
+        assert program.report()["node"]["second_senders"] == ["STEERING_COMMAND"]
     assert controller.report()["node"]["holds"] >= 1
 
 

@@ -18,6 +18,8 @@ from steer_by_wire.dbc.messages import (
     Law,
     Mode,
     PlantStatus,
+    SafetyState,
+    SecondSender,
     SteeringCommand,
     SteeringStatusCode,
     decode,
@@ -135,6 +137,20 @@ def test_what_stays_away_is_stale_and_forgotten_from_the_strips(entries: list[Lo
     much_later = watch.view(entries[-1].time_ns + round(2 * SPAN_S * NS))
     assert set(much_later.strips["lateral_error_m"]) == {None}
     assert much_later.error == later.error
+
+
+@pytest.mark.parametrize(
+    ("second_sender", "name"), [(SecondSender.PEER, "controller"), (SecondSender.OWN, "plant")]
+)
+def test_a_second_sender_is_named_by_the_node_whose_messages_it_sends(
+    second_sender: SecondSender, name: str
+) -> None:
+    watch = BusWatch(0)
+    status = PlantStatus(0.0, 0.0, 0, 0, SafetyState.HOLDING, second_sender)
+    watch.on_frame(encode(status, 0), NS)
+    view = watch.view(NS)
+    for text in (as_text(screen_lines(view, LatencyChoice(), 0, BUS, 80)), one_line(view)):
+        assert f", TWO SENDERS as {name}" in text
 
 
 def test_a_controller_that_is_started_anew_is_followed() -> None:

@@ -6,7 +6,7 @@ from rich.text import Text
 
 from ...bus_view.recent import Spread, Strip
 from ...bus_view.watch import MessageView, View
-from ...dbc.messages import ControllerFault, EchoState, EstimateState, Freshness
+from ...dbc.messages import ControllerFault, EchoState, EstimateState, Freshness, SecondSender
 from .latency_keys import LatencyChoice
 
 WIDTH_MIN = 80
@@ -58,6 +58,7 @@ def one_line(view: View) -> str:
         f"{view.elapsed_s:.1f} s  {mode}  error {error} mm  steer {steer} mrad  "
         f"down/up {one_way} ms  round trip {trip} ms  {view.frames_per_s:.0f} frames/s  "
         f"missing {missing}  refused {sum(view.refused.values())}  foreign {view.foreign_frames}"
+        f"{_second_senders(view)}"
     )
 
 
@@ -241,10 +242,10 @@ def _refused(view: View) -> Text:
 
 
 def _alarms(view: View) -> str:
-    """Return the faults that the controller reports: stale messages, and a fault of its own."""
+    """Return what is reported: second senders, and the controller's stale messages and faults."""
     safety = view.safety
     if safety is None:
-        return ""
+        return _second_senders(view)
     ages = {
         "LATERAL_ERROR": safety.lateral_error_freshness,
         "STEERING_STATUS": safety.steering_status_freshness,
@@ -252,7 +253,23 @@ def _alarms(view: View) -> str:
     }
     stale = "".join(f", {name} stale" for name, age in ages.items() if age is Freshness.STALE)
     has_fault = safety.fault is not ControllerFault.NONE
-    return stale + (f", fault {safety.fault.name}" if has_fault else "")
+    fault = f", fault {safety.fault.name}" if has_fault else ""
+    return stale + fault + _second_senders(view)
+
+
+def _second_senders(view: View) -> str:
+    """Name the nodes of whose messages somebody has noticed a second sender."""
+    own, peer = SecondSender.OWN, SecondSender.PEER
+    seen = (
+        SecondSender.NONE if view.safety is None else view.safety.second_sender,
+        SecondSender.NONE if view.plant is None else view.plant.second_sender,
+    )
+    notices = {"controller": (own, peer), "plant": (peer, own)}
+    return "".join(
+        f", TWO SENDERS as {name}"
+        for name, bits in notices.items()
+        if any(one & bit for one, bit in zip(seen, bits, strict=True))
+    )
 
 
 def _causes(refused: Mapping[str, int]) -> str:
