@@ -61,7 +61,8 @@ def obstacle(request: Request) -> str:
 
 def run(request: Request, timeout_s: float | None) -> int:
     """Run the command; returns its exit status. Raises BackendError when it does not boot."""
-    if xstate.is_needed(cpuinfo()):
+    # Where a boot without the library has failed before, the library is kept since.
+    if xstate.is_needed(cpuinfo()) or xstate.is_kept():
         return _run(request, timeout_s, xstate.library())
     try:
         return _run(request, timeout_s)

@@ -198,42 +198,19 @@ def start(stack: ExitStack, channel: str, report: Path, *more: str) -> RunningPr
 
 
 @pytest.mark.parametrize("more", [(), ("--no-fast-socketcan",)], ids=["AF_CAN", "python-can"])
-def test_foreign_traffic_does_not_wake_a_program(report: Path, more: tuple[str, ...]) -> None:
+def test_foreign_traffic_wakes_no_program_a_forged_bus_off_stops_none_and_a_new_interface_is_taken(
+    interface: str, report: Path, more: tuple[str, ...]
+) -> None:
+    """In one run, since a program takes long to start here; one end sums up all of it."""
     with ExitStack() as stack:
-        controller = start(stack, CHANNEL, report, *more)
-        sender = SocketCanPort(CHANNEL)
+        controller = start(stack, interface, report, "--reconnect", *more)
+        sender = SocketCanPort(interface)
         for number in range(500):
             assert sender.send(Frame(0x5A0 + number % 2, b"foreign"))
-        assert sender.send(encode(LateralError(0.0, 0.0), 0))
-        sender.shutdown()
-        wait_for_frame(CHANNEL, CAN_IDS[SteeringCommand])  # the measurement, sent last, was read
-        assert controller.interrupt() == ExitStatus.OK
-        loop = controller.report()["loop"]
-        assert loop["frames_received"] == 1
-        assert controller.report()["connection"]["driver"] == ("python-can" if more else "AF_CAN")
-
-
-@pytest.mark.parametrize("more", [(), ("--no-fast-socketcan",)], ids=["AF_CAN", "python-can"])
-def test_a_forged_bus_off_ends_no_program(report: Path, more: tuple[str, ...]) -> None:
-    with ExitStack() as stack:
-        controller = start(stack, CHANNEL, report, *more)
-        sender = SocketCanPort(CHANNEL)
         assert sender.send(Frame(0x40, bytes(8), ERROR))
         assert sender.send(encode(LateralError(0.0, 0.0), 0))
         sender.shutdown()
-        wait_for_frame(CHANNEL, CAN_IDS[SteeringCommand])  # the measurement, sent last, was read
-        assert controller.interrupt() == ExitStatus.OK
-        connection = controller.report()["connection"]
-        assert connection["error_frames"] == {"forged_bus_off": 1}
-        assert connection["outages"] == 0
-
-
-@pytest.mark.parametrize("more", [(), ("--no-fast-socketcan",)], ids=["AF_CAN", "python-can"])
-def test_a_program_comes_back_to_an_interface_that_was_down_and_to_one_that_was_made_anew(
-    interface: str, report: Path, more: tuple[str, ...]
-) -> None:
-    with ExitStack() as stack:
-        controller = start(stack, interface, report, "--reconnect", *more)
+        wait_for_frame(interface, CAN_IDS[SteeringCommand])  # the measurement, sent last, was read
         losses = [("set", interface, "down"), ("del", interface)]
         for loss, restore in zip(losses, (ip_up, make), strict=True):
             told = len(controller.printed)
@@ -243,7 +220,10 @@ def test_a_program_comes_back_to_an_interface_that_was_down_and_to_one_that_was_
             controller.wait_for("the bus is back after", skip=told)
         wait_for_frame(interface, CAN_IDS[ControllerStatus])
         assert controller.interrupt() == ExitStatus.OK
+        assert controller.report()["loop"]["frames_received"] == 1
         connection = controller.report()["connection"]
+        assert connection["driver"] == ("python-can" if more else "AF_CAN")
+        assert connection["error_frames"] == {"forged_bus_off": 1}
         assert (connection["outages"], connection["reconnections"]) == (2, 2)
 
 

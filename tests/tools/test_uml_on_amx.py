@@ -147,6 +147,8 @@ def test_one_that_dies_of_its_state_is_booted_again_with_the_library(
     assert (vcan, preloaded) == ("/sys/class/net/vcan0", "libm.so.6")
     assert "LD_PRELOAD" not in environment
     assert len(list((cache / "with_vcan").iterdir())) == 1
+    assert with_vcan(amx_host, "true").returncode == 0
+    assert boots(amx_host) == 3, "what the first run has found out is not forgotten"
 
 
 @needs_gcc

@@ -31,6 +31,9 @@ from steer_by_wire.vcan.request import (
 
 ROOT = Path(__file__).resolve().parents[2]
 WITH_VCAN = str(ROOT / "tools" / "with_vcan")
+COMMAND = (sys.executable, WITH_VCAN)
+"""Where ``python3`` is a script that looks for the interpreter, as pyenv's, that takes longer than
+the test."""
 PATIENCE_S = 60.0
 NOBODY = 65534
 
@@ -64,7 +67,7 @@ def run(
     given: str = "",
 ) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [WITH_VCAN, *arguments],
+        [*COMMAND, *arguments],
         capture_output=True,
         text=True,
         timeout=PATIENCE_S,
@@ -87,7 +90,7 @@ class Wrapper(NamedTuple):
 def wrapper(*arguments: str) -> Iterator[Wrapper]:
     """Run with_vcan during the block, as a shell does: with a process group of its own."""
     with subprocess.Popen(
-        [WITH_VCAN, *arguments], stdout=subprocess.PIPE, text=True, start_new_session=True
+        [*COMMAND, *arguments], stdout=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
         assert process.stdout is not None
         try:
@@ -203,7 +206,7 @@ def test_ctrl_c_at_the_terminal_comes_once(backend: str) -> None:
         "while [ $i -lt 4 ]; do sleep 0.2; i=$((i+1)); done; echo $n times; tty; exit 5"
     )
     terminal, theirs = os.openpty()
-    command = ["setsid", "--ctty", WITH_VCAN, "--backend", backend, "sh", "-c", script]
+    command = ["setsid", "--ctty", *COMMAND, "--backend", backend, "sh", "-c", script]
     with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs) as process:
         os.close(theirs)
         shown = read_terminal(terminal, until="0 0")
@@ -254,7 +257,7 @@ for line in sys.stdin:
 
 
 def test_two_at_once_do_not_hear_each_other(backend: str) -> None:
-    command = [WITH_VCAN, "--backend", backend, sys.executable, "-c", SEND_AND_HEAR]
+    command = [*COMMAND, "--backend", backend, sys.executable, "-c", SEND_AND_HEAR]
     with ExitStack() as stack:
         one, two = (
             stack.enter_context(
