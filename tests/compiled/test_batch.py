@@ -4,6 +4,7 @@ import inspect
 import random
 from collections.abc import Sequence
 from pathlib import Path
+
 import numba
 import numpy as np
 import pytest

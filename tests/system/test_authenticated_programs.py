@@ -18,7 +18,7 @@ from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
 from steer_by_wire.runtime.message import frame_of, message_of
 from steer_by_wire.runtime.program import ExitStatus
-from tests.support.running_program import RunningProgram, running, wait_until
+from tests.support.running_program import PATIENCE_S, RunningProgram, running, wait_until
 
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32", reason="key files are refused there; ends programs with SIGINT"
@@ -26,7 +26,6 @@ pytestmark = pytest.mark.skipif(
 KEY = "c0ffee00112233445566778899aabbcc"
 OTHER_KEY = "c0ffee00112233445566778899aabbcd"
 COMMANDS_MIN = 30
-PATIENCE_S = 60.0
 
 
 def key_file(path: Path, key: str = KEY) -> str:

@@ -27,13 +27,12 @@ from steer_by_wire.runtime.error_frames import error_causes
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.runtime.socketcan import SocketCanPort
-from tests.support.running_program import RunningProgram, running, wait_until
+from tests.support.running_program import PATIENCE_S, RunningProgram, running, wait_until
 from tests.support.slcan_adapter import AdapterBus
 
 pytestmark = pytest.mark.vcan
 
 CHANNEL = "vcan0"
-PATIENCE_S = 60.0
 _TIOCSETD, _N_SLCAN, _SIOCGIFNAME = 0x5423, 17, 0x8910
 ADAPTER = 0
 WARNING, PASSIVE, BUS_OFF, ACTIVE = b"sw110120", b"sp150140", b"sb256256", b"sa000000"

@@ -30,7 +30,7 @@ from steer_by_wire.tools.fault_campaign.scenario import controller_settings_of
 from steer_by_wire.tools.fault_campaign.specification import NodeFaultKind
 from steer_by_wire.tools.inject_faults import __main__ as inject_faults
 from steer_by_wire.tools.inject_faults.bus_off import BusOffFault
-from tests.support.running_program import running, wait_until
+from tests.support.running_program import PATIENCE_S, running, wait_until
 
 BITRATE_BIT_S = 500_000
 START_NS = 7_000_000_000
@@ -64,7 +64,7 @@ def test_whatever_ends_the_injector_a_paused_process_goes_on(
     ) as injector:
         wait_until(lambda: state_of(sleeper.pid) == "T", "the process stops")
         injector.send_signal(end)
-        printed, _ = injector.communicate(timeout=60)
+        printed, _ = injector.communicate(timeout=PATIENCE_S)
     assert injector.returncode == 0
     assert state_of(sleeper.pid) != "T"
     assert f"SIGSTOP to process {sleeper.pid}" in printed

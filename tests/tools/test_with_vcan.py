@@ -8,8 +8,7 @@ import os
 import select
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -28,13 +27,13 @@ from steer_by_wire.vcan.request import (
     link_commands,
     netem_of,
 )
+from tests.support.running_program import PATIENCE_S, wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
 WITH_VCAN = str(ROOT / "tools" / "with_vcan")
 COMMAND = (sys.executable, WITH_VCAN)
 """Where ``python3`` is a script that looks for the interpreter, as pyenv's, that takes longer than
 the test."""
-PATIENCE_S = 60.0
 NOBODY = 65534
 
 HOST = pytest.param("host", marks=pytest.mark.vcan)
@@ -97,13 +96,6 @@ def wrapper(*arguments: str) -> Iterator[Wrapper]:
             yield Wrapper(process, process.stdout)
         finally:
             process.kill()
-
-
-def wait_until(condition: Callable[[], bool], what: str) -> None:
-    until_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < until_s, f"still not: {what}"
-        time.sleep(0.02)
 
 
 def is_alive(pid: int) -> bool:
