@@ -89,7 +89,11 @@ class Wrapper(NamedTuple):
 def wrapper(*arguments: str) -> Iterator[Wrapper]:
     """Run with_vcan during the block, as a shell does: with a process group of its own."""
     with subprocess.Popen(
-        [*COMMAND, *arguments], stdout=subprocess.PIPE, text=True, start_new_session=True
+        [*COMMAND, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     ) as process:
         assert process.stdout is not None
         try:
@@ -165,22 +169,17 @@ def test_what_the_command_leaves_running_ends_with_it(backend: str) -> None:
     assert not is_alive(int(done.stdout))
 
 
-def test_the_time_is_limited(backend: str, tmp_path: Path) -> None:
+def test_the_time_is_limited_also_where_nobody_reads_the_output(
+    backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
     timeout_s = "4" if backend == "uml" else "1"  # it has to boot
-    command = ["sh", "-c", "sleep 1000 & sleep 1000"]
-    done = run(
-        *("--backend", backend, "--timeout", timeout_s, *command),
-        variables={"TMPDIR": str(tmp_path)},
-    )
-    assert done.returncode == 124
-    assert f"ended after {timeout_s} s" in done.stderr
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("backend", ["uml"], indirect=True)
-def test_the_time_is_limited_also_where_nobody_reads_the_output(backend: str) -> None:
-    with wrapper("--backend", backend, "--timeout", "5", "yes") as (process, _):
+    options = ("--backend", backend, "--timeout", timeout_s)
+    with wrapper(*options, "sh", "-c", "sleep 1000 & yes") as (process, _):
         assert process.wait(PATIENCE_S) == 124
+        assert process.stderr is not None
+        assert f"ended after {timeout_s} s" in process.stderr.read()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_signal_reaches_the_command_and_its_answer_comes_back(backend: str) -> None:
