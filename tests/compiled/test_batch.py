@@ -36,6 +36,8 @@ LOST_WHEEL = (
     "safety={follow_tolerance_rad=0.03, follow_time_ms=50.0}",
     "actuator.dead_band_rad=0.05",
 )
+SLOW_NETWORKS = ("bursts", "schedule", "lognormal schedule")
+"""What they do takes more than four seconds."""
 LAWS = ("pd", "pd_dob", "pd_cdob", "pd_ddob")
 RIGS: dict[str, Sequence[str]] = {
     "noise": ("sensor_noise.lateral_error_m=0.02",),
@@ -59,7 +61,8 @@ RIGS: dict[str, Sequence[str]] = {
 @pytest.mark.parametrize("law", LAWS)
 def test_a_compiled_run_equals_the_nodes_on_any_network(law: str, network: str) -> None:
     overrides = [f"latency.{override}" for override in NETWORKS[network]]
-    run = assert_same_as_nodes(plant_settings(overrides), controller_settings(f"practical_{law}"))
+    plant = plant_settings(overrides, 8.0 if network in SLOW_NETWORKS else 4.0)
+    run = assert_same_as_nodes(plant, controller_settings(f"practical_{law}"))
     assert len(run.tick_s) > 0
 
 
