@@ -9,7 +9,14 @@ import can
 import pytest
 
 from steer_by_wire.controller.program import main as controller_main
-from steer_by_wire.dbc.messages import CAN_IDS, Mode, SteeringCommand, encode
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    ControllerStatus,
+    LateralError,
+    Mode,
+    SteeringCommand,
+    encode,
+)
 from steer_by_wire.dbc.secured_dbc import secured_dbc
 from steer_by_wire.dbc.secured_program import AUTHENTICATED, NOBODY
 from steer_by_wire.plant_emulator.program import main as plant_main
@@ -54,6 +61,16 @@ def commands(client: can.BusABC, count: int) -> list[Frame]:
         assert message is not None, "the bus has fallen silent"
         frames.append(frame_of(message))
     return frames
+
+
+def await_exchange(address: str) -> None:
+    """Wait until plant and controller have each sent after the other's frames have reached them."""
+    status, measurement = CAN_IDS[ControllerStatus], CAN_IDS[LateralError]
+    with can.Bus(interface="emulated", address=address, fd=True, ignore_config=True) as client:
+        for can_id in (measurement, status, measurement, measurement, status, status):
+            while (message := client.recv(PATIENCE_S)) and message.arbitration_id != can_id:
+                pass
+            assert message is not None, "the bus has fallen silent"
 
 
 def text_of(paths: Sequence[Path], programs: Sequence[RunningProgram]) -> str:
@@ -109,13 +126,15 @@ def test_both_ends_say_what_they_refuse_where_a_key_is_different_or_missing(
     tmp_path: Path, key: str, bus: list[str]
 ) -> None:
     other = key_file(tmp_path / "other.key", OTHER_KEY)
-    short = [*bus, "--duration", "0.4"]
+    _, address = bus[-1].split("=")
     reports = [tmp_path / f"{name}.json" for name in ("plant", "other", "keyless")]
     with running("plant_emulator", [*bus, "--key-file", key], reports[0]) as plant:
-        with running("controller", [*short, "--key-file", other], reports[1]) as different:
-            assert different.end() == ExitStatus.OK
-        with running("controller", [*short, "--fd"], reports[2]) as keyless:
-            assert keyless.end() == ExitStatus.OK
+        with running("controller", [*bus, "--key-file", other], reports[1]) as different:
+            await_exchange(address)
+            assert different.interrupt() == ExitStatus.OK
+        with running("controller", [*bus, "--fd"], reports[2]) as keyless:
+            await_exchange(address)
+            assert keyless.interrupt() == ExitStatus.OK
         assert plant.interrupt() == ExitStatus.OK
     figures = plant.report()["node"]["authentication"]
     assert figures["verified"] == 0
