@@ -42,7 +42,7 @@ COMMAND_ID = CAN_IDS[SteeringCommand]
 
 @pytest.fixture
 def sleeper() -> Iterator[subprocess.Popen[bytes]]:
-    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"]) as process:
+    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(3600)"]) as process:
         yield process
         process.kill()
 
@@ -79,7 +79,7 @@ def test_a_killed_process_is_killed_once_and_what_comes_later_is_told(
     assert inject_faults.main(words) == 0
     printed = capsys.readouterr().out
     assert f"kill: SIGKILL to process {sleeper.pid}" in printed
-    assert sleeper.wait(60) == -signal.SIGKILL
+    assert sleeper.wait(PATIENCE_S) == -signal.SIGKILL
 
 
 # A live pair
