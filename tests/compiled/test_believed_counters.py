@@ -3,6 +3,7 @@
 import pytest
 
 from steer_by_wire.compiled.plan import arrivals_of
+from steer_by_wire.compiled.steps import register_steps
 from steer_by_wire.compiled.wire import Uplink
 from steer_by_wire.controller.settings import counters_of
 from tests.support.compiled_runs import controller_settings, plant_settings
@@ -25,6 +26,7 @@ UNBOUND_NS = 10**10
 def test_where_the_newest_wins_all_that_arrives_is_believed(
     model: str, mean_s: float, spread_s: float, loss: float
 ) -> None:
+    register_steps()
     line = {"model": model, "mean_s": mean_s, "spread_s": spread_s, "loss": loss}
     plant = plant_settings([f"latency.uplink.{key}={value}" for key, value in line.items()])
     rule = counters_of(controller_settings("practical_pd_ddob"))
