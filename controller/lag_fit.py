@@ -109,7 +109,7 @@ class LagFit:
             self._take_pairs()
 
     def peak(self) -> Peak | None:
-        """Return the best fit of the response, None if there is none inside the grid."""
+        """Return the best fit of the response, None if it is not inside the grid."""
         self._take_pairs()
         if self._weight < _PAIRS_MIN:
             return None

@@ -188,7 +188,7 @@ class ControllerNode:
         """The fault it has detected in itself, which is permanent."""
         if self._law.is_distrusted:
             mistake = self._law.design.mistake()
-            return "the law's output was again no finite number after it had been started anew" + (
+            return "the law's output was again not finite after a restart of the law" + (
                 f": {mistake}" if mistake else ""
             )
         return self._overruns.failure

@@ -52,7 +52,7 @@ def _analysis(settings: ControllerSettings) -> Iterator[str]:
         yield from _looking_back_analysis(settings, design, design.looking_back)
         return
     if settings.feed_forward is not None:
-        yield "The feed-forward of the curve is outside the loop: it changes none of what follows."
+        yield "The feed-forward of the curve is outside the loop and changes none of the following."
         yield ""
     try:
         law = law_system(design)
@@ -109,7 +109,7 @@ def _looking_back_analysis(
         fallback = design_law(settings.model_copy(update={"law": name}))
         loop = SampledLoop(fallback, settings.model, settings.period_ns)
         yield from _delays(stable_delays(loop))
-        yield "around the nominal plant. A heavier or a faster vehicle bears less delay; --law"
+        yield "around the nominal plant. A heavier or a faster vehicle tolerates less delay; --law"
         yield f"{name} --check analyses it."
     yield from law.closing
     yield "Latency that varies is for simulation: steer-by-wire stress."

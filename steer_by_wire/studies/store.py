@@ -73,7 +73,7 @@ class Store:
             _refuse_another(self.folder, read_json(file), identity)
         elif self.results.exists() or self._chunks.exists():
             raise SettingsError(
-                f"{self.folder}: holds results, but no study.json that says of what; "
+                f"{self.folder}: holds results, but no study.json that describes the study; "
                 "give --out another folder"
             )
         self.folder.mkdir(parents=True, exist_ok=True)

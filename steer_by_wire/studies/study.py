@@ -200,7 +200,7 @@ def study_factors(settings: StudySettings, file: str) -> tuple[Factor, ...]:
                 )
     if not is_grid:
         return tuple(factors)
-    # The network is computed once for consecutive vehicles that share it, but only so many vehicles
+    # The network is computed once for consecutive vehicles that share it, but only a few vehicles
     # are cached.
     motions = [factor for factor in factors if _sets_motion(factor)]
     others = [factor for factor in factors if not _sets_motion(factor)]

@@ -67,7 +67,7 @@ def _derivatives(
     """Return the right-hand sides, θ' last."""
     symbols = importlib.import_module("symengine")
     if not isinstance(plant.path, EllipseSettings):
-        raise ValueError("the comparison wants an ellipse")
+        raise ValueError("the comparison needs an ellipse")
     y, t = jitcdde.y, jitcdde.t
     size, limit = len(loop.A), controller.limits.steer_rad_max
 
