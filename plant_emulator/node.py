@@ -39,6 +39,7 @@ from ..runtime.frame import Frame
 from ..runtime.node import NEVER_NS
 from ..runtime.periodic import PeriodicTimer
 from ..runtime.record import new_record
+from ..runtime.view import View
 from .latency_line import Passage
 from .motion_design import MotionParams, design_motion
 from .network import Network
@@ -58,6 +59,7 @@ from .settings import PlantSettings
 from .status_telling import StatusTelling
 from .steering_unit import SteeringUnit
 from .streams import Channel, uniforms
+from .view import plant_view
 
 RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig)
 """What the plant receives."""
@@ -194,6 +196,18 @@ class PlantNode:
                 telling.on_telling(status.safety, due_ns, now_ns)
                 frames.append(self._messages.plant_status(status))
             telling.on_state(unit.safety, due_ns)
+
+    def view(self, now_ns: int) -> View:  # noqa: ARG002 - a state changes when something is due
+        """Return what a user should see now."""
+        command = None if self._command is None else self._command.item
+        return plant_view(
+            self._unit,
+            self._own.failure,
+            self._reception,
+            self._network,
+            command,
+            self._record.figures,
+        )
 
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON.
