@@ -24,6 +24,7 @@ from .analysis.check import check_text
 from .laws import LAWS
 from .node import RECEIVED, ControllerNode
 from .settings import ControllerSettings
+from .summary import controller_summary
 
 NAME = "steering-controller"
 CHECK_NAME = "steer-by-wire check"
@@ -106,8 +107,11 @@ def _settings(name: str, options: argparse.Namespace) -> ControllerSettings:
 
 
 def conclude(name: str, node: ControllerNode) -> None:
-    """Report settings that contradict the measurements."""
-    seen = node.report()["sensor_period"]
+    """Summarise the run, and report settings that contradict the measurements."""
+    report = node.report()
+    for heading, text in controller_summary(report):
+        say(name, f"{heading} {text}")
+    seen = report["sensor_period"]
     if seen is not None and seen["times_wrong"]:
         say(
             name,

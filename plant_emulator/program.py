@@ -15,6 +15,7 @@ from .faults import FaultyNode, with_faults
 from .node import RECEIVED, SAMPLES_MAX, PlantNode, motion_params
 from .plant_samples import write_trace
 from .settings import PlantSettings
+from .summary import plant_summary
 
 NAME = "plant-emulator"
 PRESETS = "steer_by_wire.plant_emulator.presets"
@@ -60,9 +61,5 @@ def _conclude(
     node = edge.node if isinstance(edge, FaultyNode) else edge
     if options.trace is not None:
         write_trace(options.trace, node.path, node.samples)
-    report = node.report()
-    say(
-        name,
-        f"lateral error RMS {1e3 * report['lateral_error_rms_m']:.2f} mm, "
-        f"peak {1e3 * report['lateral_error_peak_m']:.2f} mm over {report['motion_s']:.2f} s",
-    )
+    for heading, text in plant_summary(node.report()):
+        say(name, f"{heading} {text}")

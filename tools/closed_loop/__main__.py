@@ -21,12 +21,14 @@ from typing import Any, NamedTuple
 from steer_by_wire.command_line import command_parser
 from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.summary import controller_summary
 from steer_by_wire.pair.live import PairFiles
 from steer_by_wire.pair.virtual import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
 from steer_by_wire.plant_emulator.faults import FaultyNode, with_faults
 from steer_by_wire.plant_emulator.node import PlantNode, motion_params
 from steer_by_wire.plant_emulator.plant_samples import write_trace
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.summary import plant_summary
 from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.bus_model import BusModel, BusOverflowError
 from steer_by_wire.runtime.host import RealTimeRequest, StealClock, real_time
@@ -40,6 +42,7 @@ from steer_by_wire.runtime.settings import (
     preset_names,
     read_preset,
 )
+from steer_by_wire.runtime.summary import durations_line
 from steer_by_wire.tools.closed_loop.threaded import run_threaded_nodes
 
 NAME = "steer-by-wire run"
@@ -238,24 +241,17 @@ def _report(run: Run, program: str, settings: Settings, node: Mapping[str, Any])
 def _summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:
     """Return the figures of a run, each with its heading."""
     plant, controller = reports[PLANT]["node"], reports[CONTROLLER]["node"]
-    down, up = plant["downlink"], plant["uplink"]
-    rejected = sum(plant["rejected"].values()) + sum(controller["rejected"].values())
     lines = [
         ("run", f"{plant['motion_s']:.2f} s of motion in {run.elapsed_s:.2f} s, {run.bus}"),
-        ("law", f"{controller['law']} at {controller['rate_hz']:g} Hz, seed {plant['seed']}"),
-        (
-            "error",
-            f"RMS {1e3 * plant['lateral_error_rms_m']:.2f} mm, "
-            f"peak {1e3 * plant['lateral_error_peak_m']:.2f} mm",
-        ),
-        ("steer", f"peak {controller['peak_steer_rad']:.4f} rad"),
-        ("commands", f"latency {_quantiles(down['latency'])}, {down['lost']} lost"),
-        ("measurements", f"latency {_quantiles(up['latency'])}, {up['lost']} lost"),
-        ("round trip", _quantiles(controller["round_trip"])),
-        ("rejected", f"{rejected} frames"),
+        ("seed", str(plant["seed"])),
+        *controller_summary(controller),
+        *plant_summary(plant),
     ]
     lines += [
-        (program.replace("_", " "), f"lateness {_quantiles(reports[program]['loop']['lateness'])}")
+        (
+            program.replace("_", " "),
+            f"lateness {durations_line(reports[program]['loop']['lateness'])}",
+        )
         for program in run.loops
     ]
     lines += [
@@ -266,13 +262,6 @@ def _summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[s
     if run.ended_by != FINISHED:
         lines.append(("ended", f"by {run.ended_by}, before the plant had finished"))
     return lines
-
-
-def _quantiles(durations: Mapping[str, float]) -> str:
-    """Return the median and the 99th percentile of durations in a report."""
-    if not durations["samples"]:
-        return "unknown"
-    return f"p50 {1e3 * durations['p50_s']:.2f} ms, p99 {1e3 * durations['p99_s']:.2f} ms"
 
 
 def _command(options: argparse.Namespace, files: PairFiles) -> str:
