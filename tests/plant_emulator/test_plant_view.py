@@ -32,8 +32,8 @@ def test_a_latency_changed_live_is_shown() -> None:
     assert states(tested, 0)["latency"] == "latency changed: downlink gamma 80 ± 30 ms, 1 % lost"
 
 
-@pytest.mark.parametrize(("rate_rad_s_max", "is_limited"), [(0.5, True), (100.0, False)])
-def test_who_limits_commands_is_shown(rate_rad_s_max: float, is_limited: bool) -> None:
-    tested = steered(20, safety={"angle_rate_rad_s_max": rate_rad_s_max})
+@pytest.mark.parametrize(("angle_rad_max", "is_limited"), [(0.05, True), (0.7, False)])
+def test_who_limits_commands_is_shown(angle_rad_max: float, is_limited: bool) -> None:
+    tested = steered(20, safety={"angle_rad_max": angle_rad_max})
     limited = [name for name in tested.node.view(0).counts if name.startswith("commands limited")]
     assert bool(limited) is is_limited
