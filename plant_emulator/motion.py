@@ -7,8 +7,8 @@ in closed form, so it may be called as rarely or as often as somebody wants to l
 Time counts from the start of motion. The arc length s = V t is that of the preview point's foot on
 the path, not of the centre of gravity's: only then does (1), where y is measured at the preview
 point and Δψ and ρ have no preview distance beside them, describe the geometry exactly. So ρ(s) is
-at once what drives (1) and the preview curvature, and the centre of gravity starts `preview_m`
-behind the path's start.
+at once what drives (1) and the preview curvature, and the centre of gravity starts
+`preview_distance_m` behind the path's start.
 """
 
 import math
@@ -271,5 +271,5 @@ class Motion:
             self.arc_length_m,
             self.heading_error_rad,
             self.lateral_error_m,
-            self._params.preview_m,
+            self._params.preview_distance_m,
         )

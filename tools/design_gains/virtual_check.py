@@ -25,7 +25,6 @@ from .specification import JitterTable, Specification
 from .vehicle_file import VehicleFile
 
 _MS_PER_S = 1e3
-_KM_H_PER_M_S = 3.6
 
 
 class Drive(NamedTuple):
@@ -56,20 +55,10 @@ def drive(asked: Drive) -> Driven:
 
 def plant_settings(asked: Drive) -> PlantSettings:
     """Return the rig's settings; raises pydantic's ValidationError for what it does not drive."""
-    vehicle = asked.corner
     return PlantSettings(
         duration_s=asked.duration_s,
         sensor_period_ms=asked.settings.period_ns / NS_PER_MS,
-        vehicle=VehicleSettings(
-            speed_km_h=vehicle.speed_m_s * _KM_H_PER_M_S,
-            virtual_mass_kg=vehicle.virtual_mass_kg,
-            yaw_inertia_kg_m2=vehicle.yaw_inertia_kg_m2,
-            front_cornering_stiffness_n_rad=vehicle.front_cornering_stiffness_n_rad,
-            rear_cornering_stiffness_n_rad=vehicle.rear_cornering_stiffness_n_rad,
-            front_axle_m=vehicle.front_axle_distance_m,
-            rear_axle_m=vehicle.rear_axle_distance_m,
-            preview_m=vehicle.preview_distance_m,
-        ),
+        vehicle=VehicleSettings(**asked.corner._asdict()),
         path=asked.path,
         latency=BothLatencySettings(downlink=asked.latency),
         safety=UNGUARDED,
