@@ -8,6 +8,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 
 from ..command_line import command_parser
 from ..dbc.secured_frame import CONTROLLER
@@ -23,7 +24,7 @@ from ..runtime.program import (
 from .analysis.check import check_text
 from .laws import LAWS
 from .node import RECEIVED, ControllerNode
-from .settings import ControllerSettings
+from .settings import ControllerSettings, shared_vehicle
 from .summary import controller_summary
 
 NAME = "steering-controller"
@@ -65,6 +66,12 @@ def check_main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _add_law_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--vehicle",
+        type=Path,
+        metavar="VEHICLE.toml",
+        help="[vehicle] of a file that plant and design read too, for [nominal_model]",
+    )
     laws = ", ".join(LAWS)
     parser.add_argument(
         "--law",
@@ -103,7 +110,9 @@ def _settings(name: str, options: argparse.Namespace) -> ControllerSettings:
         print(f"{name}: neither preset nor file is given: preset {DEFAULT_PRESET}", file=sys.stderr)
     short = {"law": options.law, "rate_hz": options.rate_hz}
     overrides = [f"{key}={value}" for key, value in short.items() if value is not None]
-    return load_program_settings(ControllerSettings, PRESETS, options, overrides)
+    return load_program_settings(
+        ControllerSettings, PRESETS, options, overrides, shared_vehicle(options.vehicle)
+    )
 
 
 def conclude(name: str, node: ControllerNode) -> None:

@@ -4,6 +4,7 @@ Times a user sets are in milliseconds; ``period_ns``, ``supervision_of`` and ``l
 them for the node and the step functions.
 """
 
+from pathlib import Path
 from typing import Annotated, Self
 
 from pydantic import Field, PositiveFloat, Tag, model_validator
@@ -12,7 +13,7 @@ from ..dbc.messages import SteeringCommand
 from ..dbc.messages import limits as signal_limits
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.overruns import OverrunSettings
-from ..runtime.settings import NUMBER_OR_WORD, OffWord, Settings
+from ..runtime.settings import NUMBER_OR_WORD, OffWord, Settings, SharedTable, read_table
 from .delay_settings import DelayEstimationSettings
 from .freshness import NO_LIMIT_NS, AgeLimits
 from .law_settings import LawSettings
@@ -111,6 +112,17 @@ class ControllerSettings(LawSettings):
     def period_ns(self) -> int:
         """The control period [ns], the whole number nearest to what ``rate_hz`` asks for."""
         return round(NS_PER_S / self.rate_hz)
+
+
+def shared_vehicle(file: Path | None) -> SharedTable | None:
+    """Return [vehicle] of a file that the plant reads too, as [nominal_model].
+
+    Raises SettingsError.
+    """
+    if file is None:
+        return None
+    table = read_table(file, "vehicle")
+    return SharedTable(str(file), {"nominal_model": {"kind": "vehicle", **table}})
 
 
 def supervision_of(settings: ControllerSettings) -> Supervision:

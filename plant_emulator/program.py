@@ -6,6 +6,7 @@ plant-emulator --preset paper_nominal -i socketcan -c vcan0 --set latency.downli
 import argparse
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 
 from ..dbc.secured_frame import PLANT
 from ..dbc.secured_program import add_key_file_argument, run_secured_node
@@ -14,7 +15,7 @@ from ..runtime.program import load_program_settings, make_parser, run_main, say
 from .faults import FaultyNode, with_faults
 from .node import RECEIVED, SAMPLES_MAX, PlantNode, motion_params
 from .plant_samples import write_trace
-from .settings import PlantSettings
+from .settings import PlantSettings, shared_vehicle
 from .summary import plant_summary
 
 NAME = "plant-emulator"
@@ -29,6 +30,12 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
         f"{name} --preset paper_nominal --seed 7 --set latency.downlink.mean_s=0.08",
         PRESETS,
     )
+    parser.add_argument(
+        "--vehicle",
+        type=Path,
+        metavar="VEHICLE.toml",
+        help="take [vehicle] from a file that controller and design read too",
+    )
     parser.add_argument("--seed", type=int, metavar="N", help="of all randomness of the run")
     parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every sample, CSV")
     add_key_file_argument(parser)
@@ -37,7 +44,9 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
 
 def _run(name: str, options: argparse.Namespace) -> int:
     seed = [] if options.seed is None else [f"seed={options.seed}"]
-    settings = load_program_settings(PlantSettings, PRESETS, options, seed)
+    settings = load_program_settings(
+        PlantSettings, PRESETS, options, seed, shared_vehicle(options.vehicle)
+    )
     params = motion_params(settings)
     # Without a trace nobody asks for them, and memory is to stay as it is however long the run.
     samples_max = 0 if options.trace is None else SAMPLES_MAX

@@ -1,12 +1,13 @@
 """All that the plant emulator reads from its settings file."""
 
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
 
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.overruns import OverrunSettings
-from ..runtime.settings import Settings
+from ..runtime.settings import Settings, SharedTable, read_table
 from .fault_settings import FAULTS_MAX, FaultSettings
 from .latency_settings import BothLatencySettings
 from .rig_settings import (
@@ -18,6 +19,13 @@ from .rig_settings import (
     VehicleSettings,
 )
 from .safety_settings import SafetySettings
+
+
+def shared_vehicle(file: Path | None) -> SharedTable | None:
+    """Return [vehicle] of a file that the controller reads too; raises SettingsError."""
+    return (
+        None if file is None else SharedTable(str(file), {"vehicle": read_table(file, "vehicle")})
+    )
 
 
 class PlantSettings(Settings):

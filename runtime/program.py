@@ -42,6 +42,7 @@ from .screen import Observer, Screen
 from .settings import (
     Settings,
     SettingsError,
+    SharedTable,
     load_settings,
     preset_names,
     read_preset,
@@ -214,14 +215,19 @@ def add_real_time_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def load_program_settings(
-    model: type[S], preset_package: str, options: argparse.Namespace, overrides: Sequence[str] = ()
+    model: type[S],
+    preset_package: str,
+    options: argparse.Namespace,
+    overrides: Sequence[str] = (),
+    shared: SharedTable | None = None,
 ) -> S:
     """Return the settings that the command line asks for; raises SettingsError.
 
     ``overrides``  further ``table.key=value``, on top of those of ``--set``
     """
     preset = read_preset(preset_package, options.preset) if options.preset else None
-    return load_settings(model, preset, options.settings, [*options.overrides, *overrides])
+    own = [*options.overrides, *overrides]
+    return load_settings(model, preset, options.settings, own, shared)
 
 
 def run_node(

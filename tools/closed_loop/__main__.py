@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 from steer_by_wire.command_line import command_parser
 from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
 from steer_by_wire.controller.summary import controller_summary
 from steer_by_wire.pair.live import PairFiles
 from steer_by_wire.pair.virtual import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
@@ -28,6 +29,7 @@ from steer_by_wire.plant_emulator.faults import FaultyNode, with_faults
 from steer_by_wire.plant_emulator.node import PlantNode, motion_params
 from steer_by_wire.plant_emulator.plant_samples import write_trace
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle
 from steer_by_wire.plant_emulator.summary import plant_summary
 from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.bus_model import BusModel, BusOverflowError
@@ -82,6 +84,12 @@ def _parser() -> argparse.ArgumentParser:
         __doc__,
         f"{NAME} --plant-set latency.downlink.mean_s=0.08 --out out/run",
         "[PLANT.toml] [options]",
+    )
+    parser.add_argument(
+        "--vehicle",
+        type=Path,
+        metavar="VEHICLE.toml",
+        help="of plant and controller: [vehicle] of a file as steer-by-wire design reads",
     )
     plant = parser.add_argument_group("plant")
     plant.add_argument(
@@ -168,14 +176,26 @@ def _plant_settings(options: argparse.Namespace) -> PlantSettings:
     preset = read_preset(PLANT_PRESETS, options.plant_preset) if options.plant_preset else None
     given = {"duration_s": options.duration, "seed": options.seed}
     overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
-    return load_settings(PlantSettings, preset, options.plant, [*options.plant_set, *overrides])
+    return load_settings(
+        PlantSettings,
+        preset,
+        options.plant,
+        [*options.plant_set, *overrides],
+        plant_vehicle(options.vehicle),
+    )
 
 
 def _controller_settings(options: argparse.Namespace) -> ControllerSettings:
     name = options.controller_preset or (None if options.controller else CONTROLLER_PRESET)
     preset = read_preset(CONTROLLER_PRESETS, name) if name else None
     overrides = [*options.controller_set, *([f"law={options.law}"] if options.law else [])]
-    return load_settings(ControllerSettings, preset, options.controller, overrides)
+    return load_settings(
+        ControllerSettings,
+        preset,
+        options.controller,
+        overrides,
+        nominal_vehicle(options.vehicle),
+    )
 
 
 def _run_in_virtual_time(
