@@ -24,7 +24,7 @@ from ..runtime.program import (
 from .analysis.check import check_text
 from .laws import LAWS
 from .node import RECEIVED, ControllerNode
-from .settings import ControllerSettings, shared_vehicle
+from .settings import ControllerSettings, shared_vehicle, sparse_measurements
 from .summary import controller_summary
 
 NAME = "steering-controller"
@@ -92,7 +92,7 @@ def _run(name: str, options: argparse.Namespace) -> int:
         CONTROLLER,
         lambda start_ns: ControllerNode(settings, start_ns),
         RECEIVED,
-        partial(conclude, name),
+        partial(conclude, name, settings),
     )
 
 
@@ -115,11 +115,17 @@ def _settings(name: str, options: argparse.Namespace) -> ControllerSettings:
     )
 
 
-def conclude(name: str, node: ControllerNode) -> None:
+def conclude(name: str, settings: ControllerSettings, node: ControllerNode) -> None:
     """Summarise the run, and report settings that contradict the measurements."""
     report = node.report()
     for heading, text in controller_summary(report):
         say(name, f"{heading} {text}")
+    age_s = report["sample_age"]["mean_s"]
+    # Of as many measurements as ticks, the newest is never older than a period; of few, it is half
+    # a sensor period old on average.
+    is_rare = age_s * settings.rate_hz > 1.5
+    if is_rare and (warning := sparse_measurements(settings, 2.0 * age_s)):
+        say(name, warning, sys.stderr)
     seen = report["sensor_period"]
     if seen is not None and seen["times_wrong"]:
         say(

@@ -114,6 +114,23 @@ class ControllerSettings(LawSettings):
         return round(NS_PER_S / self.rate_hz)
 
 
+def sparse_measurements(settings: ControllerSettings, sensor_period_s: float) -> str:
+    """Return a warning where the law differentiates measurements rarer than its ticks, else "".
+
+    An unfiltered derivative then acts in the first tick after each measurement only. The paper's
+    presets are such laws at 1 kHz.
+    """
+    period_s = settings.period_ns / NS_PER_S
+    is_ideal = settings.pd.derivative_filter_rad_s is None and settings.pd.derivative != "kalman"
+    if not is_ideal or sensor_period_s < 1.5 * period_s:
+        return ""
+    return (
+        f"warning: measurements about every {1e3 * sensor_period_s:.3g} ms for a control period of"
+        f" {1e3 * period_s:.3g} ms make this another law, as its derivative has no filter; set the"
+        f" plant's sensor_period_ms = {1e3 * period_s:.3g}"
+    )
+
+
 def shared_vehicle(file: Path | None) -> SharedTable | None:
     """Return [vehicle] of a file that the plant reads too, as [nominal_model].
 

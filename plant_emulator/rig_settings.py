@@ -31,7 +31,7 @@ class VehicleSettings(Settings):
     the preview point is not printed: 1.912 m is what the leading coefficient of (19) implies.
     """
 
-    speed_m_s: float = Field(5.0 / 3.6, ge=0.1, le=70.0)
+    speed_m_s: float = Field(5.0 / 3.6, ge=0.13, le=70.0)
     virtual_mass_kg: float = Field(2000.0, ge=100.0, le=100_000.0)
     yaw_inertia_kg_m2: float = Field(3728.0, ge=100.0, le=1_000_000.0)
     front_cornering_stiffness_n_rad: float = Field(195_000.0, ge=1000.0, le=10_000_000.0)

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 from steer_by_wire.command_line import command_parser
 from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, sparse_measurements
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
 from steer_by_wire.controller.summary import controller_summary
 from steer_by_wire.pair.live import PairFiles
@@ -35,7 +35,7 @@ from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.bus_model import BusModel, BusOverflowError
 from steer_by_wire.runtime.host import RealTimeRequest, StealClock, real_time
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
+from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main, say
 from steer_by_wire.runtime.report import host_report, loop_report, write_json
 from steer_by_wire.runtime.settings import (
     Settings,
@@ -147,6 +147,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(options: argparse.Namespace) -> int:
     plant_settings, controller_settings = _plant_settings(options), _controller_settings(options)
+    period_s = plant_settings.sensor_period_ns / NS_PER_S
+    if warning := sparse_measurements(controller_settings, period_s):
+        say(NAME, warning, sys.stderr)
     files = None if options.out is None else PairFiles(options.out)
     if files is not None:
         files.folder.mkdir(parents=True, exist_ok=True)

@@ -20,7 +20,7 @@ from ...plant_emulator.rig_settings import PathSettings, VehicleSettings
 from ...plant_emulator.safety_settings import UNGUARDED
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.node import NS_PER_MS, NS_PER_S
-from ...runtime.settings import SettingsError
+from ...runtime.settings import SettingsError, dump_toml
 from .specification import JitterTable, Specification
 from .vehicle_file import VehicleFile
 
@@ -62,6 +62,21 @@ def plant_settings(asked: Drive) -> PlantSettings:
         path=asked.path,
         latency=BothLatencySettings(downlink=asked.latency),
         safety=UNGUARDED,
+    )
+
+
+def plant_text(spec: Specification, vehicle: VehicleFile, settings: ControllerSettings) -> str:
+    """Return the TOML of the plant that the designs are for: nominal vehicle, first path.
+
+    ``settings``  of any of the designs, which share their rate
+    """
+    course, line = spec.course, LatencySettings()
+    rig = plant_settings(
+        Drive(settings, vehicle.vehicle.vehicle, course.paths[0], course.duration_s, line)
+    )
+    return (
+        f"# The plant to the controllers of {spec.name}: as in the runs that confirm them, thus\n"
+        "# without the limits of the steering's safety, and without latency.\n" + dump_toml(rig)
     )
 
 
