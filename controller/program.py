@@ -21,7 +21,9 @@ from ..runtime.program import (
     run_main,
     say,
 )
+from ..runtime.report import json_text
 from .analysis.check import check_text
+from .analysis.check_figures import check_figures
 from .laws import LAWS
 from .node import RECEIVED, ControllerNode
 from .settings import ControllerSettings, shared_vehicle, sparse_measurements
@@ -48,6 +50,7 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
         action="store_true",
         help="do not run, but print what steer-by-wire check does",
     )
+    parser.set_defaults(json=False)
     add_key_file_argument(parser)
     return run_main(name, partial(_run, name, parser.parse_args(arguments)))
 
@@ -62,6 +65,11 @@ def check_main(arguments: Sequence[str] | None = None) -> int:
     )
     add_settings_arguments(parser, PRESETS)
     _add_law_arguments(parser)
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print JSON: settings and figures (docs/controller.md)",
+    )
     return run_main(CHECK_NAME, partial(_check, CHECK_NAME, parser.parse_args(arguments)))
 
 
@@ -98,9 +106,16 @@ def _run(name: str, options: argparse.Namespace) -> int:
 
 def _check(name: str, options: argparse.Namespace) -> int:
     settings = _settings(name, options)
-    # Computing the second moments of varying latencies takes seconds.
-    print(f"{name}: analysing the sampled loop ...", file=sys.stderr, flush=True)
-    print(check_text(settings), end="")
+
+    def progress(what: str) -> None:
+        say(name, f"computing {what} ...", sys.stderr)
+
+    if options.json:
+        content = {"settings": settings.model_dump(mode="json")}
+        content["analysis"] = check_figures(settings, progress)
+        print(json_text(content), end="")
+    else:
+        print(check_text(settings, progress), end="")
     return ExitStatus.OK
 
 

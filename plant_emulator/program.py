@@ -11,7 +11,8 @@ from pathlib import Path
 from ..dbc.secured_frame import PLANT
 from ..dbc.secured_program import add_key_file_argument, run_secured_node
 from ..runtime.option_types import output_file
-from ..runtime.program import load_program_settings, make_parser, run_main, say
+from ..runtime.program import ExitStatus, load_program_settings, make_parser, run_main, say
+from .check import check_text
 from .faults import FaultyNode, with_faults
 from .node import RECEIVED, SAMPLES_MAX, PlantNode, motion_params
 from .plant_samples import write_trace
@@ -37,6 +38,11 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
         help="take [vehicle] from a file that controller and design read too",
     )
     parser.add_argument("--seed", type=int, metavar="N", help="of all randomness of the run")
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="do not run: print the settings, and what vehicle, path and limits come to",
+    )
     parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every sample, CSV")
     add_key_file_argument(parser)
     return run_main(name, partial(_run, name, parser.parse_args(arguments)))
@@ -47,6 +53,9 @@ def _run(name: str, options: argparse.Namespace) -> int:
     settings = load_program_settings(
         PlantSettings, PRESETS, options, seed, shared_vehicle(options.vehicle)
     )
+    if options.check:
+        print(check_text(settings), end="")
+        return ExitStatus.OK
     params = motion_params(settings)
     # Without a trace nobody asks for them, and memory is to stay as it is however long the run.
     samples_max = 0 if options.trace is None else SAMPLES_MAX
