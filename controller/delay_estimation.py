@@ -288,8 +288,8 @@ def _believed(
     """Return the estimate of a peak that can be the response to the command."""
     if peak is None or not _GAIN_MIN <= peak.gain <= _GAIN_MAX:
         return None
-    is_told = math.isfinite(peak.deviation_s) and peak.age_s <= age_s_max
-    if peak.correlation < _CORRELATION_MIN or not is_told:
+    is_usable = math.isfinite(peak.deviation_s) and peak.age_s <= age_s_max
+    if peak.correlation < _CORRELATION_MIN or not is_usable:
         return None
     deviation_s = math.hypot(peak.deviation_s, lag_deviation_s, slack_share * peak.slack_s)
     return Estimate(peak.lag_s + shift_s, deviation_s)

@@ -19,7 +19,7 @@ divided by G_n, and stable poles of the vehicle suffice at any speed.
 
 from typing import NamedTuple
 
-from .design import tustin_sections
+from .discretization import tustin_sections
 from .nominal_model import NominalVehicle, steer_to_lateral_error
 from .sections import Cascade2, Cascade3, Section
 from .transfer_function import Factor, TransferFunction

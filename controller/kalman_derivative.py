@@ -15,13 +15,7 @@ difference between the two fades out.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from .estimator import (
-    EstimatorState,
-    VehicleGains,
-    estimate_to,
-    estimator_at_rest,
-    start_estimate,
-)
+from .estimator import EstimatorState, VehicleGains, estimate_to, estimator_at_rest, start_estimate
 from .law_interface import LawInput, LawOutput
 from .law_record import LawStep
 from .limits import ramp_step

@@ -79,7 +79,7 @@ class _SharedTables(Settings):
 
     law: LawName
     rate_hz: Annotated[float, Field(ge=10.0, le=1000.0)] = 100.0
-    pd: PdSettings
+    pd: PdSettings | None = None
     dob: DobSettings | None = None
     cdob: CdobSettings | None = None
 
@@ -168,7 +168,7 @@ class LawSettings(_TablesOfLaws):
 
     @model_validator(mode="after")
     def _refuse_an_estimate_without_a_vehicle(self) -> Self:
-        if self.pd.derivative == "kalman":
+        if self.pd is not None and self.pd.derivative == "kalman":
             if not self.law_record.takes_derivative:
                 raise ValueError(f"pd.derivative = 'kalman' is not for law = {self.law!r}")
             if not isinstance(self.nominal_model, VehicleModelSettings):
@@ -198,7 +198,9 @@ class LawSettings(_TablesOfLaws):
 
     def _cutoffs_rad_s(self) -> dict[str, float | None]:
         """Return every cutoff by its key [rad/s]; None where it is omitted."""
-        cutoffs = {"pd.derivative_filter_rad_s": self.pd.derivative_filter_rad_s}
+        cutoffs: dict[str, float | None] = {}
+        if self.pd is not None:
+            cutoffs["pd.derivative_filter_rad_s"] = self.pd.derivative_filter_rad_s
         if self.dob is not None:
             cutoffs["dob.q_cutoff_rad_s"] = self.dob.q_cutoff_rad_s
         if self.cdob is not None:

@@ -35,7 +35,9 @@ _FILTERED = (BETA, R, PSI, Y, RHO, D)
 
 
 class SampledVehicle(NamedTuple):
-    """F, shape (7, 7), and G, shape (7,), over one period; states in the order β r Δψ y ρ d δ."""
+    """F, shape (speeds, 7, 7), and G, (speeds, 7), over one period with a held command; states in
+    the order β r Δψ y ρ d δ.
+    """
 
     f: Matrix
     g: Matrix
@@ -86,21 +88,13 @@ def design_schedule(
     return GainSchedule(speeds, gains)
 
 
-def sampled_vehicle(
-    settings: EstimatorSettings, vehicle: VehicleModelSettings, speed_m_s: float, period_s: float
-) -> SampledVehicle:
-    """Return the vehicle sampled over a period with a held command."""
-    f, g = _sampled(settings, vehicle, [speed_m_s], period_s)
-    return SampledVehicle(f[0], g[0])
-
-
-def _sampled(
+def sampled_vehicles(
     settings: EstimatorSettings,
     vehicle: VehicleModelSettings,
     speeds_m_s: Sequence[float],
     period_s: float,
 ) -> SampledVehicle:
-    """Return the sampled vehicle at each speed, shapes (speeds, 7, 7) and (speeds, 7)."""
+    """Return the sampled vehicle at each speed."""
     models = [_continuous(vehicle, speed, settings.actuator_lag_s) for speed in speeds_m_s]
     a, b = map(np.array, zip(*models, strict=True))
     f, g = held_over(a, b, period_s)
@@ -133,7 +127,7 @@ def _gains(
     steer_per_error_rad_m: float | None,
 ) -> list[VehicleGains]:
     """Return the gains at each speed; raises UnsolvableError."""
-    f, g = _sampled(settings, vehicle, speeds_m_s, sensor_period_s)
+    f, g = sampled_vehicles(settings, vehicle, speeds_m_s, sensor_period_s)
     q, r = noise_covariances(settings, sensor_period_s)
     measured = np.eye(len(_FILTERED))[list(_MEASURED)]
     k = filter_gain(f[:, : len(_FILTERED), : len(_FILTERED)], measured, q, r)
@@ -159,7 +153,7 @@ def _feedback(
     steer_per_error_rad_m: float,
 ) -> Matrix:
     """Return the feedback of β, r, Δψ, y and δ, and the feed-forward of ρ and d, (speeds, 7)."""
-    f, g = _sampled(settings, vehicle, speeds_m_s, period_s)
+    f, g = sampled_vehicles(settings, vehicle, speeds_m_s, period_s)
     has_lag = settings.actuator_lag_s > 0.0
     states = [*_FREE, DELTA] if has_lag else list(_FREE)
     weight = np.zeros((len(states), len(states)))

@@ -13,14 +13,8 @@ from pathlib import Path
 from ..command_line import command_parser
 from ..dbc.secured_frame import CONTROLLER
 from ..dbc.secured_program import add_key_file_argument, run_secured_node
-from ..runtime.program import (
-    ExitStatus,
-    add_settings_arguments,
-    load_program_settings,
-    make_parser,
-    run_main,
-    say,
-)
+from ..runtime.program import ExitStatus, run_main, say
+from ..runtime.program_options import add_settings_arguments, load_program_settings, make_parser
 from ..runtime.report import json_text
 from .analysis.check import check_text
 from .analysis.check_figures import check_figures

@@ -34,14 +34,14 @@ class SafetyFacts(NamedTuple):
     vehicle_state: Freshness
     fault: ControllerFault
 
-    def is_worse_than(self, told: "SafetyFacts") -> bool:
-        """Whether a message has become stale or a fault was detected since the report ``told``."""
+    def is_worse_than(self, reported: "SafetyFacts") -> bool:
+        """Whether a message has become stale or a fault was detected since the last report."""
         stale = Freshness.STALE
         return (
-            self.fault is not told.fault
-            or (self.lateral_error is stale and told.lateral_error is not stale)
-            or (self.steering_status is stale and told.steering_status is not stale)
-            or (self.vehicle_state is stale and told.vehicle_state is not stale)
+            self.fault is not reported.fault
+            or (self.lateral_error is stale and reported.lateral_error is not stale)
+            or (self.steering_status is stale and reported.steering_status is not stale)
+            or (self.vehicle_state is stale and reported.vehicle_state is not stale)
         )
 
 
@@ -51,8 +51,8 @@ class SafetyStatus:
     def __init__(self) -> None:
         self._before: SafetyFacts | None = None
         self._went_stale = dict.fromkeys(_AGES, 0)
-        self._told: SafetyFacts | None = None
-        self._told_ns = 0
+        self._reported: SafetyFacts | None = None
+        self._reported_ns = 0
         self._sent = 0
 
     @property
@@ -62,21 +62,21 @@ class SafetyStatus:
 
     def on_tick(self, facts: SafetyFacts, now_ns: int) -> bool:
         """Process the facts of a tick; returns whether to report them before the next cycle."""
-        before, told = self._before, self._told
-        if facts is before and facts is told:
+        before, reported = self._before, self._reported
+        if facts is before and facts is reported:
             return False
         if before is not None and facts != before:
             for name in _AGES:
                 is_stale, was_stale = (getattr(x, name) is Freshness.STALE for x in (facts, before))
                 self._went_stale[name] += is_stale and not was_stale
         self._before = facts
-        if told is None or facts == told:
+        if reported is None or facts == reported:
             return False
-        return now_ns - self._told_ns >= INTERVAL_NS or facts.is_worse_than(told)
+        return now_ns - self._reported_ns >= INTERVAL_NS or facts.is_worse_than(reported)
 
     def frame(self, facts: SafetyFacts, lost: int, now_ns: int) -> Frame:
         """Return the frame that reports ``facts`` and the frames lost so far."""
-        self._told, self._told_ns = facts, now_ns
+        self._reported, self._reported_ns = facts, now_ns
         message = ControllerSafety(
             facts.rejected % _LOST_COUNTERS,
             lost % _LOST_COUNTERS,

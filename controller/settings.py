@@ -20,7 +20,7 @@ from .law_settings import LawSettings
 from .limits import SteerLimits
 from .modes import Supervision
 
-TELLING_MS = 5.0
+REPORTING_MS = 5.0
 """Part of the fault tolerant time for reporting on the bus: a late tick, and the wire."""
 
 
@@ -94,7 +94,7 @@ class ControllerSettings(LawSettings):
             if isinstance(limit_ms, str):
                 continue
             # A tick may come a whole period after the timeout.
-            reaction_ms = period_ms + TELLING_MS
+            reaction_ms = period_ms + REPORTING_MS
             if (limit_ms or 1.0) + reaction_ms > table.fault_tolerant_time_ms:
                 timeout = (
                     "a measurement timeout of 1 ms"
@@ -102,8 +102,8 @@ class ControllerSettings(LawSettings):
                     else f"supervision.{key} = {limit_ms:g}"
                 )
                 raise ValueError(
-                    f"{timeout}, a period of {period_ms:g} ms and {TELLING_MS:g} ms to tell it are"
-                    " more than supervision.fault_tolerant_time_ms ="
+                    f"{timeout}, a period of {period_ms:g} ms and {REPORTING_MS:g} ms to report it"
+                    " are more than supervision.fault_tolerant_time_ms ="
                     f" {table.fault_tolerant_time_ms:g}"
                 )
         return self
@@ -120,8 +120,8 @@ def sparse_measurements(settings: ControllerSettings, sensor_period_s: float) ->
     An unfiltered derivative then acts in the first tick after each measurement only. The paper's
     presets are such laws at 1 kHz.
     """
-    period_s = settings.period_ns / NS_PER_S
-    is_ideal = settings.pd.derivative_filter_rad_s is None and settings.pd.derivative != "kalman"
+    period_s, pd = settings.period_ns / NS_PER_S, settings.pd
+    is_ideal = pd is not None and pd.derivative_filter_rad_s is None and pd.derivative != "kalman"
     if not is_ideal or sensor_period_s < 1.5 * period_s:
         return ""
     return (
@@ -155,7 +155,7 @@ def supervision_of(settings: ControllerSettings) -> Supervision:
 def age_limits_of(settings: ControllerSettings) -> AgeLimits:
     """Return the age limit of each message; omitted ones are derived from the FTTI."""
     table = settings.supervision
-    reaction_ms = settings.period_ns / NS_PER_MS + TELLING_MS
+    reaction_ms = settings.period_ns / NS_PER_MS + REPORTING_MS
 
     def limit_ns(limit_ms: float | str | None) -> int:
         if isinstance(limit_ms, str):

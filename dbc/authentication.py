@@ -139,10 +139,6 @@ class Authentication:
         data = payload + wire_counter.to_bytes(layout.counter_length, "big")
         return Frame(can_id, data + mac[: layout.mac_length], FD | BITRATE_SWITCH)
 
-    def hears(self, can_id: int) -> bool:
-        """Whether ``verify`` needs frames of this identifier."""
-        return can_id == self._peer_status_id
-
     def verify(self, frame: Frame) -> Frame | Refused:
         """The classic frame in an authentic new frame of the peer, or why that is refused.
 

@@ -12,11 +12,7 @@ from ..runtime.error_text import one_line
 from .layout import MessageLayout
 from .packing import packing_of
 from .protection import COUNTERS, protect
-from .signals import (
-    NOT_AVAILABLE_NAME,
-    packed_signal,
-    signal_range,
-)
+from .signals import NOT_AVAILABLE_NAME, packed_signal, signal_range
 
 FILE = "steer_by_wire.dbc"
 """The contract, beside this file."""

@@ -27,23 +27,18 @@ def generated_text() -> str:
 def _message_text(layout: MessageLayout) -> str:
     data_id = None if layout.data_id is None else f"{layout.data_id:#06x}"
     return (
-        "    MessageLayout(\n"
-        f'        "{layout.name}", can_id={layout.can_id:#05x}, length={layout.length},'
+        f'    MessageLayout("{layout.name}", can_id={layout.can_id:#05x}, length={layout.length},'
         f" cycle_time_ms={layout.cycle_time_ms}, data_id={data_id},\n"
-        "        signals=(\n" + "".join(map(_signal_text, layout.signals)) + "        ),\n"
-        "    ),\n"
+        "        signals=(\n" + "".join(map(_signal_text, layout.signals)) + "    )),\n"
     )
 
 
 def _signal_text(layout: SignalLayout) -> str:
     return (
-        "            SignalLayout(\n"
-        f'                "{layout.name}", "{layout.field}",\n'
-        f"                start={layout.start}, length={layout.length},"
-        f' is_signed={layout.is_signed}, scale={layout.scale!r}, unit="{layout.unit}",\n'
-        f"                minimum={layout.minimum!r}, maximum={layout.maximum!r},"
-        f" not_available={layout.not_available!r},\n"
-        "            ),\n"
+        f'        SignalLayout("{layout.name}", "{layout.field}", unit="{layout.unit}",\n'
+        f"            start={layout.start}, length={layout.length}, is_signed={layout.is_signed},"
+        f" scale={layout.scale!r},\n            minimum={layout.minimum!r},"
+        f" maximum={layout.maximum!r}, not_available={layout.not_available!r}),\n"
     )
 
 

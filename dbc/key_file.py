@@ -45,26 +45,15 @@ def open_authentication(path: Path, end: End) -> Authentication:
 def read_key(path: Path) -> ComputeMac:
     """Return the CMAC under the key in ``path``; raises SettingsError."""
     if not hasattr(os, "geteuid"):
-        raise SettingsError(f"{path}: this platform does not tell who may read a key file")
-    start_cmac = _start_cmac()  # can fail, so it comes before the key is in a local variable
+        raise SettingsError(f"{path}: this platform does not report who may read a key file")
+    make_cmac = cmac_maker()  # can fail, so it comes before the key is in a local variable
     key = _parsed(_read_private(path))
     if key is None:  # raised here, where no variable holds the text any more
         raise SettingsError(f"{path}: a key is {_DIGITS} hexadecimal digits on one line")
-    return start_cmac(key)
+    return make_cmac(key)
 
 
-def cmac_under(key: bytes) -> ComputeMac:
-    """Return AES-CMAC (RFC 4493) under ``key``.
-
-    Raises ValueError for a length other than KEY_LENGTH, and SettingsError without
-    ``cryptography``.
-    """
-    if len(key) != KEY_LENGTH:
-        raise ValueError(f"a key has {KEY_LENGTH} bytes")
-    return _start_cmac()(key)
-
-
-def _start_cmac() -> Callable[[bytes], ComputeMac]:
+def cmac_maker() -> Callable[[bytes], ComputeMac]:
     """Return a function from key to CMAC; raises SettingsError without ``cryptography``."""
     try:
         from cryptography.hazmat.primitives.ciphers.algorithms import AES128
@@ -72,7 +61,7 @@ def _start_cmac() -> Callable[[bytes], ComputeMac]:
     except ImportError as error:
         raise SettingsError(f"authentication needs cryptography: {_EXTRA}") from error
 
-    def start_cmac(key: bytes) -> ComputeMac:
+    def make_cmac(key: bytes) -> ComputeMac:
         keyed = CMAC(AES128(key))  # copying it takes a third of the time of making a new one
 
         def compute_mac(text: bytes) -> bytes:
@@ -82,7 +71,7 @@ def _start_cmac() -> Callable[[bytes], ComputeMac]:
 
         return compute_mac
 
-    return start_cmac
+    return make_cmac
 
 
 def _read_private(path: Path) -> bytes:

@@ -10,14 +10,26 @@ cause.
 ``dbc.generated_layout`` is the DBC as records, so that a node needs no reader of DBC files.
 """
 
+import re
 from collections.abc import Callable, Mapping
-from enum import IntEnum
 from types import MappingProxyType
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, get_args
 
 from ..runtime.frame import ERROR, EXTENDED, REMOTE, Frame
 from ..runtime.record import new_record
 from .codec import EncodeError, Rejection, codecs_of
+from .enumerations import (
+    ControllerFault,
+    Direction,
+    EchoState,
+    EstimateState,
+    Freshness,
+    LatencyModel,
+    Law,
+    Mode,
+    SafetyState,
+    SteeringStatusCode,
+)
 from .generated_layout import LAYOUTS
 from .protection import is_intact
 from .signals import SignalRange
@@ -60,115 +72,6 @@ __all__ = [
     "resolutions",
     "unpacking",
 ]
-
-
-class Mode(IntEnum):
-    """What the controller is doing."""
-
-    WAITING = 0
-    """No valid measurement yet; no command is sent."""
-    ACTIVE = 1
-    HOLDING = 2
-    """Measurements stopped: the last command is held."""
-    SAFE_STOP = 3
-    """Measurements stayed away: the command ramps to zero."""
-
-
-class Law(IntEnum):
-    """Control law."""
-
-    PD = 0
-    PD_DOB = 1
-    PD_CDOB = 2
-    PD_DDOB = 3
-    PREDICTOR = 4
-    SMITH = 5
-    DELAYED_SET_POINT = 6
-    CUSTOM = 7
-    """A law from another package."""
-
-
-class SteeringStatusCode(IntEnum):
-    """What the steering actuator does with the command."""
-
-    NO_COMMAND = 0
-    APPLYING = 1
-    LIMITED = 2
-    """Applies it as far as its angle and rate limits allow."""
-    LIMITED_BY_SAFETY = 3
-    """Applies it as far as the safety limiter allows."""
-    HOLDING = 4
-    """Commands have stopped: the last one is held."""
-    FALLBACK = 5
-    """Commands have stopped for longer: the configured fallback is applied."""
-    SAFE_STATE = 6
-    """The wheel does not follow, or an override: the fallback is applied, and commands ignored."""
-
-
-class SafetyState(IntEnum):
-    """The same in brief, including all events since the last PLANT_STATUS."""
-
-    NORMAL = 0
-    LIMITING = 1
-    """The safety limiter has changed a command."""
-    HOLDING = 2
-    FALLBACK = 3
-    SAFE_STATE = 4
-
-
-class Freshness(IntEnum):
-    """How old the newest accepted frame of a message is."""
-
-    NEVER_SEEN = 0
-    FRESH = 1
-    STALE = 2
-    """Older than its age limit."""
-
-
-class ControllerFault(IntEnum):
-    """A fault that the controller has detected in itself."""
-
-    NONE = 0
-    OVERRUNS = 1
-    """Too many ticks were late."""
-    LAW_FAILED = 2
-    """The law's output was not finite again after a restart of the law."""
-
-
-class EchoState(IntEnum):
-    """Whether the echo of the command counter gives the delay."""
-
-    UNKNOWN = 0
-    KNOWN = 1
-
-
-class EstimateState(IntEnum):
-    """Whether the delay can be estimated from command and response."""
-
-    OFF = 0
-    NOT_OBSERVABLE = 1
-    """Not at present: too little excitation, or the two estimates contradict each other."""
-    OBSERVABLE = 2
-
-
-class Direction(IntEnum):
-    """The latency line to which a message refers; BOTH is the sum of the two."""
-
-    DOWNLINK = 1
-    """Commands, controller to plant."""
-    UPLINK = 2
-    """Measurements, plant to controller."""
-    BOTH = 3
-
-
-class LatencyModel(IntEnum):
-    """Distribution of the latency."""
-
-    CONSTANT = 0
-    UNIFORM = 1
-    NORMAL = 2
-    LOGNORMAL = 3
-    GAMMA = 4
 
 
 class SteeringCommand(NamedTuple):
@@ -269,17 +172,7 @@ Message: TypeAlias = (
 )
 
 MESSAGE_TYPES: Mapping[str, type[Message]] = MappingProxyType(
-    {
-        "STEERING_COMMAND": SteeringCommand,
-        "LATERAL_ERROR": LateralError,
-        "STEERING_STATUS": SteeringStatus,
-        "VEHICLE_STATE": VehicleState,
-        "CONTROLLER_STATUS": ControllerStatus,
-        "CONTROLLER_SAFETY": ControllerSafety,
-        "DELAY_STATUS": DelayStatus,
-        "PLANT_STATUS": PlantStatus,
-        "LATENCY_CONFIG": LatencyConfig,
-    }
+    {re.sub(r"(?<=[a-z])(?=[A-Z])", "_", kind.__name__).upper(): kind for kind in get_args(Message)}
 )
 """The name of each message in the DBC, and its Python type."""
 
@@ -294,7 +187,6 @@ class Decoded(NamedTuple):
 _CODECS = codecs_of(LAYOUTS, MESSAGE_TYPES.items())
 _CODECS_BY_ID = {codec.can_id: codec for codec in _CODECS.values()}
 _PACK = {kind: (codec.can_id, codec.pack) for kind, codec in _CODECS.items()}
-_DATA_IDS = [codec.data_id for codec in _CODECS.values() if codec.data_id is not None]
 
 CAN_IDS: Mapping[type[Message], int] = MappingProxyType(
     {message_type: codec.can_id for message_type, codec in _CODECS.items()}
@@ -302,11 +194,7 @@ CAN_IDS: Mapping[type[Message], int] = MappingProxyType(
 """The identifier each message is sent under."""
 
 DATA_IDS: Mapping[type[Message], int] = MappingProxyType(
-    {
-        message_type: codec.data_id
-        for message_type, codec in _CODECS.items()
-        if codec.data_id is not None
-    }
+    {kind: codec.data_id for kind, codec in _CODECS.items() if codec.data_id is not None}
 )
 """The E2E Data ID of each message that is protected."""
 
@@ -394,6 +282,6 @@ def rejection_of(frame: Frame) -> Rejection:
     unpacked = codec.unpack(data)
     if flags or not isinstance(unpacked, Rejection):  # FD, and the length happens to fit
         return Rejection.WRONG_FORMAT
-    if unpacked is Rejection.BAD_CRC and any(is_intact(data, other) for other in _DATA_IDS):
+    if unpacked is Rejection.BAD_CRC and any(is_intact(data, other) for other in DATA_IDS.values()):
         return Rejection.MASQUERADED
     return unpacked

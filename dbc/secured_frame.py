@@ -88,14 +88,13 @@ class Refused(StrEnum):
 
 
 class End(NamedTuple):
-    """One of the two ends: the status message it sends, and that of its peer."""
+    """One of the two ends, by the status message of its peer."""
 
-    own_status: type[Message]
     peer_status: type[Message]
 
 
-CONTROLLER = End(ControllerStatus, PlantStatus)
-PLANT = End(PlantStatus, ControllerStatus)
+CONTROLLER = End(PlantStatus)
+PLANT = End(ControllerStatus)
 
 
 def is_secured(frame: Frame) -> bool:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from pydantic import PositiveFloat
 
 from steer_by_wire import Law, LawInput, LawOutput, Run, Settings, simulate
-from steer_by_wire.controller.design import design_pd
+from steer_by_wire.controller.discretization import design_pd
 from steer_by_wire.controller.law_settings import LawSettings
 from steer_by_wire.controller.laws import last_command
 from steer_by_wire.controller.pd import PdParams, pd_at_rest, pd_step
@@ -55,7 +55,7 @@ def at_rest(p: Params, lateral_error_m: float) -> State:
     return State(pd_at_rest(p.pd, lateral_error_m), 0.0, 0.0)
 
 
-LAW = Law(step, at_rest, design, settings=OwnTable, commands_read=last_command)
+LAW = Law(step, at_rest, design, settings=OwnTable, needs=("pd",), commands_read=last_command)
 
 
 def main(folder: Path = Path("out/examples")) -> dict[str, Run]:

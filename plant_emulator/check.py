@@ -21,7 +21,7 @@ from ..dbc.messages import (
     resolutions,
 )
 from ..runtime.node import NS_PER_MS
-from ..runtime.settings import dump_toml
+from ..runtime.toml_text import dump_toml
 from .latency_settings import LatencySettings
 from .motion_design import MotionParams
 from .node import motion_params, samples_per_vehicle_state
@@ -30,7 +30,7 @@ from .rig_settings import VehicleSettings
 from .safety_limiter import AVERAGING_S, Cause
 from .safety_settings import design_guard
 from .settings import PlantSettings
-from .status_telling import PERIOD_NS
+from .status_timing import PERIOD_NS
 
 _POINTS = 4000
 """Points of the path at which the demand is computed."""
@@ -136,16 +136,14 @@ def _latency(line: LatencySettings) -> str:
     if line.schedule:
         return f"a schedule of {len(line.schedule)} points"
     p50_ms, p99_ms = (1e3 * line.quantile(u, line.mean_s, line.spread_s) for u in (0.5, 0.99))
-    return (
-        f"{line.model.value}, p50 {p50_ms:.4g} ms, p99 {p99_ms:.4g} ms, {100 * line.loss:g} % lost"
-    )
+    return f"{line.model}, p50 {p50_ms:.4g} ms, p99 {p99_ms:.4g} ms, {100 * line.loss:g} % lost"
 
 
 def _wire(settings: PlantSettings) -> Iterator[str]:
     sensor_ms = settings.sensor_period_ms
     state_ms = sensor_ms * samples_per_vehicle_state(settings.sensor_period_ns)
     status_ms = PERIOD_NS / NS_PER_MS
-    sent = (
+    sent: tuple[tuple[type[Message], float], ...] = (
         (LateralError, sensor_ms),
         (SteeringStatus, sensor_ms),
         (VehicleState, state_ms),

@@ -17,12 +17,7 @@ from ..dbc.messages import CAN_IDS, SteeringCommand
 from ..runtime.frame import Frame
 from ..runtime.node import NEVER_NS, NS_PER_S, N, Wrapper
 from .fault_effects import EFFECTS, FaultMemory, overtake
-from .fault_settings import (
-    FaultDirection,
-    FaultKind,
-    FaultSettings,
-    message_types_of,
-)
+from .fault_settings import FaultDirection, FaultKind, FaultSettings, message_types_of
 from .streams import Channel, uniforms
 
 _COMMAND_ID = CAN_IDS[SteeringCommand]

@@ -16,13 +16,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ..runtime.node import NEVER_NS, NS_PER_S
-from .actuator import (
-    WheelSegment,
-    at_rest,
-    command_wheel,
-    end_ramp,
-    is_limited,
-)
+from .actuator import WheelSegment, at_rest, command_wheel, end_ramp, is_limited
 from .motion_design import MotionParams
 from .path import Path, Place, Pose, end_of_place_m, next_place, vehicle_pose
 from .propagation import LinearState, propagate

@@ -11,19 +11,8 @@ from .actuator import ActuatorParams, WheelPhase
 from .disturbance import DisturbanceInterval, disturbance_intervals
 from .path import Path
 from .path_shapes import build_path
-from .propagation import (
-    TABLE_ROWS,
-    Table,
-    augmented_matrix,
-    table_rows,
-    transition_table,
-)
-from .rig_settings import (
-    ActuatorSettings,
-    DisturbanceSettings,
-    PathSettings,
-    VehicleSettings,
-)
+from .propagation import TABLE_ROWS, Table, augmented_matrix, table_rows, transition_table
+from .rig_settings import ActuatorSettings, DisturbanceSettings, PathSettings, VehicleSettings
 from .vehicle import VehicleParams, on_friction
 
 

@@ -49,14 +49,10 @@ from .plant_messages import PlantMessages
 from .plant_report import line_report, motion_report
 from .plant_samples import PlantSample, RunRecord
 from .safety_settings import design_guard, resync_ns_of
-from .self_supervision import (
-    NOT_FINITE_COMMAND,
-    NOT_FINITE_VEHICLE,
-    SelfSupervision,
-)
+from .self_supervision import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfSupervision
 from .sensors import Readings
 from .settings import PlantSettings
-from .status_telling import StatusTelling
+from .status_timing import StatusTiming
 from .steering_unit import SteeringUnit
 from .streams import Channel, uniforms
 from .view import plant_view
@@ -113,7 +109,7 @@ class PlantNode:
         self._sensor_timer = PeriodicTimer(start_ns, settings.sensor_period_ns)
         every = samples_per_vehicle_state(settings.sensor_period_ns)
         self._state_timer = PeriodicTimer(start_ns, every * settings.sensor_period_ns)
-        self._telling = StatusTelling(start_ns)
+        self._status_timing = StatusTiming(start_ns)
         self.deadline_ns = start_ns
         self._network = Network(settings)
         self._reception = Reception(
@@ -171,13 +167,13 @@ class PlantNode:
         """Do all that is due up to ``now_ns``, in the order of its times."""
         frames: list[Frame] = []
         downlink, uplink = self._network.downlink, self._network.uplink
-        unit, telling, sensor_timer = self._unit, self._telling, self._sensor_timer
+        unit, status_timing, sensor_timer = self._unit, self._status_timing, self._sensor_timer
         while True:
             command_ns = downlink.next_due_ns
             sample_ns = sensor_timer.deadline_ns
             measured_ns = uplink.next_due_ns
             guard_ns = self._motion_start_ns + unit.deadline_ns  # never, before motion starts
-            due_ns = min(command_ns, guard_ns, sample_ns, measured_ns, telling.deadline_ns)
+            due_ns = min(command_ns, guard_ns, sample_ns, measured_ns, status_timing.deadline_ns)
             if due_ns > now_ns:
                 self.deadline_ns = due_ns
                 return frames
@@ -193,9 +189,9 @@ class PlantNode:
                 continue  # nothing that there is to say of the steering has changed
             else:
                 status = self._status()
-                telling.on_telling(status.safety, due_ns, now_ns)
+                status_timing.on_report(status.safety, due_ns, now_ns)
                 frames.append(self._messages.plant_status(status))
-            telling.on_state(unit.safety, due_ns)
+            status_timing.on_state(unit.safety, due_ns)
 
     def view(self, now_ns: int) -> View:  # noqa: ARG002 - a state changes when something is due
         """Return what a user should see now."""
@@ -281,7 +277,7 @@ class PlantNode:
             if is_finite:
                 self._record.take(motion, self._command, self._network.measured_latency_s)
             self.finished = motion_ns >= self._duration_ns
-        if self._own.is_told(time_ns) and self._unit.has_fallen_back:
+        if self._own.is_reported(time_ns) and self._unit.has_fallen_back:
             self.finished = True
         readings = messages.measured(
             new_record(Readings, (z.lateral_error_m, z.heading_error_rad, z.yaw_rate_rad_s))

@@ -11,7 +11,8 @@ from pathlib import Path
 from ..dbc.secured_frame import PLANT
 from ..dbc.secured_program import add_key_file_argument, run_secured_node
 from ..runtime.option_types import output_file
-from ..runtime.program import ExitStatus, load_program_settings, make_parser, run_main, say
+from ..runtime.program import ExitStatus, run_main, say
+from ..runtime.program_options import load_program_settings, make_parser
 from .check import check_text
 from .faults import FaultyNode, with_faults
 from .node import RECEIVED, SAMPLES_MAX, PlantNode, motion_params

@@ -12,11 +12,7 @@ from pydantic import Field, Tag
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.settings import NUMBER_OR_WORD, OffWord, Settings
 from .rig_settings import ActuatorSettings, VehicleSettings
-from .safety_limiter import (
-    LimiterParams,
-    acceleration_gain_m_s2,
-    limit_rows,
-)
+from .safety_limiter import LimiterParams, acceleration_gain_m_s2, limit_rows
 from .steering_guard import OFF_NS, RAMP_PERIOD_NS, GuardParams
 
 OFF: Literal["off"] = "off"
@@ -25,7 +21,7 @@ Limit = float | Literal["off"]
 _STEER_RAD_MAX = 1.31071
 """The largest command on the wire."""
 _LAGS_TO_SETTLE = 3.0
-_TELLING_NS = 10_000_000
+_REPORTING_NS = 10_000_000
 """What is left of the FTTI when silence is acted upon: the next STEERING_STATUS, which reports it,
 is sent within a sensor period, and a tick may be late."""
 
@@ -131,7 +127,7 @@ def resync_ns_of(settings: SafetySettings) -> int:
 def _silence_ns(ftti_ms: Limit) -> int:
     if ftti_ms == OFF:
         return OFF_NS
-    return round(ftti_ms * NS_PER_MS) - _TELLING_NS
+    return round(ftti_ms * NS_PER_MS) - _REPORTING_NS
 
 
 def _bound(limit: Limit) -> float:

@@ -7,14 +7,14 @@
 
 None of these is the fault of network or controller: the plant's own measurements, or its wheel,
 cannot be trusted any more. The first fault stays, and is reported on the bus for at least
-TELLING_NS.
+REPORTING_NS.
 """
 
 from ..runtime.node import NEVER_NS, NS_PER_S
 from ..runtime.overruns import OverrunSettings, OverrunSupervision
 from ..runtime.periodic import PeriodicTimer
 
-TELLING_NS = NS_PER_S
+REPORTING_NS = NS_PER_S
 """From a fault to the end of the run at the earliest: ten PLANT_STATUS report it, and so does
 STEERING_STATUS through an uplink of more latency than any that a vehicle is steered by. With
 ``fallback = "keep"`` there is nothing else to wait for."""
@@ -45,6 +45,6 @@ class SelfSupervision:
         if not self._failure:
             self._failure, self._since_ns = failure, time_ns
 
-    def is_told(self, time_ns: int) -> bool:
+    def is_reported(self, time_ns: int) -> bool:
         """Whether there is a fault, and it has been reported for long enough."""
-        return bool(self._failure) and time_ns - self._since_ns >= TELLING_NS
+        return bool(self._failure) and time_ns - self._since_ns >= REPORTING_NS

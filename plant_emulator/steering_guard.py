@@ -32,13 +32,7 @@ Every target, of ramps too, passes the safety limiter. Times count from the star
 from enum import IntEnum
 from typing import NamedTuple
 
-from .safety_limiter import (
-    LimiterParams,
-    LimiterState,
-    limit_steer,
-    start_limiter,
-    watch_wheel,
-)
+from .safety_limiter import LimiterParams, LimiterState, limit_steer, start_limiter, watch_wheel
 
 RAMP_PERIOD_NS = 10_000_000
 """A ramp is a step of the target every so often."""
@@ -108,7 +102,7 @@ def guard_command(
     if x.mode == _SAFE_STATE:
         return x, False
     silence_ns = time_ns - x.arrived_ns
-    heard_ns = min(silence_ns, p.silence_ns)
+    counted_ns = min(silence_ns, p.silence_ns)
     good_run = x.good_run + 1 if silence_ns < p.silence_ns else 1
     mode, deadline_ns = x.mode, x.deadline_ns
     if mode <= _FOLLOWING or good_run >= p.recovery_frames:
@@ -117,8 +111,8 @@ def guard_command(
     elif mode == _FALLBACK:
         return GuardState(mode, x.limiter, time_ns, deadline_ns, good_run, 0.0), False
     elif x.good_run > 0:
-        deadline_ns = min(deadline_ns + heard_ns, p.override_ns)
-    fade_rad = _towards_zero(x.fade_rad, p.ramp_rad_s * (heard_ns * 1e-9))
+        deadline_ns = min(deadline_ns + counted_ns, p.override_ns)
+    fade_rad = _towards_zero(x.fade_rad, p.ramp_rad_s * (counted_ns * 1e-9))
     wanted_rad = steer_rad + fade_rad
     if x.mode == _FALLBACK or (x.mode == _HOLDING and silence_ns >= p.silence_ns):
         wanted_rad = x.limiter.steer_rad + (fade_rad - x.fade_rad)

@@ -56,11 +56,11 @@ class SteeringUnit:
         self._entered: Counter[str] = Counter()
         self._ignored = 0
         self._recoveries = 0
-        self._heard_ns = NEVER_NS
+        self._command_ns = NEVER_NS
         self._longest_silence_ns = 0
         self._safe_state_at_ns = NEVER_NS
         self._safe_state_cause = ""
-        self._limited_since_told = False
+        self._limited_since_report = False
 
     @property
     def target_rad(self) -> float:
@@ -93,7 +93,7 @@ class SteeringUnit:
         before = self._state
         self._state, is_followed = guard_command(self._params, before, steer_rad, now_ns)
         self._note_silence(now_ns)
-        self._heard_ns = now_ns
+        self._command_ns = now_ns
         if is_followed:
             if before.mode > _FOLLOWING and self._state.mode == _FOLLOWING:
                 self._recoveries += 1
@@ -137,14 +137,14 @@ class SteeringUnit:
     def safety(self) -> SafetyState:
         """What PLANT_STATUS would say now: LIMITING for any intervention since it was taken."""
         state = _STATES[self._state.mode]
-        if self._limited_since_told and state is _NORMAL:
+        if self._limited_since_report and state is _NORMAL:
             return SafetyState.LIMITING
         return state
 
     def take_state(self) -> SafetyState:
         """Return the content of PLANT_STATUS."""
         state = self.safety
-        self._limited_since_told = False
+        self._limited_since_report = False
         return state
 
     def report(self) -> Mapping[str, Any]:
@@ -171,8 +171,8 @@ class SteeringUnit:
         }
 
     def _note_silence(self, now_ns: int) -> None:
-        if self._heard_ns != NEVER_NS:
-            silence_ns = now_ns - self._heard_ns
+        if self._command_ns != NEVER_NS:
+            silence_ns = now_ns - self._command_ns
             if silence_ns > self._longest_silence_ns:
                 self._longest_silence_ns = silence_ns
 
@@ -185,4 +185,4 @@ class SteeringUnit:
 
     def _count_intervention(self) -> None:
         self._interventions[Cause(self._state.limiter.cause).name.lower()] += 1
-        self._limited_since_told = True
+        self._limited_since_report = True

@@ -1,13 +1,13 @@
-"""Programs that end with the one that started them, however it ends: in order or by ``kill -9``.
+"""Programs that end when their parent does, however that ends, even by ``kill -9``.
 
     python -P -m steer_by_wire.runtime.attached [--after SECONDS] [--remove FOLDER] MODULE ...
 
-runs ``python -m MODULE`` in this process and watches standard input, a pipe of which the program
-that has started it alone holds the other end. When that is closed, the module's program gets
-SIGTERM, which ours take as the request to end in order: with their reports and complete files.
+runs ``python -m MODULE`` in this process and watches standard input, a pipe whose other end only
+the parent holds. When the pipe closes, the module's program gets SIGTERM. Our programs then end in
+order, with reports and complete files.
 
-``--after``   how long to wait before: a bus and its recorder end after those who use them
-``--remove``  a folder that only the one that is gone would have removed
+``--after``   delay before SIGTERM, so that a bus and its recorder outlive their users
+``--remove``  a folder to remove, which the parent can no longer do
 """
 
 import argparse
@@ -26,17 +26,17 @@ from types import FrameType
 from typing import IO, NoReturn
 
 GRACE_S = 60.0
-"""How long a program may take to end in order; it is killed then."""
+"""How long a program may take to end before it is killed."""
 _STACK_BYTES = 1 << 18
-"""Of the thread that waits: programs that lock their memory would keep the usual 8 MiB there."""
+"""Stack of the waiting thread. In locked memory the default of 8 MiB would stay resident."""
 _TERMINATED = 128 + signal.SIGTERM
 
 
 class Lifeline:
-    """A pipe that children wait on; what holds the other end is this process alone."""
+    """A pipe that children wait on and whose other end only this process holds."""
 
     def __init__(self) -> None:
-        # Neither end is inherited but as the standard input that a child is given.
+        # A child inherits neither end, except as its standard input.
         self._waiting, self._held = os.pipe()
 
     def start(
@@ -49,10 +49,10 @@ class Lifeline:
         after_s: float = 0.0,
         remove: Path | None = None,
     ) -> subprocess.Popen[bytes]:
-        """Start ``python -m module``, in a session of its own: Ctrl-C is for this process alone.
+        """Start ``python -m module`` in a session of its own, so that Ctrl-C reaches only us.
 
-        ``after_s``  how long after this process it ends
-        ``remove``   folder that is removed then
+        ``after_s``  how long after this process the child ends
+        ``remove``   folder that the child then removes
         """
         options = ["--after", str(after_s)] + ([] if remove is None else ["--remove", str(remove)])
         return subprocess.Popen(  # noqa: S603 the command is our own
@@ -72,7 +72,7 @@ class Lifeline:
         )
 
     def close(self) -> None:
-        """Let go of the pipe, which ends those that still wait."""
+        """Close the pipe, which ends the children that still run."""
         os.close(self._held)
         os.close(self._waiting)
 
@@ -88,7 +88,7 @@ def lifeline() -> Iterator[Lifeline]:
 
 
 def main() -> None:
-    """Run the module that the command line names; ends as it does."""
+    """Run the module that the command line names."""
     parser = argparse.ArgumentParser(
         prog="python -m steer_by_wire.runtime.attached", allow_abbrev=False
     )
@@ -97,7 +97,7 @@ def main() -> None:
     parser.add_argument("module")
     parser.add_argument("arguments", nargs=argparse.REMAINDER)
     options = parser.parse_args()
-    signal.signal(signal.SIGTERM, _end)  # until the module's program takes it
+    signal.signal(signal.SIGTERM, _end)  # until the program sets its own handler
     is_cut = threading.Event()
     usual_bytes = threading.stack_size(_STACK_BYTES)
     threading.Thread(target=_wait, args=(options.after, is_cut), daemon=True).start()
@@ -120,14 +120,14 @@ def _wait(after_s: float, is_cut: threading.Event) -> None:
     try:
         while os.read(descriptor, 1 << 12):
             pass
-    except OSError:  # as good as its end
+    except OSError:  # treated as its end
         pass
     time.sleep(after_s)
     is_cut.set()
     if hasattr(signal, "pthread_kill"):
-        # To the main thread, whose wait it has to interrupt; any other would do for the process.
+        # To the main thread, to interrupt whatever it waits for.
         signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
-    else:  # as on Windows
+    else:  # Windows
         signal.raise_signal(signal.SIGTERM)
     time.sleep(GRACE_S)
     os._exit(_TERMINATED)

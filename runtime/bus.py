@@ -1,8 +1,7 @@
 """Opens any python-can interface by python-can's own conventions, and is a node's port to it.
 
-``runtime.port`` opens it for a node, which on SocketCAN need not cost what python-can costs.
-
-What decides, first to last:
+Nodes open their bus with ``runtime.port``, which has a faster way for SocketCAN. The interface
+comes from the first of these that names one:
 
 1. the command line (``add_bus_arguments``: python-can's own options, as ``can.logger`` has them)
 2. ``can.rc``, CAN_INTERFACE, CAN_CHANNEL, CAN_BITRATE, CAN_CONFIG and the configuration files of
@@ -47,7 +46,7 @@ _BUS_HELP: Mapping[str, Mapping[str, str]] = MappingProxyType(
         "--bus-kwargs": {"metavar": "K=V", "help": "further arguments of the interface"},
     }
 )
-"""Of python-can's options: what stands for the value, and what it is."""
+"""Metavar and one line of help for each of python-can's options."""
 _NETWORK_INTERFACES = Path("/sys/class/net")
 _ARPHRD_CAN = 280
 """Type of a CAN network interface (linux/if_arp.h)."""
@@ -67,8 +66,8 @@ class BusError(Exception):
 class OpenBus(NamedTuple):
     """An open bus.
 
-    ``bus``          to be shut down by who opened it
-    ``description``  what was opened, and what decided it
+    ``bus``          the caller shuts it down
+    ``description``  what was opened, and where the choice came from
     """
 
     bus: can.BusABC
@@ -76,7 +75,7 @@ class OpenBus(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """An interface and what decided it; with no channel, the interface's own default."""
+    """An interface and where the choice came from; without a channel, the interface's default."""
 
     interface: str
     channel: str | None
@@ -89,10 +88,10 @@ class Choice(NamedTuple):
 
 
 class Closable(Protocol):
-    """What has to be shut down."""
+    """Anything that has to be shut down."""
 
     def shutdown(self) -> None:
-        """Give back what it has taken from the machine."""
+        """Release its resources."""
         ...
 
 
@@ -107,13 +106,13 @@ def add_bus_arguments(parser: argparse.ArgumentParser, *, with_filters: bool = F
 
 
 class _BriefGroup:
-    """Takes python-can's options with a line of help each, instead of its paragraphs."""
+    """Adds python-can's options with one line of help each instead of its paragraphs."""
 
     def __init__(self, parser: argparse.ArgumentParser) -> None:
         self._group = parser.add_argument_group("CAN bus, as python-can opens it")
 
     def add_argument_group(self, _title: str) -> "_BriefGroup":
-        """Return itself: the one group."""
+        """Return the only group."""
         return self
 
     def add_argument(self, *flags: str, **further: Any) -> None:
@@ -135,7 +134,7 @@ def choose_bus(namespace: argparse.Namespace) -> Choice:
 def open_bus(namespace: argparse.Namespace, choice: Choice | None = None) -> OpenBus:
     """Open the bus that the parsed command line, the configuration or this machine asks for.
 
-    ``choice``  of ``choose_bus``, where it has been made already
+    ``choice``  from ``choose_bus``; None: is made here
 
     Raises BusError.
     """
@@ -145,19 +144,19 @@ def open_bus(namespace: argparse.Namespace, choice: Choice | None = None) -> Ope
     try:
         bus = can.cli.create_bus_from_namespace(namespace, **given)
     except argparse.ArgumentError as error:
-        # It wraps whatever the interface has raised, which need not be a CanError: a missing
-        # interface of SocketCAN is a plain OSError, a missing driver an ImportError.
+        # It wraps any exception of the interface: OSError for a missing SocketCAN interface,
+        # ImportError for a missing driver.
         cause = one_line(error.__cause__ or error)
         raise BusError(f"cannot open {choice.name} ({choice.reason}): {cause}") from error
-    # Some of python-can's interfaces keep the value of the base class here.
+    # Some interfaces of python-can leave channel_info unset.
     what = choice.name if bus.channel_info == can.BusABC.channel_info else bus.channel_info
     return OpenBus(bus, f"{what} ({choice.reason})")
 
 
 def check_openable(choice: Choice) -> None:
-    """Raise BusError for a network interface that python-can could not open."""
+    """Raise BusError if python-can could not open the network interface."""
     if choice.interface == "socketcan":
-        # Without a channel python-can would open all of them, which receives but cannot send.
+        # Without a channel python-can opens all of them, and cannot send.
         obstacle = (
             socketcan_obstacle(choice.channel)
             if choice.channel
@@ -171,8 +170,7 @@ def check_openable(choice: Choice) -> None:
 def shutting_down(bus: Closable) -> Iterator[None]:
     """Shut ``bus`` down at the end of the block.
 
-    One that has failed may fail again then, as an adapter that was unplugged does; by then it has
-    been reported.
+    Errors are ignored: a bus that has failed, as after an unplugged adapter, has been reported.
     """
     try:
         yield
@@ -182,17 +180,14 @@ def shutting_down(bus: Closable) -> Iterator[None]:
 
 
 class BusPort:
-    """What a node's executor sends to and receives from: frames, and no python-can.
-
-    ``bus``  stays its owner's to shut down, by ``shutdown`` or by itself
-    """
+    """A python-can bus as the port of a node's executor; takes and returns frames."""
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus
 
     @property
     def bus(self) -> can.BusABC:
-        """What it was made of."""
+        """The bus behind this port."""
         return self._bus
 
     @property
@@ -203,9 +198,9 @@ class BusPort:
     def recv(self, timeout_s: float) -> Received | None:
         """Return the next frame, or None when none comes within ``timeout_s`` [s].
 
-        A deadline that has passed may be given as a negative time: nothing is waited for. Error
-        frames come with the flag ERROR. When a frame arrived is not given: python-can's time stamps
-        are of another clock with each interface. Raises BusError when the bus has failed.
+        A negative ``timeout_s``, of a deadline that has passed, does not wait. Error frames have
+        the flag ERROR. The arrival time is None, because the clock of python-can's time stamps
+        differs between interfaces. Raises BusError when the bus has failed.
         """
         try:
             message = self._bus.recv(max(timeout_s, 0.0))
@@ -214,7 +209,7 @@ class BusPort:
         return None if message is None else Received(frame_of(message), None)
 
     def send(self, frame: Frame) -> bool:
-        """Hand ``frame`` to the bus; returns whether it had room, without waiting for it.
+        """Send ``frame`` without waiting; returns whether the bus had room.
 
         Raises BusError when the bus has failed.
         """
@@ -232,7 +227,7 @@ class BusPort:
 
 
 def _choose(namespace: argparse.Namespace) -> Choice:
-    """Decide what to open; raises ValueError for a configuration that cannot be read."""
+    """Decide what to open; raises ValueError for an unreadable configuration."""
     sources = (
         ("command line", vars(namespace)),
         ("can.rc", can.rc),
@@ -273,25 +268,25 @@ def socketcan_obstacle(channel: str) -> str:
 
 
 def has_carrier(channel: str) -> bool | None:
-    """Whether a network interface can send; None when that is not known.
+    """Whether a network interface can send; None if unknown.
 
-    A CAN controller loses its carrier with bus-off and gets it back when it is started again.
+    A CAN controller has no carrier from bus-off until its restart.
     """
     try:
         return (_NETWORK_INTERFACES / channel / "carrier").read_text().strip() == "1"
-    except OSError:  # it is down, or there is none
+    except OSError:  # the interface is down or missing
         return None
 
 
 def _is_full(error: Exception) -> bool:
-    """Whether a frame was refused only because too many wait already.
+    """Whether a frame was refused only because the queue is full.
 
-    So it is on an overloaded bus, and as long as nobody is there to acknowledge: both pass.
+    This is temporary: the bus is overloaded, or no other node acknowledges.
     """
     if isinstance(error, can.CanTimeoutError):
         return True
     code = error.error_code if isinstance(error, can.CanError) else getattr(error, "errno", None)
     if code in _FULL_CODES.get(type(error).__name__, (errno.ENOBUFS, errno.EAGAIN)):
         return True
-    # python-can's socketcan gives no code when the socket rather than the interface is full.
+    # python-can's socketcan gives no code when the queue of the socket is full.
     return "Transmit buffer full" in str(error)

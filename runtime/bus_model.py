@@ -2,21 +2,23 @@
 
 Rules:
 
-1. Whenever the bus is free, every frame that waits competes, those submitted at that very instant
-   included. The lowest arbitration field wins; between equal ones, the one submitted first. A
-   sender has a transmit buffer for each identifier, so that none of its frames waits behind one
-   of lower priority. As a FIFO, which it is with SocketCAN's queue, only its oldest one competes.
+1. Whenever the bus is free, all waiting frames compete, including those submitted at that instant.
+   The lowest arbitration field wins; of equal ones, the first submitted. A sender has a transmit
+   buffer for each identifier, so that none of its frames waits behind one of lower priority. With
+   a FIFO, as SocketCAN has, only the sender's oldest frame competes.
 2. A frame on the wire is never interrupted.
 3. A frame is complete at its end of frame, and the next one may start three bits (intermission)
-   later. Acknowledgement, errors, retransmission and clock tolerance are not modelled.
+   later. Someone always acknowledges; clock tolerance is not modelled.
+4. With ``errors``, a frame that noise destroys ends with its error frame and competes again, first
+   in its transmit buffer. Bus-off takes the sender's frames off the bus until it has recovered.
 
 Two nodes sending equal arbitration fields at once is an error on a real bus; here they queue.
 
-Times are integer nanoseconds outside. Inside they are integer ticks, the largest fraction of a
-nanosecond that divides both bit times, so that frames sent back to back add up without rounding;
-an end is rounded up to the next nanosecond only when it is reported.
+Times are integer nanoseconds at the interface. Internally they are integer ticks, the largest
+fraction of a nanosecond that divides both bit times, so that consecutive frames add up without
+rounding. An end is rounded up to the next nanosecond only when it is returned.
 
-The same class serves virtual time and, with the real clock's readings, the emulated bus.
+The same class serves virtual time and, with readings of the real clock, the emulated bus.
 """
 
 from collections import deque
@@ -25,6 +27,8 @@ from heapq import heapify, heappop, heappush
 from math import gcd, lcm
 from typing import NamedTuple
 
+from .bus_errors import BUS_OFF_SEQUENCES, SEQUENCE_BITS, SUSPEND_BITS, BusErrors
+from .disturbed_frame import Disturbed
 from .frame import EXTENDED, REMOTE, Frame
 from .frame_length import INTERMISSION_BITS, frame_bits
 from .node import NEVER_NS, NS_PER_S
@@ -32,13 +36,13 @@ from .record import new_record
 
 
 class BusOverflowError(RuntimeError):
-    """A sender has as many frames of one identifier waiting as it may have."""
+    """A sender's transmit buffer is full."""
 
 
 class Delivery(NamedTuple):
     """A frame that is complete on the wire.
 
-    ``end_ns``  when its end of frame was [ns]
+    ``end_ns``  time of its end of frame [ns]
     ``sender``  who submitted it
     """
 
@@ -48,7 +52,7 @@ class Delivery(NamedTuple):
 
 
 class BusLoad(NamedTuple):
-    """What the bus has done so far.
+    """Totals of the bus.
 
     ``frames``   complete frames
     ``busy_ns``  time they took, intermissions included [ns]
@@ -88,7 +92,7 @@ def arbitration_field(frame: Frame) -> int:
 
 
 class BusModel:
-    """The bus at work. ``now_ns`` must never run backwards from one call to the next.
+    """A bus. ``now_ns`` must never decrease from one call to the next.
 
     ``bitrate_bit_s``       nominal bit rate [bit/s]
     ``data_bitrate_bit_s``  bit rate of the data phase of FD frames with BITRATE_SWITCH [bit/s];
@@ -98,6 +102,7 @@ class BusModel:
     ``on_start``            called as ``on_start(frame, delay_ns)`` when a frame wins the bus, with
                             the time from its submission to its start of frame [ns]
     ``is_fifo``             whether the frames of one sender keep their order
+    ``errors``              noise and error counters; without them every frame is sent whole
 
     ``next_event_ns``  when the next frame will be complete [ns]; NEVER_NS with nothing on the bus.
                        Until the bus is free this may change with every submission
@@ -113,6 +118,7 @@ class BusModel:
         on_start: Callable[[Frame, int], None] | None = None,
         *,
         is_fifo: bool = False,
+        errors: BusErrors | None = None,
     ) -> None:
         data_rate = bitrate_bit_s if data_bitrate_bit_s is None else data_bitrate_bit_s
         if bitrate_bit_s <= 0 or data_rate <= 0 or queue_limit <= 0:
@@ -120,7 +126,7 @@ class BusModel:
                 f"bit rates and queue limit must be positive, not {bitrate_bit_s} bit/s, "
                 f"{data_rate} bit/s and {queue_limit}"
             )
-        # Without a unit, a time in this class is in 1/_per_ns of a nanosecond.
+        # A time without a unit is in 1/_per_ns of a nanosecond.
         self._ticks_per_ns = lcm(
             bitrate_bit_s // gcd(bitrate_bit_s, NS_PER_S), data_rate // gcd(data_rate, NS_PER_S)
         )
@@ -130,8 +136,14 @@ class BusModel:
         self._queue_limit = queue_limit
         self._on_start = on_start
         self._is_fifo = is_fifo
+        self._errors = errors
+        self._disturbed: Disturbed | None = None
+        # Until when an error passive sender pauses, and one in bus-off takes no part.
+        self._paused_until_ticks: dict[int, int] = {}
+        self._off_until_ticks: dict[int, int] = {}
+        self.lost_in_bus_off = 0
         self._queue: list[_Waiting] = []
-        # By sender and identifier; in a FIFO by sender, and what waits behind its oldest frame.
+        # By sender and identifier; with FIFOs by sender, without its oldest frame.
         self._waiting_of: dict[tuple[int, int], int] = {}
         self._behind: dict[int, deque[_Waiting]] = {}
         self._sequence = 0
@@ -146,17 +158,19 @@ class BusModel:
 
     @property
     def load(self) -> BusLoad:
-        """What the bus has done so far."""
+        """Totals so far."""
         return BusLoad(self._frames, self._whole_ns(self._busy_ticks), self._refused)
 
     def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
         """Queue ``frame`` of ``sender``, ready to compete from ``now_ns`` on.
 
-        Raises ValueError for what is not a frame that can be sent, BusOverflowError when its
-        transmit buffer is full; the frame is not taken then.
+        Raises ValueError for a frame that cannot be sent, BusOverflowError for a full buffer.
         """
         nominal_bits, data_bits = frame_bits(frame)
         now_ticks = now_ns * self._ticks_per_ns
+        if self._errors is not None and self._is_off(sender, now_ticks):
+            self.lost_in_bus_off += 1
+            return
         if now_ticks > self._decided_until_ticks:
             self._settle(now_ticks)
             self._look_ahead()
@@ -205,13 +219,14 @@ class BusModel:
         return completed
 
     def _look_ahead(self) -> None:
-        """Find when the next frame will be complete, and until when nothing is to be decided."""
+        """Find the next end of a frame, and the time up to which there is no arbitration."""
         if self._on_wire is not None:
             end_ticks = self._end_ticks
             self._decided_until_ticks = end_ticks - 1
         elif self._queue:
-            self._decided_until_ticks = self._next_start_ticks
-            end_ticks = self._next_start_ticks + self._queue[0].duration_ticks
+            start_ticks, winner = self._next_start()
+            self._decided_until_ticks = start_ticks
+            end_ticks = start_ticks + winner.duration_ticks
         else:
             self._decided_until_ticks = end_ticks = NEVER_NS * self._ticks_per_ns
         if self._completed:
@@ -220,20 +235,34 @@ class BusModel:
             self.next_event_ns = -(-end_ticks // self._ticks_per_ns)
 
     def _settle(self, now_ticks: int) -> None:
-        """Complete what ended by now, and decide every arbitration before now.
+        """Complete frames that have ended by now, and decide all arbitrations before now.
 
-        The one at this instant stays open: a frame submitted at the same instant still competes.
+        One at this instant stays open, because a frame submitted at this instant still competes.
         """
         queue, on_wire, end_ticks = self._queue, self._on_wire, self._end_ticks
         while True:
             if on_wire is None:
-                if not queue or self._next_start_ticks >= now_ticks:
+                if not queue:
                     break
-                on_wire = heappop(queue)
-                end_ticks = self._next_start_ticks + on_wire.duration_ticks
+                start_ticks, on_wire = self._next_start()
+                if start_ticks >= now_ticks:
+                    on_wire = None
+                    break
+                if on_wire is queue[0]:
+                    heappop(queue)
+                else:
+                    queue.remove(on_wire)
+                    heapify(queue)
+                self._next_start_ticks = start_ticks
+                end_ticks = start_ticks + on_wire.duration_ticks
                 self._on_arbitration(on_wire)
+                if self._errors is not None:
+                    end_ticks = self._end_with_errors(on_wire, self._errors)
             if end_ticks > now_ticks:
                 break
+            if self._errors is not None and self._end_attempt(on_wire, end_ticks, self._errors):
+                on_wire, queue = None, self._queue  # bus-off makes a new one
+                continue
             _, _, duration_ticks, sender, frame, _, _ = on_wire
             end_ns = -(-end_ticks // self._ticks_per_ns)
             self._completed.append(new_record(Delivery, (end_ns, sender, frame)))
@@ -244,8 +273,8 @@ class BusModel:
         self._on_wire, self._end_ticks = on_wire, end_ticks
 
     def _on_arbitration(self, winner: _Waiting) -> None:
-        """Note that a frame has won the bus."""
-        # Taken out, since senders and identifiers come and go: what is kept must not grow.
+        """Record that a frame has won the bus."""
+        # Removed when zero: senders and identifiers come and go, and memory must not grow.
         still_waiting = self._waiting_of.pop(winner.buffer) - 1
         if still_waiting:
             self._waiting_of[winner.buffer] = still_waiting
@@ -255,8 +284,96 @@ class BusModel:
             delay_ticks = self._next_start_ticks - winner.submitted_ticks
             self._on_start(winner.frame, delay_ticks // self._ticks_per_ns)
 
+    def _next_start(self) -> tuple[int, _Waiting]:
+        """When the next frame starts, as far as is known, and which; the queue is not empty."""
+        first = self._queue[0]
+        if not self._paused_until_ticks:
+            return self._next_start_ticks, first
+        start_ticks, _, _, waiting = min(
+            (
+                max(self._next_start_ticks, self._paused_until_ticks.get(waiting.sender, 0)),
+                waiting.arbitration,
+                waiting.sequence,
+                waiting,
+            )
+            for waiting in self._queue
+        )
+        return start_ticks, waiting
+
+    def _end_with_errors(self, sent: _Waiting, errors: BusErrors) -> int:
+        """When a frame that starts now leaves the bus, be it whole or destroyed."""
+        start_ns = self._next_start_ticks / self._ticks_per_ns
+        self._disturbed = disturbed = errors.transmission(
+            sent.frame,
+            sent.sender,
+            start_ns,
+            self._bit_ticks / self._ticks_per_ns,
+            self._data_bit_ticks / self._ticks_per_ns,
+        )
+        if disturbed is None:
+            return self._next_start_ticks + sent.duration_ticks
+        nominal, data = disturbed.bits
+        return self._next_start_ticks + nominal * self._bit_ticks + data * self._data_bit_ticks
+
+    def _end_attempt(self, sent: _Waiting, end_ticks: int, errors: BusErrors) -> bool:
+        """Count the end of a transmission; returns whether the frame must be sent again."""
+        disturbed, self._disturbed = self._disturbed, None
+        sender = sent.sender
+        if disturbed is None:
+            errors.on_whole(sender)
+        else:
+            end_ns = self._whole_ns(end_ticks)
+            errors.on_disturbed(disturbed, sender, sent.frame, end_ns)
+            if disturbed.is_received:
+                self._completed.append(new_record(Delivery, (end_ns, sender, sent.frame)))
+            self._busy_ticks += end_ticks - self._next_start_ticks + self._intermission_ticks
+            self._next_start_ticks = end_ticks + self._intermission_ticks
+            self._compete_again(sent)
+        self._paused_until_ticks.pop(sender, None)
+        if errors.is_off(sender):
+            self._go_off(sender, end_ticks)
+        elif errors.is_passive(sender):
+            pause_ticks = self._intermission_ticks + SUSPEND_BITS * self._bit_ticks
+            self._paused_until_ticks[sender] = end_ticks + pause_ticks
+        return disturbed is not None
+
+    def _compete_again(self, sent: _Waiting) -> None:
+        """Put a destroyed frame back into its transmit buffer, in front."""
+        waiting = self._waiting_of.get(sent.buffer, 0)
+        self._waiting_of[sent.buffer] = waiting + 1
+        if waiting and self._is_fifo:
+            (following,) = (one for one in self._queue if one.sender == sent.sender)
+            self._queue.remove(following)
+            heapify(self._queue)
+            self._behind.setdefault(sent.sender, deque()).appendleft(following)
+        heappush(self._queue, sent)
+
+    def _go_off(self, sender: int, now_ticks: int) -> None:
+        """Take a sender off the bus; its frames are lost.
+
+        Idle, the bus gives 128 times 11 recessive bits in this time. Traffic makes it longer, which
+        is not modelled here.
+        """
+        self.lost_in_bus_off += len(self.withdraw(sender))
+        off_ticks = BUS_OFF_SEQUENCES * SEQUENCE_BITS * self._bit_ticks
+        self._off_until_ticks[sender] = now_ticks + off_ticks
+
+    def _is_off(self, sender: int, now_ticks: int) -> bool:
+        """Whether a sender is in bus-off; lets it take part again when that is over."""
+        if self._errors is None:
+            return False
+        self._errors.join(sender)
+        until_ticks = self._off_until_ticks.get(sender)
+        if until_ticks is None:
+            return False
+        if now_ticks < until_ticks:
+            return True
+        del self._off_until_ticks[sender]
+        self._errors.restart(sender)
+        return False
+
     def _compete_next(self, sender: int) -> None:
-        """Let the next frame in a sender's FIFO compete, its oldest one being on the wire now."""
+        """Let the next frame of a sender's FIFO compete."""
         behind = self._behind[sender]
         heappush(self._queue, behind.popleft())
         if not behind:

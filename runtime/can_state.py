@@ -1,7 +1,7 @@
-"""The state of a CAN controller as the kernel knows it, requested by netlink (rtnetlink(7)).
+"""The state of a CAN controller according to the kernel, by netlink (rtnetlink(7)).
 
-Any program on the machine can send an error frame that reports bus-off, and the kernel loops it
-back to all others as if it came from a controller. The kernel's answer here cannot be forged.
+Any program on the machine can send an error frame that reports bus-off, and the others receive it
+as if it came from a controller. The kernel's own answer cannot be forged.
 """
 
 import socket
@@ -27,9 +27,9 @@ _TIMEOUT_S = 0.1
 def is_in_bus_off(channel: str, ask: Callable[[bytes], bytes] | None = None) -> bool | None:
     """Whether the controller of a network interface is in bus-off, or was stopped after it.
 
-    False also for a virtual interface; None where the kernel does not say.
+    False also for a virtual interface; None if the kernel gives no state.
 
-    ``ask``  hands a request to the kernel and returns its answer; raises OSError
+    ``ask``  passes a request to the kernel and returns its answer; raises OSError
     """
     try:
         index = socket.if_nametoindex(channel)
@@ -40,7 +40,7 @@ def is_in_bus_off(channel: str, ask: Callable[[bytes], bytes] | None = None) -> 
 
 
 def _request(index: int) -> bytes:
-    """Return the request for all that is known of one network interface."""
+    """Return the request for the attributes of one network interface."""
     link = _LINK.pack(0, 0, index, 0, 0)
     return _HEADER.pack(_HEADER.size + len(link), _RTM_GETLINK, _NLM_F_REQUEST, 1, 0) + link
 
@@ -54,7 +54,7 @@ def _ask_kernel(request: bytes) -> bytes:
 
 
 def _is_in_bus_off(answer: bytes) -> bool | None:
-    """Read the answer; raises struct.error for one that is cut off."""
+    """Read the answer; raises struct.error if it is truncated."""
     size, kind, _, _, _ = _HEADER.unpack_from(answer)
     if kind != _RTM_NEWLINK:
         return None
@@ -69,10 +69,10 @@ def _is_in_bus_off(answer: bytes) -> bool | None:
 
 
 def _attributes(raw: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield type and value of each attribute; raises struct.error where one is cut off."""
+    """Yield type and value of each attribute; raises struct.error if truncated."""
     while raw:
         size, kind = _ATTRIBUTE.unpack_from(raw)
         if not _ATTRIBUTE.size <= size <= len(raw):
-            raise struct.error("an attribute is cut off")
+            raise struct.error("truncated attribute")
         yield kind & _TYPE_MASK, raw[_ATTRIBUTE.size : size]
         raw = raw[-(-size // 4) * 4 :]

@@ -6,9 +6,8 @@
     (0000000000.010000) vcan0 100##1001122              FD; the digit is 1 with bit rate switch
     (0000000000.010000) vcan0 20000040#0000000000000000 error frame
 
-Times have whole microseconds: nanoseconds are cut off on writing. The number of bytes that a remote
-frame asks for, the error state of an FD sender and a raw length code above 8 have no place in a
-Frame and are dropped on reading.
+Times are truncated to microseconds on writing. On reading, the requested length of a remote frame,
+the error state of an FD sender and a raw length code above 8 are ignored: a Frame has none of them.
 """
 
 import re
@@ -35,7 +34,7 @@ _LINE = re.compile(
 
 
 class LogEntry(NamedTuple):
-    """One line of a log; the time is since whatever the writer counted from [ns]."""
+    """One line of a log; the epoch of its time [ns] is the writer's choice."""
 
     time_ns: int
     channel: str
@@ -43,7 +42,7 @@ class LogEntry(NamedTuple):
 
 
 def format_entry(entry: LogEntry) -> str:
-    """The entry as one line, without line end."""
+    """Return the entry as one line, without line end."""
     time_ns, channel, (can_id, data, flags) = entry
     seconds, microseconds = divmod(time_ns // 1000, 1_000_000)
     if flags & ERROR:
@@ -60,7 +59,7 @@ def format_entry(entry: LogEntry) -> str:
 
 
 def parse_entry(line: str) -> LogEntry | None:
-    """Read one line; None for what is not a frame in this format."""
+    """Read one line; None if it is not a frame in this format."""
     match = _LINE.fullmatch(line.strip())
     if match is None:
         return None
@@ -84,7 +83,7 @@ def parse_entry(line: str) -> LogEntry | None:
 class CandumpLog:
     """Writes one log file. The same frames at the same times give the same bytes.
 
-    ``path``     file to write, replaced if it is there; OSError if it cannot be
+    ``path``     file to write, replaced if it exists; raises OSError
     ``channel``  name of the bus in the log, without blanks
     """
 
@@ -97,7 +96,7 @@ class CandumpLog:
         self._file.write(format_entry(LogEntry(time_ns, self._channel, frame)) + "\n")
 
     def close(self) -> None:
-        """Write out what is still held back."""
+        """Flush and close the file."""
         self._file.close()
 
     def __enter__(self) -> "CandumpLog":
@@ -110,9 +109,8 @@ class CandumpLog:
 class CandumpReader:
     """Iterates over the frames in ``lines`` (an open file, the output of candump).
 
-    ``unreadable`` counts the lines so far that are neither a frame nor blank. A last line of a file
-    without its end counts too: a writer that is killed leaves one, and half a payload would read
-    as a whole frame.
+    ``unreadable`` counts the lines that are neither a frame nor blank. It includes a last line
+    without line end, which a killed writer leaves: half a payload would be read as a whole frame.
     """
 
     def __init__(self, lines: Iterable[str]) -> None:

@@ -1,16 +1,15 @@
 """A node's connection to the bus: counts its error frames, and reopens a bus that was lost.
 
     CONNECTED  the port's frames come and go
-    SILENT     bus-off: the CAN controller has switched itself off. The port stays open, nothing is
-               sent; word of a restart ends it, or the carrier of the network interface. What
-               the kernel contradicts is a forged one, and only counted
-    LOST       the port has failed and is closed; a thread opens it again every RETRY_S
+    SILENT     bus-off: the CAN controller has switched itself off. The port stays open, but nothing
+               is sent. A report of a restart ends it, or the carrier of the network interface. A
+               bus-off that the kernel contradicts is forged, and only counted
+    LOST       the port has failed and is closed; a thread tries to reopen it every RETRY_S
 
-A connection that is not to be kept raises BusError instead of leaving CONNECTED. One that is to be
-kept raises it when an outage lasts too long. An outage ends when a port that was opened again has
-received a frame, or has not failed when asked for one after SETTLED_S: an adapter that can be
-opened but fails at once has not come back, however late that is found. Meanwhile the node runs on,
-receives nothing, and what it sends is refused.
+Without reconnecting, the connection raises BusError instead of leaving CONNECTED. With it, it does
+so when an outage lasts too long. An outage ends when a reopened port has received a frame, or has
+not failed SETTLED_S later: an adapter that opens but fails at once has not come back. Meanwhile the
+node keeps running, receives nothing, and its frames are refused.
 """
 
 import os
@@ -34,7 +33,7 @@ from .real_time import Received
 
 RETRY_S = 0.5
 SETTLED_S = 1.0
-TOLD_OUTAGES_MAX = 10
+REPORTED_OUTAGES_MAX = 10
 """Outages that are reported; further ones are only counted."""
 _RETRY_NS = round(RETRY_S * NS_PER_S)
 _SETTLED_NS = round(SETTLED_S * NS_PER_S)
@@ -42,13 +41,13 @@ _STOP_TIMEOUT_S = 5.0
 
 
 class ConnectionFigures(NamedTuple):
-    """What has become of a connection.
+    """Totals of a connection.
 
-    ``driver``          what the port is made of
-    ``error_frames``    causes that error frames have named, and how often
-    ``frames_dropped``  frames that the receiving socket had no room for, where that is known
+    ``driver``          AF_CAN or python-can
+    ``error_frames``    error frames by cause
+    ``frames_dropped``  frames for which the receiving socket had no room, if known
     ``outages``         how often the bus was lost; ``reconnections`` how often it came back
-    ``outage_ns``       how long it was lost, all together [ns]
+    ``outage_ns``       total time without the bus [ns]
     """
 
     driver: str
@@ -60,34 +59,34 @@ class ConnectionFigures(NamedTuple):
 
 
 class Connection:
-    """Is the port of a node's executor; ``shutdown`` it at the end.
+    """The port of a node's executor; ``shutdown`` it at the end.
 
-    ``opened``       the port, which is this connection's to shut down from now on
-    ``patience_s``   how long an outage may last [s]; 0 lets none begin
-    ``tell``         is called with one line for the user about an outage
+    ``opened``       the port, which this connection shuts down
+    ``patience_s``   how long an outage may last [s]; 0: the first one is the end
+    ``report``       is called with one line for the user about an outage
     """
 
     def __init__(
         self,
         opened: OpenPort,
         patience_s: float = 0.0,
-        tell: Callable[[str], None] = lambda _line: None,
+        report: Callable[[str], None] = lambda _line: None,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self._opened = opened
         self._port: ClosablePort | None = opened.port
         self._patience_s = patience_s
-        self._tell = tell
+        self._report = report
         self._clock_ns = clock_ns
         self._error_frames: Counter[str] = Counter()
         self._dropped = 0
         self._outages = 0
         self._reconnections = 0
         self._outage_ns = 0
-        self._lost_at_ns = NEVER_NS  # while there is an outage: since when
+        self._lost_at_ns = NEVER_NS  # begin of the present outage
         self._reopened_at_ns = 0
         self._is_silent = False
-        self._look_at_ns = 0  # while silent: when to look whether the bus is back
+        self._look_at_ns = 0  # while silent: when to check for the bus again
         self._cause = ""
         self._reopener: _Reopener | None = None
 
@@ -130,7 +129,7 @@ class Connection:
         return received
 
     def send(self, frame: Frame) -> bool:
-        """Hand ``frame`` to the bus; returns whether it is there and had room.
+        """Send ``frame``; returns whether there is a bus and it had room.
 
         Raises BusError when the bus is lost for good.
         """
@@ -143,7 +142,7 @@ class Connection:
             return False
 
     def shutdown(self) -> None:
-        """Leave the bus, or give up waiting for it; raises what the port raises."""
+        """Leave the bus, or stop waiting for it; raises what the port raises."""
         if self._reopener is not None:
             opened = self._reopener.stop()
             self._reopener = None
@@ -152,7 +151,7 @@ class Connection:
             self._port.shutdown()
 
     def _take_error_frame(self, frame: Frame) -> None:
-        """Count an error frame, and act on those of the end and the return of the bus."""
+        """Count an error frame, and react to bus-off and restart."""
         causes = error_causes(frame) if self._opened.is_socketcan else (UNSPECIFIED,)
         if BUS_OFF in causes and self._is_disproved():
             causes = tuple(FORGED_BUS_OFF if one == BUS_OFF else one for one in causes)
@@ -167,11 +166,11 @@ class Connection:
             self._end_outage()
 
     def _is_disproved(self) -> bool:
-        """Whether the kernel knows that there is no bus-off."""
+        """Whether the kernel contradicts the bus-off."""
         return self._opened.has_carrier and is_in_bus_off(self._opened.channel) is False
 
     def _lose(self, cause: str) -> None:
-        """Close the port that has failed, and have it opened again."""
+        """Close the failed port, and start to reopen it."""
         self._begin_outage(cause)
         self._dropped += _dropped(self._port)
         port, self._port = self._port, None
@@ -179,34 +178,34 @@ class Connection:
         self._reopener = _Reopener(port, self._opened.reopen)
 
     def _begin_outage(self, cause: str) -> None:
-        """Note that the bus is lost; raises BusError where that is the end."""
+        """Record the loss of the bus; raises BusError if it is not to be reopened."""
         if not self._patience_s:
             raise BusError(cause)
         self._cause = cause
         if self._lost_at_ns == NEVER_NS:
             self._lost_at_ns = self._clock_ns()
             self._outages += 1
-            if self._outages <= TOLD_OUTAGES_MAX:
-                last = "; more are only counted" if self._outages == TOLD_OUTAGES_MAX else ""
-                self._tell(
+            if self._outages <= REPORTED_OUTAGES_MAX:
+                last = "; more are only counted" if self._outages == REPORTED_OUTAGES_MAX else ""
+                self._report(
                     f"{cause}; waiting {self._patience_s:g} s at most for the bus to return{last}"
                 )
 
     def _end_outage(self) -> None:
-        """Note that the bus is back."""
+        """Record that the bus is back."""
         lasted_ns = self._clock_ns() - self._lost_at_ns
         self._lost_at_ns = NEVER_NS
         self._is_silent = False
         self._outage_ns += lasted_ns
         self._reconnections += 1
-        if self._outages <= TOLD_OUTAGES_MAX:
-            self._tell(f"the bus is back after {lasted_ns / NS_PER_S:.2f} s")
+        if self._outages <= REPORTED_OUTAGES_MAX:
+            self._report(f"the bus is back after {lasted_ns / NS_PER_S:.2f} s")
 
     def _watch_outage(self) -> None:
-        """End an outage that is over; raises BusError when it has lasted too long."""
+        """End the outage if it is over; raises BusError if it has lasted too long."""
         now_ns = self._clock_ns()
         if self._is_silent and now_ns >= self._look_at_ns:
-            # To be error-active again is not enough: the queue is opened with the carrier.
+            # Being error-active again is not enough: the queue opens with the carrier.
             self._look_at_ns = now_ns + _RETRY_NS
             if self._opened.has_carrier and has_carrier(self._opened.channel):
                 self._end_outage()
@@ -220,7 +219,7 @@ class Connection:
             )
 
     def _wait_for_port(self, timeout_s: float) -> None:
-        """Take over what the thread has opened, if it has by the end of ``timeout_s`` [s]."""
+        """Take over the port that the thread opens within ``timeout_s`` [s], if it does."""
         if self._reopener is None:
             raise BusError("this connection is shut down")
         opened = self._reopener.wait(timeout_s)
@@ -230,7 +229,7 @@ class Connection:
 
 
 class _Reopener:
-    """Closes what has failed and opens it again, in a thread: both may take seconds.
+    """Closes the failed port and reopens it in a thread, since both may take seconds.
 
     ``obstacle``  why the last attempt failed
     """
@@ -250,7 +249,7 @@ class _Reopener:
         return self._opened if self._done.wait(max(timeout_s, 0.0)) else None
 
     def stop(self) -> OpenPort | None:
-        """Give up; returns what was opened nevertheless, for the caller to shut down."""
+        """Stop; returns a port that was opened meanwhile, for the caller to shut down."""
         self._stop.set()
         self._thread.join(_STOP_TIMEOUT_S)
         return self._opened
@@ -258,12 +257,12 @@ class _Reopener:
     def _run(self) -> None:
         with suppress(OSError):
             if sys.platform == "linux":
-                # Not the priority of the loop that it was started from; 0 is this thread.
+                # Not the real-time priority of the loop; 0 is this thread.
                 os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         with suppress(can.CanError, OSError):
             if self._failed is not None:
                 self._failed.shutdown()
-        self._failed = None  # an adapter's port may not close before it is forgotten
+        self._failed = None  # some adapters close only when the object is released
         while not self._stop.wait(RETRY_S):
             try:
                 self._opened = self._reopen()
@@ -275,5 +274,5 @@ class _Reopener:
 
 
 def _dropped(port: ClosablePort | None) -> int:
-    """Return the frames that a port knows it has missed."""
+    """Return how many frames a port knows to have missed."""
     return int(getattr(port, "dropped", 0))

@@ -1,20 +1,22 @@
-"""Error frames of SocketCAN: what the local CAN controller reports of the bus, by cause.
+"""Error frames of SocketCAN: what a CAN controller reports of the bus, read and written.
 
 Classes are bits of the identifier, details bits of the payload (linux/can/error.h). They are the
-same whether a frame comes from ``AF_CAN`` or through python-can's ``socketcan``; other interfaces
-of python-can number their error frames as they like.
+same through ``AF_CAN`` and through python-can's ``socketcan``; other interfaces of python-can have
+their own codes.
 """
 
 from collections.abc import Iterator
 
-from .frame import Frame
+from .bus_errors import ErrorEvent
+from .fault_confinement import ControllerState
+from .frame import ERROR, Frame
 
 BUS_OFF = "bus_off"
 FORGED_BUS_OFF = "forged_bus_off"
 """An error frame reports bus-off, but according to the kernel the controller is not."""
 RESTARTED = "restarted"
 UNSPECIFIED = "unspecified"
-"""A cause that no bit gives; all error frames of interfaces other than SocketCAN."""
+"""No bit names a cause; also all error frames of interfaces other than SocketCAN."""
 
 _CLASSES = (
     (0x001, "transmit_timeout"),
@@ -42,8 +44,41 @@ _PROTOCOL_DETAILS = (  # of byte 2
 _LOCATIONS_OF_CRC = (0x08, 0x18)  # byte 3: CRC sequence, CRC delimiter
 
 
+_COUNTERS = 0x200
+_LOCATIONS = {
+    "SOF": 0x03, "ID": 0x02, "SRR": 0x04, "RRS": 0x04, "IDE": 0x05, "ID extension": 0x07,
+    "RTR": 0x0C, "r1": 0x0D, "r0": 0x09, "FDF": 0x0D, "res": 0x09, "DLC": 0x0B, "data": 0x0A,
+    "CRC": 0x08, "stuff count": 0x08, "CRC delimiter": 0x18, "ACK": 0x19, "ACK delimiter": 0x1B,
+    "EOF": 0x1A,
+}  # fmt: skip
+"""Byte 3, by the field's name in ``frame_on_wire``."""
+_STATE_BITS = {
+    ControllerState.ERROR_ACTIVE: 0x40,
+    ControllerState.ERROR_WARNING: 0x08,
+    ControllerState.ERROR_PASSIVE: 0x20,
+    ControllerState.BUS_OFF: 0x00,
+}
+
+
+def error_frame(event: ErrorEvent) -> Frame:
+    """Return what SocketCAN reports of an error to the sender of the destroyed frame."""
+    data = bytearray(8)
+    data[6:] = min(event.transmit_errors, 255), min(event.receive_errors, 255)
+    classes = _COUNTERS | (0x002 if event.cause == "arbitration lost" else _PROTOCOL | 0x080)
+    if classes & _PROTOCOL:
+        data[2], data[3] = 0x01, _LOCATIONS.get(event.field, 0)
+    if event.field == "ACK":
+        classes |= 0x020
+    if event.state is ControllerState.BUS_OFF:
+        classes |= 0x040
+    elif event.has_changed:
+        classes |= _CONTROLLER
+        data[1] = _STATE_BITS[event.state]
+    return Frame(classes, bytes(data), ERROR)
+
+
 def error_causes(frame: Frame) -> tuple[str, ...]:
-    """Return every cause that one error frame names, at least UNSPECIFIED."""
+    """Return all causes that an error frame names, at least UNSPECIFIED."""
     return tuple(_causes(frame.can_id, frame.data.ljust(8, b"\0"))) or (UNSPECIFIED,)
 
 

@@ -1,8 +1,8 @@
-"""Length of a CAN frame on the wire in bits, exact: stuff bits are counted on the frame's own bits.
+"""Exact length of a CAN frame on the wire [bits], stuff bits of its own content included.
 
-Source: ISO 11898-1:2015, frame formats and frame coding. A frame here is everything from start of
-frame to end of frame; the intermission that separates it from the next one is not in it. Senders
-are error active (ESI dominant), and a receiver acknowledges in time.
+Source: ISO 11898-1:2015, frame formats and frame coding. A frame extends from start of
+frame to end of frame, without the intermission after it. Senders are error active (ESI dominant),
+and a receiver acknowledges in time.
 
 Bits before the payload, dominant 0, recessive 1:
 
@@ -11,14 +11,13 @@ Bits before the payload, dominant 0, recessive 1:
     FD, 11 bit        SOF=0 id:11 RRS=0 IDE=0              FDF=1 res=0 BRS ESI=0  dlc:4
     FD, 29 bit        SOF=0 base:11 SRR=1 IDE=1 extension:18 RRS=0 FDF=1 res=0 BRS ESI=0 dlc:4
 
-After five equal bits the sender inserts one of the other kind, which counts as the first of the
-next five. In classic frames this goes on to the last bit of the CRC. In FD frames it ends with the
-payload; the stuff count and the CRC after it have stuff bits at fixed places, so that their
-values do not matter to the length.
+After five equal bits the sender inserts an opposite one, which counts as the first of the next
+five. In classic frames this applies up to the last bit of the CRC. In FD frames it ends with the
+payload: the stuff count and the CRC have stuff bits at fixed positions, whatever their value.
 
-Both counts are made a byte at a time with tables, because every frame on the bus passes here. Bits
-are put in front of SOF to fill whole bytes: they alternate and end recessive, as an idle bus does,
-so they neither get a stuff bit nor lengthen a run.
+Stuff bits and CRC are computed a byte at a time with tables, because every frame on the bus comes
+through here. Bits before SOF fill up the first byte. They alternate and end recessive, as on an
+idle bus, so they neither get a stuff bit nor lengthen a run.
 """
 
 from functools import lru_cache
@@ -30,10 +29,10 @@ from .record import new_record
 INTERMISSION_BITS = 3
 """Recessive bits between two frames, at the nominal bit rate."""
 
-_DLC = {length: length for length in range(9)} | {
+DATA_LENGTH_CODE = {length: length for length in range(9)} | {
     12: 9, 16: 10, 20: 11, 24: 12, 32: 13, 48: 14, 64: 15
 }  # fmt: skip
-"""Data length code of each payload length there is [bytes]."""
+"""Data length code of each possible payload length [bytes]."""
 
 _CLASSIC_CRC_BITS = 15
 _CRC15_POLYNOMIAL = 0x4599
@@ -139,7 +138,7 @@ def frame_bits(frame: Frame) -> FrameBits:
     if not flags and len(data) == 8 and 0 <= can_id <= 0x7FF:
         return _bits_of_eight_bytes(can_id, data)
     limit = 0x1FFFFFFF if flags & EXTENDED else 0x7FF
-    dlc = _DLC.get(len(data))
+    dlc = DATA_LENGTH_CODE.get(len(data))
     if not 0 <= can_id <= limit or dlc is None or flags & ERROR:
         raise ValueError(f"not a frame that can be sent: {frame}")
     if flags & FD:

@@ -1,6 +1,6 @@
-"""What the host grants a real-time program: requested as far as possible, and reported.
+"""Requests real-time properties of the host for a program, and reports what it grants.
 
-Nothing here fails: a refused request may make a program late at times, which the report shows.
+No refusal is an error: it may make the program late at times, which the report shows.
 """
 
 import ctypes
@@ -17,15 +17,15 @@ _PR_SET_TIMERSLACK = 29  # linux/prctl.h
 PRIORITY_MAX = 99  # of SCHED_FIFO, sched(7)
 _STAT = Path("/proc/stat")
 _STEAL_FIELD = 7
-"""Of the cpu line of /proc/stat: time a hypervisor gave to somebody else, proc(5)."""
+"""Of the cpu line of /proc/stat: time that the hypervisor gave to other guests, proc(5)."""
 
 
 class RealTimeRequest(NamedTuple):
-    """What to ask for.
+    """What to request.
 
-    ``priority``     of SCHED_FIFO, 1 to 99; 0 does not ask
-    ``cpu``          the only processor to run on; None does not ask
-    ``lock_memory``  whether no page may leave the memory
+    ``priority``     of SCHED_FIFO, 1 to 99; 0: the ordinary one
+    ``cpu``          the only processor to run on; None: any
+    ``lock_memory``  whether no page may be swapped out
     """
 
     priority: int = 0
@@ -34,7 +34,7 @@ class RealTimeRequest(NamedTuple):
 
 
 class HostAnswer(NamedTuple):
-    """One thing asked for, whether it was got, and what exactly or why not."""
+    """One request, whether it was granted, and details or the reason why not."""
 
     name: str
     got: bool
@@ -45,8 +45,8 @@ class HostAnswer(NamedTuple):
 def real_time(request: RealTimeRequest) -> Iterator[list[HostAnswer]]:
     """Run the block in real time, as far as the host grants it; yields the answers.
 
-    Afterwards the program has its ordinary priority again: writing its report must not hold up
-    others. Affinity, memory lock and timer slack stay, as they hold up nobody.
+    Afterwards the program has its ordinary priority again, so that writing its report does not
+    delay others. Affinity, memory lock and timer slack stay: they delay nobody.
     """
     answers = [_timer_slack()]
     if request.cpu is not None:
@@ -67,9 +67,9 @@ def real_time(request: RealTimeRequest) -> Iterator[list[HostAnswer]]:
 
 @contextmanager
 def _without_garbage_collection() -> Iterator[None]:
-    """Collect now, then not until the end of the block: a collection takes milliseconds.
+    """Collect now, and not again until the end of the block: a collection takes milliseconds.
 
-    Reference counting still frees everything that is in no cycle.
+    Reference counting still frees everything outside of reference cycles.
     """
     gc.collect()
     gc.freeze()
@@ -82,7 +82,7 @@ def _without_garbage_collection() -> Iterator[None]:
 
 @contextmanager
 def no_collections() -> Iterator[None]:
-    """Collect no garbage until the end of the block; nodes make no cycles to be collected."""
+    """Collect no garbage until the end of the block; nodes make no reference cycles."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -93,9 +93,9 @@ def no_collections() -> Iterator[None]:
 
 
 class StealClock:
-    """Measures the share of processor time that the host gave to somebody else since it was made.
+    """Measures the share of processor time that the hypervisor has given to other guests.
 
-    Such time makes a program late that is not slow. Only Linux reports it.
+    It makes a program late that is not slow. Only Linux reports it.
     """
 
     def __init__(self, stat: Path = _STAT) -> None:
@@ -103,7 +103,7 @@ class StealClock:
         self._start = _read_steal(stat)
 
     def fraction(self) -> float | None:
-        """Stolen share of all processors' time, 0 to 1; None where the platform reports none."""
+        """Stolen share of all processors' time, 0 to 1; None if unknown."""
         now = _read_steal(self._stat)
         if self._start is None or now is None:
             return None
@@ -116,7 +116,7 @@ def _read_steal(stat: Path) -> tuple[int, int] | None:
     try:
         with stat.open(encoding="ascii") as file:
             times = [int(field) for field in file.readline().split()[1:]]
-        # The last two fields, guest time, are part of the first two already.
+        # The last two fields, guest time, are included in the first two.
         return times[_STEAL_FIELD], sum(times[: _STEAL_FIELD + 1])
     except (OSError, ValueError, IndexError):
         return None
@@ -146,7 +146,7 @@ def _affinity(cpu: int) -> HostAnswer:
 
 def _locked_memory() -> HostAnswer:
     name = "memory lock"
-    # Under a limit, locking what comes later too would let an allocation fail during the run.
+    # Under a limit, locking future pages too would make allocations fail during the run.
     limited = _lock_limit_bytes() is not None
     detail = _call_libc("mlockall", _MCL_CURRENT if limited else _MCL_CURRENT | _MCL_FUTURE)
     got = "no page of the start" if limited else "no page"
@@ -164,13 +164,13 @@ def _lock_limit_bytes() -> int | None:
 
 
 def _timer_slack() -> HostAnswer:
-    """Ask to be woken when asked for; by default Linux may add 50 µs to save power."""
+    """Request precise wake-ups; by default Linux may add 50 µs to save power."""
     detail = _call_libc("prctl", _PR_SET_TIMERSLACK, 1, 0, 0, 0)
     return HostAnswer("timer slack", not detail, detail or "1 ns")
 
 
 def _call_libc(function: str, *arguments: int) -> str:
-    """Call a function of the C library; returns why it failed, empty when it did not."""
+    """Call a function of the C library; returns the reason of a failure, or an empty text."""
     if sys.platform != "linux":
         return "only on Linux"
     call = getattr(ctypes.CDLL(None, use_errno=True), function)

@@ -6,7 +6,7 @@ from .frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 
 
 def frame_of(message: can.Message) -> Frame:
-    """Return the frame that a message holds; its time, channel and direction are left behind."""
+    """Return the frame that a message holds; without time, channel and direction."""
     flags = 0
     if message.is_extended_id:
         flags |= EXTENDED

@@ -4,8 +4,8 @@ Rules an executor keeps:
 
 1. It reads the clock once per wake-up, hands over every waiting frame (``on_frame``), then ticks
    (``on_tick``) if ``now_ns >= deadline_ns``; frames that leave are the return values, in order.
-   A frame comes with its own arrival where that is known, at the latest this reading.
-2. Times are integer nanoseconds on one monotonic clock; those passed to a node never run backwards.
+   A frame comes with its arrival time if that is known, and at the latest with this reading.
+2. Times are integer nanoseconds on one monotonic clock; those passed to a node never decrease.
 3. ``on_tick`` is called again at the same ``now_ns`` while ``deadline_ns <= now_ns``.
 
 Rules a node keeps:
@@ -13,7 +13,7 @@ Rules a node keeps:
 1. ``on_tick`` moves ``deadline_ns`` beyond ``now_ns`` within a bounded number of calls.
 2. A periodic deadline is ``start_ns + index * period_ns``; missed periods are counted, never made
    up.
-3. Nothing on the wire can make it raise.
+3. It raises for nothing that comes over the wire.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
 NS_PER_US = 1_000
 NEVER_NS = 2**63 - 1
-"""A deadline that does not come."""
+"""A deadline that never comes."""
 
 
 class Node(Protocol):
@@ -39,7 +39,7 @@ class Node(Protocol):
 
     @property
     def finished(self) -> bool:
-        """Whether the node has done all it was asked to do and the run may end."""
+        """Whether the node has nothing left to do, so that the run may end."""
         ...
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
@@ -52,7 +52,7 @@ class Node(Protocol):
 
 
 class ReportingNode(Node, Protocol):
-    """A node of a program: it shows and reports what it saw; frames kept from it are notified."""
+    """A node of a program: it has a view and a report; notified of frames refused before it."""
 
     def on_unauthenticated(self) -> None:
         """Note that a frame was refused before it came here."""
@@ -63,11 +63,11 @@ class ReportingNode(Node, Protocol):
         ...
 
     def report(self) -> Mapping[str, Any]:
-        """Figures of the run so far; numbers, texts, and mappings of them.
+        """Return the figures of the run so far: numbers, texts, and mappings of them.
 
-        ``failure``  optional: why the node can no longer be trusted, for it does not keep its
-                     rate, or its result was not finite. Such a node enters its safe state,
-                     reports this on the bus, stays there, and has then ``finished``
+        ``failure``  optional: why the node is no longer reliable, because it does not keep its
+                     rate or its result was not finite. Such a node enters its safe state for good,
+                     reports this on the bus, and has then ``finished``
         """
         ...
 
@@ -76,9 +76,9 @@ N = TypeVar("N", bound=ReportingNode)
 
 
 class Wrapper(ReportingNode, Generic[N]):
-    """Does as ``node`` does; whoever stands around a node overrides what is to be different.
+    """Forwards everything to ``node``; subclasses override what differs.
 
-    It names the protocol as its base, so that mypy refuses to make a wrapper that lacks a part.
+    The protocol is its base, so that mypy refuses a wrapper that lacks a method.
     """
 
     def __init__(self, node: N) -> None:
@@ -86,24 +86,24 @@ class Wrapper(ReportingNode, Generic[N]):
 
     @property
     def deadline_ns(self) -> int:
-        """When the node wants its next tick [ns]."""
+        """When the node's next tick is due [ns]."""
         return self.node.deadline_ns
 
     @property
     def finished(self) -> bool:
-        """Whether the node has done all it was asked to do."""
+        """Whether the node has finished."""
         return self.node.finished
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        """Let the node have a frame."""
+        """Pass a frame to the node."""
         return self.node.on_frame(frame, now_ns)
 
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
-        """Let the node do what is due."""
+        """Let the node tick."""
         return self.node.on_tick(now_ns)
 
     def on_unauthenticated(self) -> None:
-        """Let the node know that a frame was refused before it came here."""
+        """Notify the node of a frame that was refused before it."""
         self.node.on_unauthenticated()
 
     def view(self, now_ns: int) -> View:

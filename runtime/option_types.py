@@ -1,6 +1,6 @@
 """Types of command line options that programs share; argparse turns their errors into one line.
 
-A wrong option is reported at once, before a run could be lost because of it.
+Wrong options are reported before the run, so that none is lost because of them.
 """
 
 import argparse
@@ -26,7 +26,7 @@ def output_file(text: str) -> Path:
             raise argparse.ArgumentTypeError(f"{text} is a directory")
         if not path.parent.is_dir():
             raise argparse.ArgumentTypeError(f"there is no directory {path.parent}")
-    except OSError as error:  # a name that no file can have
+    except OSError as error:  # not a possible file name
         raise argparse.ArgumentTypeError(f"{text[:60]}: {error.strerror}") from error
     if not all(os.access(place, os.W_OK) for place in (path.parent, path) if place.exists()):
         raise argparse.ArgumentTypeError(f"{text} may not be written")
@@ -42,7 +42,7 @@ def recording_file(text: str) -> Path:
 
 
 def settings_file(package: str) -> Callable[[str], Path]:
-    """Return what reads the name of a TOML file, or of one that ``package`` brings along."""
+    """Return the type of an option that takes a TOML file, or one of ``package`` by its name."""
 
     def read(text: str) -> Path:
         if text.endswith(".toml") or os.path.exists(text):
@@ -76,6 +76,13 @@ def spin_us(text: str) -> int:
 def priority(text: str) -> int:
     """Read a priority of SCHED_FIFO, or 0."""
     return _whole(text, PRIORITY_MAX)
+
+
+def bit_rate(text: str) -> int:
+    """Read a bit rate [bit/s]."""
+    if not text.isdecimal() or not 10_000 <= int(text) <= 8_000_000:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a bit rate of 10000 to 8000000 bit/s")
+    return int(text)
 
 
 def _whole(text: str, maximum: int) -> int:

@@ -1,19 +1,18 @@
-"""Judges by a node's own timer whether it keeps its rate; if not, that is a fault of the node.
+"""Checks by a node's own timer whether it keeps its rate; not to do so is a fault of the node.
 
-A tick overruns when at least one period has passed unserved before it was done with: the timer
-skips it. What a stall does to measurements and to the peer is judged by their ages. Two things no
-age shows, and each has its bound:
+A tick overruns if at least one period passes before it is done; the timer skips such periods. The
+effect of a stall on measurements and on the peer shows in their ages. Two limits cover what no age
+shows:
 
-    overruns         one stall is one overrun, however long: of the last ticks, so many
-    missed periods   of the last periods, so many; a stall counts as ``stall_periods_max`` at most,
-                     in what was missed and in what is looked back at
+    overruns         how many of the last ticks may overrun; one stall is one overrun, however long
+    missed periods   how many of the last periods may be missed; a stall counts as
+                     ``stall_periods_max`` at most, both as missed and in the window
 
-The first finds a node that is too slow for its rate, the second one that its host leaves too little
-time. A process that is stopped for seconds, or a machine that sleeps for an hour, is neither: it is
-one stall, and goes on.
+The first detects a node that is too slow for its rate, the second a host that gives the node too
+little time. A process that is stopped for seconds, or a machine that sleeps for an hour, is only
+one stall.
 
-The time is the timer's, so this is the same in virtual time, and in real time whatever made the
-node late.
+The time is the timer's, so this works the same in virtual and in real time.
 """
 
 from collections import deque
@@ -30,14 +29,14 @@ _Count = Annotated[int, Field(ge=1, le=_MOST)]
 
 
 class OverrunSettings(Settings):
-    """How many overruns and missed periods are borne; 0 bears none, "off" bears all.
+    """How many overruns and missed periods are allowed; 0 allows none, "off" any number.
 
     ``overruns_max``        among the last ``window_ticks``
-    ``window_ticks``        how many ticks are looked back at
+    ``window_ticks``        length of the window [ticks]
     ``missed_periods_max``  among the last ``window_periods``
-    ``window_periods``      how many periods are looked back at, served or missed
-    ``stall_periods_max``   as how many one stall counts at most; above ``missed_periods_max``, one
-                            long stall is a fault
+    ``window_periods``      length of the window [periods], served or missed
+    ``stall_periods_max``   largest count of one stall; above ``missed_periods_max``, one long stall
+                            is a fault
     """
 
     overruns_max: _Bound = 50
@@ -48,7 +47,7 @@ class OverrunSettings(Settings):
 
 
 class MissedPeriods:
-    """Counts the missed ones among the last periods; as in OverrunSettings, ValueError outside."""
+    """Counts missed periods in the window; raises ValueError outside OverrunSettings' ranges."""
 
     def __init__(self, missed_max: int, window_periods: int, stall_max: int) -> None:
         if missed_max < 0 or window_periods < 1 or stall_max < 1:
@@ -61,11 +60,11 @@ class MissedPeriods:
         self._stall_max = stall_max
         self._periods = 0
         self._stalls: deque[tuple[int, int]] = deque()
-        """Those that reach into the window: when they ended [periods], as how many they count."""
+        """Stalls that reach into the window: end [periods], and count."""
         self._missed = 0
 
     def on_tick(self, missed: int) -> str:
-        """Note a tick and how many periods were missed with it; returns why that is too many."""
+        """Process a tick and the number of periods missed with it; returns why that is too many."""
         self._periods += 1
         if missed:
             counted = min(missed, self._stall_max)
@@ -91,10 +90,10 @@ class MissedPeriods:
 
 
 class OverrunSupervision:
-    """Counts the overruns of one periodic activity, and what it misses.
+    """Counts overruns and missed periods of one periodic activity.
 
     ``overruns_max``, ``window_ticks``  as in OverrunSettings; ValueError outside their ranges
-    ``missed``                          judges the periods missed; None: all are borne
+    ``missed``                          checks the missed periods; None: any number is allowed
     """
 
     def __init__(
@@ -106,7 +105,7 @@ class OverrunSupervision:
         self._window_ticks = window_ticks
         self._ticks = 0
         self._recent: deque[int] = deque()
-        """Which of the last ticks have overrun."""
+        """Numbers of the ticks in the window that overran."""
         self._total = 0
         self._worst = 0
         self._missed = missed
@@ -115,9 +114,9 @@ class OverrunSupervision:
 
     @classmethod
     def of(cls, settings: OverrunSettings) -> Self:
-        """Return the supervision that the settings ask for."""
+        """Return the supervision for settings."""
         window_ticks = settings.window_ticks
-        # No more of the ticks can overrun than there are.
+        # No more ticks can overrun than the window has.
         overruns_max = window_ticks if settings.overruns_max == "off" else settings.overruns_max
         missed = None
         if settings.missed_periods_max != "off":
@@ -128,7 +127,7 @@ class OverrunSupervision:
 
     @property
     def failure(self) -> str:
-        """Why the rate is not kept; empty while it is. Once it is there it stays."""
+        """Why the rate is not kept, for good; empty while it is kept."""
         return self._failure
 
     @property
@@ -138,11 +137,11 @@ class OverrunSupervision:
 
     @property
     def worst(self) -> int:
-        """Most overruns among as many ticks as the window has."""
+        """Most overruns in a window so far."""
         return self._worst
 
     def on_tick(self, timer: PeriodicTimer) -> bool:
-        """Note the tick that ``timer`` has advanced for; returns whether the rate is kept."""
+        """Process the tick that ``timer`` has advanced for; returns whether the rate is kept."""
         self._ticks += 1
         missed = timer.skipped - self._skipped_before
         recent = self._recent

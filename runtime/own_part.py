@@ -1,6 +1,6 @@
-"""Parts of other packages, found by their place, ``package.module:ATTRIBUTE``.
+"""Parts from other packages, named ``package.module:ATTRIBUTE``.
 
-Settings name such a part and may hold a table of its own, whose model the part brings along.
+Settings name such a part and may have a table for it, whose model is the part's own.
 """
 
 import json
@@ -26,7 +26,7 @@ class Part(Protocol):
 
 
 class PartError(SettingsError):
-    """A part has failed, or gives what is not allowed; the text is one line."""
+    """A part has failed or has returned an invalid value; the text is one line."""
 
 
 P = TypeVar("P", bound=Part)
@@ -36,7 +36,7 @@ R = TypeVar("R")
 def find_part(place: str, kind: type[P], noun: str) -> P:
     """Return the part at a place; raises ValueError in one line.
 
-    ``noun``  what a part of this kind is called, as "latency model"
+    ``noun``  the kind of part, such as "latency model"
     """
     module_name, colon, attribute = place.partition(":")
     if not colon:
@@ -61,7 +61,7 @@ def find_part(place: str, kind: type[P], noun: str) -> P:
 def own_table(
     place_key: str, find: Callable[[str], Part]
 ) -> Callable[[Any, ValidationInfo], Settings | None]:
-    """Return the validator of a part's own table, which stands below the key that names the part.
+    """Return the validator of a part's own table, which follows the key that names the part.
 
     ``find``  returns the part at a place
     """
@@ -80,7 +80,7 @@ def own_table(
             return kind.model_validate_json(json.dumps(value, default=str), strict=True)
         except ValidationError as error:
             mistakes = explain(error, kind.model_json_schema(), value, {(): ""})
-            # An omitted table has no place of its own in the message.
+            # For an omitted table the message does not name it.
             prefix = "" if value else "own."
             lines = [f"{prefix}{line.removeprefix(': ')}" for line in mistakes]
             raise ValueError("; ".join(lines)) from error
@@ -89,9 +89,9 @@ def own_table(
 
 
 def asked(what: str, function: Callable[..., R], *arguments: object) -> R:
-    """Return what a part's function gives; what it raises becomes a PartError.
+    """Return the result of a part's function; its exceptions become a PartError.
 
-    ``what``  the part, as "latency model package.module:ATTRIBUTE"
+    ``what``  the part, such as "latency model package.module:ATTRIBUTE"
     """
     try:
         return function(*arguments)
@@ -100,5 +100,5 @@ def asked(what: str, function: Callable[..., R], *arguments: object) -> R:
 
 
 def cause(error: BaseException) -> str:
-    """Return an exception in one line."""
+    """Return an exception as one line."""
     return f"{type(error).__name__}: {error}".splitlines()[0]

@@ -1,8 +1,8 @@
-"""Opens the bus for a node: what it sends to and receives from, with receive filters set.
+"""Opens the bus for a node, with receive filters.
 
-A SocketCAN interface is opened by ``runtime.socketcan``, without python-can, unless that is turned
-off or the configuration asks for something only python-can's ``socketcan`` has. Every other
-interface is python-can's.
+A SocketCAN interface is opened by ``runtime.socketcan``, without python-can, unless that is
+switched off or the configuration needs something that only python-can's ``socketcan`` has.
+python-can opens every other interface.
 """
 
 import argparse
@@ -21,23 +21,23 @@ from .real_time import Received
 from .socketcan import SocketCanPort
 
 AF_CAN, PYTHON_CAN = "AF_CAN", "python-can"
-"""What a port is made of, for the report."""
+"""Drivers of a port, for the report."""
 _FAST_PATH_TAKES = {
     *("interface", "channel", "fd", "can_filters", "single_handle"),
-    # python-can's socketcan takes these too, and leaves them to ``ip link``.
+    # python-can's socketcan accepts these too, and leaves them to ``ip link``.
     *("bitrate", "data_bitrate", "timing"),
 }
 
 
 class ClosablePort(Protocol):
-    """A port and its end."""
+    """A port that can be shut down."""
 
     def recv(self, timeout_s: float) -> Received | None:
         """Return the next frame, or None when none comes within ``timeout_s`` [s]."""
         ...
 
     def send(self, frame: Frame) -> bool:
-        """Hand ``frame`` to the bus without waiting; returns whether it had room."""
+        """Send ``frame`` without waiting; returns whether the bus had room."""
         ...
 
     def shutdown(self) -> None:
@@ -48,12 +48,12 @@ class ClosablePort(Protocol):
 class OpenPort(NamedTuple):
     """An open port.
 
-    ``port``          to be shut down by who opened it
-    ``description``   what was opened, and what decided it
+    ``port``          the caller shuts it down
+    ``description``   what was opened, and where the choice came from
     ``channel``       its name, for recordings
     ``driver``        AF_CAN or PYTHON_CAN
-    ``is_socketcan``  whether its error frames mean what SocketCAN's mean
-    ``reopen``        opens the same again, whatever has become of the machine; raises BusError
+    ``is_socketcan``  whether its error frames have SocketCAN's codes
+    ``reopen``        opens the same channel again; raises BusError
     ``has_carrier``   whether the channel is a network interface, whose carrier shows bus-off too
     """
 
@@ -71,10 +71,10 @@ def open_port(
 ) -> OpenPort:
     """Open the port that the parsed command line, the configuration or this machine asks for.
 
-    ``can_ids``  11-bit identifiers that are received; None for everything. Filters in python-can's
-                 configuration come before them. An interface that cannot filter itself lets
-                 everything through: python-can would throw away error frames with the others
-    ``fast``     whether a SocketCAN interface may be opened without python-can
+    ``can_ids``  11-bit identifiers to receive; None: all. Filters in python-can's configuration
+                 override them. An interface that cannot filter receives everything, because
+                 python-can's own filter would drop error frames too
+    ``fast``     whether SocketCAN may be opened without python-can
 
     Raises BusError.
     """
@@ -122,7 +122,7 @@ def _open_fast(
 
 
 def _configuration(namespace: argparse.Namespace, choice: Choice) -> Mapping[str, Any] | None:
-    """Return what python-can would open the bus with; None for what only it can complain about."""
+    """Return python-can's configuration of the bus; None if it has mistakes, which it reports."""
     given = {
         key: value
         for key, value in vars(namespace).items()
@@ -143,5 +143,5 @@ def _receive_filters(can_ids: Collection[int] | None) -> Sequence[CanFilter] | N
 
 
 def _filters_itself(bus: can.BusABC) -> bool:
-    """Whether the interface, its driver or its hardware filters, and not python-can afterwards."""
+    """Whether the interface, its driver or its hardware filters, instead of python-can."""
     return type(bus)._apply_filters is not can.BusABC._apply_filters

@@ -1,8 +1,8 @@
-"""What the two programs share: command line, start, signals, report, exit status.
+"""What the two programs share: start, signals, report, exit status.
 
-From the line "ready" on a run ends with its report, whether the node has finished, time is up, a
-signal came, the bus failed or the node has found a fault in itself. What could lose a report is
-refused before there is a run.
+After the line "ready" every run ends with its report: when the node has finished, the time is up, a
+signal comes, the bus fails or the node detects a fault in itself. Options that could lose a report
+are refused before the run.
 """
 
 import argparse
@@ -11,54 +11,33 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from enum import IntEnum
-from pathlib import Path
 from types import FrameType
-from typing import Any, NamedTuple, TextIO, TypeVar
+from typing import Any, NamedTuple, TextIO
 
 import can
 
-from ..command_line import command_parser
-from .bus import BusError, add_bus_arguments, shutting_down
+from .bus import BusError, shutting_down
 from .connection import Connection, ConnectionFigures
 from .host import RealTimeRequest, StealClock, real_time
 from .node import NEVER_NS, NS_PER_S, NS_PER_US, N
-from .option_types import (
-    SPIN_US_MAX,
-    output_file,
-    priority,
-    recording_file,
-    seconds,
-    spin_us,
-)
 from .own_part import PartError
 from .port import open_port
 from .real_time import LoopFigures, RealTimeExecutor, unobserved
 from .recording import Recording, RecordingPort
 from .report import connection_report, host_report, run_report, write_json
 from .screen import Observer, Screen
-from .settings import (
-    Settings,
-    SettingsError,
-    SharedTable,
-    load_settings,
-    preset_names,
-    read_preset,
-)
+from .settings import Settings, SettingsError
 from .summary import summary_lines
 
-PATIENCE_S = 60.0
-"""How long ``--reconnect`` waits for the bus by default."""
-
-
 FINISHED = "finished"
-"""What ended a run that the node itself has ended."""
+"""``ended_by`` of a run that the node itself has ended."""
 
 
 class ExitStatus(IntEnum):
-    """Why a program has ended, for the shell."""
+    """Exit status of the programs."""
 
     OK = 0
     SETTINGS = 2
@@ -66,16 +45,13 @@ class ExitStatus(IntEnum):
     OUTPUT = 4
     """A file could not be written."""
     SAFE_STATE = 5
-    """The node has found a fault in itself, and has gone to its safe state for good."""
+    """The node has detected a fault in itself and stays in its safe state."""
     INTERRUPTED = 130
-    """By Ctrl-C or SIGTERM outside of a run; one that is interrupted ends with OK and a report."""
-
-
-S = TypeVar("S", bound=Settings)
+    """Ctrl-C or SIGTERM outside of a run. An interrupted run ends with OK and a report."""
 
 
 class StopRequest:
-    """Becomes true when the run is to end, and remembers why."""
+    """Becomes true when the run has to end, and keeps the reason."""
 
     def __init__(self, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self._clock_ns = clock_ns
@@ -94,13 +70,10 @@ class StopRequest:
 
     @contextmanager
     def on_signals(self) -> Iterator[None]:
-        """Let SIGINT, SIGTERM and SIGHUP ask for the end until the end of the block.
+        """Let SIGINT, SIGTERM and SIGHUP end the run, within the block.
 
-        SIGHUP is the end of the terminal or of the connection to it; below nohup it is ignored, and
-        stays so.
-
-        However often they come: terminals and the wrappers that pass signals on send them twice,
-        and the second must not cost the report.
+        SIGHUP comes with the end of the terminal; below nohup it stays ignored. Terminals and
+        wrappers may send a signal twice: the second one must not cost the report.
         """
         numbers = [signal.SIGINT, signal.SIGTERM]
         if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
@@ -119,10 +92,10 @@ class StopRequest:
 
 
 class _Run(NamedTuple):
-    """What has become of a run, beside what the node itself reports.
+    """Result of a run, without the node's own report.
 
-    ``failure``  of the bus, or of a part from another package; empty when none has failed
-    ``status``   what follows from the failure
+    ``failure``  of the bus or of a part from another package; empty if there is none
+    ``status``   exit status of the failure
     """
 
     ended_by: str
@@ -131,103 +104,6 @@ class _Run(NamedTuple):
     loop: LoopFigures
     connection: ConnectionFigures
     host: Mapping[str, Any]
-
-
-def make_parser(
-    name: str, doc: str | None, example: str, preset_package: str
-) -> argparse.ArgumentParser:
-    """Return a parser with the options both programs have; ``command_parser`` has the arguments."""
-    parser = command_parser(name, doc, example, "[SETTINGS.toml] [options]")
-    add_settings_arguments(parser, preset_package)
-    parser.add_argument("--report", type=output_file, metavar="FILE", help="write a report, JSON")
-    parser.add_argument(
-        "--record",
-        type=recording_file,
-        metavar="FILE",
-        help="write every frame: .log .asc .blf .csv .db .trc .mf4",
-    )
-    parser.add_argument(
-        "-q", "--quiet", action="store_true", help="print nothing while running but errors"
-    )
-    parser.add_argument(
-        "--duration", type=seconds, metavar="SECONDS", help="end after this time at the latest"
-    )
-    add_real_time_arguments(parser)
-    add_bus_arguments(parser)
-    group = parser.add_argument_group("a bus that fails")
-    group.add_argument(
-        "--reconnect", action="store_true", help="reopen a bus that was lost, and continue"
-    )
-    group.add_argument(
-        "--reconnect-limit",
-        type=seconds,
-        default=PATIENCE_S,
-        metavar="SECONDS",
-        help="how long the bus may stay away (default: %(default)g)",
-    )
-    group.add_argument(
-        "--no-fast-socketcan",
-        dest="fast_socketcan",
-        action="store_false",
-        help="open SocketCAN through python-can too",
-    )
-    return parser
-
-
-def add_settings_arguments(parser: argparse.ArgumentParser, preset_package: str) -> None:
-    """Add what ``load_program_settings`` reads."""
-    presets = ", ".join(preset_names(preset_package))
-    parser.add_argument(
-        "settings", nargs="?", type=Path, metavar="SETTINGS.toml", help="settings file"
-    )
-    parser.add_argument("--preset", metavar="NAME", help=f"settings below the file's: {presets}")
-    parser.add_argument(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="TABLE.KEY=VALUE",
-        help="one setting on top of the file; repeatable",
-    )
-
-
-def add_real_time_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what a program may request of the host, the same for the programs and the probe."""
-    group = parser.add_argument_group("real time, as far as the host grants it")
-    group.add_argument(
-        "--priority",
-        type=priority,
-        default=50,
-        metavar="0..99",
-        help="SCHED_FIFO priority; 0 does not request it (default: %(default)s)",
-    )
-    group.add_argument("--cpu", type=int, metavar="N", help="run on processor N only")
-    group.add_argument(
-        "--no-memory-lock", dest="lock_memory", action="store_false", help="let memory be paged out"
-    )
-    group.add_argument(
-        "--spin-us",
-        type=spin_us,
-        default=0,
-        metavar="US",
-        help=f"busy-wait this long before a deadline, 0 to {SPIN_US_MAX}; occupies a processor",
-    )
-
-
-def load_program_settings(
-    model: type[S],
-    preset_package: str,
-    options: argparse.Namespace,
-    overrides: Sequence[str] = (),
-    shared: SharedTable | None = None,
-) -> S:
-    """Return the settings that the command line asks for; raises SettingsError.
-
-    ``overrides``  further ``table.key=value``, on top of those of ``--set``
-    """
-    preset = read_preset(preset_package, options.preset) if options.preset else None
-    own = [*options.overrides, *overrides]
-    return load_settings(model, preset, options.settings, own, shared)
 
 
 def run_node(
@@ -241,15 +117,14 @@ def run_node(
 ) -> ExitStatus:
     """Open the bus, run the node to its end in real time, print and write the report.
 
-    ``make_node``  called as ``make_node(start_ns)``, on the monotonic clock [ns]; the first tick is
-                   due then, so it must not take long
+    ``make_node``  called as ``make_node(start_ns)`` on the monotonic clock [ns]; must be quick,
+                   because the first tick is due at this time
     ``conclude``   writes and prints the program's own additions, after the report
-    ``can_ids``    identifiers the node receives; None for all
-    ``notice``     is printed on standard error when the bus is open
+    ``can_ids``    identifiers the node receives; None: all
+    ``notice``     printed on standard error when the bus is open
 
-    Returns the exit status: a bus, a node, a part of another package or a recording that fails
-    leaves a report too. Raises BusError when the bus cannot be opened, and OSError when a file
-    cannot be written.
+    Returns the exit status. A failing bus, node, part of another package or recording leaves a
+    report too. Raises BusError if the bus cannot be opened, OSError if a file cannot be written.
     """
     opened = open_port(options, can_ids, fast=options.fast_socketcan)
     screen = Screen(name, sys.stderr)
@@ -257,9 +132,9 @@ def run_node(
         opened, options.reconnect_limit if options.reconnect else 0.0, screen.line
     )
     stop = StopRequest()
-    # What is to be kept is written before the shut-down, which may take seconds or fail.
+    # Report and recording are written before the shut-down, which may take seconds or fail.
     with shutting_down(connection), ExitStack() as stack:
-        # A file may take for ever to open, which Ctrl-C has to end: before the signals are taken.
+        # Before the signals are handled: opening a file may block, and Ctrl-C has to end that.
         recording = _start_recording(options, opened.channel)
         stack.enter_context(stop.on_signals())
         if notice:
@@ -295,7 +170,7 @@ def run_node(
 
 
 def _start_recording(options: argparse.Namespace, channel: str) -> Recording | None:
-    """Start what was asked for; before the run, whose priority the recorder must not have."""
+    """Start the recorder, before the run, whose priority it must not inherit."""
     if options.record is None:
         return None
     return Recording(options.record, channel.replace(" ", "_"))
@@ -339,9 +214,9 @@ def _run_in_real_time(
 
 @contextmanager
 def handled(number: int, handler: Any) -> Iterator[None]:
-    """Let ``handler`` take a signal in the block, as far as that is in the main thread."""
+    """Handle a signal with ``handler`` within the block; only in the main thread."""
     if threading.current_thread() is not threading.main_thread():
-        yield  # signals are for the main thread
+        yield  # only the main thread can handle signals
         return
     before = signal.signal(number, handler)
     try:
@@ -351,12 +226,12 @@ def handled(number: int, handler: Any) -> Iterator[None]:
 
 
 def interrupted_by_sigterm() -> AbstractContextManager[None]:
-    """Let SIGTERM end what is in the block as Ctrl-C does, so that it leaves nothing behind."""
+    """Let SIGTERM end the block as Ctrl-C does, so that it leaves nothing behind."""
     return handled(signal.SIGTERM, signal.default_int_handler)
 
 
 def run_main(name: str, main: Callable[[], int]) -> int:
-    """Call ``main``; turns what a user can cause into one line on standard error and a status."""
+    """Call ``main``; turns errors that a user can cause into one line and an exit status."""
     try:
         with interrupted_by_sigterm():
             status = main()
@@ -367,7 +242,7 @@ def run_main(name: str, main: Callable[[], int]) -> int:
     except (BusError, can.CanError) as error:
         lines, status = [str(error)], ExitStatus.BUS
     except BrokenPipeError:
-        # Nobody reads on, as after "| head"; that is no mistake.
+        # The reader has gone, as after "| head".
         _silence(sys.stdout)
         lines, status = [], ExitStatus.OK
     except OSError as error:
@@ -376,7 +251,7 @@ def run_main(name: str, main: Callable[[], int]) -> int:
         lines = [f"{where}: {cause}" if where else cause]
         status = ExitStatus.OUTPUT
     except UnicodeEncodeError as error:
-        # Names on the command line may have any bytes; what prints or stores them wants text.
+        # Names on the command line may have any bytes; printing and storing need text.
         lines, status = [f"{error.object[:60]}: is not UTF-8 text"], ExitStatus.OUTPUT
     except KeyboardInterrupt:
         lines, status = ["interrupted"], ExitStatus.INTERRUPTED
@@ -388,7 +263,7 @@ def run_main(name: str, main: Callable[[], int]) -> int:
 def say(name: str, text: str, stream: TextIO | None = None) -> None:
     """Print one line to ``stream``, standard output unless given, at once.
 
-    A reader that has gone or a disk that is full must neither end a run nor cost its report.
+    A closed pipe or a full disk must neither end a run nor cost its report.
     """
     stream = stream or sys.stdout
     try:
@@ -398,6 +273,6 @@ def say(name: str, text: str, stream: TextIO | None = None) -> None:
 
 
 def _silence(stream: TextIO) -> None:
-    """Have ``stream`` written to nowhere, also what Python still holds and writes at the end."""
+    """Redirect ``stream`` to nowhere, including what Python still buffers."""
     with open(os.devnull, "w", encoding="utf-8") as nowhere:
         os.dup2(nowhere.fileno(), stream.fileno())

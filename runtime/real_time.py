@@ -2,17 +2,17 @@
 
 A wake-up, in this order:
 
-1. Read the clock once. That reading is the time of everything below.
-2. Hand over every frame that waits, oldest first, at most FRAMES_PER_WAKE_UP_MAX: a flood must not
-   keep the node from ticking. What is left waits for the next wake-up, which follows at once.
-   Error frames are the port's business and are not handed over.
-   Where the port knows when a frame arrived, that is the time passed to the node, kept between the
-   last reading and this one: a node never gets a time in the future, nor one before its last.
+1. Read the clock once. This reading is the time of all that follows.
+2. Pass all waiting frames to the node, oldest first, but at most FRAMES_PER_WAKE_UP_MAX, so that a
+   flood cannot keep the node from ticking. The others wait for the next wake-up, which follows at
+   once. Error frames are not passed on.
+   A frame comes with its arrival time if the port knows it, limited to between the last reading and
+   this one: times passed to a node are never in the future, and never decrease.
 3. Tick while the node's deadline is due.
 
-Deadlines are absolute, so that being late once makes nothing late after it. The last of a wait may
-be spent spinning: looking at clock and port without sleeping, which takes all of a processor and
-none of the time that a host needs to wake a program up.
+Deadlines are absolute, so that one late tick makes no later tick late. The last part of a wait may
+be spinning: it polls clock and port without sleeping. This occupies a processor, and avoids the
+time that the host needs to wake up a program.
 """
 
 import time
@@ -25,8 +25,8 @@ from .statistics import DurationStatistics, DurationSummary
 
 FRAMES_PER_WAKE_UP_MAX = 256
 TICKS_PER_WAKE_UP_MAX = 10_000
-"""Ticks at one reading of the clock before the node is called stuck. Signals only ask for the end
-of a run, so a node that kept its executor here could not even be interrupted."""
+"""Ticks at one reading of the clock before the node counts as stuck. Without this limit such a node
+could not even be interrupted, because signals only request the end of the run."""
 WAIT_NS_MAX = 50_000_000
 """Longest wait, so that a request to stop is noticed."""
 
@@ -43,29 +43,29 @@ class Received(NamedTuple):
 
 
 class Port(Protocol):
-    """What a node sends to and receives from."""
+    """Where a node sends and receives."""
 
     def recv(self, timeout_s: float) -> Received | None:
         """Return the next frame, or None when none comes within ``timeout_s`` [s]."""
         ...
 
     def send(self, frame: Frame) -> bool:
-        """Hand ``frame`` to the bus without waiting; returns whether it had room."""
+        """Send ``frame`` without waiting; returns whether the bus had room."""
         ...
 
 
 class LoopFigures(NamedTuple):
-    """What a run was like.
+    """Statistics of a run.
 
     ``lateness``         how long after its deadline each tick ran
-    ``unwaited``         how often the next deadline had come by the end of a wake-up, so that
-                         nothing was waited for. Deadlines that are close together do that to a
-                         healthy node; what a node misses it counts itself
-    ``wake_ups``         how often the loop went round
-    ``full_wake_ups``    how often FRAMES_PER_WAKE_UP_MAX cut the frames of a wake-up short
-    ``frames_refused``   frames of the node the bus had no room for; they are not sent again
+    ``unwaited``         wake-ups at whose end the next deadline had passed already. Deadlines that
+                         are close together cause this in a healthy node too; the node itself
+                         counts missed periods
+    ``wake_ups``         turns of the loop
+    ``full_wake_ups``    wake-ups that reached FRAMES_PER_WAKE_UP_MAX
+    ``frames_refused``   frames of the node for which the bus had no room; they are lost
     ``duration_ns``      from the first reading of the clock to the last [ns]
-    ``busy_ns``          of which not waiting [ns]
+    ``busy_ns``          part of it spent outside of waiting [ns]
     """
 
     lateness: DurationSummary
@@ -83,8 +83,8 @@ class RealTimeExecutor:
     """Runs ``node`` on ``port``.
 
     ``clock_ns``  monotonic clock [ns]
-    ``spin_ns``   how long before a deadline the spinning begins [ns]
-    ``observe``   is called with the time after each wake-up with time left to the next deadline
+    ``spin_ns``   how long before a deadline to start spinning [ns]
+    ``observe``   called with the time after each wake-up that leaves time to the next deadline
     """
 
     def __init__(
@@ -126,21 +126,21 @@ class RealTimeExecutor:
         )
 
     def run(self, should_stop: Callable[[], bool]) -> None:
-        """Run until the node has finished or ``should_stop()``; what the port raises comes through.
+        """Run until the node has finished or ``should_stop()``; raises what the port raises.
 
-        ``should_stop`` is asked once a wake-up, at least every WAIT_NS_MAX.
+        ``should_stop`` is called once per wake-up, at least every WAIT_NS_MAX.
         """
         start_ns = self._clock_ns()
-        before_ns = told_ns = start_ns
+        before_ns = passed_ns = start_ns
         while not (self._node.finished or should_stop()):
             first = self._wait(before_ns)
             now_ns = self._clock_ns()
             self._wake_ups += 1
             if first is not None:
-                self._drain(first, told_ns, now_ns)
+                self._drain(first, passed_ns, now_ns)
             self._tick(now_ns)
-            told_ns = now_ns
-            # Read again, because the wait that follows is counted from here and not from now_ns.
+            passed_ns = now_ns
+            # Read again, because the next wait starts here and not at now_ns.
             before_ns = self._clock_ns()
             if self._node.deadline_ns <= before_ns:
                 self._unwaited += 1
@@ -150,7 +150,7 @@ class RealTimeExecutor:
             self._duration_ns = before_ns - start_ns
 
     def _wait(self, before_ns: int) -> Received | None:
-        """Return the next frame, or None when the deadline comes first, or WAIT_NS_MAX."""
+        """Return the next frame, or None after the deadline or WAIT_NS_MAX."""
         deadline_ns = self._node.deadline_ns
         wait_ns = min(deadline_ns - before_ns - self._spin_ns, WAIT_NS_MAX)
         received = self._port.recv(max(wait_ns, 0) / NS_PER_S)
@@ -159,18 +159,18 @@ class RealTimeExecutor:
                 received = self._port.recv(0.0)
         return received
 
-    def _drain(self, first: Received, told_ns: int, now_ns: int) -> None:
-        """Hand over ``first`` and what waits behind it, as far as one wake-up goes.
+    def _drain(self, first: Received, passed_ns: int, now_ns: int) -> None:
+        """Pass ``first`` and the frames waiting behind it to the node, up to the limit.
 
-        ``told_ns``  the last time that was passed to the node before [ns]
+        ``passed_ns``  the last time that was passed to the node [ns]
         """
         received: Received | None = first
         taken = 0
         while received is not None:
             frame, arrival_ns = received
-            told_ns = now_ns if arrival_ns is None else min(max(arrival_ns, told_ns), now_ns)
+            passed_ns = now_ns if arrival_ns is None else min(max(arrival_ns, passed_ns), now_ns)
             if not frame.flags & ERROR:
-                self._send(self._node.on_frame(frame, told_ns))
+                self._send(self._node.on_frame(frame, passed_ns))
                 self._frames_received += 1
             taken += 1
             if taken == FRAMES_PER_WAKE_UP_MAX:
@@ -179,7 +179,7 @@ class RealTimeExecutor:
             received = self._port.recv(0.0)
 
     def _tick(self, now_ns: int) -> None:
-        """Tick while the node's deadline is due; raises RuntimeError when that does not end."""
+        """Tick while the node's deadline is due; raises RuntimeError if that does not end."""
         for _ in range(TICKS_PER_WAKE_UP_MAX):
             lateness_ns = now_ns - self._node.deadline_ns
             if lateness_ns < 0:

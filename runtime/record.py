@@ -1,7 +1,7 @@
-"""Makes a NamedTuple of all its fields at once, where it is made for every frame or every tick.
+"""A fast constructor of NamedTuples, for records of every frame or tick.
 
-A NamedTuple's own constructor is a Python function, and takes three times as long. Fields are given
-by position, none may be left out, and the types are not checked.
+A NamedTuple's own constructor is a Python function and takes three times as long. All fields are
+given, by position, and mypy does not check their types.
 """
 
 new_record = tuple.__new__

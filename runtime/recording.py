@@ -2,14 +2,14 @@
 
     control path ── one non-blocking write ──► pipe (bounded) ──► recorder process ──► file
 
-The recorder is a process of its own, so that formatting, compressing and waiting for a disk share
-neither interpreter nor priority with the control loop. What the pipe has no room for is not
-recorded, and counted. The file is complete at the end in whatever way the program ends, also when
-it is killed: the recorder sees the end of the pipe and closes the file.
+The recorder is a separate process, so that formatting, compressing and waiting for a disk share
+neither interpreter nor priority with the control loop. Frames that do not fit into the pipe are not
+recorded, but counted. The file is complete however the program ends, even if it is killed: the
+recorder sees the end of the pipe and closes the file.
 
-Times are when a frame arrived (as far as the port knows, else when the program took it) or was
-handed to the bus: of the monotonic clock, converted to wall-clock time by the difference at the
-start, so that setting the clock does not tear a recording apart.
+A frame's time is its arrival (if the port knows it, otherwise when the program took it) or when it
+was handed to the bus. It is read from the monotonic clock and converted to wall-clock time with the
+difference at the start, so that setting the clock leaves no gap in a recording.
 """
 
 import json
@@ -35,25 +35,24 @@ SUFFIXES = (".log", ".asc", ".blf", ".csv", ".db", ".trc", ".mf4")
 LEFT_OUT = {".trc": ERROR | REMOTE | FD, ".csv": FD, ".db": FD}
 """Flags of frames that python-can's writer of a format drops, or writes as other frames."""
 STOP_TIMEOUT_S = 30.0
-"""How long the recorder may take to finish the file, most of it for a disk that stalls."""
+"""How long the recorder may take to finish the file; the disk may stall."""
 RECORD = struct.Struct("<qIBBBx")
-"""Head of a frame in the pipe: time [ns], identifier, flags, whether it was received, and how many
-bytes of payload follow."""
+"""Head of a frame in the pipe: time [ns], identifier, flags, whether received, payload length."""
 PROGRESS = struct.Struct("=Q")
-"""How many frames are in the file, in a file without name that the recorder keeps up to date."""
+"""Number of frames in the file, which the recorder writes to an unnamed file."""
 _PIPE_BYTES = 1 << 20
-"""The most an ordinary user is granted: over 20 000 frames, 40 s of the loop at 100 Hz."""
+"""The largest pipe for an ordinary user: over 20 000 frames, 40 s of the loop at 100 Hz."""
 _SENT, _RECEIVED = 0, 1
 _QUEUED_MAX = 20_000
 
 
 class RecordingFigures(NamedTuple):
-    """What has become of a recording.
+    """Result of a recording.
 
-    ``frames``    in the file; where the recorder was killed, as far as it has noted that
-    ``dropped``   there was no room for them on the way to the recorder
-    ``left_out``  the format has no place for them
-    ``failure``   why the recorder gave up; empty when it did not
+    ``frames``    frames in the file; after a killed recorder, those that it had reported
+    ``dropped``   frames for which there was no room on the way to the recorder
+    ``left_out``  frames that the format cannot represent
+    ``failure``   why the recorder failed; empty if it did not
     """
 
     file: str

@@ -1,14 +1,14 @@
-"""The recorder's side of a recording: records from a pipe, through python-can's writers, to a file.
+"""The recorder: writes records from a pipe to a file with python-can's writers.
 
-A frame that waited to be taken arrived before others that were recorded already. The writers give
-such a frame the time of the one before it, so records are put in order first: each is held until
-one comes that is HELD_NS newer, or none has come for IDLE_S.
+A frame that waited before the program took it can be older than frames recorded already. The
+writers would give it the time of the frame before it, so records are sorted first: each is held
+until one comes that is HELD_NS newer, or none has come for IDLE_S.
 
-Text formats and ``.blf`` lose no more than the last second, whatever is killed: text is handed to
-the operating system after every read, ``.blf`` every SYNC_NS, and both as often to the disk. A text
-file may then end in the middle of a line; who reads it must not take that for a frame.
+Text formats and ``.blf`` lose at most the last second, whatever is killed: text is flushed after
+every read, ``.blf`` every SYNC_NS, and both are then synced to the disk. A text file may then end
+in the middle of a line, which readers must not take for a frame.
 
-The number of frames in the file is written to a separate file of the program whenever it changes,
+Whenever the number of frames in the file changes, it is written to a separate file of the program,
 so that it is known even if the recorder is killed.
 """
 
@@ -36,18 +36,18 @@ from .recording import LEFT_OUT, PROGRESS, RECORD
 from .recording_writers import BlfWriter, frames_in_file, open_writer
 
 HELD_NS = 100_000_000
-"""Longer than frames wait in a program that runs on time."""
+"""Longer than frames wait in a program that is on time."""
 IDLE_S = 0.2
-"""What is held is written when nothing has come for this long. Only where pipes can be waited for:
-Windows holds it until the next frame comes."""
+"""Held records are written when nothing has come for this long. On Windows, where select takes no
+pipes, they are held until the next frame."""
 SYNC_NS = NS_PER_S // 2
-"""Held, idle and this, and the time a disk takes, stay within a second."""
+"""HELD_NS, IDLE_S, this and the time of a disk add up to less than a second."""
 _READ_BYTES = 1 << 16
 _POLL_S, _SETTLE_S = 0.02, 5.0
 
 
 def main() -> int:
-    """Record what comes on standard input until it ends; report the result to the program."""
+    """Record frames from standard input until it ends; report the result to the program."""
     # The terminal's Ctrl-C ends the program, and the end of the pipe then ends the recorder.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parser = argparse.ArgumentParser(prog="python -m steer_by_wire.runtime.recording_file")
@@ -61,7 +61,7 @@ def main() -> int:
 
 
 class _Record(NamedTuple):
-    """One recorded frame; sorts by time, and at one time as recorded."""
+    """One recorded frame; sorts by time, then by order of recording."""
 
     time_ns: int
     number: int
@@ -72,7 +72,7 @@ class _Record(NamedTuple):
 def record(path: Path, channel: str, source: BinaryIO, progress: int) -> dict[str, Any]:
     """Write every record in ``source`` to ``path``; returns frames, left_out and failure.
 
-    ``progress``  descriptor of the file that holds how many frames ``path`` has; -1 for none
+    ``progress``  descriptor of the file for the number of frames in ``path``; -1: none
 
     Prints "ready" on standard output when the file is open.
     """
@@ -81,11 +81,11 @@ def record(path: Path, channel: str, source: BinaryIO, progress: int) -> dict[st
     writer: can.io.generic.MessageWriter | None = None
     try:
         if path.is_file() and not path.is_symlink():
-            path.unlink()  # the writers replace a file, but the one for .db would add to it
+            path.unlink()  # the writer for .db would append to it
         writer = open_writer(path)
         os.write(1, b"ready\n")
         _write_all(writer, path.suffix.lower(), channel, _records(source), counts, progress)
-    except Exception as error:  # whatever a writer raises must be reported to the program
+    except Exception as error:  # a writer may raise anything
         failure = _why(error)
     try:
         if writer is not None:
@@ -94,7 +94,7 @@ def record(path: Path, channel: str, source: BinaryIO, progress: int) -> dict[st
     except Exception as error:
         failure = failure or _why(error)
     if isinstance(writer, can.SqliteWriter) and writer.num_frames < counts["frames"]:
-        # It writes in a thread of its own, whose errors nobody else sees.
+        # It writes in its own thread, whose errors are visible only here.
         failure = failure or "the database has refused frames"
         counts["frames"] = writer.num_frames
     return {**counts, "failure": failure}
@@ -110,7 +110,7 @@ def _write_all(
 ) -> None:
     """Write all records in order of time; counts them as it goes."""
     left_out = LEFT_OUT.get(suffix, 0)
-    sync, told = _sync_of(writer), 0
+    sync, shown = _sync_of(writer), 0
     for records in _ordered(reads):
         for time_ns, _, frame, is_received in records:
             if frame.flags & left_out:
@@ -127,13 +127,13 @@ def _write_all(
         if sync is not None:
             sync.after_write(len(records))
         in_file = frames_in_file(writer, counts["frames"])
-        if progress >= 0 and in_file != told:
+        if progress >= 0 and in_file != shown:
             os.pwrite(progress, PROGRESS.pack(in_file), 0)
-            told = in_file
+            shown = in_file
 
 
 def _sync_of(writer: can.io.generic.MessageWriter) -> "Sync | None":
-    """Return what brings the file on the disk up to date; None for a format that does itself."""
+    """Return what syncs the file to the disk; None for a format that does so itself."""
     if isinstance(writer, TextIOMessageWriter):
         return Sync(writer.file.fileno())
     if not isinstance(writer, BlfWriter):
@@ -147,9 +147,9 @@ def _sync_of(writer: can.io.generic.MessageWriter) -> "Sync | None":
 
 
 class Sync:
-    """Has what was written to a file reach the disk, at most once in SYNC_NS.
+    """Syncs a file to the disk, at most once in SYNC_NS.
 
-    Flushing is enough where a process is killed; this is for a machine that fails.
+    Flushing protects against a killed process, this against a failing machine.
     """
 
     def __init__(
@@ -165,20 +165,20 @@ class Sync:
         self._is_behind = False
 
     def after_write(self, written: int) -> None:
-        """Note that ``written`` records were handed to the operating system, and sync when due."""
+        """Count ``written`` records that were flushed, and sync when due."""
         self._is_behind = self._is_behind or written > 0
         if self._is_behind and self._clock_ns() >= self._due_ns:
-            with suppress(OSError):  # a pipe or a device has no disk behind it
+            with suppress(OSError):  # a pipe or a device
                 self._sync(self._descriptor)
             self._is_behind = False
-            # From the end: a disk that takes long must not be all that the recorder does.
+            # From the end, so that a slow disk does not take all of the time.
             self._due_ns = self._clock_ns() + SYNC_NS
 
 
 def _ordered(reads: Iterator[list[_Record]]) -> Iterator[list[_Record]]:
     """Yield the records in order of time, as far as HELD_NS goes.
 
-    A read without records is a pause: nothing is held any longer.
+    A read without records is a pause: all held records are yielded.
     """
     held: list[_Record] = []
     newest_ns = 0
@@ -198,9 +198,9 @@ def _ordered(reads: Iterator[list[_Record]]) -> Iterator[list[_Record]]:
 
 
 def _records(source: BinaryIO) -> Iterator[list[_Record]]:
-    """Yield the whole records of every read until the pipe ends, and none for every pause.
+    """Yield the complete records of each read until the pipe ends, and an empty list for a pause.
 
-    All reads go to one buffer: memory that is taken in ever other sizes is never all given back.
+    All reads use one buffer, because varying sizes would fragment the memory.
     """
     buffer = bytearray(_READ_BYTES)
     view = memoryview(buffer)
@@ -225,7 +225,7 @@ def _records(source: BinaryIO) -> Iterator[list[_Record]]:
                 records.append(_Record(time_ns, number, frame, bool(direction)))
                 number += 1
                 place = end
-            # What is left is less than a record, and goes to the front.
+            # Move the incomplete record to the front.
             buffer[: filled - place] = buffer[place:filled]
             filled -= place
             if records:
@@ -233,14 +233,14 @@ def _records(source: BinaryIO) -> Iterator[list[_Record]]:
 
 
 def _comes(source: BinaryIO) -> bool:
-    """Wait for something to read, or the end; returns whether it came within IDLE_S."""
+    """Wait for data or the end of the pipe; returns whether it came within IDLE_S."""
     if sys.platform == "win32":
-        return True  # select knows no pipes there: the read waits
+        return True  # select takes no pipes there, so the read blocks
     return bool(select.select([source], (), (), IDLE_S)[0])
 
 
 def _settle(writer: can.io.generic.MessageWriter, frames: int) -> None:
-    """Wait for the thread of the writer for .db, which ends with at most one more batch."""
+    """Wait for the thread of the writer for .db, which still writes at most one batch."""
     if isinstance(writer, can.SqliteWriter):
         before, patience_s = -1, 0.0
         while writer.num_frames < frames and patience_s < _SETTLE_S:
@@ -250,7 +250,7 @@ def _settle(writer: can.io.generic.MessageWriter, frames: int) -> None:
 
 
 def _why(error: Exception) -> str:
-    """Return what went wrong on one line."""
+    """Return an error as one line."""
     text = (error.strerror if isinstance(error, OSError) else None) or str(error)
     return " ".join(text.split()) or type(error).__name__
 

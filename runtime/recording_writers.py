@@ -1,4 +1,4 @@
-"""python-can's writers of recordings, and how much of what they were given is in the file."""
+"""python-can's writers of recordings, and how many frames have reached the file."""
 
 from pathlib import Path
 
@@ -7,15 +7,15 @@ from can.io.generic import MessageWriter, TextIOMessageWriter
 
 
 class BlfWriter(can.BLFWriter):
-    """python-can's, which alone keeps 128 KiB to itself, and the time of the start until the end.
+    """python-can's writer, which buffers 128 KiB, and writes the start time only at the end.
 
-    ``frames_in_file``  objects that were in the file when it was last brought up to date
+    ``frames_in_file``  number of objects in the file at its last update
     """
 
     frames_in_file = 0
 
     def bring_up_to_date(self) -> None:
-        """Write what has arrived, and a header with its count and the time of the start."""
+        """Write all buffered frames, and a header with their number and the start time."""
         self._flush()
         if self.file.seekable():
             end = self.file.tell()
@@ -32,7 +32,7 @@ def open_writer(path: Path) -> MessageWriter:
 
 
 def frames_in_file(writer: MessageWriter, given: int) -> int:
-    """Return how many of ``given`` frames are in the file, should nothing more be written."""
+    """Return how many of ``given`` frames would be in the file if the writer were killed now."""
     if isinstance(writer, TextIOMessageWriter):
         return given
     if isinstance(writer, BlfWriter):

@@ -56,7 +56,7 @@ def loop_report(figures: LoopFigures) -> dict[str, Any]:
 
 
 def connection_report(figures: ConnectionFigures) -> dict[str, Any]:
-    """Return what has become of the connection to the bus, times in seconds."""
+    """Return the figures of the connection to the bus, times in seconds."""
     return {
         "driver": figures.driver,
         "error_frames": dict(figures.error_frames),
@@ -68,7 +68,7 @@ def connection_report(figures: ConnectionFigures) -> dict[str, Any]:
 
 
 def host_report(answers: Sequence[HostAnswer], steal_fraction: float | None) -> dict[str, Any]:
-    """Return what the host granted, and what share of the processors it gave to others."""
+    """Return what the host granted, and the share of processor time of other guests."""
     return {
         "answers": [answer._asdict() for answer in answers],
         "steal_fraction": steal_fraction,
@@ -76,7 +76,7 @@ def host_report(answers: Sequence[HostAnswer], steal_fraction: float | None) -> 
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a file that is there as a whole or not at all; what is not finite becomes null.
+    """Write a file atomically; a number that is not finite becomes null.
 
     Raises OSError.
     """
@@ -85,7 +85,7 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
         # A link, a pipe or a device such as /dev/stdout is written to, never replaced.
         try:
             path.write_text(text, encoding="utf-8")
-        except OSError as error:  # of writing, it does not name the file
+        except OSError as error:  # errors of writing do not name the file
             raise OSError(error.errno, error.strerror, str(path)) from error
         return
     partial = path.with_name(f".{path.name}.partial")

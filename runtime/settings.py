@@ -1,4 +1,4 @@
-"""Settings files: TOML in, frozen and checked pydantic models out, one clear line for each mistake.
+"""Settings files: from TOML to frozen pydantic models, with one line for each mistake.
 
 Layers, later ones on top:
 
@@ -16,7 +16,7 @@ Types are strict, so that ``speed_m_s = "10"`` and ``gain = true`` are refused i
 import json
 import re
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
@@ -26,20 +26,20 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Tag, ValidationError
 from .settings_mistakes import KeyPath, dotted, explain, hint, printable
 
 OffWord = Annotated[Literal["off"], Tag("word")]
-"""What stands for no limit beside a number with ``Tag("number")``: TOML has no word for none."""
+"""Stands for no limit, beside a number with ``Tag("number")``: TOML has no null."""
 NUMBER_OR_WORD = Discriminator(lambda value: "word" if isinstance(value, str) else "number")
-"""Chooses between the two, so that a mistake in a value is reported once."""
+"""Selects one of the two, so that a mistake is reported once."""
 COMMAND_LINE = "command line"
 """The source of ``--set`` and of the options that are short for it."""
 _KIND = "kind"
 """Key that distinguishes the members of a union of tables."""
 _MISTAKES_MAX = 20
 _FILE_BYTES_MAX = 1 << 25
-"""More than any settings file has, and few enough to read: a device may have no end."""
+"""More than any settings file has; a device may have no end."""
 _DEPTH_MAX = 30
-"""Of tables and lists in each other."""
+"""Nesting of tables and lists."""
 _INTEGER_BITS_MAX = 1024
-"""TOML promises 64; Python neither reads nor writes thousands of digits."""
+"""TOML guarantees 64; Python refuses to convert thousands of digits."""
 
 
 class Settings(BaseModel):
@@ -92,7 +92,7 @@ def preset_names(package: str) -> list[str]:
 
 
 def read_preset(package: str, name: str) -> Preset:
-    """Return the preset ``name`` of ``package``; raises SettingsError naming those there are."""
+    """Return the preset ``name`` of ``package``; raises SettingsError that lists all presets."""
     names = preset_names(package)
     if name not in names:
         raise SettingsError(f"preset {name}: there is none of this name ({hint(name, names)})")
@@ -138,7 +138,7 @@ def load_settings(
 def with_values(settings: S, values: Mapping[str, Any], source: str) -> S:
     """Return ``settings`` with other ``values``, each by its dotted key, as ``table.key``.
 
-    ``values``  what TOML has (numbers, words, lists, tables), NumPy's numbers, paths, or settings
+    ``values``  any TOML value, NumPy's numbers, paths, or settings
     ``source``  origin of the values, for error messages
 
     Raises SettingsError.
@@ -156,16 +156,16 @@ def with_values(settings: S, values: Mapping[str, Any], source: str) -> S:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value that JSON does not have as one that it has."""
+    """Return a value in a form that JSON has."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json", exclude_none=True)
     return value.tolist() if hasattr(value, "tolist") else str(value)  # NumPy's
 
 
 def _checked(model: type[S], merged: dict[str, Any], sources: dict[KeyPath, str]) -> S:
-    """Return the settings that tables make; raises SettingsError."""
+    """Return the settings of merged tables; raises SettingsError."""
     try:
-        # By way of JSON, because there "strict" still means lists for tuples and words for enums.
+        # As JSON: there "strict" still accepts lists for tuples and words for enums.
         return model.model_validate_json(json.dumps(merged, default=str), strict=True)
     except ValidationError as error:
         mistakes = explain(error, model.json_schema_for(merged), merged, sources)
@@ -173,16 +173,6 @@ def _checked(model: type[S], merged: dict[str, Any], sources: dict[KeyPath, str]
     if more > 0:
         mistakes[_MISTAKES_MAX:] = [f"and {more} mistakes more"]
     raise SettingsError(*mistakes)
-
-
-def dump_toml(settings: Settings, leave_out: Collection[str] = ()) -> str:
-    """Return ``settings`` as the TOML text that ``load_settings`` makes the same settings of.
-
-    ``leave_out``  keys that are not written, because their defaults hold
-    """
-    tables = settings.model_dump(mode="json", exclude_none=True, exclude=set(leave_out))
-    lines = _toml_table(tables, ())
-    return "\n".join(lines).lstrip("\n") + "\n"
 
 
 def _read(file: Path) -> str:
@@ -206,7 +196,7 @@ def _parse(text: str, source: str) -> dict[str, Any]:
     try:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        # Only Python 3.14 has the line as a number; its place in the text is the same in all.
+        # Only Python 3.14 has the line as an attribute; the text has it in all versions.
         found = re.fullmatch(r"(.*) \(at line (\d+), column \d+\)", str(error), re.DOTALL)
         what, place = (found[1], f":{found[2]}") if found else (str(error), "")
         raise SettingsError(f"{source}{place}: is not TOML: {what}") from error
@@ -219,7 +209,7 @@ def _parse(text: str, source: str) -> dict[str, Any]:
 
 
 def _refuse_monsters(tables: dict[str, Any], source: str) -> None:
-    """Refuse what is TOML, but what breaks whatever it is handed to; raises SettingsError."""
+    """Refuse nesting and integers beyond the limits; raises SettingsError."""
     waiting: list[tuple[KeyPath, Any]] = [((), tables)]
     while waiting:
         path, value = waiting.pop()
@@ -259,7 +249,7 @@ def _set(tables: dict[str, Any], keys: Sequence[str], value: Any, source: str) -
 
 
 def _is_unicode(text: str) -> bool:
-    """Whether ``text`` from the command line was UTF-8: other bytes come as half a surrogate."""
+    """Whether ``text`` from the command line was UTF-8; other bytes become lone surrogates."""
     try:
         text.encode("utf-8")
     except UnicodeEncodeError:
@@ -271,9 +261,9 @@ def _parse_value(text: str) -> Any:
     """Return the TOML value that ``text`` is, or else ``text`` as a string."""
     try:
         document = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):  # TOMLDecodeError, and what int() refuses
+    except (ValueError, RecursionError):  # TOMLDecodeError, or an int with too many digits
         return text.strip()
-    # A line break in the text could bring further keys along.
+    # A line break in the text could add further keys.
     return document["value"] if len(document) == 1 else text
 
 
@@ -284,9 +274,9 @@ def _merge(
     path: KeyPath,
     sources: dict[KeyPath, str],
 ) -> None:
-    """Lay ``above`` over ``below`` and write into ``sources`` where each key comes from.
+    """Merge ``above`` into ``below``, and write the source of each key into ``sources``.
 
-    ``path``  where both tables are; a table comes from all that have added to it
+    ``path``  of both tables; the source of a table is all sources of its keys
     """
     sources[path] = f"{sources[path]}, {source}" if below else source
     for key, value in above.items():
@@ -298,39 +288,3 @@ def _merge(
         else:
             below[key] = value
             sources[(*path, key)] = source
-
-
-def _toml_table(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
-    """Return the lines of a table: its values, then its tables, each under its header."""
-    lines = [
-        f"{_toml_key(key)} = {_toml_value(value)}"
-        for key, value in table.items()
-        if not isinstance(value, dict)
-    ]
-    for key, value in table.items():
-        if isinstance(value, dict):
-            header = (*path, _toml_key(key))
-            lines += ["", f"[{'.'.join(header)}]", *_toml_table(value, header)]
-    return lines
-
-
-def _toml_key(key: str) -> str:
-    """Return ``key``, quoted where TOML needs it."""
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _toml_value(key)
-
-
-def _toml_value(value: Any) -> str:
-    """Return a value in TOML; floats with all their digits, tables inside lists inline."""
-    match value:
-        case str():
-            # A JSON string is a TOML string, except that TOML escapes DEL too.
-            return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-        case bool():
-            return "true" if value else "false"
-        case list():
-            return f"[{', '.join(map(_toml_value, value))}]"
-        case dict():
-            pairs = (f"{_toml_key(key)} = {_toml_value(item)}" for key, item in value.items())
-            return f"{{{', '.join(pairs)}}}"
-        case _:
-            return repr(value)

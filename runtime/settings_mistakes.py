@@ -3,8 +3,8 @@
     plant.toml: vehicle.speed_m_s = -3 should be greater than 0 (allowed: number above 0, up to 60)
     command line: vehicle.sped_m_s is not a known key (did you mean vehicle.speed_m_s?)
 
-What is allowed is read from the model's JSON schema, which has every limit of a field, where an
-error of pydantic names only the limit that was crossed.
+The allowed range comes from the model's JSON schema, which has all limits of a field. An error of
+pydantic names only the one that was violated.
 """
 
 import difflib
@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 KeyPath = tuple[str | int, ...]
-"""Where a setting is: keys of tables and indices into lists, from the top."""
+"""Path of a setting: keys of tables and indices of lists, from the top."""
 Schema = Mapping[str, Any]
 
 _VALUE_LENGTH_MAX = 60
@@ -51,8 +51,7 @@ def explain(
 
     ``schema``   JSON schema of the model
     ``data``     what was validated
-    ``sources``  where the keys of ``data`` come from; a key that is not in it comes from where the
-                 nearest table above it comes from
+    ``sources``  source of each key of ``data``; other keys have that of the nearest table above
     """
     mistakes = error.errors(include_url=False)
     return [
@@ -63,7 +62,7 @@ def explain(
 
 
 def hint(name: str, known: Iterable[str], prefix: str = "") -> str:
-    """Return what the user who wrote ``name`` may have meant: the nearest of ``known``, or all."""
+    """Return what ``name`` may have meant: the nearest of ``known``, or all."""
     names = list(known)
     nearest = difflib.get_close_matches(name, names, n=1)
     if nearest:
@@ -72,9 +71,9 @@ def hint(name: str, known: Iterable[str], prefix: str = "") -> str:
 
 
 def printable(text: str) -> str:
-    """Return ``text`` on one line: what a terminal would not show as a character is escaped.
+    """Return ``text`` on one line, with unprintable characters escaped.
 
-    File names, keys and values come from the user, with line breaks and control codes if need be.
+    File names, keys and values come from the user and may contain line breaks and control codes.
     """
     if text.isprintable():
         return text
@@ -82,7 +81,7 @@ def printable(text: str) -> str:
 
 
 def _is_consequence(mistake: ErrorDetails) -> bool:
-    """Whether a list is called too short for its elements that are mistakes themselves."""
+    """Whether a list only counts as too short because its elements are mistakes."""
     value, context = mistake["input"], mistake.get("ctx", {})
     is_list = isinstance(value, list) and mistake["type"] == "too_short"
     return is_list and len(value) >= context["min_length"]
@@ -98,7 +97,7 @@ def _explain_one(
     context = mistake.get("ctx", {})
     path, value = _path_in(data, mistake["loc"], mistake["type"]), mistake["input"]
     if "discriminator" in context:
-        # Reported for the table, but the mistake is in the key that selects the kind of table.
+        # pydantic reports the table, but the mistake is in the key that selects its kind.
         path, value = (*path, context["discriminator"].strip("'")), context.get("tag")
     key, allowed = dotted(path), _allowed(_schemas_at(schema, path, data))
     where = f"{_source(sources, path)}: {key}"
@@ -111,21 +110,21 @@ def _explain_one(
         case "missing" | "union_tag_not_found":
             return f"{where} is missing{allowed}"
         case "value_error" if isinstance(value, dict):
-            # Reported for a whole table: repeating all its content would hide the message.
+            # A whole table: its content would hide the message.
             return f"{where.removesuffix(': ')}: {context['error']}"
         case "value_error":
             return f"{where} = {_shown(value)}: {context['error']}"
         case "union_tag_invalid" | "enum" | "literal_error":
-            # pydantic's message would name the allowed values a second time.
+            # pydantic's message would repeat the allowed values.
             return f"{where} = {_shown(value)} is not a known one{allowed}"
         case _:
             return f"{where} = {_shown(value)} {mistake['msg'].removeprefix('Input ')}{allowed}"
 
 
 def _path_in(data: Mapping[str, Any], location: KeyPath, kind: str) -> KeyPath:
-    """Return pydantic's ``location`` without what is not in ``data``: members of unions it tried.
+    """Return pydantic's ``location`` without the members of unions that it tried.
 
-    The last key of what is missing is kept.
+    The key of a missing value is kept.
     """
     path: list[str | int] = []
     here: Any = data
@@ -147,7 +146,7 @@ def _children(value: Any) -> Mapping[str | int, Any]:
 
 
 def _source(sources: Mapping[KeyPath, str], path: KeyPath) -> str:
-    """Return where the key at ``path``, or the nearest table above it, comes from."""
+    """Return the source of the key at ``path``, or of the nearest table above it."""
     while path not in sources:
         path = path[:-1]
     return sources[path]
@@ -160,13 +159,13 @@ def dotted(path: KeyPath) -> str:
 
 
 def _shown(value: Any) -> str:
-    """Return a value on one line, shortened where it is long."""
+    """Return a value on one line, shortened if it is long."""
     text = json.dumps(value, ensure_ascii=False, default=str)
     return text if len(text) <= _VALUE_LENGTH_MAX else f"{text[:_VALUE_LENGTH_MAX]}..."
 
 
 def _schemas_at(root: Schema, path: KeyPath, data: Any) -> Sequence[Schema]:
-    """Return every schema that a value at ``path`` may follow; several inside a union."""
+    """Return all schemas that a value at ``path`` may follow; several in a union."""
     found = list(_alternatives(root, root, data))
     for step in path:
         data = _children(data).get(step)
@@ -188,10 +187,10 @@ def _child(schema: Schema, step: str | int) -> Schema | None:
 def _alternatives(root: Schema, schema: Schema, data: Any) -> Iterator[Schema]:
     """Return ``schema`` with references resolved and unions taken apart.
 
-    Of tables distinguished by a key only the one which ``data`` names, if it names one.
+    Of tables distinguished by a key, only the one that ``data`` names, if it does.
     """
     if "$ref" in schema:
-        # The form is always "#/$defs/Name".
+        # Always of the form "#/$defs/Name".
         schema = root["$defs"][schema["$ref"].rpartition("/")[2]]
     if "discriminator" in schema and isinstance(data, dict):
         discriminator = schema["discriminator"]
@@ -213,7 +212,7 @@ def _keys(schema: Schema) -> Iterable[str]:
 
 
 def _allowed(schemas: Sequence[Schema]) -> str:
-    """Return ``schemas`` in words, in brackets; nothing where they say nothing."""
+    """Return ``schemas`` in words, in parentheses; empty if they have no limits."""
     texts = dict.fromkeys(filter(None, map(_in_words, schemas)))
     return f" (allowed: {' or '.join(texts)})" if texts else ""
 

@@ -1,12 +1,12 @@
-"""SocketCAN by the standard library's ``AF_CAN``: a port that costs a third of python-can's.
+"""SocketCAN by the standard library's ``AF_CAN``: a port that takes a third of python-can's time.
 
-One system call sends a frame; one waits and one receives, and only the Frame is built on the way.
-The rest is as python-can's ``socketcan`` has it: error frames come with the flag ERROR, CAN FD
-frames only when asked for, frames of other programs on this machine, but not the port's own.
+One system call sends a frame; one waits and one receives, and the Frame is the only object made.
+Otherwise it behaves as python-can's ``socketcan``: error frames have the flag ERROR, CAN FD frames
+are received on request only, and frames of other programs on this machine too, but not its own.
 
-The kernel stamps each frame when it arrives (SO_TIMESTAMPNS), with the wall clock. A wall clock
-that is set meanwhile can make an arrival wrong for up to a second; the executor keeps it between
-the last wake-up and this one.
+The kernel stamps each frame on arrival (SO_TIMESTAMPNS) with the wall clock. Setting the wall clock
+can make arrivals wrong for up to a second; the executor limits them to between the last wake-up
+and this one.
 """
 
 import errno
@@ -54,10 +54,10 @@ class SocketCanPort:
     """One CAN network interface.
 
     ``channel``  its name
-    ``filters``  what is received, as python-can has it; None for everything
+    ``filters``  in python-can's form; None: receives everything
     ``fd``       whether CAN FD frames are received
 
-    Raises OSError when it cannot be opened, and ValueError for what are no filters.
+    Raises OSError if it cannot be opened, ValueError for invalid filters.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class SocketCanPort:
 
     @property
     def dropped(self) -> int:
-        """Frames for which the socket had no room, as far as a later frame has reported."""
+        """Frames for which the socket had no room, as of the last frame received."""
         return self._dropped
 
     @property
@@ -89,12 +89,12 @@ class SocketCanPort:
         """Whether it was opened for CAN FD frames, and the interface carries them."""
         try:
             mtu_bytes = int((_NETWORK_INTERFACES / self._channel / "mtu").read_text())
-        except (OSError, ValueError):  # where nothing reports it, sending does
+        except (OSError, ValueError):  # unknown; sending finds out
             return self._fd
         return self._fd and mtu_bytes >= _FD_FRAME.size
 
     def set_filters(self, filters: Sequence[CanFilter] | None) -> None:
-        """Receive what one of ``filters`` names, and error frames; None for everything."""
+        """Receive the frames that match ``filters``, and error frames; None: everything."""
         self._socket.setsockopt(_SOL_CAN_RAW, _CAN_RAW_FILTER, packed_filters(filters))
 
     def recv(self, timeout_s: float) -> Received | None:
@@ -103,7 +103,7 @@ class SocketCanPort:
         Raises BusError when the interface is gone.
         """
         try:
-            # Without time to wait, looking for a frame is one system call.
+            # Without waiting, one system call is enough.
             if timeout_s > 0.0 and not select.select([self._socket], [], [], timeout_s)[0]:
                 return None
             raw, ancillary, _, _ = self._socket.recvmsg(_FD_FRAME.size, _ANCILLARY_BYTES)
@@ -121,7 +121,7 @@ class SocketCanPort:
         return Received(unpacked(raw), arrival_ns)
 
     def send(self, frame: Frame) -> bool:
-        """Hand ``frame`` to the kernel; returns whether its queue had room, without waiting.
+        """Send ``frame`` without waiting; returns whether the kernel's queue had room.
 
         Raises BusError when the interface is gone.
         """
@@ -138,7 +138,7 @@ class SocketCanPort:
         return True
 
     def shutdown(self) -> None:
-        """Close the socket. What was sent before still goes out."""
+        """Close the socket. Frames in the queue are still sent."""
         with suppress(OSError):
             self._socket.close()
 
@@ -153,8 +153,8 @@ class SocketCanPort:
 class ArrivalClock:
     """Converts the kernel's time stamps to the monotonic clock.
 
-    The distance of the two clocks is read anew when a stamp is a second younger than the last
-    reading, or older: the stamps themselves show how time passes, so no frame costs a reading.
+    The difference of the two clocks is read again when a stamp is a second after the last reading,
+    or before it. The stamps themselves show how time passes, so that most frames need no reading.
     """
 
     def __init__(self) -> None:
@@ -162,7 +162,7 @@ class ArrivalClock:
         self._read_at_ns = -_OFFSET_AGE_NS_MAX - 1
 
     def monotonic_ns(self, wall_ns: int) -> int:
-        """Return the time of ``wall_ns``, which has just been, on the monotonic clock [ns]."""
+        """Return a recent wall-clock time on the monotonic clock [ns]."""
         if not 0 <= wall_ns - self._read_at_ns <= _OFFSET_AGE_NS_MAX:
             self._offset_ns = _wall_minus_monotonic_ns()
             self._read_at_ns = wall_ns
@@ -170,13 +170,13 @@ class ArrivalClock:
 
 
 _READING_NS_MAX = 200_000
-"""A reading of both clocks that took no longer is good enough; User Mode Linux takes 75 µs."""
+"""Longest good reading of both clocks; User Mode Linux takes 75 µs."""
 
 
 def _wall_minus_monotonic_ns() -> int:
-    """Return the distance of the clocks: of three readings the one that took least [ns].
+    """Return the difference of the clocks [ns], from the shortest of at least three readings.
 
-    A process that is held up within each of the three reads on: half a long reading is the error.
+    The error is half of the reading's time, so it reads again if all of them were interrupted.
     """
     readings: list[tuple[int, int]] = []
     while len(readings) < 3 or (min(readings)[0] > _READING_NS_MAX and len(readings) < 30):
@@ -205,7 +205,7 @@ def packed(frame: Frame) -> bytes:
 
 
 def unpacked(raw: bytes) -> Frame:
-    """Return the frame that the kernel has given."""
+    """Return the frame of the kernel's structure."""
     flags = 0
     if len(raw) == _CLASSIC.size:
         can_id, length, data = _CLASSIC.unpack(raw)
@@ -217,7 +217,7 @@ def unpacked(raw: bytes) -> Frame:
     if can_id & _ERR_FLAG:
         return Frame(can_id & _ERR_MASK, data[:length], flags | ERROR)
     if can_id & _RTR_FLAG:
-        # Its length is what is asked for; there is no payload.
+        # Its length is the requested one; there is no payload.
         flags, length = flags | REMOTE, 0
     if can_id & _EFF_FLAG:
         return Frame(can_id & _EFF_MASK, data[:length], flags | EXTENDED)
@@ -227,7 +227,7 @@ def unpacked(raw: bytes) -> Frame:
 def packed_filters(filters: Sequence[CanFilter] | None) -> bytes:
     """Return ``filters`` as an array of the kernel's ``struct can_filter``.
 
-    Raises ValueError for what are no filters.
+    Raises ValueError for invalid filters.
     """
     if filters is None:
         return _FILTER.pack(0, 0)
@@ -239,6 +239,6 @@ def packed_filters(filters: Sequence[CanFilter] | None) -> bytes:
                 mask |= _EFF_FLAG
                 can_id |= _EFF_FLAG if wanted["extended"] else 0
             entries.append(_FILTER.pack(can_id & 0xFFFF_FFFF, mask & 0xFFFF_FFFF))
-    except (KeyError, TypeError, struct.error) as error:  # they come from configuration files
+    except (KeyError, TypeError, struct.error) as error:  # from configuration files
         raise ValueError(f"{filters!r} is no list of {{can_id, can_mask}} of integers") from error
     return b"".join(entries)

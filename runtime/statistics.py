@@ -3,7 +3,7 @@
 Durations are counted in bins that widen with the duration, as in an HDR histogram: below 256 ns
 every nanosecond has its bin, above that every power of two is split into 128 bins. A quantile is
 the middle of its bin, so it is within 0.4 % of a recorded duration. Number, mean and maximum are
-exact. The same durations give the same figures, in whatever order they come.
+exact. The figures do not depend on the order of the durations.
 """
 
 from collections import Counter, defaultdict
@@ -12,10 +12,10 @@ from typing import NamedTuple
 from .node import NS_PER_S
 
 _BIN_BITS = 8
-"""Leading bits of a duration that choose its bin."""
+"""Leading bits of a duration, which select its bin."""
 _LEADING_MASK = (1 << _BIN_BITS) - 1
 _BLOCK = 256
-"""Durations that are counted at once: tens of microseconds, where they all differ."""
+"""Durations that are counted together; this takes tens of microseconds if all differ."""
 
 
 class DurationSummary(NamedTuple):
@@ -48,7 +48,7 @@ class DurationStatistics:
         self._total_ns = 0
         self._max_ns = 0
         self._waiting: list[int] = []
-        """Not in the bins yet: counted in blocks, of which equal durations are counted as one."""
+        """Durations not in the bins yet; they are counted in blocks, equal ones together."""
 
     def record(self, duration_ns: int) -> None:
         """Add one duration [ns]. Raises ValueError for a negative one: a clock ran backwards."""
@@ -59,13 +59,13 @@ class DurationStatistics:
             self._count_waiting()
 
     def _count_waiting(self) -> None:
-        """Put the durations that wait into their bins."""
+        """Move the waiting durations into their bins."""
         if not self._waiting:
             return
         for duration_ns, count in Counter(self._waiting).items():
             shift = duration_ns.bit_length() - _BIN_BITS
             if shift > 0:
-                # The leading bits are below 2**_BIN_BITS, so bins sort as their durations do.
+                # The leading bits are below 2**_BIN_BITS, so bins sort like their durations.
                 self._bins[shift << _BIN_BITS | duration_ns >> shift] += count
             else:
                 self._bins[duration_ns] += count

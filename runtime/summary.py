@@ -17,7 +17,7 @@ def causes_line(counts: Mapping[str, int]) -> str:
 
 
 def summary_lines(report: Mapping[str, Any]) -> Iterator[str]:
-    """Return the lines for the user of one report; what did not happen has none."""
+    """Return the lines of a report's summary, without events that did not happen."""
     loop, connection, host = report["loop"], report["connection"], report["host"]
     lateness = loop["lateness"]
     yield f"ended by {report['ended_by']} after {loop['duration_s']:.2f} s"

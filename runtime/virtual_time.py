@@ -3,11 +3,11 @@
 Order at one instant:
 
 1. Every frame that is complete on the wire is delivered, in order of completion, to every node
-   but its sender, in the sequence of the nodes. What they answer goes to the wire at once.
+   but its sender, in the sequence of the nodes. Their answers go to the wire at once.
 2. When nothing is left to deliver, the first node in the sequence whose deadline is due ticks,
-   and 1. follows again.
+   and step 1 follows.
 3. When no node is due either, time jumps to the next deadline or the next completion of a frame.
-   A deadline set in the past is due now: time never turns back.
+   A deadline in the past is due now: time never decreases.
 
 With nodes in the sequence (plant, controller) and no time on the wire, the plant senses, the
 measurements arrive, the controller decides, and the command arrives: all at one instant, as in a
@@ -23,12 +23,11 @@ from .node import NEVER_NS, Node
 from .record import new_record
 
 EVENTS_PER_INSTANT_MAX = 10_000
-"""Deliveries and ticks at one instant before it is called a livelock. An instant of real nodes has
-a few tens."""
+"""Deliveries and ticks at one instant before it counts as a livelock. Real nodes need some tens."""
 
 
 class Wire(Protocol):
-    """What carries frames between the nodes: an InstantWire, or a BusModel with a bit rate."""
+    """Carries frames between the nodes: an InstantWire, or a BusModel with a bit rate."""
 
     @property
     def next_event_ns(self) -> int:
@@ -45,7 +44,7 @@ class Wire(Protocol):
 
 
 class InstantWire:
-    """A wire without time or capacity: frames are complete when they are sent, in that order.
+    """A wire without transmission time or limit: frames are complete at once, in order.
 
     ``next_event_ns``  when the next frame is complete [ns]; NEVER_NS with nothing on the way
     """
@@ -73,7 +72,7 @@ class VirtualTimeExecutor:
     ``nodes``    in the order in which they tick at one instant
     ``bus``      the wire between them; without one, an InstantWire
     ``on_wire``  called as ``on_wire(time_ns, sender_index, frame)`` for every frame when it is
-                 complete on the wire, before the nodes get it
+                 complete on the wire, before its delivery
     """
 
     def __init__(
@@ -93,7 +92,7 @@ class VirtualTimeExecutor:
 
     @property
     def now_ns(self) -> int:
-        """The instant that was run last [ns]; before the first one, when it will be."""
+        """The instant that was run last [ns]; before the first one, that of the first one."""
         return self._now_ns
 
     @property
@@ -105,8 +104,8 @@ class VirtualTimeExecutor:
         """Run every instant before ``until_ns``, or until a node has finished.
 
         ``run(a)`` and then ``run(b)`` is the same as ``run(b)``, and ``run(NEVER_NS)`` ends when
-        nothing is left to wait for. Raises RuntimeError when nodes keep each other busy at one
-        instant for ever, and what the bus raises when it cannot take a frame.
+        nothing is left to wait for. Raises RuntimeError for a livelock of the nodes, and what the
+        bus raises when it cannot take a frame.
         """
         wire, nodes, on_wire = self._wire, self._nodes, self._on_wire
         while True:

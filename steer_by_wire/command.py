@@ -79,6 +79,10 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "with-vcan": Program(
                 "steer_by_wire.vcan.__main__:main", "run a command with a real vcan0", True
             ),
+            "response-times": _tool(
+                "response_times", "bounds to each message's delay on a CAN bus"
+            ),
+            "bits": _tool("frame_bits", "a frame bit by bit, and recordings as waveforms"),
             "probe": _tool("probe_host", "which rate this machine can keep"),
             "benchmark": _tool("benchmark", "what a control step and a run cost here"),
             "benchmark-bus": _tool("benchmark_bus", "what a frame costs here, beside C"),

@@ -12,7 +12,7 @@ from .plant_emulator.path_shapes import build_path
 from .plant_emulator.plant_samples import PlacedSample, PlantSample, place
 from .plant_emulator.settings import PlantSettings
 from .run_tables import ControllerTable, PlantTable, Track
-from .runtime.settings import dump_toml
+from .runtime.toml_text import dump_toml
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

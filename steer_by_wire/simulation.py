@@ -91,8 +91,8 @@ be greater than or equal to 0 (allowed: number from 0.0, up to 10.0)
     values = {**overrides, **{key: value for key, value in own.items() if value is not None}}
     _refuse_unknown_sides(values)
     settings = (
-        _settings(PlantSettings, "plant", plant, PLANT_PRESETS, values),
-        _settings(ControllerSettings, "controller", controller, CONTROLLER_PRESETS, values),
+        settings_of(PlantSettings, "plant", plant, PLANT_PRESETS, values),
+        settings_of(ControllerSettings, "controller", controller, CONTROLLER_PRESETS, values),
     )
     if engine not in get_args(Engine):
         known = ", ".join(get_args(Engine))
@@ -106,10 +106,15 @@ be greater than or equal to 0 (allowed: number from 0.0, up to 10.0)
     return _run_compiled(*settings)
 
 
-def _settings(
+def settings_of(
     model: type[S], side: str, given: str | Path | S, presets: str, values: Mapping[str, Any]
 ) -> S:
-    """Return the settings of one side; raises SettingsError."""
+    """Return the settings of one side, plant or controller, as ``simulate`` takes them.
+
+    ``values``  overrides of both sides, by ``plant.table.key`` or ``controller.table.key``
+
+    Raises SettingsError.
+    """
     if isinstance(given, model):
         settings = given
     elif isinstance(given, Path) or (isinstance(given, str) and given.endswith(".toml")):

@@ -23,9 +23,9 @@ class _Pool(ProcessPoolExecutor):
 
 @contextmanager
 def worker_pool(
-    workers: int, begin: Callable[..., None] | None = None, *told: Any
+    workers: int, begin: Callable[..., None] | None = None, *arguments: Any
 ) -> Iterator[ProcessPoolExecutor]:
-    """Open worker processes, which call ``begin(*told)`` first.
+    """Open worker processes, which call ``begin(*arguments)`` first.
 
     An exception in the block, Ctrl-C included, ends them at once without waiting for their work.
     Ctrl-C reaches every process of a terminal; the workers leave it to this process. They end when
@@ -35,7 +35,7 @@ def worker_pool(
     others = set(multiprocessing.active_children())
     # A fork of a process with threads may hang; spawned processes import the modules once.
     context = multiprocessing.get_context("spawn")
-    pool = _Pool(workers, context, _begin, (begin, told))
+    pool = _Pool(workers, context, _begin, (begin, arguments))
     try:
         yield pool
     except BaseException:
@@ -47,11 +47,11 @@ def worker_pool(
     pool.shutdown()
 
 
-def _begin(begin: Callable[..., None] | None, told: tuple[Any, ...]) -> None:
+def _begin(begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_end_with_parent, daemon=True).start()
     if begin is not None:
-        begin(*told)
+        begin(*arguments)
 
 
 def _end_with_parent() -> None:

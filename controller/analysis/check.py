@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from ...runtime.settings import dump_toml
+from ...runtime.toml_text import dump_toml
 from ..settings import ControllerSettings
 from .check_figures import Progress, check_figures
 from .sampled_loop import SLOWEST_DECAY_1_S
@@ -34,7 +34,8 @@ def check_text(settings: ControllerSettings, progress: Progress = lambda _what: 
 
 def _unused(settings: ControllerSettings) -> list[str]:
     """Return the tables that the law does not read, as far as they have their default values."""
-    filtered = settings.law == "predictor" or settings.pd.derivative == "kalman"
+    pd = settings.pd
+    filtered = settings.law == "predictor" or (pd is not None and pd.derivative == "kalman")
     is_default = settings.estimator == type(settings).model_fields["estimator"].default
     return ["estimator"] if not filtered and is_default else []
 
@@ -98,7 +99,7 @@ def _looking_back(figures: Figures) -> Iterator[str]:
         yield f"{fallback['when']}, the law is {fallback['law']}, with a"
         yield from _delays(fallback["stable_delays"])
         yield "around the nominal plant. A heavier or a faster vehicle bears less delay; --law"
-        yield f"{fallback['law']} --check tells more."
+        yield f"{fallback['law']} --check analyses it."
     yield from figures["closing"]
     yield "Latency that varies is for simulation: steer-by-wire stress."
 

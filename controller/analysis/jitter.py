@@ -29,14 +29,7 @@ from numpy.typing import NDArray
 
 from ...runtime.node import NS_PER_S
 from ..held_input import held_over
-from .arrivals import (
-    Arrivals,
-    LatencyCdf,
-    arrivals,
-    constant_cdf,
-    gamma_cdf,
-    hazards_by_age,
-)
+from .arrivals import Arrivals, LatencyCdf, arrivals, constant_cdf, gamma_cdf, hazards_by_age
 from .linear_system import companion_form, without_idle_states
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 
@@ -75,11 +68,6 @@ def mean_square_decay_1_s(loop: SampledLoop, when: Arrivals) -> float:
     where commands on their way are too many, ValueError where none ever arrives.
     """
     return _MomentRecursion(loop, when).decay_1_s(_TOLERANCE, 10.0 * _TOLERANCE)
-
-
-def is_mean_square_stable(loop: SampledLoop, when: Arrivals) -> bool:
-    """Whether the root mean square decays; faster than its rate. Raises as the rate does."""
-    return _MomentRecursion(loop, when).is_stable()
 
 
 def stable_spreads(

@@ -171,15 +171,15 @@ class Signals:
 
     def decide(self, answer: Callable[[Timing, int], Matrix]) -> None:
         """Run the law's tick."""
-        ticks, samples = told_at(self._timing, self._tick)
+        ticks, samples = rows_read_at(self._timing, self._tick)
         states = self._timing.states_known(self._tick, self._sample)[:1]
-        told = [
+        rows = [
             *self._law,
             *(self._commands[tick] for tick in ticks),
             *(row for sample in samples for row in self._errors[sample]),
             *(self._yaw_rates[sample] for sample in states),
         ]
-        after = answer(self._timing, self._tick) @ np.array(told)
+        after = answer(self._timing, self._tick) @ np.array(rows)
         self._law, steer = after[:-1], after[-1]
         self._commands[self._tick] = steer
         self._steers.append(steer)
@@ -213,7 +213,7 @@ class Signals:
         )
 
 
-def told_at(timing: Timing, tick: int) -> tuple[range, range]:
+def rows_read_at(timing: Timing, tick: int) -> tuple[range, range]:
     """Return the commands and the samples that a law with a filter reads at a tick."""
     known = timing.newest_sample(tick - 1)
     return range(timing.applied_tick(known), tick), range(known, timing.newest_sample(tick) + 1)

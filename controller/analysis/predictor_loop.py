@@ -37,7 +37,7 @@ from .looking_back import (
     Timing,
     Y,
     continuous_rig,
-    told_at,
+    rows_read_at,
 )
 from .sampled_loop import SLOWEST_DECAY_1_S
 from .stable_delays import (
@@ -181,7 +181,7 @@ class PredictorLoop:
 
     def _answer(self, timing: Timing, tick: int) -> Matrix:
         """Return what a tick makes of law, commands and measurements, kept for the next delay."""
-        ticks, samples = told_at(timing, tick)
+        ticks, samples = rows_read_at(timing, tick)
         applied = tuple(timing.applied_tick(sample) for sample in samples)
         key = (tick - timing.first_tick, timing.echoed_delay_ns(), ticks, samples, applied)
         if key not in self._answers:

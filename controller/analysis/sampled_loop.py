@@ -18,11 +18,7 @@ from numpy.typing import NDArray
 from ...runtime.node import NS_PER_S
 from ..design import LawDesign
 from ..transfer_function import TransferFunction
-from .linear_system import (
-    held_plant,
-    law_system,
-    without_idle_states,
-)
+from .linear_system import held_plant, law_system, without_idle_states
 
 SLOWEST_DECAY_1_S = 1e-3
 """A mode that decays more slowly counts as drift: it takes a quarter of an hour to fall to a third.

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..design import LawDesign
 from ..law_interface import History, LawInput, Link, VehicleReading
-from .looking_back import Matrix, Timing, told_at
+from .looking_back import Matrix, Timing, rows_read_at
 
 _RING = 4096
 _SETTLED_NS = 1_500_000_000
@@ -28,7 +28,7 @@ def unit_answers(
     """
     wire = _Wire(timing, speed_m_s)
     rest = _settled_at_rest(design, params, wire, timing, tick)
-    ticks, samples = told_at(timing, tick)
+    ticks, samples = rows_read_at(timing, tick)
     at_rest = list(_leaves(rest))
     answers = [design.step(params, rest, wire.seen(tick))]
     for unit in range(len(at_rest)):

@@ -39,7 +39,8 @@ from ...dbc.messages import CYCLE_TIMES_MS, VehicleState
 from ...dbc.messages import Law as LawNumber
 from ...runtime.node import NS_PER_MS
 from ...runtime.settings import Settings
-from ..design import FADE_RAD_S, design_pd, link_of, steady_steer, vehicle_of
+from ..design import FADE_RAD_S, link_of, steady_steer, vehicle_of
+from ..discretization import design_pd
 from ..fading import NO_STEER, Fading, fading_step
 from ..feed_forward import SteadySteer, curve_step, steer_per_curvature
 from ..law_interface import LawInput, LawOutput, Link
@@ -218,7 +219,10 @@ LAW = Law(
     design_delayed_set_point,
     LawNumber.DELAYED_SET_POINT,
     settings=DelayedSetPointSettings,
-    needs=("nominal_model",),
+    needs=(
+        "pd",
+        "nominal_model",
+    ),
     needs_vehicle=True,
     looks_back=True,
     feed_forward_refusal="takes the map's curvature by itself: leave out [feed_forward]",

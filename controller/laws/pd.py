@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from ...dbc.messages import Law as LawNumber
-from ..design import design_pd
+from ..discretization import design_pd
 from ..law_interface import LawInput, LawOutput
 from ..law_record import Law, last_command
 from ..pd import PdParams, pd_at_rest, pd_step
@@ -28,6 +28,7 @@ LAW = Law(
     pd_at_rest,
     _design,
     LawNumber.PD,
+    needs=("pd",),
     takes_derivative=True,
     commands_read=last_command,
 )

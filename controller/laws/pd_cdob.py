@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ...dbc.messages import Law as LawNumber
 from ..cdob import CdobParams, CdobState, cdob_at_rest, cdob_step
-from ..design import design_cdob, design_pd, given
+from ..design import required
+from ..discretization import design_cdob, design_pd
 from ..law_interface import LawInput, LawOutput
 from ..law_record import Law, last_command
 from ..pd import PdParams, pd_at_rest, pd_step
@@ -47,7 +48,7 @@ def pd_cdob_at_rest(p: PdCdobParams, lateral_error_m: float) -> PdCdobState:
 
 def _design(settings: "LawSettings") -> PdCdobParams:
     period_s = settings.period_s
-    cdob = design_cdob(given(settings.cdob), given(settings.model), period_s)
+    cdob = design_cdob(required(settings.cdob), required(settings.model), period_s)
     return PdCdobParams(design_pd(settings.pd, period_s), cdob)
 
 
@@ -56,7 +57,7 @@ LAW = Law(
     pd_cdob_at_rest,
     _design,
     LawNumber.PD_CDOB,
-    needs=("cdob", "nominal_model"),
+    needs=("pd", "cdob", "nominal_model"),
     takes_derivative=True,
     commands_read=last_command,
 )

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ...dbc.messages import Law as LawNumber
 from ..cdob import CdobParams, CdobState, cdob_at_rest, cdob_step
-from ..design import design_cdob, design_dob, design_pd, given
+from ..design import required
+from ..discretization import design_cdob, design_dob, design_pd
 from ..dob import DobParams, DobState, dob_at_rest, dob_step
 from ..law_interface import LawInput, LawOutput
 from ..law_record import Law, last_command
@@ -65,11 +66,11 @@ def pd_ddob_at_rest(p: PdDdobParams, lateral_error_m: float) -> PdDdobState:
 
 def design_ddob(settings: "LawSettings") -> PdDdobParams:
     """Return the discrete filters."""
-    period_s, model = settings.period_s, given(settings.model)
+    period_s, model = settings.period_s, required(settings.model)
     return PdDdobParams(
         design_pd(settings.pd, period_s),
-        design_dob(given(settings.dob), model, period_s),
-        design_cdob(given(settings.cdob), model, period_s),
+        design_dob(required(settings.dob), model, period_s),
+        design_cdob(required(settings.cdob), model, period_s),
     )
 
 
@@ -78,7 +79,7 @@ LAW = Law(
     pd_ddob_at_rest,
     design_ddob,
     LawNumber.PD_DDOB,
-    needs=("dob", "cdob", "nominal_model"),
+    needs=("pd", "dob", "cdob", "nominal_model"),
     takes_derivative=True,
     commands_read=last_command,
 )

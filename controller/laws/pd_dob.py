@@ -6,7 +6,8 @@ The observer sees the command that was sent, after limits, and does not wind up.
 from typing import TYPE_CHECKING, NamedTuple
 
 from ...dbc.messages import Law as LawNumber
-from ..design import design_dob, design_pd, given
+from ..design import required
+from ..discretization import design_dob, design_pd
 from ..dob import DobParams, DobState, dob_at_rest, dob_step
 from ..law_interface import LawInput, LawOutput
 from ..law_record import Law, last_command
@@ -48,7 +49,7 @@ def pd_dob_at_rest(p: PdDobParams, lateral_error_m: float) -> PdDobState:
 
 def _design(settings: "LawSettings") -> PdDobParams:
     period_s = settings.period_s
-    dob = design_dob(given(settings.dob), given(settings.model), period_s)
+    dob = design_dob(required(settings.dob), required(settings.model), period_s)
     return PdDobParams(design_pd(settings.pd, period_s), dob)
 
 
@@ -57,7 +58,7 @@ LAW = Law(
     pd_dob_at_rest,
     _design,
     LawNumber.PD_DOB,
-    needs=("dob", "nominal_model"),
+    needs=("pd", "dob", "nominal_model"),
     takes_derivative=True,
     commands_read=last_command,
 )

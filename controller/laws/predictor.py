@@ -20,13 +20,7 @@ from pydantic import Field
 
 from ...dbc.messages import Law as LawNumber
 from ...runtime.settings import Settings
-from ..design import (
-    FADE_RAD_S,
-    FILTER_SETTLES_S,
-    filter_opening,
-    link_of,
-    vehicle_of,
-)
+from ..design import FADE_RAD_S, FILTER_SETTLES_S, filter_opening, link_of, vehicle_of
 from ..estimator import (
     EstimatorState,
     VehicleGains,
@@ -41,13 +35,7 @@ from ..law_record import Fallback, Law, LookingBack, Schedule
 from ..limits import ramp_step
 from ..link import LinkParams
 from ..predictor_design import design_schedule
-from .pd_ddob import (
-    PdDdobParams,
-    PdDdobState,
-    design_ddob,
-    pd_ddob_at_rest,
-    pd_ddob_step,
-)
+from .pd_ddob import PdDdobParams, PdDdobState, design_ddob, pd_ddob_at_rest, pd_ddob_step
 
 if TYPE_CHECKING:
     from ..law_settings import LawSettings
@@ -245,7 +233,7 @@ LAW = Law(
     design_predictor,
     LawNumber.PREDICTOR,
     settings=PredictorSettings,
-    needs=("dob", "cdob", "nominal_model"),
+    needs=("pd", "dob", "cdob", "nominal_model"),
     needs_vehicle=True,
     looks_back=True,
     feed_forward_refusal=(

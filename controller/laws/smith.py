@@ -23,17 +23,12 @@ from pydantic import Field
 
 from ...dbc.messages import Law as LawNumber
 from ...runtime.settings import Settings
-from ..design import design_compensation, design_pd, given
+from ..design import required
+from ..discretization import design_compensation, design_pd
 from ..law_interface import History, LawInput, LawOutput
 from ..law_record import Law
 from ..pd import PdParams, pd_at_rest, pd_step
-from ..sections import (
-    Cascade2,
-    Cascade2State,
-    SectionState,
-    cascade_2_at_rest,
-    cascade_2_step,
-)
+from ..sections import Cascade2, Cascade2State, SectionState, cascade_2_at_rest, cascade_2_step
 from ..shared_settings import CutoffRadS
 
 if TYPE_CHECKING:
@@ -103,7 +98,7 @@ def design_smith(settings: "LawSettings") -> SmithParams:
     compensation's response is therefore half a period late, which counts towards the model's delay.
     """
     table, period_s = settings.table_of(SmithSettings), settings.period_s
-    compensation = design_compensation(given(settings.model), table.washout_rad_s, period_s)
+    compensation = design_compensation(required(settings.model), table.washout_rad_s, period_s)
     delay_ticks = max(0.0, table.delay_s / period_s - 0.5)
     return SmithParams(design_pd(settings.pd, period_s), compensation, delay_ticks)
 
@@ -118,7 +113,10 @@ LAW = Law(
     design_smith,
     LawNumber.SMITH,
     settings=SmithSettings,
-    needs=("nominal_model",),
+    needs=(
+        "pd",
+        "nominal_model",
+    ),
     cutoffs=("washout_rad_s",),
     looks_back=True,
     commands_read=_commands_read,

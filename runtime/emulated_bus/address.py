@@ -1,9 +1,9 @@
 """Where a broker listens: a Unix socket that only its user can open, or TCP on the loopback.
 
-A Unix socket is the default, in a directory of the user's own. At any other path it is its user's
-alone too, unless a group is let in; no directory is taken in which others could put a socket of
-theirs in its place. TCP is for machines without Unix sockets; there every local user can join the
-bus, and nobody from outside.
+The default is a Unix socket in a private directory of the user. At any other path it is private to
+its user too, unless a group is admitted. A directory in which others could replace the socket is
+refused. TCP is for machines without Unix sockets: every local user can join the bus, but nobody
+from outside.
 """
 
 import ipaddress
@@ -18,12 +18,12 @@ from typing import NamedTuple
 
 _DEFAULT_TCP_PORT = 29580
 _PORT_DIGITS_MAX = 20
-"""With more it is a path: Python does not read thousands of digits."""
+"""Longer texts are paths; Python does not convert thousands of digits."""
 _BACKLOG = 32
 
 
 class AddressError(Exception):
-    """An address that is none, that is in use, or that is not safe to use."""
+    """An address that is invalid, in use, or not safe to use."""
 
 
 class UnixAddress(NamedTuple):
@@ -98,7 +98,7 @@ def connect(address: Address, timeout_s: float) -> socket.socket:
 
 
 def group_number(name: str) -> int:
-    """Return the number of a group of users, given by name or number; raises AddressError."""
+    """Return the number of a user group, given by name or number; raises AddressError."""
     if not hasattr(socket, "AF_UNIX"):
         raise AddressError("no Unix sockets here, and so no groups")
     import grp  # does not exist where there are no Unix sockets
@@ -113,10 +113,10 @@ def group_number(name: str) -> int:
 def listening(address: Address, group: int | None = None) -> Iterator[socket.socket]:
     """Listen at ``address`` until the end of the block.
 
-    ``group``  number of a group whose users may join a Unix socket too; None for its user alone
+    ``group``  number of a group whose users may join a Unix socket too; None: only its user
 
-    Raises AddressError when another broker listens there or the address cannot be used. A socket
-    left behind by a broker that was killed is taken over.
+    Raises AddressError when another broker listens there or the address cannot be used. The
+    socket of a killed broker is replaced.
     """
     with ExitStack() as stack:
         try:
@@ -135,11 +135,11 @@ def listening(address: Address, group: int | None = None) -> Iterator[socket.soc
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Hold the lock that belongs to the socket at ``path``.
+    """Hold the lock of the socket at ``path``.
 
-    The kernel gives it back when the process ends in whatever way, so who holds it may remove what
-    lies at ``path``. Trying to connect instead would let two brokers that start together remove
-    each other's new socket. The lock's file stays: removing it would bring the same race back.
+    The kernel releases it however the process ends, so its holder may remove a socket at ``path``.
+    A test by connecting would let two brokers that start together remove each other's new socket.
+    The lock's file stays, because removing it would have the same race.
     """
     import fcntl  # does not exist where there are no Unix sockets
 
@@ -183,7 +183,7 @@ def _unix_listener(path: Path, group: int | None) -> Iterator[socket.socket]:
 @contextmanager
 def _tcp_listener(address: TcpAddress) -> Iterator[socket.socket]:
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listener:
-        # Connections of a broker that has ended keep the port for a minute otherwise.
+        # Otherwise connections of an ended broker block the port for a minute.
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind((address.host, address.port))
         listener.listen(_BACKLOG)
@@ -198,7 +198,7 @@ def _check_private(directory: Path) -> None:
 
 
 def _check_closed(directory: Path, group: int | None) -> None:
-    """Raise AddressError where any user could replace the socket, or ``group`` cannot reach it."""
+    """Raise AddressError if any user could replace the socket, or ``group`` cannot reach it."""
     status = directory.stat()
     if status.st_mode & stat.S_IWOTH and not status.st_mode & stat.S_ISVTX:
         raise AddressError(

@@ -1,8 +1,8 @@
 """One channel of the broker: a bus with its own time, and the clients on it.
 
 A client has a transmit buffer for each identifier that it sends, like a CAN controller with enough
-buffers. When one is full the client is notified and refuses further frames of that identifier
-itself, so that the others do not wait behind them. A client that sends more is no longer read.
+buffers. When one is full the client is notified, and itself refuses further frames of that
+identifier, so that other frames do not wait behind them. A client that sends more is not read.
 
 Frames that a client has submitted are still sent after it has gone, like the last frames of a
 program that ends. At most LEFT_FRAMES_MAX frames of departed clients wait on one channel, so that
@@ -19,28 +19,21 @@ from ..node import NEVER_NS
 from ..statistics import DurationStatistics, DurationSummary
 from .bus_off import BUS_OFF_FRAME, RESTARTED_FRAME, Recovery
 from .connection import BufferKey, Connection
-from .protocol import (
-    OWN,
-    Buffer,
-    BusOff,
-    pack_buffer,
-    pack_frame,
-)
+from .protocol import OWN, Buffer, BusOff, pack_buffer, pack_frame
 
 BUFFER_FULL = 16
-"""Frames in one transmit buffer from which on its client refuses more of them."""
+"""Frames in a transmit buffer at which its client is notified that it is full."""
 FRAMES_WAITING_MAX = 64
-"""Frames in one transmit buffer before the broker stops reading from its client: room for those
-that were under way when it was full, and for a client that waits in ``send`` anyway."""
+"""Frames in a transmit buffer at which the broker stops reading from its client. There is room for
+frames on their way when the buffer became full, and for a client that waits in ``send``."""
 BUFFERS_MAX = 32
-"""Identifiers of one client on their way before the broker stops reading from it."""
+"""Waiting identifiers of one client at which the broker stops reading from it."""
 _FIFO: BufferKey = (-1, False)
-"""The one transmit buffer of a client whose frames keep their order."""
+"""The only transmit buffer of a client with a FIFO."""
 LEFT_FRAMES_MAX = 1024
-"""Frames of clients that have gone which may wait on one channel."""
+"""Frames of departed clients that may wait on one channel."""
 WATCHED_IDS_MAX = 256
-"""Identifiers of a channel whose arbitration is timed and whose sender is known: the first ones
-that are seen."""
+"""The first identifiers on a channel; arbitration time and sender are recorded for these only."""
 
 
 class Channel:
@@ -77,12 +70,12 @@ class Channel:
 
     @property
     def load(self) -> BusLoad:
-        """What the bus has carried so far."""
+        """Totals of the bus so far."""
         return self._model.load
 
     @property
     def discarded(self) -> int:
-        """Frames of clients that had gone which were never sent."""
+        """Frames of departed clients that were never sent."""
         return self._discarded
 
     @property
@@ -92,7 +85,7 @@ class Channel:
 
     @property
     def lost_in_bus_off(self) -> int:
-        """Frames that clients have sent, or that still waited for the wire, in bus-off."""
+        """Frames lost in bus-off: sent then, or still waiting for the wire."""
         return self._lost_in_bus_off
 
     @property
@@ -107,9 +100,9 @@ class Channel:
         }
 
     def submit(self, client: Connection, now_ns: int) -> bool:
-        """Put what a client has sent on the bus, as much as may wait there; returns if that is all.
+        """Submit a client's frames, as many as may wait; returns whether these were all.
 
-        Raises ProtocolError for what is no frame.
+        Raises ProtocolError for an invalid frame.
         """
         waiting_of = client.waiting
         while (frame := client.take_frame()) is not None:
@@ -126,16 +119,16 @@ class Channel:
             self._model.submit(frame, client.number, now_ns)
             waiting_of[buffer] = waiting
             if waiting >= BUFFER_FULL and not self._is_fifo:
-                self._tell_full(client, key)
+                self._report_full(client, key)
             if key in self._senders or len(self._senders) < WATCHED_IDS_MAX:
                 self._senders[key] = client.number
         return True
 
     def go_off(self, request: BusOff, now_ns: int, time_ns: int) -> Connection | None:
-        """Send a client into bus-off, or set anew when one in it is started again.
+        """Put a client into bus-off, or change the restart time of one that is.
 
-        A frame that is on the wire now is still complete. Returns the client that was not in
-        bus-off before; None also when nobody is there who has sent the identifier.
+        A frame on the wire is still completed. Returns the client if it was not in bus-off before;
+        None also if no client has sent the identifier.
 
         ``time_ns``  now, by the wall clock [ns]
         """
@@ -157,7 +150,7 @@ class Channel:
         return client
 
     def come_back(self, now_ns: int, time_ns: int) -> list[Connection]:
-        """Let those take part again whose bus-off is over; returns them.
+        """Let clients whose bus-off is over take part again; returns them.
 
         ``time_ns``  now, by the wall clock [ns]
         """
@@ -177,7 +170,7 @@ class Channel:
         return back
 
     def advance(self, now_ns: int) -> list[Delivery]:
-        """Return the frames that are complete, and let their senders have room for others."""
+        """Return the completed frames, and free their place in the transmit buffers."""
         completed = self._model.advance(now_ns)
         if completed:
             self._quiet_ns = completed[-1].end_ns
@@ -192,7 +185,7 @@ class Channel:
         return completed
 
     def queue(self, delivery: Delivery, time_ns: int) -> None:
-        """Queue a frame, complete at ``time_ns`` of the wall clock, for every client it is for."""
+        """Queue a frame, complete at ``time_ns`` of the wall clock, for clients that want it."""
         _, sender, frame = delivery
         packed: dict[Struct, bytes] = {}
         for member in self.members.values():
@@ -208,7 +201,7 @@ class Channel:
             member.queue(packed[record])
 
     def leave(self, client: Connection) -> None:
-        """Forget a client; of what it has submitted as much goes out as may wait for the absent."""
+        """Remove a client; its frames are still sent, as many as may wait for departed clients."""
         if self.members.pop(client.number, None) is None or not client.frames_waiting:
             return
         self._left[client.number] = client.frames_waiting
@@ -221,10 +214,10 @@ class Channel:
             if not self._left[number]:
                 del self._left[number]
 
-    def _tell_full(self, client: Connection, buffer: BufferKey) -> None:
-        """Have the client refuse frames of this transmit buffer until there is room.
+    def _report_full(self, client: Connection, buffer: BufferKey) -> None:
+        """Notify the client to refuse frames of this transmit buffer until there is room.
 
-        A client that does not read would not notice; it is held back in the end.
+        A client that does not read misses this, and is held back in the end.
         """
         if buffer not in client.full and not client.is_behind:
             client.full.add(buffer)
@@ -242,7 +235,7 @@ class Channel:
             client.queue(pack_buffer(client.record, Buffer(*buffer, has_room=True)))
 
     def _on_start(self, frame: Frame, delay_ns: int) -> None:
-        """Time the arbitration of a frame."""
+        """Record the arbitration time of a frame."""
         can_id, _, flags = frame
         key = (can_id, flags & EXTENDED != 0)
         statistics = self._delays.get(key)

@@ -45,31 +45,30 @@ from .protocol import (
 DEFAULT_CHANNEL = "can0"
 
 _ANSWER_TIMEOUT_S = 5.0
-"""A broker answers within a millisecond; only a stopped one or a stranger takes longer."""
+"""A broker answers within a millisecond, unless it is stopped or is another program."""
 _DRAIN_TIMEOUT_S = 5.0
-"""Time for the broker to take what was sent before ``shutdown``: far more than the frames that fit
-into the socket's buffer take on the wire."""
+"""Time for the broker to read what was sent before ``shutdown``: far more than the frames in the
+socket's buffer take on the wire."""
 
 
 _SEND_BUFFER_BYTES = 4608
-"""Of the socket: a dozen frames, as the transmit queue of a network interface. A frame that waits
-here is old when it is sent, and an ordinary buffer would hold hundreds."""
+"""Size of the socket's buffer: a dozen frames, as the transmit queue of a network interface. The
+default size would hold hundreds, which would be old when they are sent."""
 
 
 class EmulatedBus(can.BusABC):
     """A client on one channel of an emulated bus.
 
-    ``channel``               any name; who uses the same one shares a bus
-    ``can_filters``           as everywhere in python-can; also applied by the broker, so that
-                              frames that do not pass wake nobody
+    ``channel``               any name; clients with the same one share a bus
+    ``can_filters``           as in all of python-can; the broker applies them too, so that other
+                              frames do not wake the client
     ``address``               where the broker listens, as its ``--address``; its default if None
     ``receive_own_messages``  also receive what this client sends, at its end of frame
     ``fd``                    send and receive CAN FD frames; the broker has to carry them
-    ``bitrate``               the bit rate there has to be [bit/s]; None takes what there is
+    ``bitrate``               the required bit rate [bit/s]; None: any
     ``data_bitrate``          the same for the data phase of CAN FD
 
-    What python-can's configuration holds for other interfaces is accepted and not looked at, as
-    every interface of python-can does.
+    Options for other interfaces in python-can's configuration are ignored, as in all interfaces.
 
     Raises can.CanInitializationError in one line when the bus cannot be joined.
     """
@@ -93,17 +92,17 @@ class EmulatedBus(can.BusABC):
         self._state = BusState.ACTIVE
         self._takes_bus_off = answer.takes_bus_off
         self._full: set[tuple[int, bool]] = set()
-        # send_periodic sends from a thread of its own.
+        # send_periodic sends from another thread.
         self._send_lock = threading.Lock()
         self._can_protocol = CanProtocol.CAN_FD if fd else CanProtocol.CAN_20
         self.channel_info = f"emulated bus, channel {hello.channel}, {answer.bitrate_bit_s} bit/s"
         super().__init__(channel, can_filters)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Hand a frame to the bus; returns before it is on the wire.
+        """Send a frame; returns before it is on the wire.
 
-        ``timeout``  time to wait for room [s] when many frames wait already; None for ever, 0 not
-                     at all: then only frames of the same identifier take its room
+        ``timeout``  how long to wait for room [s]; None: without limit, 0: not at all, in which
+                     case only frames of the same identifier can fill the buffer
 
         Raises can.CanTimeoutError without room in time, can.CanOperationError when the broker has
         ended, for an error frame, for a CAN FD frame without ``fd``, and in state PASSIVE.
@@ -120,18 +119,17 @@ class EmulatedBus(can.BusABC):
 
     @property
     def takes_bus_off(self) -> bool:
-        """Whether the broker takes ``send_bus_off``."""
+        """Whether the broker allows ``send_bus_off``."""
         return self._takes_bus_off
 
     def send_bus_off(self, can_id: int, restart_after_s: float, *, extended: bool = False) -> None:
-        """Send the CAN controller that has sent ``can_id`` last into bus-off.
+        """Put the CAN controller that has sent ``can_id`` last into bus-off.
 
-        It is started again ``restart_after_s`` later, and takes part 128 x 11 recessive bits after
-        that; one that is in bus-off already, at the earlier of both times. Until then the bus does
-        without its frames and it without those of others; SocketCAN's two error frames notify its
-        client.
+        It restarts ``restart_after_s`` later, at the earlier time if it is in bus-off already, and
+        takes part again 128 x 11 recessive bits after that. Until then it neither sends nor
+        receives. SocketCAN's two error frames notify its client.
 
-        Raises can.CanOperationError when the broker does not take that or has ended.
+        Raises can.CanOperationError if the broker does not allow this or has ended.
         """
         if not self._takes_bus_off:
             raise can.CanOperationError(
@@ -142,12 +140,13 @@ class EmulatedBus(can.BusABC):
             self._send_all(pack_bus_off(self._record, request), None)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        """Receive one frame. The broker's filters lag behind ``set_filters`` by what is under way,
-        so that python-can's own have the last word: the second value is False but for an error
-        frame, which no filter is meant for.
+        """Receive one frame; the second value is whether python-can must not filter it.
+
+        python-can filters too, because frames on their way have passed the filters before
+        ``set_filters``. Error frames are not filtered.
         """
         try:
-            # Without time to wait, looking for a frame is one system call.
+            # Without waiting, one system call is enough.
             waits = timeout is None or timeout > 0
             if waits and not select.select([self._socket], [], [], timeout)[0]:
                 return None, False
@@ -179,7 +178,7 @@ class EmulatedBus(can.BusABC):
         while remaining:
             try:
                 remaining = remaining[self._socket.send(remaining) :]
-                # Half a record would garble the next one: once begun, it is finished.
+                # A partial record would garble the next one, so it is completed.
                 deadline_s = None
             except BlockingIOError:
                 wait_s = None if deadline_s is None else deadline_s - time.monotonic()
@@ -190,7 +189,7 @@ class EmulatedBus(can.BusABC):
                 raise self._lost(error) from error
 
     def _lost(self, error: Exception | None) -> can.CanOperationError:
-        """Note that the connection is gone; returns what to raise."""
+        """Record the loss of the connection; returns the error to raise."""
         if self._is_shutdown:
             return can.CanOperationError("this bus is shut down")
         self._state = BusState.ERROR
@@ -201,7 +200,7 @@ class EmulatedBus(can.BusABC):
         )
 
     def _apply_filters(self, filters: CanFilters | None) -> None:
-        """Have the broker filter too, where it can hold that many filters."""
+        """Let the broker filter too, if there are not too many filters."""
         chosen = [
             Filter(
                 wanted["can_id"] & 0xFFFF_FFFF, wanted["can_mask"] & 0xFFFF_FFFF,
@@ -219,12 +218,11 @@ class EmulatedBus(can.BusABC):
         return self._socket.fileno()
 
     def shutdown(self) -> None:
-        """Leave the bus. What was sent before still goes out."""
+        """Leave the bus. Frames sent before still go out."""
         if self._is_shutdown:
             return
         super().shutdown()
-        # The broker closes its side when it has taken everything; closing first could throw away
-        # what it has not read yet.
+        # The broker closes its side after it has read everything. Closing first could discard data.
         with suppress(OSError):
             self._socket.shutdown(socket.SHUT_WR)
             self._socket.settimeout(_DRAIN_TIMEOUT_S)
@@ -272,7 +270,7 @@ def _join(hello: Hello, address_text: str | None) -> tuple[socket.socket, Answer
             f"start one with: emulated-can-bus{option}"
         ) from error
     try:
-        # A full broker answers and closes before it reads anything; its answer gives the reason.
+        # A full broker answers with the reason and closes before it reads anything.
         with suppress(BrokenPipeError):
             connection.sendall(raw)
         answer = unpack_answer(_receive_exactly(connection, ANSWER.size))
@@ -290,7 +288,7 @@ def _join(hello: Hello, address_text: str | None) -> tuple[socket.socket, Answer
 
 
 def _receive_exactly(connection: socket.socket, size: int) -> bytes:
-    """Receive ``size`` bytes; raises OSError or ProtocolError when they do not come."""
+    """Receive ``size`` bytes; raises OSError or ProtocolError."""
     received = b""
     while len(received) < size:
         part = connection.recv(size - len(received))
@@ -301,9 +299,9 @@ def _receive_exactly(connection: socket.socket, size: int) -> bytes:
 
 
 def _sent_frame(message: can.Message) -> Frame:
-    """Return the frame to send, filled up to a length that CAN FD has.
+    """Return the frame to send, padded to a length that CAN FD has.
 
-    Raises can.CanOperationError for what no controller can send.
+    Raises can.CanOperationError for an invalid frame.
     """
     frame = frame_of(message)
     if message.error_state_indicator:
@@ -311,7 +309,7 @@ def _sent_frame(message: can.Message) -> Frame:
     if message.is_remote_frame:
         frame = frame._replace(flags=frame.flags | message.dlc << REMOTE_LENGTH_SHIFT)
     elif message.is_fd:
-        # As SocketCAN does: there is no other way to send nine bytes.
+        # As SocketCAN does: CAN FD has no frame of nine bytes.
         size = len(frame.data)
         size = next((length for length in FD_LENGTHS if length >= size), size)
         frame = frame._replace(data=frame.data.ljust(size, b"\0"))

@@ -1,4 +1,4 @@
-"""One client as the broker sees it: bytes in, bytes out, both bounded, never waiting."""
+"""The broker's connection to one client: bytes in and out, both bounded, without waiting."""
 
 import socket
 import struct
@@ -21,14 +21,14 @@ from .protocol import (
 )
 
 OUTGOING_BYTES_MAX = 1 << 20
-"""What may wait for a client that does not read: 43 690 classic frames, 10 s of a full bus at
+"""Limit of the data that waits for a client: 43 690 classic frames, 10 s of a full bus at
 500 kbit/s."""
 
 MASKS_MAX = 16
-"""Different masks in the filters of one client that are looked up for every frame. With more the
-client gets everything, as if the bus had no filters: 512 of them would take longer than a frame."""
+"""Different masks in the filters of one client. With more it receives everything, because checking
+512 masks would take longer than a frame."""
 READ_BYTES = 1 << 12
-"""Few at a time: what has been read and is not on its way yet counts as taken for the client."""
+"""Small, because what is read but not submitted yet already counts as sent for the client."""
 _PEER = struct.Struct("3i")
 """struct ucred of unix(7): process, user, group."""
 
@@ -38,7 +38,7 @@ BufferKey = tuple[int, bool]
 
 
 class ConnectionLostError(Exception):
-    """The client is gone, or has to go; the text is empty for an orderly end."""
+    """The client has left or must be disconnected; the text is empty for an orderly end."""
 
     def __init__(self, cause: Cause, detail: str = "") -> None:
         super().__init__(detail)
@@ -48,15 +48,15 @@ class ConnectionLostError(Exception):
 class Connection:
     """The connection to one client.
 
-    ``number``          names the client as a sender on its channel
-    ``hello``           what it asked for; None until that has come in whole
-    ``record``          the format of the records of both sides from then on
-    ``waiting``         frames it has submitted that are not complete yet, by transmit buffer; the
-                        broker counts here
+    ``number``          the sender's number on its channel
+    ``hello``           its request; None until it is complete
+    ``record``          format of the records of both sides after the hello
+    ``waiting``         its submitted frames that are not complete yet, by transmit buffer; counted
+                        by the broker
     ``full``            transmit buffers that were reported to it as full
-    ``is_held_back``    whether it is not read because as many frames wait as may
-    ``is_behind``       whether its socket had no room for all when it was last written to
-    ``recovery``        while its CAN controller is in bus-off: the way out
+    ``is_held_back``    whether it is not read because too many of its frames wait
+    ``is_behind``       whether its socket had too little room at the last write
+    ``recovery``        how its CAN controller leaves bus-off, while it is in it
     """
 
     def __init__(self, connection: socket.socket, number: int) -> None:
@@ -85,7 +85,7 @@ class Connection:
 
     @property
     def frames_waiting(self) -> int:
-        """Frames it has submitted that are not complete yet."""
+        """Its submitted frames that are not complete yet."""
         return sum(self.waiting.values())
 
     @property
@@ -98,11 +98,11 @@ class Connection:
         return self._socket.fileno()
 
     def close(self) -> None:
-        """Close the socket; what waits to be written is lost."""
+        """Close the socket; unwritten data is lost."""
         self._socket.close()
 
     def read(self) -> None:
-        """Take in what the client has sent; raises ConnectionLostError at its end."""
+        """Read what the client has sent; raises ConnectionLostError at its end."""
         try:
             received = self._socket.recv(READ_BYTES)
         except BlockingIOError:
@@ -116,7 +116,7 @@ class Connection:
         self._incoming += received
 
     def take_hello(self) -> Hello | None:
-        """Take the hello off what has come in, when it is whole; raises ProtocolError."""
+        """Remove the hello from the input if it is complete; raises ProtocolError."""
         if len(self._incoming) < HELLO.size:
             return None
         self.hello = unpack_hello(self._take(HELLO.size))
@@ -124,10 +124,10 @@ class Connection:
         return self.hello
 
     def take_frame(self) -> Frame | None:
-        """Take the next frame off what has come in, None without one; raises ProtocolError.
+        """Remove the next frame from the input; None if there is none. Raises ProtocolError.
 
-        Changes of the filters that lie before it take effect on the way; requests for bus-off are
-        kept for ``take_bus_offs``.
+        Changes of the filters before it take effect; requests for bus-off are kept for
+        ``take_bus_offs``.
         """
         if self._put_back is not None:
             frame, self._put_back = self._put_back, None
@@ -143,16 +143,16 @@ class Connection:
         return None
 
     def put_back(self, frame: Frame) -> None:
-        """Have ``take_frame`` return ``frame`` again, for which there was no room."""
+        """Let ``take_frame`` return ``frame`` again, for which there was no room."""
         self._put_back = frame
 
     def take_bus_offs(self) -> list[BusOff]:
-        """Return the requests for bus-off that have been taken since the last call."""
+        """Return the requests for bus-off since the last call."""
         requests, self._bus_offs = self._bus_offs, []
         return requests
 
     def wants(self, frame: Frame, sender: int) -> bool:
-        """Whether the client is to get ``frame`` of client ``sender``."""
+        """Whether the client receives ``frame`` of client ``sender``."""
         if self.hello is None or (sender == self.number and not self.hello.receive_own):
             return False
         if self.recovery is not None:
@@ -168,7 +168,7 @@ class Connection:
         return False
 
     def take_filter_changes(self) -> int:
-        """Return how many records that change filters have been taken since the last call."""
+        """Return the number of records that changed filters since the last call."""
         changes, self._filter_changes = self._filter_changes, 0
         return changes
 
@@ -177,9 +177,9 @@ class Connection:
         self._outgoing += raw
 
     def flush(self) -> None:
-        """Write what the socket takes now.
+        """Write as much as the socket takes now.
 
-        Raises ConnectionLostError when the client is gone or too much waits for it.
+        Raises ConnectionLostError if the client has left or too much data waits for it.
         """
         try:
             written = self._socket.send(self._outgoing)
@@ -195,7 +195,7 @@ class Connection:
             )
 
     def _take(self, size: int) -> bytes:
-        """Remove and return the first ``size`` bytes that came in."""
+        """Remove and return the first ``size`` bytes of the input."""
         taken = bytes(self._incoming[:size])
         del self._incoming[:size]
         return taken
@@ -215,7 +215,7 @@ class Connection:
 
 
 def _process_of(connection: socket.socket) -> str:
-    """Name the process at the other end, which finds the culprit; empty where that is unknown."""
+    """Return the process at the other end, as text; empty if unknown."""
     if sys.platform != "linux" or connection.family != socket.AF_UNIX:
         return ""
     peer = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)

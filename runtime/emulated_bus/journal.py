@@ -1,8 +1,8 @@
 """The broker's log of clients that leave: one line each with the reason, and counts by cause.
 
-A client that is thrown out can come back at once, as often as it likes, and every line costs time
-and may fill a pipe that nobody reads. So lines are rationed, a broker never waits to be read, and
-what was not printed is counted: LINES_AT_ONCE, and one more every LINE_PERIOD_NS.
+A disconnected client can come back at once, and every line takes time and may fill a pipe that
+nobody reads. So the broker never waits for its reader, prints LINES_AT_ONCE and one more line every
+LINE_PERIOD_NS, and counts the others.
 """
 
 from collections import Counter
@@ -16,50 +16,50 @@ LINE_PERIOD_NS = NS_PER_S // 10
 
 
 class Cause(StrEnum):
-    """Why a client is gone."""
+    """Why a client has left."""
 
     LEFT = "left"
-    """In order; reported only on request."""
+    """An orderly end; printed only on request."""
     LOST = "lost"
     """Its connection broke, or ended in the middle of a record."""
     REFUSED = "refused"
-    """It asked for what this bus is not, or there were too many already."""
+    """It required another bus, or there were too many clients."""
     NO_HELLO = "no_hello"
-    """It connected and did not say what it wants."""
+    """It connected but sent no hello."""
     GARBAGE = "garbage"
-    """It sent what is not the protocol, or what no CAN controller can send."""
+    """It violated the protocol, or sent a frame that no CAN controller can send."""
     NOT_READING = "not_reading"
-    """Too much waited for it."""
+    """Too much data waited for it."""
 
 
 class Journal:
     """Counts and reports disconnections.
 
-    ``tell``        takes one line and returns whether it could be printed without waiting
-    ``is_verbose``  whether orderly comings and goings are reported too
+    ``print_line``  takes one line and returns whether it could be printed without waiting
+    ``is_verbose``  whether to print orderly joins and ends too
     """
 
-    def __init__(self, tell: Callable[[str], bool], is_verbose: bool = False) -> None:
-        self._tell = tell
+    def __init__(self, print_line: Callable[[str], bool], is_verbose: bool = False) -> None:
+        self._print_line = print_line
         self._is_verbose = is_verbose
         self._causes: Counter[Cause] = Counter()
         self._lines_left = LINES_AT_ONCE
         self._counted_from_ns: int | None = None
-        self._untold = 0
-        self._untold_since = 0
+        self._unprinted = 0
+        self._unprinted_since = 0
 
     @property
     def disconnections(self) -> Mapping[str, int]:
-        """How many clients are gone, by cause; every cause is there."""
+        """How many clients have left, for every cause."""
         return {cause.value: self._causes[cause] for cause in Cause}
 
     @property
-    def untold(self) -> int:
+    def unprinted(self) -> int:
         """Lines that were not printed."""
-        return self._untold
+        return self._unprinted
 
     def join(self, who: str, now_ns: int) -> None:
-        """Note that a client has joined a channel."""
+        """Record that a client has joined a channel."""
         if self._is_verbose:
             self._say(f"{who} joins", now_ns)
 
@@ -68,23 +68,23 @@ class Journal:
         self._say(what, now_ns)
 
     def leave(self, who: str, cause: Cause, detail: str, now_ns: int) -> None:
-        """Note that a client is gone, and why."""
+        """Record that a client has left, and why."""
         self._causes[cause] += 1
         if cause is not Cause.LEFT or self._is_verbose:
             self._say(f"{who} leaves: {detail or 'it has closed the connection'}", now_ns)
 
     def _say(self, line: str, now_ns: int) -> None:
         self._ration(now_ns)
-        missing = f" ({self._untold_since} lines before this one were not printed)"
-        if self._lines_left and self._tell(line + missing * bool(self._untold_since)):
+        missing = f" ({self._unprinted_since} lines before this one were not printed)"
+        if self._lines_left and self._print_line(line + missing * bool(self._unprinted_since)):
             self._lines_left -= 1
-            self._untold_since = 0
+            self._unprinted_since = 0
         else:
-            self._untold += 1
-            self._untold_since += 1
+            self._unprinted += 1
+            self._unprinted_since += 1
 
     def _ration(self, now_ns: int) -> None:
-        """Grant the lines that have come due since they were counted last."""
+        """Add the lines that have become due since the last call."""
         if self._counted_from_ns is None:
             self._counted_from_ns = now_ns
         granted = (now_ns - self._counted_from_ns) // LINE_PERIOD_NS

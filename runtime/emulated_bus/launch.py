@@ -1,4 +1,4 @@
-"""Runs a private broker as a child process, for programs that bring their own bus."""
+"""Runs a private broker as a child process."""
 
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -10,18 +10,18 @@ from typing import IO
 from ..attached import lifeline
 
 AFTER_S = 1.0
-"""How long the broker outlasts a program that was ended: its clients end before their bus."""
+"""How long the broker outlives a killed parent, so that its clients end first."""
 
 
 @contextmanager
 def launched_broker(options: Sequence[str] = (), log: IO[str] | None = None) -> Iterator[str]:
-    """Run a broker with the command line ``options`` until the end of the block.
+    """Run a broker with command line ``options`` until the end of the block.
 
-    ``log``  what takes its statistics and complaints; standard error unless given
+    ``log``  for its statistics and messages; standard error unless given
 
-    Yields its address, a socket in a private directory, when clients can connect. The broker and
-    the directory end with this process too, in whatever way that ends. Raises RuntimeError when it
-    does not start; it has reported why on standard error.
+    Yields its address, a socket in a private directory, when clients can connect. Broker and
+    directory go with this process, however that ends. Raises RuntimeError if the broker does not
+    start, after it has printed the reason on standard error.
     """
     with tempfile.TemporaryDirectory(prefix="emulated-can-bus-") as directory, lifeline() as line:
         address = str(Path(directory) / "socket")

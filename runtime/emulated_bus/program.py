@@ -1,8 +1,8 @@
 """The program ``emulated-can-bus``: runs a broker until SIGINT, SIGTERM or SIGHUP.
 
-Prints one line to standard output when clients can connect; to standard error one for every client
-that it disconnects, and one with the statistics at the end. Exit status: 0 after an orderly end, 2
-for wrong arguments, 3 when it cannot listen, 4 when the report cannot be written, 130 when it is
+Prints a line to standard output when clients can connect, and to standard error a line for every
+client that it disconnects, and one with the statistics at the end. Exit status: 0 after an orderly
+end, 2 for wrong arguments, 3 if it cannot listen, 4 if the report cannot be written, 130 if it is
 interrupted before it listens.
 """
 
@@ -39,10 +39,10 @@ _INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
-    """Run the program, called ``name`` by who started it; returns its exit status."""
+    """Run the program under the name ``name``; returns its exit status."""
     options = _parse(arguments, name)
-    # All end the program through its finally clauses. SIGINT is set too because a shell starts
-    # background programs with it ignored; SIGHUP stays ignored, as it is below nohup.
+    # All end the program through its finally clauses. SIGINT is set too, because a shell ignores it
+    # for background programs. SIGHUP stays ignored below nohup.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
@@ -72,7 +72,7 @@ def _serve(
     rates = f"{options.bitrate} bit/s"
     if options.data_bitrate is not None:
         rates += f", CAN FD data at {options.data_bitrate} bit/s"
-    journal = Journal(partial(_tell, name), options.verbose)
+    journal = Journal(partial(_print_line, name), options.verbose)
     broker = Broker(
         listener,
         options.bitrate,
@@ -86,19 +86,19 @@ def _serve(
     with suppress(KeyboardInterrupt), real_time(RealTimeRequest(options.priority)):
         broker.run(sys.stdin.fileno() if options.end_with_stdin else None)
     report = broker_report(broker, journal, time.monotonic_ns() - start_ns)
-    _tell(name, summary_line(report))
+    _print_line(name, summary_line(report))
     if options.report is not None:
-        # Not above: it brings python-can and pydantic, which the broker does without.
+        # Not at the top: it imports python-can and pydantic, which the broker does not need.
         from ..report import write_json
 
         write_json(options.report, report)
 
 
-def _tell(name: str, line: str) -> bool:
-    """Print a line to standard error, if that takes it at once; returns whether it did.
+def _print_line(name: str, line: str) -> bool:
+    """Print a line to standard error if that does not block; returns whether it was printed.
 
-    A pipe that nobody reads is full at some point, and must not hold up the bus. One that can be
-    written to has room for PIPE_BUF bytes, more than a line has.
+    A pipe that nobody reads becomes full and must not stop the bus. A writable pipe has room for
+    PIPE_BUF bytes, more than a line has.
     """
     try:
         if not select.select((), [sys.stderr], (), 0.0)[1]:
@@ -110,7 +110,7 @@ def _tell(name: str, line: str) -> bool:
 
 
 def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
-    """Read the command line; ends the program where it is wrong."""
+    """Read the command line; ends the program if it is wrong."""
     parser = _parser(name)
     options = parser.parse_args(arguments)
     if options.group is not None and options.address is None:
@@ -131,7 +131,7 @@ def _parser(name: str) -> argparse.ArgumentParser:
     parser.add_argument(
         "--group",
         metavar="NAME",
-        help="let the users of this group join too",
+        help="let users of this group join too",
     )
     parser.add_argument(
         "--bitrate",
@@ -149,31 +149,31 @@ def _parser(name: str) -> argparse.ArgumentParser:
     parser.add_argument(
         "--allow-bus-off",
         action="store_true",
-        help="let clients send one of them into bus-off, as steer-by-wire inject does",
+        help="let clients put each other into bus-off, as steer-by-wire inject does",
     )
     parser.add_argument(
         "--fifo",
         action="store_true",
-        help="send the frames of one client in the order it has handed them over, as the queue of "
-        "a SocketCAN interface does (default: a transmit buffer for each identifier)",
+        help="send each client's frames in their order, as a SocketCAN interface does "
+        "(default: a transmit buffer for each identifier)",
     )
     parser.add_argument(
         "--end-with-stdin",
         action="store_true",
-        help="end when standard input is closed, as by the end of the program that started it",
+        help="end when standard input is closed, as at the end of the parent",
     )
     parser.add_argument(
         "--priority",
         type=priority,
         default=50,
         metavar="0..99",
-        help="SCHED_FIFO priority, as far as the host grants it (default: %(default)s)",
+        help="SCHED_FIFO priority, if the host grants it (default: %(default)s)",
     )
     parser.add_argument(
         "--report", type=output_file, metavar="FILE", help="write a report at the end, JSON"
     )
     parser.add_argument(
-        "--verbose", action="store_true", help="also report clients that come and go in order"
+        "--verbose", action="store_true", help="also print clients that join and leave in order"
     )
     return parser
 

@@ -18,7 +18,7 @@ def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[st
     ``arbitration_delay``  from when the broker read a frame to its start of frame, by identifier
     ``held_back``          how often a client was not read on because its frames waited
     ``disconnected``       clients that are gone, by cause
-    ``untold``             lines that were not printed, because they came too fast or nobody read
+    ``unprinted``          lines that were not printed, because they came too fast or nobody read
     """
     return {
         "duration_s": duration_ns / NS_PER_S,
@@ -40,7 +40,7 @@ def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[st
         "clients": {
             **broker.figures._asdict(),
             "disconnected": dict(journal.disconnections),
-            "untold": journal.untold,
+            "unprinted": journal.unprinted,
         },
     }
 
@@ -65,6 +65,6 @@ def summary_line(report: dict[str, Any]) -> str:
         parts.append(f"disconnected: {', '.join(gone)}")
     if clients["held_back"]:
         parts.append(f"held back {clients['held_back']}x")
-    if clients["untold"]:
-        parts.append(f"{clients['untold']} lines not printed")
+    if clients["unprinted"]:
+        parts.append(f"{clients['unprinted']} lines not printed")
     return "; ".join(parts)

@@ -33,14 +33,7 @@ from ..plant_emulator.steering_guard import (
 from .borrowing import borrowed
 from .compilation import compiled, compiled_inline
 from .steps import law_step
-from .wire import (
-    Known,
-    law_input,
-    on_wire,
-    record_wire,
-    take_arrivals,
-    take_command,
-)
+from .wire import Known, law_input, on_wire, record_wire, take_arrivals, take_command
 
 COMPLETE, LEFT_RANGE, LAW_FAILED = range(3)
 """How a segment ended: complete; with an error that LATERAL_ERROR cannot carry; with a command that

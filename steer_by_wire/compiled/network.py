@@ -16,11 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..plant_emulator.latency import (
-    RESOLUTION_S,
-    Distribution,
-    uniform_of_score,
-)
+from ..plant_emulator.latency import RESOLUTION_S, Distribution, uniform_of_score
 from ..plant_emulator.latency_profile import ProfilePoint, profile_at, read_trace
 from ..plant_emulator.latency_settings import LatencySettings, Order
 from ..plant_emulator.loss import LossParams, bernoulli, gilbert_elliott, loss_step

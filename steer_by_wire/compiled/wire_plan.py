@@ -19,7 +19,7 @@ _KEPT = 8
 """Uplinks cached for the next run on the same network: half a megabyte each."""
 
 
-class _Heard(NamedTuple):
+class _Received(NamedTuple):
     """The first arrays of ``Wire``; runs share them."""
 
     arrival_ns: IntArray
@@ -35,13 +35,13 @@ def plan_wire(
     """Return the wire of one run."""
     samples = len(plan.sample_ns)
     network = plant_network(plant)
-    heard = _heard(network, believing_of(controller), samples, plan.motion_start_ns)
+    received = _received(network, believing_of(controller), samples, plan.motion_start_ns)
     error, state = resolutions(LateralError), resolutions(VehicleState)
     ranges = limits(VehicleState)
     return Wire(
         MemoryParams(link_of(controller), age_limits_of(controller)),
         _empty_rings(),
-        *heard,
+        *received,
         measured_heading_rad=np.empty(samples),
         measured_yaw_rate_rad_s=np.empty(samples),
         measured_curvature_1_m=np.empty(samples),
@@ -87,15 +87,15 @@ def _empty_rings() -> Rings:
 
 
 @lru_cache(maxsize=_KEPT)
-def _heard(
+def _received(
     plant: PlantSettings, believing: Believing, samples: int, motion_start_ns: int
-) -> _Heard:
+) -> _Received:
     each = [arrivals_of(message, plant, believing, samples, motion_start_ns) for message in Uplink]
     message = np.repeat(list(Uplink), [len(arrivals.sample) for arrivals in each])
     sample = np.concatenate([arrivals.sample for arrivals in each])
     arrival_ns = np.concatenate([arrivals.arrival_ns for arrivals in each])
     order = np.lexsort((message, sample, arrival_ns))
-    return _Heard(arrival_ns[order], message[order], sample[order], *_noise(plant, samples))
+    return _Received(arrival_ns[order], message[order], sample[order], *_noise(plant, samples))
 
 
 def _noise(plant: PlantSettings, samples: int) -> tuple[FloatArray, FloatArray]:

@@ -22,7 +22,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..controller.design import q_order_2, q_type_2, washout
+from ..controller.design import required
+from ..controller.discretization import q_order_2, q_type_2, washout
 from ..controller.law_settings import LawSettings
 from ..controller.shared_settings import CdobSettings, DobSettings, PdSettings
 from ..controller.transfer_function import Factor, TransferFunction
@@ -56,7 +57,7 @@ def pd_compensator(pd: PdSettings) -> TransferFunction:
 
 def continuous_law(settings: LawSettings) -> ContinuousLaw:
     """Return the law of the settings as it was designed; their rate plays no part."""
-    numerator, denominator = _polynomials(pd_compensator(settings.pd))
+    numerator, denominator = _polynomials(pd_compensator(required(settings.pd)))
     law = ContinuousLaw(numerator, numerator, denominator)
     model = settings.model
     needs = settings.law_record.needs
@@ -91,7 +92,7 @@ def cdob_parts(settings: LawSettings) -> CdobParts:
         raise ValueError(f"law = {settings.law!r} has no CDOB")
     filter_h = _ONE if cdob.washout_rad_s is None else washout(cdob.washout_rad_s)
     q = filter_h.times(q_order_2(cdob.q_cutoff_rad_s))
-    return CdobParts(pd_compensator(settings.pd), q, model)
+    return CdobParts(pd_compensator(required(settings.pd)), q, model)
 
 
 def loop_response(

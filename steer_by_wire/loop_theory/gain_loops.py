@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 
 from ..controller.analysis.linear_system import held_plant
 from ..controller.analysis.sampled_loop import SampledLoop
-from ..controller.design import LawDesign, design_pd
+from ..controller.design import LawDesign
+from ..controller.discretization import design_pd
 from ..controller.laws.pd import LAW as PD
 from ..controller.shared_settings import PdSettings
 from ..controller.transfer_function import Factor, TransferFunction

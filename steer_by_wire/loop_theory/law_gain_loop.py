@@ -14,19 +14,12 @@ import math
 import numpy as np
 
 from ..controller.analysis.sampled_loop import SampledLoop
-from ..controller.design import design_law
+from ..controller.design import design_law, required
 from ..controller.law_settings import LawSettings
 from ..controller.transfer_function import TransferFunction
 from ..runtime.node import NS_PER_S
 from .d_stability import DStability, judge
-from .gain_loops import (
-    Bools,
-    Complexes,
-    Floats,
-    GainLine,
-    affine_in_gains,
-    roots_of_affine,
-)
+from .gain_loops import Bools, Complexes, Floats, GainLine, affine_in_gains, roots_of_affine
 
 
 class LawGainLoop:
@@ -43,7 +36,7 @@ class LawGainLoop:
     ) -> None:
         def loop(k_p: float, k_d: float) -> SampledLoop:
             gains = {"proportional_gain_rad_m": k_p, "derivative_gain_rad_s_m": k_d}
-            pd = settings.pd.model_copy(update=gains)
+            pd = required(settings.pd).model_copy(update=gains)
             return SampledLoop(design_law(settings.model_copy(update={"pd": pd})), model, period_ns)
 
         self._period_ns = period_ns

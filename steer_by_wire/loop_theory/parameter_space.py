@@ -34,13 +34,7 @@ from shapely.affinity import affine_transform
 from ..controller.law_settings import LawSettings
 from ..controller.transfer_function import TransferFunction
 from .d_stability import DStability
-from .gain_boundaries import (
-    Bound,
-    BoundaryCurve,
-    RootKind,
-    Window,
-    boundary_curves,
-)
+from .gain_boundaries import Bound, BoundaryCurve, RootKind, Window, boundary_curves
 from .gain_loops import Floats, GainLoop, SampledGainLoop
 from .law_gain_loop import LawGainLoop
 

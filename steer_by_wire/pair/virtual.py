@@ -14,8 +14,10 @@ from ..runtime.bus_model import BusModel
 from ..runtime.candump import CandumpLog
 from ..runtime.frame import Frame
 from ..runtime.host import no_collections
-from ..runtime.virtual_time import VirtualTimeExecutor
+from ..runtime.node import Node
+from ..runtime.virtual_time import VirtualTimeExecutor, Wire
 from .live import PairResult
+from .shared_bus import SharedBus
 from .trace import Trace
 
 BITRATE_BIT_S = 500_000
@@ -77,8 +79,8 @@ def run_virtual_pair(
 
 def run_virtual_nodes(
     plant: PlantNode | FaultyNode[PlantNode],
-    controller: ControllerNode,
-    bus: BusModel | None,
+    controller: Node,
+    bus: Wire | None,
     candump_log: Path | None,
     should_stop: Callable[[], bool],
 ) -> None:
@@ -91,6 +93,8 @@ def run_virtual_nodes(
         on_wire = None
         if candump_log is not None:
             on_wire = _writer(stack.enter_context(CandumpLog(candump_log, "virtual")))
+            if isinstance(bus, SharedBus):
+                bus.watch(on_wire)
         executor = VirtualTimeExecutor((plant, controller), bus, on_wire)
         until_ns = SLICE_NS
         while not (executor.finished or should_stop()):

@@ -26,7 +26,7 @@ from ..dbc.messages import (
 )
 from ..runtime.frame import Frame
 from ..runtime.node import NS_PER_MS, NS_PER_S
-from .bus_listener import BusListener, Heard
+from .bus_listener import BusListener, ReceivedMessage
 from .durations import Durations, History
 from .latency import Latencies
 
@@ -116,25 +116,25 @@ class LogAnalysis:
         self._plant_lost = _modular(PlantStatus, "lost")
         self._plant_rejected = _modular(PlantStatus, "rejected")
 
-    def take(self, time_ns: int | None, frame: Frame) -> tuple[float, Heard] | None:
+    def take(self, time_ns: int | None, frame: Frame) -> tuple[float, ReceivedMessage] | None:
         """Take the next frame; returns the time since the start [s] and the message.
 
         Returns None for a frame that a node would reject. The time is NaN in a log without times.
         """
         self._frames += 1
         since_ns = self._since_start(time_ns)
-        heard = self.listener.take(frame)
-        if heard is None:
+        received = self.listener.take(frame)
+        if received is None:
             return None
         if since_ns is not None:
-            self._time(heard, since_ns)
-        if heard.is_late:
+            self._time(received, since_ns)
+        if received.is_late:
             return None
         at_s = math.nan if since_ns is None else since_ns / NS_PER_S
-        for label, field in self._by_message.get(heard.name, ()):
-            self.histories[label].add(at_s, getattr(heard.message, field))
-        self._watch(heard.message, since_ns)
-        return at_s, heard
+        for label, field in self._by_message.get(received.name, ()):
+            self.histories[label].add(at_s, getattr(received.message, field))
+        self._watch(received.message, since_ns)
+        return at_s, received
 
     def figures(self) -> dict[str, Any]:
         """Return all figures, ready for JSON; call it once, at the end."""
@@ -177,9 +177,9 @@ class LogAnalysis:
         self._end_ns = max(self._end_ns, time_ns)
         return time_ns - self._start_ns
 
-    def _time(self, heard: Heard, since_ns: int) -> None:
+    def _time(self, received: ReceivedMessage, since_ns: int) -> None:
         """Count a message on the bus for latencies, cycles and gaps."""
-        name, message, counter, is_late = heard
+        name, message, counter, is_late = received
         if isinstance(message, _FROM_PLANT):
             self.latencies.on_plant_frame(since_ns)
         if isinstance(message, SteeringStatus):
@@ -249,8 +249,8 @@ class LogAnalysis:
             "round_trip": latencies.round_trip.report(),
             "uplink": latencies.uplink.report(),
             "downlink": latencies.downlink.report(),
-            "told_uplink": latencies.told_uplink.report(),
-            "told_downlink": latencies.told_downlink.report(),
+            "reported_uplink": latencies.reported_uplink.report(),
+            "reported_downlink": latencies.reported_downlink.report(),
             "samples_skipped": latencies.samples_skipped,
             "is_absolute": latencies.absolute_windows > 0 and not latencies.relative_windows,
         }

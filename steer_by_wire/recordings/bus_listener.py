@@ -34,7 +34,7 @@ NAMES: Mapping[type[Message], str] = {kind: name for name, kind in MESSAGE_TYPES
 _NAMES_BY_ID = {CAN_IDS[kind]: name for kind, name in NAMES.items()}
 
 
-class Heard(NamedTuple):
+class ReceivedMessage(NamedTuple):
     """A message on the bus.
 
     ``counter``  end-to-end counter, 0 for LATENCY_CONFIG
@@ -112,7 +112,7 @@ class BusListener:
             dict(sorted(self._refused[name].items())),
         )
 
-    def take(self, frame: Frame) -> Heard | None:
+    def take(self, frame: Frame) -> ReceivedMessage | None:
         """Return the message in a frame; None for a rejected, foreign or duplicate frame."""
         decoded = decode(plain(frame))
         if isinstance(decoded, Decoded):
@@ -121,10 +121,10 @@ class BusListener:
             result = self._in_sequence(name, counter)
             if result is SequenceResult.ACCEPTED:
                 self._accepted[name] += 1
-                return Heard(name, message, counter, False)
+                return ReceivedMessage(name, message, counter, False)
             if result is SequenceResult.OUT_OF_ORDER:
                 self._late[name] += 1
-                return Heard(name, message, counter, True)
+                return ReceivedMessage(name, message, counter, True)
             self._refused[name][result.value] += 1
         elif frame.flags & ERROR:
             self._error_frames += 1

@@ -37,7 +37,7 @@ from .sensing_times import relative_uplink
 WINDOW_NS = 10 * NS_PER_S
 IN_FLIGHT_MAX = 4096
 """Commands whose time is remembered, as in the controller's own measurement."""
-TOLD_MIN = 5
+REPORTS_MIN = 5
 """PLANT_STATUS messages that a window needs for its reported latency to be used."""
 
 
@@ -59,9 +59,9 @@ class Latencies:
 
     def __init__(self) -> None:
         self.round_trip, self.uplink, self.downlink = Durations(), Durations(), Durations()
-        self.told_uplink, self.told_downlink = Durations(), Durations()
+        self.reported_uplink, self.reported_downlink = Durations(), Durations()
         self.history = {
-            name: History() for name in ("round_trip", "uplink", "downlink", "told_downlink")
+            name: History() for name in ("round_trip", "uplink", "downlink", "reported_downlink")
         }
         self.commands = 0
         self.absolute_windows = 0
@@ -69,9 +69,9 @@ class Latencies:
         self.samples_skipped = 0
         self._sent_ns: dict[int, int] = {}
         self._window: list[_Status] = []
-        self._told_s: list[float] = []
+        self._reported_s: list[float] = []
         self._newest: tuple[int, int, int] | None = None  # counter, number, arrival
-        self._heard_ns: int | None = None  # the plant's newest frame
+        self._frame_ns: int | None = None  # the plant's newest frame
         self._silence_ns = 0  # longest silence of the plant since the last status
 
     @property
@@ -88,9 +88,9 @@ class Latencies:
 
     def on_plant_frame(self, time_ns: int) -> None:
         """Record the arrival of any frame of the plant; call it before the message's own method."""
-        if self._heard_ns is not None:
-            self._silence_ns = max(self._silence_ns, time_ns - self._heard_ns)
-        self._heard_ns = time_ns
+        if self._frame_ns is not None:
+            self._silence_ns = max(self._silence_ns, time_ns - self._frame_ns)
+        self._frame_ns = time_ns
 
     def on_status(
         self, status: SteeringStatus, counter: int, is_late: bool, time_ns: int
@@ -112,11 +112,11 @@ class Latencies:
 
     def on_plant_status(self, status: PlantStatus, time_ns: int) -> None:
         """Take the latencies that the plant reports."""
-        self._told_s.append(status.uplink_latency_s)
-        self.told_uplink.record(round(status.uplink_latency_s * NS_PER_S))
+        self._reported_s.append(status.uplink_latency_s)
+        self.reported_uplink.record(round(status.uplink_latency_s * NS_PER_S))
         if self.commands:  # before the first command the plant reports 0
-            self.told_downlink.record(round(status.downlink_latency_s * NS_PER_S))
-            self.history["told_downlink"].add(time_ns / NS_PER_S, status.downlink_latency_s)
+            self.reported_downlink.record(round(status.downlink_latency_s * NS_PER_S))
+            self.history["reported_downlink"].add(time_ns / NS_PER_S, status.downlink_latency_s)
 
     def finish(self) -> None:
         """Evaluate what the last window holds."""
@@ -140,14 +140,14 @@ class Latencies:
     def _close_window(self) -> None:
         """Divide the round trips of a window into their directions."""
         window, self._window = self._window, []
-        told_s, self._told_s = self._told_s, []
+        reported_s, self._reported_s = self._reported_s, []
         if len(window) < 2:
             return
         numbers, arrivals_ns, silences_ns = np.array([status[:3] for status in window]).T
         uplink_ns, skipped = relative_uplink(numbers, arrivals_ns, silences_ns)
         self.samples_skipped += skipped
-        if len(told_s) >= TOLD_MIN:
-            offset_ns = float(np.median(told_s)) * NS_PER_S - float(np.median(uplink_ns))
+        if len(reported_s) >= REPORTS_MIN:
+            offset_ns = float(np.median(reported_s)) * NS_PER_S - float(np.median(uplink_ns))
             uplink_ns = np.maximum(uplink_ns + offset_ns, 0.0)
             self.absolute_windows += 1
         else:

@@ -22,7 +22,7 @@ NumberArray = NDArray[Any]
 """Whole numbers or nanoseconds, as integers or floats."""
 NEIGHBOURS_MAX, NEIGHBOURS_MIN = 50, 10
 """Samples compared on each side of a silence: up to the next silence, within these two bounds."""
-_TELLING = 3
+_BEHIND_MIN = 3
 """Samples that are enough where a log ends."""
 SIGNIFICANT = 7.0
 """A shift of more than so many standard errors is significant."""
@@ -78,7 +78,7 @@ def _without_skips(
         far = max(min(next_place, place + NEIGHBOURS_MAX), place + NEIGHBOURS_MIN)
         before_ns = corrected_ns[max(place - NEIGHBOURS_MAX, 0) : place]
         behind_ns = corrected_ns[place:far]
-        if not (before_ns.size and behind_ns.size >= _TELLING):
+        if not (before_ns.size and behind_ns.size >= _BEHIND_MIN):
             continue
         later_ns = float(np.median(behind_ns) - np.median(before_ns))
         count = min(round(later_ns / period_ns), int(silences_ns[place] // period_ns))

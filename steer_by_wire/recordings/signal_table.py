@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from ..dbc.messages import MESSAGE_TYPES, resolutions
-from .bus_listener import Heard
+from .bus_listener import ReceivedMessage
 
 ROWS_PER_GROUP = 50_000
 """Rows that are kept until they are written as one part of a Parquet file."""
@@ -42,7 +42,7 @@ class MissingLibraryError(Exception):
 class Export(Protocol):
     """A file that the messages of a log are written to."""
 
-    def write(self, time_ns: int | None, at_s: float, heard: Heard) -> None:
+    def write(self, time_ns: int | None, at_s: float, received: ReceivedMessage) -> None:
         """Add a message: time in the log [ns], and time since its start [s]."""
         ...
 
@@ -60,14 +60,14 @@ class CsvTable:
         self._cells = [""] * len(COLUMNS)
         self._formats = {name: _formats(name) for name in MESSAGE_TYPES}
 
-    def write(self, time_ns: int | None, at_s: float, heard: Heard) -> None:  # noqa: ARG002
+    def write(self, time_ns: int | None, at_s: float, received: ReceivedMessage) -> None:  # noqa: ARG002
         """Add a message."""
-        formats = self._formats[heard.name]
-        self._cells[PLACES[heard.name]] = [
-            form(value) for form, value in zip(formats, heard.message, strict=True)
+        formats = self._formats[received.name]
+        self._cells[PLACES[received.name]] = [
+            form(value) for form, value in zip(formats, received.message, strict=True)
         ]
         time_text = f"{at_s:.6f}" if at_s == at_s else ""  # NaN in a log without times
-        self._file.write(f"{time_text},{heard.name},{','.join(self._cells)}\n")
+        self._file.write(f"{time_text},{received.name},{','.join(self._cells)}\n")
 
     def close(self) -> None:
         """Write out what is still held back."""
@@ -92,10 +92,10 @@ class ParquetTable:
         self._newest: list[float | None] = [None] * len(COLUMNS)
         self._rows: list[tuple[Any, ...]] = []
 
-    def write(self, time_ns: int | None, at_s: float, heard: Heard) -> None:  # noqa: ARG002
+    def write(self, time_ns: int | None, at_s: float, received: ReceivedMessage) -> None:  # noqa: ARG002
         """Add a message."""
-        self._newest[PLACES[heard.name]] = map(float, heard.message)
-        self._rows.append((at_s if at_s == at_s else None, heard.name, *self._newest))
+        self._newest[PLACES[received.name]] = map(float, received.message)
+        self._rows.append((at_s if at_s == at_s else None, received.name, *self._newest))
         if len(self._rows) >= ROWS_PER_GROUP:
             self._write_group()
 

@@ -18,13 +18,7 @@ from ..compiled.plan import NothingArrivesError, Plan, plan_run
 from ..controller.settings import ControllerSettings
 from ..plant_emulator.settings import PlantSettings
 from ..runtime.settings import SettingsError
-from .figures import (
-    COLUMNS,
-    COUNTS,
-    LatencyFigures,
-    latency_figures,
-    take_figures,
-)
+from .figures import COLUMNS, COUNTS, LatencyFigures, latency_figures, take_figures
 from .losses import Losses, losses_of
 from .scenario import Scenarios
 from .verdict import RUN_ENDS, RunEnd, rules_of

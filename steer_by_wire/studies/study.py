@@ -9,9 +9,12 @@ import hashlib
 import json
 from collections.abc import Mapping
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ..controller.laws import LAWS
+from ..controller.own_law import place_of
 from ..controller.settings import ControllerSettings
 from ..controller.settings import shared_vehicle as nominal_vehicle
 from ..plant_emulator.settings import PlantSettings
@@ -39,6 +42,8 @@ MOTIONS_KEPT = 24
 """Vehicles and paths that may vary fastest in a grid: the batch engine caches a few more."""
 FILE_KEYS = ("trace_file", "file")
 """Settings of the plant that name a file; the results depend on its content."""
+PART_KEYS = ("law", "model")
+"""Settings that may name a part of another package; the results depend on its module."""
 FAULTS_KEY = "plant.faults"
 COLUMNS_TAKEN = (
     *("id", "point", "replicate", "seed", "controller", "law", "overrides", "verdict", "ended_by"),
@@ -77,7 +82,7 @@ class Study(NamedTuple):
     @property
     def identity(self) -> str:
         """All that determines the results, as JSON; equal for equal studies."""
-        files = _digests([self.plant, *_values(self.design)])
+        files = _digests([self.plant, *self.controllers.values(), *_values(self.design)])
         return json.dumps(
             {
                 "name": self.settings.name,
@@ -149,17 +154,33 @@ def _values(design: Design) -> list[Any]:
 
 
 def _digests(values: Any) -> dict[str, str]:
-    """Return the SHA-256 of every recorded latency and list of waypoints that is named."""
+    """Return the SHA-256 of every file and every module of another package that is named."""
     if isinstance(values, list):
         return {name: text for value in values for name, text in _digests(value).items()}
     found: dict[str, str] = {}
     for key, value in values.items() if isinstance(values, dict) else ():
-        if isinstance(value, str) and key.split(".")[-1] in FILE_KEYS:
+        if isinstance(value, str):
             with suppress(OSError):  # reported with the settings that name it
-                found[value] = hashlib.sha256(Path(value).read_bytes()).hexdigest()
+                file = _file_of(key.split(".")[-1], value)
+                if file is not None:
+                    found[value] = hashlib.sha256(file.read_bytes()).hexdigest()
         else:
             found |= _digests(value)
     return found
+
+
+def _file_of(key: str, value: str) -> Path | None:
+    """Return the file that a setting names, itself or by a part of another package."""
+    if key in FILE_KEYS:
+        return Path(value)
+    place = place_of(value) if key in PART_KEYS and value not in LAWS else None
+    if place is None:
+        return None
+    try:
+        found = find_spec(place.partition(":")[0])
+    except (ImportError, ValueError):  # reported with the settings that name it
+        return None
+    return None if found is None or found.origin is None else Path(found.origin)
 
 
 def study_factors(settings: StudySettings, file: str) -> tuple[Factor, ...]:

@@ -12,13 +12,7 @@ from typing import NoReturn
 
 from .guard import execute, exit_status
 from .host import run_as_child
-from .request import (
-    BackendError,
-    Request,
-    link_commands,
-    missing_programs,
-    program_path,
-)
+from .request import BackendError, Request, link_commands, missing_programs, program_path
 from .system_calls import (
     CLONE_NEWNET,
     CLONE_NEWNS,

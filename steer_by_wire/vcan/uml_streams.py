@@ -65,7 +65,7 @@ class Streams:
     def pass_on(self, arrived: Signal) -> None:
         """Send a signal to the command; before the command has started, a signal ends the run."""
         if arrived.number == signal.SIGWINCH:
-            self._tell_size()
+            self._send_size()
         elif self._ready:
             self._write(self._to_guest, pack(Kind.SIGNAL, b"%d" % arrived.number))
         else:
@@ -135,7 +135,7 @@ class Streams:
     def _take(self, frame: LineFrame) -> None:
         if frame.kind is Kind.READY:
             self._ready = True
-            self._tell_size()
+            self._send_size()
             self._watch_stdin()
         elif frame.kind is Kind.STATUS:
             self._status = int(frame.content)
@@ -156,7 +156,7 @@ class Streams:
             return b""
         return content
 
-    def _tell_size(self) -> None:
+    def _send_size(self) -> None:
         if self._ready and has_terminal():
             size = fcntl.ioctl(0, termios.TIOCGWINSZ, bytes(8))
             self._write(self._to_guest, pack(Kind.SIZE, size))

@@ -20,7 +20,8 @@ from steer_by_wire.controller.analysis.stable_delays import (
     delay_margin_ns,
     stable_delays,
 )
-from steer_by_wire.controller.design import LawDesign, design_law, design_pd
+from steer_by_wire.controller.design import LawDesign, design_law
+from steer_by_wire.controller.discretization import design_pd
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.law_settings import LawSettings
 from steer_by_wire.controller.laws import LAWS, PAPER_LAWS

@@ -84,8 +84,8 @@ def test_the_deviation_is_that_of_many_fits() -> None:
         lags_s.append(peak.lag_s)
         deviations_s.append(peak.deviation_s)
     spread_s = math.sqrt(sum((lag_s - 0.2) ** 2 for lag_s in lags_s) / len(lags_s))
-    told_s = sum(deviations_s) / len(deviations_s)
-    assert 0.5 * spread_s < told_s < 2.0 * spread_s
+    reported_s = sum(deviations_s) / len(deviations_s)
+    assert 0.5 * spread_s < reported_s < 2.0 * spread_s
 
 
 def test_nothing_is_found_in_a_constant_or_outside_the_grid() -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 from scipy import signal
 
-from steer_by_wire.controller.design import (
+from steer_by_wire.controller.discretization import (
     design_cdob,
     design_dob,
     design_pd,

@@ -19,7 +19,7 @@ from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.predictor_design import (
     design_schedule,
     noise_covariances,
-    sampled_vehicle,
+    sampled_vehicles,
 )
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.shared_settings import EstimatorSettings, VehicleModelSettings
@@ -188,7 +188,7 @@ def test_for_data_of_its_own_model_the_innovations_are_white_and_as_large_as_the
     samples, speed_m_s = 20_000, 1.39
     settings = EstimatorSettings(speed_m_s_min=speed_m_s, speed_m_s_max=80.0)
     gains = design_schedule(settings, vehicle(), 0.01, SENSOR_PERIOD_S, None).gains[0]
-    f, g = sampled_vehicle(settings, vehicle(), speed_m_s, SENSOR_PERIOD_S)
+    (f,), (g,) = sampled_vehicles(settings, vehicle(), [speed_m_s], SENSOR_PERIOD_S)
     q, r = noise_covariances(settings, SENSOR_PERIOD_S)
     reference = reference_filter(settings, vehicle(), speed_m_s, SENSOR_PERIOD_S)
     settled_gain(reference)

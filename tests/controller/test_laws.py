@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from steer_by_wire.controller.design import design_law
+from steer_by_wire.controller.design import design_law, required
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.law_settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings
@@ -98,7 +98,9 @@ def test_a_law_starts_bumpless_from_a_constant_error(name: str) -> None:
     design, state = design_law(settings), design_law(settings).initial_state(0.3)
     for _ in range(5):
         state, out = design.step(design.params, state, LawInput(0.3, 0.0))
-        assert out.steer_rad == pytest.approx(-0.3 * settings.pd.proportional_gain_rad_m, rel=1e-9)
+        assert out.steer_rad == pytest.approx(
+            -0.3 * required(settings.pd).proportional_gain_rad_m, rel=1e-9
+        )
         assert (out.disturbance_rad, out.network_disturbance_rad) == pytest.approx((0, 0), abs=1e-9)
         assert out.compensated_lateral_error_m == pytest.approx(0.3, rel=1e-9)
 
@@ -143,7 +145,7 @@ def test_the_dob_finds_a_steering_offset_and_takes_it_out(law: str) -> None:
 def test_without_a_dob_the_same_offset_stays_in_the_error() -> None:
     settings = preset("practical_pd")
     run = close_loop(settings, (5.0, 2000.0), 8, duration_s=30.0, offset_rad=0.02, straight=True)
-    expected = 0.02 / settings.pd.proportional_gain_rad_m
+    expected = 0.02 / required(settings.pd).proportional_gain_rad_m
     assert run.lateral_error_m[-1] == pytest.approx(expected, rel=1e-3)
 
 
@@ -243,9 +245,9 @@ def test_the_practical_ddob_holds_every_delay(delay_ms: int) -> None:
 def test_the_paper_presets_have_the_published_values() -> None:
     for law in LAWS:
         settings = preset(f"paper_{law}")
-        assert settings.pd.proportional_gain_rad_m == 1.0596
-        assert settings.pd.derivative_gain_rad_s_m == 0.939
-        assert settings.pd.derivative_filter_rad_s is None
+        assert required(settings.pd).proportional_gain_rad_m == 1.0596
+        assert required(settings.pd).derivative_gain_rad_s_m == 0.939
+        assert required(settings.pd).derivative_filter_rad_s is None
         if settings.dob:
             assert (settings.dob.q_cutoff_rad_s, settings.dob.q_kind) == (5.0, "order_2")
         if settings.cdob:

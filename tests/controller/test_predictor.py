@@ -18,7 +18,7 @@ from steer_by_wire.controller.estimator import (
 from steer_by_wire.controller.law_interface import Link
 from steer_by_wire.controller.laws.predictor import design_predictor, predict, steer_for
 from steer_by_wire.controller.link import LinkParams
-from steer_by_wire.controller.predictor_design import design_schedule, sampled_vehicle
+from steer_by_wire.controller.predictor_design import design_schedule, sampled_vehicles
 from steer_by_wire.controller.shared_settings import EstimatorSettings, VehicleModelSettings
 from steer_by_wire.plant_emulator.propagation import (
     LinearState,
@@ -180,10 +180,10 @@ def test_half_way_between_two_speeds_of_the_table_no_gain_is_off_by_more_than_3_
 
 def test_the_sampled_model_over_two_periods_is_that_of_one_twice() -> None:
     settings = EstimatorSettings(actuator_lag_s=0.1)
-    once = sampled_vehicle(settings, VEHICLE, 1.39, 0.01)
-    twice = sampled_vehicle(settings, VEHICLE, 1.39, 0.02)
-    np.testing.assert_allclose(twice.f, once.f @ once.f, atol=1e-15)
-    np.testing.assert_allclose(twice.g, once.f @ once.g + once.g, atol=1e-15)
+    once = sampled_vehicles(settings, VEHICLE, [1.39], 0.01)
+    twice = sampled_vehicles(settings, VEHICLE, [1.39], 0.02)
+    np.testing.assert_allclose(twice.f[0], once.f[0] @ once.f[0], atol=1e-15)
+    np.testing.assert_allclose(twice.g[0], once.f[0] @ once.g[0] + once.g[0], atol=1e-15)
 
 
 # Which command acts from a sample to the next

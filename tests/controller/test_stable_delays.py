@@ -19,7 +19,7 @@ from steer_by_wire.controller.analysis.stable_delays import (
     delay_margin_ns,
     stable_delays,
 )
-from steer_by_wire.controller.design import design_law
+from steer_by_wire.controller.design import design_law, required
 from steer_by_wire.controller.law_settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.controller.transfer_function import Factor, TransferFunction
@@ -140,7 +140,7 @@ def test_the_modes_counted_are_those_of_the_eigenvalues(
 ) -> None:
     dob, cdob, washout = cutoffs
     tables: dict[str, Any] = {
-        "pd": {**PD.pd.model_dump(), "derivative_filter_rad_s": derivative_filter},
+        "pd": {**required(PD.pd).model_dump(), "derivative_filter_rad_s": derivative_filter},
         "dob": {"q_cutoff_rad_s": dob, "q_kind": q_kind},
         "cdob": {"q_cutoff_rad_s": cdob, "washout_rad_s": washout},
     }

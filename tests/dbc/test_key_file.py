@@ -10,13 +10,13 @@ from types import SimpleNamespace
 import pytest
 
 from steer_by_wire.dbc.authentication import Authentication
-from steer_by_wire.dbc.key_file import _obstacle, cmac_under, open_authentication, read_key
+from steer_by_wire.dbc.key_file import _obstacle, cmac_maker, open_authentication, read_key
 from steer_by_wire.dbc.messages import ControllerStatus, Law, Mode, encode
 from steer_by_wire.dbc.secured_frame import CONTROLLER, PLANT, Refused
 from steer_by_wire.runtime.settings import SettingsError
 
 pytestmark = pytest.mark.skipif(
-    not hasattr(os, "geteuid"), reason="this platform does not tell who may read a file"
+    not hasattr(os, "geteuid"), reason="this platform does not report who may read a file"
 )
 
 KEY = bytes.fromhex("c0ffee00112233445566778899aabbcc")
@@ -55,7 +55,7 @@ def test_a_private_file_with_32_hexadecimal_digits_is_a_key(
     file.chmod(0o600)
     file.write_bytes(text.encode("ascii"))
     file.chmod(mode)
-    assert read_key(file)(TEXT) == cmac_under(KEY)(TEXT)
+    assert read_key(file)(TEXT) == cmac_maker()(KEY)(TEXT)
 
 
 @pytest.mark.parametrize("bit", [1 << shift for shift in range(6)])
@@ -177,4 +177,4 @@ def test_a_platform_that_cannot_tell_who_may_read_is_refused(
     file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("steer_by_wire.dbc.key_file.os", SimpleNamespace())
-    assert "does not tell who may read" in refusal(file)
+    assert "does not report who may read" in refusal(file)

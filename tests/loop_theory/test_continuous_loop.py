@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
-from steer_by_wire.controller.design import design_law, q_order_2, q_type_2, washout
+from steer_by_wire.controller.design import design_law, required
+from steer_by_wire.controller.discretization import q_order_2, q_type_2, washout
 from steer_by_wire.controller.law_settings import LawSettings
 from steer_by_wire.controller.nominal_model import paper_eq19, steer_to_lateral_error
 from steer_by_wire.controller.transfer_function import Factor, TransferFunction
@@ -118,7 +119,11 @@ def test_model_regulation_and_disturbance_rejection_are_12_and_13(plant: Transfe
 @pytest.mark.parametrize("filter_rad_s", [None, 20.0])
 def test_the_cdob_around_its_model_is_18(filter_rad_s: float | None) -> None:
     law = law_settings("pd_cdob", filter_rad_s)
-    c, g_n, q = pd_compensator(law.pd).response(S), EQ19.response(S), q_order_2(200.0).response(S)
+    c, g_n, q = (
+        pd_compensator(required(law.pd)).response(S),
+        EQ19.response(S),
+        q_order_2(200.0).response(S),
+    )
     delay = np.exp(-0.08 * S)
     expected = c * g_n * delay / (1.0 + c * g_n * q + c * g_n * (1.0 - q) * delay)
     found = reference_response(continuous_law(law), EQ19, 0.08, OMEGA_RAD_S)
@@ -133,7 +138,7 @@ def test_every_law_gives_the_response_of_its_block_diagram(
     """Solved for the signals y, u, u_new and y_fb at each ω, block by block."""
     for name, plant in product(LAWS, (EQ19, CORNER)):
         law = law_settings(name, washout_rad_s=washout_rad_s, q_kind=q_kind)
-        c, g_n = pd_compensator(law.pd).response(S), EQ19.response(S)
+        c, g_n = pd_compensator(required(law.pd)).response(S), EQ19.response(S)
         h = 1.0 if washout_rad_s is None else washout(washout_rad_s).response(S)
         assert law.dob is not None
         q_d = dob_q(law.dob).response(S) if "ddob" in name or name == "pd_dob" else 0.0 * S

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
-from steer_by_wire.controller.design import design_law, q_order_2, q_type_2
+from steer_by_wire.controller.design import design_law
+from steer_by_wire.controller.discretization import q_order_2, q_type_2
 from steer_by_wire.controller.law_settings import LawSettings
 from steer_by_wire.controller.nominal_model import paper_eq19, steer_to_lateral_error
 from steer_by_wire.controller.transfer_function import Factor, TransferFunction

@@ -11,7 +11,8 @@ from steer_by_wire.pair.virtual import make_virtual_pair, run_virtual_nodes, run
 from steer_by_wire.plant_emulator.fault_settings import FaultKind, FaultSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.settings import dump_toml, load_settings, read_preset
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.runtime.toml_text import dump_toml
 from steer_by_wire.tools.closed_loop.__main__ import main as closed_loop
 from tests.support.virtual_soak import run_virtual_soak
 

@@ -10,7 +10,8 @@ from steer_by_wire import Run, SettingsError, run_study, simulate
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.program import ExitStatus
-from steer_by_wire.runtime.settings import dump_toml, load_settings
+from steer_by_wire.runtime.settings import load_settings
+from steer_by_wire.runtime.toml_text import dump_toml
 from tests.support.running_program import running
 
 PARTS = "tests.support.own_parts"

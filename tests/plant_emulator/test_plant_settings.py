@@ -12,11 +12,11 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import (
     Preset,
     SettingsError,
-    dump_toml,
     load_settings,
     preset_names,
     read_preset,
 )
+from steer_by_wire.runtime.toml_text import dump_toml
 
 
 def mistake(text: str, tmp_path: Path) -> str:

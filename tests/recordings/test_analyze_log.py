@@ -67,8 +67,8 @@ def test_a_latency_that_does_not_vary_comes_out_in_both_directions(constant: Run
         # The next sample comes within a period.
         assert latency[direction]["min_s"] >= least_s - ON_THE_WIRE_S
         assert latency[direction]["max_s"] <= least_s + PERIOD_S + ON_THE_WIRE_S
-    assert latency["told_downlink"]["p50_s"] == pytest.approx(DOWNLINK_S, abs=5e-4)
-    assert latency["told_uplink"]["p50_s"] == pytest.approx(UPLINK_S, abs=5e-4)
+    assert latency["reported_downlink"]["p50_s"] == pytest.approx(DOWNLINK_S, abs=5e-4)
+    assert latency["reported_uplink"]["p50_s"] == pytest.approx(UPLINK_S, abs=5e-4)
     on_their_way = (DOWNLINK_S + UPLINK_S) / PERIOD_S + 2
     assert 0 <= latency["commands"] - latency["commands_seen_to_act"] <= on_their_way
 
@@ -78,13 +78,13 @@ def test_jitter_comes_out_in_both_directions(varying: Run) -> None:
     node = varying.result.plant["node"]
     uplink, downlink = node["uplink"]["latency"], node["downlink"]["latency"]
     # The plant reports its latency 120 times, so the median of the reports is that far off.
-    told_s = 3 * SPREAD_S / math.sqrt(120)
+    reported_s = 3 * SPREAD_S / math.sqrt(120)
     for key in ("mean_s", "p50_s", "p99_s"):
-        assert latency["uplink"][key] == pytest.approx(uplink[key], abs=told_s + ON_THE_WIRE_S)
+        assert latency["uplink"][key] == pytest.approx(uplink[key], abs=reported_s + ON_THE_WIRE_S)
     assert latency["uplink"]["jitter_s"] == pytest.approx(SPREAD_S, rel=0.15)
     # In the log a command acts when a sample sees it, less than a period later.
     later_s = latency["downlink"]["mean_s"] - downlink["mean_s"]
-    assert -told_s < later_s < PERIOD_S + told_s
+    assert -reported_s < later_s < PERIOD_S + reported_s
 
 
 def test_the_round_trip_is_the_one_that_the_controller_measured(varying: Run) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from steer_by_wire.runtime import connection as connection_module
 from steer_by_wire.runtime.bus import BusError
-from steer_by_wire.runtime.connection import SETTLED_S, TOLD_OUTAGES_MAX, Connection
+from steer_by_wire.runtime.connection import REPORTED_OUTAGES_MAX, SETTLED_S, Connection
 from steer_by_wire.runtime.error_frames import BUS_OFF, FORGED_BUS_OFF, RESTARTED
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.node import NS_PER_S
@@ -266,14 +266,16 @@ def test_a_bus_that_stays_away_ends_the_run_and_says_what_the_last_attempt_met(
 
 def test_only_the_first_outages_are_told(machine: Machine) -> None:
     connection = machine.connect()
-    for _ in range(TOLD_OUTAGES_MAX + 2):
+    for _ in range(REPORTED_OUTAGES_MAX + 2):
         machine.ports[-1].waiting.append(BusError("cannot receive: gone"))
         assert connection.recv(0.0) is None
         until_open(connection)
         machine.ports[-1].waiting.append(DATA)
         assert connection.recv(0.0) is not None
-    assert connection.figures.outages == connection.figures.reconnections == TOLD_OUTAGES_MAX + 2
-    assert len(machine.told) == 2 * TOLD_OUTAGES_MAX
+    assert (
+        connection.figures.outages == connection.figures.reconnections == REPORTED_OUTAGES_MAX + 2
+    )
+    assert len(machine.told) == 2 * REPORTED_OUTAGES_MAX
     assert machine.told[-2].endswith("more are only counted")
     connection.shutdown()
 

@@ -333,5 +333,5 @@ def test_a_storm_of_vandals_costs_the_others_nothing_but_a_bounded_number_of_lin
     assert bench.gone(Cause.GARBAGE) == 300
     assert bench.broker.figures.connected == 2
     assert len(bench.lines) <= LINES_AT_ONCE + bench.now_ns // LINE_PERIOD_NS + 1
-    assert len(bench.lines) + bench.journal.untold == 300
+    assert len(bench.lines) + bench.journal.unprinted == 300
     assert_bus_is_well(bench, one, other)

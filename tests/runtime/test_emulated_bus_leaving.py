@@ -150,7 +150,7 @@ def test_lines_that_nobody_reads_are_counted_and_hold_up_nothing(bench: Bench) -
         vandal.sendall(bytes(HELLO.size))
         bench.step()
         vandal.close()
-    assert bench.journal.untold == 5
+    assert bench.journal.unprinted == 5
     bench.is_read = True
     vandal = bench.connect()
     vandal.sendall(bytes(HELLO.size))

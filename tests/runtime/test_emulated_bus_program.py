@@ -16,7 +16,7 @@ import pytest
 from steer_by_wire.runtime.emulated_bus.broker import CHANNELS_MAX, CLIENTS_MAX
 from steer_by_wire.runtime.emulated_bus.channel import FRAMES_WAITING_MAX
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
-from steer_by_wire.runtime.emulated_bus.program import _tell, main
+from steer_by_wire.runtime.emulated_bus.program import _print_line, main
 from steer_by_wire.runtime.emulated_bus.protocol import HELLO
 from tests.support.broker_program import PATIENCE_S, client, message, receive, start_broker
 from tests.support.broker_program import directory as directory
@@ -260,7 +260,7 @@ def test_a_report_holds_what_was_carried_and_who_was_thrown_out(
     assert written["channels"]["can0"]["arbitration_delay"]["001"]["samples"] == 1
 
 
-def test_a_broker_does_not_wait_for_somebody_to_read_what_it_tells(
+def test_a_broker_does_not_wait_for_somebody_to_read_what_it_print_lines(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     read_end, write_end = os.pipe()
@@ -272,9 +272,9 @@ def test_a_broker_does_not_wait_for_somebody_to_read_what_it_tells(
     with os.fdopen(read_end, "rb", 0) as reader, os.fdopen(write_end, "w") as stream:
         monkeypatch.setattr(sys, "stderr", stream)
         # It would wait for ever if it waited.
-        assert not _tell("emulated-can-bus", "a line that nobody has room for")
+        assert not _print_line("emulated-can-bus", "a line that nobody has room for")
         reader.read(1 << 20)
-        assert _tell("emulated-can-bus", "a line")
+        assert _print_line("emulated-can-bus", "a line")
         assert reader.read(100) == b"emulated-can-bus: a line\n"
 
 

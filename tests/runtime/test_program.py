@@ -14,7 +14,8 @@ import pytest
 from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.option_types import output_file
-from steer_by_wire.runtime.program import ExitStatus, load_program_settings, run_main
+from steer_by_wire.runtime.program import ExitStatus, run_main
+from steer_by_wire.runtime.program_options import load_program_settings
 from steer_by_wire.runtime.settings import SettingsError
 from tests.support.running_program import ORDINARY
 from tests.support.some_program import NAME, Options, Probe, SomeSettings, run
@@ -156,7 +157,8 @@ def test_a_reader_that_is_gone_costs_neither_the_run_nor_its_report(
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]);"
         "from tests.support.some_program import NAME, Probe, SomeSettings;"
-        "from steer_by_wire.runtime.program import make_parser, run_main, run_node;"
+        "from steer_by_wire.runtime.program import run_main, run_node;"
+        "from steer_by_wire.runtime.program_options import make_parser;"
         "options = make_parser(NAME, '', '', sys.argv[2]).parse_args(sys.argv[3:]);"
         "run = lambda: run_node(NAME, options, SomeSettings(), lambda _: Probe());"
         "sys.exit(run_main(NAME, run))"

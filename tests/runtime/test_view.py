@@ -29,7 +29,8 @@ def test_an_empty_state_is_no_line_but_what_follows_it_is() -> None:
 
 
 def test_a_state_that_flutters_is_limited_and_its_last_value_is_not_lost() -> None:
-    changes, printed = Changes(), []
+    changes = Changes()
+    printed: list[str] = []
     for n in range(200):  # ten seconds
         printed += changes.lines(state("ab"[n % 2]), n * LOOK_NS)
     assert STATE_LINES <= len(printed) <= STATE_LINES + 1 + 10 * NS_PER_S // STATE_NS
@@ -38,7 +39,8 @@ def test_a_state_that_flutters_is_limited_and_its_last_value_is_not_lost() -> No
 
 
 def test_a_flood_of_bad_frames_is_counted_in_few_lines() -> None:
-    changes, printed = Changes(), []
+    changes = Changes()
+    printed: list[str] = []
     for n in range(1, 201):
         printed += changes.lines(count(1000 * n), n * LOOK_NS)
     assert len(printed) == 1 + 199 * LOOK_NS // COUNT_NS

@@ -17,7 +17,8 @@ from steer_by_wire.pair.virtual import run_virtual_nodes
 from steer_by_wire.plant_emulator.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.program import ExitStatus
-from steer_by_wire.runtime.settings import SettingsError, dump_toml, load_settings, read_preset
+from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.runtime.toml_text import dump_toml
 from steer_by_wire.studies.compute import Computed, Computer
 from steer_by_wire.studies.figures import COLUMNS
 from steer_by_wire.studies.losses import losses_of
@@ -204,6 +205,22 @@ def test_results_do_not_go_on_with_other_recorded_latencies(tmp_path: Path) -> N
     text = STUDY.replace("[base.plant.latency.uplink]\n", line)
     Store(tmp_path / "out", make_scenarios(tmp_path, text)).open(text)
     trace.write_text("latency_s\n0.02\n", encoding="utf-8")
+    with pytest.raises(SettingsError, match="files differ"):
+        Store(tmp_path / "out", make_scenarios(tmp_path, text)).open(text)
+
+
+def test_results_do_not_go_on_with_another_version_of_an_own_law(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    module = tmp_path / "law_of_this_study.py"
+    module.write_text("from steer_by_wire.controller.laws.pd import LAW\n", encoding="utf-8")
+    text = STUDY.replace(
+        "[base.plant", '[base.controller]\nlaw = "law_of_this_study:LAW"\n\n[base.plant', 1
+    )
+    Store(tmp_path / "out", make_scenarios(tmp_path, text)).open(text)
+    Store(tmp_path / "out", make_scenarios(tmp_path, text)).open(text)
+    module.write_text(module.read_text(encoding="utf-8") + "# other gains\n", encoding="utf-8")
     with pytest.raises(SettingsError, match="files differ"):
         Store(tmp_path / "out", make_scenarios(tmp_path, text)).open(text)
 

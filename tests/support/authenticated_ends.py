@@ -1,7 +1,7 @@
 """The two ends of an authenticated link, with their key, and frames of both."""
 
 from steer_by_wire.dbc.authentication import Authentication
-from steer_by_wire.dbc.key_file import cmac_under
+from steer_by_wire.dbc.key_file import cmac_maker
 from steer_by_wire.dbc.messages import (
     ControllerStatus,
     LateralError,
@@ -33,13 +33,13 @@ COMMAND = encode(SteeringCommand(0.25, 7, Mode.ACTIVE), 200)
 def controller(
     key: bytes = KEY, challenge: bytes = CONTROLLER_CHALLENGE, first_counter: int = 0
 ) -> Authentication:
-    return Authentication(CONTROLLER, cmac_under(key), challenge, first_counter)
+    return Authentication(CONTROLLER, cmac_maker()(key), challenge, first_counter)
 
 
 def plant(
     key: bytes = KEY, challenge: bytes = PLANT_CHALLENGE, first_counter: int = 0
 ) -> Authentication:
-    return Authentication(PLANT, cmac_under(key), challenge, first_counter)
+    return Authentication(PLANT, cmac_maker()(key), challenge, first_counter)
 
 
 def meet(controller_end: Authentication, plant_end: Authentication) -> None:

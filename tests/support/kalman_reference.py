@@ -16,7 +16,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
-from steer_by_wire.controller.predictor_design import PSI, Y, noise_covariances, sampled_vehicle
+from steer_by_wire.controller.predictor_design import PSI, Y, noise_covariances, sampled_vehicles
 from steer_by_wire.controller.shared_settings import EstimatorSettings, VehicleModelSettings
 
 Matrix = NDArray[np.float64]
@@ -41,7 +41,7 @@ def reference_filter(
     sensor_period_s: float,
 ) -> KalmanFilter:
     """Return filterpy's filter of the same model and noise, at the start of a run."""
-    f, g = sampled_vehicle(settings, vehicle, speed_m_s, sensor_period_s)
+    (f,), (g,) = sampled_vehicles(settings, vehicle, [speed_m_s], sensor_period_s)
     q, r = noise_covariances(settings, sensor_period_s)
     reference = KalmanFilter(dim_x=len(g), dim_z=len(MEASURED), dim_u=1)
     reference.F, reference.B = f, g[:, None]

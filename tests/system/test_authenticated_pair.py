@@ -9,7 +9,7 @@ from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.authenticated_node import AuthenticatedNode
 from steer_by_wire.dbc.authentication import Authentication
-from steer_by_wire.dbc.key_file import cmac_under
+from steer_by_wire.dbc.key_file import cmac_maker
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     ControllerSafety,
@@ -65,7 +65,7 @@ CONTROLLER_SETTINGS = load_settings(
 )
 
 
-class Heard(NamedTuple):
+class ReceivedMessage(NamedTuple):
     time_ns: int
     sender: int
     frame: Frame
@@ -77,8 +77,8 @@ def ends(
     """The two ends of a run that is not the first: other challenges, higher counters."""
     first = run * 10**9
     return (
-        Authentication(PLANT, cmac_under(plant_key), b"plant%03d" % run, first),
-        Authentication(CONTROLLER, cmac_under(controller_key), b"ctrl-%03d" % run, first),
+        Authentication(PLANT, cmac_maker()(plant_key), b"plant%03d" % run, first),
+        Authentication(CONTROLLER, cmac_maker()(controller_key), b"ctrl-%03d" % run, first),
     )
 
 
@@ -106,13 +106,13 @@ class Pair:
         self.controller_end = (
             None if controller_end is None else AuthenticatedNode(self.controller, controller_end)
         )
-        self.heard: list[Heard] = []
+        self.heard: list[ReceivedMessage] = []
         nodes: list[Node] = [
             self.plant if self.plant_end is None else self.plant_end,
             self.controller if self.controller_end is None else self.controller_end,
         ]
         executor = VirtualTimeExecutor(
-            [*nodes, *others], bus, lambda *heard: self.heard.append(Heard(*heard))
+            [*nodes, *others], bus, lambda *heard: self.heard.append(ReceivedMessage(*heard))
         )
         executor.run(LIMIT_NS)
 

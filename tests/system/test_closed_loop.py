@@ -82,7 +82,7 @@ def plant_settings(
     )
 
 
-class Heard(NamedTuple):
+class ReceivedMessage(NamedTuple):
     """A message, complete on the wire at ``time_ns``."""
 
     time_ns: int
@@ -94,7 +94,7 @@ class Run(NamedTuple):
 
     plant: PlantNode
     controller: ControllerNode
-    heard: list[Heard]
+    heard: list[ReceivedMessage]
 
     @property
     def commands(self) -> list[tuple[int, SteeringCommand]]:
@@ -118,7 +118,7 @@ def run(
     def listen(time_ns: int, _sender: int, frame: Frame) -> None:
         decoded = decode(frame)
         assert isinstance(decoded, Decoded)
-        result.heard.append(Heard(time_ns, decoded.message))
+        result.heard.append(ReceivedMessage(time_ns, decoded.message))
 
     VirtualTimeExecutor((result.plant, result.controller, *others), bus, listen).run(NEVER_NS)
     assert result.plant.finished

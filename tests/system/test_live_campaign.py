@@ -29,7 +29,7 @@ from steer_by_wire.tools.fault_campaign import __main__ as fault_campaign
 from steer_by_wire.tools.fault_campaign.live.cases import CASES, CONTROLLER, PLANT, LiveCase
 from steer_by_wire.tools.fault_campaign.live.judgement import (
     Outcome,
-    Telling,
+    Reaction,
     Vehicle,
     _first_sign,
     counts_of,
@@ -241,9 +241,9 @@ def test_a_run_is_judged_by_what_each_program_sent_itself(tmp_path: Path) -> Non
     outcome = judge_trial(trial)
     assert outcome.mistakes == []
     assert outcome.counts == {PLANT: {"out_of_order": 3}, CONTROLLER: {}}
-    assert list(outcome.tellings[PLANT]) == pytest.approx([0.2, 0.25])
+    assert list(outcome.reactions[PLANT]) == pytest.approx([0.2, 0.25])
     # The only command that stops was on the bus, but the controller has not sent it.
-    assert outcome.tellings[CONTROLLER] == Telling(None, None)
+    assert outcome.reactions[CONTROLLER] == Reaction(None, None)
     assert outcome.vehicle.error_peak_m == pytest.approx(0.25)
 
 
@@ -251,7 +251,7 @@ def test_the_table_and_the_record_hold_every_run() -> None:
     outcome = Outcome(
         "plant killed",
         {CONTROLLER: {"silence": 1}},
-        {PLANT: Telling(None, None), CONTROLLER: Telling(0.137, 0.138)},
+        {PLANT: Reaction(None, None), CONTROLLER: Reaction(0.137, 0.138)},
         Vehicle(0.1, 0.02, 0.3, 0.1, "APPLYING"),
         {PLANT: -9, CONTROLLER: 0},
         [],
@@ -267,7 +267,7 @@ def test_the_table_and_the_record_hold_every_run() -> None:
     )
     assert live_finding([outcome._replace(mistakes=[])]).holds
     record = record_of(outcome)
-    assert record["tellings"][CONTROLLER] == {"noticed_s": 0.137, "told_s": 0.138}
+    assert record["reactions"][CONTROLLER] == {"noticed_s": 0.137, "reported_s": 0.138}
     assert record["mistakes"] == ["something"]
     assert set(record["vehicle"]) == set(Vehicle._fields)
 
@@ -295,7 +295,7 @@ def test_the_campaign_runs_the_live_one_too_and_fails_with_it(
     passed = Outcome(
         "golden",
         {},
-        {PLANT: Telling(None, None), CONTROLLER: Telling(None, None)},
+        {PLANT: Reaction(None, None), CONTROLLER: Reaction(None, None)},
         Vehicle(0.1, 0.1, 0.1, 0.1, "APPLYING"),
         {PLANT: 0, CONTROLLER: 0},
         [],

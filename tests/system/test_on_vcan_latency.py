@@ -19,7 +19,8 @@ from steer_by_wire.pair.live import Bus, LivePair, PairFiles, PairResult
 from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import dump_toml, load_settings, read_preset
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.runtime.toml_text import dump_toml
 from steer_by_wire.vcan.request import program_path
 from tests.support.running_program import UNSUPERVISED
 

@@ -21,7 +21,8 @@ from steer_by_wire.dbc.messages import ControllerStatus, Law, Mode, Rejection, d
 from steer_by_wire.pair.virtual import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.plant_emulator.node import PlantNode
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.settings import SettingsError, dump_toml, load_settings
+from steer_by_wire.runtime.settings import SettingsError, load_settings
+from steer_by_wire.runtime.toml_text import dump_toml
 from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
 from steer_by_wire.studies.compute import Computer
 from steer_by_wire.studies.verdict import RUN_ENDS, RunEnd
@@ -122,6 +123,13 @@ def test_its_settings_are_read_written_and_hashed(tmp_path: Path) -> None:
     assert again == settings
     assert hash(again) == hash(settings)
     assert again.model_validate(settings.model_dump()) == settings
+
+
+def test_a_law_without_pd_needs_no_table_pd_and_the_example_does() -> None:
+    asleep = {"law": f"{LAWS}:DIVIDES", "nominal_model": {"kind": "paper_eq19"}}
+    assert ControllerSettings.model_validate(asleep).pd is None
+    with pytest.raises(ValueError, match=r"needs the table \[pd\]"):
+        ControllerSettings.model_validate({**asleep, "law": OWN})
 
 
 def test_an_entry_point_names_it(monkeypatch: pytest.MonkeyPatch) -> None:

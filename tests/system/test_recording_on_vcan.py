@@ -95,8 +95,8 @@ def test_candump_and_the_plants_recording_know_both_directions(run: Run) -> None
     for path in (run.candump, run.plant):
         latency = analyse_files([path]).figures["latency"]
         assert latency["is_absolute"]
-        assert latency["told_uplink"]["p50_s"] == pytest.approx(UPLINK_S, abs=5e-4)
-        assert latency["told_downlink"]["p50_s"] == pytest.approx(DOWNLINK_S, abs=5e-4)
+        assert latency["reported_uplink"]["p50_s"] == pytest.approx(UPLINK_S, abs=5e-4)
+        assert latency["reported_downlink"]["p50_s"] == pytest.approx(DOWNLINK_S, abs=5e-4)
     # The plant's own status does not pass the controller's filter.
     controller = analyse_files([run.controller]).figures
     assert controller["messages"]["PLANT_STATUS"]["accepted"] == 0

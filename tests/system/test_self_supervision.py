@@ -29,7 +29,7 @@ from steer_by_wire.plant_emulator.node import PlantNode
 from steer_by_wire.plant_emulator.self_supervision import (
     NOT_FINITE_COMMAND,
     NOT_FINITE_VEHICLE,
-    TELLING_NS,
+    REPORTING_NS,
 )
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
@@ -93,7 +93,7 @@ def test_a_plant_that_does_not_keep_its_rate_steers_straight_says_so_and_ends() 
     assert tested.last(SteeringStatus).wheel_angle_rad == 0.0
     # The ramp from 0.1 rad at 0.2 rad/s ends before the reporting does.
     failed_ns = START_NS + round(safe_state["at_s"] * 1e9)
-    assert end_ns == failed_ns + TELLING_NS
+    assert end_ns == failed_ns + REPORTING_NS
     assert len(tested.frames) > before
 
 
@@ -155,7 +155,7 @@ def test_a_wheel_whose_target_is_kept_is_told_for_a_second() -> None:
     late(tested, 1)
     failed_s = tested.node.report()["safety"]["safe_state"]["at_s"]
     end_ns = finish(tested)
-    assert end_ns - START_NS == pytest.approx(failed_s * 1e9 + TELLING_NS, abs=1)
+    assert end_ns - START_NS == pytest.approx(failed_s * 1e9 + REPORTING_NS, abs=1)
     assert tested.last(SteeringStatus).wheel_angle_rad == pytest.approx(0.1, abs=1e-4)
     states = [message.safety for _, message in tested.messages(PlantStatus)]
     assert states.count(SafetyState.SAFE_STATE) == 11

@@ -35,7 +35,8 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.candump import CandumpReader
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.overruns import OverrunSettings
-from steer_by_wire.runtime.settings import dump_toml, load_settings, read_preset
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.runtime.toml_text import dump_toml
 
 DURATION_S = 6.0
 CONTROL_PERIOD_S = 0.01

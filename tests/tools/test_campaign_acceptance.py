@@ -23,7 +23,7 @@ from steer_by_wire.tools.fault_campaign.specification import CampaignSettings
 from steer_by_wire.tools.fault_campaign.trial import FAILURES, Result, Verdict, run_trial
 
 BASE = ("motion_s=2.0", "onset_s=0.6", "fault_s=0.5", "golden_seeds=1", 'laws=["practical_pd"]')
-DETECTED, LEFT, REFUSED, EFFECT, RECOVERED, SMOOTH, GOLDEN, VALID, PROTECTED, QUEUES, UNHEARD = (
+DETECTED, LEFT, REFUSED, EFFECT, RECOVERED, SMOOTH, GOLDEN, VALID, PROTECTED, QUEUES, UNRECEIVED = (
     range(11)
 )
 
@@ -193,8 +193,8 @@ def test_what_limits_a_command_is_told_on_the_bus() -> None:
     result = faulty(case("offset", "STEERING_COMMAND", 1.0))
     assert result.verdict is Verdict.FOLLOWED
     assert result.detected_by == "plant.intervention"
-    assert result.told_s is not None
-    assert 0.0 <= result.told_s < 0.02
+    assert result.reported_s is not None
+    assert 0.0 <= result.reported_s < 0.02
 
 
 def test_a_detection_before_the_onset_fails(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -221,7 +221,7 @@ def test_nothing_holds_that_no_run_has_shown() -> None:
     findings = findings_of([golden], 150.0)
     held = [one.holds for one in findings]
     assert [held[place] for place in (DETECTED, EFFECT)] == [False, False]
-    asked = (LEFT, REFUSED, RECOVERED, SMOOTH, PROTECTED, UNHEARD)
+    asked = (LEFT, REFUSED, RECOVERED, SMOOTH, PROTECTED, UNRECEIVED)
     assert [held[place] for place in asked] == [None] * len(asked)
     assert [held[place] for place in (GOLDEN, VALID, QUEUES)] == [True] * 3
     assert not any(one.holds for one in findings_of([], 150.0))
@@ -237,7 +237,7 @@ def test_findings_fail_for_what_must_not_be() -> None:
     came = fault._replace(recovery_allowed_s=0.2, recovery_s=0.2)
     stepped = fault._replace(wheel_return_rad=0.1)
     corrupted = golden._replace(corrupted=1000, corrupted_accepted=1)
-    unheard = golden._replace(as_golden=True)
+    unreceived = golden._replace(as_golden=True)
     cases = [
         (DETECTED, fault, fault._replace(fdti_s=0.1501)),
         (DETECTED, fault, fault._replace(fdti_s=None, verdict=Verdict.MISSED)),
@@ -250,7 +250,7 @@ def test_findings_fail_for_what_must_not_be() -> None:
         (VALID, golden, golden._replace(verdict=Verdict.UNSAFE, unsafe="command of 2 rad")),
         (PROTECTED, corrupted, corrupted._replace(corrupted_accepted=3)),
         (QUEUES, golden, golden._replace(bus_refused=1)),
-        (UNHEARD, unheard, unheard._replace(verdict=Verdict.DISTURBED)),
+        (UNRECEIVED, unreceived, unreceived._replace(verdict=Verdict.DISTURBED)),
     ]
     for place, right, wrong in cases:
         assert finding(right, place).holds is True, place

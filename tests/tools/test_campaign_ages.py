@@ -49,8 +49,8 @@ def test_silence_of_a_message_the_law_can_do_without_is_detected_and_told_in_tim
     for one in silent:
         assert one.verdict is Verdict.PASSED, one
         assert one.detected_by == "controller.stale"
-        assert one.told_s is not None
-        assert 0.1 < one.told_s <= 0.15
+        assert one.reported_s is not None
+        assert 0.1 < one.reported_s <= 0.15
         assert "controller.silence" not in one.counts
         assert one.recovery_s == 0.0  # control was never left
 
@@ -59,8 +59,8 @@ def test_a_refused_frame_is_told_by_the_controller_in_time(results: list[Result]
     (flipped,) = (one for one in results if one.kind == "bit_flips")
     assert flipped.verdict is Verdict.PASSED
     assert flipped.detected_by == "controller.bad_crc"
-    assert flipped.told_s is not None
-    assert flipped.told_s <= 0.15
+    assert flipped.reported_s is not None
+    assert flipped.reported_s <= 0.15
 
 
 def test_a_run_without_a_fault_counts_no_message_as_stale(results: list[Result]) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from steer_by_wire.compiled.engine import Outcome, run_batch
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
-from steer_by_wire.controller.design import design_law
+from steer_by_wire.controller.design import design_law, required
 from steer_by_wire.controller.laws import PAPER_LAWS
 from steer_by_wire.controller.nominal_model import steer_to_lateral_error
 from steer_by_wire.controller.settings import ControllerSettings
@@ -283,7 +283,7 @@ def test_an_unstable_law_is_judged_by_how_many_of_its_loops_are() -> None:
     assert math.isinf(worse.objective)
     assert worse.violation > 100.0
     settings = controller_settings(study.spec, study.vehicle, wild.law, wild.values())
-    assert settings.pd.proportional_gain_rad_m == 10.0
+    assert required(settings.pd).proportional_gain_rad_m == 10.0
 
 
 # Refusals

@@ -18,13 +18,13 @@ from steer_by_wire.tools.fault_campaign.acceptance import findings_of, memory_fi
 from steer_by_wire.tools.fault_campaign.comparison import compare
 from steer_by_wire.tools.fault_campaign.detectability import (
     MECHANISM_OF,
-    UNHEARD,
+    UNRECEIVED,
     Mechanism,
     Sight,
     expect_fault,
     expect_node_fault,
 )
-from steer_by_wire.tools.fault_campaign.execution import RESULTS, read_results, specification_hash
+from steer_by_wire.tools.fault_campaign.execution import RESULTS, read_stored, specification_hash
 from steer_by_wire.tools.fault_campaign.grouping import group
 from steer_by_wire.tools.fault_campaign.memory import GROWTH_BYTES_MAX, Memory, measure_memory
 from steer_by_wire.tools.fault_campaign.node_faults import NodeFault
@@ -139,13 +139,13 @@ def test_what_no_node_receives_changes_nothing_whatever_happens_to_it(
     results: list[Result],
 ) -> None:
     names = {"CONTROLLER_STATUS", "CONTROLLER_SAFETY", "DELAY_STATUS", "PLANT_STATUS"}
-    unheard = [one for one in results if one.where in names]
-    assert len(unheard) == 6
-    for one in unheard:
+    unreceived = [one for one in results if one.where in names]
+    assert len(unreceived) == 6
+    for one in unreceived:
         assert one.changed[0] > 0, one.name
         assert (one.verdict, one.as_golden, one.counts) == (Verdict.NOT_DETECTABLE, True, {})
-    assert {one.as_golden for one in results if one not in unheard} == {None}
-    assert names == UNHEARD
+    assert {one.as_golden for one in results if one not in unreceived} == {None}
+    assert names == UNRECEIVED
 
 
 def test_a_run_that_is_not_the_golden_one_is_disturbed(
@@ -153,7 +153,7 @@ def test_a_run_that_is_not_the_golden_one_is_disturbed(
 ) -> None:
     """A fault of the command, as if nobody listened to it."""
     monkeypatch.setattr(
-        "steer_by_wire.tools.fault_campaign.trial.is_heard_by_nobody", lambda _case: True
+        "steer_by_wire.tools.fault_campaign.trial.is_received_by_nobody", lambda _case: True
     )
     scenario = next(one for one in scenarios_of(spec) if one.case.kind == "offset")
     result = run_trial(scenario)
@@ -311,7 +311,8 @@ def test_the_program_goes_on_where_it_was_left_and_compares(
     printed = capsys.readouterr().out
     assert f"{len(lines) - 2} of {len(lines)} runs are there already" in printed
     assert "fixed 1, unchanged 21, new failure 0, still failing 0" in printed
-    assert {one.name for one in read_results(tmp_path / "now")} <= {one.name for one in results}
+    now = read_stored(tmp_path / "now").results
+    assert {one.name for _, one in now} <= {one.name for one in results}
     page = ET.parse(tmp_path / "now" / "index.html")  # noqa: S314 our own
     assert page.getroot().tag == "html"
 

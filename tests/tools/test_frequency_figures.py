@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from steer_by_wire.controller.design import q_order_2
+from steer_by_wire.controller.discretization import q_order_2
 from steer_by_wire.controller.nominal_model import paper_eq19
 from steer_by_wire.tools.reproduce_paper.corners import CORNERS, published_law
 from steer_by_wire.tools.reproduce_paper.frequency_figures import (

@@ -29,7 +29,7 @@ from steer_by_wire.runtime.candump import CandumpReader, LogEntry
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.monitor.latency_keys import LatencyChoice, pressed
-from steer_by_wire.tools.monitor.screen import LINES, as_text, one_line, screen_lines, strip_text
+from steer_by_wire.tools.monitor.screen import as_text, one_line, screen_lines, strip_text
 from steer_by_wire.tools.monitor.terminal_keys import keys_in
 from steer_by_wire.tools.monitor.watch import SPAN_S, STRIP_LENGTH, BusWatch, View, strip_of
 
@@ -170,7 +170,7 @@ def test_no_frame_makes_the_monitor_raise(frames: list[tuple[int, Frame]]) -> No
     now_ns = 0
     for now_ns, frame in sorted(frames, key=lambda timed: timed[0]):
         watch.on_frame(frame, now_ns)
-    assert len(screen_lines(watch.view(now_ns), LatencyChoice(), 0, BUS)) == LINES
+    assert len(screen_lines(watch.view(now_ns), LatencyChoice(), 0, BUS)) == 24
 
 
 # From a view to text
@@ -186,7 +186,7 @@ def text_of(view: View, width: int = 80, choice: LatencyChoice | None = None) ->
 def test_the_screen_has_24_lines_that_fit(entries: list[LogEntry], width: int) -> None:
     for view in (view_of(entries), BusWatch(0).view(0)):
         lines = screen_lines(view, LatencyChoice(), 0, BUS, width)
-        assert len(lines) == LINES == 24
+        assert len(lines) == 24
         assert all(line.cell_len <= width for line in lines)
 
 

@@ -1,4 +1,4 @@
-"""What logs of the bus tell: signals, latency and jitter, cycle times, frames lost and refused.
+"""What logs of the bus contain: signals, latency and jitter, cycle times, frames lost and refused.
 
     steer-by-wire analyze run.log
     steer-by-wire analyze controller.blf candump-2026-11-21.log --out out/logs --mcap
@@ -101,7 +101,7 @@ def _run(options: argparse.Namespace) -> int:
     except MissingLibraryError as error:
         raise SettingsError(str(error)) from error
     if results:
-        _tell(results)
+        _print_results(results)
     if mistakes:
         raise SettingsError(*mistakes)
     return ExitStatus.OK
@@ -196,7 +196,7 @@ def _progress() -> Iterator[Callable[[str, float | None], None]]:
         yield advance
 
 
-def _tell(results: Sequence[Result]) -> None:
+def _print_results(results: Sequence[Result]) -> None:
     """Print the most important figures, one column for each log."""
     table = Table(box=None, pad_edge=False)
     table.add_column("")

@@ -9,8 +9,8 @@ LATENCY_ROWS = {
     "round_trip": "round trip: command on the bus to its first echo on the bus",
     "downlink": "downlink: command on the bus to the first sample that sees it act",
     "uplink": "uplink: sample to the bus",
-    "told_downlink": "downlink by the plant's own word",
-    "told_uplink": "uplink by the plant's own word",
+    "reported_downlink": "downlink reported by the plant",
+    "reported_uplink": "uplink reported by the plant",
 }
 SIGNAL_NAMES = {
     "lateral_error_m": ("lateral error", "mm", 1e3),

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from ...dbc.messages import MESSAGE_TYPES
-from ...recordings.bus_listener import Heard
+from ...recordings.bus_listener import ReceivedMessage
 from ...recordings.signal_table import MissingLibraryError
 
 
@@ -34,18 +34,18 @@ class McapFile:
             for name, kind in MESSAGE_TYPES.items()
         }
 
-    def write(self, time_ns: int | None, at_s: float, heard: Heard) -> None:  # noqa: ARG002
+    def write(self, time_ns: int | None, at_s: float, received: ReceivedMessage) -> None:  # noqa: ARG002
         """Add a message."""
         if time_ns is None:
             return  # MCAP needs a time for every message
-        content: dict[str, Any] = heard.message._asdict()
-        for field in self._enumerations[heard.name]:
+        content: dict[str, Any] = received.message._asdict()
+        for field in self._enumerations[received.name]:
             content[f"{field}_name"] = content[field].name
         self._writer.add_message(
-            channel_id=self._channels[heard.name],
+            channel_id=self._channels[received.name],
             log_time=time_ns,
             publish_time=time_ns,
-            sequence=heard.counter,
+            sequence=received.counter,
             data=json.dumps(content).encode("ascii"),
         )
 

@@ -76,8 +76,8 @@ def _draw_latency(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure |
         text = f"{name.replace('_', ' ')}, median {median_ms:.1f} ms"
         left.plot(time_s, 1e3 * latency_s, ".", ms=2.0, color=colour, label=text)
         right.plot(1e3 * durations.quantiles_s(fractions), 100.0 * fractions, color=colour)
-    time_s, told_s = latencies.history["told_downlink"].points()
-    left.plot(time_s, 1e3 * told_s, "+", ms=4.0, color="black", label="downlink, the plant's word")
+    time_s, reported_s = latencies.history["reported_downlink"].points()
+    left.plot(time_s, 1e3 * reported_s, "+", ms=4.0, color="black", label="downlink, reported")
     left.set(xlabel="time since the first frame [s]", ylabel="latency [ms]", ylim=(0.0, None))
     left.set_title("Latency, by the counters in the log")
     left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, markerscale=3.0)

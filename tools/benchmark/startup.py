@@ -68,10 +68,10 @@ def _heavy_imports(program: str, bus: Bus) -> list[str]:
     with bus.open() as listener, _running(program, bus, ("-X", "importtime")) as process:
         listener.recv(TIMEOUT_S)
         process.send_signal(signal.SIGINT)
-        _, told = process.communicate()
-    modules = {match[1] for match in _IMPORTED.finditer(told)}
+        _, printed = process.communicate()
+    modules = {match[1] for match in _IMPORTED.finditer(printed)}
     if f"steer_by_wire.{program}" not in modules:
-        raise StartupError(f"{program} does not tell what it imports")
+        raise StartupError(f"{program} does not report what it imports")
     return [package for package in HEAVY if package in modules]
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import control
 import numpy as np
 
-from ...controller.design import q_order_2, q_type_2, washout
+from ...controller.discretization import q_order_2, q_type_2, washout
 from ...controller.nominal_model import steer_to_lateral_error, vehicle_model
 from ...controller.settings import ControllerSettings
 from ...controller.transfer_function import TransferFunction
@@ -32,7 +32,7 @@ def python_control_loop(controller: ControllerSettings, delay_s: float) -> Any:
 def linear_blocks(controller: ControllerSettings) -> list[Any]:
     """Return that loop without the limit, from ``wanted`` to ``u``, and the delay of ``u``."""
     pd, dob, cdob = controller.pd, controller.dob, controller.cdob
-    if dob is None or cdob is None or pd.derivative_filter_rad_s is None:
+    if pd is None or dob is None or cdob is None or pd.derivative_filter_rad_s is None:
         raise ValueError("the comparison wants pd_ddob with a filtered derivative")
     box = paper_box()
     model = vehicle_model(box.nominal)

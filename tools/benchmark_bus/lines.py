@@ -8,14 +8,7 @@ from ...benchmarking.measurement import Line, Target
 from ...runtime.node import NS_PER_S, NS_PER_US
 from .allocations import TickMemory
 from .records import between, lateness, skipped
-from .runs import (
-    BARE_PYTHON,
-    C_ECHO,
-    NODE,
-    PYTHON_WITH_TIMEOUT,
-    AnswerRun,
-    TickRun,
-)
+from .runs import BARE_PYTHON, C_ECHO, NODE, PYTHON_WITH_TIMEOUT, AnswerRun, TickRun
 
 TURN_AROUND_RATIO = Target(at_most=True, value=1.5)
 LATENESS_RATIO = Target(at_most=True, value=2.0)

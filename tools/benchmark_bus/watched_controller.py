@@ -29,7 +29,8 @@ from ...dbc.messages import CAN_IDS, LateralError
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, Wrapper
 from ...runtime.option_types import output_file
-from ...runtime.program import load_program_settings, make_parser, run_main, run_node
+from ...runtime.program import run_main, run_node
+from ...runtime.program_options import load_program_settings, make_parser
 
 NAME = "watched-controller"
 PRESETS = "steer_by_wire.controller.presets"

@@ -24,6 +24,7 @@ from steer_by_wire.controller.settings import ControllerSettings, sparse_measure
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
 from steer_by_wire.controller.summary import controller_summary
 from steer_by_wire.pair.live import PairFiles
+from steer_by_wire.pair.shared_bus import SharedBus
 from steer_by_wire.pair.virtual import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
 from steer_by_wire.plant_emulator.faults import FaultyNode, with_faults
 from steer_by_wire.plant_emulator.node import PlantNode, motion_params
@@ -37,14 +38,15 @@ from steer_by_wire.runtime.host import RealTimeRequest, StealClock, real_time
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main, say
 from steer_by_wire.runtime.report import host_report, loop_report, write_json
-from steer_by_wire.runtime.settings import (
-    Settings,
-    dump_toml,
-    load_settings,
-    preset_names,
-    read_preset,
-)
+from steer_by_wire.runtime.settings import Settings, load_settings, preset_names, read_preset
 from steer_by_wire.runtime.summary import durations_line
+from steer_by_wire.runtime.toml_text import dump_toml
+from steer_by_wire.tools.closed_loop.bus_options import (
+    add_bus_arguments,
+    bus_lines,
+    bus_words,
+    shared_bus,
+)
 from steer_by_wire.tools.closed_loop.threaded import run_threaded_nodes
 
 NAME = "steer-by-wire run"
@@ -63,6 +65,7 @@ class Run(NamedTuple):
 
     ``elapsed_s``  how long it took [s]
     ``loops``      what the loop of each program adds to its report; nothing in virtual time
+    ``shared``     the bus, where there was other traffic or noise on it
     """
 
     plant: PlantNode | FaultyNode[PlantNode]
@@ -71,6 +74,7 @@ class Run(NamedTuple):
     elapsed_s: float
     ended_by: str
     loops: Mapping[str, Mapping[str, Any]]
+    shared: SharedBus | None = None
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -141,6 +145,7 @@ def _parser() -> argparse.ArgumentParser:
     wire.add_argument(
         "--interface", choices=("virtual",), help="real time, on python-can's bus in one process"
     )
+    add_bus_arguments(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="where the run's files go")
     return parser
 
@@ -208,7 +213,8 @@ def _run_in_virtual_time(
     candump_log: Path | None,
 ) -> Run:
     pair = make_virtual_pair(plant_settings, controller_settings)
-    bus = None if options.ideal_wire else BusModel(options.bitrate)
+    shared = shared_bus(options, options.bitrate, plant_settings.seed)
+    bus = None if options.ideal_wire else shared or BusModel(options.bitrate)
     stop = StopRequest()
     begin_s = time.perf_counter()
     with stop.on_signals():
@@ -219,7 +225,8 @@ def _run_in_virtual_time(
     elapsed_s = time.perf_counter() - begin_s
     wire = "a wire that takes no time" if bus is None else f"a bus of {options.bitrate} bit/s"
     ended_by = stop.reason or FINISHED
-    return Run(pair.edge, pair.controller, f"virtual time over {wire}", elapsed_s, ended_by, {})
+    where = f"virtual time over {wire}"
+    return Run(pair.edge, pair.controller, where, elapsed_s, ended_by, {}, shared)
 
 
 def _run_in_real_time(
@@ -270,6 +277,8 @@ def _summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[s
         *controller_summary(controller),
         *plant_summary(plant),
     ]
+    if run.shared is not None:
+        lines += bus_lines(run.shared, plant["motion_s"])
     lines += [
         (
             program.replace("_", " "),
@@ -296,7 +305,7 @@ def _command(options: argparse.Namespace, files: PairFiles) -> str:
     elif options.ideal_wire:
         command.append("--ideal-wire")
     else:
-        command += ["--bitrate", str(options.bitrate)]
+        command += ["--bitrate", str(options.bitrate), *bus_words(options)]
     return shlex.join(command)
 
 

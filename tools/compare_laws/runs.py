@@ -40,13 +40,13 @@ _THREADS = 2
 class Contestant(NamedTuple):
     """A law of the comparison: a preset, and what is changed of it.
 
-    ``told_of_lag``  further changes where the actuator lags, if the law can allow for the lag
+    ``with_lag``  further changes where the actuator lags, if the law can allow for the lag
     """
 
     label: str
     preset: str
     overrides: tuple[str, ...] = ()
-    told_of_lag: tuple[str, ...] = ()
+    with_lag: tuple[str, ...] = ()
 
 
 CONTESTANTS = (
@@ -63,7 +63,7 @@ CONTESTANTS = (
     Contestant(
         "predictor, lag known",
         "practical_predictor",
-        told_of_lag=(f"estimator.actuator_lag_s={LAG_S}",),
+        with_lag=(f"estimator.actuator_lag_s={LAG_S}",),
     ),
 )
 
@@ -143,7 +143,7 @@ def own_contestant(law: str, overrides: Sequence[str]) -> Contestant:
 def contestants_of(network: Network, further: Sequence[Contestant] = ()) -> list[Contestant]:
     """Return the contestants: one that models a lag takes part only where there is one."""
     everyone = (*CONTESTANTS, *further)
-    return [one for one in everyone if network.has_lag or not one.told_of_lag]
+    return [one for one in everyone if network.has_lag or not one.with_lag]
 
 
 def compare(
@@ -177,7 +177,7 @@ def compare(
 
 def controller_settings(one: Contestant, *, has_lag: bool) -> ControllerSettings:
     """Return the settings of a contestant."""
-    overrides = (*one.overrides, *(one.told_of_lag if has_lag else ()))
+    overrides = (*one.overrides, *(one.with_lag if has_lag else ()))
     preset = read_preset("steer_by_wire.controller.presets", one.preset)
     return load_settings(ControllerSettings, preset, None, overrides)
 

@@ -13,22 +13,22 @@ from .runs import (
     contestants_of,
 )
 
-TOLD_MS = (0, 100, 200, 300, 400, 500, 600)
+SHOWN_MS = (0, 100, 200, 300, 400, 500, 600)
 COMPACT_MS = (100, 200, 300, 400, 500)
 CellsByMs = Mapping[int, Cell]
 
 
 def table_lines(cells: Sequence[Cell], further: Sequence[Contestant] = ()) -> list[str]:
     """Return a table for each network: RMS [mm] at some delays, and where each law breaks."""
-    told = _measured(cells, TOLD_MS)
+    shown = _measured(cells, SHOWN_MS)
     lines = []
     for key, network in NETWORKS.items():
         lines += ["", f"{network.title}: worst RMS over the box [mm]"]
-        lines.append(f"{'delay [ms]':24}" + "".join(f"{ms:>9}" for ms in told) + "   breaks at")
+        lines.append(f"{'delay [ms]':24}" + "".join(f"{ms:>9}" for ms in shown) + "   breaks at")
         for one in contestants_of(network, further):
             own = _cells_of(cells, key, one.label)
-            settled = "".join(f"{_in_mm(own[ms].settled_rms_m, '!'):>9}" for ms in told)
-            whole = "".join(f"{_in_mm(own[ms].rms_m, '!'):>9}" for ms in told)
+            settled = "".join(f"{_in_mm(own[ms].settled_rms_m, '!'):>9}" for ms in shown)
+            whole = "".join(f"{_in_mm(own[ms].rms_m, '!'):>9}" for ms in shown)
             unit = "" if (breaks := _breaks(own)) == "-" else " ms"
             lines.append(f"{one.label:24}{settled}   {breaks}{unit}")
             lines.append(f"{'  the whole run':24}{whole}")
@@ -42,12 +42,12 @@ def table_lines(cells: Sequence[Cell], further: Sequence[Contestant] = ()) -> li
 
 def markdown_lines(cells: Sequence[Cell], further: Sequence[Contestant] = ()) -> list[str]:
     """Return the first network in full, where each law breaks, and the other networks."""
-    told, compact = _measured(cells, TOLD_MS), _measured(cells, COMPACT_MS)
+    shown, compact = _measured(cells, SHOWN_MS), _measured(cells, COMPACT_MS)
     (first, network), *others = NETWORKS.items()
     full = []
     for one in contestants_of(network, further):
         own = _cells_of(cells, first, one.label)
-        full.append([one.label, *(_with_whole_run(own[ms]) for ms in told)])
+        full.append([one.label, *(_with_whole_run(own[ms]) for ms in shown)])
     breaks, beside = [], []
     for one in (*CONTESTANTS, *further):
         own_by_network = {key: _cells_of(cells, key, one.label) for key in NETWORKS}
@@ -55,7 +55,7 @@ def markdown_lines(cells: Sequence[Cell], further: Sequence[Contestant] = ()) ->
         beside.append([one.label, *(_some(own_by_network[key], compact) for key, _ in others)])
     delays = " / ".join(str(ms) for ms in compact)
     return [
-        *_markdown(["RMS [mm] at", *(f"{ms} ms" for ms in told)], full),
+        *_markdown(["RMS [mm] at", *(f"{ms} ms" for ms in shown)], full),
         "",
         *_markdown(["breaks at [ms]", *(one.short for one in NETWORKS.values())], breaks),
         "",

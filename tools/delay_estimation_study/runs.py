@@ -162,7 +162,7 @@ class _Listener:
     """Receives all frames of the wire, in virtual time from 0."""
 
     def __init__(self) -> None:
-        self._told: list[tuple[float, float, float, float]] = []
+        self._reported: list[tuple[float, float, float, float]] = []
         self._sent_ns: dict[int, int] = {}
         self._down_ns: list[int] = []
         self._state_ns = self._state_up_ns = 0
@@ -176,7 +176,7 @@ class _Listener:
             return
         message, counter = decoded
         if isinstance(message, DelayStatus):
-            self._told.append((time_ns / NS_PER_S, *_told(message)))
+            self._reported.append((time_ns / NS_PER_S, *_reported(message)))
         elif isinstance(message, SteeringCommand):
             self._sent_ns[message.command_counter] = time_ns
         elif isinstance(message, SteeringStatus):
@@ -197,7 +197,7 @@ class _Listener:
         if truth_s is None:
             up_ns = self._up_sum_ns / self._up_time_ns
             truth_s = float(np.mean(self._down_ns) + up_ns - 0.5 * SAMPLE_NS) / NS_PER_S
-        time_s, echo_s, estimate_s, confidence = np.array(self._told).T
+        time_s, echo_s, estimate_s, confidence = np.array(self._reported).T
         return History(time_s, echo_s, estimate_s, confidence, truth_s)
 
 
@@ -206,7 +206,7 @@ def _next(number: int, counter: int) -> int:
     return number + 1 + (counter - number - 1) % COUNTERS
 
 
-def _told(message: DelayStatus) -> tuple[float, float, float]:
+def _reported(message: DelayStatus) -> tuple[float, float, float]:
     """Return echo and estimate [s], NaN for what is not known, and the confidence."""
     is_known = message.echo_state is EchoState.KNOWN
     is_observable = message.estimate_state is EstimateState.OBSERVABLE

@@ -29,7 +29,8 @@ from steer_by_wire.pair.processes import ProcessError
 from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.program import ExitStatus, run_main
-from steer_by_wire.runtime.settings import dump_toml, load_settings, read_preset
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.runtime.toml_text import dump_toml
 from steer_by_wire.tools.demo.pictures import LawTraces, draw_all
 from steer_by_wire.tools.demo.summary import LawFigures, figures_of, summary_json, summary_table
 

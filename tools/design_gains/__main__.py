@@ -138,7 +138,7 @@ def _run(options: argparse.Namespace) -> int:
         for index, law in enumerate(linear_laws(spec))
     ]
     console = Console(markup=False, highlight=False, soft_wrap=True)
-    _tell_demands(spec, vehicle)
+    _print_demands(spec, vehicle)
     status = int(ExitStatus.OK)
     fallback: ControllerSettings | None = None
     progress = shared_progress(len(jobs))
@@ -223,7 +223,7 @@ def _status_of(verification: Verification, status: int) -> int:
     return status if verification.held else NO_DESIGN
 
 
-def _tell_demands(spec: Specification, vehicle: VehicleFile) -> None:
+def _print_demands(spec: Specification, vehicle: VehicleFile) -> None:
     corners = vehicle.box.vertices()
     print(
         f"{len(corners)} corners x {len(spec.delays_ns)} delays from 0 to"

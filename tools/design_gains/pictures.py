@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from ...controller.analysis.linear_system import law_system
 from ...controller.analysis.sampled_loop import SampledLoop
-from ...controller.design import design_law
+from ...controller.design import design_law, required
 from ...controller.nominal_model import NominalVehicle, steer_to_lateral_error
 from ...loop_theory.gain_boundaries import Window
 from ...loop_theory.loop_figures import frequency_grid, sensitivity_size
@@ -42,7 +42,7 @@ def draw_design(spec: Specification, vehicle: VehicleFile, design: Design) -> Fi
 
 
 def _draw_region(axes: Axes, spec: Specification, vehicle: VehicleFile, design: Design) -> None:
-    pd = design.settings.pd
+    pd = required(design.settings.pd)
     k_p, k_d = pd.proportional_gain_rad_m, pd.derivative_gain_rad_s_m
     window = Window(1e-3 * k_p, 3.0 * k_p, 1e-3 * k_d, 4.0 * k_d)
     filter_rad_s = pd.derivative_filter_rad_s or math.inf

@@ -5,7 +5,8 @@ from collections.abc import Iterator, Sequence
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.rig_settings import PathSettings
 from ...runtime.node import NS_PER_MS
-from ...runtime.settings import Settings, dump_toml
+from ...runtime.settings import Settings
+from ...runtime.toml_text import dump_toml
 from .design import Design
 from .predictor import PredictorDesign
 from .specification import PredictorTable, Specification

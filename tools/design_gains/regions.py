@@ -71,8 +71,8 @@ def why_no_gains(spec: Specification, vehicle: VehicleFile) -> str | None:
     without_delays = spec.model_copy(update={"d_stability": undelayed})
     if spec.d_stability != undelayed and _any_gains(without_delays, vehicle, undelayed.demands):
         culprits.append("d_stability.delays_ms")
-    told = " or ".join(culprits) if culprits else "more than one of settling, cone and bandwidth"
-    return f"no gains make the PD D-stable at every corner; in the way: {told}"
+    named = " or ".join(culprits) if culprits else "more than one of settling, cone and bandwidth"
+    return f"no gains make the PD D-stable at every corner; in the way: {named}"
 
 
 def _relaxed(spec: Specification) -> Iterator[tuple[str, DStability]]:

@@ -20,7 +20,8 @@ from ...plant_emulator.rig_settings import PathSettings, VehicleSettings
 from ...plant_emulator.safety_settings import UNGUARDED
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.node import NS_PER_MS, NS_PER_S
-from ...runtime.settings import SettingsError, dump_toml
+from ...runtime.settings import SettingsError
+from ...runtime.toml_text import dump_toml
 from .specification import JitterTable, Specification
 from .vehicle_file import VehicleFile
 

@@ -1,6 +1,7 @@
 """What runs in a worker process: one law from search to files."""
 
 import ctypes
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -43,7 +44,7 @@ def begin_worker(progress: SharedProgress) -> None:
 
 def run_job(job: Job) -> Design:
     """Design a law and write its preset and its picture."""
-    found = design(job.spec, job.vehicle, job.law, lambda done, best: _tell(job.place, done, best))
+    found = design(job.spec, job.vehicle, job.law, partial(_report, job.place))
     name = preset_name(job.spec, job.law)
     text = preset_text(job.spec, job.vehicle, found, job.sources)
     (Path(job.preset_folder) / f"{name}.toml").write_text(text, encoding="utf-8")
@@ -53,7 +54,7 @@ def run_job(job: Job) -> Design:
     return found
 
 
-def _tell(index: int, done: float, best: float) -> None:
+def _report(index: int, done: float, best: float) -> None:
     for progress in _PROGRESS:
         progress[2 * index] = done
         progress[2 * index + 1] = best

@@ -163,10 +163,10 @@ def find_adapters() -> Finding:
     channels: dict[str, list[str]] = {}
     for config in found:
         channels.setdefault(config["interface"], []).append(str(config.get("channel", "")))
-    told = [_shortened(kind, on) for kind, on in channels.items() if kind not in NO_ADAPTERS]
+    shown = [_shortened(kind, on) for kind, on in channels.items() if kind not in NO_ADAPTERS]
     if any(kind not in (*NO_ADAPTERS, "serial") for kind in channels):
-        return Finding(name, True, "; ".join(told))
-    detail = "; ".join(["python-can detects none", *told])
+        return Finding(name, True, "; ".join(shown))
+    detail = "; ".join(["python-can detects none", *shown])
     return Finding(name, False, detail, "docs/interfaces.md names the drivers")
 
 
@@ -242,8 +242,8 @@ def _rights() -> list[Finding]:
     }
     request = RealTimeRequest(priority=REAL_TIME_PRIORITY, lock_memory=True)
     with real_time(request) as answers:
-        told = list(answers)
+        granted = list(answers)
     return [
         Finding(name, got, detail, "" if got else advice.get(name, ""))
-        for name, got, detail in told
+        for name, got, detail in granted
     ]

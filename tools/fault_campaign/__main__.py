@@ -176,7 +176,7 @@ def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[Result
             f"{options.out / RESULTS}: has {stored.others} results of another specification, or of"
             " programs that have changed since; give --out another folder, or remove this one"
         )
-    _tell_what_is_left_out(options.out, stored)
+    _warn_of_lines_left_out(options.out, stored)
     options.out.mkdir(parents=True, exist_ok=True)
     done = {result.name: result for _, result in stored.results}
     keep_only(options.out, spec_hash, done.values())
@@ -205,11 +205,11 @@ def _earlier(folder: Path) -> list[Result]:
     if not stored.results:
         where = f"--compare: {folder / RESULTS}"
         raise SettingsError(f"{where}: has no whole result; give an earlier campaign's --out")
-    _tell_what_is_left_out(folder, stored)
+    _warn_of_lines_left_out(folder, stored)
     return [result for _, result in stored.results]
 
 
-def _tell_what_is_left_out(folder: Path, stored: Stored) -> None:
+def _warn_of_lines_left_out(folder: Path, stored: Stored) -> None:
     if stored.not_whole:
         what = f"{stored.not_whole} lines that are no whole results are left out"
         say(NAME, f"{folder / RESULTS}: {what}", sys.stderr)

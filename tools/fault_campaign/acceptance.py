@@ -39,7 +39,7 @@ def findings_of(results: Sequence[Result], ftti_ms: float) -> list[Finding]:
         _valid(results),
         _protected(results),
         _queues(results),
-        _unheard(results),
+        _unreceived(results),
     ]
 
 
@@ -92,7 +92,7 @@ def _handled(faulty: Sequence[Result], ftti_ms: float) -> list[Finding]:
             f"{_slowest_ms(one.fhti_s for one in leaving)}{_first(stayed)}",
         ),
         Finding(
-            "false frames refused once detected, where anything tells them from true ones",
+            "false frames refused once detected, where anything distinguishes them from true ones",
             not believed if falsified else None,
             f"{len(falsified) - len(followed) - len(believed)} of {len(falsified)} runs; "
             f"{len(followed)} followed, as was to be expected ({kinds}){share}{_first(believed)}",
@@ -189,15 +189,15 @@ def _queues(results: Sequence[Result]) -> Finding:
     return Finding("no unbounded queue", bool(results) and not filled, figure)
 
 
-def _unheard(results: Sequence[Result]) -> Finding:
-    unheard = [result for result in results if result.as_golden is not None]
-    disturbed = [result for result in unheard if result.verdict is Verdict.DISTURBED]
+def _unreceived(results: Sequence[Result]) -> Finding:
+    checked = [result for result in results if result.as_golden is not None]
+    disturbed = [result for result in checked if result.verdict is Verdict.DISTURBED]
     figure = (
-        f"{len(unheard) - len(disturbed)} of {len(unheard)} runs are the golden one bit for bit, "
+        f"{len(checked) - len(disturbed)} of {len(checked)} runs are the golden one bit for bit, "
         f"and nothing counted" + _first(disturbed)
     )
     what = "faults where no node listens change nothing"
-    return Finding(what, not disturbed if unheard else None, figure)
+    return Finding(what, not disturbed if checked else None, figure)
 
 
 def _slowest_ms(times_s: Iterable[float | None]) -> str:

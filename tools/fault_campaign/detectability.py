@@ -44,7 +44,7 @@ CONTROLS = frozenset({"LATERAL_ERROR", "STEERING_COMMAND", ALL})
 """Messages without which a node has to leave control."""
 STREAMS = CONTROLS | {"STEERING_STATUS", "VEHICLE_STATE"}
 """Messages whose age is watched."""
-UNHEARD = frozenset(
+UNRECEIVED = frozenset(
     name
     for name, message_type in MESSAGE_TYPES.items()
     if message_type not in (*CONTROLLER_RECEIVES, *PLANT_RECEIVES)
@@ -141,7 +141,7 @@ _E2E, _RANGE = (Mechanism.E2E,), (Mechanism.RANGE,)
 _FRESHNESS = (Mechanism.FRESHNESS,)
 _PAYLOAD_BITS = 64
 _EITHER = (Mechanism.E2E, Mechanism.FRESHNESS)
-_TELLING = "a plausible value, valid CRC and counter: one source, nothing to compare it with"
+_PLAUSIBLE = "a plausible value, valid CRC and counter: one source, nothing to compare it with"
 
 
 def expect_fault(fault: FaultSettings, sight: Sight) -> Expectation:
@@ -151,7 +151,7 @@ def expect_fault(fault: FaultSettings, sight: Sight) -> Expectation:
 
 
 def _expect(fault: FaultSettings, sight: Sight) -> Expectation:
-    if is_unheard(fault):
+    if is_unreceived(fault):
         return Expectation((), False, "no node receives this message: nothing may change")
     is_stream, is_control = fault.message in STREAMS, fault.message in CONTROLS
     magnitude, period_s = fault.magnitude, period_s_of(fault, sight)
@@ -207,12 +207,12 @@ def _expect(fault: FaultSettings, sight: Sight) -> Expectation:
             why = "often beyond what the limiter lets through"
             return Expectation((Mechanism.LIMITER,), False, why, is_followed=True)
         case _:
-            return Expectation((), False, _TELLING)
+            return Expectation((), False, _PLAUSIBLE)
 
 
-def is_unheard(fault: FaultSettings) -> bool:
+def is_unreceived(fault: FaultSettings) -> bool:
     """Whether no node receives the frames the fault acts on, or those that it makes of them."""
-    return fault.message in UNHEARD and fault.kind is not FaultKind.WRONG_IDENTIFIER
+    return fault.message in UNRECEIVED and fault.kind is not FaultKind.WRONG_IDENTIFIER
 
 
 def expect_node_fault(fault: NodeFault, sight: Sight) -> Expectation:
@@ -227,12 +227,12 @@ def expect_node_fault(fault: NodeFault, sight: Sight) -> Expectation:
         return Expectation((), False, "less than two periods")
     if fault.duration_s <= sight.age_limit_s and fault.kind is not NodeFaultKind.KILLED:
         return Expectation((), False, "shorter than the age limit")
-    return Expectation(_FRESHNESS, True, "its peer hears nothing")
+    return Expectation(_FRESHNESS, True, "its peer receives nothing")
 
 
 def period_s_of(fault: FaultSettings, sight: Sight) -> float:
     """Return the time from one frame that a fault acts on to the next [s]."""
-    if fault.message in UNHEARD:
+    if fault.message in UNRECEIVED:
         return WATCHING_PERIOD_S
     if fault.direction is FaultDirection.DOWNLINK:
         return sight.control_period_s

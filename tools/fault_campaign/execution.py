@@ -54,16 +54,16 @@ def specification_hash(spec: CampaignSettings) -> str:
     Results of programs, or of waypoint files, that have changed since do not belong to it.
     """
     text = spec.model_dump_json(exclude={"residual_frames", "memory_s"})  # no run depends on them
-    told = sha256(text.encode())
+    digest = sha256(text.encode())
     for point in spec.points:
         if isinstance(point.path, WaypointSettings):
             with suppress(OSError):  # rejected where the path is made
-                told.update(point.path.file.read_bytes())
+                digest.update(point.path.file.read_bytes())
     for package in _JUDGED:
         for file in sorted(Path(str(files(f"steer_by_wire.{package}"))).rglob("*")):
             if file.suffix in _SOURCES:
-                told.update(file.read_bytes())
-    return told.hexdigest()[:16]
+                digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def execute(
@@ -96,12 +96,6 @@ def execute(
                 take(future.result())
 
 
-def read_results(folder: Path, spec_hash: str | None = None) -> list[Result]:
-    """Return the results in a folder; only those of ``spec_hash``, if it is given."""
-    stored = read_stored(folder, spec_hash)
-    return [result for told, result in stored.results if spec_hash in (None, told)]
-
-
 def read_stored(folder: Path, spec_hash: str | None = None) -> Stored:
     """Return everything in a folder; raises SettingsError, and OSError."""
     file = folder / RESULTS
@@ -112,10 +106,10 @@ def read_stored(folder: Path, spec_hash: str | None = None) -> Stored:
         raise SettingsError(f"{file}: is no file")
     others = not_whole = 0
     for line in _lines(file):
-        told, result = _of_line(line)
+        of_hash, result = _of_line(line)
         if result is not None:
-            stored.results.append((told, result))
-        if told and spec_hash not in (None, told):
+            stored.results.append((of_hash, result))
+        if of_hash and spec_hash not in (None, of_hash):
             others += 1
         elif result is None:
             not_whole += 1
@@ -152,18 +146,18 @@ def _of_line(line: bytes) -> tuple[str, Result | None]:
         record: Any = json.loads(line)
     except (ValueError, RecursionError):  # includes UnicodeDecodeError
         return "", None
-    told = record.pop("specification", "") if isinstance(record, dict) else ""
-    if not (isinstance(told, str) and told):
+    of_hash = record.pop("specification", "") if isinstance(record, dict) else ""
+    if not (isinstance(of_hash, str) and of_hash):
         return "", None
     try:
         result = _FIELDS.validate_python(record)
         result = result._replace(verdict=Verdict(result.verdict))
     except (ValidationError, ValueError):
-        return told, None
-    return told, result if _can_be_told([*result]) else None
+        return of_hash, None
+    return of_hash, result if _is_presentable([*result]) else None
 
 
-def _can_be_told(value: Any) -> bool:
+def _is_presentable(value: Any) -> bool:
     """Whether tables and figures can be made of it."""
     match value:
         case str():
@@ -171,7 +165,7 @@ def _can_be_told(value: Any) -> bool:
         case int():
             return 0 <= value <= _WHOLE_MAX
         case list():
-            return all(map(_can_be_told, value))
+            return all(map(_is_presentable, value))
         case dict():
-            return _can_be_told([*value, *value.values()])
+            return _is_presentable([*value, *value.values()])
     return True

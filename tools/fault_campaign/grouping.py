@@ -30,7 +30,7 @@ class Group(NamedTuple):
     fdti_s: float | None
     frti_s: float | None
     fhti_s: float | None
-    told_s: float | None
+    reported_s: float | None
     recovered: int
     recovery_s: float | None
     lateral_error_peak_m: float
@@ -71,7 +71,7 @@ def _row(runs: Sequence[Result]) -> Group:
         fdti_s=_longest(run.fdti_s for run in runs),
         frti_s=_longest(run.frti_s for run in runs if run.safe_state),
         fhti_s=_longest(run.fhti_s for run in runs),
-        told_s=_longest(run.told_s for run in runs),
+        reported_s=_longest(run.reported_s for run in runs),
         recovered=len(recovered),
         recovery_s=_longest(recovered),
         lateral_error_peak_m=max(run.lateral_error_peak_m for run in runs),

@@ -38,9 +38,9 @@ _ABNORMAL_CODES = (
     SteeringStatusCode.FALLBACK,
     SteeringStatusCode.SAFE_STATE,
 )
-_TOLD_CODES = (*_ABNORMAL_CODES, SteeringStatusCode.LIMITED_BY_SAFETY)
+_REPORTING_CODES = (*_ABNORMAL_CODES, SteeringStatusCode.LIMITED_BY_SAFETY)
 """Codes that report a fault; a wheel that is limited, or faded in, is under control."""
-_TOLD_SAFETY = (
+_REPORTING_SAFETY = (
     SafetyState.LIMITING,
     SafetyState.HOLDING,
     SafetyState.FALLBACK,
@@ -120,7 +120,7 @@ class Watch(Wrapper[ReportingNode]):
         self.corrupted_accepted = 0
         self.invalid: list[str] = []
         self.states: list[tuple[int, bool]] = []
-        self.told_ns: list[int] = []
+        self.reported_ns: list[int] = []
         self._rejected: int | None = None
         self._last_command: SteeringCommand | None = None
         self._false: Counter[Frame] = Counter()
@@ -206,15 +206,17 @@ class Watch(Wrapper[ReportingNode]):
             if abs(message.wheel_angle_rad) > self._bounds.wheel_rad:
                 self.invalid.append(f"wheel at {message.wheel_angle_rad:g} rad")
             self.statuses.append((now_ns, message))
-            self._note_told(now_ns, message.status in _TOLD_CODES)
+            self._note_report(now_ns, message.status in _REPORTING_CODES)
             self._note_state(now_ns, message.status in _ABNORMAL_CODES)
         elif isinstance(message, ControllerSafety):
             ages = message[2:5]
             is_wrong = Freshness.STALE in ages or message.fault is not ControllerFault.NONE
-            self._note_told(now_ns, is_wrong or self._has_refused(message.rejected + message.lost))
+            self._note_report(
+                now_ns, is_wrong or self._has_refused(message.rejected + message.lost)
+            )
         elif isinstance(message, PlantStatus):
-            is_wrong = message.safety in _TOLD_SAFETY
-            self._note_told(now_ns, is_wrong or self._has_refused(message.rejected))
+            is_wrong = message.safety in _REPORTING_SAFETY
+            self._note_report(now_ns, is_wrong or self._has_refused(message.rejected))
 
     def _check_step(self, command: SteeringCommand) -> None:
         """Check the change since the last command that got out against the rate limit."""
@@ -231,12 +233,12 @@ class Watch(Wrapper[ReportingNode]):
         before, self._rejected = self._rejected, rejected
         return before is not None and rejected != before
 
-    def _note_told(self, now_ns: int, is_wrong: bool) -> None:
+    def _note_report(self, now_ns: int, is_wrong: bool) -> None:
         """Record that a frame reports a fault on the bus."""
         if is_wrong:
-            self.told_ns.append(now_ns)
+            self.reported_ns.append(now_ns)
 
     def _note_state(self, now_ns: int, is_abnormal: bool) -> None:
-        self._note_told(now_ns, is_abnormal)
+        self._note_report(now_ns, is_abnormal)
         if not self.states or self.states[-1][1] != is_abnormal:
             self.states.append((now_ns, is_abnormal))

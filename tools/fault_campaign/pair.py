@@ -17,7 +17,7 @@ from ...runtime.emulated_bus.channel import BUFFER_FULL
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode
 from ...runtime.virtual_time import VirtualTimeExecutor
-from .detectability import MECHANISM_OF, Sight, is_unheard, sight_of
+from .detectability import MECHANISM_OF, Sight, is_unreceived, sight_of
 from .node_faults import NodeFault, with_node_faults
 from .observation import Watch, bounds_of
 from .recovery import Way, way_of
@@ -69,7 +69,7 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
     # Where frames are forged too, a frame that nobody has sent may be intact.
     # A node that nobody receives cannot have its frames accepted.
     is_corrupting = bool(kinds & _CORRUPTING) and not kinds & _FORGING
-    is_corrupting = is_corrupting and not all(map(is_unheard, case.faults))
+    is_corrupting = is_corrupting and not all(map(is_unreceived, case.faults))
 
     def watched(node: ReportingNode, name: str, peer_sent: set[Any] | None) -> Watch:
         own = wanted if case.receiver in (name, "both") else ()

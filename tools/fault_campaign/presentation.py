@@ -24,7 +24,7 @@ _DEFINITIONS = (
     "them, the share that the receiver accepted; with a verdict of 'detected, followed' it went on "
     "to accept them after it had seen the fault. What the plant sees behind its latency line "
     "(silence, limiter) counts from when the effect has come out of it, with the latency of the "
-    "last command that did. Told: until the node sends the first frame that says so. Recovery: "
+    "last command that did. Reported: until the node sends the first frame that says so. Recovery: "
     "from the fault's end until both nodes are in control again. Times are the longest of all "
     "runs, in milliseconds, shares in percent.",
     "Which mechanism can detect a fault is decided by what the fault is, before any run. A fault "
@@ -37,7 +37,7 @@ def table_lines(groups: Sequence[Group]) -> list[str]:
     """Return the table for a terminal: a line for each case."""
     lines = [
         f"{'fault':17} {'of':17} {'magn.':>6} {'runs':>4}  {'can be seen by':19} "
-        f"{'FDTI':>5} {'FRTI':>5} {'FHTI':>5} {'told':>5} {'acc.':>4} {'recov':>6} {'dev.':>6} "
+        f"{'FDTI':>5} {'FRTI':>5} {'FHTI':>5} {'rep.':>5} {'acc.':>4} {'recov':>6} {'dev.':>6} "
         f"{'rate':>6}  verdicts",
         f"{'':68}{'[ms]':>5} {'[ms]':>5} {'[ms]':>5} {'[ms]':>5} {'[%]':>4} {'[ms]':>6} "
         f"{'[m]':>6} {'[rad/s]':>7}",
@@ -45,7 +45,7 @@ def table_lines(groups: Sequence[Group]) -> list[str]:
     lines += [
         f"{one.kind:17} {one.where:17} {one.magnitude:6g} {one.runs:4}  {one.expected:19.19} "
         f"{in_ms(one.fdti_s):>5} {in_ms(one.frti_s):>5} {in_ms(one.fhti_s):>5} "
-        f"{in_ms(one.told_s):>5} {in_percent(one.accepted):>4} "
+        f"{in_ms(one.reported_s):>5} {in_percent(one.accepted):>4} "
         f"{_recovery(one):>6} {one.lateral_error_peak_m:6.3f} {one.steer_rate_peak_rad_s:6.1f}  "
         f"{one.verdicts}"
         for one in groups
@@ -72,7 +72,7 @@ def comparison_lines(comparison: Comparison) -> list[str]:
         f"{len(comparison.still_failing)}; {comparison.added} runs added, "
         f"{comparison.removed} no longer run"
     ]
-    for what, results in _told(comparison):
+    for what, results in _named_groups(comparison):
         lines += [f"  {what}: {one.name} ({one.verdict})" for one in results[:_NAMES_SHOWN]]
         if len(results) > _NAMES_SHOWN:
             lines.append(f"  {what}: and {len(results) - _NAMES_SHOWN} more")
@@ -138,7 +138,7 @@ def _findings_table(findings: Sequence[Finding]) -> Table:
 def _cases_table(groups: Sequence[Group]) -> Table:
     headings = (
         *("fault", "of", "can be seen by", "seen by, first", "FDTI", "FRTI", "FHTI"),
-        *("told", "accepted", "recovery", "deviation [m]", "steer rate [rad/s]", "verdicts"),
+        *("reported", "accepted", "recovery", "deviation [m]", "steer rate [rad/s]", "verdicts"),
     )
     rows = [
         [
@@ -149,7 +149,7 @@ def _cases_table(groups: Sequence[Group]) -> Table:
             number(in_ms(one.fdti_s)),
             number(in_ms(one.frti_s)),
             number(in_ms(one.fhti_s)),
-            number(in_ms(one.told_s)),
+            number(in_ms(one.reported_s)),
             number(in_percent(one.accepted)),
             number(_recovery(one)),
             number(f"{one.lateral_error_peak_m:.3f}"),
@@ -217,7 +217,7 @@ def _points_table(spec: CampaignSettings) -> Table:
 def _comparison_section(comparison: Comparison) -> Section:
     rows = [
         [Cell(what), Cell(one.name), Cell(str(one.verdict)), number(in_ms(one.fhti_s))]
-        for what, results in _told(comparison)
+        for what, results in _named_groups(comparison)
         for one in results[:_FAILED_SHOWN]
     ]
     summary = comparison_lines(comparison)[0]
@@ -228,7 +228,7 @@ def _comparison_section(comparison: Comparison) -> Section:
     )
 
 
-def _told(comparison: Comparison) -> list[tuple[str, list[Result]]]:
+def _named_groups(comparison: Comparison) -> list[tuple[str, list[Result]]]:
     return [
         ("new failure", comparison.new_failure),
         ("still failing", comparison.still_failing),

@@ -24,13 +24,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from ...controller.settings import ControllerSettings, limits_of
-from ...dbc.messages import (
-    Mode,
-    SteeringCommand,
-    SteeringStatus,
-    SteeringStatusCode,
-    resolutions,
-)
+from ...dbc.messages import Mode, SteeringCommand, SteeringStatus, SteeringStatusCode, resolutions
 from ...plant_emulator.safety_settings import resync_ns_of as plant_resync_ns_of
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.node import NS_PER_S
@@ -126,7 +120,7 @@ def command_returns(way: Way, commands: Sequence[tuple[int, SteeringCommand]]) -
 
 def wheel_steps(
     way: Way,
-    told: Sequence[tuple[int, SteeringStatus]],
+    statuses: Sequence[tuple[int, SteeringStatus]],
     sent: Sequence[tuple[int, SteeringCommand]],
     backlog_s: float,
 ) -> Iterator[Step]:
@@ -135,13 +129,13 @@ def wheel_steps(
     A return is the first command that is followed after a fallback, or after a silence. With any
     other command the fade moves by as much as the time since the previous one allows.
 
-    ``told``       the plant's own messages, and when they left the plant [ns]
+    ``statuses``       the plant's own messages, and when they left the plant [ns]
     ``sent``       the commands, and when they were sent [ns]
     ``backlog_s``  for how long commands may have waited before the plant was handed them
     """
     was_held = was_fading = False
-    changed_ns = told[0][0] if told else 0
-    for (before_ns, before), (now_ns, now) in pairwise(told):
+    changed_ns = statuses[0][0] if statuses else 0
+    for (before_ns, before), (now_ns, now) in pairwise(statuses):
         if before.status in HELD_CODES:
             was_held = True
         else:

@@ -15,7 +15,7 @@ from .detectability import (
     Sight,
     expect_fault,
     expect_node_fault,
-    is_unheard,
+    is_unreceived,
     sight_of,
 )
 from .node_faults import NodeFault
@@ -110,7 +110,7 @@ def _faulty(spec: CampaignSettings, point: PointSettings, law: str) -> Iterator[
                     duration_s=spec.fault_s,
                     magnitude=magnitude,
                 )
-                if is_unheard(fault):  # compared with the first golden run
+                if is_unreceived(fault):  # compared with the first golden run
                     seed = _seed(spec, f"{point.name}{law}", 0)
                 yield Scenario(case_of_fault(fault, sight), point, law, seed, spec)
     for node_table in spec.node_cases:

@@ -19,7 +19,7 @@ class Times(NamedTuple):
     fdti_s: float | None
     frti_s: float | None
     fhti_s: float | None
-    told_s: float | None
+    reported_s: float | None
 
 
 _UNSEEN = Times("", None, None, None, None)
@@ -50,10 +50,10 @@ def times_of(case: Case, pair: Pair, effect_ns: int) -> tuple[Times, int | None]
         fhti_s: float | None = fdti_s
         if case.expected.safe_state:
             fhti_s = max(fdti_s, min(safe)) if safe else None
-        told = [at_ns for at_ns in watch.told_ns if at_ns >= effect_ns]
-        told_s = (told[0] - effect_ns) / NS_PER_S if told else None
+        reports_ns = [at_ns for at_ns in watch.reported_ns if at_ns >= effect_ns]
+        reported_s = (reports_ns[0] - effect_ns) / NS_PER_S if reports_ns else None
         frti_s = None if fhti_s is None else fhti_s - fdti_s
-        found.append(Times(f"{name}.{cause}", fdti_s, frti_s, fhti_s, told_s))
+        found.append(Times(f"{name}.{cause}", fdti_s, frti_s, fhti_s, reported_s))
     if not found:
         return _UNSEEN, None
     slowest = max(found, key=lambda times: math.inf if times.fhti_s is None else times.fhti_s)

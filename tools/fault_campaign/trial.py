@@ -12,7 +12,7 @@ from .recovery import command_returns, wheel_steps
 from .scenario import GOLDEN, Case, Scenario
 from .specification import BUS, CONTROLLER, PLANT, NodeFaultKind
 from .timing import times_of
-from .unheard import is_as_golden, is_heard_by_nobody
+from .unreceived import is_as_golden, is_received_by_nobody
 
 
 class Verdict(StrEnum):
@@ -44,7 +44,7 @@ class Verdict(StrEnum):
     """A fault on messages that no node receives changed the run."""
 
 
-_JUMPS_TOLD = 2
+_JUMPS_SHOWN = 2
 _KEEPING_COMMANDS = ((NodeFaultKind.PAUSED, PLANT), (NodeFaultKind.BABBLING, BUS))
 """Where commands wait, in a socket or for the bus, and then come all at once."""
 FAILURES = (
@@ -69,7 +69,7 @@ class Result(NamedTuple):
     ``fdti_s``        from the fault's first effect on the receiver to that count
     ``frti_s``        from there until the receiver leaves control, where it has to; else 0 where
                       frames are rejected, None where false ones are still accepted
-    ``told_s``        from the first effect to the first frame sent that reports it
+    ``reported_s``        from the first effect to the first frame sent that reports it
     ``counts``        what either node counted after the onset
     ``corrupted``     frames delivered that nobody has sent so; ``corrupted_accepted`` of them
     ``as_golden``     of a fault where no node listens: whether motion and commands are, bit for
@@ -97,7 +97,7 @@ class Result(NamedTuple):
     fdti_s: float | None
     frti_s: float | None
     fhti_s: float | None
-    told_s: float | None
+    reported_s: float | None
     recovery_s: float | None
     lateral_error_peak_m: float
     steer_rate_peak_rad_s: float
@@ -144,7 +144,7 @@ def _result(scenario: Scenario, pair: Pair) -> Result:
     false_ns = [*pair.plant.false_ns, *pair.controller.false_ns]
     back = _way_back(scenario, pair, effect_ns)
     unsafe = "; ".join(dict.fromkeys([*pair.plant.invalid, *pair.controller.invalid]))
-    as_golden = is_as_golden(scenario, pair) if is_heard_by_nobody(case) else None
+    as_golden = is_as_golden(scenario, pair) if is_received_by_nobody(case) else None
     is_idle = case.kind != GOLDEN and case.node_fault is None and not any(changed)
     samples = _after(pair.plant_node.samples, effect_ns)
     result = Result(
@@ -240,8 +240,8 @@ def _way_back(scenario: Scenario, pair: Pair, effect_ns: int) -> _WayBack:
     is_kept_up = own is not None and (own.kind, own.node) in _KEEPING_COMMANDS
     backlog_s = scenario.spec.fault_s if is_kept_up else 0.0
     commands = list(command_returns(way, pair.controller.commands))
-    told = pair.plant.statuses
-    wheel = list(wheel_steps(way, told, pair.controller.commands, backlog_s))
+    statuses = pair.plant.statuses
+    wheel = list(wheel_steps(way, statuses, pair.controller.commands, backlog_s))
     if "intervention" in pair.plant.counted():  # a wheel that a limit releases is not fading
         wheel = [step for step in wheel if step.is_return]
     jumps = [
@@ -255,7 +255,7 @@ def _way_back(scenario: Scenario, pair: Pair, effect_ns: int) -> _WayBack:
         None if is_dead or case.kind == GOLDEN else way.recovery_s,
         max((step.step_rad for step in commands), default=None),
         max((step.own_rad for step in wheel if step.is_return), default=None),
-        "; ".join(jumps[:_JUMPS_TOLD]),
+        "; ".join(jumps[:_JUMPS_SHOWN]),
     )
 
 

@@ -32,11 +32,11 @@ def fuzz_authentication(data: bytes) -> None:
     node = AuthenticatedNode(
         ControllerNode(controller_settings(0), 0), Authentication(CONTROLLER, _mac, b"control8", 0)
     )
-    heard: list[Frame] = []
+    received: list[Frame] = []
     ours = 0
     for now_ns, frames in wake_ups(choices, 0):
         for frame in frames:
-            sent, is_genuine = _on_the_wire(choices, peer, frame, heard)
+            sent, is_genuine = _on_the_wire(choices, peer, frame, received)
             before = node.report()["authentication"]["verified"]
             answers = node.on_frame(sent, now_ns)
             verified = node.report()["authentication"]["verified"] - before
@@ -55,17 +55,17 @@ def fuzz_authentication(data: bytes) -> None:
 
 
 def _on_the_wire(
-    choices: Choices, peer: Authentication, frame: Frame, heard: list[Frame]
+    choices: Choices, peer: Authentication, frame: Frame, received: list[Frame]
 ) -> tuple[Frame, bool]:
     """Return what arrives instead of ``frame``, and whether it is the peer's own and new."""
     kind = choices.integer(0, 7)
     if kind < 4 and frame.can_id in _OF_PLANT and not frame.flags and len(frame.data) == 8:
         secured = peer.secure(frame)
-        heard[_KEPT:] = []
-        heard.insert(0, secured)
+        received[_KEPT:] = []
+        received.insert(0, secured)
         return secured, True
-    if kind < 6 and heard:
-        old = choices.pick(heard)
+    if kind < 6 and received:
+        old = choices.pick(received)
         if kind == 4:
             return old, False
         place = choices.integer(0, 8 * len(old.data) - 1)

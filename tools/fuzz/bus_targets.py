@@ -7,9 +7,7 @@ A client reports a broker that breaks the protocol as a BusError, or as an error
 """
 
 import socket
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from pathlib import Path
+from contextlib import ExitStack, suppress
 from struct import Struct
 from tempfile import TemporaryDirectory
 from threading import Thread
@@ -17,9 +15,7 @@ from threading import Thread
 import can
 
 from ...runtime.bus import BusError, BusPort
-from ...runtime.emulated_bus.broker import CLIENTS_MAX, Broker
 from ...runtime.emulated_bus.client import EmulatedBus
-from ...runtime.emulated_bus.journal import Journal
 from ...runtime.emulated_bus.protocol import (
     ANSWER,
     CLASSIC_RECORD,
@@ -32,7 +28,6 @@ from ...runtime.emulated_bus.protocol import (
     Filter,
     Hello,
     ProtocolError,
-    check_frame,
     pack_buffer,
     pack_bus_off,
     pack_filters,
@@ -43,18 +38,15 @@ from ...runtime.emulated_bus.protocol import (
     unpack_request,
 )
 from ...runtime.frame import Frame
-from ...runtime.node import NS_PER_MS, NS_PER_US
+from ...runtime.node import NS_PER_US
 from .choices import Choices
+from .fuzzed_bus import BITRATE_BIT_S, CHANNEL, DATA_BITRATE_BIT_S, FuzzedBus, listening_socket
 from .promises import promise
 from .traffic import Sender
 
-BITRATE_BIT_S, DATA_BITRATE_BIT_S = 500_000, 2_000_000
-CHANNEL = "can0"
 INTRUDERS_MAX = 6
 DEEDS_MAX = 150
 """Largest number of the intruders' actions in one input."""
-_TURNS_MAX = 20_000
-"""Turns of the broker by which every frame must have arrived."""
 _RECORDS = (CLASSIC_RECORD, FD_RECORD)
 
 
@@ -84,7 +76,7 @@ def fuzz_protocol(data: bytes) -> None:
 def fuzz_broker(data: bytes) -> None:
     """Let intruders do what they like to a broker, beside two orderly clients."""
     choices = Choices(data)
-    with _Bus() as bus:
+    with FuzzedBus() as bus:
         intruders: list[socket.socket] = []
         for _ in range(DEEDS_MAX):
             if choices.exhausted:
@@ -104,7 +96,7 @@ def fuzz_bus_client(data: bytes) -> None:
     said = answer + choices.rest() if choices.chance(224) else choices.rest()
     with ExitStack() as stack:
         folder = stack.enter_context(TemporaryDirectory())
-        listener, address = _listener(folder)
+        listener, address = listening_socket(folder)
         stack.callback(listener.close)
         thread = Thread(target=_pose_as_broker, args=(listener, said), daemon=True)
         thread.start()
@@ -121,106 +113,7 @@ def fuzz_bus_client(data: bytes) -> None:
                 port.recv(0.01)
 
 
-class _Bus:
-    """A broker in a time of our own, and two orderly clients of it."""
-
-    def __init__(self) -> None:
-        self._stack = ExitStack()
-        folder = self._stack.enter_context(TemporaryDirectory())
-        listener, self.address = _listener(folder)
-        self._stack.callback(listener.close)
-        self._now_ns = 0
-        self._broker = Broker(
-            listener,
-            BITRATE_BIT_S,
-            DATA_BITRATE_BIT_S,
-            Journal(lambda _line: True, is_verbose=True),
-            lambda: self._now_ns,
-        )
-        self._stack.callback(self._end)
-        self._said: list[Frame] = []
-        self._heard: list[Frame] = []
-        self._raw = b""
-        self._speaker, self._listener = self._join(), self._join()
-
-    def __enter__(self) -> "_Bus":
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._stack.close()
-
-    def connect(self) -> socket.socket:
-        """Return a new connection to the broker."""
-        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._stack.callback(connection.close)
-        connection.connect(self.address)
-        connection.setblocking(False)
-        self.turn(0)
-        return connection
-
-    def turn(self, elapsed_ns: int) -> None:
-        """Let the broker do what there is to do."""
-        self._now_ns += elapsed_ns
-        promise(self._broker.serve(0.0), "the broker has ended")
-        promise(self._broker.figures.connected <= CLIENTS_MAX, "too many clients")
-        self._listen()
-
-    def say(self) -> None:
-        """Let the orderly client send one frame, identified by its number.
-
-        All have one identifier: others may overtake each other in the arbitration.
-        """
-        frame = Frame(0x700, len(self._said).to_bytes(4))
-        self._speaker.sendall(pack_frame(CLASSIC_RECORD, frame))
-        self._said.append(frame)
-
-    def finish(self) -> None:
-        """Let the bus come to rest; every frame sent must have been received."""
-        for _ in range(_TURNS_MAX):
-            if self._heard == self._said:
-                return
-            self.turn(NS_PER_MS // 4)
-        promise(False, f"said {len(self._said)} frames, heard {len(self._heard)}")
-
-    def _join(self) -> socket.socket:
-        connection = self.connect()
-        connection.sendall(Hello(CHANNEL).pack())
-        self.turn(0)
-        answer = unpack_answer(connection.recv(ANSWER.size))
-        promise(not answer.reason, f"refused: {answer.reason}")
-        return connection
-
-    def _listen(self) -> None:
-        """Take what both orderly clients have received."""
-        if not hasattr(self, "_listener"):
-            return
-        with suppress(BlockingIOError):
-            promise(bool(self._speaker.recv(1 << 16)), "the broker has dropped the sender")
-        with suppress(BlockingIOError):
-            received = self._listener.recv(1 << 16)
-            promise(bool(received), "the broker has dropped the receiver")
-            self._raw += received
-        while len(self._raw) >= CLASSIC_RECORD.size:
-            frame, _ = unpack_delivery(CLASSIC_RECORD, self._raw[: CLASSIC_RECORD.size])
-            self._raw = self._raw[CLASSIC_RECORD.size :]
-            if not isinstance(frame, Frame):
-                promise(False, f"who sends nothing hears {frame}")
-                return
-            check_frame(frame)
-            if self._is_ours(frame):
-                self._heard.append(frame)
-
-    def _is_ours(self, frame: Frame) -> bool:
-        """Whether it is our next frame; an intruder may send the same, but never before us."""
-        place = len(self._heard)
-        return place < len(self._said) and frame == self._said[place]
-
-    def _end(self) -> None:
-        with _ending_descriptor() as descriptor:
-            self._broker.run(descriptor)
-
-
-def _do_something(choices: Choices, bus: _Bus, intruders: list[socket.socket]) -> None:
+def _do_something(choices: Choices, bus: FuzzedBus, intruders: list[socket.socket]) -> None:
     """Let one intruder come, go, or send something."""
     deed = choices.integer(0, 9)
     if deed < 2 or not intruders:
@@ -290,15 +183,6 @@ def _with_magic(data: bytes, part: Struct) -> bytes:
     return (MAGIC + data)[: part.size].ljust(part.size, b"\0")
 
 
-def _listener(folder: str) -> tuple[socket.socket, str]:
-    """Return a socket that listens, and its address."""
-    address = str(Path(folder) / "socket")
-    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    listener.bind(address)
-    listener.listen(16)
-    return listener, address
-
-
 def _pose_as_broker(listener: socket.socket, said: bytes) -> None:
     """Accept one client and send it ``said``."""
     connection, _ = listener.accept()
@@ -307,12 +191,3 @@ def _pose_as_broker(listener: socket.socket, said: bytes) -> None:
         connection.shutdown(socket.SHUT_WR)
         while connection.recv(1 << 12):
             pass
-
-
-@contextmanager
-def _ending_descriptor() -> Iterator[int]:
-    """Return a descriptor that is readable, because its other end is closed."""
-    one, other = socket.socketpair()
-    other.close()
-    with one:
-        yield one.fileno()

@@ -9,14 +9,7 @@ import importlib.resources
 import math
 from functools import lru_cache
 
-from ...dbc.codec import (
-    FILE,
-    ContractError,
-    EncodeError,
-    MessageCodec,
-    Rejection,
-    codecs_of,
-)
+from ...dbc.codec import FILE, ContractError, EncodeError, MessageCodec, Rejection, codecs_of
 from ...dbc.dbc_file import layouts_of, parse_database
 from ...dbc.messages import MESSAGE_TYPES, Message
 from ...dbc.protection import protect

@@ -51,7 +51,7 @@ SEED_MAX = 1 << 32
 REPLAY_FRAMES_MAX = 2_000_000
 """Ten minutes of a full bus."""
 BITRATE_BIT_S = 500_000
-_HEARD = frozenset({CAN_IDS[SteeringCommand]})
+_RECEIVED = frozenset({CAN_IDS[SteeringCommand]})
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -93,7 +93,7 @@ def _run(options: argparse.Namespace) -> int:
     with ExitStack() as stack:
         port = None
         if any(fault.kind not in PROCESS_KINDS for fault in faults):
-            opened = open_port(options, _HEARD)
+            opened = open_port(options, _RECEIVED)
             stack.enter_context(shutting_down(opened.port))
             port, where = opened.port, opened.description
             _refuse_fd_on_a_classic_bus(options, recording, port)
@@ -104,7 +104,7 @@ def _run(options: argparse.Namespace) -> int:
         bitrate = getattr(options, "bitrate", None) or BITRATE_BIT_S
         sources = list(_sources(faults, start_ns, seed, bitrate, recording))
         deeds: list[Deed] = []
-        injection = Injection(port, sources, deeds, start_ns, _tell)
+        injection = Injection(port, sources, deeds, start_ns, _print_action)
         with injection.running():
             for fault in faults:
                 # One by one: if a later one cannot be taken, those already taken are released.
@@ -191,7 +191,7 @@ def _sources(
             yield frame_source(fault, start_ns, fault_seed, bitrate_bit_s, recording)
 
 
-def _tell(action: Action) -> None:
+def _print_action(action: Action) -> None:
     clock = datetime.fromtimestamp(action.time_ns / NS_PER_S, UTC).astimezone()
     at = f"{clock:%H:%M:%S}.{clock.microsecond // 1000:03d}"
     say(NAME, f"{at}  {action.since_s:8.3f} s  {action.fault}: {action.what}")

@@ -33,7 +33,7 @@ PERIOD_NS = 10_000_000
 FRAMES_AT_ONCE = 200
 """Limit after a stall of the machine; a flood is limited by the bus alone."""
 _COMMAND_ID = CAN_IDS[SteeringCommand]
-_HEARD_IDS = (_COMMAND_ID, CAN_IDS[LateralError])
+_RECEIVED_IDS = (_COMMAND_ID, CAN_IDS[LateralError])
 Produce = Callable[[int], Sequence[Frame]]
 """Frames of one place in the sequence."""
 
@@ -205,8 +205,8 @@ def _moved(frame: Frame) -> Frame:
 
 def _noise(draws: random.Random) -> Frame:
     # Half of them under identifiers that a node receives: of all identifiers, hardly any is.
-    is_heard = draws.random() < 0.5
-    can_id = draws.choice(_HEARD_IDS) if is_heard else draws.randrange(0x800)
+    is_received = draws.random() < 0.5
+    can_id = draws.choice(_RECEIVED_IDS) if is_received else draws.randrange(0x800)
     return Frame(can_id, draws.randbytes(draws.randrange(9)))
 
 

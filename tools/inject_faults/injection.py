@@ -14,7 +14,7 @@ TURN_NS = 1_000_000
 """Pause when the bus is full: it carries four frames meanwhile and has 64 of ours ready."""
 _WAIT_NS_MAX = 50_000_000
 """Longest time until a request to end takes effect."""
-_HEARD_PER_TURN_MAX = 100
+_RECEIVED_PER_TURN_MAX = 100
 
 
 class Action(NamedTuple):
@@ -58,7 +58,7 @@ class Injection:
     """Runs faults; use ``running`` so that no process stays stopped.
 
     ``port``      of the bus; None when no fault needs one
-    ``tell``      is called with each action when it is done
+    ``report``      is called with each action when it is done
     """
 
     def __init__(
@@ -67,12 +67,12 @@ class Injection:
         sources: Sequence[FrameSource],
         deeds: Sequence[Deed],
         start_ns: int,
-        tell: Callable[[Action], None] = lambda _action: None,
+        report: Callable[[Action], None] = lambda _action: None,
     ) -> None:
         self._port = port
         self._deeds = deeds
         self._start_ns = start_ns
-        self._tell = tell
+        self._report = report
         self._waiting = list(sources)
         self._active: list[FrameSource] = []
         self._sent = {id(source): 0 for source in sources}
@@ -142,7 +142,7 @@ class Injection:
         if self._port is None:
             time.sleep(max(until_ns - time.monotonic_ns(), 0) / NS_PER_S)
             return
-        for _ in range(_HEARD_PER_TURN_MAX):
+        for _ in range(_RECEIVED_PER_TURN_MAX):
             received = self._port.recv(max(until_ns - time.monotonic_ns(), 0) / NS_PER_S)
             if received is None:
                 return
@@ -164,4 +164,4 @@ class Injection:
         since_s = (time.monotonic_ns() - self._start_ns) / NS_PER_S
         action = Action(time.time_ns(), since_s, str(fault), what)
         self.actions.append(action)
-        self._tell(action)
+        self._report(action)

@@ -8,7 +8,6 @@ from ...dbc.messages import ControllerFault, EchoState, EstimateState, Freshness
 from .latency_keys import LatencyChoice
 from .watch import MessageView, Spread, Strip, View
 
-LINES = 24
 WIDTH_MIN = 80
 _BLOCKS = "▁▂▃▄▅▆▇█"
 _ASCII_BLOCKS = "_.-=+*#@"
@@ -45,7 +44,7 @@ def screen_lines(
 def one_line(view: View) -> str:
     """Return the most important of a view on one line, for a file or a pipe."""
     plant = view.plant
-    told = (
+    one_way = (
         "-/-" if plant is None else f"{_ms(plant.downlink_latency_s)}/{_ms(plant.uplink_latency_s)}"
     )
     round_trip = view.round_trip
@@ -56,7 +55,7 @@ def one_line(view: View) -> str:
     mode = "-" if view.mode is None else view.mode.name
     return (
         f"{view.elapsed_s:.1f} s  {mode}  error {error} mm  steer {steer} mrad  "
-        f"down/up {told} ms  round trip {trip} ms  {view.frames_per_s:.0f} frames/s  "
+        f"down/up {one_way} ms  round trip {trip} ms  {view.frames_per_s:.0f} frames/s  "
         f"missing {missing}  refused {sum(view.refused.values())}  foreign {view.foreign_frames}"
     )
 
@@ -95,10 +94,10 @@ def _title(view: View, bus: str, width: int) -> Text:
 
 
 def _state(view: View) -> Text:
-    mode = "not heard" if view.mode is None else view.mode.name
+    mode = "not received" if view.mode is None else view.mode.name
     law = "" if view.law is None else f" {view.law.name}"
     skipped = "-" if view.controller is None else str(view.controller.skipped_ticks)
-    actuator = "not heard" if view.actuator is None else view.actuator.name
+    actuator = "not received" if view.actuator is None else view.actuator.name
     text = Text("controller ").append(mode, style=_MODE_STYLES.get(mode, "bold"))
     text.append(f"{law}, {skipped} ticks skipped").append(_alarms(view), style="bold red")
     text.append("   actuator ").append(actuator, style="bold")
@@ -221,8 +220,10 @@ def _message(row: MessageView) -> Text:
 def _refused(view: View) -> Text:
     ids = ",".join(f"{can_id:X}" for can_id in view.foreign_ids[:4])
     more = ",.." if len(view.foreign_ids) > 4 else ""
-    told = (("plant", view.plant), ("controller", view.safety))
-    counts = ", ".join(f"{name} {one.lost}/{one.rejected}" for name, one in told if one is not None)
+    nodes = (("plant", view.plant), ("controller", view.safety))
+    counts = ", ".join(
+        f"{name} {one.lost}/{one.rejected}" for name, one in nodes if one is not None
+    )
     counted = f"; lost/refused: {counts}" if counts else ""
     return Text(
         f"refused: {_causes(view.refused)}; foreign {view.foreign_frames}"

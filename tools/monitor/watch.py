@@ -27,7 +27,7 @@ from ...dbc.messages import (
     SteeringStatusCode,
     VehicleState,
 )
-from ...recordings.bus_listener import BusListener, Heard
+from ...recordings.bus_listener import BusListener, ReceivedMessage
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
 
@@ -136,7 +136,7 @@ class BusWatch:
         self._listener = BusListener()
         self._frames = 0
         self._marks: deque[tuple[int, int]] = deque([(start_ns, 0)], maxlen=11)
-        self._newest: dict[str, tuple[Heard, int]] = {}
+        self._newest: dict[str, tuple[ReceivedMessage, int]] = {}
         self._recent = {name: _Recent() for name in STRIPS if name != "lateness_s"}
         self._cycles = {name: _Recent() for name in MESSAGE_TYPES}
         self._commands: deque[tuple[int, int]] = deque(maxlen=POINTS_MAX)  # time, number
@@ -147,21 +147,21 @@ class BusWatch:
         self._frames += 1
         if now_ns - self._marks[-1][0] >= _MARK_NS:
             self._marks.append((now_ns, self._frames))
-        heard = self._listener.take(frame)
-        if heard is None or heard.is_late:
+        received = self._listener.take(frame)
+        if received is None or received.is_late:
             return
-        before = self._newest.get(heard.name)
+        before = self._newest.get(received.name)
         if before is not None:
-            self._cycles[heard.name].add(now_ns, (now_ns - before[1]) / NS_PER_S)
-        self._newest[heard.name] = (heard, now_ns)
-        self._follow(heard, now_ns)
+            self._cycles[received.name].add(now_ns, (now_ns - before[1]) / NS_PER_S)
+        self._newest[received.name] = (received, now_ns)
+        self._follow(received, now_ns)
 
     def view(self, now_ns: int) -> View:
         """Return the state to be shown at ``now_ns``."""
         late_ages_ns, lateness_s = self._lateness(now_ns)
         strips = {name: recent.strip(now_ns) for name, recent in self._recent.items()}
         strips["lateness_s"] = strip_of(late_ages_ns, lateness_s)
-        newest = {type(heard.message): heard.message for heard, _ in self._newest.values()}
+        newest = {type(received.message): received.message for received, _ in self._newest.values()}
         error, command = newest.get(LateralError), newest.get(SteeringCommand)
         steering, vehicle = newest.get(SteeringStatus), newest.get(VehicleState)
         controller, plant = newest.get(ControllerStatus), newest.get(PlantStatus)
@@ -191,9 +191,9 @@ class BusWatch:
             error_frames=self._listener.error_frames,
         )
 
-    def _follow(self, heard: Heard, now_ns: int) -> None:
+    def _follow(self, received: ReceivedMessage, now_ns: int) -> None:
         """Take what is shown over time from a message."""
-        message = heard.message
+        message = received.message
         if isinstance(message, LateralError):
             self._recent["lateral_error_m"].add(now_ns, message.lateral_error_m)
         elif isinstance(message, SteeringCommand):

@@ -20,7 +20,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from steer_by_wire.command_line import command_parser
 from steer_by_wire.runtime.bus import add_bus_arguments
 from steer_by_wire.runtime.option_types import output_file, seconds
-from steer_by_wire.runtime.program import ExitStatus, add_real_time_arguments, run_main, say
+from steer_by_wire.runtime.program import ExitStatus, run_main, say
+from steer_by_wire.runtime.program_options import add_real_time_arguments
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.tools.probe_host.presentation import record_of, sentences, table_of
 from steer_by_wire.tools.probe_host.probe import Probe, probe, steps
@@ -78,12 +79,12 @@ def _probe_with_progress(options: argparse.Namespace) -> Probe:
         task = progress.add_task("opening the bus", total=steps(options))
         begun = False
 
-        def tell(what: str) -> None:
+        def report(what: str) -> None:
             nonlocal begun
             progress.update(task, description=what, advance=int(begun))
             begun = True
 
-        return probe(options, tell)
+        return probe(options, report)
 
 
 if __name__ == "__main__":

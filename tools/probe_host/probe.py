@@ -43,7 +43,7 @@ class Probe(NamedTuple):
     refused: str
 
 
-Tell = Callable[[str], None]
+Report = Callable[[str], None]
 """Called with the name of the next measurement."""
 
 
@@ -52,16 +52,16 @@ def steps(options: argparse.Namespace) -> int:
     return (1 + _wants_rights(options)) * (len(RATES_HZ) + 1)
 
 
-def probe(options: argparse.Namespace, tell: Tell) -> Probe:
+def probe(options: argparse.Namespace, report: Report) -> Probe:
     """Measure; raises BusError when the bus cannot be opened or fails."""
     with _bus(options) as (bus, opened), shutting_down(opened.port):
-        measured = [_measure(bus, opened, ORDINARY, RealTimeRequest(cpu=options.cpu), tell)]
+        measured = [_measure(bus, opened, ORDINARY, RealTimeRequest(cpu=options.cpu), report)]
         refused = "" if _wants_rights(options) else "not asked for"
         if not refused:
             request = RealTimeRequest(options.priority, options.cpu, options.lock_memory)
             refused = _refusal(request)
             if not refused:
-                measured.append(_measure(bus, opened, REAL_TIME, request, tell))
+                measured.append(_measure(bus, opened, REAL_TIME, request, report))
         return Probe(opened.description, opened.driver, measured, refused)
 
 
@@ -83,15 +83,15 @@ def _measure(
     opened: OpenPort,
     rights: str,
     request: RealTimeRequest,
-    tell: Tell,
+    report: Report,
 ) -> Measured:
     spin_ns = options.spin_us * NS_PER_US
     wake_ups = []
     with real_time(request) as answers:
         for rate_hz in RATES_HZ:
-            tell(f"wake-ups at {rate_hz} Hz, {rights}")
+            report(f"wake-ups at {rate_hz} Hz, {rights}")
             wake_ups.append(measure_wake_ups(opened.port, rate_hz, options.seconds, spin_ns))
-    tell(f"round trips, {rights}")
+    report(f"round trips, {rights}")
     round_trip, obstacle = None, ""
     try:
         with echoing(options, request, options.seconds + ECHO_GRACE_S), real_time(request):

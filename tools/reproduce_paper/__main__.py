@@ -66,8 +66,8 @@ def _check(kind: str, number: str) -> None:
     numbers = numbers_of(kind)
     if number not in numbers:
         reason = NOT_COMPUTED[kind].get(number)
-        told = f"{reason}, nothing to compute" if reason else f"the paper has no {kind} {number}"
-        raise SettingsError(f"--{kind} {number}: {told}; allowed are {', '.join(numbers)}")
+        why = f"{reason}, nothing to compute" if reason else f"the paper has no {kind} {number}"
+        raise SettingsError(f"--{kind} {number}: {why}; allowed are {', '.join(numbers)}")
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:

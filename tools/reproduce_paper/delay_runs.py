@@ -37,7 +37,7 @@ TYPE_2 = ("dob.q_kind=type_2",)
 SETTINGS_CAPTION = (
     "Nominal vehicle, 5 km/h, 2000 kg, C_r = 500,000 N/rad; 80 ms on the commands; K_p = 1.0596, "
     "K_d = 0.939; CDOB with ω_c = 200 rad/s, DOB with ω_c = 5 rad/s, both with G_n of (19) and Q "
-    "of (20) unless told otherwise; 1 kHz; steer limited to 0.6 rad; ellipse of 78.2 m by 41.74 m."
+    "of (20) unless stated otherwise; 1 kHz; steer limited to 0.6 rad; ellipse 78.2 m by 41.74 m."
 )
 
 

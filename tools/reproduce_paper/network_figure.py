@@ -13,19 +13,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ...controller.analysis.sampled_loop import SampledLoop
-from ...controller.design import design_law
+from ...controller.design import design_law, required
 from ...controller.nominal_model import paper_eq19
 from ...controller.settings import ControllerSettings
-from ...loop_theory.continuous_loop import (
-    cdob_parts,
-    closed_loop_roots,
-    continuous_law,
-)
-from ...loop_theory.small_gain import (
-    cdob_nominal_loop,
-    cdob_small_gain,
-    delay_uncertainty,
-)
+from ...loop_theory.continuous_loop import cdob_parts, closed_loop_roots, continuous_law
+from ...loop_theory.small_gain import cdob_nominal_loop, cdob_small_gain, delay_uncertainty
 from ...reports.plot_style import COLOURS, plot_style
 from ...runtime.node import NS_PER_S
 from .corners import published_law
@@ -226,7 +218,7 @@ def _delays_picture(name: str, laws: tuple[ControllerSettings, ...]) -> Picture:
 
 def _law_name(settings: ControllerSettings) -> str:
     """Return the two parameters that the pictures differ in."""
-    filter_rad_s = settings.pd.derivative_filter_rad_s
+    filter_rad_s = required(settings.pd).derivative_filter_rad_s
     derivative = "ideal derivative" if filter_rad_s is None else f"N = {filter_rad_s:g} rad/s"
     cutoff_rad_s = 0.0 if settings.cdob is None else settings.cdob.q_cutoff_rad_s
     return f"ω_c = {cutoff_rad_s:g} rad/s, {derivative}"

@@ -29,7 +29,7 @@ _WHY = (
     "The text gives neither the ellipse's axes, nor the start, nor how long is driven. The axes "
     "are inferred: started at the end of the major axis and driven for 200 s, "
     "78.2 m by 41.74 m give Table II's PD row within 0.0002 m (with C_r = 500,000 N/rad). "
-    "So do 86.8 m by 32.4 m in 100 s, so that the fit does not tell the axes."
+    "So do 86.8 m by 32.4 m in 100 s, so the fit does not determine the axes."
 )
 
 

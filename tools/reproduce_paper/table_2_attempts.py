@@ -22,12 +22,7 @@ from scipy.optimize import minimize_scalar
 from ...loop_theory.uncertainty import paper_box
 from ...pair.trace import rms
 from . import published
-from .continuous_runs import (
-    DrivenEllipse,
-    curvature_met,
-    order_2,
-    table_2_row,
-)
+from .continuous_runs import DrivenEllipse, curvature_met, order_2, table_2_row
 
 PATH = DrivenEllipse(78.2, 41.74, 200.0)
 """Inferred from the PD row; see figure_14."""
@@ -55,8 +50,8 @@ def attempts() -> Iterator[tuple[str, tuple[float, ...]]]:
     yield "τ = 5 s instead of ω_c = 5 rad/s", table_2_row(order_2(1.0 / Q_CUTOFF_RAD_S), PATH)
     gain = _closest(lambda g: table_2_row(order_2(Q_CUTOFF_RAD_S, g), PATH), 0.0, 1.0)
     yield f"weaker Q, gain {gain:.2f} at rest", table_2_row(order_2(Q_CUTOFF_RAD_S, gain), PATH)
-    told_wish = order_2(Q_CUTOFF_RAD_S)._replace(fed_with_own_command=False)
-    yield "observer told the PD's wish", table_2_row(told_wish, PATH)
+    fed_with_wish = order_2(Q_CUTOFF_RAD_S)._replace(fed_with_own_command=False)
+    yield "observer fed with the PD's wish", table_2_row(fed_with_wish, PATH)
     point_m = _closest(_at_point, 0.0, paper_box().nominal.preview_distance_m)
     yield f"error of a point {point_m:.2f} m ahead of the CG", _at_point(point_m)
     yield (

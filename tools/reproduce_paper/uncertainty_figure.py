@@ -8,7 +8,7 @@ The paper has T = 0. The exact answer is the count of roots of (21), delay inclu
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...controller.design import q_order_2, q_type_2
+from ...controller.discretization import q_order_2, q_type_2
 from ...controller.nominal_model import paper_eq19, steer_to_lateral_error
 from ...controller.transfer_function import TransferFunction
 from ...loop_theory.continuous_loop import closed_loop_roots, dob_alone

@@ -111,7 +111,7 @@ def _run(options: argparse.Namespace) -> int:
     records, holds, steal = {}, True, StealClock()
     begin_s = time.monotonic()
     for name, (plan, judge) in parts.items():
-        run = run_live_soak(plan, options.out / name, _tell)
+        run = run_live_soak(plan, options.out / name, _print_step)
         findings = list(judge(run))
         holds = holds and all(finding.holds for finding in findings)
         records[name] = record_of(run, findings)
@@ -128,7 +128,7 @@ def _run(options: argparse.Namespace) -> int:
     return ExitStatus.OK if holds else NOT_SHOWN
 
 
-def _tell(line: str) -> None:
+def _print_step(line: str) -> None:
     print(f"{NAME}: {line}", file=sys.stderr, flush=True)
 
 

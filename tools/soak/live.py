@@ -63,7 +63,7 @@ class LiveSoak(NamedTuple):
 
 
 def run_live_soak(
-    plan: Plan, folder: Path, tell: Callable[[str], None] = lambda _line: None
+    plan: Plan, folder: Path, report: Callable[[str], None] = lambda _line: None
 ) -> LiveSoak:
     """Run it and read the files that it left in ``folder``; raises ProcessError."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -71,10 +71,10 @@ def run_live_soak(
         tempfile.TemporaryDirectory(prefix="soak-") as private,
         Processes(folder, Path(private)) as programs,
     ):
-        tell("starting broker, recorder, plant and controller")
+        report("starting broker, recorder, plant and controller")
         _start(programs, plan, Path(private) / "socket")
         time.sleep(plan.settle_s)
-        tell(f"babbling with {plan.name} for {plan.babble_s:g} s")
+        report(f"babbling with {plan.name} for {plan.babble_s:g} s")
         _start_babbler(programs, plan)
         watch = MemoryWatch(programs.pids())
         _wait(programs, watch, plan.babble_s)
@@ -83,7 +83,7 @@ def run_live_soak(
         # The controller first: without a plant it would hold, which is not to be tested here.
         for name in (CONTROLLER, PLANT, "recorder", "broker"):
             reports[name] = programs.stop(name)
-        tell("reading the logs")
+        report("reading the logs")
         bus = read_bus_log(programs.path("bus", ".log"), plan.babble_ids, plan.bitrate_bit_s)
         own_logs = [programs.path(name, ".log") for name in (CONTROLLER, PLANT)]
         messages = count_messages(bus, own_logs, plan.bitrate_bit_s)

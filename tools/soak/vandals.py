@@ -151,9 +151,9 @@ def _table(costs: Sequence[Cost]) -> Table:
     for cost in costs:
         clients = cost.broker["clients"]
         gone = {c: n for c, n in clients["disconnected"].items() if n and c != "left"}
-        told = [f"{count} {cause}" for cause, count in gone.items()]
+        parts = [f"{count} {cause}" for cause, count in gone.items()]
         if clients["held_back"]:
-            told.append(f"held back {clients['held_back']}x")
+            parts.append(f"held back {clients['held_back']}x")
         discarded = cost.broker["channels"][CHANNEL]["discarded"]
         table.add_row(
             cost.vandals,
@@ -162,7 +162,7 @@ def _table(costs: Sequence[Cost]) -> Table:
             f"{100 * cost.processor:.0f} %",
             str(cost.memory_kib),
             f"{100 * cost.broker['channels'][CHANNEL]['load']:.0f} %",
-            ", ".join([*told, *[f"{discarded} frames discarded"] * bool(discarded)]),
+            ", ".join([*parts, *[f"{discarded} frames discarded"] * bool(discarded)]),
         )
     return table
 

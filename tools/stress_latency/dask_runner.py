@@ -68,8 +68,8 @@ class DaskWorkers:
         error = future.exception() if future.status == "error" else None
         if isinstance(error, SettingsError):
             raise error
-        told = ": ".join([*getattr(error, "__notes__", ()), str(error or future.status)])
-        raise OSError(f"{self.description} have failed: {told}")
+        reason = ": ".join([*getattr(error, "__notes__", ()), str(error or future.status)])
+        raise OSError(f"{self.description} have failed: {reason}")
 
 
 @contextmanager

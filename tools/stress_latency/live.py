@@ -20,7 +20,8 @@ from ...pair.live import Bus, LivePair, PairFiles
 from ...pair.processes import ProcessError
 from ...pair.trace import Trace
 from ...runtime.bus import socketcan_obstacle
-from ...runtime.settings import SettingsError, dump_toml
+from ...runtime.settings import SettingsError
+from ...runtime.toml_text import dump_toml
 from ...studies.compute import Computer
 from ...studies.figures import COLUMNS, figures_of
 from ...studies.scenario import Pair

@@ -14,7 +14,8 @@ import numpy as np
 from ...pair.live import PairFiles
 from ...pair.trace import Trace
 from ...pair.virtual import make_virtual_pair, run_virtual_nodes
-from ...runtime.settings import SettingsError, dump_toml
+from ...runtime.settings import SettingsError
+from ...runtime.toml_text import dump_toml
 from ...studies.compute import Computer
 from ...studies.figures import COLUMNS, COUNTS, Figures, figures_of
 from ...studies.scenario import Pair

@@ -5,13 +5,7 @@ from matplotlib.figure import Figure
 
 from ...reports.plot_style import COLOURS
 from .axes import StudyAxes
-from .break_points import (
-    CONFIDENCE,
-    HELD_SHARE,
-    LATENCY_NS_MAX,
-    STEP_NS,
-    BreakPoint,
-)
+from .break_points import CONFIDENCE, HELD_SHARE, LATENCY_NS_MAX, STEP_NS, BreakPoint
 
 _MARKERS = "os^Dv<>p"
 _TICKS_MS = (10, 20, 50, 100, 150, 200, 300, 400, 500, 700, 1000, 1500, 2000)

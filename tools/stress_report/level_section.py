@@ -4,20 +4,9 @@ from collections.abc import Sequence
 
 from ...reports.page import Cell, Section, Table, number
 from .axes import StudyAxes
-from .level_comparison import (
-    Condition,
-    compared_factors,
-    conditions_by_level,
-    level_ratios,
-)
+from .level_comparison import Condition, compared_factors, conditions_by_level, level_ratios
 from .results import FactorRecord, Rows, StudyRecord
-from .sections import (
-    EFFORT_HEADINGS,
-    effort_cells,
-    millimetres,
-    ratio,
-    three_digits,
-)
+from .sections import EFFORT_HEADINGS, effort_cells, millimetres, ratio, three_digits
 
 LATENCIES_MAX = 6
 """More mean latencies than these get no columns; the heat maps have them."""

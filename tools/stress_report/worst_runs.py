@@ -20,7 +20,7 @@ COUNT = 10
 
 
 class WorstRun(NamedTuple):
-    """One of the worst runs; ``again_rms_m`` is that of the repeated run."""
+    """One of the worst runs, repeated."""
 
     row: int
     id: int
@@ -29,11 +29,6 @@ class WorstRun(NamedTuple):
     overrides: dict[str, Any]
     run: BatchRun
     steer_rad_max: float
-
-    @property
-    def again_rms_m(self) -> float:
-        """RMS error of the repeated run."""
-        return float(np.sqrt(np.mean(self.run.lateral_error_m**2)))
 
 
 def worst_runs(study: StudyRecord, rows: Rows, count: int = COUNT) -> list[WorstRun]:

@@ -31,21 +31,13 @@ from ....recordings.census import read_own_log
 from ....runtime.candump import CandumpReader
 from ....runtime.frame import FD, Frame
 from ....runtime.node import NS_PER_S
-from .cases import (
-    CONTROLLER,
-    LIMITED,
-    LOST,
-    PLANT,
-    PLANT_ONSET_S,
-    SILENCE,
-    SKIPPED,
-)
+from .cases import CONTROLLER, LIMITED, LOST, PLANT, PLANT_ONSET_S, SILENCE, SKIPPED
 from .trial import Trial
 
 _SIGKILL_STATUS = -9
 _PAYLOAD_BYTES = 8
 _COMMAND_ID = CAN_IDS[SteeringCommand]
-_NOT_AS_TOLD = (
+_NOT_AS_COMMANDED = (
     SteeringStatusCode.LIMITED_BY_SAFETY,
     SteeringStatusCode.HOLDING,
     SteeringStatusCode.FALLBACK,
@@ -56,19 +48,19 @@ _HELD = (Mode.HOLDING, Mode.SAFE_STOP)
 
 _OF_THE_MACHINE = frozenset({SKIPPED})
 """A run without a fault does not fail by these: a shared machine may stall."""
-Told = tuple[int, Message]
+TimedMessage = tuple[int, Message]
 """A message and its time on the wall clock [ns]."""
 
 
-class Telling(NamedTuple):
+class Reaction(NamedTuple):
     """When a program first reported the fault after its onset [s]; None: it did not.
 
     ``noticed_s``  by the frame it handed to the bus
-    ``told_s``     by the frame that was complete on the bus
+    ``reported_s``     by the frame that was complete on the bus
     """
 
     noticed_s: float | None
-    told_s: float | None
+    reported_s: float | None
 
 
 class Vehicle(NamedTuple):
@@ -87,13 +79,13 @@ class Outcome(NamedTuple):
     """One run, judged.
 
     ``counts``     above zero in the reports, by program and cause
-    ``tellings``   by program
+    ``reactions``   by program
     ``mistakes``   what is not as expected; the run passes if there are none
     """
 
     name: str
     counts: Mapping[str, Mapping[str, int]]
-    tellings: Mapping[str, Telling]
+    reactions: Mapping[str, Reaction]
     vehicle: Vehicle
     statuses: Mapping[str, int]
     actions: Sequence[Mapping[str, Any]]
@@ -110,18 +102,18 @@ def judge_trial(trial: Trial) -> Outcome:
     end_ns = trial.observed[1]
     on_bus = _bus_frames(trial.bus_log)
     onset_ns = _onset_ns(trial, on_bus)
-    tellings, sent = {}, {}
+    reactions, sent = {}, {}
     for name in (PLANT, CONTROLLER):
         sent[name] = _sent(trial.own_log(name))
         own = {frame for _, frame in sent[name]}
-        told = [(time_ns, frame) for time_ns, frame in on_bus if frame in own]
-        tellings[name] = Telling(
-            _first_sign(sent[name], onset_ns, end_ns), _first_sign(told, onset_ns, end_ns)
+        seen = [(time_ns, frame) for time_ns, frame in on_bus if frame in own]
+        reactions[name] = Reaction(
+            _first_sign(sent[name], onset_ns, end_ns), _first_sign(seen, onset_ns, end_ns)
         )
     vehicle = vehicle_of(list(_decoded(sent[PLANT])), onset_ns, end_ns)
     mistakes = list(mistakes_of(trial, counts))
     return Outcome(
-        trial.case.name, counts, tellings, vehicle, trial.statuses, trial.actions, mistakes
+        trial.case.name, counts, reactions, vehicle, trial.statuses, trial.actions, mistakes
     )
 
 
@@ -176,12 +168,12 @@ def _onset_ns(trial: Trial, on_bus: Sequence[tuple[int, Frame]]) -> int:
     return trial.actions[0]["time_ns"] if trial.actions else trial.observed[0]
 
 
-def vehicle_of(told: Sequence[Told], onset_ns: int, end_ns: int) -> Vehicle:
+def vehicle_of(messages: Sequence[TimedMessage], onset_ns: int, end_ns: int) -> Vehicle:
     """Return the motion of the vehicle up to ``end_ns``, from the plant's own messages."""
-    statuses = [one for t, one in told if isinstance(one, SteeringStatus) and t < end_ns]
+    statuses = [one for t, one in messages if isinstance(one, SteeringStatus) and t < end_ns]
 
     def peak(pick: Callable[[Message], float | None], from_ns: int, to_ns: int) -> float | None:
-        values = [pick(message) for time_ns, message in told if from_ns <= time_ns < to_ns]
+        values = [pick(message) for time_ns, message in messages if from_ns <= time_ns < to_ns]
         return max((abs(value) for value in values if value is not None), default=None)
 
     return Vehicle(
@@ -230,7 +222,7 @@ def _is_sign(message: Message, before: tuple[int, int]) -> bool:
         case SteeringCommand() | ControllerStatus():
             return message.mode in _HELD
         case SteeringStatus():
-            return message.status in _NOT_AS_TOLD
+            return message.status in _NOT_AS_COMMANDED
         case PlantStatus():
             return message.safety in _UNSAFE or _refused(message) != before
         case ControllerSafety():
@@ -240,7 +232,7 @@ def _is_sign(message: Message, before: tuple[int, int]) -> bool:
     return False
 
 
-def _decoded(frames: Sequence[tuple[int, Frame]]) -> Iterator[Told]:
+def _decoded(frames: Sequence[tuple[int, Frame]]) -> Iterator[TimedMessage]:
     for time_ns, frame in frames:
         # An authenticated frame begins with the classic one that it was made from.
         is_classic = not frame.flags & FD

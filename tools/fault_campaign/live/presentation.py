@@ -8,18 +8,18 @@ from rich.table import Table as TerminalTable
 from ....reports.page import Cell, Section, Table, number
 from ..acceptance import Finding
 from .cases import CONTROLLER, PLANT
-from .judgement import Outcome, Telling
+from .judgement import Outcome, Reaction
 
 _WHAT = (
     "Real processes on the emulated bus, one fault at a time, a second long. Noticed: when a "
-    "program's own recording first shows a mode or a count that says so. Told: when that frame "
+    "program's own recording first shows a mode or a count that says so. Reported: when that frame "
     "was complete on the bus. Both in milliseconds after the onset; a shared machine may stall, "
     "so they are reported and not judged. Counts are those of the programs' reports. Error is "
     "the largest one at the preview point, before the onset and after it."
 )
 _HEADINGS = (
-    *("fault", "plant counts", "controller counts", "plant noticed / told"),
-    *("controller noticed / told", "error [m]", "plant ends as", "exit", "verdict"),
+    *("fault", "plant counts", "controller counts", "plant noticed / reported"),
+    *("controller noticed / reported", "error [m]", "plant ends as", "exit", "verdict"),
 )
 
 
@@ -53,14 +53,14 @@ def record_of(outcome: Outcome) -> dict[str, Any]:
     """Return one run, ready for JSON."""
     return {
         **outcome._asdict(),
-        "tellings": {name: telling._asdict() for name, telling in outcome.tellings.items()},
+        "reactions": {name: reaction._asdict() for name, reaction in outcome.reactions.items()},
         "vehicle": outcome.vehicle._asdict(),
     }
 
 
 def outcome_table(outcomes: Sequence[Outcome]) -> TerminalTable:
     """Return the runs as a table; times in ms after the onset, noticed / reported on the bus."""
-    table = TerminalTable(title="live campaign: noticed / told on the bus, ms after the onset")
+    table = TerminalTable(title="live campaign: noticed / reported on the bus, ms after the onset")
     for heading in ("fault", "plant counts", "controller counts"):
         table.add_column(heading, overflow="fold")
     for heading in ("plant", "controller", "error m"):
@@ -79,8 +79,8 @@ def _row(outcome: Outcome) -> list[str]:
         outcome.name,
         _counts(outcome, PLANT),
         _counts(outcome, CONTROLLER),
-        _times(outcome.tellings[PLANT]),
-        _times(outcome.tellings[CONTROLLER]),
+        _times(outcome.reactions[PLANT]),
+        _times(outcome.reactions[CONTROLLER]),
         f"{_figure(vehicle.error_before_m)} → {_figure(vehicle.error_peak_m)}",
         "killed" if outcome.statuses[PLANT] < 0 else vehicle.last_status,
         f"{outcome.statuses[PLANT]} / {outcome.statuses[CONTROLLER]}",
@@ -98,8 +98,8 @@ def _counts(outcome: Outcome, name: str) -> str:
     return ", ".join(f"{cause} {n}" for cause, n in outcome.counts[name].items()) or "none"
 
 
-def _times(telling: Telling) -> str:
-    return " / ".join("-" if one is None else f"{1e3 * one:.0f}" for one in telling)
+def _times(reaction: Reaction) -> str:
+    return " / ".join("-" if one is None else f"{1e3 * one:.0f}" for one in reaction)
 
 
 def _figure(value: float | None) -> str:

@@ -10,14 +10,7 @@ from typing import Any, NamedTuple
 
 from ....dbc.messages import CAN_IDS, SteeringCommand
 from ....pair.processes import Processes
-from .cases import (
-    CONTROLLER,
-    DURATION_S,
-    ONSET_S,
-    PLANT,
-    PLANT_ONSET_S,
-    LiveCase,
-)
+from .cases import CONTROLLER, DURATION_S, ONSET_S, PLANT, PLANT_ONSET_S, LiveCase
 
 CHANNEL = "can0"
 SETTLE_S, RECOVER_S = 1.5, 2.0

@@ -11,7 +11,7 @@ from hashlib import sha256
 import numpy as np
 
 from ...dbc.messages import CAN_IDS, SteeringCommand
-from .detectability import is_unheard
+from .detectability import is_unreceived
 from .pair import Pair, make_pair, run_pair
 from .scenario import Case, Scenario, golden_case
 
@@ -21,9 +21,9 @@ UNHINDERED_BIT_S = 1_000_000_000
 """A frame takes less than a microsecond."""
 
 
-def is_heard_by_nobody(case: Case) -> bool:
+def is_received_by_nobody(case: Case) -> bool:
     """Whether all faults of a case act where no node listens."""
-    return bool(case.faults) and all(map(is_unheard, case.faults))
+    return bool(case.faults) and all(map(is_unreceived, case.faults))
 
 
 def is_as_golden(scenario: Scenario, pair: Pair) -> bool:
@@ -52,7 +52,7 @@ def _digest_of(scenario: Scenario) -> str:
 
 def _digest(pair: Pair) -> str:
     """Return what identifies a motion: samples with all their bits, and commands."""
-    told = sha256(np.array(pair.plant_node.samples, dtype=np.float64).tobytes())
+    digest = sha256(np.array(pair.plant_node.samples, dtype=np.float64).tobytes())
     commands = sorted(frame.data for frame in pair.controller.sent if frame.can_id == _COMMAND_ID)
-    told.update(b"".join(commands))
-    return told.hexdigest()
+    digest.update(b"".join(commands))
+    return digest.hexdigest()

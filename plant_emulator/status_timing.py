@@ -20,7 +20,7 @@ _NO_MORE_LIMITING = (SafetyState.LIMITING, SafetyState.NORMAL)
 _BY_COMMANDS = (SafetyState.NORMAL, SafetyState.LIMITING)
 
 
-class StatusTelling:
+class StatusTiming:
     """Keeps which SAFETY was reported last and when; ``start_ns`` begins the first cycle [ns].
 
     ``deadline_ns``  when PLANT_STATUS is due next [ns]
@@ -28,30 +28,30 @@ class StatusTelling:
 
     def __init__(self, start_ns: int) -> None:
         self._timer = PeriodicTimer(start_ns, PERIOD_NS)
-        self._told: SafetyState | None = None
-        self._told_ns = 0
+        self._reported: SafetyState | None = None
+        self._reported_ns = 0
         self._change_ns = NEVER_NS
         self.deadline_ns = start_ns
 
     def on_state(self, state: SafetyState, time_ns: int) -> None:
         """Process the present value of SAFETY."""
-        told = self._told
-        if state is told and self._change_ns == NEVER_NS:
+        reported = self._reported
+        if state is reported and self._change_ns == NEVER_NS:
             return
-        if told is None:  # the first cycle is still to come
+        if reported is None:  # the first cycle is still to come
             return
-        if state is told or (told, state) == _NO_MORE_LIMITING:
+        if state is reported or (reported, state) == _NO_MORE_LIMITING:
             self._change_ns = NEVER_NS
-        elif state not in _BY_COMMANDS and state > told:
+        elif state not in _BY_COMMANDS and state > reported:
             self._change_ns = min(self._change_ns, time_ns)
         elif self._change_ns == NEVER_NS:
-            self._change_ns = max(time_ns, self._told_ns + INTERVAL_NS)
+            self._change_ns = max(time_ns, self._reported_ns + INTERVAL_NS)
         self.deadline_ns = min(self._timer.deadline_ns, self._change_ns)
 
-    def on_telling(self, state: SafetyState, time_ns: int, now_ns: int) -> None:
+    def on_report(self, state: SafetyState, time_ns: int, now_ns: int) -> None:
         """Record that PLANT_STATUS, due at ``time_ns``, reports a state."""
         if self._timer.deadline_ns <= time_ns:
             self._timer.advance(now_ns)
-        self._told, self._told_ns = state, time_ns
+        self._reported, self._reported_ns = state, time_ns
         self._change_ns = NEVER_NS
         self.deadline_ns = self._timer.deadline_ns

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.dbc.messages import CAN_IDS, PlantStatus, SafetyState, SteeringStatus
-from steer_by_wire.plant_emulator.status_telling import INTERVAL_NS, PERIOD_NS, StatusTelling
+from steer_by_wire.plant_emulator.status_timing import INTERVAL_NS, PERIOD_NS, StatusTiming
 from tests.support.plant_link import MS_NS, START_NS, Link, link, steered
 from tests.support.plant_link import PERIOD_NS as SENSOR_NS
 
@@ -23,7 +23,7 @@ def changes(tested: Link) -> list[tuple[float, SafetyState]]:
 
 def drive(states: list[tuple[int, SafetyState]], until_ns: int) -> list[tuple[int, SafetyState]]:
     """Let SAFETY change at these times [ns]; returns what was reported when."""
-    telling, state, pending = StatusTelling(0), NORMAL, list(states)
+    telling, state, pending = StatusTiming(0), NORMAL, list(states)
     told: list[tuple[int, SafetyState]] = []
     while True:
         change_ns = pending[0][0] if pending else until_ns
@@ -33,7 +33,7 @@ def drive(states: list[tuple[int, SafetyState]], until_ns: int) -> list[tuple[in
         if change_ns == now_ns:
             state = pending.pop(0)[1]
         else:
-            telling.on_telling(state, now_ns, now_ns)
+            telling.on_report(state, now_ns, now_ns)
             told.append((now_ns, state))
             state = NORMAL if state is LIMITING else state
         telling.on_state(state, now_ns)
@@ -104,8 +104,8 @@ def test_a_plant_in_order_tells_at_its_cycles_only() -> None:
     ],
 )
 def test_how_soon_a_change_is_told(told: SafetyState, state: SafetyState, after_ns: int) -> None:
-    telling = StatusTelling(0)
-    telling.on_telling(told, 0, 0)
+    telling = StatusTiming(0)
+    telling.on_report(told, 0, 0)
     telling.on_state(state, 1)
     assert telling.deadline_ns == after_ns
 

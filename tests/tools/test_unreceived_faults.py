@@ -14,7 +14,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.recordings.file_analysis import analyse_files
 from steer_by_wire.runtime.candump import CandumpReader, LogEntry, format_entry
 from steer_by_wire.runtime.settings import load_settings, read_preset
-from steer_by_wire.tools.fault_campaign.detectability import UNHEARD
+from steer_by_wire.tools.fault_campaign.detectability import UNRECEIVED
 from steer_by_wire.tools.fault_campaign.specification import direction_of
 
 FIRST_S, LAST_S = 0.95, 1.55
@@ -32,7 +32,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
-@pytest.mark.parametrize("message", sorted(UNHEARD))
+@pytest.mark.parametrize("message", sorted(UNRECEIVED))
 @pytest.mark.parametrize(
     ("kind", "counted"),
     [

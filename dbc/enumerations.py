@@ -1,0 +1,112 @@
+"""The values of the signals that are enumerations in the DBC."""
+
+from enum import IntEnum
+
+
+class Mode(IntEnum):
+    """What the controller is doing."""
+
+    WAITING = 0
+    """No valid measurement yet; no command is sent."""
+    ACTIVE = 1
+    HOLDING = 2
+    """Measurements stopped: the last command is held."""
+    SAFE_STOP = 3
+    """Measurements stayed away: the command ramps to zero."""
+
+
+class Law(IntEnum):
+    """Control law."""
+
+    PD = 0
+    PD_DOB = 1
+    PD_CDOB = 2
+    PD_DDOB = 3
+    PREDICTOR = 4
+    SMITH = 5
+    DELAYED_SET_POINT = 6
+    CUSTOM = 7
+    """A law from another package."""
+
+
+class SteeringStatusCode(IntEnum):
+    """What the steering actuator does with the command."""
+
+    NO_COMMAND = 0
+    APPLYING = 1
+    LIMITED = 2
+    """Applies it as far as its angle and rate limits allow."""
+    LIMITED_BY_SAFETY = 3
+    """Applies it as far as the safety limiter allows."""
+    HOLDING = 4
+    """Commands have stopped: the last one is held."""
+    FALLBACK = 5
+    """Commands have stopped for longer: the configured fallback is applied."""
+    SAFE_STATE = 6
+    """The wheel does not follow, or an override: the fallback is applied, and commands ignored."""
+
+
+class SafetyState(IntEnum):
+    """The same in brief, including all events since the last PLANT_STATUS."""
+
+    NORMAL = 0
+    LIMITING = 1
+    """The safety limiter has changed a command."""
+    HOLDING = 2
+    FALLBACK = 3
+    SAFE_STATE = 4
+
+
+class Freshness(IntEnum):
+    """How old the newest accepted frame of a message is."""
+
+    NEVER_SEEN = 0
+    FRESH = 1
+    STALE = 2
+    """Older than its age limit."""
+
+
+class ControllerFault(IntEnum):
+    """A fault that the controller has detected in itself."""
+
+    NONE = 0
+    OVERRUNS = 1
+    """Too many ticks were late."""
+    LAW_FAILED = 2
+    """The law's output was not finite again after a restart of the law."""
+
+
+class EchoState(IntEnum):
+    """Whether the echo of the command counter gives the delay."""
+
+    UNKNOWN = 0
+    KNOWN = 1
+
+
+class EstimateState(IntEnum):
+    """Whether the delay can be estimated from command and response."""
+
+    OFF = 0
+    NOT_OBSERVABLE = 1
+    """Not at present: too little excitation, or the two estimates contradict each other."""
+    OBSERVABLE = 2
+
+
+class Direction(IntEnum):
+    """The latency line to which a message refers; BOTH is the sum of the two."""
+
+    DOWNLINK = 1
+    """Commands, controller to plant."""
+    UPLINK = 2
+    """Measurements, plant to controller."""
+    BOTH = 3
+
+
+class LatencyModel(IntEnum):
+    """Distribution of the latency."""
+
+    CONSTANT = 0
+    UNIFORM = 1
+    NORMAL = 2
+    LOGNORMAL = 3
+    GAMMA = 4

@@ -1,0 +1,61 @@
+"""Messages of any database that cantools reads, as traffic: identifier, length, cycle time, sender.
+
+The databases of other people's vehicles: their signals are not decoded here.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import cantools.database
+from cantools.database.can import Database, Message
+
+from ..runtime.error_text import one_line
+from ..runtime.frame import BITRATE_SWITCH, EXTENDED, FD
+from ..runtime.frame_length import DATA_LENGTH_CODE
+
+
+class ListedMessage(NamedTuple):
+    """One message of a database.
+
+    ``flags``     format, as in ``runtime.frame``
+    ``length``    payload as sent, filled up to a length that FD has [bytes]
+    ``cycle_ms``  cycle time; None for a message that is sent on events [ms]
+    """
+
+    name: str
+    can_id: int
+    flags: int
+    length: int
+    cycle_ms: int | None
+    senders: tuple[str, ...]
+
+
+def read_message_set(path: Path) -> tuple[ListedMessage, ...]:
+    """Read a database; raises OSError, and ValueError for what is not one or holds no frames."""
+    try:
+        database = cantools.database.load_file(path, strict=False)
+    except OSError:
+        raise
+    except Exception as error:  # cantools raises more than its own exceptions for a damaged file
+        raise ValueError(f"{path}: {one_line(error)}") from error
+    if not isinstance(database, Database):
+        raise ValueError(f"{path}: not a database of CAN messages")
+    return tuple(_listed(message, path) for message in database.messages)
+
+
+def _listed(message: Message, path: Path) -> ListedMessage:
+    flags = EXTENDED if message.is_extended_frame else 0
+    length = message.length
+    if message.is_fd or length > 8:
+        flags |= FD | BITRATE_SWITCH
+        length = min((fits for fits in DATA_LENGTH_CODE if fits >= length), default=-1)
+        if length < 0:
+            raise ValueError(f"{path}: {message.name} has {message.length} bytes; a frame has 64")
+    return ListedMessage(
+        message.name,
+        message.frame_id,
+        flags,
+        length,
+        message.cycle_time or None,
+        tuple(message.senders),
+    )

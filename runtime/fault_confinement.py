@@ -1,0 +1,75 @@
+"""Error counters of a CAN controller, and the states they put it in.
+
+Source: ISO 11898-1:2015, fault confinement. Each error of a sender counts 8 and each frame sent
+takes 1 off; of a receiver 1 and 1.
+
+    error active    both counters below 128: errors are signalled with dominant flags
+    error passive   one above 127: recessive flags, and 8 bits of pause after one's own frames
+    bus-off         transmit counter above 255: takes no part, until 128 times 11 recessive bits
+"""
+
+from enum import Enum
+
+WARNING_MIN, PASSIVE_MIN, BUS_OFF_MIN = 96, 128, 256
+_RECEIVE_AFTER_PASSIVE = 120
+"""What the receive counter falls to with the first good frame after error passive: 119 to 127."""
+
+
+class ControllerState(Enum):
+    """What a controller may do on the bus."""
+
+    ERROR_ACTIVE = "error active"
+    ERROR_WARNING = "error warning"
+    ERROR_PASSIVE = "error passive"
+    BUS_OFF = "bus-off"
+
+
+class ErrorCounters:
+    """Transmit and receive error counter of one controller (TEC, REC)."""
+
+    def __init__(self) -> None:
+        self.transmit = 0
+        self.receive = 0
+
+    @property
+    def state(self) -> ControllerState:
+        """What follows from the counters; error warning is error active to the bus."""
+        highest = max(self.transmit, self.receive)
+        if self.transmit >= BUS_OFF_MIN:
+            return ControllerState.BUS_OFF
+        if highest >= PASSIVE_MIN:
+            return ControllerState.ERROR_PASSIVE
+        return (
+            ControllerState.ERROR_WARNING
+            if highest >= WARNING_MIN
+            else (ControllerState.ERROR_ACTIVE)
+        )
+
+    @property
+    def is_passive(self) -> bool:
+        """Whether its error flags are recessive."""
+        return self.transmit >= PASSIVE_MIN or self.receive >= PASSIVE_MIN
+
+    def on_transmit_error(self) -> None:
+        """Count an error of a frame of one's own."""
+        self.transmit += 8
+
+    def on_receive_error(self) -> None:
+        """Count an error of a frame of others; the counter does not grow while passive."""
+        if self.receive < PASSIVE_MIN:
+            self.receive += 1
+
+    def on_sent(self) -> None:
+        """Count a frame that was sent and acknowledged."""
+        self.transmit = max(0, self.transmit - 1)
+
+    def on_received(self) -> None:
+        """Count a frame that was received."""
+        if self.receive >= PASSIVE_MIN:
+            self.receive = _RECEIVE_AFTER_PASSIVE
+        else:
+            self.receive = max(0, self.receive - 1)
+
+    def restart(self) -> None:
+        """Begin again after bus-off."""
+        self.transmit = self.receive = 0

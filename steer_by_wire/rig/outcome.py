@@ -1,0 +1,148 @@
+"""What one run of a rig left, and what a test demands of it.
+
+A demand that is not met raises AssertionError: a line for each figure, the bus, the seed and the
+folder with log, trace and settings.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..dbc.messages import LateralError, Rejection, SteeringCommand, decode
+from ..pair.live import PairFiles
+from ..pair.trace import Trace
+from ..plant_emulator.settings import PlantSettings
+from ..recordings.file_analysis import analyse_files
+from ..recordings.log_file import open_log
+from ..runtime.node import NS_PER_MS
+from .detection import Detection, first_reaction
+
+
+class Outcome(NamedTuple):
+    """One run.
+
+    ``files``     where everything is
+    ``bus``       what carried the frames
+    ``settings``  of the plant
+    ``report``    the plant's figures
+    ``trace``     time histories; empty when the plant was never driven
+    """
+
+    files: PairFiles
+    bus: str
+    settings: PlantSettings
+    report: dict[str, Any]
+    trace: Trace
+
+    @property
+    def lateral_error_rms_m(self) -> float:
+        """RMS of the true lateral error at the preview point [m]; NaN without motion."""
+        errors_m = self.trace.lateral_error_m
+        return float(np.sqrt(np.mean(errors_m**2))) if len(errors_m) else float("nan")
+
+    @property
+    def lateral_error_peak_m(self) -> float:
+        """Largest lateral error [m]; NaN without motion."""
+        errors_m = self.trace.lateral_error_m
+        return float(np.max(np.abs(errors_m))) if len(errors_m) else float("nan")
+
+    def assert_holds(self, *, rms_m: float | None = None, peak_m: float | None = None) -> None:
+        """Demand that the whole motion was driven, within these limits [m]."""
+        failures = list(self._incomplete())
+        for name, value_m, limit_m in (
+            ("RMS lateral error", self.lateral_error_rms_m, rms_m),
+            ("peak lateral error", self.lateral_error_peak_m, peak_m),
+        ):
+            if limit_m is not None and not value_m <= limit_m:
+                failures.append(f"{name} {value_m:.4g} m is above {limit_m:g} m")
+        self._demand(failures)
+
+    def assert_round_trip(self, *, p99_ms: float) -> None:
+        """Demand that 99 % of the commands were applied and reported within this time [ms].
+
+        Measured in the log, from a STEERING_COMMAND to the first STEERING_STATUS that names it.
+        """
+        figures = analyse_files([self.files.candump_log]).analysis.figures()["latency"][
+            "round_trip"
+        ]
+        measured_ms = 1e3 * figures["p99_s"]
+        failures = []
+        if not figures["samples"]:
+            failures.append("no STEERING_STATUS names a STEERING_COMMAND")
+        elif measured_ms > p99_ms:
+            failures.append(
+                f"round trip p99 {measured_ms:.1f} ms of {figures['samples']} commands is above "
+                f"{p99_ms:g} ms"
+            )
+        self._demand(failures)
+
+    def assert_detects(self, fault: str, *, within_ms: float) -> None:
+        """Demand that the controller reacted to a fault of the measurements in time [ms].
+
+        The fault begins with the first LATERAL_ERROR that is damaged, repeated, out of sequence or
+        late on the bus. The reaction is the first STEERING_COMMAND whose mode is not ACTIVE, or the
+        end of the commands.
+
+        ``fault``  name for the failure's text
+        """
+        found = self.detection()
+        failures = []
+        if found.onset_ns is None:
+            failures.append(f"{fault}: no LATERAL_ERROR on the bus shows the fault")
+        elif found.reaction_ns is None:
+            failures.append(f"{fault}: not detected: the controller commanded on in mode ACTIVE")
+        elif found.reaction_ns - found.onset_ns > within_ms * NS_PER_MS:
+            took_ms = (found.reaction_ns - found.onset_ns) / NS_PER_MS
+            failures.append(
+                f"{fault}: detected after {took_ms:.1f} ms, later than {within_ms:g} ms"
+            )
+        self._demand(failures)
+
+    def detection(self) -> Detection:
+        """Return when a fault began on the bus and when the controller reacted."""
+        log = open_log(self.files.candump_log)
+        decoded = ((time_ns, decode(frame)) for time_ns, _, frame in log if time_ns is not None)
+        measurements_and_commands = (
+            (time_ns, one)
+            for time_ns, one in decoded
+            if isinstance(one, Rejection) or isinstance(one.message, LateralError | SteeringCommand)
+        )
+        return first_reaction(measurements_and_commands, self.settings.sensor_period_ns)
+
+    def draw(self) -> Path:
+        """Draw lateral error and wheel angle over time into the run's folder; returns the file."""
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(9.0, 4.5), layout="constrained", dpi=100)
+        error, wheel = figure.subplots(2, 1, sharex=True)
+        error.plot(self.trace.time_s, 1e3 * self.trace.lateral_error_m)
+        error.set(ylabel="lateral error [mm]", title=f"{self.bus}, seed {self.settings.seed}")
+        wheel.plot(self.trace.time_s, self.trace.wheel_angle_rad)
+        wheel.set(ylabel="wheel angle [rad]", xlabel="time since the start of motion [s]")
+        file = self.files.folder / "run.png"
+        figure.savefig(file)
+        return file
+
+    def _incomplete(self) -> Iterator[str]:
+        if not len(self.trace.time_s):
+            yield "the plant was never driven: no valid STEERING_COMMAND arrived"
+        elif self.report["motion_s"] < self.settings.duration_s - 1e-3:
+            yield f"the motion ended after {self.report['motion_s']:.2f} s"
+        if self.report["failure"]:
+            yield f"the plant is in its safe state: {self.report['failure']}"
+
+    def _demand(self, failures: list[str]) -> None:
+        if failures:
+            rejected = ", ".join(f"{n} {cause}" for cause, n in self.report["rejected"].items())
+            raise AssertionError(
+                "\n".join(
+                    [
+                        *failures,
+                        f"on {self.bus}, seed {self.settings.seed}; "
+                        f"the plant rejected: {rejected or 'nothing'}",
+                        f"log, trace and settings: {self.files.folder}",
+                    ]
+                )
+            )

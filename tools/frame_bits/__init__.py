@@ -1,0 +1,1 @@
+"""Show frames bit by bit, and write them as waveforms."""

@@ -1,0 +1,1 @@
+"""Bound the response time of every message on a bus, and what it means for the steering."""
