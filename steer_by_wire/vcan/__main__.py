@@ -11,6 +11,7 @@ import math
 import os
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 from steer_by_wire.command_line import command_parser
@@ -18,6 +19,7 @@ from steer_by_wire.vcan.request import BackendError, Request, interface_names, n
 
 NAME = "with-vcan"
 UNAVAILABLE_STATUS = 3
+UNWRITABLE_STATUS = 4
 STDERR = 2
 PACKAGES = "user-mode-linux kmod can-utils iproute2"
 """Of Debian and Ubuntu: with these every backend but the host's own kernel is complete."""
@@ -68,6 +70,8 @@ def choose(wanted: str, request: Request) -> Backend:
 def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
     """Run the command; returns the exit status. ``name`` is what who started it calls it."""
     options = _parse(arguments, name)
+    if options.write_single_file is not None:
+        return _write_single_file(name, options.write_single_file)
     request = Request(tuple(options.command), options.interfaces, options.netem, options.memory)
     try:
         backend = choose(options.backend, request)
@@ -80,6 +84,17 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
         return UNAVAILABLE_STATUS
     except KeyboardInterrupt:
         return 130
+
+
+def _write_single_file(name: str, path: Path) -> int:
+    from steer_by_wire.vcan.single_file import write_single_file
+
+    try:
+        write_single_file(path)
+    except OSError as error:
+        print(f"{name}: error: {path}: {error.strerror}", file=sys.stderr)
+        return UNWRITABLE_STATUS
+    return 0
 
 
 def _run(name: str, backend: Backend, request: Request, timeout_s: float | None) -> int:
@@ -128,6 +143,9 @@ def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
     )
     parser.add_argument("--which", action="store_true", help="only say which backend it would be")
     parser.add_argument(
+        "--write-single-file", type=Path, metavar="FILE", help="write this program as one file"
+    )
+    parser.add_argument(
         "command", nargs=argparse.REMAINDER, metavar="COMMAND...", help="and its arguments"
     )
     options = parser.parse_args(arguments)
@@ -137,7 +155,7 @@ def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
         options.netem = netem_of(options.netem, options.interfaces)
     except ValueError as error:
         parser.error(f"argument --netem: {error}")
-    if not options.command and not options.which:
+    if not (options.command or options.which or options.write_single_file):
         parser.error("a command is missing")
     return options
 

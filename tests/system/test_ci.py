@@ -1,5 +1,6 @@
 """The two descriptions of continuous integration are well formed and run the README's command."""
 
+import os
 import re
 import shutil
 import subprocess
@@ -24,6 +25,13 @@ def jobs() -> dict[str, Any]:
     assert content.keys() == {"name", True, "permissions", "concurrency", "jobs"}  # YAML's "on"
     found: dict[str, Any] = content["jobs"]
     return found
+
+
+@pytest.fixture(scope="module")
+def action() -> dict[str, Any]:
+    yaml = pytest.importorskip("yaml", reason="PyYAML is not installed")
+    content: dict[str, Any] = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))
+    return content
 
 
 def commands(job: dict[str, Any]) -> str:
@@ -73,3 +81,49 @@ def test_the_script_installs_what_vcan0_needs_and_runs_the_readmes_command() -> 
 def test_what_is_skipped_elsewhere_exists(table: dict[str, str]) -> None:
     names = {path.stem for path in (ROOT / "tests").rglob("test_*.py")}
     assert table.keys() - names == set()
+
+
+def test_the_action_uses_every_input_and_names_what_vcan0_needs(action: dict[str, Any]) -> None:
+    packages, run = action["runs"]["steps"]
+    assert set(packages["run"].split()) >= PACKAGES
+    used = {text for text in run["env"].values() if text.startswith("${{ inputs.")}
+    assert used == {f"${{{{ inputs.{name} }}}}" for name in action["inputs"]}
+
+
+@pytest.mark.parametrize(("command", "status"), [("true; exit 5", 5), ("false | true", 1)])
+def test_the_commands_of_the_action_reach_with_vcan_and_their_status_comes_back(
+    action: dict[str, Any], command: str, status: int, tmp_path: Path
+) -> None:
+    bash = shutil.which("bash")
+    if bash is None:
+        pytest.skip("bash is not installed")
+    instead = tmp_path / "with_vcan"  # prints its options and runs the command
+    instead.write_text(
+        '#!/bin/sh\nwhile [ "$1" != bash ]; do echo "$1"; shift; done\nexec "$@"\n',
+        encoding="ascii",
+    )
+    instead.chmod(0o755)
+    run = action["runs"]["steps"][1]
+    environment = {
+        "PATH": os.environ["PATH"],
+        "WITH_VCAN": str(instead),
+        "COMMANDS": command,
+        "INTERFACES": "vcan0,vcan1",
+        "NETEM": "delay 40ms",
+        "SECONDS_MAX": "60",
+    }
+    result = subprocess.run(
+        [bash, "-e", "-c", run["run"]], env=environment, capture_output=True, text=True
+    )
+    assert result.returncode == status
+    options = ["--interfaces", "vcan0,vcan1", "--timeout", "60", "--netem", "delay 40ms"]
+    assert result.stdout.splitlines() == options
+
+
+def test_the_image_installs_what_the_script_does_and_copies_what_is_there() -> None:
+    text = (ROOT / "Dockerfile").read_text(encoding="utf-8")
+    assert set(text.split()) >= PACKAGES
+    assert 'ENTRYPOINT ["steer-by-wire"]' in text
+    ignored = (ROOT / ".dockerignore").read_text(encoding="utf-8").split()
+    assert ".git" in ignored
+    assert ".venv" in ignored

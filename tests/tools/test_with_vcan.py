@@ -395,3 +395,23 @@ assert ended == {child: 128 + signal.SIGKILL}, ended
 
 def test_a_process_that_a_tracer_has_stopped_is_not_taken_for_one_that_ended() -> None:
     subprocess.run([sys.executable, "-c", STOPPED_UNDER_A_TRACER], cwd=ROOT, check=True)
+
+
+def test_one_file_is_all_it_takes(tmp_path: Path) -> None:
+    file, again = tmp_path / "with-vcan", tmp_path / "again"
+    assert main(["--write-single-file", str(file)]) == 0
+    alone = {"PATH": os.environ["PATH"], "HOME": str(tmp_path)}
+    version = subprocess.run(
+        [sys.executable, "-I", str(file), "--help"], env=alone, capture_output=True, text=True
+    )
+    assert version.returncode == 0
+    assert "COMMAND" in version.stdout
+    (unpacked,) = (tmp_path / ".cache" / "with-vcan").iterdir()
+    assert (unpacked / "steer_by_wire" / "vcan" / "xstate.c").is_file()
+    main(["--write-single-file", str(again)])
+    assert again.read_bytes() == file.read_bytes()
+
+
+def test_one_file_that_cannot_be_written_is_an_error(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--write-single-file", "/no/such/folder/file"]) == 4
+    assert "/no/such/folder/file: No such file" in capsys.readouterr().err

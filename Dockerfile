@@ -1,0 +1,12 @@
+# docker build -t steer-by-wire . && docker run --rm steer-by-wire run --duration 20
+# vcan0 in a container without privileges: docker run --rm steer-by-wire with-vcan ip link show vcan0
+FROM python:3.12-slim-bookworm
+RUN apt-get update -qq && apt-get install -y -qq --no-install-recommends \
+        can-utils gcc iproute2 kmod libc6-dev user-mode-linux \
+    && rm -rf /var/lib/apt/lists/*
+WORKDIR /opt/steer-by-wire
+COPY . .
+RUN pip install --quiet --no-cache-dir '.[tools]'
+WORKDIR /work
+ENTRYPOINT ["steer-by-wire"]
+CMD ["--help"]
