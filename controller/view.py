@@ -44,7 +44,7 @@ def controller_view(
     }
     delay = "unknown" if delay_s is None else f"{1e3 * delay_s:.0f} ms"
     now = (
-        f"{mode.name}  error {1e3 * received.lateral_error_m:+.1f} mm  steer {steer_rad:+.4f} rad"
+        f"{mode.name}  error {1e3 * received.lateral_error_m:+.1f} mm  steer {steer_rad:+.3f}"
         f"  delay {delay}  rejected {received.refused}  lost {reception.lost}"
     )
     return View(states, events, now)

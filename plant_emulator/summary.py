@@ -11,7 +11,9 @@ def plant_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield (
         "lateral error",
         f"RMS {1e3 * node['lateral_error_rms_m']:.2f} mm, "
-        f"peak {1e3 * node['lateral_error_peak_m']:.2f} mm over {node['motion_s']:.2f} s",
+        f"peak {1e3 * node['lateral_error_peak_m']:.2f} mm over {node['motion_s']:.2f} s"
+        if node["samples"]
+        else "unknown: the vehicle has not moved",
     )
     for heading, line in (("commands", node["downlink"]), ("measurements", node["uplink"])):
         yield heading, f"latency {durations_line(line['latency'])}, {line['lost']} lost"

@@ -42,7 +42,7 @@ def plant_view(
     down_ms, up_ms = (line.latest_latency_ns * 1e-6 for line in (network.downlink, network.uplink))
     now = (
         f"{unit.mode.name}  error {1e3 * figures.lateral_error_final_m:+.1f} mm"
-        f"  wheel target {unit.target_rad:+.4f} rad  latency {down_ms:.0f} + {up_ms:.0f} ms"
+        f"  steer {unit.target_rad:+.3f}  {down_ms:.0f}+{up_ms:.0f} ms"
         f"  rejected {reception.refused}  lost {network.lost}"
     )
     return View(states, counts, now)
