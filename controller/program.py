@@ -19,7 +19,7 @@ from ..runtime.report import json_text
 from .analysis.check import check_text
 from .analysis.check_figures import check_figures
 from .laws import LAWS
-from .node import RECEIVED, ControllerNode
+from .node import RECEIVED, SENT, ControllerNode
 from .settings import ControllerSettings, shared_vehicle, sparse_measurements
 from .summary import controller_summary
 
@@ -93,7 +93,7 @@ def _run(name: str, options: argparse.Namespace) -> int:
         settings,
         CONTROLLER,
         lambda start_ns: ControllerNode(settings, start_ns),
-        RECEIVED,
+        (*RECEIVED, *SENT),
         partial(conclude, name, settings),
     )
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from ..dbc.messages import Freshness, Mode
+from ..dbc.reception import second_sender_line
 from ..runtime.view import View
 from .received import Received
 
@@ -35,6 +36,7 @@ def controller_view(
     states = {
         "mode": _MODES[mode],
         "plant": _plant(received.freshness(now_ns)),
+        "second sender": second_sender_line(reception),
         "failure": failure and f"fault of this program: {failure}",
     }
     events = {

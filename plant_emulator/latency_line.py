@@ -1,13 +1,13 @@
-"""A latency line: what the network adds to the frames of one direction.
+"""A latency line: delays and loses the frames of one direction as a network does.
 
-For every frame two uniforms are drawn, in this order, whether they are needed or not:
+For every frame two uniforms are drawn in this order, even if they are not needed:
 
     1. lost or not   (``plant_emulator.loss``)
     2. latency       (``plant_emulator.latency``)
 
-so that runs with the same seed meet the same network, and a distribution with a heavier tail makes
-every frame later. Duplicates draw from a stream of their own. A latency of zero is due at the very
-instant the frame came: zero latency adds exactly zero delay.
+so that runs with the same seed have the same network, and a distribution with a heavier tail makes
+every frame later. Duplicates draw from another stream. With zero latency a frame is due at the
+instant it comes: the delay is exactly zero.
 
 Order (``Order``) is kept per key; frames of one key are those of one message.
 """
@@ -25,13 +25,13 @@ from .latency_settings import LatencySettings, Order
 from .loss import LossParams, bernoulli, gilbert_elliott, loss_step
 
 WAITING_MAX = 100_000
-"""Frames one line holds: the longest latency at the highest rate, three times over."""
+"""Frames that a line holds: three times those of the longest latency at the highest rate."""
 
 Item = TypeVar("Item")
 
 
 class Passage(NamedTuple, Generic[Item]):
-    """A frame on its way; sorts by due time, then in the order in which frames came."""
+    """A frame in the line; sorts by due time, then by arrival."""
 
     due_ns: int
     sequence: int
@@ -41,13 +41,13 @@ class Passage(NamedTuple, Generic[Item]):
 
     @property
     def latency_ns(self) -> int:
-        """What it spends in the line [ns]."""
+        """Time in the line [ns]."""
         return self.due_ns - self.came_ns
 
 
 class LineCounts(NamedTuple):
-    """What became of the frames: pushed + duplicated = released + lost + superseded + overflowed
-    + those that still wait.
+    """Counts of frames: pushed + duplicated = released + lost + superseded + overflowed
+    + those still waiting.
     """
 
     pushed: int
@@ -106,7 +106,7 @@ class LatencyLine(Generic[Item]):
 
     @property
     def counts(self) -> LineCounts:
-        """What became of the frames so far."""
+        """Counts of the frames so far."""
         return LineCounts(
             self._pushed,
             self._duplicated,
@@ -118,7 +118,7 @@ class LatencyLine(Generic[Item]):
 
     @property
     def latency(self) -> DurationStatistics:
-        """Latency of the frames that have left the line: not of those that were overtaken."""
+        """Latency of the frames that have left the line, without the overtaken ones."""
         return self._latency
 
     @property
@@ -132,7 +132,7 @@ class LatencyLine(Generic[Item]):
         return self._latest_latency_ns
 
     def reconfigure(self, model: Distribution, mean_s: float, spread_s: float, loss: float) -> None:
-        """Change the network from the next frame on; ends a schedule and a trace."""
+        """Change the network from the next frame on; this ends a schedule or a trace."""
         self._quantile = QUANTILES[model]
         self._schedule = ()
         self._trace = None
@@ -142,10 +142,10 @@ class LatencyLine(Generic[Item]):
         self._constant_ns = self._constant_latency_ns()
 
     def push(self, key: int, item: Item, now_ns: int, motion_ns: int) -> None:
-        """Take a frame that comes at ``now_ns``, ``motion_ns`` after the start of motion."""
+        """Put a frame into the line at ``now_ns``, ``motion_ns`` after the start of motion."""
         if self._constant_ns is not None:
             self._pushed += 1
-            # Drawn all the same, so that a change of the network meets the draws it would meet.
+            # Drawn anyway, so that a later change of the network has the same draws.
             next(self._uniforms)
             next(self._uniforms)
             self._latest_latency_ns = self._constant_ns
@@ -168,7 +168,7 @@ class LatencyLine(Generic[Item]):
         self._pushed += 1
 
     def pop_due(self, now_ns: int) -> list[Passage[Item]]:
-        """Return the frames due up to ``now_ns``, in the order in which they leave."""
+        """Return the frames due up to ``now_ns``, in order."""
         released: list[Passage[Item]] = []
         waiting, newest = self._waiting, self._newest_released
         while self.next_due_ns <= now_ns:
@@ -178,7 +178,7 @@ class LatencyLine(Generic[Item]):
             released.append(passage)
             if self._newest_wins:
                 newest[key] = sequence
-                # What would be due next but is older than what has left: nobody waits for it.
+                # An older frame than the last one that has left is dropped.
                 while waiting and waiting[0].sequence < newest.get(waiting[0].key, -1):
                     heappop(waiting)
                     self._superseded += 1
@@ -192,7 +192,7 @@ class LatencyLine(Generic[Item]):
         self._loss = self._loss_params(loss)
 
     def _constant_latency_ns(self) -> int | None:
-        """Return the latency of every frame, whatever is drawn [ns]; None where draws decide."""
+        """Return the latency if it is the same for all frames [ns]; otherwise None."""
         is_drawn = (
             self._quantile is not QUANTILES[Distribution.CONSTANT]
             or self._schedule
@@ -205,21 +205,21 @@ class LatencyLine(Generic[Item]):
         return None if is_drawn else round(self._mean_s * NS_PER_S)
 
     def _latency_ns(self, u: float, motion_ns: int) -> int:
-        """Return the latency of the frame that is being pushed [ns]."""
+        """Return the latency of the present frame [ns]."""
         if self._trace is not None:
             return round(self._trace.latency_s(self._pushed, motion_ns / NS_PER_S) * NS_PER_S)
         return round(self._quantile(u, self._mean_s, self._spread_s) * NS_PER_S)
 
     def _correlated(self, u: float, now_ns: int) -> float:
         """Return the uniform of the AR(1) process, which starts in its stationary state."""
-        # Before the first frame lies all the time in the world: its score is drawn freely.
+        # The first frame has no predecessor, so its score is drawn independently.
         elapsed_s = float("inf") if self._score_ns is None else (now_ns - self._score_ns) / NS_PER_S
         self._score = correlated_score(self._score, u, elapsed_s, self._correlation_time_s)
         self._score_ns = now_ns
         return uniform_of_score(self._score)
 
     def _duplicate(self, key: int, item: Item, now_ns: int, motion_ns: int, is_lost: bool) -> None:
-        """Perhaps let a frame that is not lost come a second time."""
+        """Duplicate a frame at random, unless it is lost."""
         chance_u, latency_u = next(self._duplicate_uniforms), next(self._duplicate_uniforms)
         if not is_lost and chance_u < self._duplicates:
             self._duplicated += 1

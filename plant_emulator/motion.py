@@ -1,14 +1,13 @@
 """The moving vehicle: actuator, path and disturbances around the exact propagation of (1).
 
-Everything that bends the motion is an event at a whole nanosecond: a command, the end of the
-wheel's ramp, a break point of the path, a step of a disturbance. `advance` goes from event to event
-in closed form, so it may be called as rarely or as often as somebody wants to look.
+Every change of the inputs is an event at a whole nanosecond: a command, the end of the wheel's
+ramp, a break point of the path, a step of a disturbance. `advance` goes from event to event in
+closed form, so the result does not depend on how often it is called.
 
-Time counts from the start of motion. The arc length s = V t is that of the preview point's foot on
-the path, not of the centre of gravity's: only then does (1), where y is measured at the preview
-point and Δψ and ρ have no preview distance beside them, describe the geometry exactly. So ρ(s) is
-at once what drives (1) and the preview curvature, and the centre of gravity starts
-`preview_distance_m` behind the path's start.
+Time counts from the start of motion. The arc length s = V t is that of the point of the path beside
+the preview point, not beside the centre of gravity. Only then is (1) exact, which measures y at the
+preview point, and Δψ and ρ without a preview distance. So ρ(s) both drives (1) and is the preview
+curvature, and the centre of gravity starts `preview_distance_m` behind the path's start.
 """
 
 import math
@@ -22,11 +21,11 @@ from .path import Path, Place, Pose, end_of_place_m, next_place, vehicle_pose
 from .propagation import LinearState, propagate
 
 LARGEST = 1e150
-"""A magnitude beyond which a state counts as infinite: the figures of a run take its square."""
+"""Magnitude beyond which a state counts as infinite, because figures of a run take its square."""
 
 
 class MotionState(NamedTuple):
-    """Where the motion is and which pieces of its inputs it is in."""
+    """State of the motion, and the pieces of path and disturbance that it is in."""
 
     time_ns: int
     linear: LinearState
@@ -45,7 +44,7 @@ def start_motion(p: MotionParams) -> MotionState:
 
 
 def command_motion(p: MotionParams, x: MotionState, steer_rad: float) -> MotionState:
-    """Return the state in which a steering command has just reached the actuator."""
+    """Return the state after a steering command has reached the actuator."""
     return _move_wheel(x, command_wheel(p.actuator, x.linear.wheel_rad, steer_rad, x.time_ns))
 
 
@@ -134,7 +133,7 @@ def _enter_interval(p: MotionParams, x: MotionState, interval: int) -> MotionSta
 
 def has_finite_vehicle(z: LinearState) -> bool:
     """Whether the vehicle's state is finite, and not beyond LARGEST."""
-    # Each is false for no number, too.
+    # Each is false for NaN too.
     return (
         abs(z.lateral_error_m) <= LARGEST
         and abs(z.heading_error_rad) <= LARGEST
@@ -159,13 +158,13 @@ Advance = Callable[[MotionParams, MotionState, int], MotionState]
 
 
 class Motion:
-    """Holds the state of one motion; every read-out is the one at ``time_ns``, and finite.
+    """The state of one motion; all properties are those at ``time_ns``, and finite.
 
-    The state of an unstable, uncontrolled vehicle grows without bound, because (1) is linear. When
-    it is no longer finite, the vehicle stays in its last finite state for good, while the wheel and
-    the path continue; ``is_finite`` reports this.
+    The state of an unstable, uncontrolled vehicle grows without bound, because (1) is linear. If it
+    is no longer finite, the vehicle keeps its last finite state, while wheel and path continue;
+    ``is_finite`` reports this.
 
-    ``advance``  ``advance_motion``, or what has other equations of motion
+    ``advance``  ``advance_motion``, or one with other equations of motion
     """
 
     def __init__(self, params: MotionParams, advance: Advance = advance_motion) -> None:
@@ -175,11 +174,16 @@ class Motion:
         self._is_finite = True
 
     def command(self, steer_rad: float) -> None:
-        """Let a steering command (finite) reach the actuator now."""
+        """Apply a steering command (finite) to the actuator now."""
         self._state = command_motion(self._params, self._state, steer_rad)
 
+    def disturb(self, params: MotionParams) -> None:
+        """Let the one interval of other parameters begin now; all else in them is the same."""
+        self._params = params
+        self._state = _enter_interval(params, self._state, 0)
+
     def advance(self, to_ns: int) -> None:
-        """Move on to ``to_ns``. Raises ValueError when that lies in the past."""
+        """Advance to ``to_ns``. Raises ValueError if that is in the past."""
         if to_ns < self._state.time_ns:
             raise ValueError(f"cannot move from {self._state.time_ns} ns back to {to_ns} ns")
         before = self._state
@@ -187,19 +191,19 @@ class Motion:
             self._state = self._advance(self._params, before, to_ns)
             self._is_finite = has_finite_vehicle(self._state.linear)
         if not self._is_finite:
-            # From a vehicle at rest: nothing else depends on where it is.
+            # With the vehicle at rest, since nothing else depends on its state.
             started = with_vehicle(before, 0.0, 0.0, 0.0, 0.0)
             after = advance_motion(self._params, started, to_ns)
             self._state = with_vehicle(after, *before.linear[:4])
 
     @property
     def path(self) -> Path:
-        """The path that is driven."""
+        """The path."""
         return self._params.path
 
     @property
     def is_finite(self) -> bool:
-        """Whether the vehicle's state has been finite up to now; once it is not, this stays."""
+        """Whether the vehicle's state has always been finite."""
         return self._is_finite
 
     @property
@@ -209,7 +213,7 @@ class Motion:
 
     @property
     def linear(self) -> LinearState:
-        """Everything that moves in closed form."""
+        """All that is propagated in closed form."""
         return self._state.linear
 
     @property
@@ -239,7 +243,7 @@ class Motion:
 
     @property
     def wheel_rad(self) -> float:
-        """Front wheel angle as the actuator knows it: without a steering offset."""
+        """Front wheel angle at the actuator, without a steering offset."""
         return self._state.linear.wheel_rad
 
     @property
@@ -254,12 +258,12 @@ class Motion:
 
     @property
     def arc_length_m(self) -> float:
-        """Arc length s of the path beside the preview point, counting on over laps."""
+        """Arc length s of the path beside the preview point, over all laps."""
         return self._params.speed_m_s * (self._state.time_ns / NS_PER_S)
 
     @property
     def pose(self) -> Pose:
-        """Where the centre of gravity is in the world and where the vehicle heads."""
+        """Position of the centre of gravity and heading of the vehicle."""
         return vehicle_pose(
             self._params.path,
             self.arc_length_m,

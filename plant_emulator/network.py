@@ -13,7 +13,7 @@ from .streams import Channel, uniforms
 class Network:
     """Both lines of a run.
 
-    ``measured_latency_s``  latency of the measurement that left last [s]
+    ``measured_latency_s``  latency of the last measurement that left [s]
     ``configured``          what LATENCY_CONFIG has changed last; None before the first
     """
 
@@ -45,7 +45,7 @@ class Network:
         return [passage.item for passage in released]
 
     def reconfigure(self, config: LatencyConfig) -> None:
-        """Change the lines that a tool has asked to change."""
+        """Change the latency as a tool requests."""
         self.configured = config
         model = Distribution[config.model.name]
         if config.direction in (Direction.DOWNLINK, Direction.BOTH):

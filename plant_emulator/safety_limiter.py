@@ -1,4 +1,4 @@
-"""Safety limiter: bounds what a steering command may do to the actuator, whoever sent it.
+"""Safety limiter: limits steering commands to the actuator, whoever sends them.
 
     a_y = g δ,   g = V²/(L + K V²),   K = m̃/L (l_r/c_f − l_f/c_r)     in a steady turn
 
@@ -12,15 +12,14 @@
     K   understeer gradient [s²/m · rad], in the textbook's form and not from the matrices of (1)
 
 ISO 11270:2014, 5.4, limits the lateral acceleration to 3 m/s² and the moving average over half a
-second of the lateral jerk to 5 m/s³. A command is a step, whose jerk at its own instant is infinite
-at any height; only such an average means anything. It is kept without a memory of all commands: the
-least and the greatest output of the current quarter of a second and of the two before it hold
-those of the last 0.5 to 0.75 s, and an output stays within ``sweep`` of both. So no two outputs
-within 0.5 s are further apart than the limit, and a command that stays so within 0.75 s passes
-untouched, bit for bit.
+second of the lateral jerk to 5 m/s³. A command is a step with infinite jerk, so only such an
+average is meaningful. It needs no memory of all commands: the smallest and the largest output of
+the present quarter of a second and of the two before it are those of the last 0.5 to 0.75 s, and an
+output stays within ``sweep`` of both. So no two outputs within 0.5 s differ by more than the limit,
+and commands that keep the limit within 0.75 s pass unchanged, bit for bit.
 
-The second check is of the wheel: away from its target by more than a tolerance for longer than a
-time, it does not follow, and whatever the reason, the steering is not to be trusted any more.
+The second check is of the wheel: if it differs from its target by more than a tolerance for longer
+than a time, it does not follow, and the steering is no longer reliable.
 """
 
 import math
@@ -28,13 +27,13 @@ from enum import IntEnum
 from typing import NamedTuple
 
 AVERAGING_S = 0.5
-"""Over which the two limits of a rate hold: ISO 11270's for the jerk."""
+"""Averaging time of the two rate limits; for the jerk that of ISO 11270."""
 SLOT_NS = 250_000_000
-"""Half of it: what the extremes of the output are kept of."""
+"""Half of it: the time over which extremes of the output are stored."""
 
 
 class Cause(IntEnum):
-    """Which limit decided about an output."""
+    """The limit that determined an output."""
 
     NONE = 0
     ANGLE = 1
@@ -42,11 +41,11 @@ class Cause(IntEnum):
     LATERAL_ACCELERATION = 3
     LATERAL_JERK = 4
     NOT_FINITE = 5
-    """The command was no number: the output stays."""
+    """The command was NaN: the output stays."""
 
 
 class LimitRow(NamedTuple):
-    """One row of the table; infinite where it sets no bound."""
+    """One row of the table; infinite if there is no limit."""
 
     cause: int
     reach_rad: float
@@ -54,11 +53,11 @@ class LimitRow(NamedTuple):
 
 
 class LimiterParams(NamedTuple):
-    """The table, and when a wheel does not follow.
+    """The table, and the check of the wheel.
 
-    ``tolerance_rad``  between the wheel and its target
-    ``follow_ns``      how long the wheel may be further away [ns]
-    ``stop_rad``       where the actuator is known to end: a target beyond is the stop
+    ``tolerance_rad``  largest difference between the wheel and its target
+    ``follow_ns``      how long the difference may be larger [ns]
+    ``stop_rad``       the actuator's stop, which replaces targets beyond
     """
 
     rows: tuple[LimitRow, ...]
@@ -68,13 +67,13 @@ class LimiterParams(NamedTuple):
 
 
 class LimiterState(NamedTuple):
-    """What was let through.
+    """State of the limiter.
 
     ``steer_rad``            the output, held until the next
-    ``cause``                of its last change, NONE if the command passed as it was
-    ``slot``                 quarter of a second that the time is in
+    ``cause``                of its last change; NONE if the command passed unchanged
+    ``slot``                 number of the present quarter of a second
     ``low_rad``, ...         extremes of the output in that slot, and in the two before it
-    ``followed_ns``          when the wheel was last seen within its tolerance [ns]
+    ``followed_ns``          when the wheel was last within its tolerance [ns]
     """
 
     steer_rad: float
@@ -102,7 +101,7 @@ def acceleration_gain_m_s2(
     front_axle_distance_m: float,
     rear_axle_distance_m: float,
 ) -> float:
-    """Return g [m/s² per rad]; that of a neutral vehicle, V²/L, where there is no steady state.
+    """Return g [m/s² per rad]; that of a neutral vehicle, V²/L, if there is no steady state.
 
     An oversteering vehicle (K < 0) has none from its critical speed on, where L + K V² = 0.
     """
@@ -121,7 +120,7 @@ def acceleration_gain_m_s2(
 def limit_rows(
     gain_m_s2: float, angle: float, angle_rate: float, acceleration: float, jerk: float
 ) -> tuple[LimitRow, ...]:
-    """Return the table of four limits [rad, rad/s, m/s², m/s³]; an infinite one is off."""
+    """Return the table of four limits [rad, rad/s, m/s², m/s³]; infinite: off."""
     return (
         LimitRow(int(Cause.ANGLE), angle, math.inf),
         LimitRow(int(Cause.ANGLE_RATE), math.inf, angle_rate * AVERAGING_S),
@@ -136,7 +135,7 @@ def limit_steer(
     """Return the state from ``time_ns`` (no earlier than any before) on, and its output [rad]."""
     low, high, low_1, high_1, low_2, high_2 = x[3:9]
     slot = time_ns // SLOT_NS
-    for passed in (1, 2, 3):  # after three all that was is forgotten
+    for passed in (1, 2, 3):  # after three, nothing of the past is left
         if slot - x.slot >= passed:
             low_2, high_2, low_1, high_1 = low_1, high_1, low, high
             low = high = x.steer_rad
@@ -167,8 +166,8 @@ def watch_wheel(
 
 
 def with_followed(x: LimiterState, time_ns: int) -> LimiterState:
-    """Return the state of a wheel that was seen to follow at ``time_ns``."""
-    # One by one: compiled code knows no _replace.
+    """Return the state after the wheel was within its tolerance at ``time_ns``."""
+    # Field by field, because compiled code has no _replace.
     return LimiterState(
         x.steer_rad,
         x.cause,

@@ -1,4 +1,4 @@
-"""The steering's control unit behind the latency line: the guard, its counts and its status."""
+"""The steering's control unit, behind the latency line: the guard, its counts and its status."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -13,6 +13,7 @@ from .steering_guard import (
     GuardState,
     guard_command,
     guard_fault,
+    guard_rejection,
     guard_timer,
     guard_wheel,
     is_overruled,
@@ -64,7 +65,7 @@ class SteeringUnit:
 
     @property
     def target_rad(self) -> float:
-        """What the wheel is to be turned to."""
+        """Target of the wheel."""
         return self._state.limiter.steer_rad
 
     @property
@@ -79,17 +80,17 @@ class SteeringUnit:
 
     @property
     def mode(self) -> GuardMode:
-        """What decides about the target."""
+        """What determines the target."""
         return GuardMode(self._state.mode)
 
     @property
     def has_fallen_back(self) -> bool:
-        """Whether the target has reached the end of SAFE_STATE's fallback, and changes no more."""
+        """Whether the target has reached the end of SAFE_STATE's fallback."""
         is_kept = self._params.ramp_step_rad == 0.0
         return self.mode is GuardMode.SAFE_STATE and (is_kept or self.target_rad == 0.0)
 
     def on_command(self, steer_rad: float, now_ns: int) -> bool:
-        """Take a command that arrives; returns whether it sets the target."""
+        """Process an arriving command; returns whether it sets the target."""
         before = self._state
         self._state, is_followed = guard_command(self._params, before, steer_rad, now_ns)
         self._note_silence(now_ns)
@@ -104,8 +105,8 @@ class SteeringUnit:
         return is_followed
 
     def on_rejection(self) -> None:
-        """Note a command that came damaged: the run of good ones is over."""
-        self._state = self._state._replace(good_run=0)
+        """Process a damaged command."""
+        self._state = guard_rejection(self._state)
 
     def on_timer(self, now_ns: int) -> bool:
         """Do what is due; returns whether it sets the target."""
@@ -120,11 +121,11 @@ class SteeringUnit:
         """Compare the measured wheel with the target."""
         before = self._state
         self._state = guard_wheel(self._params, before, wheel_rad, now_ns)
-        self._note_silence(now_ns)  # one that lasts is known as far as the wheel is
+        self._note_silence(now_ns)  # a silence that still lasts counts up to now
         self._note_mode(before, now_ns, "the wheel does not follow")
 
     def on_own_fault(self, cause: str, now_ns: int) -> None:
-        """Go to SAFE_STATE for good, as the plant cannot be relied on any more."""
+        """Go to SAFE_STATE for good, because the plant is no longer reliable."""
         before = self._state
         self._state = guard_fault(before, now_ns)
         self._note_mode(before, now_ns, cause)
@@ -135,7 +136,7 @@ class SteeringUnit:
 
     @property
     def safety(self) -> SafetyState:
-        """What PLANT_STATUS would say now: LIMITING for any intervention since it was taken."""
+        """Present SAFETY of PLANT_STATUS: LIMITING after any intervention since the last report."""
         state = _STATES[self._state.mode]
         if self._limited_since_report and state is _NORMAL:
             return SafetyState.LIMITING
@@ -148,12 +149,12 @@ class SteeringUnit:
         return state
 
     def report(self) -> Mapping[str, Any]:
-        """Return what the guard did, ready for JSON.
+        """Return the guard's figures, ready for JSON.
 
-        ``interventions``      targets that a limit has changed, by the limit that decided
-        ``ignored_commands``   that arrived while no command was followed
+        ``interventions``      targets that a limit has changed, by limit
+        ``ignored_commands``   commands that arrived while none was followed
         ``longest_silence_s``  after a command that arrived: to the next, or to the newest sample
-        ``safe_state``         why and when, none otherwise
+        ``safe_state``         cause and time; None if it was not entered
         """
         at_ns = self._safe_state_at_ns
         is_safe = at_ns != NEVER_NS

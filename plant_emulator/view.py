@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from ..dbc.messages import LatencyConfig, Mode, SteeringCommand
-from ..dbc.reception import Reception
+from ..dbc.reception import Reception, second_sender_line
 from ..runtime.view import View
 from .network import Network
 from .plant_samples import RunningFigures
@@ -32,6 +32,7 @@ def plant_view(
         "mode": _MODES[unit.mode],
         "controller": _controller(command),
         "latency": _latency(network.configured),
+        "second sender": second_sender_line(reception),
         "failure": failure and f"fault of this program: {failure}",
     }
     counts = {

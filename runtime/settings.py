@@ -102,7 +102,7 @@ def read_preset(package: str, name: str) -> Preset:
 
 def read_table(file: Path, name: str) -> Mapping[str, Any]:
     """Return the table ``name`` of a TOML file; raises SettingsError."""
-    table = _parse(_read(file), str(file)).get(name)
+    table = _parse(read_text(file), str(file)).get(name)
     if not isinstance(table, dict):
         raise SettingsError(f"{file}: has no table [{name}]")
     return table
@@ -127,7 +127,7 @@ def load_settings(
         source = f"preset {preset.name}"
         _merge(merged, _parse(preset.text, source), source, (), sources)
     if file is not None:
-        _merge(merged, _parse(_read(file), str(file)), str(file), (), sources)
+        _merge(merged, _parse(read_text(file), str(file)), str(file), (), sources)
     if shared is not None:
         _merge(merged, shared.content, shared.source, (), sources)
     if overrides:
@@ -175,8 +175,8 @@ def _checked(model: type[S], merged: dict[str, Any], sources: dict[KeyPath, str]
     raise SettingsError(*mistakes)
 
 
-def _read(file: Path) -> str:
-    """Return the text of ``file``; raises SettingsError."""
+def read_text(file: Path) -> str:
+    """Return the text of a file of the user; raises SettingsError."""
     try:
         with file.open("rb") as opened:
             raw = opened.read(_FILE_BYTES_MAX + 1)

@@ -1,7 +1,7 @@
 """What the controller shows: peer, modes, refused frames."""
 
 from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.dbc.messages import LateralError, encode
+from steer_by_wire.dbc.messages import LateralError, Mode, SteeringCommand, encode
 from steer_by_wire.runtime.frame import Frame
 from tests.support.controller_link import PERIOD_NS, START_NS, Link, controller_settings
 
@@ -45,3 +45,13 @@ def test_skipped_periods_are_shown() -> None:
     tested.drive(3, 0.1)
     tested.node.on_tick(tested.now_ns + 5 * PERIOD_NS)
     assert tested.node.view(tested.now_ns).counts["control periods skipped"] == 5
+
+
+def test_a_second_sender_is_shown_by_the_message_it_sends() -> None:
+    tested = link()
+    tested.drive(3, 0.1)
+    assert not tested.node.view(tested.now_ns).states["second sender"]
+    own = encode(SteeringCommand(0.1, 7, Mode.ACTIVE), 7)
+    tested.node.on_frame(own, tested.now_ns)
+    shown = tested.node.view(tested.now_ns).states["second sender"]
+    assert shown == "second sender on the bus: STEERING_COMMAND"
