@@ -7,7 +7,7 @@ closed form, so the result does not depend on how often it is called.
 Time counts from the start of motion. The arc length s = V t is that of the point of the path beside
 the preview point, not beside the centre of gravity. Only then is (1) exact, which measures y at the
 preview point, and Δψ and ρ without a preview distance. So ρ(s) both drives (1) and is the preview
-curvature, and the centre of gravity starts `preview_m` behind the path's start.
+curvature, and the centre of gravity starts `preview_distance_m` behind the path's start.
 """
 
 import math
@@ -269,5 +269,5 @@ class Motion:
             self.arc_length_m,
             self.heading_error_rad,
             self.lateral_error_m,
-            self._params.preview_m,
+            self._params.preview_distance_m,
         )

@@ -44,6 +44,7 @@ from ..runtime.frame import Frame
 from ..runtime.node import NEVER_NS
 from ..runtime.periodic import PeriodicTimer
 from ..runtime.record import new_record
+from ..runtime.view import View
 from .disturbing import Disturbing
 from .latency_line import Passage
 from .motion_design import MotionParams, design_motion
@@ -60,6 +61,7 @@ from .settings import PlantSettings
 from .status_timing import StatusTiming
 from .steering_unit import SteeringUnit
 from .streams import Channel, uniforms
+from .view import plant_view
 
 RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig, DisturbanceConfig)
 """What the plant receives."""
@@ -205,6 +207,18 @@ class PlantNode:
                 status_timing.on_report(status.safety, due_ns, now_ns)
                 frames.append(self._messages.plant_status(status))
             status_timing.on_state(unit.safety, due_ns)
+
+    def view(self, now_ns: int) -> View:  # noqa: ARG002 - a state changes when something is due
+        """Return what a user should see now."""
+        command = None if self._command is None else self._command.item
+        return plant_view(
+            self._unit,
+            self._own.failure,
+            self._reception,
+            self._network,
+            command,
+            self._record.figures,
+        )
 
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON.

@@ -96,17 +96,20 @@ def start_limiter() -> LimiterState:
 def acceleration_gain_m_s2(
     speed_m_s: float,
     virtual_mass_kg: float,
-    front_stiffness_n_rad: float,
-    rear_stiffness_n_rad: float,
-    front_axle_m: float,
-    rear_axle_m: float,
+    front_cornering_stiffness_n_rad: float,
+    rear_cornering_stiffness_n_rad: float,
+    front_axle_distance_m: float,
+    rear_axle_distance_m: float,
 ) -> float:
     """Return g [m/s² per rad]; that of a neutral vehicle, V²/L, if there is no steady state.
 
     An oversteering vehicle (K < 0) has none from its critical speed on, where L + K V² = 0.
     """
-    wheelbase_m = front_axle_m + rear_axle_m
-    compliance = rear_axle_m / front_stiffness_n_rad - front_axle_m / rear_stiffness_n_rad
+    wheelbase_m = front_axle_distance_m + rear_axle_distance_m
+    compliance = (
+        rear_axle_distance_m / front_cornering_stiffness_n_rad
+        - front_axle_distance_m / rear_cornering_stiffness_n_rad
+    )
     understeer_s2_m = virtual_mass_kg / wheelbase_m * compliance
     turning_m = wheelbase_m + understeer_s2_m * speed_m_s * speed_m_s
     if turning_m <= 0.0:

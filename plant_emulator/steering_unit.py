@@ -69,6 +69,11 @@ class SteeringUnit:
         return self._state.limiter.steer_rad
 
     @property
+    def interventions(self) -> Mapping[str, int]:
+        """Targets that a limit has changed, by the limit that decided."""
+        return self._interventions
+
+    @property
     def deadline_ns(self) -> int:
         """When `on_timer` is due [ns]."""
         return self._state.deadline_ns

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..command_line import installation
 from ..runtime.settings import SettingsError
 from .compute import Computed
 from .figures import COLUMNS, COUNTS
@@ -283,7 +284,6 @@ def _pyarrow() -> tuple[ModuleType, ModuleType]:
         parquet = importlib.import_module("pyarrow.parquet")
     except ImportError as error:
         raise SettingsError(
-            "results are stored as Parquet, which needs pyarrow: pip install "
-            "'steer-by-wire-emulator[tools,parquet]'"
+            f"results are stored as Parquet, which needs pyarrow: {installation('pyarrow')}"
         ) from error
     return arrow, parquet

@@ -272,9 +272,9 @@ def test_the_gain_of_the_default_vehicle_is_what_the_documentation_says() -> Non
             v.yaw_inertia_kg_m2,
             v.front_cornering_stiffness_n_rad,
             v.rear_cornering_stiffness_n_rad,
-            v.front_axle_m,
-            v.rear_axle_m,
-            v.preview_m,
+            v.front_axle_distance_m,
+            v.rear_axle_distance_m,
+            v.preview_distance_m,
         )
         assert gain(p) == pytest.approx(expected, abs=0.001 * max(expected, 1.0))
 
