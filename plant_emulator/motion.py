@@ -187,31 +187,39 @@ class Motion:
     the path continue; ``is_finite`` reports this.
 
     ``advance``  ``advance_motion``, or what has other equations of motion
+
+    ``time_ns``    time since the start of motion
+    ``linear``     everything that moves in closed form
+    ``is_finite``  whether the vehicle's state has been finite so far
+    ``speed_m_s``  speed V, constant
     """
 
     def __init__(self, params: MotionParams, advance: Advance = advance_motion) -> None:
         self._params = params
         self._advance = advance
         self._state = start_motion(params)
-        self._is_finite = True
+        self.time_ns, self.linear, _ = self._state
+        self.is_finite = True
+        self.speed_m_s = params.speed_m_s
 
     def command(self, steer_rad: float) -> None:
         """Let a steering command (finite) reach the actuator now."""
         self._state = command_motion(self._params, self._state, steer_rad)
+        self.linear = self._state.linear
 
     def advance(self, to_ns: int) -> None:
         """Move on to ``to_ns``. Raises ValueError when that lies in the past."""
-        if to_ns < self._state.time_ns:
-            raise ValueError(f"cannot move from {self._state.time_ns} ns back to {to_ns} ns")
-        before = self._state
-        if self._is_finite:
-            self._state = self._advance(self._params, before, to_ns)
-            self._is_finite = has_finite_vehicle(self._state.linear)
-        if not self._is_finite:
+        if to_ns < self.time_ns:
+            raise ValueError(f"cannot move from {self.time_ns} ns back to {to_ns} ns")
+        state = self._advance(self._params, self._state, to_ns) if self.is_finite else None
+        if state is None or not has_finite_vehicle(state.linear):
+            self.is_finite = False
             # From a vehicle at rest: nothing else depends on where it is.
-            started = with_vehicle(before, 0.0, 0.0, 0.0, 0.0)
+            started = with_vehicle(self._state, 0.0, 0.0, 0.0, 0.0)
             after = advance_motion(self._params, started, to_ns)
-            self._state = with_vehicle(after, *before.linear[:4])
+            state = with_vehicle(after, *self.linear[:4])
+        self._state = state
+        self.time_ns, self.linear, _ = state
 
     @property
     def path(self) -> Path:
@@ -219,49 +227,29 @@ class Motion:
         return self._params.path
 
     @property
-    def is_finite(self) -> bool:
-        """Whether the vehicle's state has been finite up to now; once it is not, this stays."""
-        return self._is_finite
-
-    @property
-    def time_ns(self) -> int:
-        """Time since the start of motion."""
-        return self._state.time_ns
-
-    @property
-    def linear(self) -> LinearState:
-        """Everything that moves in closed form."""
-        return self._state.linear
-
-    @property
     def lateral_error_m(self) -> float:
         """Lateral error y of the preview point, to the left of the path positive."""
-        return self._state.linear.lateral_error_m
+        return self.linear.lateral_error_m
 
     @property
     def heading_error_rad(self) -> float:
         """Heading error Δψ against the path beside the preview point."""
-        return self._state.linear.heading_error_rad
+        return self.linear.heading_error_rad
 
     @property
     def side_slip_rad(self) -> float:
         """Side slip angle β at the centre of gravity."""
-        return self._state.linear.side_slip_rad
+        return self.linear.side_slip_rad
 
     @property
     def yaw_rate_rad_s(self) -> float:
         """Yaw rate r."""
-        return self._state.linear.yaw_rate_rad_s
-
-    @property
-    def speed_m_s(self) -> float:
-        """Speed V, constant."""
-        return self._params.speed_m_s
+        return self.linear.yaw_rate_rad_s
 
     @property
     def wheel_rad(self) -> float:
         """Front wheel angle as the actuator knows it: without a steering offset."""
-        return self._state.linear.wheel_rad
+        return self.linear.wheel_rad
 
     @property
     def is_limited(self) -> bool:
@@ -271,12 +259,12 @@ class Motion:
     @property
     def preview_curvature_1_m(self) -> float:
         """Curvature ρ of the path beside the preview point."""
-        return self._state.linear.curvature_1_m
+        return self.linear.curvature_1_m
 
     @property
     def arc_length_m(self) -> float:
         """Arc length s of the path beside the preview point, counting on over laps."""
-        return self._params.speed_m_s * (self._state.time_ns / NS_PER_S)
+        return self.speed_m_s * (self.time_ns / NS_PER_S)
 
     @property
     def pose(self) -> Pose:

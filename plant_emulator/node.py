@@ -189,7 +189,8 @@ class PlantNode:
                 status = self._status()
                 status_timing.on_report(status.safety, due_ns, now_ns)
                 frames.append(self._messages.plant_status(status))
-            status_timing.on_state(unit.safety, due_ns)
+            if unit.safety is not status_timing.settled:
+                status_timing.on_state(unit.safety, due_ns)
 
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON.
@@ -219,13 +220,15 @@ class PlantNode:
 
     def _motion_ns(self, time_ns: int) -> int:
         """Return the time since the start of motion [ns], 0 before."""
-        return max(time_ns - self._motion_start_ns, 0)
+        motion_ns = time_ns - self._motion_start_ns
+        return motion_ns if motion_ns > 0 else 0
 
     def _advance(self, due_ns: int) -> int:
         """Move the vehicle on to ``due_ns``; returns the time since the start of motion [ns]."""
         motion_ns = self._motion_ns(due_ns)
-        self._motion.advance(motion_ns)
-        if not self._motion.is_finite:
+        motion = self._motion
+        motion.advance(motion_ns)
+        if not motion.is_finite:
             self._fail(NOT_FINITE_VEHICLE, due_ns)
         return motion_ns
 
@@ -238,9 +241,10 @@ class PlantNode:
         """Let the commands that are due reach the actuator."""
         for released in self._network.downlink.pop_due(due_ns):
             motion_ns = self._advance(due_ns)
-            if not math.isfinite(released.item.steer_rad):
+            steer_rad = released.item.steer_rad
+            if not math.isfinite(steer_rad):
                 self._fail(NOT_FINITE_COMMAND, due_ns)
-            elif self._unit.on_command(released.item.steer_rad, motion_ns):
+            elif self._unit.on_command(steer_rad, motion_ns):
                 self._motion.command(self._unit.target_rad)
                 self._command = released
 
