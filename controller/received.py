@@ -47,9 +47,10 @@ class Received:
     ) -> Message | Rejection | SequenceResult | Refused | None:
         """Check a frame and store its values; returns the same as ``Reception.take``."""
         message = self.reception.take(frame, now_ns)
-        if isinstance(message, LateralError):
+        kind = type(message)
+        if kind is LateralError:
             self.lateral_error_m = message.lateral_error_m
-        elif isinstance(message, VehicleState):
+        elif kind is VehicleState:
             self.vehicle = new_record(VehicleReading, (*message, False))
         return message
 
