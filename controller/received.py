@@ -47,10 +47,9 @@ class Received:
     ) -> Message | Rejection | SequenceResult | Refused | None:
         """Check a frame and store its values; returns the same as ``Reception.take``."""
         message = self.reception.take(frame, now_ns)
-        kind = type(message)
-        if kind is LateralError:
+        if type(message) is LateralError:
             self.lateral_error_m = message.lateral_error_m
-        elif kind is VehicleState:
+        elif type(message) is VehicleState:
             self.vehicle = new_record(VehicleReading, (*message, False))
         return message
 
