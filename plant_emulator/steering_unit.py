@@ -170,7 +170,7 @@ class SteeringUnit:
     def _enter(self, state: GuardState) -> None:
         """Keep a state, and what is read of it at every event of the plant."""
         self._state = state
-        mode, _, _, self.deadline_ns, *_ = state
+        mode, _, _, self.deadline_ns, _, _, _ = state
         safety = _STATES[mode]
         if self._limited_since_report and safety is _NORMAL:
             safety = SafetyState.LIMITING

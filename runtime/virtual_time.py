@@ -85,12 +85,10 @@ class VirtualTimeExecutor:
         bus: Wire | None = None,
         on_wire: Callable[[int, int, Frame], None] | None = None,
     ) -> None:
-        self._nodes = tuple(nodes)
-        everybody = tuple((index, node.on_frame) for index, node in enumerate(nodes))
-        self._everybody = everybody
-        self._others = {
-            sender: tuple(entry for entry in everybody if entry[0] != sender)
-            for sender, _ in everybody
+        self._nodes = tuple(enumerate(nodes))
+        self._listeners_of = {
+            sender: tuple(entry for entry in self._nodes if entry[0] != sender)
+            for sender, _ in self._nodes
         }
         self._wire: Wire = InstantWire() if bus is None else bus
         self._on_wire = on_wire
@@ -104,7 +102,7 @@ class VirtualTimeExecutor:
     @property
     def finished(self) -> bool:
         """Whether a node has finished; the run ends with the first one."""
-        return any(node.finished for node in self._nodes)
+        return any(node.finished for _, node in self._nodes)
 
     def run(self, until_ns: int) -> None:
         """Run every instant before ``until_ns``, or until a node has finished.
@@ -114,7 +112,9 @@ class VirtualTimeExecutor:
         bus raises when it cannot take a frame.
         """
         wire, nodes, on_wire = self._wire, self._nodes, self._on_wire
-        others, everybody = self._others, self._everybody
+        # Read again only after a call of the node: nothing else changes them.
+        deadlines_ns = [node.deadline_ns for _, node in nodes]
+        finished = self.finished
         now_ns, events, busy_index = _BEFORE_ALL_NS, 0, 0
         while events < EVENTS_PER_INSTANT_MAX:
             next_ns = wire.next_event_ns
@@ -123,28 +123,29 @@ class VirtualTimeExecutor:
                     events += 1
                     if on_wire is not None:
                         on_wire(end_ns, busy_index, frame)
-                    for index, on_frame in others.get(busy_index, everybody):
-                        for answer in on_frame(frame, now_ns):
+                    for index, node in self._listeners_of.get(busy_index, nodes):
+                        for answer in node.on_frame(frame, now_ns):
                             wire.submit(answer, index, now_ns)
+                        deadlines_ns[index] = node.deadline_ns
+                        finished = finished or node.finished
                 continue
-            for index, node in enumerate(nodes):
-                deadline_ns = node.deadline_ns
-                if deadline_ns <= now_ns:
-                    events += 1
-                    busy_index = index
-                    for frame in node.on_tick(now_ns):
-                        wire.submit(frame, index, now_ns)
-                    break
+            for deadline_ns in deadlines_ns:
                 if deadline_ns < next_ns:
                     next_ns = deadline_ns
-            else:  # Nothing is left to do at this instant.
-                if next_ns >= until_ns:
+            if next_ns > now_ns:  # Nothing is left to do at this instant.
+                if finished or next_ns >= until_ns:
                     return
-                for node in nodes:
-                    if node.finished:
-                        return
                 self._now_ns = now_ns = next_ns
                 events = 0
+                continue
+            for busy_index, node in nodes:
+                if deadlines_ns[busy_index] <= now_ns:
+                    events += 1
+                    for frame in node.on_tick(now_ns):
+                        wire.submit(frame, busy_index, now_ns)
+                    deadlines_ns[busy_index] = node.deadline_ns
+                    finished = finished or node.finished
+                    break
         raise RuntimeError(
             f"node {busy_index} is still busy after {events} events at {now_ns} ns: "
             "its deadline does not move on, or its frames are answered without end"
