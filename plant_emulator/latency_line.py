@@ -70,6 +70,9 @@ class LatencyLine(Generic[Item]):
     ``duplicate_uniforms``  stream of the duplicates
 
     ``next_due_ns``         when the next frame is due [ns]; NEVER_NS with none waiting
+    ``latest_latency_ns``   latency drawn for the newest frame that was not lost [ns]
+    ``latency``             of the frames that have left the line: not of those that were overtaken
+    ``injected``            latency drawn for every frame that was not lost, duplicates included
     """
 
     def __init__(
@@ -93,8 +96,6 @@ class LatencyLine(Generic[Item]):
         self._in_burst = False
         self._score = 0.0
         self._score_ns: int | None = None
-        self._correlation_time_s = settings.correlation_time_s
-        self._duplicates = settings.duplicates
         self._newest_wins = settings.order is Order.NEWEST_WINS
         self._in_order = settings.order is Order.IN_ORDER
         self._waiting: list[Passage[Item]] = []
@@ -102,14 +103,14 @@ class LatencyLine(Generic[Item]):
         self._sequence = 0
         self._last_due_ns: dict[int, int] = {}
         self._newest_released: dict[int, int] = {}
-        self._latest_latency_ns = 0
+        self.latest_latency_ns = 0
         self._constant_ns = self._constant_latency_ns()
         self._undrawn = 0
         """Uniforms of frames so far that decided nothing, and are not drawn yet."""
         self._pushed = self._duplicated = self._released = 0
         self._lost = self._superseded = self._overflowed = 0
-        self._latency = DurationStatistics()
-        self._injected = DurationStatistics()
+        self.latency = DurationStatistics()
+        self.injected = DurationStatistics()
 
     @property
     def counts(self) -> LineCounts:
@@ -122,21 +123,6 @@ class LatencyLine(Generic[Item]):
             self._superseded,
             self._overflowed,
         )
-
-    @property
-    def latency(self) -> DurationStatistics:
-        """Latency of the frames that have left the line: not of those that were overtaken."""
-        return self._latency
-
-    @property
-    def injected(self) -> DurationStatistics:
-        """Latency drawn for every frame that was not lost, duplicates included."""
-        return self._injected
-
-    @property
-    def latest_latency_ns(self) -> int:
-        """Latency drawn for the newest frame that was not lost [ns]."""
-        return self._latest_latency_ns
 
     def reconfigure(self, model: Distribution, mean_s: float, spread_s: float, loss: float) -> None:
         """Change the network from the next frame on; ends a schedule and a trace."""
@@ -156,22 +142,22 @@ class LatencyLine(Generic[Item]):
             self._undrawn += 2
             if self._undrawn >= _UNDRAWN_MAX:
                 self._draw()
-            self._latest_latency_ns = self._constant_ns
+            self.latest_latency_ns = self._constant_ns
             self._wait(key, item, now_ns, self._constant_ns)
             return
         if self._schedule:
             self._follow_schedule(motion_ns)
         loss_u, latency_u = next(self._uniforms), next(self._uniforms)
         self._in_burst, is_lost = loss_step(self._loss, self._in_burst, loss_u)
-        if self._correlation_time_s > 0.0:
+        if self._settings.correlation_time_s > 0.0:
             latency_u = self._correlated(latency_u, now_ns)
         latency_ns = self._latency_ns(latency_u, motion_ns)
         if is_lost:
             self._lost += 1
         else:
-            self._latest_latency_ns = latency_ns
+            self.latest_latency_ns = latency_ns
             self._wait(key, item, now_ns, latency_ns)
-        if self._duplicates > 0.0:
+        if self._settings.duplicates > 0.0:
             self._duplicate(key, item, now_ns, motion_ns, is_lost)
         self._pushed += 1
 
@@ -182,7 +168,7 @@ class LatencyLine(Generic[Item]):
         while self.next_due_ns <= now_ns:
             passage = heappop(waiting)
             due_ns, sequence, came_ns, key, _ = passage
-            self._latency.record(due_ns - came_ns)
+            self.latency.record(due_ns - came_ns)
             released.append(passage)
             if self._newest_wins:
                 newest[key] = sequence
@@ -216,8 +202,8 @@ class LatencyLine(Generic[Item]):
             or self._trace is not None
             or self._in_burst
             or self._loss != bernoulli(0.0)
-            or self._duplicates > 0.0
-            or self._correlation_time_s > 0.0
+            or self._settings.duplicates > 0.0
+            or self._settings.correlation_time_s > 0.0
         )
         return None if is_drawn else round(self._mean_s * NS_PER_S)
 
@@ -231,20 +217,20 @@ class LatencyLine(Generic[Item]):
         """Return the uniform of the AR(1) process, which starts in its stationary state."""
         # Before the first frame lies all the time in the world: its score is drawn freely.
         elapsed_s = float("inf") if self._score_ns is None else (now_ns - self._score_ns) / NS_PER_S
-        self._score = correlated_score(self._score, u, elapsed_s, self._correlation_time_s)
+        self._score = correlated_score(self._score, u, elapsed_s, self._settings.correlation_time_s)
         self._score_ns = now_ns
         return uniform_of_score(self._score)
 
     def _duplicate(self, key: int, item: Item, now_ns: int, motion_ns: int, is_lost: bool) -> None:
         """Perhaps let a frame that is not lost come a second time."""
         chance_u, latency_u = next(self._duplicate_uniforms), next(self._duplicate_uniforms)
-        if not is_lost and chance_u < self._duplicates:
+        if not is_lost and chance_u < self._settings.duplicates:
             self._duplicated += 1
             self._wait(key, item, now_ns, self._latency_ns(latency_u, motion_ns))
 
     def _wait(self, key: int, item: Item, now_ns: int, latency_ns: int) -> None:
         """Queue a frame until it is due."""
-        self._injected.record(latency_ns)
+        self.injected.record(latency_ns)
         if len(self._waiting) >= WAITING_MAX:
             self._overflowed += 1
             return
