@@ -184,6 +184,4 @@ def propagate(table: Table, first_row: int, z: LinearState, dt_ns: int) -> Linea
         delta = delta + f[29] * delta_rate
         delta_rate = f[30] * delta_rate
         rho = rho + f[31] * rho_rate
-    return new_record(
-        LinearState, (beta, r, psi, y, delta, delta_rate, rho, rho_rate, w_beta, w_r)
-    )
+    return new_record(LinearState, (beta, r, psi, y, delta, delta_rate, rho, rho_rate, w_beta, w_r))
