@@ -14,6 +14,7 @@ Rules a node keeps:
 2. A periodic deadline is ``start_ns + index * period_ns``; missed periods are counted, never made
    up.
 3. It raises for nothing that comes over the wire.
+4. ``deadline_ns`` and ``finished`` change in its own ``on_frame`` and ``on_tick`` only.
 """
 
 from collections.abc import Mapping, Sequence
