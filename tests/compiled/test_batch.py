@@ -4,6 +4,7 @@ import inspect
 import random
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 from steer_by_wire.compiled.compilation import sources
 from steer_by_wire.compiled.engine import Outcome, run_batch
-from steer_by_wire.compiled.loop import _run_ticks, run_only_segment
+from steer_by_wire.compiled.loop import run_only_segment
 from steer_by_wire.compiled.plan import NothingArrivesError, plan_run
 from steer_by_wire.compiled.steps import step_functions
 from steer_by_wire.controller.design import design_law
@@ -235,14 +236,16 @@ def test_a_run_counts_no_references(law: str) -> None:
     """One array that is not borrowed, counted at every step of the plant, doubles the time."""
     controller = controller_settings(law)
     run_batch(plant_settings((), 1.0), controller)
-    params = f"{type(design_law(controller).params).__name__}("
-    of_law = next(one for one in run_only_segment.signatures if str(one[0]).startswith(params))
-    numba.njit(nogil=True)(run_only_segment.py_func).compile(of_law)  # not taken from disk
-    ticks = next(one for one in _run_ticks.signatures if str(one[0]).startswith(params))
-    name = _run_ticks.overloads[ticks].fndesc.llvm_func_name
+    params = type(design_law(controller).params).__name__
+    signature = next(
+        one for one in run_only_segment.signatures if str(one[0]).startswith(f"{params}(")
+    )
+    fresh: Any = numba.njit(nogil=True)(run_only_segment.py_func)
+    fresh.compile(signature)
+    name = fresh.overloads[fresh.signatures[0]].fndesc.llvm_func_name
     (body,) = (
         function
-        for function in _run_ticks.inspect_llvm(ticks).split("\ndefine ")
+        for function in fresh.inspect_llvm(fresh.signatures[0]).split("\ndefine ")
         if f"@{name}(" in function.split("{")[0]
     )
     assert "fmul double" in body
