@@ -27,7 +27,7 @@ $(STAMP): requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
-LOCKED_EXTRAS := tools multicast serial secoc parquet cluster mcap dev
+LOCKED_EXTRAS := tools multicast serial secoc parquet cluster cockpit mcap dev
 
 # Rewrites the lock from the ranges in pyproject.toml (needs uv on the path).
 lock:

@@ -8,8 +8,9 @@
 
 ``TRANSITIONS`` defines the whole behaviour: in each mode the first row with a true guard decides,
 and without a true guard the mode stays. Guards depend on the age of the newest measurement, the
-number of good ones in a row, a failure of the law, and a fault that the controller has detected in
-itself, which leads to SAFE_STOP for good. The law itself never branches on any of these.
+number of good ones without a gap, a failure of the law, and a fault that the controller has
+detected in itself, which leads to SAFE_STOP for good. The law itself never branches on any of
+these.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,7 +24,8 @@ class Supervision(NamedTuple):
 
     ``measurement_timeout_ns``  a measurement older than this is stale [ns]
     ``hold_ns``                 how long the last command is held before the ramp [ns]
-    ``recovery_frames``         good measurements in a row that end HOLDING and SAFE_STOP
+    ``recovery_frames``         good measurements, more than damaged ones, that end HOLDING and
+                                SAFE_STOP
     """
 
     measurement_timeout_ns: int
@@ -42,7 +44,7 @@ class Evidence(NamedTuple):
     """Conditions of a transition besides time.
 
     ``arrival_ns``   when the newest good measurement arrived, None before the first [ns]
-    ``good_run``     good measurements in a row since the last fault
+    ``good_run``     good measurements without a gap, less the damaged ones among them
     ``law_failed``   whether the law's output at this tick was not a finite number
     ``own_fault``    whether the controller has detected a fault in itself
     """
@@ -67,7 +69,7 @@ def is_stale(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> b
 
 
 def is_trusted(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> bool:
-    """Whether measurements are fresh again, enough of them good in a row, without an own fault."""
+    """Whether measurements are fresh again, enough of them good, without an own fault."""
     is_back = seen.good_run >= p.recovery_frames and is_fresh(p, state, seen, now_ns)
     return is_back and not seen.own_fault
 
@@ -115,7 +117,7 @@ _ACTIVE = Mode.ACTIVE
 
 
 class Supervisor:
-    """Keeps the mode, and the number of good measurements in a row.
+    """Keeps the mode, and the number of good measurements.
 
     ``start_ns``  when WAITING begins [ns]
 
@@ -139,8 +141,8 @@ class Supervisor:
         self._good_run = self._good_run + 1 if continues else 1
 
     def on_rejection(self) -> None:
-        """Record a damaged measurement, which ends the run of good ones."""
-        self._good_run = 0
+        """Record a damaged measurement, which takes a good one back."""
+        self._good_run = max(self._good_run - 1, 0)
 
     def on_own_fault(self) -> None:
         """Record a fault of the controller itself, which is permanent."""

@@ -21,6 +21,7 @@ from ..dbc.messages import (
     LateralError,
     Mode,
     Rejection,
+    SecondSender,
     SteeringCommand,
     SteeringStatus,
     SteeringStatusCode,
@@ -38,17 +39,18 @@ from .delay_watch import delay_watch_of
 from .law_runner import LawRunner
 from .limits import limit_step, ramp_step
 from .modes import Supervisor
-from .received import RECEIVED, Received
+from .received import RECEIVED, SENT, Received
 from .run_figures import RunFigures
 from .safety_status import SafetyFacts
 from .sent_commands import SentCommands
 from .settings import ControllerSettings, limits_of, supervision_of
 from .status_frames import StatusFrames
 
-__all__ = ["RECEIVED", "STATUS_PERIOD_NS", "ControllerNode"]
+__all__ = ["RECEIVED", "SENT", "STATUS_PERIOD_NS", "ControllerNode"]
 
 _WAITING, _ACTIVE = Mode.WAITING, Mode.ACTIVE
 _NO_FAULT = ControllerFault.NONE
+_NO_OTHER = SecondSender.NONE
 _NO_COMMAND = SteeringStatusCode.NO_COMMAND
 _ERROR_ID = CAN_IDS[LateralError]
 
@@ -86,7 +88,7 @@ class ControllerNode:
         self._commands = SentCommands()
         self._delay = delay_watch_of(settings)
         self._statuses = StatusFrames(law)
-        self._facts = SafetyFacts(0, *self._received.freshness(start_ns), _NO_FAULT)
+        self._facts = SafetyFacts(0, *self._received.freshness(start_ns), _NO_FAULT, _NO_OTHER)
         self._fresh_until_ns = -1
         """End of the facts' validity, if no frame is refused and no fault is detected [ns]."""
         self._figures = RunFigures(start_ns, samples_max)
@@ -178,6 +180,7 @@ class ControllerNode:
             "lost": reception.lost,
             "rejected": reception.rejected,
             "resynchronised": reception.resynchronised,
+            "second_senders": reception.second_senders,
         }
 
     @property
@@ -255,10 +258,11 @@ class ControllerNode:
         if is_as_before and now_ns <= self._fresh_until_ns:
             return facts
         freshness = received.freshness(now_ns)
-        self._facts = SafetyFacts(received.refused, *freshness, fault)
-        # A stale message may return at any time.
-        is_fresh = freshness == (Freshness.FRESH,) * len(freshness)
-        self._fresh_until_ns = received.fresh_until_ns() if is_fresh else -1
+        second_sender = received.reception.second_sender(now_ns)
+        self._facts = SafetyFacts(received.refused, *freshness, fault, second_sender)
+        # A stale message may return at any time, and a second sender is forgotten after a while.
+        is_calm = freshness == (Freshness.FRESH,) * len(freshness) and second_sender is _NO_OTHER
+        self._fresh_until_ns = received.fresh_until_ns() if is_calm else -1
         return self._facts
 
     def _safety_frame(self, now_ns: int) -> Frame:

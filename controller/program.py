@@ -16,7 +16,7 @@ from ..runtime.program import ExitStatus, run_main, say
 from ..runtime.program_options import add_settings_arguments, load_program_settings, make_parser
 from .analysis.check import check_text
 from .laws import LAWS
-from .node import RECEIVED, ControllerNode
+from .node import RECEIVED, SENT, ControllerNode
 from .settings import ControllerSettings
 
 NAME = "steering-controller"
@@ -77,7 +77,7 @@ def _run(name: str, options: argparse.Namespace) -> int:
         settings,
         CONTROLLER,
         lambda start_ns: ControllerNode(settings, start_ns),
-        RECEIVED,
+        (*RECEIVED, *SENT),
         partial(conclude, name),
     )
 

@@ -4,7 +4,18 @@ The arrival time of a frame is stored once, by the check of its message's counte
 the law, the delay watch and CONTROLLER_SAFETY all use it.
 """
 
-from ..dbc.messages import Freshness, LateralError, Message, Rejection, SteeringStatus, VehicleState
+from ..dbc.messages import (
+    ControllerSafety,
+    ControllerStatus,
+    DelayStatus,
+    Freshness,
+    LateralError,
+    Message,
+    Rejection,
+    SteeringCommand,
+    SteeringStatus,
+    VehicleState,
+)
 from ..dbc.protection import SequenceResult
 from ..dbc.reception import Reception
 from ..dbc.secured_frame import Refused
@@ -12,10 +23,12 @@ from ..runtime.frame import Frame
 from ..runtime.record import new_record
 from .freshness import freshness
 from .law_interface import NO_VEHICLE, VehicleReading
-from .settings import ControllerSettings, age_limits_of, resync_ns_of
+from .settings import ControllerSettings, age_limits_of, counters_of
 
 RECEIVED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState)
 """The messages that the controller receives."""
+SENT: tuple[type[Message], ...] = (SteeringCommand, ControllerStatus, ControllerSafety, DelayStatus)
+"""The messages that the controller alone sends."""
 
 
 class Received:
@@ -27,10 +40,7 @@ class Received:
     """
 
     def __init__(self, settings: ControllerSettings) -> None:
-        table = settings.supervision
-        self.reception = Reception(
-            RECEIVED, table.max_counter_jump, table.recovery_frames, resync_ns_of(settings)
-        )
+        self.reception = Reception(RECEIVED, counters_of(settings), SENT)
         self.errors, self.statuses, self.states = map(self.reception.newest, RECEIVED)
         self._limits = age_limits_of(settings)
         self.lateral_error_m = 0.0

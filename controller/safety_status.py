@@ -14,7 +14,14 @@ network loses some all the time.
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from ..dbc.messages import ControllerFault, ControllerSafety, Freshness, encode, limits
+from ..dbc.messages import (
+    ControllerFault,
+    ControllerSafety,
+    Freshness,
+    SecondSender,
+    encode,
+    limits,
+)
 from ..dbc.protection import COUNTERS
 from ..runtime.frame import Frame
 
@@ -33,6 +40,7 @@ class SafetyFacts(NamedTuple):
     steering_status: Freshness
     vehicle_state: Freshness
     fault: ControllerFault
+    second_sender: SecondSender
 
     def is_worse_than(self, reported: "SafetyFacts") -> bool:
         """Whether a message has become stale or a fault was detected since the last report."""
@@ -84,6 +92,7 @@ class SafetyStatus:
             facts.steering_status,
             facts.vehicle_state,
             facts.fault,
+            facts.second_sender,
         )
         counter = self._sent % COUNTERS
         self._sent += 1

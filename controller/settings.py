@@ -10,6 +10,7 @@ from pydantic import Field, PositiveFloat, Tag, model_validator
 
 from ..dbc.messages import SteeringCommand
 from ..dbc.messages import limits as signal_limits
+from ..dbc.protection import SequenceRule
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.overruns import OverrunSettings
 from ..runtime.settings import NUMBER_OR_WORD, OffWord, Settings
@@ -58,8 +59,8 @@ class SupervisionSettings(Settings):
     ``ramp_rad_s``              how fast it is then ramped to zero; also how fast the difference
                                 between the held command and the law's fades out on recovery
     ``recovery_frames``         good measurements in a row that end the hold or the ramp
-    ``max_counter_jump``        largest accepted step of a counter: one more than the number of
-                                frames that may be lost in a row
+    ``counter_lead_ms``         how much earlier than the time since the newest measurement explains
+                                a newer one may come: the spread of the network's latency
     """
 
     fault_tolerant_time_ms: Annotated[float, Field(ge=1.0, le=60_000.0)] = 150.0
@@ -69,7 +70,7 @@ class SupervisionSettings(Settings):
     hold_ms: Annotated[float, Field(ge=0.0, le=10_000.0)] = 500.0
     ramp_rad_s: PositiveFloat = 0.2
     recovery_frames: Annotated[int, Field(ge=1, le=100)] = 5
-    max_counter_jump: Annotated[int, Field(ge=1, le=127)] = 100
+    counter_lead_ms: Annotated[float, Field(ge=0.0, le=10_000.0)] = 300.0
 
 
 class ControllerSettings(LawSettings):
@@ -139,6 +140,14 @@ def age_limits_of(settings: ControllerSettings) -> AgeLimits:
         limit_ns(table.measurement_timeout_ms),
         limit_ns(table.steering_status_timeout_ms),
         limit_ns(table.vehicle_state_timeout_ms),
+    )
+
+
+def counters_of(settings: ControllerSettings) -> SequenceRule:
+    """Return which counters of the measurements are believed."""
+    table = settings.supervision
+    return SequenceRule(
+        round(table.counter_lead_ms * NS_PER_MS), table.recovery_frames, resync_ns_of(settings)
     )
 
 

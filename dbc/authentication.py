@@ -13,15 +13,17 @@ value. In its examples the high part comes from trip and reset counters, which a
 message distributes and every receiver must keep over a power cycle. Here a random number drawn by
 the receiver replaces them, so that nothing has to be stored:
 
-1. The status messages carry the sender's challenge and, as echo, the peer's challenge to which the
-   sender binds its frames: the last one it received.
+1. The status messages carry the sender's challenge and, as echo, a challenge of the peer's that
+   they answer.
 2. A receiver accepts a frame that is bound to its own challenge and newer than all accepted frames
    of that identifier. A challenge is never drawn twice, so no frame recorded before the receiver's
    start is accepted, and no frame is accepted twice.
 3. A sender's counter starts at the wall clock in microseconds, which is at or beyond the counter of
    its previous run: a restart of the sender does not make old frames new.
-4. A status message with another echo (its sender has started, or assumes that we have) is not
-   accepted, but its challenge is adopted, unless a newer accepted one shows that it is old.
+4. A sender binds its frames to the challenge of the last accepted status message: its echo proves
+   that the peer is there now. A status message with another echo (its sender has started, or it is
+   a recording) is not accepted. Its challenge is answered once (``dbc.challenges``), and before the
+   first proof the frames are bound to it.
 5. The receiver completes a truncated counter to the value nearest to the newest it knows. The
    status messages carry the whole counter, whatever was lost in between.
 
@@ -41,6 +43,7 @@ from cantools.database.can.formats.arxml.message_specifics import AutosarMessage
 from cantools.database.can.formats.arxml.secoc_properties import AutosarSecOCProperties
 
 from ..runtime.frame import BITRATE_SWITCH, FD, Frame
+from .challenges import Challenges
 from .dbc_file import load_database
 from .messages import CAN_IDS
 from .secured_frame import (
@@ -113,23 +116,24 @@ class Authentication:
         self._challenge = challenge
         self._counter = first_counter
         self._peer_challenge = _NONE
+        self._unproven = Challenges()
         self._is_synchronised = False
         self._peer_counter = 0
         self._newest = dict.fromkeys(LAYOUTS, -1)
 
     @property
     def is_synchronised(self) -> bool:
-        """Whether the peer has shown that it binds its frames to this end's challenge."""
+        """Whether the peer has answered this end's challenge."""
         return self._is_synchronised
 
     def secure(self, frame: Frame) -> Frame:
-        """The secured form of a classic ``frame``; KeyError for LATENCY_CONFIG, which has none."""
+        """The secured form of a classic ``frame``; KeyError for what a tool sends."""
         can_id, payload, _ = frame
         layout = LAYOUTS[can_id]
         counter = self._counter
         self._counter = counter + 1
         if layout is SYNC:
-            payload += self._challenge + self._peer_challenge
+            payload += self._challenge + (self._unproven.answer() or self._peer_challenge)
             mac = self._mac(can_id, payload, counter)
         elif self._peer_challenge == _NONE:
             mac = bytes(layout.mac_length)
@@ -142,7 +146,7 @@ class Authentication:
     def verify(self, frame: Frame) -> Frame | Refused:
         """The classic frame in an authentic new frame of the peer, or why that is refused.
 
-        Never raises. A refused frame changes nothing but the challenge that we bind to, see rule 4.
+        Never raises. A refused frame changes nothing but which challenges we answer, see rule 4.
         """
         if not is_secured(frame):
             return Refused.UNAUTHENTICATED
@@ -176,11 +180,17 @@ class Authentication:
             return Refused.FORGED
         if counter <= self._newest[can_id]:
             return Refused.REPLAYED
-        self._peer_challenge = secured[PAYLOAD_LENGTH:_ECHO_START]
-        self._peer_counter = counter
-        self._is_synchronised = secured[_ECHO_START:] == self._challenge
-        if not self._is_synchronised:
+        challenge, is_proof = (
+            secured[PAYLOAD_LENGTH:_ECHO_START],
+            secured[_ECHO_START:] == self._challenge,
+        )
+        if not is_proof and not self._unproven.add(challenge, counter):
+            return Refused.REPLAYED
+        if is_proof or not self._is_synchronised:
+            self._peer_challenge, self._peer_counter = challenge, counter
+        if not is_proof:
             return Refused.UNSYNCHRONISED
+        self._is_synchronised = True
         self._newest[can_id] = counter
         return Frame(can_id, secured[:PAYLOAD_LENGTH])
 

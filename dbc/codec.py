@@ -45,6 +45,8 @@ class Rejection(StrEnum):
     """A signal outside its range or value table."""
     NOT_AVAILABLE = "not_available"
     """The sender has no value for a signal now."""
+    OWN_IDENTIFIER = "own_identifier"
+    """Under an identifier that only the receiver sends: there is a second one of it."""
 
 
 MessageT = TypeVar("MessageT", bound=tuple[Any, ...])

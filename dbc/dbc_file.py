@@ -21,6 +21,8 @@ UNIT_SUFFIXES: Mapping[str | None, str] = {
     "1/m": "_1_m",
     "m": "_m",
     "m/s": "_m_s",
+    "N": "_n",
+    "N m": "_n_m",
     "rad": "_rad",
     "rad/s": "_rad_s",
     "s": "_s",

@@ -76,6 +76,17 @@ class ControllerFault(IntEnum):
     """The law's output was not finite again after a restart of the law."""
 
 
+class SecondSender(IntEnum):
+    """Whose messages somebody else has sent too, as noticed within the last second."""
+
+    NONE = 0
+    OWN = 1
+    """Messages that the reporting node alone sends."""
+    PEER = 2
+    """A message that the reporting node receives."""
+    BOTH = 3
+
+
 class EchoState(IntEnum):
     """Whether the echo of the command counter gives the delay."""
 

@@ -28,6 +28,7 @@ from .enumerations import (
     Law,
     Mode,
     SafetyState,
+    SecondSender,
     SteeringStatusCode,
 )
 from .generated_layout import LAYOUTS
@@ -46,6 +47,7 @@ __all__ = [
     "Decoded",
     "DelayStatus",
     "Direction",
+    "DisturbanceConfig",
     "EchoState",
     "EncodeError",
     "EstimateState",
@@ -59,6 +61,7 @@ __all__ = [
     "PlantStatus",
     "Rejection",
     "SafetyState",
+    "SecondSender",
     "SignalRange",
     "SteeringCommand",
     "SteeringStatus",
@@ -127,6 +130,7 @@ class ControllerSafety(NamedTuple):
     steering_status_freshness: Freshness
     vehicle_state_freshness: Freshness
     fault: ControllerFault
+    second_sender: SecondSender = SecondSender.NONE
 
 
 class DelayStatus(NamedTuple):
@@ -140,13 +144,14 @@ class DelayStatus(NamedTuple):
 
 
 class PlantStatus(NamedTuple):
-    """Plant to all, for monitoring; ``lost`` is modulo 128 and ``rejected`` modulo 64."""
+    """Plant to all, for monitoring; ``lost`` is modulo 64 and ``rejected`` modulo 32."""
 
     downlink_latency_s: float
     uplink_latency_s: float
     lost: int
     rejected: int
     safety: SafetyState = SafetyState.NORMAL
+    second_sender: SecondSender = SecondSender.NONE
 
 
 class LatencyConfig(NamedTuple):
@@ -159,6 +164,18 @@ class LatencyConfig(NamedTuple):
     loss: float
 
 
+class DisturbanceConfig(NamedTuple):
+    """Any tool to plant: the disturbances from now on, in place of those of the settings.
+
+    ``friction_loss``  share of both cornering stiffnesses that is missing
+    """
+
+    side_force_n: float
+    yaw_moment_n_m: float
+    steering_offset_rad: float
+    friction_loss: float
+
+
 Message: TypeAlias = (
     SteeringCommand
     | LateralError
@@ -169,6 +186,7 @@ Message: TypeAlias = (
     | DelayStatus
     | PlantStatus
     | LatencyConfig
+    | DisturbanceConfig
 )
 
 MESSAGE_TYPES: Mapping[str, type[Message]] = MappingProxyType(
@@ -178,7 +196,7 @@ MESSAGE_TYPES: Mapping[str, type[Message]] = MappingProxyType(
 
 
 class Decoded(NamedTuple):
-    """A received message and its E2E counter (0 to 255; 0 for LatencyConfig, which has none)."""
+    """A received message and its E2E counter (0 to 255; 0 for one without protection)."""
 
     message: Message
     counter: int
@@ -196,7 +214,7 @@ CAN_IDS: Mapping[type[Message], int] = MappingProxyType(
 DATA_IDS: Mapping[type[Message], int] = MappingProxyType(
     {kind: codec.data_id for kind, codec in _CODECS.items() if codec.data_id is not None}
 )
-"""The E2E Data ID of each message that is protected."""
+"""The E2E Data ID of each message that is protected: all but those sent by hand, by a tool."""
 
 CYCLE_TIMES_MS: Mapping[type[Message], int] = MappingProxyType(
     {message_type: codec.cycle_time_ms for message_type, codec in _CODECS.items()}
@@ -237,8 +255,8 @@ def unpacking(message_type: type[Message]) -> Unpacking:
 def encode(message: Message, counter: int) -> Frame:
     """The frame for ``message``; a value is rounded to the signal's resolution.
 
-    ``counter`` is the E2E counter, 0 to 255, one more for each frame of this type; LatencyConfig
-    has none and ignores it. Raises EncodeError for a value outside its signal's range, a value that
+    ``counter`` is the E2E counter, 0 to 255, one more for each frame of this type; one without
+    protection ignores it. Raises EncodeError for a value outside its signal's range, a value that
     is not finite, and a member of the wrong enum.
     """
     can_id, pack = _PACK[type(message)]

@@ -2,29 +2,42 @@
 
 A frame must be intact and within its ranges (``dbc.messages.decode``) and, where its message has a
 counter, newer than the newest accepted one (``dbc.protection.SequenceCheck``). Refused frames are
-counted by cause.
+counted by cause. Frames under the identifiers that the node itself sends are noticed: a node does
+not receive its own, so they come from a second sender.
 """
 
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import TypeVar
 
 from ..runtime.frame import FD, Frame
-from .messages import CAN_IDS, LatencyConfig, Message, Rejection, rejection_of, unpacking
-from .protection import SequenceCheck, SequenceResult
+from ..runtime.node import NS_PER_MS
+from .messages import (
+    CAN_IDS,
+    CYCLE_TIMES_MS,
+    DATA_IDS,
+    MESSAGE_TYPES,
+    Message,
+    Rejection,
+    SecondSender,
+    rejection_of,
+    unpacking,
+)
+from .protection import SequenceCheck, SequenceResult, SequenceRule
 from .secured_frame import Refused, is_secured
 
 _Cause = TypeVar("_Cause", Rejection, SequenceResult, Refused)
 _ACCEPTED = SequenceResult.ACCEPTED
+NOTICE_NS = 1_000_000_000
+"""How long a second sender is reported after its last frame [ns]."""
 
 
 class Reception:
     """Receives some types of messages; frames with other identifiers are ignored.
 
     ``message_types``  what is received
-    ``max_jump``       see SequenceCheck; each type has its own
-    ``resync_run``     see SequenceCheck
-    ``resync_ns``      see SequenceCheck [ns]
+    ``rule``           what is believed of the counters of each type
+    ``sent_types``     what this node alone sends
 
     ``accepted``, ``refused``  frames so far, refused for any cause
     """
@@ -32,20 +45,22 @@ class Reception:
     def __init__(
         self,
         message_types: Collection[type[Message]],
-        max_jump: int,
-        resync_run: int,
-        resync_ns: int = 0,
+        rule: SequenceRule,
+        sent_types: Collection[type[Message]] = (),
     ) -> None:
         self._checks = {
             CAN_IDS[message_type]: None
-            if message_type is LatencyConfig  # sent by hand, so it has no counter
-            else SequenceCheck(max_jump, resync_run, resync_ns)
+            if message_type not in DATA_IDS  # sent by hand, so it has no counter
+            else SequenceCheck(rule, CYCLE_TIMES_MS[message_type] * NS_PER_MS)
             for message_type in message_types
         }
         self._received = {
             CAN_IDS[message_type]: (*unpacking(message_type), self._checks[CAN_IDS[message_type]])
             for message_type in message_types
         }
+        self._sent_ids = {CAN_IDS[message_type] for message_type in sent_types}
+        self._own_seen: set[int] = set()
+        self._own_ns: int | None = None
         self._rejected: Counter[str] = Counter()
         self.accepted = 0
         self.refused = 0
@@ -66,6 +81,31 @@ class Reception:
         """Frames that never arrived or arrived too late, by the counters of accepted frames."""
         return sum(check.lost for check in self._checks.values() if check is not None)
 
+    @property
+    def second_senders(self) -> Sequence[str]:
+        """Names of the messages, sent or received here, that have had a second sender."""
+        seen = self._own_seen | {
+            can_id
+            for can_id, check in self._checks.items()
+            if check is not None and check.second_sender_ns is not None
+        }
+        return [name for name, kind in MESSAGE_TYPES.items() if CAN_IDS[kind] in seen]
+
+    def second_sender(self, now_ns: int) -> SecondSender:
+        """Return whose messages have come from a second sender in the last NOTICE_NS."""
+        checks = self._checks.values()
+        peer = (check.second_sender_ns for check in checks if check is not None)
+        return SecondSender(
+            SecondSender.OWN * _is_recent(self._own_ns, now_ns)
+            + SecondSender.PEER * any(_is_recent(noticed_ns, now_ns) for noticed_ns in peer)
+        )
+
+    def undisputed(self, message_type: type[Message]) -> Message | None:
+        """Return the last message from before a dispute that has just begun, None if unknown."""
+        content = self.newest(message_type).undisputed()
+        unpacked = unpacking(message_type).unpack(content) if isinstance(content, bytes) else None
+        return unpacked[0] if isinstance(unpacked, tuple) else None
+
     def newest(self, message_type: type[Message]) -> SequenceCheck:
         """Return the record of counter and arrival of a message's newest accepted frame."""
         check = self._checks[CAN_IDS[message_type]]
@@ -78,12 +118,12 @@ class Reception:
     ) -> Message | Rejection | SequenceResult | Refused | None:
         """Return a frame's message, the cause of its refusal, or None if it is not received here.
 
-        ``now_ns``  when it arrived; not needed without ``resync_ns``
+        ``now_ns``  when it arrived
         """
         can_id, data, flags = frame
         received = self._received.get(can_id)
         if received is None:
-            return None
+            return self._notice_own(can_id, now_ns) if can_id in self._sent_ids else None
         length, unpack, check = received
         if flags or len(data) != length:
             return self._refuse_unread(frame)
@@ -92,11 +132,17 @@ class Reception:
             return self._refuse_unread(frame)
         message, counter = unpacked
         if check is not None:
-            result = check.check(counter, now_ns)
+            result = check.check(counter, now_ns, data)
             if result is not _ACCEPTED:
                 return self._refuse(result)
         self.accepted += 1
         return message
+
+    def _notice_own(self, can_id: int, now_ns: int) -> Rejection:
+        """Refuse a frame that only this node sends."""
+        self._own_seen.add(can_id)
+        self._own_ns = now_ns
+        return self._refuse(Rejection.OWN_IDENTIFIER)
 
     def _refuse_unread(self, frame: Frame) -> Rejection | Refused:
         """Refuse a frame that is not a valid message, for the cause found by ``rejection_of``."""
@@ -108,3 +154,7 @@ class Reception:
         self._rejected[cause.value] += 1
         self.refused += 1
         return cause
+
+
+def _is_recent(noticed_ns: int | None, now_ns: int) -> bool:
+    return noticed_ns is not None and now_ns - noticed_ns < NOTICE_NS

@@ -4,7 +4,7 @@ python -m steer_by_wire.dbc.secured_dbc > secured.dbc
 candump vcan0 | cantools decode --single-line secured.dbc
 
 It is ``steer_by_wire.dbc`` with longer messages: the bytes after the eighth, defined in
-``dbc.secured_frame``, are signals of their own. LATENCY_CONFIG is unchanged.
+``dbc.secured_frame``, are signals of their own. What a tool sends is unchanged.
 """
 
 import importlib.resources

@@ -1,6 +1,6 @@
 """The authenticated form of our messages: CAN FD frames with the classic payload in front.
 
-    every message but LATENCY_CONFIG and the two below, 20 bytes
+    every message of the nodes but the two below, 20 bytes
 
         bytes 0 to 7    payload, as in the classic frame: E2E header and signals
         bytes 8 to 11   freshness counter, its lowest 32 bits
@@ -10,7 +10,7 @@
 
         bytes 0 to 7    payload, as in the classic frame
         bytes 8 to 15   challenge: the number that frames sent to this sender are to be bound to
-        bytes 16 to 23  echo: the challenge that this sender binds its own frames to
+        bytes 16 to 23  echo: the challenge that this message answers
         bytes 24 to 31  freshness counter, all 64 bits
         bytes 32 to 47  CMAC, all 128 bits
 
@@ -25,7 +25,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ..runtime.frame import BITRATE_SWITCH, FD, Frame
-from .messages import CAN_IDS, ControllerStatus, LatencyConfig, Message, PlantStatus
+from .messages import CAN_IDS, DATA_IDS, ControllerStatus, Message, PlantStatus
 
 PAYLOAD_LENGTH = 8
 CHALLENGE_LENGTH = 8
@@ -65,10 +65,10 @@ LAYOUTS: Mapping[int, Layout] = MappingProxyType(
     {
         can_id: SYNC if message_type in SYNC_TYPES else DATA
         for message_type, can_id in CAN_IDS.items()
-        if message_type is not LatencyConfig
+        if message_type in DATA_IDS
     }
 )
-"""By identifier. LATENCY_CONFIG is written by hand and has no secured form."""
+"""By identifier. What a tool sends is written by hand and has no secured form."""
 
 
 class Refused(StrEnum):

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Collection
 from pathlib import Path
 
-from ..runtime.node import N
+from ..runtime.node import N, ReportingNode
 from ..runtime.program import ExitStatus, run_node, say
 from ..runtime.recording import fd_obstacle
 from ..runtime.settings import Settings, SettingsError
@@ -36,25 +36,27 @@ def run_secured_node(
     settings: Settings,
     end: End,
     make_node: Callable[[int], N],
-    received: Collection[type[Message]],
+    heard: Collection[type[Message]],
     conclude: Callable[[N], None] = lambda _node: None,
 ) -> ExitStatus:
     """Run a node as ``runtime.program.run_node`` does, behind authentication if a key is given.
 
     ``end``       which of the two ends the node is
-    ``received``  the messages it receives
+    ``heard``  the messages it receives, and those that nobody else may send
 
-    Reports on standard error whose frames are accepted, and at the end the refused ones. Raises
+    Reports on standard error whose frames are accepted, and at the end the refused ones and the
+    messages that somebody else has sent too. Raises
     SettingsError for a key file that cannot be used and a recording that would stay empty, and the
     exceptions of ``run_node``.
     """
-    can_ids = {CAN_IDS[message_type] for message_type in received}
+    can_ids = {CAN_IDS[message_type] for message_type in heard}
     if options.key_file is None:
 
         def conclude_classic(node: N) -> None:
             if secured := node.report()["rejected"].get(Refused.NO_KEY.value):
                 why = "their sender has a key, this end has none"
                 say(name, f"frames refused: {secured}, as {why} (--key-file)", sys.stderr)
+            _name_second_senders(name, node)
             conclude(node)
 
         return run_node(name, options, settings, make_node, conclude_classic, can_ids, NOBODY)
@@ -74,6 +76,7 @@ def run_secured_node(
         if node.refused:
             causes = ", ".join(f"{cause} {count}" for cause, count in node.refused.items())
             say(name, f"frames refused by authentication: {causes}", sys.stderr)
+        _name_second_senders(name, node)
         conclude(node.node)
 
     can_ids.add(CAN_IDS[end.peer_status])
@@ -86,3 +89,10 @@ def run_secured_node(
         can_ids,
         AUTHENTICATED,
     )
+
+
+def _name_second_senders(name: str, node: ReportingNode) -> None:
+    """Report messages that had two senders during the run."""
+    if messages := node.report()["second_senders"]:
+        what = "two nodes on the bus send what only one may"
+        say(name, f"second sender of {', '.join(messages)}: {what}", sys.stderr)

@@ -38,7 +38,7 @@ class WheelPhase(IntEnum):
 
 
 class WheelSegment(NamedTuple):
-    """What the wheel does from its start until ``end_ns``."""
+    """Motion of the wheel from its start until ``end_ns``."""
 
     wheel_rad: float
     """δ at the start."""
@@ -49,11 +49,11 @@ class WheelSegment(NamedTuple):
     clipped: bool
     """Whether the command lies beyond the angle limit."""
     end_ns: int
-    """When `end_ramp` is due; NEVER_NS for a segment that only a command ends."""
+    """When `end_ramp` is due; NEVER_NS if only a command ends the segment."""
 
 
 def at_rest(wheel_rad: float) -> WheelSegment:
-    """Return the segment of a wheel that no command has moved yet."""
+    """Return the segment of a wheel at rest."""
     return WheelSegment(wheel_rad, 0.0, WheelPhase.HELD, wheel_rad, False, NEVER_NS)
 
 

@@ -1,9 +1,10 @@
 """Sine and cosine of arrays by + − × in a fixed order: the same bits on every processor.
 
-numpy's own, and the C library's, choose their instructions by the processor, and round accordingly.
-To within 2 units in the last place for angles of a few turns: reduced by quarter turns in two parts
-(the first has 33 bits, so that its multiples are exact), then the minimax polynomials of fdlibm
-(Sun Microsystems, 1993: ``k_sin.c``, ``k_cos.c``) for |x| <= π/4.
+Those of numpy and of the C library differ between processors in their instructions and rounding.
+The error is at most 2 units in the last place for angles of a few turns. Angles are reduced by
+quarter turns in two parts (the first has 33 bits, so that its multiples are exact), then the
+minimax polynomials of fdlibm (Sun Microsystems, 1993: ``k_sin.c``, ``k_cos.c``) apply for |x| <=
+π/4.
 """
 
 import numpy as np
@@ -32,7 +33,7 @@ _COS = (
 
 
 def cos_and_sin(angle_rad: Floats) -> tuple[Floats, Floats]:
-    """Return both of angles of a few turns at most."""
+    """Return cosine and sine of angles of a few turns at most."""
     quarters = np.rint(angle_rad / _QUARTER_TURN)
     x = angle_rad - quarters * _QUARTER_TURN - quarters * _QUARTER_TURN_REST
     square = x * x

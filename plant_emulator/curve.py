@@ -1,8 +1,8 @@
 """From a smooth curve (x(t), y(t)) to a path: true arc length, linearly interpolated curvature.
 
-The break points are equally far apart in arc length and as many as the interpolation needs, by
-doubling. On a closed curve, equal distances make the sum over them converge faster than any power,
-so one lap of the interpolated curvature turns by the curve's own 2π.
+The break points have equal distances in arc length. Their number is doubled until the interpolation
+is accurate enough. On a closed curve, equal distances let the sum over them converge faster than
+any power, so that one lap of the interpolated curvature turns by 2π.
 """
 
 from collections.abc import Callable
@@ -58,7 +58,7 @@ def path_along(curve: Curve, knots: Floats, *, closed: bool) -> Path:
         curvature = _curvature(points)
         error = np.abs(curvature[1::2] - 0.5 * (curvature[:-1:2] + curvature[2::2])).max()
         allowed = max(CURVATURE_TOLERANCE * np.abs(curvature).max(), CURVATURE_TOLERANCE_1_M)
-        # Beside a kink of the curvature, the error can be twice the one half-way.
+        # Next to a kink of the curvature, the error can be twice that of the midpoint.
         if error <= 0.5 * allowed:
             break
         pieces *= 2
@@ -88,7 +88,7 @@ def path_along(curve: Curve, knots: Floats, *, closed: bool) -> Path:
             poses[-1].heading_rad - poses[0].heading_rad,
             True,
         )
-    # Behind the end of an open path the road goes on straight.
+    # After the end of an open path the road continues straight.
     return Path(
         [*start_m.tolist(), lengths.total_m],
         [*curvature[:-1].tolist(), 0.0],
@@ -125,7 +125,7 @@ class _ArcLength:
         self.total_m = float(self._length_m[-1])
 
     def parameters(self, pieces: int) -> Floats:
-        """Return the ``pieces`` + 1 parameters of points equally far apart."""
+        """Return the parameters of ``pieces`` + 1 points at equal distances."""
         wanted = np.linspace(0.0, self.total_m, pieces + 1)
         parameter: Floats = np.interp(wanted, self._length_m, self._cells)
         cell = np.searchsorted(self._cells, parameter, side="right") - 1

@@ -6,7 +6,7 @@
     F    side force [N], l_F ahead of the centre of gravity [m]
     M    yaw moment [N m]
     δ_0  steering offset [rad]: on the front wheel, behind the actuator and unseen by its sensor
-    b11, b21   as in (2), on the friction of the moment
+    b11, b21   as in (2), with the present friction
 
 The force pushes the virtual mass m̃ = m/μ: on friction μ, a real force counts as F = real/μ. The
 disturbance of the paper, the curvature of the path, comes from the path.
@@ -20,7 +20,7 @@ from .vehicle import VehicleParams, on_friction, state_matrices
 
 
 class DisturbanceInterval(NamedTuple):
-    """What disturbs the vehicle from ``start_ns`` until the next interval starts."""
+    """Disturbance of the vehicle from ``start_ns`` until the next interval."""
 
     start_ns: int
     side_slip_disturbance_rad_s: float
@@ -30,7 +30,9 @@ class DisturbanceInterval(NamedTuple):
     friction: float
 
 
-class _Load(NamedTuple):
+class Load(NamedTuple):
+    """What acts on the vehicle beside the curvature of its path."""
+
     side_force_n: float = 0.0
     yaw_moment_n_m: float = 0.0
     steering_offset_rad: float = 0.0
@@ -40,21 +42,22 @@ class _Load(NamedTuple):
 def disturbance_intervals(
     settings: DisturbanceSettings, vehicle: VehicleParams
 ) -> list[DisturbanceInterval]:
-    """Return the profile; its first interval starts with the motion, at 0."""
-    load = _Load()
-    intervals = [_interval(0, load, settings.side_force_arm_m, vehicle)]
+    """Return the profile; its first interval starts at 0, with the motion."""
+    load = Load()
+    intervals = [disturbance_interval(0, load, settings.side_force_arm_m, vehicle)]
     for step in settings.all_steps:
         load = load._replace(**step.model_dump(exclude={"at_s"}, exclude_none=True))
         start_ns = round(step.at_s * NS_PER_S)
         if intervals[-1].start_ns == start_ns:
             intervals.pop()
-        intervals.append(_interval(start_ns, load, settings.side_force_arm_m, vehicle))
+        intervals.append(disturbance_interval(start_ns, load, settings.side_force_arm_m, vehicle))
     return intervals
 
 
-def _interval(
-    start_ns: int, load: _Load, side_force_arm_m: float, vehicle: VehicleParams
+def disturbance_interval(
+    start_ns: int, load: Load, side_force_arm_m: float, vehicle: VehicleParams
 ) -> DisturbanceInterval:
+    """Return the interval in which a load acts."""
     _, b = state_matrices(on_friction(vehicle, load.friction))
     yaw_moment = load.yaw_moment_n_m + load.side_force_n * side_force_arm_m
     return DisturbanceInterval(

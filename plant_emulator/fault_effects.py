@@ -1,8 +1,8 @@
-"""What each kind of fault does to one frame: frames out, in the order in which they are passed on.
+"""The effect of each kind of fault on one frame: the frames passed on, in order.
 
-Shares and rates are drawn from the fault's own stream, and only while it is active. A wire fault
-sees bytes. A signal fault decodes, changes one value and encodes again with the counter it had, as
-a faulty sender would; a value beyond its signal's range is sent as that range's end.
+Random numbers come from the fault's own stream, and only while it is active. A wire fault changes
+bytes. A signal fault decodes the message, changes one value and encodes it with the same counter,
+as a faulty sender would. A value beyond its signal's range is sent as the end of that range.
 """
 
 import math
@@ -36,7 +36,7 @@ from .fault_settings import FaultKind, FaultSettings
 BURST_CHANCE = 0.05
 REORDER_CHANCE = 0.2
 RECORDED_MAX = 100_000
-"""Frames a replay remembers or a delay keeps: ten seconds of everything at the highest rates."""
+"""Frames that a replay or a delay stores: ten seconds of all messages at the highest rates."""
 
 _MOVED_TO: Mapping[int, int] = MappingProxyType(
     {
@@ -53,12 +53,12 @@ _MOVED_TO: Mapping[int, int] = MappingProxyType(
         )
     }
 )
-"""Whose identifier a frame gets that has a wrong one."""
+"""The identifier that replaces that of a message, as a wrong one."""
 
 _RAW_OUTSIDE: Mapping[type[Message], tuple[int, int, int]] = MappingProxyType(
     {
         SteeringCommand: (58, 3, 7),
-        LateralError: (24, 25, 1 << 24),  # NOT_AVAILABLE: it is refused as one that is outside
+        LateralError: (24, 25, 1 << 24),  # NOT_AVAILABLE is refused as outside the range
         SteeringStatus: (58, 3, 7),
         VehicleState: (38, 13, 1 << 12),
         ControllerStatus: (24, 3, 7),
@@ -67,21 +67,21 @@ _RAW_OUTSIDE: Mapping[type[Message], tuple[int, int, int]] = MappingProxyType(
         PlantStatus: (61, 3, 7),
     }
 )
-"""First bit and bits of a signal, and a raw value that it must not have."""
+"""First bit and length of a signal, and a raw value outside its range."""
 _TYPES_BY_ID: Mapping[int, type[Message]] = MappingProxyType(
     {can_id: message_type for message_type, can_id in CAN_IDS.items()}
 )
 
 
 class FaultMemory:
-    """What one fault remembers.
+    """Memory of one fault.
 
     ``draws``     its random stream
     ``before``    the last frame of each identifier before the onset
-    ``recorded``  frames and when they came [ns], for a replay
-    ``burst``     frames that a burst still takes
-    ``held``      frames kept back, with how many are still to overtake each
-    ``delayed``   frames and when they go on [ns]
+    ``recorded``  frames and their arrival times [ns], for a replay
+    ``burst``     frames that the present burst still drops
+    ``held``      frames held back, with how many still have to overtake each
+    ``delayed``   frames and when they are passed on [ns]
     """
 
     def __init__(self, draws: Iterator[float]) -> None:
@@ -93,7 +93,7 @@ class FaultMemory:
         self.delayed: deque[tuple[int, Frame]] = deque(maxlen=RECORDED_MAX)
 
     def happens(self, chance: float) -> bool:
-        """Draw whether something of this chance happens."""
+        """Draw an event of this probability."""
         return next(self.draws) < chance
 
 
@@ -124,7 +124,7 @@ def _duplicate(
 def _reorder(
     p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float
 ) -> Sequence[Frame]:
-    # Those that wait already are counted down by ``overtake``, which sees every frame.
+    # ``overtake`` counts down the frames that are held already.
     if x.happens(REORDER_CHANCE):
         x.held.append((int(p.magnitude), frame))
         return ()
@@ -132,7 +132,7 @@ def _reorder(
 
 
 def overtake(x: FaultMemory, frame: Frame) -> list[Frame]:
-    """Count ``frame``, which goes on, and return those that have been overtaken often enough."""
+    """Count ``frame`` as passed on; returns the held frames that enough frames have overtaken."""
     counted = [(left - (kept.can_id == frame.can_id), kept) for left, kept in x.held]
     x.held = [entry for entry in counted if entry[0] > 0]
     return [kept for left, kept in counted if left <= 0]
@@ -226,9 +226,9 @@ def _changed(p: FaultSettings, frame: Frame, change: Callable[[float], float]) -
 def with_value(
     frame: Frame, signal: str, change: Callable[[float], float], steps: int = 0
 ) -> Frame | None:
-    """Return the frame with one value changed and a counter ``steps`` further, its CRC right.
+    """Return the frame with one value changed, its counter advanced by ``steps``, and a valid CRC.
 
-    None for a frame that is not a message of ours, or whose message has no such signal.
+    None if the frame is not a valid message, or the message does not have the signal.
     """
     decoded = decode(frame)
     if not isinstance(decoded, Decoded) or not hasattr(decoded.message, signal):

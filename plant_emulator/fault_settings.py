@@ -1,4 +1,4 @@
-"""Settings tables `[[faults]]`: what goes wrong on the way to and from the plant, when, how much.
+"""Settings tables `[[faults]]`: faults of frames to and from the plant.
 
     [[faults]]
     kind = "bit_flips"
@@ -8,9 +8,9 @@
     duration_s = 1.0
     magnitude = 0.01              # of each bit, see the table `MAGNITUDES`
 
-Wire faults change, lose, add or move frames as they are; a receiver's checks find what they break.
-Signal faults are a sender's: the value is wrong, its CRC and counter are right. Checked here once,
-at the edge; ``plant_emulator.faults`` does what is asked.
+Wire faults change, drop, add or reorder frames, and the receiver's checks can detect them. Signal
+faults are those of a sender: the value is wrong, CRC and counter are valid.
+``plant_emulator.faults`` applies them.
 """
 
 from collections.abc import Mapping
@@ -40,7 +40,7 @@ FAULTS_MAX = 100
 
 
 class FaultDirection(StrEnum):
-    """Which way the frames go."""
+    """Direction of the frames."""
 
     DOWNLINK = "downlink"
     """To the plant: commands."""
@@ -49,27 +49,27 @@ class FaultDirection(StrEnum):
 
 
 class FaultKind(StrEnum):
-    """What goes wrong."""
+    """Kind of fault."""
 
     DROP = "drop"
     BURST_LOSS = "burst_loss"
-    """A burst begins with one frame in twenty, and may outlast the fault's end."""
+    """A burst starts with one frame in twenty, and may last beyond the fault's end."""
     DUPLICATE = "duplicate"
     REORDER = "reorder"
-    """One frame in five is kept back."""
+    """One frame in five is held back."""
     DELAY_SPIKE = "delay_spike"
     FREEZE = "freeze"
-    """Instead of each frame, the last one before the onset."""
+    """Each frame is replaced by the last one before the onset."""
     BIT_FLIPS = "bit_flips"
     WRONG_LENGTH = "wrong_length"
     WRONG_IDENTIFIER = "wrong_identifier"
     """Under the identifier of another message of the same sender."""
     SPOOF = "spoof"
-    """After each frame a forged one: the next counter, a valid CRC, the magnitude as the value."""
+    """Each frame is followed by a forged one: next counter, valid CRC, the magnitude as value."""
     REPLAY = "replay"
-    """Instead of each frame, the one recorded so long ago."""
+    """Each frame is replaced by the one recorded this long before."""
     OUT_OF_RANGE = "out_of_range"
-    """A raw value that its signal must not have; valid CRC and counter."""
+    """A raw value outside the signal's range; valid CRC and counter."""
     STUCK = "stuck"
     """The last value before the onset."""
     OFFSET = "offset"
@@ -79,7 +79,7 @@ class FaultKind(StrEnum):
 
 
 class Magnitude(NamedTuple):
-    """What the magnitude of a kind of fault is, in words with its unit, and its range."""
+    """Meaning of a fault's magnitude, with its unit, and its range."""
 
     what: str
     minimum: float
@@ -145,16 +145,16 @@ class FaultSettings(Settings):
     kind: FaultKind
     direction: FaultDirection
     message: str = ALL
-    """A name of the DBC, or "all" of the direction."""
+    """A message of the DBC, or "all" messages of the direction."""
     signal: str | None = None
-    """A field of the message with its unit, as ``lateral_error_m``: for signal faults."""
+    """For signal faults: a field of the message, such as ``lateral_error_m``."""
     onset_s: float = Field(0.0, ge=0.0, le=1e6)
-    """After the first command that reaches the plant's edge, which is when motion starts."""
+    """After the first command that arrives at the plant, which starts the motion."""
     duration_s: float = Field(1e6, gt=0.0, le=1e6)
     magnitude: float = 1.0
-    """What it is, and its range, depends on the kind."""
+    """Meaning and range depend on the kind."""
     stream: Annotated[int, Field(ge=0, le=1_000_000)] | None = None
-    """Which of the random streams for faults; none: its place in the list."""
+    """Number of its random stream; default: its place in the list."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -190,7 +190,7 @@ class FaultSettings(Settings):
 
 
 def quantities_of(message_type: type[Message]) -> tuple[str, ...]:
-    """Return the fields of a message that are quantities: a sensor or a law can be wrong there."""
+    """Return the fields of a message that are quantities, which signal faults can change."""
     return tuple(name for name, kind in message_type.__annotations__.items() if kind is float)
 
 

@@ -1,13 +1,13 @@
-"""The fault stage at the plant's edge: all frames to and from the rig pass through it.
+"""The fault stage at the plant, through which all its frames pass.
 
     bus ── downlink faults ──► node ── uplink faults ──► bus
 
-Each fault of the settings is one stage, in their order; what one lets go on, the next gets. Frames
-that a delay spike keeps go on when they are due, past the faults behind it. Every fault draws from
-a stream of its own, so that none shifts another's draws nor those of latency and noise: until the
-first onset, a run is what it is without faults, bit for bit.
+Each fault of the settings is one stage, in their order; the output of one is the input of the next.
+Frames delayed by a delay spike are passed on when they are due, past the faults after it. Every
+fault draws from its own stream, so that it does not change the draws of other faults, latency or
+noise: until the first onset a run is the same as without faults, bit for bit.
 
-The onsets' clock starts with the first STEERING_COMMAND that reaches the edge, as motion does.
+The clock of the onsets starts with the first STEERING_COMMAND that arrives, as motion does.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -24,14 +24,13 @@ _COMMAND_ID = CAN_IDS[SteeringCommand]
 
 
 class FaultStage:
-    """One fault at work.
+    """One fault.
 
-    ``settings``  what it does and when
     ``seed``      of the run
-    ``place``     in the list of faults: which stream it draws from, unless the settings say
+    ``place``     in the list of faults; selects the random stream, unless the settings do
 
-    ``on_change`` may be set to be called with each frame that did not go on as it came, and of what
-    went on in its place.
+    ``on_change`` may be set. It is called with each frame that was not passed on unchanged, and the
+    frames passed on instead.
     """
 
     def __init__(self, settings: FaultSettings, seed: int, place: int) -> None:
@@ -50,17 +49,17 @@ class FaultStage:
 
     @property
     def next_due_ns(self) -> int:
-        """When the next frame that it keeps goes on [ns]; NEVER_NS for none."""
+        """When the next delayed frame is due [ns]; NEVER_NS if there is none."""
         delayed = self._memory.delayed
         return delayed[0][0] if delayed else NEVER_NS
 
     @property
     def changed(self) -> int:
-        """Frames so far that did not go on as they came, or not alone."""
+        """Frames so far that were not passed on unchanged and alone."""
         return self._changed
 
     def take(self, frame: Frame, now_ns: int, since_ns: int) -> Sequence[Frame]:
-        """Return what goes on of a frame that comes ``since_ns`` after the onsets' clock began."""
+        """Return the frames passed on for one that comes ``since_ns`` after the clock's start."""
         if frame.can_id not in self._ids:
             return (frame,)
         memory = self._memory
@@ -68,7 +67,7 @@ class FaultStage:
             memory.recorded.append((now_ns, frame))
             self._forget(now_ns)
         out: Sequence[Frame] = (frame,)
-        # A burst that has begun lasts as long as it is, whatever the end.
+        # A burst may last beyond the fault's end.
         if self._onset_ns <= since_ns < self._end_ns or memory.burst > 0:
             since_onset_s = (since_ns - self._onset_ns) / NS_PER_S
             out = self._effect(self.settings, memory, frame, now_ns, since_onset_s)
@@ -85,14 +84,14 @@ class FaultStage:
         return out
 
     def pop_due(self, now_ns: int) -> list[Frame]:
-        """Return the kept frames that are due."""
+        """Return the delayed frames that are due."""
         delayed, due = self._memory.delayed, []
         while delayed and delayed[0][0] <= now_ns:
             due.append(delayed.popleft()[1])
         return due
 
     def report(self) -> Mapping[str, Any]:
-        """Return what it did, ready for JSON; times in seconds of the run's clock."""
+        """Return its figures, ready for JSON; times in seconds of the run's clock."""
         return {
             "kind": self.settings.kind.value,
             "direction": self.settings.direction.value,
@@ -103,7 +102,7 @@ class FaultStage:
         }
 
     def _forget(self, now_ns: int) -> None:
-        """Keep of each identifier what is just old enough, and all that is younger."""
+        """Drop recorded frames, except the newest of each identifier that is old enough."""
         recorded = self._memory.recorded
         oldest_ns = now_ns - round(self.settings.magnitude * NS_PER_S) - NS_PER_S
         while recorded and recorded[0][0] < oldest_ns:
@@ -111,11 +110,11 @@ class FaultStage:
 
 
 class FaultyNode(Wrapper[N]):
-    """Runs ``node`` with faults on the way to and from it.
+    """Runs ``node`` with faults of its frames.
 
-    ``faults``    of both directions, in the order in which frames meet them
+    ``faults``    of both directions, in the order of their stages
     ``seed``      of the run
-    ``start_ns``  where the onsets' clock starts; none: with the first command
+    ``start_ns``  start of the onsets' clock; None: with the first command
     """
 
     def __init__(
@@ -129,20 +128,20 @@ class FaultyNode(Wrapper[N]):
 
     @property
     def deadline_ns(self) -> int:
-        """When the node wants its next tick, or a kept frame goes on [ns]."""
+        """When the node's next tick or a delayed frame is due [ns]."""
         deadline_ns = self.node.deadline_ns
         for stage in self.stages:
             deadline_ns = min(deadline_ns, stage.next_due_ns)
         return deadline_ns
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        """Let the node have what the downlink's faults leave of a frame."""
+        """Pass a frame to the node through the downlink's faults."""
         if self._start_ns is None and frame.can_id == _COMMAND_ID:
             self._start_ns = now_ns
         return self._hand_in(self._through(self._down, [frame], now_ns), now_ns)
 
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
-        """Let kept frames go on, and the node do what is due."""
+        """Pass on delayed frames that are due, and let the node tick."""
         late = [frame for stage in self._down for frame in stage.pop_due(now_ns)]
         sent = [*self._hand_in(late, now_ns)]
         for stage in self._up:
@@ -152,7 +151,7 @@ class FaultyNode(Wrapper[N]):
         return sent
 
     def report(self) -> Mapping[str, Any]:
-        """Return the node's report, and under ``faults`` what each of them did."""
+        """Return the node's report, with the figures of each fault under ``faults``."""
         return {**self.node.report(), "faults": [stage.report() for stage in self.stages]}
 
     def _of(self, direction: FaultDirection) -> list[FaultStage]:
@@ -174,5 +173,5 @@ class FaultyNode(Wrapper[N]):
 
 
 def with_faults(node: N, faults: Sequence[FaultSettings], seed: int) -> N | FaultyNode[N]:
-    """Return the node behind the faults of its settings; the node itself where there are none."""
+    """Return the node behind the faults of its settings; the node itself if there are none."""
     return FaultyNode(node, faults, seed) if faults else node

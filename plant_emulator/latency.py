@@ -23,7 +23,7 @@ from math import exp, log, sqrt
 from statistics import NormalDist
 
 RESOLUTION_S = 1e-9
-"""Of latencies on the clock. A mean or spread below it is none, or ratios of the two overflow."""
+"""Resolution of latencies. A mean or spread below it counts as 0, so that no ratio overflows."""
 
 _STANDARD_NORMAL = NormalDist()
 _SQRT_3 = sqrt(3.0)
@@ -40,7 +40,7 @@ class Distribution(StrEnum):
 
 
 def constant_quantile(u: float, mean_s: float, spread_s: float) -> float:  # noqa: ARG001 - one signature
-    """Return the mean [s], whatever u and the spread."""
+    """Return the mean [s]."""
     return mean_s
 
 
@@ -57,14 +57,14 @@ def normal_quantile(u: float, mean_s: float, spread_s: float) -> float:
 def lognormal_quantile(u: float, mean_s: float, spread_s: float) -> float:
     """Return the quantile [s] of the lognormal distribution."""
     if min(mean_s, spread_s) < RESOLUTION_S:
-        return mean_s  # a positive variable of mean zero is zero
+        return mean_s  # a positive variable with mean zero is zero
     variance = log(1.0 + (spread_s / mean_s) ** 2)
     return mean_s * exp(sqrt(variance) * _STANDARD_NORMAL.inv_cdf(u) - 0.5 * variance)
 
 
 def gamma_quantile(u: float, mean_s: float, spread_s: float) -> float:
     """Return the quantile [s] of the gamma distribution."""
-    # Only this distribution needs scipy, and importing it would double the program's start-up time.
+    # Only this distribution needs scipy, whose import would double the start-up time.
     from scipy.special import gammaincinv
 
     if min(mean_s, spread_s) < RESOLUTION_S:

@@ -1,4 +1,4 @@
-"""A latency line: what the network adds to the frames of one direction.
+"""A latency line: delays and loses the frames of one direction as a network does.
 
 How long a frame takes, and whether it is lost, is drawn (``plant_emulator.latency_draw``). A
 latency of zero is due at the very instant the frame came: zero latency adds exactly zero delay.
@@ -18,13 +18,13 @@ from .latency_draw import LatencyDraw
 from .latency_settings import LatencySettings, Order
 
 WAITING_MAX = 100_000
-"""Frames one line holds: the longest latency at the highest rate, three times over."""
+"""Frames that a line holds: three times those of the longest latency at the highest rate."""
 
 Item = TypeVar("Item")
 
 
 class Passage(NamedTuple, Generic[Item]):
-    """A frame on its way; sorts by due time, then in the order in which frames came."""
+    """A frame in the line; sorts by due time, then by arrival."""
 
     due_ns: int
     sequence: int
@@ -34,13 +34,13 @@ class Passage(NamedTuple, Generic[Item]):
 
     @property
     def latency_ns(self) -> int:
-        """What it spends in the line [ns]."""
+        """Time in the line [ns]."""
         return self.due_ns - self.came_ns
 
 
 class LineCounts(NamedTuple):
-    """What became of the frames: pushed + duplicated = released + lost + superseded + overflowed
-    + those that still wait.
+    """Counts of frames: pushed + duplicated = released + lost + superseded + overflowed
+    + those still waiting.
     """
 
     pushed: int
@@ -85,7 +85,7 @@ class LatencyLine(Generic[Item]):
 
     @property
     def counts(self) -> LineCounts:
-        """What became of the frames so far."""
+        """Counts of the frames so far."""
         return LineCounts(
             self._pushed,
             self._duplicated,
@@ -120,7 +120,7 @@ class LatencyLine(Generic[Item]):
         self._pushed += 1
 
     def pop_due(self, now_ns: int) -> list[Passage[Item]]:
-        """Return the frames due up to ``now_ns``, in the order in which they leave."""
+        """Return the frames due up to ``now_ns``, in order."""
         released: list[Passage[Item]] = []
         waiting, newest = self._waiting, self._newest_released
         while self.next_due_ns <= now_ns:

@@ -1,8 +1,8 @@
 """How latency changes over the time of motion: schedules and recorded traces.
 
-A schedule is a table of points in time order. With shape `step` a point holds until the next one,
-with `ramp` the values run straight from point to point. A step in a ramp schedule is two points at
-the same time. The first and the last point hold outwards.
+A schedule is a list of points in time order. With shape `step` a point holds until the next one,
+with `ramp` the values are interpolated. Two points at the same time make a step in a ramp schedule.
+The first and the last point extend outwards.
 """
 
 import csv
@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 LATENCY_S_MAX = 10.0
-"""Longest latency that is emulated; it bounds what a latency line has to hold."""
+"""Longest latency; it limits how many frames a latency line holds."""
 
 
 class Shape(StrEnum):
-    """What lies between two points of a schedule."""
+    """Interpolation of a schedule."""
 
     STEP = "step"
     RAMP = "ramp"
@@ -58,8 +58,8 @@ class Trace(NamedTuple):
     def latency_s(self, frame: int, time_s: float) -> float:
         """Return the latency of the ``frame``-th frame (from 0), sent at ``time_s`` of motion.
 
-        A trace per frame starts again when it is used up. In a trace over time a row holds until
-        the time of the next one, the first and the last outwards.
+        A trace per frame repeats. In a trace over time a row holds until the time of the next one;
+        the first and the last extend outwards.
         """
         if not self.times_s:
             return self.latencies_s[frame % len(self.latencies_s)]
@@ -69,8 +69,8 @@ class Trace(NamedTuple):
 def read_trace(path: Path) -> Trace:
     """Read a CSV file whose first line is ``latency_s`` or ``time_s,latency_s``.
 
-    Raises OSError where the file cannot be read, and ValueError, naming the line, where it does
-    not hold finite latencies ≥ 0 at times that rise.
+    Raises OSError if the file cannot be read, and ValueError with the line unless it has finite
+    latencies ≥ 0 at rising times.
     """
     with path.open(newline="", encoding="utf-8") as file:
         rows = csv.reader(file)

@@ -16,7 +16,7 @@ from .own_parts import OWN_TABLE, LatencyTable, find_latency_model, own_quantile
 LatencySeconds = Annotated[float, Field(ge=0.0, le=LATENCY_S_MAX)]
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 _TRIED = (0.001, 0.5, 0.999)
-"""Uniforms at which a latency model of another package is tried before it is believed."""
+"""Uniforms with which a latency model of another package is tested."""
 
 
 def _known_model(name: Any) -> Distribution | str:
@@ -38,14 +38,14 @@ LatencyModelName = Annotated[
 
 
 class Order(StrEnum):
-    """What a line does when a frame would overtake an earlier one of the same message."""
+    """What happens when a frame overtakes an earlier one of the same message."""
 
     NEWEST_WINS = "newest_wins"
-    """It overtakes, and the earlier one is dropped on arrival: a receiver that ignores old data."""
+    """The earlier frame is dropped on arrival, as by a receiver that ignores old data."""
     IN_ORDER = "in_order"
-    """It waits behind the earlier one: a gateway's queue."""
+    """It waits behind the earlier one, as in a gateway's queue."""
     AS_ARRIVES = "as_arrives"
-    """It overtakes, and the earlier one arrives after it: a network of several ways."""
+    """The earlier frame arrives after it, as in a network with several routes."""
 
 
 class SchedulePoint(Settings):
@@ -58,7 +58,7 @@ class SchedulePoint(Settings):
 
 
 class LatencySettings(Settings):
-    """What the network does to frames in one direction; the default is nothing at all."""
+    """The network in one direction; by default it changes nothing."""
 
     model: LatencyModelName = Distribution.CONSTANT
     own: LatencyTable = OWN_TABLE
@@ -66,21 +66,21 @@ class LatencySettings(Settings):
     spread_s: LatencySeconds = 0.0
     """Standard deviation."""
     correlation_time_s: float = Field(0.0, ge=0.0, le=1e6)
-    """Of the AR(1) process behind the latencies; 0 draws every frame anew."""
+    """Of the AR(1) process behind the latencies; 0: frames are independent."""
     loss: Probability = 0.0
-    """Share of all frames that is lost in the long run."""
+    """Long-run share of lost frames."""
     burst_frames: float | None = Field(None, ge=1.0, le=1e6)
-    """Mean length of a burst of loss (Gilbert-Elliott); none: every frame on its own."""
+    """Mean length of a burst of loss (Gilbert-Elliott); default: independent losses."""
     loss_in_good: Probability = 0.0
     loss_in_burst: Probability = 1.0
     duplicates: Probability = 0.0
-    """Share of frames that arrive a second time, with a latency of their own."""
+    """Share of frames that arrive twice; the duplicate has its own latency."""
     order: Order = Order.NEWEST_WINS
     schedule: tuple[SchedulePoint, ...] = Field((), max_length=100_000)
-    """Takes the place of mean_s, spread_s and loss."""
+    """Replaces mean_s, spread_s and loss."""
     schedule_shape: Shape = Shape.STEP
     trace_file: Path | None = None
-    """Recorded latencies (CSV: latency_s, or time_s,latency_s); takes the place of the model."""
+    """Recorded latencies (CSV: latency_s, or time_s,latency_s); replaces the model."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -104,7 +104,7 @@ class LatencySettings(Settings):
 
     @property
     def quantile(self) -> Quantile:
-        """The quantile function; that of another package raises PartError where it fails."""
+        """The quantile function; one of another package raises PartError when it fails."""
         if isinstance(self.model, Distribution):
             return QUANTILES[self.model]
         return own_quantile(self.model, self.own)
@@ -120,7 +120,7 @@ class BothLatencySettings(Settings):
 
 
 def _check_trace(path: Path) -> None:
-    """Refuse a trace file that cannot be used, in a settings error's one line."""
+    """Raise ValueError, in one line, for an invalid trace file."""
     try:
         read_trace(path)
     except OSError as error:

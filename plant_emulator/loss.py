@@ -5,9 +5,9 @@ A two-state Markov chain steps once per frame (Gilbert 1960, Elliott 1963):
     good ⇄ burst      P(good → burst) = p,   P(burst → good) = r = 1 / burst_frames
     lost with probability k in the good state, h in a burst
 
-The settings give what a user can measure instead of p: the long-run share of frames lost
+Instead of p, the settings have what a user can measure: the long-run share of lost frames
 
-    loss = (1 − π) k + π h,      π = p / (p + r), the share of frames met in a burst
+    loss = (1 − π) k + π h,      π = p / (p + r), the share of frames in a burst
 
 Bernoulli is the case k = h = loss, where the state makes no difference.
 """
@@ -34,10 +34,10 @@ def gilbert_elliott(
 ) -> LossParams:
     """Return the chain with the long-run share ``loss`` of lost frames.
 
-    ``burst_frames`` is the mean length of a burst in frames (at least 1). Every ``loss`` from 0 to
-    1 has a chain, because it may be changed at run time: where it lies outside
-    [loss_in_good, loss_in_burst] the nearer of the two gives way, and where the bursts would have
-    to follow each other without a good frame they grow until they are no longer correlated.
+    ``burst_frames`` is the mean length of a burst in frames (at least 1). Because ``loss`` may
+    change at run time, every value from 0 to 1 has a chain. Outside [loss_in_good, loss_in_burst]
+    the nearer of the two is adapted. If bursts would have to follow each other without a good
+    frame, they grow until losses are no longer correlated.
     """
     k = min(loss_in_good, loss)
     h = max(loss_in_burst, loss)

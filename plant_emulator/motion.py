@@ -1,14 +1,13 @@
 """The moving vehicle: actuator, path and disturbances around the exact propagation of (1).
 
-Everything that bends the motion is an event at a whole nanosecond: a command, the end of the
-wheel's ramp, a break point of the path, a step of a disturbance. `advance` goes from event to event
-in closed form, so it may be called as rarely or as often as somebody wants to look.
+Every change of the inputs is an event at a whole nanosecond: a command, the end of the wheel's
+ramp, a break point of the path, a step of a disturbance. `advance` goes from event to event in
+closed form, so the result does not depend on how often it is called.
 
-Time counts from the start of motion. The arc length s = V t is that of the preview point's foot on
-the path, not of the centre of gravity's: only then does (1), where y is measured at the preview
-point and Δψ and ρ have no preview distance beside them, describe the geometry exactly. So ρ(s) is
-at once what drives (1) and the preview curvature, and the centre of gravity starts `preview_m`
-behind the path's start.
+Time counts from the start of motion. The arc length s = V t is that of the point of the path beside
+the preview point, not beside the centre of gravity. Only then is (1) exact, which measures y at the
+preview point, and Δψ and ρ without a preview distance. So ρ(s) both drives (1) and is the preview
+curvature, and the centre of gravity starts `preview_m` behind the path's start.
 """
 
 import math
@@ -23,7 +22,7 @@ from .path import Path, Place, Pose, end_of_place_m, next_place, vehicle_pose
 from .propagation import LinearState, propagate
 
 LARGEST = 1e150
-"""A magnitude beyond which a state counts as infinite: the figures of a run take its square."""
+"""Magnitude beyond which a state counts as infinite, because figures of a run take its square."""
 
 
 class Course(NamedTuple):
@@ -94,6 +93,17 @@ def advance_motion(p: MotionParams, x: MotionState, to_ns: int) -> MotionState:
         return x
     linear = propagate(p.table, course.first_row, linear, to_ns - time_ns)
     return new_record(MotionState, (to_ns, linear, course))
+
+
+def disturb_motion(p: MotionParams, x: MotionState) -> MotionState:
+    """Return the state at the start of the first interval of ``p``; all else in it is as before."""
+    time_ns, z, course = x
+    first = p.intervals[0]
+    w_beta, w_r = first.side_slip_disturbance_rad_s, first.yaw_disturbance_rad_s2
+    linear = z._replace(side_slip_disturbance_rad_s=w_beta, yaw_disturbance_rad_s2=w_r)
+    _, _, wheel, place, place_end_ns, _, _ = course
+    course = _course(p, wheel, place, place_end_ns, 0, _interval_end_ns(p, 0))
+    return MotionState(time_ns, linear, course)
 
 
 def _pass_event(p: MotionParams, x: MotionState) -> MotionState:
@@ -180,11 +190,11 @@ Advance = Callable[[MotionParams, MotionState, int], MotionState]
 
 
 class Motion:
-    """Holds the state of one motion; every read-out is the one at ``time_ns``, and finite.
+    """The state of one motion; all properties are those at ``time_ns``, and finite.
 
-    The state of an unstable, uncontrolled vehicle grows without bound, because (1) is linear. When
-    it is no longer finite, the vehicle stays in its last finite state for good, while the wheel and
-    the path continue; ``is_finite`` reports this.
+    The state of an unstable, uncontrolled vehicle grows without bound, because (1) is linear. If it
+    is no longer finite, the vehicle keeps its last finite state, while wheel and path continue;
+    ``is_finite`` reports this.
 
     ``advance``  ``advance_motion``, or what has other equations of motion
 
@@ -203,8 +213,14 @@ class Motion:
         self.speed_m_s = params.speed_m_s
 
     def command(self, steer_rad: float) -> None:
-        """Let a steering command (finite) reach the actuator now."""
+        """Apply a steering command (finite) to the actuator now."""
         self._state = command_motion(self._params, self._state, steer_rad)
+        self.linear = self._state.linear
+
+    def disturb(self, params: MotionParams) -> None:
+        """Let the one interval of other parameters begin now; all else in them is the same."""
+        self._params = params
+        self._state = disturb_motion(params, self._state)
         self.linear = self._state.linear
 
     def advance(self, to_ns: int) -> None:
@@ -223,7 +239,7 @@ class Motion:
 
     @property
     def path(self) -> Path:
-        """The path that is driven."""
+        """The path."""
         return self._params.path
 
     @property
@@ -268,7 +284,7 @@ class Motion:
 
     @property
     def pose(self) -> Pose:
-        """Where the centre of gravity is in the world and where the vehicle heads."""
+        """Position of the centre of gravity and heading of the vehicle."""
         return vehicle_pose(
             self._params.path,
             self.arc_length_m,

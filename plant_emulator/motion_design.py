@@ -1,4 +1,4 @@
-"""Turns the rig's settings into everything that determines a motion besides the commands."""
+"""From the rig's settings to the parameters of a motion."""
 
 import math
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from .vehicle import VehicleParams, on_friction
 
 
 class MotionParams(NamedTuple):
-    """What does not change while the vehicle moves."""
+    """Constants of a motion."""
 
     speed_m_s: float
     preview_m: float
@@ -37,7 +37,7 @@ def design_motion(
 ) -> MotionParams:
     """Return the motion's parameters; computes the transition tables (about 20 ms each).
 
-    Raises SettingsError for a bad waypoint file, ValueError for a vehicle beyond computing.
+    Raises SettingsError for a bad waypoint file, ValueError for a vehicle that cannot be computed.
     """
     arrays = design_motion_arrays(vehicle, actuator, build_path(path), disturbance)
     table, first_rows = table_rows(np.asarray(arrays.table)), np.asarray(arrays.first_rows).tolist()
@@ -61,7 +61,7 @@ def design_motion_arrays(
     intervals = disturbance_intervals(disturbance, params)
     table: Any
     first_rows: Any
-    table, first_rows = _transitions(params, actuator_params, intervals)
+    table, first_rows = transitions(params, actuator_params, intervals)
     return MotionParams(
         params.speed_m_s,
         params.preview_m,
@@ -74,7 +74,7 @@ def design_motion_arrays(
 
 
 def vehicle_params(settings: VehicleSettings) -> VehicleParams:
-    """Return the vehicle that the settings describe."""
+    """Return the vehicle's parameters."""
     return VehicleParams(
         settings.speed_km_h / 3.6,
         settings.virtual_mass_kg,
@@ -87,13 +87,12 @@ def vehicle_params(settings: VehicleSettings) -> VehicleParams:
     )
 
 
-def _transitions(
+def transitions(
     vehicle: VehicleParams, actuator: ActuatorParams, intervals: Sequence[DisturbanceInterval]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the tables of every friction and wheel phase, end to end, and `first_rows`."""
     settling_1_s = 1.0 / actuator.lag_s if actuator.lag_s > 0.0 else 0.0
-    # A wheel at rest rests with any settling, and without a rate limit no wheel ramps: neither
-    # needs a table of its own.
+    # A wheel at rest needs no table of its own, nor does a ramp without a rate limit.
     ramping_1_s = 0.0 if actuator.rate_limit_rad_s < math.inf else settling_1_s
     by_phase = {
         WheelPhase.HELD: settling_1_s,

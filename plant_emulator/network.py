@@ -11,7 +11,7 @@ from .streams import Channel, uniforms
 
 
 class Network:
-    """Both lines of a run; ``measured_latency_s`` is that of the measurement that left last."""
+    """Both lines of a run; ``measured_latency_s`` is that of the last measurement that left."""
 
     def __init__(self, settings: PlantSettings) -> None:
         seed, latency = settings.seed, settings.latency
@@ -40,7 +40,7 @@ class Network:
         return [passage.item for passage in released]
 
     def reconfigure(self, config: LatencyConfig) -> None:
-        """Change the lines that a tool has asked to change."""
+        """Change the latency as a tool requests."""
         model = Distribution[config.model.name]
         if config.direction in (Direction.DOWNLINK, Direction.BOTH):
             self.downlink.reconfigure(model, config.mean_s, config.spread_s, config.loss)

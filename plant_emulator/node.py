@@ -1,24 +1,24 @@
 """The plant emulator as a node: commands in, measurements out, the vehicle in between.
 
-``on_frame`` only judges a command and puts it into the downlink. ``on_tick`` does everything that
-is due, each thing at its own exact time and not at the time of the tick, in this order at one
-instant:
+``on_frame`` only checks a command and puts it into the downlink. ``on_tick`` does all that is due,
+each at its exact time and not at that of the tick, in this order at one instant:
 
-1. commands leave the downlink and reach the steering's control unit, which sets the wheel's target
-2. the control unit acts on commands that stay away (``plant_emulator.steering_guard``)
+1. commands leave the downlink for the steering's control unit, which sets the wheel's target
+2. the control unit reacts to missing commands (``plant_emulator.steering_guard``)
 3. the sensors sample, and their messages enter the uplink
 4. messages leave the uplink for the bus
-5. PLANT_STATUS is sent: the rig's own word, which takes no way through the uplink
+5. PLANT_STATUS is sent by the rig itself, without the uplink's latency
+6. disturbances that a tool has set begin to act
 
-A tick that comes late therefore changes when frames leave, not how the vehicle moves: the motion is
-advanced from event to event, and a command acts from the instant it was due.
+A late tick therefore changes when frames leave, but not how the vehicle moves: a command acts from
+the instant at which it was due.
 
-The vehicle stands at the start of its path until motion starts: with the first valid command that
-arrives on the bus, before its latency, so that two programs started one after the other and two
-nodes in virtual time drive the same run.
+The vehicle stands at the start of its path until the first valid command arrives on the bus, before
+its latency. So two programs started one after the other drive the same run as two nodes in virtual
+time.
 
-A fault that the plant finds in itself (``plant_emulator.self_supervision``) ends the run safely:
-the steering enters its SAFE_STATE, reports it, and after its fallback the node has finished.
+A fault that the plant detects in itself (``plant_emulator.self_supervision``) ends the run: the
+steering enters its SAFE_STATE, reports it, and after its fallback the node has finished.
 """
 
 import math
@@ -27,18 +27,24 @@ from typing import Any
 
 from ..dbc.messages import (
     CAN_IDS,
+    DisturbanceConfig,
     LatencyConfig,
+    LateralError,
     Message,
     PlantStatus,
     Rejection,
     SteeringCommand,
+    SteeringStatus,
+    VehicleState,
     limits,
 )
+from ..dbc.protection import SequenceResult
 from ..dbc.reception import Reception
 from ..runtime.frame import Frame
 from ..runtime.node import NEVER_NS
 from ..runtime.periodic import PeriodicTimer
 from ..runtime.record import new_record
+from .disturbing import Disturbing
 from .latency_line import Passage
 from .motion_design import MotionParams, design_motion
 from .network import Network
@@ -47,7 +53,7 @@ from .path import Path
 from .plant_messages import PlantMessages
 from .plant_report import line_report, motion_report
 from .plant_samples import PlantSample, RunRecord
-from .safety_settings import design_guard, resync_ns_of
+from .safety_settings import design_guard
 from .self_supervision import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfSupervision
 from .sensors import Readings
 from .settings import PlantSettings
@@ -55,18 +61,20 @@ from .status_timing import StatusTiming
 from .steering_unit import SteeringUnit
 from .streams import Channel, uniforms
 
-RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig)
+RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig, DisturbanceConfig)
 """What the plant receives."""
+SENT: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState, PlantStatus)
+"""What the plant alone sends."""
 VEHICLE_STATE_PERIOD_NS = 20_000_000
 SAMPLES_MAX = 1_000_000
-"""Samples kept for a trace: nearly three hours at 100 Hz."""
+"""Samples stored for a trace: nearly three hours at 100 Hz."""
 _COMMAND_ID = CAN_IDS[SteeringCommand]
 _LOST_COUNTERS = int(limits(PlantStatus)["lost"].maximum) + 1
 _REJECTED_COUNTERS = int(limits(PlantStatus)["rejected"].maximum) + 1
 
 
 def samples_per_vehicle_state(sensor_period_ns: int) -> int:
-    """Return with every how many samples VEHICLE_STATE is sent."""
+    """Return the number of samples from one VEHICLE_STATE to the next."""
     return max(1, VEHICLE_STATE_PERIOD_NS // sensor_period_ns)
 
 
@@ -78,14 +86,13 @@ def motion_params(settings: PlantSettings) -> MotionParams:
 class PlantNode:
     """The rig on the bus.
 
-    ``settings``     the run
     ``start_ns``     first sample [ns]
-    ``params``       the motion designed from these settings, which takes tens of milliseconds;
-                     designed here unless given
-    ``samples_max``  how many samples are kept in ``samples``
+    ``params``       from ``motion_params(settings)``, which takes tens of milliseconds; computed
+                     here unless given
+    ``samples_max``  largest number of samples stored in ``samples``
 
-    ``deadline_ns``  when the next thing is due [ns]
-    ``finished``     whether the motion has lasted as long as it was to, or a fault has ended it
+    ``deadline_ns``  when the next event is due [ns]
+    ``finished``     whether the motion has reached its duration, or a fault has ended it
     """
 
     def __init__(
@@ -100,6 +107,7 @@ class PlantNode:
         self._motion_start_ns = NEVER_NS if settings.start_on_first_command else start_ns
         params = motion_params(settings) if params is None else params
         self._motion = make_motion(settings.vehicle, params)
+        self._disturbing = Disturbing(settings, params)
         self._unit = SteeringUnit(
             design_guard(settings.safety, settings.vehicle, settings.actuator)
         )
@@ -110,12 +118,9 @@ class PlantNode:
         self._status_timing = StatusTiming(start_ns)
         self.deadline_ns = start_ns
         self._network = Network(settings)
-        self._reception = Reception(
-            RECEIVED,
-            settings.max_counter_jump,
-            settings.resync_frames,
-            resync_ns_of(settings.safety),
-        )
+        self._reception = Reception(RECEIVED, settings.counters, SENT)
+        self._commands = self._reception.newest(SteeringCommand)
+        self._disputes = 0
         self._unauthenticated = 0
         self._command: Passage[SteeringCommand] | None = None
         noise = settings.sensor_noise
@@ -128,7 +133,7 @@ class PlantNode:
 
     @property
     def motion_start_ns(self) -> int:
-        """When the motion started [ns]; NEVER_NS before."""
+        """Start of the motion [ns]; NEVER_NS before."""
         return self._motion_start_ns
 
     @property
@@ -138,12 +143,16 @@ class PlantNode:
 
     @property
     def path(self) -> Path:
-        """The path that is driven."""
+        """The path."""
         return self._motion.path
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        """Judge a frame; a command enters the downlink."""
+        """Check a frame; a command enters the downlink."""
         received = self._reception.take(frame, now_ns)
+        if received is SequenceResult.DISPUTED and self._commands.disputes > self._disputes:
+            # What is held from now on is not to be the second sender's.
+            self._disputes = self._commands.disputes
+            received = self._reception.undisputed(SteeringCommand)
         if isinstance(received, SteeringCommand):
             if self._motion_start_ns == NEVER_NS:
                 self._motion_start_ns = now_ns
@@ -153,16 +162,19 @@ class PlantNode:
                 self.deadline_ns = due_ns
         elif isinstance(received, LatencyConfig):
             self._network.reconfigure(received)
+        elif isinstance(received, DisturbanceConfig):
+            self._disturbing.ask(received)
+            self.deadline_ns = min(self.deadline_ns, now_ns)
         elif isinstance(received, Rejection) and frame.can_id == _COMMAND_ID:
             self._unit.on_rejection()
         return ()
 
     def on_unauthenticated(self) -> None:
-        """Note that a frame was refused before it came here."""
+        """Count a frame that was refused before the node."""
         self._unauthenticated += 1
 
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
-        """Do all that is due up to ``now_ns``, in the order of its times."""
+        """Do all that is due up to ``now_ns``, in order of time."""
         frames: list[Frame] = []
         downlink, uplink = self._network.downlink, self._network.uplink
         unit, status_timing, sensor_timer = self._unit, self._status_timing, self._sensor_timer
@@ -170,9 +182,12 @@ class PlantNode:
             command_ns = downlink.next_due_ns
             sample_ns = sensor_timer.deadline_ns
             measured_ns = uplink.next_due_ns
-            guard_ns = self._motion_start_ns + unit.deadline_ns  # never, before motion starts
+            guard_ns = self._motion_start_ns + unit.deadline_ns  # NEVER_NS before motion starts
             due_ns = min(command_ns, guard_ns, sample_ns, measured_ns, status_timing.deadline_ns)
             if due_ns > now_ns:
+                if self._disturbing.is_asked:
+                    self._advance(now_ns)
+                    self._motion.disturb(self._disturbing.params())
                 self.deadline_ns = due_ns
                 return frames
             if command_ns == due_ns:
@@ -184,9 +199,9 @@ class PlantNode:
                 self._sense(due_ns)
             elif measured_ns == due_ns:
                 frames += self._network.measured(due_ns)
-                continue  # nothing that there is to say of the steering has changed
+                continue  # the steering's status has not changed
             else:
-                status = self._status()
+                status = self._status(due_ns)
                 status_timing.on_report(status.safety, due_ns, now_ns)
                 frames.append(self._messages.plant_status(status))
             if unit.safety is not status_timing.settled:
@@ -195,12 +210,12 @@ class PlantNode:
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON.
 
-        ``failure``               the fault it has found in itself, empty for none
-        ``lost``, ``superseded``  frames the latency lines took, by direction
+        ``failure``               the fault it has detected in itself; empty if there is none
+        ``lost``, ``superseded``  frames that the latency lines dropped, by direction
         ``rejected``              frames refused on arrival, by cause
         ``not_available``         samples beyond the range of LATERAL_ERROR, sent as NOT_AVAILABLE
         ``clamped``               other values sent as the end of their signal's range
-        ``safety``                what the steering refused to do (``SteeringUnit.report``)
+        ``safety``                interventions of the steering (``SteeringUnit.report``)
         """
         return {
             "seed": self._seed,
@@ -212,6 +227,7 @@ class PlantNode:
             "lost_on_the_bus": self._reception.lost,
             "rejected": self._reception.rejected,
             "resynchronised": self._reception.resynchronised,
+            "second_senders": self._reception.second_senders,
             "skipped_samples": self._sensor_timer.skipped,
             "not_available": self._messages.not_available,
             "clamped": self._messages.clamped,
@@ -224,7 +240,7 @@ class PlantNode:
         return motion_ns if motion_ns > 0 else 0
 
     def _advance(self, due_ns: int) -> int:
-        """Move the vehicle on to ``due_ns``; returns the time since the start of motion [ns]."""
+        """Advance the vehicle to ``due_ns``; returns the time since the start of motion [ns]."""
         motion_ns = self._motion_ns(due_ns)
         motion = self._motion
         motion.advance(motion_ns)
@@ -233,12 +249,12 @@ class PlantNode:
         return motion_ns
 
     def _fail(self, failure: str, due_ns: int) -> None:
-        """Take a fault of its own: the wheel goes to its safe state."""
+        """Process a fault of the plant: the steering goes to its safe state."""
         self._own.on_fault(failure, due_ns)
         self._unit.on_own_fault(self._own.failure, self._motion_ns(due_ns))
 
     def _apply(self, due_ns: int) -> None:
-        """Let the commands that are due reach the actuator."""
+        """Apply the commands that are due."""
         for released in self._network.downlink.pop_due(due_ns):
             motion_ns = self._advance(due_ns)
             steer_rad = released.item.steer_rad
@@ -249,7 +265,7 @@ class PlantNode:
                 self._command = released
 
     def _guard(self, due_ns: int) -> None:
-        """Let the control unit act on commands that stay away."""
+        """Let the control unit react to missing commands."""
         if self._unit.on_timer(self._motion_ns(due_ns)):
             self._advance(due_ns)
             self._motion.command(self._unit.target_rad)
@@ -278,12 +294,12 @@ class PlantNode:
         push(frame.can_id, frame, time_ns, motion_ns)
         frame = messages.steering_status(z.wheel_rad, applied, code)
         push(frame.can_id, frame, time_ns, motion_ns)
-        if time_ns >= self._state_timer.deadline_ns:  # also where the sample at it was skipped
+        if time_ns >= self._state_timer.deadline_ns:  # also after a skipped sample
             self._state_timer.advance(time_ns)
             frame = messages.vehicle_state(motion.speed_m_s, readings, z.curvature_1_m)
             push(frame.can_id, frame, time_ns, motion_ns)
 
-    def _status(self) -> PlantStatus:
+    def _status(self, now_ns: int) -> PlantStatus:
         """Return the content of PLANT_STATUS, with latencies not clamped."""
         network = self._network
         return PlantStatus(
@@ -292,4 +308,5 @@ class PlantNode:
             network.lost % _LOST_COUNTERS,
             (self._reception.refused + self._unauthenticated) % _REJECTED_COUNTERS,
             self._unit.take_state(),
+            self._reception.second_sender(now_ns),
         )

@@ -2,7 +2,7 @@
 
 Wheel, path and disturbances are those of ``advance_motion``, exact and event by event. Between
 events the vehicle's own state advances by the fourth-order Runge-Kutta method, in steps of at most
-1 ms: beside (1) itself, put in for the other equations, the error is below 1e-9 m (a test).
+1 ms. With (1) as the other equations, the error is below 1e-9 m (a test).
 """
 
 from ..runtime.own_part import asked
@@ -16,7 +16,7 @@ STEP_NS = 1_000_000
 
 
 def make_motion(settings: VehicleSettings, params: MotionParams) -> Motion:
-    """Return the motion at its start, by the equations that the settings ask for."""
+    """Return the motion at its start, with the settings' equations."""
     if settings.model is None:
         return Motion(params)
     return Motion(params, OwnMotion(settings, settings.model).advance)
@@ -32,7 +32,7 @@ class OwnMotion:
         self._vehicle = vehicle_params(settings)
 
     def advance(self, p: MotionParams, x: MotionState, to_ns: int) -> MotionState:
-        """Return the state at ``to_ns`` >= its time; raises PartError where the model fails."""
+        """Return the state at ``to_ns`` >= its time; raises PartError if the model fails."""
         while True:
             end_ns = min(to_ns, x.course.event_ns, x.time_ns + STEP_NS)
             x = self._step(p, x, end_ns)
@@ -50,7 +50,7 @@ class OwnMotion:
         disturbances = (z.side_slip_disturbance_rad_s, z.yaw_disturbance_rad_s2)
         begin = VehicleInput(z.wheel_rad, z.curvature_1_m, *disturbances)
         midway = VehicleInput(middle.wheel_rad, curvature_1_m, *disturbances)
-        # The curvature may jump at the end: this is the one before.
+        # The curvature may jump at the end; this is its value before.
         curvature_1_m += z.curvature_rate_1_m_s * half_s
         end = VehicleInput(after.linear.wheel_rad, curvature_1_m, *disturbances)
         start = VehicleState(*z[:4])

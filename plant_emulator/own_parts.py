@@ -1,9 +1,9 @@
-"""Parts of the rig that another package may bring: latency model, path, vehicle, disturbance.
+"""Parts of the rig that another package may provide: latency model, path, vehicle, disturbance.
 
 Each is a record of functions, named in the settings by ``model = "package.module:ATTRIBUTE"``. With
 ``settings``, a model derived from ``Settings``, it has a table ``own`` beside that key. Every
-function takes that table as its last argument, None for a part without one. They must be functions
-of their arguments alone: runs are repeated, shared and compared to the last bit.
+function takes that table as its last argument, None for a part without one. The functions must
+depend on their arguments only, because runs are repeated and compared bit for bit.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class VehicleState(NamedTuple):
-    """What moves, after (1): see ``plant_emulator.vehicle``; also its rates, per second."""
+    """State of (1), see ``plant_emulator.vehicle``; also its rates, per second."""
 
     side_slip_rad: float
     yaw_rate_rad_s: float
@@ -31,7 +31,7 @@ class VehicleState(NamedTuple):
 
 
 class VehicleInput(NamedTuple):
-    """What moves it: wheel angle behind actuator, curvature of the path, and disturbances."""
+    """Inputs of (1): wheel angle behind the actuator, curvature of the path, disturbances."""
 
     wheel_rad: float
     curvature_1_m: float
@@ -42,7 +42,7 @@ class VehicleInput(NamedTuple):
 class LatencyModel(NamedTuple):
     """Latency of frames: ``quantile(u, mean_s, spread_s, own) -> latency_s``.
 
-    ``u`` is uniform in (0, 1); a larger u must give no shorter a latency; allowed is 0 to 10 s.
+    ``u`` is uniform in (0, 1); the latency must not decrease with u, and be 0 to 10 s.
     """
 
     quantile: Callable[[float, float, float, Any], float]
@@ -59,8 +59,8 @@ class PathModel(NamedTuple):
 class VehicleModel(NamedTuple):
     """Equations of motion: ``rates(vehicle, state, input, own) -> (β', r', Δψ', y')``.
 
-    ``vehicle`` are the parameters of [vehicle] on the friction of the moment. Actuator, path and
-    disturbances are the rig's, and so is the speed, which is constant.
+    ``vehicle`` is [vehicle] with the present friction. Actuator, path, disturbances and the
+    constant speed are the rig's.
     """
 
     rates: Callable[[VehicleParams, VehicleState, VehicleInput, Any], Sequence[float]]
@@ -68,7 +68,7 @@ class VehicleModel(NamedTuple):
 
 
 class DisturbanceModel(NamedTuple):
-    """Disturbances over time: ``steps(own)`` gives what ``[[disturbance.steps]]`` holds."""
+    """Disturbances over time: ``steps(own)`` returns rows as in ``[[disturbance.steps]]``."""
 
     steps: Callable[[Any], Iterable["DisturbanceStep"]]
     settings: type[Settings] | None = None
@@ -109,7 +109,7 @@ def _table(find: Callable[[str], Any]) -> Any:
 _TABLE_SCHEMA = WithJsonSchema({"type": "object"})
 _Table = SerializeAsAny[Settings] | None
 OWN_TABLE: Any = Field(default_factory=dict, validate_default=True)
-"""Default of a table ``own``: that of the part's model."""
+"""Default of a table ``own``, from the part's model."""
 LatencyTable = Annotated[_Table, _table(find_latency_model), _TABLE_SCHEMA]
 PathTable = Annotated[_Table, _table(find_path_model), _TABLE_SCHEMA]
 VehicleTable = Annotated[_Table, _table(find_vehicle_model), _TABLE_SCHEMA]

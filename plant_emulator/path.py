@@ -5,9 +5,9 @@
     s   arc length from the start [m]
     ρ   curvature, 1/radius, to the left positive [1/m]
 
-This is all the vehicle feels of a path: driven at constant speed, ρ is a ramp over time between
-break points and the motion stays exact. The pose of every break point is kept too, for pictures; it
-comes from the curve itself, so that nothing adds up along the way.
+Only the curvature acts on the vehicle: at constant speed, ρ is a ramp over time between break
+points, so the motion stays exact. The pose of every break point is stored too, for pictures. It
+comes from the curve itself, so that no error accumulates.
 """
 
 from bisect import bisect_right
@@ -32,16 +32,16 @@ GAUSS_WEIGHTS = (
 """Gauss-Legendre quadrature on [0, 1], exact up to degree 9."""
 
 _TURN_MAX_RAD = 0.5
-"""Turn that one quadrature may cover: leaves an error of 1e-11 of its length."""
+"""Largest turn per quadrature; the error is 1e-11 of its length."""
 
 
 class Pose(NamedTuple):
-    """A point of the path in the world and the direction of the path there."""
+    """A point of the path and the direction there."""
 
     x_m: float
     y_m: float
     heading_rad: float
-    """Counter-clockwise from the x axis; goes on counting over laps."""
+    """Counter-clockwise from the x axis, over all laps."""
 
 
 class Path(NamedTuple):
@@ -59,7 +59,7 @@ class Path(NamedTuple):
     length_m: float
     """Arc length of one lap, or up to the last break point."""
     lap_turn_rad: float
-    """What the heading has gained after one lap; 0 on an open path."""
+    """Change of heading over one lap; 0 for an open path."""
     closed: bool
 
 
@@ -71,14 +71,14 @@ class Place(NamedTuple):
 
 
 def next_place(path: Path, place: Place) -> Place:
-    """Return the piece that follows (on an open path's last piece there is none)."""
+    """Return the next piece (there is none after the last of an open path)."""
     if place.piece + 1 < len(path.start_m):
         return Place(place.lap, place.piece + 1)
     return Place(place.lap + 1, 0)
 
 
 def end_of_place_m(path: Path, place: Place) -> float:
-    """Return the arc length over all laps where the piece ends; infinite on an open path's last."""
+    """Return the arc length over all laps where the piece ends; infinite after an open path."""
     if place.piece + 1 < len(path.start_m):
         return place.lap * path.length_m + path.start_m[place.piece + 1]
     if path.closed:
@@ -95,7 +95,7 @@ def _locate(path: Path, arc_length_m: float) -> tuple[Place, float]:
 
 
 def curvature(path: Path, arc_length_m: float) -> float:
-    """Return the curvature [1/m] at an arc length >= 0; at a jump, the value behind it."""
+    """Return the curvature [1/m] at an arc length >= 0; at a jump, the value after it."""
     place, along_m = _locate(path, arc_length_m)
     return path.curvature_1_m[place.piece] + path.curvature_slope_1_m2[place.piece] * along_m
 
@@ -133,9 +133,9 @@ def vehicle_pose(
     lateral_error_m: float,
     preview_m: float,
 ) -> Pose:
-    """Return where the vehicle's centre of gravity (CG) is and where the vehicle heads.
+    """Return position of the vehicle's centre of gravity (CG) and heading.
 
-    ``arc_length_m`` belongs to the preview point, which is ``lateral_error_m`` to the left of the
+    ``arc_length_m`` is that of the preview point, which is ``lateral_error_m`` to the left of the
     path there. The CG lies ``preview_m`` behind it along the vehicle's own axis.
     """
     beside = pose(path, arc_length_m)

@@ -1,11 +1,11 @@
-"""The paths the rig knows: straight, circle, ellipse, single and double lane change.
+"""The paths of the rig: straight, circle, ellipse, single and double lane change.
 
 ellipse: SAE 2018-01-1086, Fig. 14, from the end of the major axis (where it bends most), to the
 left. Its curvature is interpolated as described in `plant_emulator.curve`.
 
-lane changes: of clothoids with the curvatures 0, κ, 0, −κ, 0 after equal lengths, so that the
-heading returns to where it was. The double one has the proportions of ISO 3888-1: 30 m to the
-other lane, 25 m along it, 25 m back.
+lane changes: clothoids with the curvatures 0, κ, 0, −κ, 0 at equal distances, so that the heading
+returns to its old value. The double one has the proportions of ISO 3888-1: 30 m to the other lane,
+25 m along it, 25 m back.
 """
 
 import math
@@ -30,7 +30,7 @@ from .rig_settings import (
 )
 
 ISO_3888_1_SIDE_LANE = 25.0 / 30.0
-"""Length of the double lane change's stay in the side lane, and of its way back, per way out."""
+"""Lengths of the side lane and of the way back, relative to the way out (double lane change)."""
 
 _EAST = Pose(0.0, 0.0, 0.0)
 
@@ -39,9 +39,9 @@ BreakPoint = tuple[float, float]
 
 
 def build_path(settings: PathSettings) -> Path:
-    """Return the path that the settings describe.
+    """Return the path of the settings.
 
-    Raises SettingsError for a waypoint file that cannot be read or makes no path.
+    Raises SettingsError for an unreadable waypoint file, or points that give no path.
     """
     match settings:
         case StraightSettings():
@@ -55,7 +55,7 @@ def build_path(settings: PathSettings) -> Path:
         case DoubleLaneChangeSettings():
             return double_lane_change(settings.start_m, settings.offset_m, settings.length_m)
         case WaypointSettings():
-            # Only this kind needs scipy, whose import takes longer than the rest of the start-up.
+            # Only this kind needs scipy, whose import takes longer than the rest of the start.
             from .waypoints import waypoint_path
 
             return waypoint_path(settings.file, closed=settings.closed)

@@ -27,7 +27,7 @@ _NO_ERROR = LateralError(0.0, 0.0)
 
 
 class PlantMessages:
-    """Makes the frames, each message with a counter of its own.
+    """Makes the frames; each message has its own counter.
 
     ``noise``     standard deviations
     ``uniforms``  stream of the noise
@@ -46,14 +46,14 @@ class PlantMessages:
         self.clamped = 0
 
     def measured(self, true: Readings) -> Readings:
-        """Return a sample as the sensors report it."""
+        """Return a sample with noise."""
         return true if self._noise is None else with_noise(true, self._noise, self._uniforms)
 
     def lateral_error(self, readings: Readings, *, is_finite: bool) -> Frame:
-        """Return LATERAL_ERROR; a vehicle too far off its path is not available to the sensor."""
+        """Return LATERAL_ERROR; NOT_AVAILABLE too far from the path."""
         error_m = readings.lateral_error_m
         if is_finite and _ERROR_LOW_M <= error_m <= _ERROR_HIGH_M:
-            # The sensor reports an angle in one turn, however often the vehicle has turned.
+            # The sensor reports an angle within one turn.
             heading_rad = remainder(readings.heading_error_rad, tau)
             return self._encode(new_record(LateralError, (error_m, heading_rad)))
         self.not_available += 1
@@ -95,7 +95,7 @@ class PlantMessages:
         return counter
 
     def _clamp(self, value: float, low: float, high: float) -> float:
-        """Return the nearest value that its signal carries, of a finite one."""
+        """Return the nearest value within the signal's range; the value is finite."""
         if low <= value <= high:
             return value
         self.clamped += 1

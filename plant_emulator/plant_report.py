@@ -9,7 +9,7 @@ from .plant_samples import RunningFigures
 
 
 def motion_report(figures: RunningFigures, motion_ns: int) -> Mapping[str, Any]:
-    """Return how well the path was held."""
+    """Return the figures of the motion."""
     return {
         "motion_s": motion_ns * 1e-9,
         "samples": figures.samples,
@@ -21,11 +21,11 @@ def motion_report(figures: RunningFigures, motion_ns: int) -> Mapping[str, Any]:
 
 
 def line_report(line: LatencyLine[Any]) -> Mapping[str, Any]:
-    """Return what the network did to one direction.
+    """Return the network's figures of one direction.
 
     ``injected``  latency drawn for every frame that was not lost
-    ``latency``   latency of the frames that have left: shorter where the newest wins, because the
-                  late ones were overtaken and dropped
+    ``latency``   latency of the frames that have left: shorter where late frames are overtaken and
+                  dropped
     """
     return {
         **line.counts._asdict(),

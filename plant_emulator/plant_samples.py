@@ -1,4 +1,4 @@
-"""What is kept of a run: one sample a sensor period, and figures that need no samples."""
+"""Record of a run: one sample per sensor period, and figures that need no samples."""
 
 import csv
 import math
@@ -14,7 +14,7 @@ from .path import Path, pose
 
 
 class PlantSample(NamedTuple):
-    """The true state of the rig at one sensor period; NaN where there is no value yet."""
+    """The true state of the rig at one sensor period; NaN if there is no value yet."""
 
     time_s: float  # since the start of motion
     arc_length_m: float
@@ -30,7 +30,7 @@ class PlantSample(NamedTuple):
 
 
 class PlacedSample(NamedTuple):
-    """A sample's place in the world: the preview point, and the point of the path beside it."""
+    """Position of a sample: the preview point, and the point of the path beside it."""
 
     x_m: float
     y_m: float
@@ -39,7 +39,7 @@ class PlacedSample(NamedTuple):
 
 
 class RunningFigures:
-    """Root mean square and peaks of a run, taken up sample by sample."""
+    """Root mean square and peaks of a run."""
 
     def __init__(self) -> None:
         self.samples = 0
@@ -82,7 +82,7 @@ class RunRecord:
         command: Passage[SteeringCommand] | None,
         uplink_latency_s: float,
     ) -> None:
-        """Take a sample of the motion, and of the command in effect."""
+        """Record a sample of the motion and of the command in effect."""
         z = motion.linear
         self.figures.take(z.lateral_error_m, z.wheel_rad)
         if len(self.samples) >= self._samples_max:
@@ -113,7 +113,7 @@ class RunRecord:
 
 
 def place(path: Path, sample: PlantSample) -> PlacedSample:
-    """Return where a sample was in the world."""
+    """Return the position of a sample."""
     beside = pose(path, sample.arc_length_m)
     return PlacedSample(
         beside.x_m - sample.lateral_error_m * math.sin(beside.heading_rad),
@@ -124,7 +124,7 @@ def place(path: Path, sample: PlantSample) -> PlacedSample:
 
 
 def write_trace(file: FilePath, path: Path, samples: Sequence[PlantSample]) -> None:
-    """Write samples and their places as CSV, one row a sample; what has no value stays empty."""
+    """Write samples and their places as CSV, one row a sample; missing values are empty."""
     with file.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow((*PlantSample._fields, *PlacedSample._fields))

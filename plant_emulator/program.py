@@ -13,7 +13,7 @@ from ..runtime.option_types import output_file
 from ..runtime.program import run_main, say
 from ..runtime.program_options import load_program_settings, make_parser
 from .faults import FaultyNode, with_faults
-from .node import RECEIVED, SAMPLES_MAX, PlantNode, motion_params
+from .node import RECEIVED, SAMPLES_MAX, SENT, PlantNode, motion_params
 from .plant_samples import write_trace
 from .settings import PlantSettings
 
@@ -22,7 +22,7 @@ PRESETS = "steer_by_wire.plant_emulator.presets"
 
 
 def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
-    """Run the program, called ``name`` by who started it; returns its exit status."""
+    """Run the program under the name ``name``; returns its exit status."""
     parser = make_parser(
         name,
         "Emulates vehicle, path, actuator and network latency on a CAN bus.",
@@ -39,7 +39,7 @@ def _run(name: str, options: argparse.Namespace) -> int:
     seed = [] if options.seed is None else [f"seed={options.seed}"]
     settings = load_program_settings(PlantSettings, PRESETS, options, seed)
     params = motion_params(settings)
-    # Without a trace nobody asks for them, and memory is to stay as it is however long the run.
+    # Without a trace, samples would only take memory.
     samples_max = 0 if options.trace is None else SAMPLES_MAX
     return run_secured_node(
         name,
@@ -49,7 +49,7 @@ def _run(name: str, options: argparse.Namespace) -> int:
         lambda start_ns: with_faults(
             PlantNode(settings, start_ns, params, samples_max), settings.faults, settings.seed
         ),
-        RECEIVED,
+        (*RECEIVED, *SENT),
         lambda node: _conclude(name, options, node),
     )
 
@@ -57,7 +57,7 @@ def _run(name: str, options: argparse.Namespace) -> int:
 def _conclude(
     name: str, options: argparse.Namespace, edge: PlantNode | FaultyNode[PlantNode]
 ) -> None:
-    """Write the trace, and say how well the path was held."""
+    """Write the trace, and print how well the path was held."""
     node = edge.node if isinstance(edge, FaultyNode) else edge
     if options.trace is not None:
         write_trace(options.trace, node.path, node.samples)

@@ -6,13 +6,13 @@ vehicle with its inputs is one autonomous linear system
     z' = M z,   z = (β, r, Δψ, y, δ, δ', ρ, ρ', wβ, wr)
     δ'' = −g δ' (g = 0: held or ramping wheel; g = 1/lag: wheel settling),  ρ'' = 0
 
-and z(t + dt) = exp(M dt) z(t) without any step-size error. A time step is written in two digits of
-base 4096, dt = (coarse·4096 + fine) ns, and exp(M·digit) is tabulated for every value of each
-digit, so that any step up to 16.8 ms costs two table rows; longer ones take several coarse rows.
+and z(t + dt) = exp(M dt) z(t) without any step-size error. A time step has two digits of base 4096,
+dt = (coarse·4096 + fine) ns, and exp(M·digit) is tabulated for every value of each digit. So a step
+of up to 16.8 ms takes two table rows; longer ones take several coarse rows.
 
-One row is the entries of exp(M dt) that are neither 0 nor 1, in the order of `ENTRIES`. Tables and
-inner step are + and × in a fixed order and no other arithmetic, so that compiled and on any
-processor they give the same bits: a library's matrix product adds in an order of its own on each.
+One row has the entries of exp(M dt) that are neither 0 nor 1, in the order of `ENTRIES`. Tables and
+steps use only + and × in a fixed order, so that they give the same bits compiled and on any
+processor. The order of additions in a library's matrix product depends on the processor.
 """
 
 from collections.abc import Sequence
@@ -61,11 +61,11 @@ _FACTORS = tuple(
     )
     for row, column in ENTRIES
 )
-"""Of each entry of a product of two such matrices: which entries of both it is the sum of."""
+"""For each entry of a product of two such matrices: the pairs of entries that it sums."""
 
 
 class LinearState(NamedTuple):
-    """z: the vehicle's state and everything that drives it until the next event."""
+    """z: the vehicle's state and its inputs until the next event."""
 
     side_slip_rad: float
     yaw_rate_rad_s: float
@@ -112,7 +112,7 @@ def transition_table(m: Matrix) -> NDArray[np.float64]:
     """Return the table of M, shape (`TABLE_ROWS`, 32): rows of `ENTRIES`.
 
     exp(M·1 ns) comes from its series, its powers by doubling. All are kept as G = exp(M dt) − 1,
-    where (1 + G)(1 + H) − 1 = G + H + G H, or the 1 would swallow what a nanosecond changes.
+    where (1 + G)(1 + H) − 1 = G + H + G H; with the 1, rounding would lose the effect of 1 ns.
     Raises ValueError for an M so fast that exp(M dt) overflows within 17 ms.
     """
     columns = np.zeros((len(ENTRIES), TABLE_ROWS))
@@ -138,7 +138,7 @@ def transition_table(m: Matrix) -> NDArray[np.float64]:
 
 
 def table_rows(table: NDArray[np.float64]) -> list[Row]:
-    """Return a table as a list of tuples: interpreted, they are read ten times as fast."""
+    """Return a table as a list of tuples, which Python reads ten times as fast."""
     return list(map(tuple, table.tolist()))
 
 

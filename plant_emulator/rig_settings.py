@@ -1,7 +1,4 @@
-"""Settings tables of the rig: vehicle, actuator, path, disturbance, sensor noise.
-
-Checked here once, at the edge; the modules that compute take plain records and functions.
-"""
+"""Settings tables of the rig: vehicle, actuator, path, disturbance, sensor noise."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -26,9 +23,9 @@ from .own_parts import (
 class VehicleSettings(Settings):
     """`[vehicle]`: Table I of SAE 2018-01-1086 at nominal speed, with its dropped zero restored.
 
-    Printed is a rear cornering stiffness of 50,000 N/rad. With that, the mass trend of the paper's
-    Table II has the wrong sign; with 500,000 N/rad its PD row comes out to 1e-4 m. The distance of
-    the preview point is not printed: 1.912 m is what the leading coefficient of (19) implies.
+    The printed rear cornering stiffness is 50,000 N/rad. With it, the mass trend of the paper's
+    Table II has the wrong sign; with 500,000 N/rad its PD row is reproduced to 1e-4 m. The preview
+    distance is not printed: the leading coefficient of (19) implies 1.912 m.
     """
 
     speed_km_h: float = Field(5.0, ge=0.5, le=250.0)
@@ -51,10 +48,10 @@ LAG_S_MIN = 1e-6
 
 
 class ActuatorSettings(Settings):
-    """`[actuator]`: transparent by default; a limit that is not set does not exist."""
+    """`[actuator]`: ideal by default; omitted limits do not exist."""
 
     lag_s: float = Field(0.0, ge=0.0, le=10.0)
-    """None, or a microsecond at least: a nanosecond of motion has to be short beside it."""
+    """0, or at least a microsecond, long against the nanosecond of the motion."""
     angle_limit_rad: float | None = Field(None, gt=0.0, le=1.5)
     rate_limit_rad_s: float | None = Field(None, ge=0.001, le=100.0)
     dead_band_rad: float = Field(0.0, ge=0.0, le=0.5)
@@ -138,7 +135,7 @@ class WaypointSettings(Settings):
     file: Path
     """CSV with the header x_m,y_m; relative to the directory the program runs in."""
     closed: bool = False
-    """Whether the path returns from the last point to the first."""
+    """Whether the path continues from the last point to the first."""
 
 
 class OwnPathSettings(Settings):
@@ -164,14 +161,14 @@ PathSettings = Annotated[
 
 
 class DisturbanceStep(Settings):
-    """One `[[disturbance.steps]]`: from ``at_s`` on; what is not given keeps its value."""
+    """One `[[disturbance.steps]]`, from ``at_s`` on; omitted values do not change."""
 
     at_s: float = Field(ge=0.0, le=1e6)
     """After the start of motion."""
     side_force_n: float | None = Field(None, ge=-1e6, le=1e6)
     """Side wind or bank, to the left positive."""
     yaw_moment_n_m: float | None = Field(None, ge=-1e6, le=1e6)
-    """Split braking, for instance; to the left positive."""
+    """For instance split braking; to the left positive."""
     steering_offset_rad: float | None = Field(None, ge=-0.5, le=0.5)
     """Added to the front wheel angle behind the actuator and its sensor."""
     friction: float | None = Field(None, ge=0.05, le=2.0)
@@ -179,7 +176,7 @@ class DisturbanceStep(Settings):
 
 
 class DisturbanceSettings(Settings):
-    """`[disturbance]`: none by default; beside these, the path's curvature disturbs the vehicle."""
+    """`[disturbance]`: none by default, besides the path's curvature."""
 
     side_force_arm_m: float = Field(0.0, ge=-20.0, le=20.0)
     """Where the side force acts, ahead of the centre of gravity."""
@@ -205,7 +202,7 @@ class DisturbanceSettings(Settings):
 
     @property
     def all_steps(self) -> tuple[DisturbanceStep, ...]:
-        """The steps, whoever gives them; those of another package raise PartError."""
+        """All steps; those of another package may raise PartError."""
         if self.model is None:
             return self.steps
         what = f"disturbance model {self.model}"

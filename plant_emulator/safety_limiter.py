@@ -1,4 +1,4 @@
-"""Safety limiter: bounds what a steering command may do to the actuator, whoever sent it.
+"""Safety limiter: limits steering commands to the actuator, whoever sends them.
 
     a_y = g δ,   g = V²/(L + K V²),   K = m̃/L (l_r/c_f − l_f/c_r)     in a steady turn
 
@@ -12,15 +12,14 @@
     K   understeer gradient [s²/m · rad], in the textbook's form and not from the matrices of (1)
 
 ISO 11270:2014, 5.4, limits the lateral acceleration to 3 m/s² and the moving average over half a
-second of the lateral jerk to 5 m/s³. A command is a step, whose jerk at its own instant is infinite
-at any height; only such an average means anything. It is kept without a memory of all commands: the
-least and the greatest output of the current quarter of a second and of the two before it hold
-those of the last 0.5 to 0.75 s, and an output stays within ``sweep`` of both. So no two outputs
-within 0.5 s are further apart than the limit, and a command that stays so within 0.75 s passes
-untouched, bit for bit.
+second of the lateral jerk to 5 m/s³. A command is a step with infinite jerk, so only such an
+average is meaningful. It needs no memory of all commands: the smallest and the largest output of
+the present quarter of a second and of the two before it are those of the last 0.5 to 0.75 s, and an
+output stays within ``sweep`` of both. So no two outputs within 0.5 s differ by more than the limit,
+and commands that keep the limit within 0.75 s pass unchanged, bit for bit.
 
-The second check is of the wheel: away from its target by more than a tolerance for longer than a
-time, it does not follow, and whatever the reason, the steering is not to be trusted any more.
+The second check is of the wheel: if it differs from its target by more than a tolerance for longer
+than a time, it does not follow, and the steering is no longer reliable.
 """
 
 import math
@@ -30,13 +29,13 @@ from typing import NamedTuple
 from ..runtime.record import new_record
 
 AVERAGING_S = 0.5
-"""Over which the two limits of a rate hold: ISO 11270's for the jerk."""
+"""Averaging time of the two rate limits; for the jerk that of ISO 11270."""
 SLOT_NS = 250_000_000
-"""Half of it: what the extremes of the output are kept of."""
+"""Half of it: the time over which extremes of the output are stored."""
 
 
 class Cause(IntEnum):
-    """Which limit decided about an output."""
+    """The limit that determined an output."""
 
     NONE = 0
     ANGLE = 1
@@ -44,11 +43,11 @@ class Cause(IntEnum):
     LATERAL_ACCELERATION = 3
     LATERAL_JERK = 4
     NOT_FINITE = 5
-    """The command was no number: the output stays."""
+    """The command was NaN: the output stays."""
 
 
 class LimitRow(NamedTuple):
-    """One row of the table; infinite where it sets no bound."""
+    """One row of the table; infinite if there is no limit."""
 
     cause: int
     reach_rad: float
@@ -56,11 +55,11 @@ class LimitRow(NamedTuple):
 
 
 class LimiterParams(NamedTuple):
-    """The table, and when a wheel does not follow.
+    """The table, and the check of the wheel.
 
-    ``tolerance_rad``  between the wheel and its target
-    ``follow_ns``      how long the wheel may be further away [ns]
-    ``stop_rad``       where the actuator is known to end: a target beyond is the stop
+    ``tolerance_rad``  largest difference between the wheel and its target
+    ``follow_ns``      how long the difference may be larger [ns]
+    ``stop_rad``       the actuator's stop, which replaces targets beyond
     """
 
     rows: tuple[LimitRow, ...]
@@ -70,7 +69,7 @@ class LimiterParams(NamedTuple):
 
 
 class LimiterState(NamedTuple):
-    """What was let through.
+    """State of the limiter.
 
     ``steer_rad``     the output, held until the next
     ``cause``         of its last change, NONE if the command passed as it was
@@ -102,7 +101,7 @@ def acceleration_gain_m_s2(
     front_axle_m: float,
     rear_axle_m: float,
 ) -> float:
-    """Return g [m/s² per rad]; that of a neutral vehicle, V²/L, where there is no steady state.
+    """Return g [m/s² per rad]; that of a neutral vehicle, V²/L, if there is no steady state.
 
     An oversteering vehicle (K < 0) has none from its critical speed on, where L + K V² = 0.
     """
@@ -118,7 +117,7 @@ def acceleration_gain_m_s2(
 def limit_rows(
     gain_m_s2: float, angle: float, angle_rate: float, acceleration: float, jerk: float
 ) -> tuple[LimitRow, ...]:
-    """Return the table of four limits [rad, rad/s, m/s², m/s³]; an infinite one is off."""
+    """Return the table of four limits [rad, rad/s, m/s², m/s³]; infinite: off."""
     return (
         LimitRow(int(Cause.ANGLE), angle, math.inf),
         LimitRow(int(Cause.ANGLE_RATE), math.inf, angle_rate * AVERAGING_S),

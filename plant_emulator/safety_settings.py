@@ -1,7 +1,4 @@
-"""Settings table `[safety]`, and the guard designed from it.
-
-Checked here once, at the edge; the modules that compute take plain records and functions.
-"""
+"""Settings table `[safety]`, and the guard designed from it."""
 
 import math
 from enum import StrEnum
@@ -17,27 +14,27 @@ from .steering_guard import OFF_NS, RAMP_PERIOD_NS, GuardParams
 
 OFF: Literal["off"] = "off"
 Limit = float | Literal["off"]
-"""A limit, which "off" switches off: TOML has no word for none."""
+"""A limit; "off" for none, because TOML has no null."""
 _STEER_RAD_MAX = 1.31071
 """The largest command on the wire."""
 _LAGS_TO_SETTLE = 3.0
 _REPORTING_NS = 10_000_000
-"""What is left of the FTTI when silence is acted upon: the next STEERING_STATUS, which reports it,
-is sent within a sensor period, and a tick may be late."""
+"""Rest of the FTTI when the guard reacts to silence: the next STEERING_STATUS, which reports it, is
+sent within a sensor period, and a tick may be late."""
 
 
 class Fallback(StrEnum):
-    """Where the wheel's target goes when commands stay away."""
+    """The wheel's target when commands are missing."""
 
     KEEP = "keep"
     RAMP_TO_ZERO = "ramp_to_zero"
 
 
 class SafetySettings(Settings):
-    """`[safety]`: what the steering refuses to do whatever the command; "off" switches one off.
+    """`[safety]`: limits of the steering for any command; "off" switches one off.
 
-    At walking speed the default limits pass everything within ± 0.6 rad: both limits of a rate
-    allow more than 1.2 rad at once up to 8.8 km/h, with the default vehicle.
+    At walking speed the default limits pass everything within ± 0.6 rad: with the default vehicle,
+    both rate limits allow more than 1.2 rad at once up to 8.8 km/h.
     """
 
     angle_rad_max: Annotated[
@@ -46,7 +43,7 @@ class SafetySettings(Settings):
     angle_rate_rad_s_max: Annotated[
         Annotated[float, Field(ge=0.01, le=100.0), Tag("number")] | OffWord, NUMBER_OR_WORD
     ] = 2.5
-    """Averaged over half a second, as the jerk."""
+    """Averaged over half a second, like the jerk."""
     lateral_acceleration_m_s2_max: Annotated[
         Annotated[float, Field(ge=0.1, le=50.0), Tag("number")] | OffWord, NUMBER_OR_WORD
     ] = 3.0
@@ -60,20 +57,20 @@ class SafetySettings(Settings):
     ] = 0.1
     """Between the wheel and its target."""
     follow_time_ms: float = Field(100.0, ge=1.0, le=10_000.0)
-    """Longest that the wheel may be further away, beside what a sound actuator takes."""
+    """Longest time that the wheel may be further away, in addition to that of a sound actuator."""
     ftti_ms: Annotated[
         Annotated[float, Field(ge=20.0, le=10_000.0), Tag("number")] | OffWord, NUMBER_OR_WORD
     ] = 150.0
-    """Fault tolerant time interval: silence is acted upon and reported within it."""
+    """Fault tolerant time interval, for the reaction to silence and its report."""
     hold_ms: float = Field(500.0, ge=0.0, le=60_000.0)
-    """How much silence is held through before the fallback."""
+    """How long the last command is held in silence before the fallback."""
     fallback: Fallback = Fallback.RAMP_TO_ZERO
     ramp_rad_s: float = Field(0.2, ge=0.001, le=10.0)
     """Of the fallback, and of the fade after a silence."""
     recovery_frames: int = Field(5, ge=1, le=100)
     """Commands in a row that end the hold or the fallback."""
     override_at_s: float | None = Field(None, ge=0.0, le=1e6)
-    """From this time of motion on the safe state is ordered."""
+    """Time of motion at which the safe state is forced."""
 
 
 def design_guard(
@@ -116,9 +113,9 @@ def design_guard(
 
 
 def resync_ns_of(settings: SafetySettings) -> int:
-    """Return after what silence of the commands a new start of their sender may be believed [ns].
+    """Return after how much silence a restart of the commands' sender is accepted [ns].
 
-    Longer than the one that is held after; 0 where none is.
+    Longer than that before HOLDING; 0 if that is off.
     """
     silence_ns = _silence_ns(settings.ftti_ms)
     return 0 if silence_ns == OFF_NS else silence_ns + 1
@@ -135,7 +132,7 @@ def _bound(limit: Limit) -> float:
 
 
 def _settling_s(actuator: ActuatorSettings, reach_rad: float) -> float:
-    """Return what a sound actuator takes from stop to stop: a slow one is no fault."""
+    """Return the time of a sound actuator from stop to stop, which is no fault."""
     ramp_s = 0.0
     if actuator.rate_limit_rad_s is not None:
         ramp_s = 2.0 * reach_rad / actuator.rate_limit_rad_s
@@ -150,4 +147,4 @@ UNGUARDED = SafetySettings(
     follow_tolerance_rad=OFF,
     ftti_ms=OFF,
 )
-"""Refuses nothing: to judge laws, not the guard that would hide a bad one."""
+"""Refuses nothing: for judging laws, since the guard could hide a bad one."""

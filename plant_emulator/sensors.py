@@ -2,8 +2,8 @@
 
     measured = true + standard deviation · Φ⁻¹(u),   u uniform in (0, 1)
 
-Three uniforms are taken for every sample whatever the deviations are, so that switching one noise
-on leaves the others as they were. With a deviation of 0 the true value passes unchanged.
+Every sample takes three uniforms, whatever the deviations, so that switching one noise on does not
+change the others. With a deviation of 0 the true value passes unchanged.
 """
 
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ _STANDARD_NORMAL = NormalDist()
 
 
 class Readings(NamedTuple):
-    """One sample of what the rig measures with noise."""
+    """One sample of the quantities measured with noise."""
 
     lateral_error_m: float
     heading_error_rad: float
@@ -22,7 +22,7 @@ class Readings(NamedTuple):
 
 
 def with_noise(true: Readings, deviation: Readings, uniforms: Iterator[float]) -> Readings:
-    """Return the sample as the sensors report it; takes three uniforms in (0, 1)."""
+    """Return the sample with noise; takes three uniforms in (0, 1)."""
     normal = _STANDARD_NORMAL.inv_cdf
     return Readings(
         true.lateral_error_m + deviation.lateral_error_m * normal(next(uniforms)),

@@ -1,9 +1,10 @@
-"""All that the plant emulator reads from its settings file."""
+"""The settings of the plant emulator."""
 
 from typing import Annotated
 
 from pydantic import Field
 
+from ..dbc.protection import SequenceRule
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.overruns import OverrunSettings
 from ..runtime.settings import Settings
@@ -17,11 +18,11 @@ from .rig_settings import (
     SensorNoiseSettings,
     VehicleSettings,
 )
-from .safety_settings import SafetySettings
+from .safety_settings import SafetySettings, resync_ns_of
 
 
 class PlantSettings(Settings):
-    """One run of the rig; the seed and these settings are all that its randomness depends on."""
+    """One run of the rig; its random numbers depend on these settings only."""
 
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
     duration_s: Annotated[float, Field(gt=0.0, le=1e6)] = 60.0
@@ -29,11 +30,12 @@ class PlantSettings(Settings):
     sensor_period_ms: Annotated[float, Field(ge=1.0, le=100.0)] = 10.0
     """Between two LATERAL_ERROR, and two STEERING_STATUS."""
     start_on_first_command: bool = True
-    """Whether the vehicle stands until a valid command has arrived on the bus."""
-    max_counter_jump: Annotated[int, Field(ge=1, le=127)] = 100
-    """Commands that may be lost in a row on the bus, plus one, before a counter is not believed."""
+    """Whether the vehicle stands until a valid command arrives on the bus."""
+    counter_lead_ms: Annotated[float, Field(ge=0.0, le=10_000.0)] = 40.0
+    """How much earlier on the bus than the time since the newest command explains a newer one may
+    come: how late a sender's tick may be, as a bus delivers frames in their order."""
     resync_frames: Annotated[int, Field(ge=1, le=100)] = 5
-    """Commands in a row with counters that rise by one, after which a new sender is believed."""
+    """Commands in a row with consecutive counters after which a new sender is accepted."""
     vehicle: VehicleSettings = VehicleSettings()
     actuator: ActuatorSettings = ActuatorSettings()
     path: PathSettings = EllipseSettings()
@@ -42,7 +44,7 @@ class PlantSettings(Settings):
     latency: BothLatencySettings = BothLatencySettings()
     safety: SafetySettings = SafetySettings()
     overruns: OverrunSettings = OverrunSettings()
-    """Of the sensors; beyond these the plant takes itself for too slow, and ends safely."""
+    """Of the sensors; beyond these the plant counts as too slow, and ends safely."""
     faults: tuple[FaultSettings, ...] = Field((), max_length=FAULTS_MAX)
     """Injected on the way to and from the plant (``plant_emulator.faults``)."""
 
@@ -50,6 +52,12 @@ class PlantSettings(Settings):
     def duration_ns(self) -> int:
         """Length of the motion [ns]."""
         return round(self.duration_s * NS_PER_S)
+
+    @property
+    def counters(self) -> SequenceRule:
+        """Which counters of the commands are believed."""
+        lead_ns = round(self.counter_lead_ms * NS_PER_MS)
+        return SequenceRule(lead_ns, self.resync_frames, resync_ns_of(self.safety))
 
     @property
     def sensor_period_ns(self) -> int:

@@ -1,4 +1,4 @@
-"""Steering guard: follows, limits or replaces the commands that arrive, and acts on silence.
+"""Steering guard: follows, limits or replaces the commands that arrive, and reacts to silence.
 
     mode         the wheel's target                                  until
     NO_COMMAND   straight                                            the first command
@@ -8,25 +8,24 @@
     FALLBACK     ramps to zero, or is kept                           recovery
     SAFE_STATE   as FALLBACK, whatever arrives                       the end of the run
 
-Silence is the time since a command last arrived at the actuator: behind the latency line, where a
-steering's control unit sits. What a network delays, loses or lets newer commands overtake is
-silence there, and so is a controller that died: the unit cannot distinguish them, and no unit can
-know earlier than its network permits. A latency that rises by 200 ms at once is a silence of
-200 ms.
+Silence is the time since the last command arrived at the actuator, behind the latency line, where a
+steering's control unit is. The unit cannot distinguish a network that delays or loses commands from
+a controller that has stopped. A sudden rise of the latency by 200 ms is a silence of 200 ms.
 
-Recovery are ``recovery_frames`` commands in a row, without such a silence or a damaged frame
-between them. Nothing jumps: the difference between the target and the first command followed
-is added to it and fades out at the ramp rate. After FALLBACK that is the command which ends it. In
-HOLDING it is the first that comes, since a network with jitter, whose newer commands overtake, has
-such gaps all the time, and to wait for a run in each would add to its delay. A further silence
-before the recovery starts the run anew, and the fade from where it is then.
+Recovery takes ``recovery_frames`` commands without such a silence between them, and one more for
+each damaged frame among them: the good ones have to be the majority. The target never jumps: its
+difference to the first command followed is added to the command and fades out at the ramp rate.
+After FALLBACK this is the command that ends it. In HOLDING it is the first one that comes: a
+network with jitter, where newer commands overtake, has such gaps all the time, and waiting for a
+run after each would add to its delay. Another silence before the recovery restarts the run, and the
+fade from its present value.
 
-The clock of ``hold_ns`` stands while the newest command is younger than ``silence_ns``, and runs
-when it is not, or is the first after a damaged frame. No command sets it back but the one that ends
-HOLDING: single commands now and then end in FALLBACK. SAFE_STATE is entered where the wheel does
-not follow its target, where the plant has found a fault in itself, or by the override, and stays.
+The clock of ``hold_ns`` stops while the newest command is younger than ``silence_ns``, and runs
+otherwise, or while damaged frames have used up the run. Only the end of HOLDING resets it, so that
+occasional single commands end in FALLBACK. SAFE_STATE is entered if the wheel does not follow its
+target, if the plant has detected a fault in itself, or by the override, and stays.
 
-Every target, of ramps too, passes the safety limiter. Times count from the start of motion.
+Every target, also of a ramp, passes the safety limiter. Times count from the start of motion.
 """
 
 from enum import IntEnum
@@ -36,13 +35,13 @@ from ..runtime.record import new_record
 from .safety_limiter import LimiterParams, LimiterState, is_at_target, limit_steer, start_limiter
 
 RAMP_PERIOD_NS = 10_000_000
-"""A ramp is a step of the target every so often."""
+"""Interval of the steps that form a ramp of the target."""
 OFF_NS = 1 << 62
-"""A time that does not come, and no overflow when another is added."""
+"""A time that never comes, and does not overflow when another is added."""
 
 
 class GuardMode(IntEnum):
-    """What decides about the wheel's target."""
+    """What determines the wheel's target."""
 
     NO_COMMAND = 0
     FOLLOWING = 1
@@ -55,14 +54,14 @@ _NO_COMMAND, _FOLLOWING, _HOLDING, _FALLBACK, _SAFE_STATE = map(int, GuardMode)
 
 
 class GuardParams(NamedTuple):
-    """When commands are stale, and what then.
+    """Parameters of the guard.
 
-    ``silence_ns``       time without a command that is silence; OFF_NS: none is
-    ``hold_ns``          of silence from HOLDING to FALLBACK
-    ``recovery_frames``  commands in a row that end either
+    ``silence_ns``       time without a command that counts as silence; OFF_NS: none does
+    ``hold_ns``          time of silence from HOLDING to FALLBACK
+    ``recovery_frames``  commands more than damaged frames that end either
     ``ramp_rad_s``       of the fade after a recovery
     ``ramp_step_rad``    of the ramp to zero, every RAMP_PERIOD_NS; 0: the target is kept
-    ``override_ns``      from when on SAFE_STATE is ordered; OFF_NS: never
+    ``override_ns``      when SAFE_STATE is forced; OFF_NS: never
     """
 
     limiter: LimiterParams
@@ -75,7 +74,7 @@ class GuardParams(NamedTuple):
 
 
 class GuardState(NamedTuple):
-    """Mode, and what it depends on; the target is ``limiter.steer_rad``.
+    """State of the guard; the target is ``limiter.steer_rad``.
 
     ``arrived_ns``   when the newest command arrived
     ``deadline_ns``  when `guard_timer` is due next
@@ -126,6 +125,11 @@ def guard_command(
     return new_record(GuardState, state), True
 
 
+def guard_rejection(x: GuardState) -> GuardState:
+    """Take a command that came damaged: it takes a good one back."""
+    return x._replace(good_run=max(x.good_run - 1, 0))
+
+
 def guard_timer(p: GuardParams, x: GuardState, time_ns: int) -> tuple[GuardState, bool]:
     """Do what is due at ``deadline_ns``; returns the state and whether the target is set anew."""
     mode, limiter, arrived_ns, _, good_run, fade_rad, followed_ns = x
@@ -158,14 +162,14 @@ def guard_wheel(p: GuardParams, x: GuardState, wheel_rad: float, time_ns: int) -
 
 
 def guard_fault(x: GuardState, time_ns: int) -> GuardState:
-    """Take a fault of the unit's own: SAFE_STATE, and `guard_timer` is due at once."""
+    """Process a fault of the unit: SAFE_STATE, and `guard_timer` is due at once."""
     if x.mode == _SAFE_STATE:
         return x
     return GuardState(_SAFE_STATE, x.limiter, x.arrived_ns, time_ns, 0, 0.0, x.followed_ns)
 
 
 def is_overruled(x: GuardState) -> bool:
-    """Whether the target is not the newest command as it is: held, led back, faded or limited."""
+    """Whether the target differs from the newest command: held, ramped, faded or limited."""
     if x.mode == _FOLLOWING:
         return x.fade_rad != 0.0 or x.limiter.cause != 0
     return x.mode > _FOLLOWING

@@ -1,4 +1,4 @@
-"""The steering's control unit behind the latency line: the guard, its counts and its status."""
+"""The steering's control unit, behind the latency line: the guard, its counts and its status."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -13,6 +13,7 @@ from .steering_guard import (
     GuardState,
     guard_command,
     guard_fault,
+    guard_rejection,
     guard_timer,
     guard_wheel,
     is_overruled,
@@ -71,17 +72,17 @@ class SteeringUnit:
 
     @property
     def target_rad(self) -> float:
-        """What the wheel is to be turned to."""
+        """Target of the wheel."""
         return self._state.limiter.steer_rad
 
     @property
     def mode(self) -> GuardMode:
-        """What decides about the target."""
+        """What determines the target."""
         return GuardMode(self._state.mode)
 
     @property
     def has_fallen_back(self) -> bool:
-        """Whether the target has reached the end of SAFE_STATE's fallback, and changes no more."""
+        """Whether the target has reached the end of SAFE_STATE's fallback."""
         is_kept = self._params.ramp_step_rad == 0.0
         return self.mode is GuardMode.SAFE_STATE and (is_kept or self.target_rad == 0.0)
 
@@ -102,8 +103,8 @@ class SteeringUnit:
         return is_followed
 
     def on_rejection(self) -> None:
-        """Note a command that came damaged: the run of good ones is over."""
-        self._state = self._state._replace(good_run=0)
+        """Process a damaged command."""
+        self._state = guard_rejection(self._state)
 
     def on_timer(self, now_ns: int) -> bool:
         """Do what is due; returns whether it sets the target."""
@@ -139,12 +140,12 @@ class SteeringUnit:
         return reported
 
     def report(self) -> Mapping[str, Any]:
-        """Return what the guard did, ready for JSON.
+        """Return the guard's figures, ready for JSON.
 
-        ``interventions``      targets that a limit has changed, by the limit that decided
-        ``ignored_commands``   that arrived while no command was followed
+        ``interventions``      targets that a limit has changed, by limit
+        ``ignored_commands``   commands that arrived while none was followed
         ``longest_silence_s``  after a command that arrived: to the next, or to the newest sample
-        ``safe_state``         why and when, none otherwise
+        ``safe_state``         cause and time; None if it was not entered
         """
         at_ns = self._safe_state_at_ns
         is_safe = at_ns != NEVER_NS

@@ -14,11 +14,11 @@ BLOCK = 1024
 """Uniforms drawn at once: numpy costs microseconds per call and nanoseconds per number."""
 
 SMALLEST = 2.0**-54
-"""Stands in for an exact 0, whose quantile is infinite for the unbounded distributions."""
+"""Replaces an exact 0, whose quantile is infinite for unbounded distributions."""
 
 
 class Channel(IntEnum):
-    """What a stream is for. The values are part of what a seed means: never renumber them."""
+    """Purpose of a stream. Its values are part of the meaning of a seed: never renumber them."""
 
     DOWNLINK = 0
     DOWNLINK_DUPLICATES = 1
@@ -41,5 +41,5 @@ def first_uniforms(seed: int, channel: Channel, count: int) -> NDArray[np.float6
 
 
 def _generator(seed: int, channel: Channel, *member: int) -> np.random.Generator:
-    # The bit generator is named because numpy may change what `default_rng` stands for.
+    # By name, because numpy may change the generator of `default_rng`.
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, channel, *member])))

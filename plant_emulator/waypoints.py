@@ -11,7 +11,7 @@ from pathlib import Path as FilePath
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ..runtime.settings import SettingsError
+from ..runtime.settings import SettingsError, read_text
 from .curve import CurvePoints, Floats, path_along
 from .path import Path
 
@@ -71,14 +71,7 @@ def path_through(points: Sequence[tuple[float, float]], *, closed: bool = False)
 
 
 def _read(file: FilePath) -> list[tuple[float, float]]:
-    try:
-        lines = file.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise SettingsError(f"{file}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise SettingsError(f"{file}: is not UTF-8 text (byte {error.start})") from error
-    except ValueError as error:  # a NUL in its name
-        raise SettingsError(f"{file}: cannot be read: {error}") from error
+    lines = read_text(file).splitlines()
     rows = [
         (number, [cell.strip() for cell in line.split(",")])
         for number, line in enumerate(lines, start=1)

@@ -4,17 +4,16 @@ Wrong options are reported before the run, so that none is lost because of them.
 """
 
 import argparse
-import math
 import os
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 
+from ..command_line import whole_number
 from .host import PRIORITY_MAX
 from .recording import recording_obstacle
 from .settings import preset_names
 
-DURATION_S_MAX = 1e9
 SPIN_US_MAX = 10_000
 
 
@@ -57,35 +56,9 @@ def settings_file(package: str) -> Callable[[str], Path]:
     return read
 
 
-def seconds(text: str) -> float:
-    """Read a duration [s]."""
-    try:
-        value_s = float(text)
-    except ValueError:
-        value_s = math.nan
-    if not 0.0 < value_s < DURATION_S_MAX:
-        raise argparse.ArgumentTypeError(f"allowed is above 0 to {DURATION_S_MAX:g}, not {text!r}")
-    return value_s
-
-
-def spin_us(text: str) -> int:
-    """Read how long to spin before a deadline [us]."""
-    return _whole(text, SPIN_US_MAX)
-
-
-def priority(text: str) -> int:
-    """Read a priority of SCHED_FIFO, or 0."""
-    return _whole(text, PRIORITY_MAX)
-
-
-def bit_rate(text: str) -> int:
-    """Read a bit rate [bit/s]."""
-    if not text.isdecimal() or not 10_000 <= int(text) <= 8_000_000:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a bit rate of 10000 to 8000000 bit/s")
-    return int(text)
-
-
-def _whole(text: str, maximum: int) -> int:
-    if not (text.isascii() and text.isdecimal() and int(text) <= maximum):
-        raise argparse.ArgumentTypeError(f"allowed is 0 to {maximum}, not {text!r}")
-    return int(text)
+spin_us = whole_number(0, SPIN_US_MAX)
+"""Reads how long to spin before a deadline [us]."""
+priority = whole_number(0, PRIORITY_MAX)
+"""Reads a priority of SCHED_FIFO, or 0."""
+bit_rate = whole_number(10_000, 8_000_000)
+"""Reads a bit rate [bit/s]."""

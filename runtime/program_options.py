@@ -5,14 +5,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from ..command_line import command_parser
+from ..command_line import add_overrides_argument, command_parser, seconds
 from .bus import add_bus_arguments
 from .option_types import (
     SPIN_US_MAX,
     output_file,
     priority,
     recording_file,
-    seconds,
     spin_us,
 )
 from .settings import (
@@ -60,7 +59,7 @@ def make_parser(
         "--no-fast-socketcan",
         dest="fast_socketcan",
         action="store_false",
-        help="open SocketCAN through python-can too",
+        help="use python-can for SocketCAN too",
     )
     return parser
 
@@ -72,14 +71,7 @@ def add_settings_arguments(parser: argparse.ArgumentParser, preset_package: str)
         "settings", nargs="?", type=Path, metavar="SETTINGS.toml", help="settings file"
     )
     parser.add_argument("--preset", metavar="NAME", help=f"settings below the file's: {presets}")
-    parser.add_argument(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="TABLE.KEY=VALUE",
-        help="one setting on top of the file; repeatable",
-    )
+    add_overrides_argument(parser)
 
 
 def add_real_time_arguments(parser: argparse.ArgumentParser) -> None:

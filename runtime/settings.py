@@ -106,7 +106,7 @@ def load_settings(
         source = f"preset {preset.name}"
         _merge(merged, _parse(preset.text, source), source, (), sources)
     if file is not None:
-        _merge(merged, _parse(_read(file), str(file)), str(file), (), sources)
+        _merge(merged, _parse(read_text(file), str(file)), str(file), (), sources)
     if overrides:
         _merge(merged, _parse_overrides(overrides), COMMAND_LINE, (), sources)
     return _checked(model, merged, sources)
@@ -152,8 +152,8 @@ def _checked(model: type[S], merged: dict[str, Any], sources: dict[KeyPath, str]
     raise SettingsError(*mistakes)
 
 
-def _read(file: Path) -> str:
-    """Return the text of ``file``; raises SettingsError."""
+def read_text(file: Path) -> str:
+    """Return the text of a file of the user; raises SettingsError."""
     try:
         with file.open("rb") as opened:
             raw = opened.read(_FILE_BYTES_MAX + 1)

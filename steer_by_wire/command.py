@@ -1,7 +1,7 @@
 """The one command: ``steer-by-wire NAME ...`` starts every program of the project.
 
 Each program has its own parser and its own ``--help``; here are only the names, in the order in
-which a newcomer meets them. A program is imported when it is started, so that a name costs nothing.
+which a newcomer needs them. A program is imported only when it is started.
 """
 
 import argparse
@@ -27,7 +27,7 @@ class Program(NamedTuple):
 
     ``main``         MODULE:FUNCTION, which takes the arguments and returns an exit status
     ``summary``      one line for the list
-    ``takes_name``   it has more than one name, and is given the one in use
+    ``takes_name``   whether it has more than one name, and takes the one in use
     """
 
     main: str
@@ -53,6 +53,7 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "bus": Program(
                 "steer_by_wire.runtime.emulated_bus.__main__:main", "an emulated CAN bus", True
             ),
+            "cockpit": _tool("cockpit", "watch and drive the loop in a browser"),
             "monitor": _tool("monitor", "watch a bus in the terminal, and set its latency"),
             "analyze": _tool("analyze_log", "a recording as signals, latencies and a report"),
         },
@@ -67,15 +68,17 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "delay-study": _tool("delay_estimation_study", "the delay estimated without an echo"),
         },
         "Stress and faults": {
-            "stress": _tool("stress_latency", "thousands of runs over a study of settings"),
-            "stress-report": _tool("stress_report", "write the report of a study again"),
+            "stress": _tool(
+                "stress_latency", "thousands of runs over latency, jitter and vehicles"
+            ),
+            "stress-report": _tool("stress_report", "rewrite the report of a study"),
             "faults": _tool("fault_campaign", "a thousand faulty runs, and what detected each"),
             "inject": _tool("inject_faults", "faults on a live bus, by hand"),
-            "soak": _tool("soak", "the pair for hours on a bus that is kept full"),
-            "fuzz": _tool("fuzz", "any bytes into everything that reads"),
+            "soak": _tool("soak", "the pair for hours on a full bus"),
+            "fuzz": _tool("fuzz", "random bytes into all that reads bytes"),
         },
         "This machine": {
-            "doctor": _tool("doctor", "what this machine has for CAN, and what to do"),
+            "doctor": _tool("doctor", "what this machine has for CAN, and what it lacks"),
             "with-vcan": Program(
                 "steer_by_wire.vcan.__main__:main", "run a command with a real vcan0", True
             ),
@@ -84,9 +87,9 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             ),
             "bits": _tool("frame_bits", "a frame bit by bit, and recordings as waveforms"),
             "probe": _tool("probe_host", "which rate this machine can keep"),
-            "benchmark": _tool("benchmark", "what a control step and a run cost here"),
-            "benchmark-bus": _tool("benchmark_bus", "what a frame costs here, beside C"),
-            "benchmark-batch": _tool("benchmark_batch", "what compiled runs cost, beside C"),
+            "benchmark": _tool("benchmark", "the time of a control step and a run here"),
+            "benchmark-bus": _tool("benchmark_bus", "the time of a frame here, against C"),
+            "benchmark-batch": _tool("benchmark_batch", "the time of compiled runs, against C"),
         },
     }
 )

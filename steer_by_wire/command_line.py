@@ -1,14 +1,23 @@
-"""The command line that every program has: one screen of help that ends with an example.
+"""What the command lines of all programs share: help, types of options, and how programs start.
 
-Standard library only, because programs without any other library use it too.
+argparse turns an error of a type into one line. Standard library only, because programs without any
+other library use it too.
 """
 
 import argparse
+import importlib
+import math
 import shutil
+import sys
+from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError, requires
+from pathlib import Path
 
 DISTRIBUTION = "steer-by-wire-emulator"
 WIDTH_MAX = 100
+DURATION_S_MAX = 1e9
+INSTALLATION_STATUS = 2
+INTERRUPTED_STATUS = 130
 
 
 class _OneScreen(argparse.RawDescriptionHelpFormatter):
@@ -37,6 +46,65 @@ def command_parser(
         formatter_class=_OneScreen,
         allow_abbrev=False,
     )
+
+
+def add_out_argument(parser: argparse.ArgumentParser, default: str, what: str = "") -> None:
+    """Add ``--out``, the folder for results; ``what`` is its help without the default."""
+    help_text = f"{what} (default: %(default)s)" if what else "default: %(default)s"
+    parser.add_argument("--out", type=Path, default=Path(default), metavar="DIR", help=help_text)
+
+
+def add_overrides_argument(
+    parser: argparse._ActionsContainer,
+    option: str = "--set",
+    what: str = "one setting on top of the file",
+    dest: str | None = "overrides",
+) -> None:
+    """Add a repeatable option for ``TABLE.KEY=VALUE``; ``dest`` as in argparse."""
+    metavar, repeatable = "TABLE.KEY=VALUE", f"{what}; repeatable"
+    parser.add_argument(
+        option, dest=dest, action="append", default=[], metavar=metavar, help=repeatable
+    )
+
+
+def whole_number(low: int, high: int) -> Callable[[str], int]:
+    """Return the type of an option that takes a whole number from ``low`` to ``high``."""
+
+    def read(text: str) -> int:
+        is_whole = text.isascii() and text.isdecimal() and len(text) <= len(str(high))
+        if not (is_whole and low <= int(text) <= high):
+            raise argparse.ArgumentTypeError(f"allowed is {low} to {high}, not {text[:60]!r}")
+        return int(text)
+
+    return read
+
+
+def seconds(text: str) -> float:
+    """Read a duration [s]."""
+    try:
+        value_s = float(text)
+    except ValueError:
+        value_s = math.nan
+    if not 0.0 < value_s < DURATION_S_MAX:
+        raise argparse.ArgumentTypeError(f"allowed is above 0 to {DURATION_S_MAX:g}, not {text!r}")
+    return value_s
+
+
+def start_program(module: str, arguments: Sequence[str] | None, name: str) -> int:
+    """Import a program and run its ``main(arguments, name)``; returns its exit status.
+
+    The import takes half a second, in which neither Ctrl-C nor a missing library or a damaged DBC
+    may cause a traceback.
+    """
+    try:
+        status: int = importlib.import_module(module).main(arguments, name)
+        return status
+    except KeyboardInterrupt:
+        return INTERRUPTED_STATUS
+    except ImportError as error:
+        text = missing_library(error) if isinstance(error, ModuleNotFoundError) else error
+        print(f"{name}: error: {text}", file=sys.stderr)
+        return INSTALLATION_STATUS
 
 
 def missing_library(error: ModuleNotFoundError) -> str:

@@ -10,6 +10,7 @@ are exact for a command held over the period and delayed by any time.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,6 +54,8 @@ class HeldPlant(NamedTuple):
     whole_periods: int
 
 
+_PLANTS_KEPT = 256
+"""A search asks for the same plants and delays with every law that it judges."""
 _UNIT = 2.0**-20
 """So small that a difference that fades by a step per period is gone after one period. Scaling by a
 power of two is exact in a linear system."""
@@ -112,8 +115,9 @@ def without_idle_states(system: LinearSystem) -> LinearSystem:
         )
 
 
+@lru_cache(maxsize=_PLANTS_KEPT)
 def held_plant(model: TransferFunction, period_ns: int, delay_ns: int) -> HeldPlant:
-    """Return the plant for one control period and any constant delay ≥ 0.
+    """Return the plant for one control period and any constant delay ≥ 0, as read-only arrays.
 
     Raises ValueError for a model that is not strictly proper: it would answer before the hold.
     """
@@ -122,7 +126,10 @@ def held_plant(model: TransferFunction, period_ns: int, delay_ns: int) -> HeldPl
     transition, _ = held_over(a, b, period_ns / NS_PER_S)
     after_rest, b_new = held_over(a, b, (period_ns - rest_ns) / NS_PER_S)
     _, during_rest = held_over(a, b, rest_ns / NS_PER_S)
-    return HeldPlant(transition, b_new, after_rest @ during_rest, c, whole_periods)
+    b_old = after_rest @ during_rest
+    for shared in (transition, b_new, b_old, c):
+        shared.flags.writeable = False
+    return HeldPlant(transition, b_new, b_old, c, whole_periods)
 
 
 def companion_form(

@@ -185,7 +185,7 @@ class Channel:
         return completed
 
     def queue(self, delivery: Delivery, time_ns: int) -> None:
-        """Queue a frame, complete at ``time_ns`` of the wall clock, for clients that want it."""
+        """Queue a frame, complete at wall-clock time ``time_ns``, for all that want it."""
         _, sender, frame = delivery
         packed: dict[Struct, bytes] = {}
         for member in self.members.values():

@@ -8,7 +8,7 @@ not delay the other. The payload counts up, so that a recording shows missing fr
 from collections.abc import Sequence
 from itertools import pairwise
 
-from ..dbc.messages import CAN_IDS, LatencyConfig
+from ..dbc.messages import CAN_IDS, DATA_IDS
 from ..runtime.bus_model import BusModel, BusOverflowError, Delivery
 from ..runtime.frame import Frame
 from ..runtime.node import NEVER_NS
@@ -18,7 +18,7 @@ HIGHEST_PRIORITY_IDS = (0x000, 0x001, 0x002, 0x003)
 """Several, because the emulated bus takes a bounded number of frames from each client: four queues
 last for 60 ms in which the machine may stall babbler and broker. The pair's identifiers lie in
 between."""
-_PAIR_IDS = sorted(can_id for message, can_id in CAN_IDS.items() if message is not LatencyConfig)
+_PAIR_IDS = sorted(CAN_IDS[message] for message in DATA_IDS)
 GAPS = [range(below + 1, above) for below, above in pairwise(_PAIR_IDS)]
 """The identifiers between two neighbours of the pair's own. All in one gap affect the pair alike:
 messages of higher priority get through, those of lower priority wait."""

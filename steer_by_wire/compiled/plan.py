@@ -13,18 +13,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..controller.modes import Supervisor
-from ..controller.settings import ControllerSettings, resync_ns_of, supervision_of
-from ..dbc.messages import Mode
-from ..dbc.protection import COUNTERS, SequenceCheck, SequenceResult
+from ..controller.settings import ControllerSettings, counters_of, supervision_of
+from ..dbc.messages import (
+    CYCLE_TIMES_MS,
+    LateralError,
+    Message,
+    Mode,
+    SteeringStatus,
+    VehicleState,
+)
+from ..dbc.protection import COUNTERS, HALF, SequenceCheck, SequenceResult, SequenceRule
 from ..plant_emulator.node import samples_per_vehicle_state
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.streams import Channel, first_uniforms
-from ..runtime.node import NEVER_NS
+from ..runtime.node import NEVER_NS, NS_PER_MS
 from .loop import Segment
 from .network import FloatArray, Frames, IntArray, normal_scores, passages
 from .steps import register_steps
 from .wire import Uplink
 
+_MESSAGES: dict[Uplink, type[Message]] = {
+    Uplink.LATERAL_ERROR: LateralError,
+    Uplink.STEERING_STATUS: SteeringStatus,
+    Uplink.VEHICLE_STATE: VehicleState,
+}
 SAMPLES_WITHOUT_ARRIVAL_MAX = 100_000
 """A network that delivers none of so many samples is assumed to lose every frame."""
 
@@ -61,14 +73,6 @@ class Arrivals(NamedTuple):
     sample: IntArray
 
 
-class Believing(NamedTuple):
-    """Which counters the controller accepts: the arguments of ``dbc.protection.SequenceCheck``."""
-
-    max_jump: int
-    resync_run: int
-    resync_ns: int
-
-
 class NothingArrivesError(ValueError):
     """No measurement reaches the controller, so that it never steers and the run never ends."""
 
@@ -81,8 +85,8 @@ def plan_run(plant: PlantSettings, controller: ControllerSettings) -> Plan:
     sensor_ns, period_ns = plant.sensor_period_ns, controller.period_ns
     samples = -(-(motion_start_ns + plant.duration_ns) // sensor_ns) + 1
     end_ns = (samples - 1) * sensor_ns
-    believing = believing_of(controller)
-    arrivals = arrivals_of(Uplink.LATERAL_ERROR, plant, believing, samples, motion_start_ns)
+    rule = counters_of(controller)
+    arrivals = arrivals_of(Uplink.LATERAL_ERROR, plant, rule, samples, motion_start_ns)
     tick_ns = np.arange(first_tick_ns, end_ns + 1, period_ns)
     in_use = np.searchsorted(arrivals.arrival_ns, tick_ns, side="right") - 1
     commands = Frames(
@@ -113,23 +117,15 @@ def plan_run(plant: PlantSettings, controller: ControllerSettings) -> Plan:
     )
 
 
-def believing_of(controller: ControllerSettings) -> Believing:
-    """Return which counters a controller accepts."""
-    table = controller.supervision
-    return Believing(table.max_counter_jump, table.recovery_frames, resync_ns_of(controller))
-
-
 def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:
     """Return the tick at which the controller stops waiting."""
     timeout_ns = supervision_of(controller).measurement_timeout_ns
     period_ns, samples = controller.period_ns, 1
-    believing = believing_of(controller)
+    rule = counters_of(controller)
     while samples <= SAMPLES_WITHOUT_ARRIVAL_MAX:
         # Frames after the start have another time of motion, but none of them is the first.
         start_ns = NEVER_NS if plant.start_on_first_command else 0
-        arrival_ns = arrivals_of(
-            Uplink.LATERAL_ERROR, plant, believing, samples, start_ns
-        ).arrival_ns
+        arrival_ns = arrivals_of(Uplink.LATERAL_ERROR, plant, rule, samples, start_ns).arrival_ns
         tick_ns = -(-arrival_ns // period_ns) * period_ns
         known_ns = (samples - 1) * plant.sensor_period_ns  # later ones may overtake beyond that
         fresh = (tick_ns - arrival_ns <= timeout_ns) & (tick_ns <= known_ns)
@@ -144,7 +140,7 @@ def _first_tick_ns(plant: PlantSettings, controller: ControllerSettings) -> int:
 def arrivals_of(
     message: Uplink,
     plant: PlantSettings,
-    believing: Believing,
+    rule: SequenceRule,
     samples: int,
     motion_start_ns: int,
 ) -> Arrivals:
@@ -161,18 +157,24 @@ def arrivals_of(
         plant.latency.uplink, plant.seed, Channel.UPLINK, Channel.UPLINK_DUPLICATES, frames
     )
     number = sample[up.frame] // (every if message is Uplink.VEHICLE_STATE else 1)
-    believed = _believed(believing, number, up.due_ns)
+    period_ns = CYCLE_TIMES_MS[_MESSAGES[message]] * NS_PER_MS
+    believed = _believed(rule, period_ns, number, up.due_ns)
     return Arrivals(up.due_ns[believed], sample[up.frame][believed])
 
 
-def _believed(believing: Believing, number: IntArray, arrival_ns: IntArray) -> NDArray[np.bool_]:
+def _believed(
+    rule: SequenceRule, period_ns: int, number: IntArray, arrival_ns: IntArray
+) -> NDArray[np.bool_]:
     """Return which frames of a message the check of their counters accepts, as they arrive."""
     steps = np.diff(number)
-    if ((steps >= 1) & (steps <= believing.max_jump)).all():
+    # As ``SequenceRule.step_max`` of the longest period that the check may measure.
+    explained = 1 + (rule.lead_ns + np.diff(arrival_ns)) // period_ns
+    if ((steps >= 1) & (steps <= np.minimum(explained, HALF - 1))).all():
         return np.ones(len(number), dtype=np.bool_)
-    check = SequenceCheck(*believing)
-    arrivals = zip((number % COUNTERS).tolist(), arrival_ns.tolist(), strict=True)
-    results = [check.check(counter, now_ns) for counter, now_ns in arrivals]
+    check = SequenceCheck(rule, period_ns)
+    arrivals = zip(number.tolist(), arrival_ns.tolist(), strict=True)
+    # A sample's number identifies the frame, as its payload does in a node.
+    results = [check.check(sample % COUNTERS, now_ns, sample) for sample, now_ns in arrivals]
     return np.array([result is SequenceResult.ACCEPTED for result in results])
 
 

@@ -7,12 +7,13 @@ import numpy as np
 
 from ..controller.design import link_of
 from ..controller.link_memory import RING_SIZE, MemoryParams, Rings
-from ..controller.settings import ControllerSettings, age_limits_of
+from ..controller.settings import ControllerSettings, age_limits_of, counters_of
 from ..dbc.messages import LateralError, SteeringStatus, VehicleState, limits, resolutions
+from ..dbc.protection import SequenceRule
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.streams import Channel, first_uniforms
 from .network import FloatArray, IntArray, normal_scores
-from .plan import Believing, Plan, arrivals_of, believing_of
+from .plan import Plan, arrivals_of
 from .wire import Uplink, Wire, on_wire
 
 _KEPT = 8
@@ -35,7 +36,7 @@ def plan_wire(
     """Return the wire of one run."""
     samples = len(plan.sample_ns)
     network = plant_network(plant)
-    received = _received(network, believing_of(controller), samples, plan.motion_start_ns)
+    received = _received(network, counters_of(controller), samples, plan.motion_start_ns)
     error, state = resolutions(LateralError), resolutions(VehicleState)
     ranges = limits(VehicleState)
     return Wire(
@@ -88,9 +89,9 @@ def _empty_rings() -> Rings:
 
 @lru_cache(maxsize=_KEPT)
 def _received(
-    plant: PlantSettings, believing: Believing, samples: int, motion_start_ns: int
+    plant: PlantSettings, rule: SequenceRule, samples: int, motion_start_ns: int
 ) -> _Received:
-    each = [arrivals_of(message, plant, believing, samples, motion_start_ns) for message in Uplink]
+    each = [arrivals_of(message, plant, rule, samples, motion_start_ns) for message in Uplink]
     message = np.repeat(list(Uplink), [len(arrivals.sample) for arrivals in each])
     sample = np.concatenate([arrivals.sample for arrivals in each])
     arrival_ns = np.concatenate([arrivals.arrival_ns for arrivals in each])

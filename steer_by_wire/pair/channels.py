@@ -43,8 +43,9 @@ def open_channels(wanted: str, names: Sequence[str], log: Path) -> Iterator[Chan
     options = ["--bitrate", str(BITRATE_BIT_S)]
     with log.open("w", encoding="utf-8") as output, launched_broker(options, output) as address:
         buses = tuple(Bus("emulated", name, {"address": address}) for name in names)
+        count = "1 channel" if len(names) == 1 else f"{len(names)} channels"
         reason = "" if wanted == "emulated" else f" (no {', '.join(missing)} on this machine)"
         yield Channels(
             buses,
-            f"emulated CAN bus, {BITRATE_BIT_S // 1000} kbit/s, {len(names)} channels{reason}",
+            f"emulated CAN bus, {BITRATE_BIT_S // 1000} kbit/s, {count}{reason}",
         )

@@ -131,6 +131,10 @@ class Processes:
             process.kill()
             self._statuses[name] = process.wait()
 
+    def signal(self, name: str, number: int) -> None:
+        """Send a signal to one, if it still runs."""
+        self._processes[name].send_signal(number)
+
     def stop(self, name: str) -> dict[str, Any]:
         """End one cleanly; returns its report. Raises ProcessError when it fails."""
         if self.end(name):

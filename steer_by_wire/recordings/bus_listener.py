@@ -1,7 +1,7 @@
 """Decodes the frames on a bus as a listener: messages, and rejected frames counted by cause.
 
 It decides as the nodes do (``dbc.messages.decode``, then the end-to-end counter), with the widest
-window: a listener controls nothing, so it may accept a counter that jumped by up to MAX_JUMP. Of
+window: a listener controls nothing, so it may accept any newer counter at any time. Of
 authenticated frames it reads the payload only, because it has no key.
 """
 
@@ -11,21 +11,19 @@ from typing import NamedTuple
 
 from ..dbc.messages import (
     CAN_IDS,
+    DATA_IDS,
     MESSAGE_TYPES,
     Decoded,
-    LatencyConfig,
     Message,
     Rejection,
     decode,
 )
-from ..dbc.protection import SequenceCheck, SequenceResult
+from ..dbc.protection import HALF, PERIOD_NS_MIN, SequenceCheck, SequenceResult, SequenceRule
 from ..dbc.secured_frame import plain
 from ..runtime.frame import ERROR, Frame
 
-MAX_JUMP = 127
-"""The largest jump of a counter that still distinguishes newer from older."""
-RESYNC_RUN = 20
-"""Consecutive rejected counters after which the sender is taken to have restarted."""
+RULE = SequenceRule(lead_ns=HALF * PERIOD_NS_MIN, resync_run=20)
+"""Accept whatever is newer, and a restart of the sender after 20 rejected counters in a row."""
 FOREIGN_IDS_MAX = 1000
 """How many foreign identifiers are counted separately."""
 
@@ -37,7 +35,7 @@ _NAMES_BY_ID = {CAN_IDS[kind]: name for kind, name in NAMES.items()}
 class ReceivedMessage(NamedTuple):
     """A message on the bus.
 
-    ``counter``  end-to-end counter, 0 for LATENCY_CONFIG
+    ``counter``  end-to-end counter, 0 for a message without one
     ``is_late``  overtaken by a newer one: a node would reject it
     """
 
@@ -68,9 +66,9 @@ class BusListener:
 
     def __init__(self) -> None:
         self._checks = {
-            name: SequenceCheck(MAX_JUMP, RESYNC_RUN)
+            name: SequenceCheck(RULE, PERIOD_NS_MIN)
             for kind, name in NAMES.items()
-            if kind is not LatencyConfig  # sent by hand, so it has no counter
+            if kind in DATA_IDS  # others are sent by hand, so it has no counter
         }
         self._accepted = Counter[str]()
         self._late = Counter[str]()

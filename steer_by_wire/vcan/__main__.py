@@ -7,14 +7,13 @@ time is up, 126 and 127 for a command that cannot be run or is not found.
 """
 
 import argparse
-import math
 import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import command_parser, seconds, whole_number
 from steer_by_wire.vcan.request import BackendError, Request, interface_names, netem_of
 
 NAME = "with-vcan"
@@ -22,13 +21,13 @@ UNAVAILABLE_STATUS = 3
 UNWRITABLE_STATUS = 4
 STDERR = 2
 PACKAGES = "user-mode-linux kmod can-utils iproute2"
-"""Of Debian and Ubuntu: with these every backend but the host's own kernel is complete."""
+"""Of Debian and Ubuntu, for all backends but the host's own kernel."""
 
 
 class Backend(NamedTuple):
     """One way to vcan0.
 
-    ``obstacle``  why it cannot be gone; empty when it can
+    ``obstacle``  why it cannot be used; empty if it can
     ``run``       runs a command, within a time [s]; returns its exit status
     """
 
@@ -38,7 +37,7 @@ class Backend(NamedTuple):
 
 
 def backends() -> tuple[Backend, ...]:
-    """Return what there is on this platform, best first."""
+    """Return the backends of this platform, best first."""
     if sys.platform != "linux":
         return ()
     from steer_by_wire.vcan import host, namespace, uml
@@ -68,7 +67,7 @@ def choose(wanted: str, request: Request) -> Backend:
 
 
 def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
-    """Run the command; returns the exit status. ``name`` is what who started it calls it."""
+    """Run the command under the name ``name``; returns its exit status."""
     options = _parse(arguments, name)
     if options.write_single_file is not None:
         return _write_single_file(name, options.write_single_file)
@@ -100,7 +99,7 @@ def _write_single_file(name: str, path: Path) -> int:
 def _run(name: str, backend: Backend, request: Request, timeout_s: float | None) -> int:
     from steer_by_wire.vcan.supervision import TIMEOUT_STATUS, block_signals
 
-    # One that was closed would else become the number of one of our pipes.
+    # Otherwise one of our pipes could get the number of a closed standard stream.
     while os.open(os.devnull, os.O_RDWR) <= STDERR:
         pass
     block_signals()
@@ -118,30 +117,36 @@ def _parse(arguments: Sequence[str] | None, name: str) -> argparse.Namespace:
         "--backend",
         choices=("auto", "host", "namespace", "uml"),
         default="auto",
-        help="default: auto, the first of these that can be had",
+        help="default: auto, the first one that works here",
     )
     parser.add_argument(
         "--netem",
         action="append",
         default=[],
         metavar="[NAME:]PARAMETERS",
-        help='latency in the kernel, as "delay 40ms 10ms loss 1%%" (tc-netem(8)), of all '
-        "interfaces or one; every frame meets it, in both directions",
+        help='latency in the kernel, such as "delay 40ms 10ms loss 1%%" (tc-netem(8)), of all '
+        "interfaces or one, in both directions",
     )
     parser.add_argument(
-        "--timeout", type=_seconds, metavar="SECONDS", help="end with status 124 after this time"
+        "--timeout", type=seconds, metavar="SECONDS", help="end with status 124 after this time"
     )
     parser.add_argument(
         "--interfaces",
         type=_interfaces,
         default=("vcan0",),
         metavar="N|NAMES",
-        help="a number (vcan0, vcan1, ...) or names with commas between; default: vcan0",
+        help="a number (vcan0, vcan1, ...) or comma-separated names; default: vcan0",
     )
     parser.add_argument(
-        "--memory", type=_mebibytes, default=1024, metavar="MIB", help="of a User Mode Linux"
+        "--memory",
+        type=whole_number(128, 65536),
+        default=1024,
+        metavar="MIB",
+        help="memory of User Mode Linux",
     )
-    parser.add_argument("--which", action="store_true", help="only say which backend it would be")
+    parser.add_argument(
+        "--which", action="store_true", help="only print which backend would be used"
+    )
     parser.add_argument(
         "--write-single-file", type=Path, metavar="FILE", help="write this program as one file"
     )
@@ -165,22 +170,6 @@ def _interfaces(text: str) -> tuple[str, ...]:
         return interface_names(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
-
-
-def _seconds(text: str) -> float:
-    try:
-        value_s = float(text)
-    except ValueError:
-        value_s = math.nan
-    if not 0.0 < value_s < 1e9:
-        raise argparse.ArgumentTypeError(f"allowed is above 0 to 1e9, not {text!r}")
-    return value_s
-
-
-def _mebibytes(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and 128 <= int(text) <= 65536):
-        raise argparse.ArgumentTypeError(f"allowed is 128 to 65536, not {text!r}")
-    return int(text)
 
 
 if __name__ == "__main__":

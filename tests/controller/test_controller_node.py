@@ -128,12 +128,8 @@ def test_recovery_needs_a_run_of_good_frames() -> None:
     assert plant.commands[-1].mode is Mode.SAFE_STOP
     plant.drive(2, 0.1)
     plant.node.on_frame(Frame(CAN_IDS[LateralError], bytes(8)), plant.now_ns)
-    plant.drive(3, 0.1)
-    assert [command.mode for command in plant.commands[-3:]] == [
-        Mode.SAFE_STOP,
-        Mode.SAFE_STOP,
-        Mode.ACTIVE,
-    ]
+    plant.drive(2, 0.1)
+    assert [command.mode for command in plant.commands[-2:]] == [Mode.SAFE_STOP, Mode.ACTIVE]
 
 
 @pytest.mark.parametrize("ahead", [0, -3, 120])
@@ -144,7 +140,7 @@ def test_frames_refused_for_their_counter_alone_leave_the_run_of_good_ones(ahead
     for _ in range(3):
         plant.drive(1, 0.1)
         counter = (plant.counters[LateralError] - 1 + ahead) % 256
-        plant.node.on_frame(encode(LateralError(0.5, 0.0), counter), plant.now_ns)
+        plant.node.on_frame(encode(LateralError(0.1, 0.0), counter), plant.now_ns)
     assert sum(plant.node.report()["rejected"].values()) == 3
     assert [command.mode for command in plant.commands[-3:]] == [
         Mode.SAFE_STOP,

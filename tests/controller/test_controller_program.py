@@ -46,7 +46,7 @@ def checked(capsys: Capture, *arguments: str) -> str:
         ("limits.steer_rad_max = 2.0", ["limits.steer_rad_max = 2", "0.0", "1.31071"]),
         ("limits.steer_rate_rad_s_max = 0", ["limits.steer_rate_rad_s_max = 0"]),
         ("supervision.hold_ms = -1", ["supervision.hold_ms = -1", "10000"]),
-        ("supervision.max_counter_jump = 128", ["max_counter_jump = 128", "1", "127"]),
+        ("supervision.counter_lead_ms = -1", ["counter_lead_ms = -1", "0", "10000"]),
         ("supervision.ramp_rad_s = inf", ["supervision.ramp_rad_s"]),
         ("supervision.hold_s = 1", ["supervision.hold_s", "supervision.hold_ms"]),
     ],
@@ -92,7 +92,9 @@ def test_what_users_set_in_milliseconds_and_per_second_the_steps_get_per_period(
 
 @pytest.mark.parametrize("name", preset_names(PRESETS))
 def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(name: str) -> None:
-    settings = preset(name, "rate_hz=100")  # at 1 kHz there is no analysis of jitter
+    # At 1 kHz there is no analysis of jitter, at 100 Hz it takes long, and below 64 Hz the filters
+    # of the paper's presets are beyond Nyquist.
+    settings = preset(name, "rate_hz=64")
     text = check_text(settings)
     assert ControllerSettings.model_validate(tomllib.loads(text)) == settings
     assert "# Poles of the closed loop around the nominal plant, without delay:" in text

@@ -1,12 +1,19 @@
 """The mode table, transition by transition."""
 
-from itertools import pairwise
+from itertools import pairwise, product
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.controller.modes import TRANSITIONS, Evidence, ModeState, Supervision, mode_step
+from steer_by_wire.controller.modes import (
+    TRANSITIONS,
+    Evidence,
+    ModeState,
+    Supervision,
+    Supervisor,
+    mode_step,
+)
 from steer_by_wire.dbc.messages import Mode
 
 MS_NS = 1_000_000
@@ -98,3 +105,27 @@ def test_only_steps_of_the_table_are_ever_taken(seen: list[Evidence]) -> None:
         assert state == before or state.mode in {mode for _, mode in TRANSITIONS[before.mode]}
     if all(evidence.arrival_ns is None for evidence in seen):
         assert states[-1].mode is Mode.WAITING
+
+
+def test_recovery_comes_as_soon_as_so_many_more_measurements_were_good_than_damaged() -> None:
+    """Every order of eight frames: good less damaged ones, counted from any of them on."""
+    supervision = P._replace(recovery_frames=3)
+    for order in product((1, -1), repeat=8):
+        supervisor = Supervisor(supervision, 0)
+        supervisor.on_measurement(None, 0)
+        supervisor.move_on(0, 0)
+        now_ns = before_ns = 1000 * MS_NS
+        supervisor.move_on(0, now_ns)
+        most = 0
+        for gain in order:
+            now_ns += 10 * MS_NS
+            most = max(most + gain, 0)
+            if gain < 0:
+                supervisor.on_rejection()
+            else:
+                supervisor.on_measurement(before_ns, now_ns)
+                before_ns = now_ns
+            supervisor.move_on(before_ns, now_ns)
+            assert (supervisor.mode is Mode.ACTIVE) == (most >= 3)
+            if supervisor.mode is Mode.ACTIVE:
+                break

@@ -25,6 +25,7 @@ from tests.support.authenticated_ends import (
     met,
     plant,
 )
+from tests.support.counter_rules import rule
 
 OTHER_KEY = bytes(range(1, 17))
 
@@ -179,7 +180,7 @@ def later(plant_end: Authentication, lost: int) -> Authentication:
 
 
 def test_a_receiver_without_a_key_says_so() -> None:
-    reception = Reception((LateralError, SteeringCommand), 10, 3)
+    reception = Reception((LateralError, SteeringCommand), rule())
     _, plant_end = met()
     assert reception.take(plant_end.secure(FROM_PLANT[0])) is Refused.NO_KEY
     assert reception.take(FROM_PLANT[0]) == ERROR_MESSAGE

@@ -16,6 +16,7 @@ from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
     Direction,
+    DisturbanceConfig,
     LatencyConfig,
     LatencyModel,
     decode,
@@ -116,7 +117,10 @@ def test_every_protected_message_has_a_secured_form_of_a_length_can_fd_has() -> 
         message.length for message in load_database().messages if message.frame_id in LAYOUTS
     }
     assert lengths == {PAYLOAD_LENGTH}
-    assert set(CAN_IDS.values()) - set(LAYOUTS) == {CAN_IDS[LatencyConfig]}
+    assert set(CAN_IDS.values()) - set(LAYOUTS) == {
+        CAN_IDS[LatencyConfig],
+        CAN_IDS[DisturbanceConfig],
+    }
     assert (DATA.length, SYNC.length) == (20, 48)
     ends = met()
     for frame in (*FROM_PLANT, PLANT_STATUS, CONTROLLER_STATUS, COMMAND):

@@ -6,7 +6,7 @@ The names are those of Vector's interaction layer; the E2E parameters' are those
 from cantools.database.can import Message as Definition
 
 from steer_by_wire.controller.received import RECEIVED as CONTROLLER_RECEIVES
-from steer_by_wire.controller.settings import ControllerSettings, age_limits_of
+from steer_by_wire.controller.settings import ControllerSettings, age_limits_of, counters_of
 from steer_by_wire.dbc.dbc_file import load_database
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
@@ -18,6 +18,7 @@ from steer_by_wire.dbc.messages import (
     Decoded,
     DelayStatus,
     Direction,
+    DisturbanceConfig,
     EchoState,
     EstimateState,
     LatencyConfig,
@@ -85,6 +86,8 @@ def test_an_interaction_layer_starts_with_nothing_that_anybody_would_act_on() ->
                 assert message.safety is SafetyState.NORMAL
             case LatencyConfig():
                 assert message == (Direction.BOTH, 0, 0.0, 0.0, 0.0)
+            case DisturbanceConfig():
+                assert not any(message)
             case _:
                 assert isinstance(message, ControllerSafety)
                 assert not any(message)
@@ -110,11 +113,15 @@ def test_a_message_that_is_sent_at_changes_says_at_those_of_which_signals() -> N
     assert sent == {
         "OnChange": {
             "CONTROLLER_SAFETY_REJECTED",
+            "CONTROLLER_SAFETY_SECOND_SENDER",
             "FAULT",
             "SAFETY",
             *(f"{name}_FRESHNESS" for name in freshness),
         },
-        "OnWrite": {"DIRECTION", "MODEL", "MEAN", "SPREAD", "LOSS"},
+        "OnWrite": {
+            *("DIRECTION", "MODEL", "MEAN", "SPREAD", "LOSS"),
+            *("SIDE_FORCE", "YAW_MOMENT", "STEERING_OFFSET", "FRICTION_LOSS"),
+        },
     }
 
 
@@ -163,12 +170,15 @@ def timeout_ms(definition: Definition, signal: str, node: str) -> float | None:
 
 
 def test_the_e2e_parameters_are_those_both_receivers_check_with() -> None:
-    jumps = {CONTROLLER.supervision.max_counter_jump, PlantSettings().max_counter_jump}
     for definition in DATABASE.messages:
         found = attributes(definition)
-        if MESSAGE_TYPES[definition.name] in DATA_IDS:
+        message_type = MESSAGE_TYPES[definition.name]
+        if message_type in DATA_IDS:
             assert found["E2EDataLength"] == 8 * definition.length
-            assert {found["E2EMaxDeltaCounter"]} == jumps
+            is_received = message_type in CONTROLLER_RECEIVES
+            rule = counters_of(CONTROLLER) if is_received else PlantSettings().counters
+            period_ns = CYCLE_TIMES_MS[message_type] * NS_PER_MS
+            assert found["E2EMaxDeltaCounter"] == rule.step_before_silence(period_ns)
         else:
             assert not any(name.startswith("E2E") for name in found)
 
@@ -179,4 +189,4 @@ def test_what_only_a_test_rig_has_is_marked() -> None:
         for definition in DATABASE.messages
         if attributes(definition).get("RigMessage") == 1
     }
-    assert marked == {"PLANT_STATUS", "LATENCY_CONFIG"}
+    assert marked == {"PLANT_STATUS", "LATENCY_CONFIG", "DISTURBANCE_CONFIG"}

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from steer_by_wire.dbc.dbc_file import field_name, load_database
 from steer_by_wire.dbc.messages import (
+    DATA_IDS,
     MESSAGE_TYPES,
     ControllerFault,
     ControllerSafety,
@@ -19,6 +20,7 @@ from steer_by_wire.dbc.messages import (
     Decoded,
     DelayStatus,
     Direction,
+    DisturbanceConfig,
     EchoState,
     EncodeError,
     EstimateState,
@@ -32,6 +34,7 @@ from steer_by_wire.dbc.messages import (
     PlantStatus,
     Rejection,
     SafetyState,
+    SecondSender,
     SteeringCommand,
     SteeringStatus,
     SteeringStatusCode,
@@ -89,7 +92,7 @@ GOLDEN: list[tuple[Message, str, str]] = [
     (VehicleState(1.39, 0.02, -0.01), "130", "50e2 07 16010ac0f9"),
     # 1 + (3 << 3) = 0x19; 10 << 8 = 0xA00; -20 = 0xFEC in 12 bits, << 20; 3 << 32
     (ControllerStatus(Mode.ACTIVE, Law.PD_DDOB, 0.01, -0.02, 3), "300", "fa51 07 190ac0fe03"),
-    # 5; 3 << 12 = 0x3000; 1 << 24; 2 << 26; 0; 1 << 30
+    # 5; 3 << 12 = 0x3000; 1 << 24; 2 << 26; 0; 1 << 30; 2 << 33 = 0x4_0000_0000
     (
         ControllerSafety(
             5,
@@ -98,9 +101,10 @@ GOLDEN: list[tuple[Message, str, str]] = [
             Freshness.STALE,
             Freshness.NEVER_SEEN,
             ControllerFault.OVERRUNS,
+            SecondSender.PEER,
         ),
         "304",
-        "b49b 07 0530004900",
+        "7447 07 0530004904",
     ),
     # 160 = 0xA0; 164 << 12 = 0xA_4000; 1 << 24; 2 << 26; 97 << 28 = 0x6_1000_0000
     (
@@ -108,14 +112,20 @@ GOLDEN: list[tuple[Message, str, str]] = [
         "308",
         "d8a6 07 a0400a1906",
     ),
-    # 160 = 0xA0; 160 << 12 = 0xA_0000; 1 << 24; 2 << 31 = 0x1_0000_0000; 2 << 37 = 0x40_0000_0000
-    (PlantStatus(0.08, 0.08, 1, 2, SafetyState.HOLDING), "310", "4b40 07 a0000a0141"),
+    # 160 = 0xA0; 160 << 12 = 0xA_0000; 1 << 24; 2 << 30; 2 << 35; 1 << 38: 0x50_8100_0000
+    (
+        PlantStatus(0.08, 0.08, 1, 2, SafetyState.HOLDING, SecondSender.OWN),
+        "310",
+        "20e9 07 a0000a8150",
+    ),
     # 3 + (2 << 4) = 0x23; 800 = 0x0320; 300 = 0x012C; 100 = 0x0064; no CRC, no counter
     (
         LatencyConfig(Direction.BOTH, LatencyModel.NORMAL, 0.08, 0.03, 0.01),
         "320",
         "23 2003 2c01 6400",
     ),
+    # -1500 = 0xFA24, 250 = 0x00FA, 200 = 0x00C8, 70 = 0x46; no CRC, no counter
+    (DisturbanceConfig(-1500.0, 250.0, 0.02, 0.7), "324", "24fa fa00 c800 46"),
 ]
 
 
@@ -128,7 +138,7 @@ def test_a_message_has_the_bytes_worked_out_by_hand(
     decoded = decode(frame)
     assert isinstance(decoded, Decoded)
     assert decoded.message == pytest.approx(message, abs=1e-12)
-    assert decoded.counter == (0 if isinstance(message, LatencyConfig) else 7)
+    assert decoded.counter == (0 if type(message) not in DATA_IDS else 7)
 
 
 @given(messages, counters)

@@ -4,7 +4,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steer_by_wire.dbc.protection import SequenceCheck, SequenceResult, is_intact, protect
+from steer_by_wire.dbc.protection import (
+    PERIOD_NS_MIN,
+    SequenceCheck,
+    SequenceResult,
+    SequenceRule,
+    is_intact,
+    protect,
+)
+from tests.support.counter_rules import checking
 
 ACCEPTED = SequenceResult.ACCEPTED
 
@@ -33,8 +41,8 @@ def test_the_crc_covers_what_follows_it_and_then_the_data_id(content: bytes, dat
     assert not is_intact(bytes(payload), data_id ^ 1)
 
 
-def judge(counters: list[int], max_jump: int = 10, resync_run: int = 5) -> list[SequenceResult]:
-    sequence = SequenceCheck(max_jump, resync_run)
+def judge(counters: list[int], step_max: int = 10, resync_run: int = 5) -> list[SequenceResult]:
+    sequence = checking(step_max, resync_run)
     return [sequence.check(counter % 256) for counter in counters]
 
 
@@ -58,14 +66,14 @@ def test_a_counter_is_judged_by_its_distance_from_the_newest(
 
 @given(st.integers(0, 255), st.integers(1, 600))
 def test_an_undisturbed_sender_is_always_accepted(first: int, frames: int) -> None:
-    sequence = SequenceCheck(max_jump=1, resync_run=1)
+    sequence = checking(1, 1)
     assert {sequence.check((first + index) % 256) for index in range(frames)} == {ACCEPTED}
     assert sequence.lost == 0
 
 
 @given(st.integers(0, 255), st.lists(st.integers(1, 20), max_size=100))
 def test_frames_that_do_not_come_are_counted_as_lost(first: int, steps: list[int]) -> None:
-    sequence = SequenceCheck(max_jump=20, resync_run=5)
+    sequence = checking(20, 5)
     number = first
     sequence.check(number)
     for step in steps:
@@ -79,7 +87,7 @@ def test_frames_that_do_not_come_are_counted_as_lost(first: int, steps: list[int
     st.integers(1, 127),
 )
 def test_an_older_frame_is_never_accepted_however_frames_are_delayed_lost_or_doubled(
-    frames: list[tuple[int, int]], max_jump: int
+    frames: list[tuple[int, int]], step_max: int
 ) -> None:
     """Each frame is (places it falls back, copies); no run of refusals is long enough."""
     arrivals = [
@@ -87,7 +95,7 @@ def test_an_older_frame_is_never_accepted_however_frames_are_delayed_lost_or_dou
         for number, (delay, copies) in enumerate(frames)
         for _ in range(copies)
     ]
-    sequence = SequenceCheck(max_jump, resync_run=len(arrivals) + 1)
+    sequence = checking(step_max, len(arrivals) + 1)
     accepted = [n for _, n in sorted(arrivals) if sequence.check(n % 256) is ACCEPTED]
     assert accepted == sorted(set(accepted))
     if accepted:
@@ -100,17 +108,17 @@ def test_an_older_frame_is_never_accepted_however_frames_are_delayed_lost_or_dou
     st.integers(1, 6),
 )
 def test_a_frame_is_accepted_only_as_slightly_newer_or_after_a_run_of_refusals(
-    steps: list[int], max_jump: int, resync_run: int
+    steps: list[int], step_max: int, resync_run: int
 ) -> None:
     counters = [sum(steps[: index + 1]) % 256 for index in range(len(steps))]
-    results = judge(counters, max_jump, resync_run)
+    results = judge(counters, step_max, resync_run)
     newest = None
     for index, (counter, result) in enumerate(zip(counters, results, strict=True)):
         run = range(max(index - resync_run, 0), index)
         run_of_refusals = len(run) == resync_run and all(
             results[i] is not ACCEPTED and (counters[i] + 1) % 256 == counters[i + 1] for i in run
         )
-        slightly_newer = newest is None or 1 <= (counter - newest) % 256 <= max_jump
+        slightly_newer = newest is None or 1 <= (counter - newest) % 256 <= step_max
         assert (result is ACCEPTED) == (slightly_newer or run_of_refusals)
         newest = counter if result is ACCEPTED else newest
 
@@ -125,7 +133,7 @@ def test_a_restarted_sender_is_believed_after_the_run(restart: int) -> None:
 
 
 def test_a_resynchronisation_counts_nothing_as_lost() -> None:
-    sequence = SequenceCheck(max_jump=10, resync_run=3)
+    sequence = checking(10, 3)
     for counter in [50, 200, 201, 202, 203]:
         sequence.check(counter)
     assert sequence.check(204) is ACCEPTED
@@ -138,7 +146,7 @@ def test_an_accepted_frame_ends_a_run_of_refusals() -> None:
     assert judge(counters, resync_run=3)[-4:] == [SequenceResult.OUT_OF_ORDER] * 3 + [ACCEPTED]
 
 
-@pytest.mark.parametrize(("max_jump", "resync_run"), [(0, 1), (128, 1), (1, 0)])
-def test_a_check_that_cannot_work_is_refused(max_jump: int, resync_run: int) -> None:
+@pytest.mark.parametrize("values", [(-1, 1, 0), (0, 0, 0), (0, 1, -1)])
+def test_a_rule_that_cannot_work_is_refused(values: tuple[int, int, int]) -> None:
     with pytest.raises(ValueError, match="allowed is"):
-        SequenceCheck(max_jump, resync_run)
+        SequenceCheck(SequenceRule(*values), PERIOD_NS_MIN)

@@ -16,16 +16,18 @@ from steer_by_wire.dbc.messages import (
     SteeringStatusCode,
     encode,
 )
-from steer_by_wire.dbc.protection import SequenceResult
+from steer_by_wire.dbc.protection import SequenceResult, SequenceRule
 from steer_by_wire.dbc.reception import Reception
 from steer_by_wire.runtime.frame import EXTENDED, Frame
+from steer_by_wire.runtime.node import NS_PER_MS
 
 COMMAND = SteeringCommand(0.25, 7, Mode.ACTIVE)
 CONFIG = LatencyConfig(Direction.BOTH, LatencyModel.CONSTANT, 0.01, 0.0, 0.0)
 
 
-def reception(max_jump: int = 10, resync_run: int = 3) -> Reception:
-    return Reception((SteeringCommand, LateralError, LatencyConfig), max_jump, resync_run)
+def reception(lead_ms: int = 90, resync_run: int = 3) -> Reception:
+    rule = SequenceRule(lead_ms * NS_PER_MS, resync_run)
+    return Reception((SteeringCommand, LateralError, LatencyConfig), rule)
 
 
 def test_a_good_frame_is_its_message() -> None:

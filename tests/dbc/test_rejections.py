@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from steer_by_wire.dbc.dbc_file import load_database
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
+    DATA_IDS,
     Decoded,
-    LatencyConfig,
     Mode,
     Rejection,
     SteeringCommand,
@@ -23,7 +23,7 @@ from steer_by_wire.dbc.protection import header_bits, protect
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 
 MESSAGES = load_database().messages
-PROTECTED = [message for message in MESSAGES if message.name != "LATENCY_CONFIG"]
+PROTECTED = [message for message in MESSAGES if message.senders != ["TOOL"]]
 COMMAND = SteeringCommand(0.12345, 1234, Mode.ACTIVE)
 PAYLOAD = encode(COMMAND, 0).data
 NOT_INTACT = {Rejection.BAD_CRC, Rejection.MASQUERADED}
@@ -146,5 +146,5 @@ def test_three_flipped_bits_are_always_found() -> None:
 @pytest.mark.parametrize("definition", PROTECTED, ids=lambda message: str(message.name))
 def test_a_protected_payload_under_another_identifier_is_found(definition: Definition) -> None:
     frame = frame_of_raws(definition, {})
-    for can_id in set(CAN_IDS.values()) - {frame.can_id, CAN_IDS[LatencyConfig]}:
+    for can_id in {CAN_IDS[kind] for kind in DATA_IDS} - {frame.can_id}:
         assert decode(frame._replace(can_id=can_id)) is Rejection.MASQUERADED

@@ -19,6 +19,7 @@ from steer_by_wire.dbc.messages import (
     MESSAGE_TYPES,
     Decoded,
     Direction,
+    DisturbanceConfig,
     LatencyConfig,
     LatencyModel,
     Law,
@@ -34,11 +35,20 @@ from steer_by_wire.runtime.frame import Frame
 
 DATABASE = load_database()
 DOCUMENT = (Path(__file__).parents[2] / "docs" / "wire_contract.md").read_text(encoding="utf-8")
-PROTECTED = [message for message in DATABASE.messages if message.name != "LATENCY_CONFIG"]
+PROTECTED = [message for message in DATABASE.messages if message.senders != ["TOOL"]]
 
 # How a unit is written at the end of a name; the longest that fits counts.
-UNIT_AT_THE_END = re.compile(r"_(1_m|m_s|rad_s|rad|m|s)$")
-UNIT_IN_THE_DBC = {"1_m": "1/m", "m_s": "m/s", "rad_s": "rad/s", "rad": "rad", "m": "m", "s": "s"}
+UNIT_AT_THE_END = re.compile(r"_(1_m|n_m|m_s|rad_s|rad|m|n|s)$")
+UNIT_IN_THE_DBC = {
+    "1_m": "1/m",
+    "n_m": "N m",
+    "m_s": "m/s",
+    "rad_s": "rad/s",
+    "rad": "rad",
+    "m": "m",
+    "n": "N",
+    "s": "s",
+}
 
 
 def payload_signals(definition: Definition) -> list[Signal]:
@@ -135,6 +145,7 @@ def test_every_resolution_is_named_in_the_comment_that_says_why() -> None:
         ("DELAY_STATUS", 0x308, "CONTROLLER", {"PLANT", "TOOL"}, 100),
         ("PLANT_STATUS", 0x310, "PLANT", {"CONTROLLER", "TOOL"}, 100),
         ("LATENCY_CONFIG", 0x320, "TOOL", {"PLANT"}, None),
+        ("DISTURBANCE_CONFIG", 0x324, "TOOL", {"PLANT"}, None),
     ],
 )
 def test_a_message_is_sent_by_whom_to_whom_and_how_often(
@@ -275,13 +286,18 @@ def test_the_documented_cansend_line_is_the_frame_it_says() -> None:
             Direction.DOWNLINK, LatencyModel.CONSTANT, 0.25, 0.0, 0.0
         ),
         "no latency, no loss": LatencyConfig(Direction.BOTH, LatencyModel.CONSTANT, 0.0, 0.0, 0.0),
+        "side force of 1500 N to the left": DisturbanceConfig(1500.0, 0.0, 0.0, 0.0),
+        "steering offset of 0.02 rad on ice": DisturbanceConfig(0.0, 0.0, 0.02, 0.7),
+        "no disturbance": DisturbanceConfig(0.0, 0.0, 0.0, 0.0),
     }
     assert found == {text: encode(message, 0) for text, message in expected.items()}
-    example = re.search(r"320#(\w+)", str(DATABASE.get_message_by_name("LATENCY_CONFIG").comment))
-    assert example is not None
-    frame = Frame(0x320, bytes.fromhex(example[1]))
-    assert frame in found.values()
-    assert decode(frame) != decode(frame._replace(data=bytes(7)))
+    for name in ("LATENCY_CONFIG", "DISTURBANCE_CONFIG"):
+        definition = DATABASE.get_message_by_name(name)
+        example = re.search(rf"{definition.frame_id:X}#(\w+)", str(definition.comment))
+        assert example is not None
+        frame = Frame(definition.frame_id, bytes.fromhex(example[1]))
+        assert frame in found.values()
+        assert decode(frame) != decode(frame._replace(data=bytes(7)))
 
 
 def test_every_law_on_the_wire_is_a_module_but_the_one_of_other_packages() -> None:

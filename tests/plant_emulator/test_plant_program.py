@@ -29,10 +29,9 @@ from steer_by_wire.plant_emulator.program import main
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.program import ExitStatus
-from tests.support.running_program import ORDINARY, UNSUPERVISED
+from tests.support.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED
 
 Capture = pytest.CaptureFixture[str]
-PATIENCE_S = 60.0
 NOTICE = f"plant-emulator: {NOBODY}\n"
 """What every run on classic CAN prints on standard error, once."""
 

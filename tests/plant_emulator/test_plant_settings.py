@@ -65,7 +65,7 @@ def test_times_are_whole_nanoseconds() -> None:
         ("seed = 1.5", ["seed = 1.5"]),
         ("duration_s = 0", ["duration_s = 0", "above 0.0, up to 1000000.0"]),
         ("sensor_period_ms = 0.5", ["sensor_period_ms = 0.5", "1", "100"]),
-        ("max_counter_jump = 128", ["max_counter_jump = 128", "from 1, up to 127"]),
+        ("counter_lead_ms = -1", ["counter_lead_ms = -1", "from 0.0, up to 10000.0"]),
         ("resync_frames = 0", ["resync_frames = 0", "from 1, up to 100"]),
         ("start_on_first_command = 1", ["start_on_first_command = 1"]),
         ("duration = 5", ["duration", "duration_s"]),

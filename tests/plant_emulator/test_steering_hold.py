@@ -1,6 +1,7 @@
 """The hold: commands are followed again without a jump, and only a run of them ends it in time."""
 
 import random
+from itertools import product
 
 import pytest
 
@@ -157,25 +158,52 @@ def test_single_commands_end_in_fallback_and_move_no_more_than_their_fade(gap_ms
     assert not guarded.command((followed + 2) * gap_ms, 0.0)
 
 
-def test_after_a_refused_command_the_run_starts_anew_and_the_clock_runs_on() -> None:
+def test_damaged_commands_that_use_up_the_run_let_the_clock_run_on() -> None:
     guarded = Guarded()
     steady(guarded, 0.25)
     guarded.command(300.0, 0.25)
     guarded.command(310.0, 0.25)
     assert guarded.x.deadline_ns == 890 * MS_NS
     time_ms = 320.0
+    guarded.damaged()
+    assert guarded.x.good_run == 1
     while guarded.mode == "HOLDING":
-        guarded.x = guarded.x._replace(good_run=0)
+        guarded.damaged()
         assert guarded.command(time_ms, 0.0)
         assert guarded.target == 0.0
         assert (guarded.x.good_run, guarded.x.deadline_ns) == (1, 890 * MS_NS)
         time_ms += 10.0
         guarded.until(time_ms - 1e-6)
     assert time_ms == 900.0
-    guarded.x = guarded.x._replace(good_run=0)
+    guarded.damaged()
     assert not guarded.command(900.0, 0.0)
     assert not guarded.command(910.0, 0.0)
     assert guarded.command(920.0, 0.0)
+
+
+@pytest.mark.parametrize("recovery_frames", [1, 2, 3])
+def test_recovery_comes_as_soon_as_so_many_more_commands_were_good_than_damaged(
+    recovery_frames: int,
+) -> None:
+    """Every order of eight frames: good less damaged ones, counted from any of them on."""
+    guarded = Guarded(recovery_frames=recovery_frames)
+    steady(guarded, 0.25)
+    guarded.until(1000.0)
+    guarded.damaged()
+    fallen_back = guarded.x
+    for order in product((1, -1), repeat=8):
+        guarded.x = fallen_back
+        most, time_ms = 0, 1000.0
+        for gain in order:
+            most = max(most + gain, 0)
+            if gain < 0:
+                guarded.damaged()
+            else:
+                time_ms += 10.0
+                guarded.command(time_ms, 0.25)
+            assert (guarded.mode == "FALLBACK") == (most < recovery_frames)
+            if guarded.mode != "FALLBACK":
+                break
 
 
 def test_an_override_comes_in_the_midst_of_a_run() -> None:

@@ -79,7 +79,7 @@ def test_a_refused_command_in_the_run_keeps_the_hold() -> None:
             if step == 2 and is_refused:
                 refuse(tested, BACK_NS + step * PERIOD_NS + 1)
         tested.tick_until(BACK_NS + 8 * PERIOD_NS)
-        longer = 6 if is_refused else 3
+        longer = 4 if is_refused else 3
         told = statuses(tested, BACK_NS + 1)
         assert told == [HOLDING] * longer + [FOLLOWING] * (8 - longer)
         assert tested.node.report()["safety"]["recoveries"] == 1
@@ -93,6 +93,25 @@ def test_commands_between_refused_ones_end_in_fallback() -> None:
     report = tested.node.report()["safety"]
     assert (report["holdings"], report["fallbacks"], report["recoveries"]) == (1, 1, 0)
     assert tested.node.report()["safety"]["mode"] == "fallback"
+
+
+@pytest.mark.parametrize("pause_ms", [300, 1500])
+def test_a_damaged_command_every_20_ms_delays_the_recovery_by_30_ms_at_most(pause_ms: int) -> None:
+    """Out of HOLDING and out of FALLBACK, while the disturbance goes on."""
+    tested = held(link())
+    back_ns = START_NS + 500 * MS_NS + pause_ms * MS_NS
+    for step in range(800):
+        tested.command(back_ns + step * PERIOD_NS, 0.1)
+        if step % 2:
+            refuse(tested, back_ns + step * PERIOD_NS + 1)
+    tested.tick_until(back_ns + 800 * PERIOD_NS)
+    report = tested.node.report()
+    assert report["rejected"] == {"bad_crc": 400}
+    assert report["safety"]["recoveries"] == 1
+    held_codes = {HOLDING, SteeringStatusCode.FALLBACK}
+    told = statuses(tested, back_ns + 1)
+    assert sum(code in held_codes for code in told) == 6  # the eighth good command ends it
+    assert set(told[6:]) <= {FADING, FOLLOWING}
 
 
 @pytest.mark.parametrize("gap_ms", [150, 500])

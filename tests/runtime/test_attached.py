@@ -102,11 +102,13 @@ def test_what_was_started_ends_in_order_when_its_parent_is_killed(tmp_path: Path
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None
         address, *pids = parent.stdout.readline().split()
+        killed_s = time.monotonic()
         parent.kill()
     for pid in map(int, pids):
         wait_until(is_gone(pid), f"end of {pid}")
     first_s, second_s = (float(file.read_text().split()[-1]) for file in files)
-    assert second_s > first_s + 0.1  # in the order that was asked for
+    assert first_s > killed_s
+    assert second_s > killed_s + 0.2  # after_s
     wait_until(lambda: not folder.exists(), "removal of the private folder")
     wait_until(lambda: not Path(address).parent.exists(), "removal of the broker's folder")
 
@@ -181,7 +183,7 @@ except KeyboardInterrupt:
 def test_a_crew_that_is_given_up_ends_in_order_and_who_does_not_is_killed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(processes, "ABORT_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(processes, "ABORT_TIMEOUT_S", 2.0)
     for name, code in (("stubborn", STUBBORN), ("polite", POLITE)):
         (tmp_path / f"{name}.py").write_text(code, encoding="utf-8")
     pids: dict[str, int] = {}

@@ -16,9 +16,7 @@ import pytest
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.message import frame_of, message_of
 from steer_by_wire.runtime.socketcan import SocketCanPort
-
-PATIENCE_S = 60.0
-"""How long a frame that must come is waited for."""
+from tests.support.running_program import PATIENCE_S
 
 OpenClient = Callable[..., can.BusABC]
 FAST = pytest.param("fast_socketcan", marks=pytest.mark.vcan)

@@ -16,8 +16,7 @@ from steer_by_wire.runtime.bus import BusError, BusPort, OpenBus, add_bus_argume
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.real_time import Received
-
-PATIENCE_S = 60.0
+from tests.support.running_program import PATIENCE_S
 
 
 @pytest.fixture(autouse=True)

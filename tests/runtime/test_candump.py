@@ -16,6 +16,7 @@ from steer_by_wire.runtime.candump import (
     parse_entry,
 )
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
+from tests.support.running_program import PATIENCE_S
 
 DBC = Path(__file__).parents[2] / "dbc" / "steer_by_wire.dbc"
 
@@ -148,7 +149,7 @@ def test_cantools_decodes_a_log_with_the_wire_contract() -> None:
         capture_output=True,
         text=True,
         check=True,
-        timeout=60,
+        timeout=PATIENCE_S,
     )
     assert "LATENCY_CONFIG(" in decoded.stdout
     assert "MEAN: 0.08 s, SPREAD: 0.05 s, LOSS: 0.01" in decoded.stdout

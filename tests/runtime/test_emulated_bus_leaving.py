@@ -97,7 +97,7 @@ def test_a_host_without_descriptors_is_asked_again_later(bench: Bench) -> None:
     bench.broker._listener = listener
     late = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     with late:
-        late.connect(str(bench._path))
+        late.connect(str(bench.path))
         bench.step(20)
         assert bench.broker.figures.connected == 2
         assert_bus_is_well(bench, one, other)

@@ -18,9 +18,10 @@ from steer_by_wire.runtime.emulated_bus.channel import FRAMES_WAITING_MAX
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.emulated_bus.program import _print_line, main
 from steer_by_wire.runtime.emulated_bus.protocol import HELLO
-from tests.support.broker_program import PATIENCE_S, client, message, receive, start_broker
+from tests.support.broker_program import client, message, receive, start_broker
 from tests.support.broker_program import directory as directory
 from tests.support.broker_program import stack as stack
+from tests.support.running_program import PATIENCE_S
 
 # Life and death of a broker
 

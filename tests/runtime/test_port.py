@@ -99,7 +99,7 @@ def opened(*arguments: str, fast: bool = True, ids: Sequence[int] | None = IDS) 
 
 
 def bus_of(found: OpenPort) -> Any:
-    return found.port._bus  # type: ignore[attr-defined]
+    return found.port.bus  # type: ignore[attr-defined]
 
 
 def given(found: OpenPort) -> Any:

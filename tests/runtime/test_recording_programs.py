@@ -21,7 +21,7 @@ from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.runtime.recording import SUFFIXES, recording_obstacle
 from steer_by_wire.vcan.guard import descendants
 from tests.support.recorded_frames import messages_in
-from tests.support.running_program import ORDINARY, running, wait_until
+from tests.support.running_program import ORDINARY, PATIENCE_S, running, wait_until
 
 Capture = pytest.CaptureFixture[str]
 
@@ -117,7 +117,7 @@ def test_ctrl_c_ends_a_program_whose_recording_cannot_be_opened_and_its_recorder
             wait_until(lambda: any(map(is_recording, descendants(program.pid))), "a recorder")
             (recorder,) = descendants(program.pid)
             program.send_signal(signal.SIGINT)
-            _, said = program.communicate(timeout=30.0)
+            _, said = program.communicate(timeout=PATIENCE_S)
         finally:
             program.kill()
     assert program.returncode == ExitStatus.INTERRUPTED

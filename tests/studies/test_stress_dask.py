@@ -1,14 +1,17 @@
 """Studies on workers of dask.distributed: the same bytes."""
 
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
-pytest.importorskip("distributed", reason="dask.distributed is not installed (the extra cluster)")
-
 from steer_by_wire.tools.stress_latency.dask_runner import dask_workers
 from steer_by_wire.tools.stress_latency.runner import run_study
 from tests.support.small_study import complete, make_scenarios, never, open_store
+
+pytestmark = pytest.mark.skipif(
+    find_spec("distributed") is None, reason="dask.distributed is not installed (the extra cluster)"
+)
 
 
 @pytest.mark.filterwarnings("default")  # what dask warns of is not ours

@@ -29,9 +29,9 @@ class Bench:
 
     def __init__(self, stack: ExitStack) -> None:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bus-")))
-        self._path = folder / "socket"
+        self.path = folder / "socket"
         self._stack = stack
-        listener = stack.enter_context(listening(UnixAddress(self._path)))
+        listener = stack.enter_context(listening(UnixAddress(self.path)))
         self.now_ns = 0
         self.lines: list[str] = []
         self.is_read = True
@@ -51,7 +51,7 @@ class Bench:
     def connect(self) -> socket.socket:
         """A connection that has sent nothing yet."""
         client = self._stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
-        client.connect(str(self._path))
+        client.connect(str(self.path))
         client.setblocking(False)
         self.step()
         return client

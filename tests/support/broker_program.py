@@ -12,7 +12,7 @@ from typing import Any
 import can
 import pytest
 
-PATIENCE_S = 60.0
+from tests.support.running_program import PATIENCE_S
 
 
 @pytest.fixture

@@ -55,6 +55,10 @@ class Guarded:
         )
         return is_followed
 
+    def damaged(self) -> None:
+        """Take a command that came damaged."""
+        self.x = tested.guard_rejection(self.x)
+
     def wheel(self, time_ms: float, wheel_rad: float) -> None:
         self.until(time_ms)
         self.x = tested.guard_wheel(self.p, self.x, wheel_rad, round(time_ms * MS_NS))

@@ -6,6 +6,7 @@ from typing import Any
 
 from steer_by_wire.dbc.messages import (
     Decoded,
+    DisturbanceConfig,
     LatencyConfig,
     Message,
     Mode,
@@ -52,7 +53,7 @@ class Link:
         assert self.node.on_frame(encode(message, self.counter % 256), now_ns) == ()
         self.counter += 1
 
-    def configure(self, now_ns: int, config: LatencyConfig) -> None:
+    def configure(self, now_ns: int, config: LatencyConfig | DisturbanceConfig) -> None:
         self.tick_until(now_ns - 1)
         assert self.node.on_frame(encode(config, 0), now_ns) == ()
 

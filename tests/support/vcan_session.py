@@ -28,7 +28,8 @@ NETEM_OPTIONS = (
     "--interfaces", f"vcan0,{NETEM_CHANNEL}",
     "--netem", f"{NETEM_CHANNEL}:delay {1e3 * NETEM_DELAY_S:g}ms",
 )  # fmt: skip
-TIMEOUT_S = 900.0
+TIMEOUT_S = 3600.0
+"""For all of them, on a machine however busy."""
 REPORTS_DESCRIPTOR = 3
 """Where the pytest inside writes its reports: pytest itself redirects standard output."""
 INSIDE = "VCAN_TEST_REPORTS"

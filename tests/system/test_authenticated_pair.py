@@ -222,7 +222,7 @@ def test_refusals_of_authentication_are_told_on_the_bus_and_kept_apart_in_the_re
     by_plant = [one.rejected for one in messages if isinstance(one, PlantStatus)]
     for rejected, modulus, end in (
         (by_controller, 4096, pair.controller_end),
-        (by_plant, 64, pair.plant_end),
+        (by_plant, 32, pair.plant_end),
     ):
         # All but those since the last frame that reported them.
         assert 0 <= (sum(end.refused.values()) - rejected[-1]) % modulus < 20
@@ -309,6 +309,25 @@ def test_replayed_recordings_change_no_bit_of_an_authenticated_run(authenticated
     assert pair.run == authenticated.run
     assert sum(pair.report["refused"].values()) == intruder.sent
     assert set(pair.report["refused"]) <= {"forged", "replayed", "unauthenticated"}
+
+
+@pytest.mark.parametrize("sessions", [1, 2, 8])
+def test_old_status_messages_sent_from_the_first_frame_on_delay_the_start_by_one_status_each(
+    sessions: int,
+) -> None:
+    """Of each end one of each earlier session, all of them over and over, one a millisecond."""
+    recorded = []
+    for earlier in range(sessions):
+        plant_end, controller_end = ends(run=earlier)
+        recorded.append(plant_end.secure(encode(PlantStatus(0.0, 0.0, 0, 0), 0)))
+        recorded.append(
+            controller_end.secure(encode(ControllerStatus(Mode.WAITING, Law.PD, 0.0, 0.0, 0), 0))
+        )
+    pair = Pair(*ends(run=100), others=[Intruder(recorded)])
+    commands = [heard for heard in pair.heard if heard.frame.can_id == CAN_IDS[SteeringCommand]]
+    assert commands[0].time_ns <= (200 + 100 * (sessions + 1)) * MS_NS
+    assert pair.report["synchronised"]
+    assert len(pair.plant.samples) == round(100 * DURATION_S)
 
 
 class Echo:

@@ -9,7 +9,14 @@ import can
 import pytest
 
 from steer_by_wire.controller.program import main as controller_main
-from steer_by_wire.dbc.messages import CAN_IDS, Mode, SteeringCommand, encode
+from steer_by_wire.dbc.messages import (
+    CAN_IDS,
+    ControllerStatus,
+    LateralError,
+    Mode,
+    SteeringCommand,
+    encode,
+)
 from steer_by_wire.dbc.secured_dbc import secured_dbc
 from steer_by_wire.dbc.secured_program import AUTHENTICATED, NOBODY
 from steer_by_wire.plant_emulator.program import main as plant_main
@@ -18,7 +25,7 @@ from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
 from steer_by_wire.runtime.message import frame_of, message_of
 from steer_by_wire.runtime.program import ExitStatus
-from tests.support.running_program import RunningProgram, running, wait_until
+from tests.support.running_program import PATIENCE_S, RunningProgram, running, wait_until
 
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32", reason="key files are refused there; ends programs with SIGINT"
@@ -26,7 +33,6 @@ pytestmark = pytest.mark.skipif(
 KEY = "c0ffee00112233445566778899aabbcc"
 OTHER_KEY = "c0ffee00112233445566778899aabbcd"
 COMMANDS_MIN = 30
-PATIENCE_S = 60.0
 
 
 def key_file(path: Path, key: str = KEY) -> str:
@@ -55,6 +61,16 @@ def commands(client: can.BusABC, count: int) -> list[Frame]:
         assert message is not None, "the bus has fallen silent"
         frames.append(frame_of(message))
     return frames
+
+
+def await_exchange(address: str) -> None:
+    """Wait until plant and controller have each sent after the other's frames have reached them."""
+    status, measurement = CAN_IDS[ControllerStatus], CAN_IDS[LateralError]
+    with can.Bus(interface="emulated", address=address, fd=True, ignore_config=True) as client:
+        for can_id in (measurement, status, measurement, measurement, status, status):
+            while (message := client.recv(PATIENCE_S)) and message.arbitration_id != can_id:
+                pass
+            assert message is not None, "the bus has fallen silent"
 
 
 def text_of(paths: Sequence[Path], programs: Sequence[RunningProgram]) -> str:
@@ -110,13 +126,15 @@ def test_both_ends_say_what_they_refuse_where_a_key_is_different_or_missing(
     tmp_path: Path, key: str, bus: list[str]
 ) -> None:
     other = key_file(tmp_path / "other.key", OTHER_KEY)
-    short = [*bus, "--duration", "0.4"]
+    _, address = bus[-1].split("=")
     reports = [tmp_path / f"{name}.json" for name in ("plant", "other", "keyless")]
     with running("plant_emulator", [*bus, "--key-file", key], reports[0]) as plant:
-        with running("controller", [*short, "--key-file", other], reports[1]) as different:
-            assert different.end() == ExitStatus.OK
-        with running("controller", [*short, "--fd"], reports[2]) as keyless:
-            assert keyless.end() == ExitStatus.OK
+        with running("controller", [*bus, "--key-file", other], reports[1]) as different:
+            await_exchange(address)
+            assert different.interrupt() == ExitStatus.OK
+        with running("controller", [*bus, "--fd"], reports[2]) as keyless:
+            await_exchange(address)
+            assert keyless.interrupt() == ExitStatus.OK
         assert plant.interrupt() == ExitStatus.OK
     figures = plant.report()["node"]["authentication"]
     assert figures["verified"] == 0

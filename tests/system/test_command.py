@@ -15,6 +15,7 @@ import pytest
 from steer_by_wire import command
 from steer_by_wire.command import PROGRAMS, main
 from steer_by_wire.command_line import DISTRIBUTION, installation
+from tests.support.running_program import PATIENCE_S
 
 ROOT = Path(__file__).resolve().parents[2]
 SCREEN_LINES = 40
@@ -173,7 +174,7 @@ def completions(line: str, tmp_path: Path) -> set[str]:
             "COMP_TYPE": "9",
         },
         check=True,
-        timeout=60,
+        timeout=PATIENCE_S,
     )
     return set(answer.read_text(encoding="utf-8").split())
 
@@ -218,7 +219,7 @@ for name in sys.argv[1:]:
         capture_output=True,
         text=True,
         check=False,
-        timeout=600,
+        timeout=PATIENCE_S,
     )
     assert result.stderr == ""
     assert re.findall(r"^started (.*)$", result.stdout, re.MULTILINE) == modules

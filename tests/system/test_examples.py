@@ -22,13 +22,12 @@ from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
-from tests.support.running_program import RunningProgram, running
+from tests.support.running_program import PATIENCE_S, RunningProgram, running
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
 DBC = ROOT / "dbc" / "steer_by_wire.dbc"
 PNG = b"\x89PNG\r\n\x1a\n"
-PATIENCE_S = 120.0
 LIVE = ("--set", "duration_s=3", "--set", "safety.ftti_ms=off", "--preset", "paper_nominal")
 
 

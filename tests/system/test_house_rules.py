@@ -44,7 +44,7 @@ def test_what_only_one_program_uses_stands_in_that_program() -> None:
     graph = grimp.build_graph("steer_by_wire", cache_dir=None)
     # The fuzzer imports other programs, and with them all that they use.
     programs = {path.parent.name for path in (ROOT / "tools").glob("*/__main__.py")} - {"fuzz"}
-    for library in ("benchmarking", "bus_faults", "pair", "reports", "studies"):
+    for library in ("benchmarking", "bus_faults", "bus_view", "pair", "reports", "studies"):
         for module in graph.find_children(f"steer_by_wire.{library}"):
             users = {
                 part

@@ -7,8 +7,7 @@ about what the log and the reports hold, and none about when.
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -21,6 +20,7 @@ from steer_by_wire.dbc.messages import (
     CAN_IDS,
     MESSAGE_TYPES,
     Decoded,
+    DisturbanceConfig,
     LatencyConfig,
     LateralError,
     Message,
@@ -32,14 +32,13 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.pair.live import Bus, LivePair, PairFiles, PairResult
 from steer_by_wire.runtime.candump import CandumpReader
 from steer_by_wire.runtime.frame import FD, Frame
-from tests.support.running_program import UNSUPERVISED
+from tests.support.running_program import PATIENCE_S, UNSUPERVISED, wait_until
 
 pytestmark = pytest.mark.vcan
 
 ROOT = Path(__file__).resolve().parents[2]
 DBC = ROOT / "dbc" / "steer_by_wire.dbc"
 CHANNEL = "vcan0"
-PATIENCE_S = 60.0
 LATENCY_CONFIG = "320#2320032C016400"
 """As in the README: 80 ms ± 30 ms, 1 % lost, both directions."""
 LATENCY_S = 0.08
@@ -90,13 +89,6 @@ class Run(NamedTuple):
 def read(path: Path) -> Log:
     with path.open(encoding="ascii") as lines:
         return Log(entry.frame for entry in CandumpReader(lines))
-
-
-def wait_until(condition: Callable[[], bool], what: str) -> None:
-    until_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < until_s, f"still not: {what}"
-        time.sleep(0.1)
 
 
 @contextmanager
@@ -200,9 +192,9 @@ def commands(log: Log) -> list[SteeringCommand]:
 
 
 def mostly_active(log: Log) -> bool:
-    """Whether the law was in force, but for a stall of the machine."""
+    """Whether the law was in force, but for stalls of the machine, also one at the end."""
     modes = [command.mode for command in commands(log)]
-    return modes.count(Mode.ACTIVE) > 0.5 * len(modes) and modes[-1] is Mode.ACTIVE
+    return modes.count(Mode.ACTIVE) > 0.5 * len(modes)
 
 
 def statuses(log: Log) -> list[PlantStatus]:
@@ -210,7 +202,7 @@ def statuses(log: Log) -> list[PlantStatus]:
 
 
 def test_the_loop_closes_with_every_message_of_the_contract(run: Run) -> None:
-    expected = set(MESSAGE_TYPES.values()) - {LatencyConfig}
+    expected = set(MESSAGE_TYPES.values()) - {LatencyConfig, DisturbanceConfig}
     assert {kind for kind in expected if run.phases.alone.messages(kind)} == expected
     assert mostly_active(run.phases.alone)
     assert run.result.plant["node"]["motion_s"] > 0

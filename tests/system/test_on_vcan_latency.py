@@ -22,13 +22,12 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.runtime.toml_text import dump_toml
 from steer_by_wire.vcan.request import program_path
-from tests.support.running_program import UNSUPERVISED
+from tests.support.running_program import PATIENCE_S, UNSUPERVISED
 
 pytestmark = pytest.mark.vcan
 
 OWN_CHANNEL, NETEM_CHANNEL = "vcan0", "vcan1"
 DURATION_S = 7.0
-TIMEOUT_S = 120.0
 ATTEMPTS = 3
 RMS_TOLERANCE = 0.1
 LATENCY_EFFECT_MIN = 0.15
@@ -101,7 +100,7 @@ def drive(folder: Path, delay_s: float) -> Pairs:
                 files,
             )
             pairs.append(stack.enter_context(pair))
-        until_s = time.monotonic() + TIMEOUT_S
+        until_s = time.monotonic() + PATIENCE_S
         while sum(pair.plant_is_running for pair in pairs):
             assert time.monotonic() < until_s, "the plants do not come to their ends"
             time.sleep(0.1)

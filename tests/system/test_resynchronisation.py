@@ -5,10 +5,11 @@ import pytest
 from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, resync_ns_of
 from steer_by_wire.dbc.messages import LateralError, Mode, SteeringStatus, SteeringStatusCode
-from steer_by_wire.dbc.protection import SequenceCheck, SequenceResult
+from steer_by_wire.dbc.protection import SequenceResult
 from steer_by_wire.plant_emulator.safety_settings import SafetySettings
 from steer_by_wire.plant_emulator.safety_settings import resync_ns_of as plant_resync_ns_of
 from tests.support.controller_link import MS_NS, PERIOD_NS, Link, controller_settings
+from tests.support.counter_rules import checking
 from tests.support.plant_link import START_NS, link
 
 ACCEPTED = SequenceResult.ACCEPTED
@@ -17,7 +18,7 @@ SILENCE_NS = 145 * MS_NS
 
 def test_a_new_start_is_believed_at_the_time_that_is_set_and_no_sooner() -> None:
     for since_ns, is_believed in ((SILENCE_NS - 1, False), (SILENCE_NS, True)):
-        check = SequenceCheck(10, 3, SILENCE_NS)
+        check = checking(10, 3, SILENCE_NS)
         assert check.check(50, 1000) is ACCEPTED
         for counter in (200, 201, 202):
             assert check.check(counter, 2000) is not ACCEPTED
@@ -26,7 +27,7 @@ def test_a_new_start_is_believed_at_the_time_that_is_set_and_no_sooner() -> None
 
 
 def test_the_silence_counts_from_the_newest_accepted_frame_and_the_run_is_not_lost_by_it() -> None:
-    check = SequenceCheck(10, 3, SILENCE_NS)
+    check = checking(10, 3, SILENCE_NS)
     check.check(50, 0)
     check.check(51, 100 * MS_NS)
     taken = [check.check(200 + step, (110 + 10 * step) * MS_NS) for step in range(20)]
@@ -47,7 +48,7 @@ def test_the_times_follow_from_the_fault_tolerant_time() -> None:
 
 def test_a_setting_of_zero_or_more_is_wanted() -> None:
     with pytest.raises(ValueError, match="resync_ns = -1: allowed is 0 or more"):
-        SequenceCheck(10, 3, -1)
+        checking(10, 3, -1)
 
 
 def modes_after_a_jump(settings: ControllerSettings, phase_ns: int) -> list[Mode]:
@@ -94,7 +95,7 @@ def test_the_steering_holds_before_it_follows_a_stream_that_does_not_go_on() -> 
 
 def test_a_sender_that_was_away_for_longer_is_believed_as_soon_as_by_the_run_alone() -> None:
     for resync_ns in (0, SILENCE_NS):
-        check = SequenceCheck(10, 5, resync_ns)
+        check = checking(10, 5, resync_ns)
         check.check(50, 0)
         taken = [check.check(step, (300 + 10 * step) * MS_NS) for step in range(8)]
         assert [result is ACCEPTED for result in taken] == [False] * 5 + [True] * 3

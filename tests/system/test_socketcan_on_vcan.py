@@ -27,13 +27,12 @@ from steer_by_wire.runtime.error_frames import error_causes
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.runtime.socketcan import SocketCanPort
-from tests.support.running_program import RunningProgram, running, wait_until
+from tests.support.running_program import PATIENCE_S, RunningProgram, running, wait_until
 from tests.support.slcan_adapter import AdapterBus
 
 pytestmark = pytest.mark.vcan
 
 CHANNEL = "vcan0"
-PATIENCE_S = 60.0
 _TIOCSETD, _N_SLCAN, _SIOCGIFNAME = 0x5423, 17, 0x8910
 ADAPTER = 0
 WARNING, PASSIVE, BUS_OFF, ACTIVE = b"sw110120", b"sp150140", b"sb256256", b"sa000000"
@@ -198,42 +197,19 @@ def start(stack: ExitStack, channel: str, report: Path, *more: str) -> RunningPr
 
 
 @pytest.mark.parametrize("more", [(), ("--no-fast-socketcan",)], ids=["AF_CAN", "python-can"])
-def test_foreign_traffic_does_not_wake_a_program(report: Path, more: tuple[str, ...]) -> None:
+def test_foreign_traffic_wakes_no_program_a_forged_bus_off_stops_none_and_a_new_interface_is_taken(
+    interface: str, report: Path, more: tuple[str, ...]
+) -> None:
+    """In one run, since a program takes long to start here; one end sums up all of it."""
     with ExitStack() as stack:
-        controller = start(stack, CHANNEL, report, *more)
-        sender = SocketCanPort(CHANNEL)
+        controller = start(stack, interface, report, "--reconnect", *more)
+        sender = SocketCanPort(interface)
         for number in range(500):
             assert sender.send(Frame(0x5A0 + number % 2, b"foreign"))
-        assert sender.send(encode(LateralError(0.0, 0.0), 0))
-        sender.shutdown()
-        wait_for_frame(CHANNEL, CAN_IDS[SteeringCommand])  # the measurement, sent last, was read
-        assert controller.interrupt() == ExitStatus.OK
-        loop = controller.report()["loop"]
-        assert loop["frames_received"] == 1
-        assert controller.report()["connection"]["driver"] == ("python-can" if more else "AF_CAN")
-
-
-@pytest.mark.parametrize("more", [(), ("--no-fast-socketcan",)], ids=["AF_CAN", "python-can"])
-def test_a_forged_bus_off_ends_no_program(report: Path, more: tuple[str, ...]) -> None:
-    with ExitStack() as stack:
-        controller = start(stack, CHANNEL, report, *more)
-        sender = SocketCanPort(CHANNEL)
         assert sender.send(Frame(0x40, bytes(8), ERROR))
         assert sender.send(encode(LateralError(0.0, 0.0), 0))
         sender.shutdown()
-        wait_for_frame(CHANNEL, CAN_IDS[SteeringCommand])  # the measurement, sent last, was read
-        assert controller.interrupt() == ExitStatus.OK
-        connection = controller.report()["connection"]
-        assert connection["error_frames"] == {"forged_bus_off": 1}
-        assert connection["outages"] == 0
-
-
-@pytest.mark.parametrize("more", [(), ("--no-fast-socketcan",)], ids=["AF_CAN", "python-can"])
-def test_a_program_comes_back_to_an_interface_that_was_down_and_to_one_that_was_made_anew(
-    interface: str, report: Path, more: tuple[str, ...]
-) -> None:
-    with ExitStack() as stack:
-        controller = start(stack, interface, report, "--reconnect", *more)
+        wait_for_frame(interface, CAN_IDS[SteeringCommand])  # the measurement, sent last, was read
         losses = [("set", interface, "down"), ("del", interface)]
         for loss, restore in zip(losses, (ip_up, make), strict=True):
             told = len(controller.printed)
@@ -243,7 +219,10 @@ def test_a_program_comes_back_to_an_interface_that_was_down_and_to_one_that_was_
             controller.wait_for("the bus is back after", skip=told)
         wait_for_frame(interface, CAN_IDS[ControllerStatus])
         assert controller.interrupt() == ExitStatus.OK
+        assert controller.report()["loop"]["frames_received"] == 1
         connection = controller.report()["connection"]
+        assert connection["driver"] == ("python-can" if more else "AF_CAN")
+        assert connection["error_frames"] == {"forged_bus_off": 1}
         assert (connection["outages"], connection["reconnections"]) == (2, 2)
 
 

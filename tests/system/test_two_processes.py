@@ -37,10 +37,10 @@ from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.overruns import OverrunSettings
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.runtime.toml_text import dump_toml
+from tests.support.running_program import PATIENCE_S
 
 DURATION_S = 6.0
 CONTROL_PERIOD_S = 0.01
-TIMEOUT_S = 60.0
 DOWNLINK_S, UPLINK_S = 0.08, 0.02
 ATTEMPTS = 3
 LATENESS_S_MAX = 5e-3
@@ -74,7 +74,7 @@ def drive(folder: Path) -> PairResult:
             files,
         )
         with pair:
-            until_s = time.monotonic() + TIMEOUT_S
+            until_s = time.monotonic() + PATIENCE_S
             while pair.plant_is_running:
                 assert time.monotonic() < until_s, "the plant does not come to its end"
                 time.sleep(0.05)

@@ -12,9 +12,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.worker_processes import worker_pool
-from tests.support.running_program import wait_until
-
-PATIENCE_S = 60.0
+from tests.support.running_program import PATIENCE_S, wait_until
 
 PARENT = """
 import os, sys, time

@@ -56,9 +56,10 @@ def test_the_onset_is_drawn_within_a_control_period() -> None:
         ("burst_loss", "STEERING_COMMAND", 20, Mechanism.E2E, False),
         ("burst_loss", "STEERING_COMMAND", 200, Mechanism.FRESHNESS, True),
         ("burst_loss", "LATERAL_ERROR", 20, Mechanism.FRESHNESS, True),
-        # Counters turn over in 256 ms: 0.2 s ago is 56 ahead. Those of 0.1 s ago have caught up
-        # before there is a silence, those of 0.154 s ago have not.
-        ("replay", "STEERING_COMMAND", 0.2, Mechanism.E2E, False),
+        # Counters turn over in 256 ms: 0.22 s ago is 36 ahead, which is believed, and 0.2 s ago is
+        # 56 ahead. Those of 0.1 s ago have caught up before there is a silence, others have not.
+        ("replay", "STEERING_COMMAND", 0.22, Mechanism.E2E, False),
+        ("replay", "STEERING_COMMAND", 0.2, Mechanism.E2E, True),
         ("replay", "STEERING_COMMAND", 0.1, Mechanism.E2E, False),
         ("replay", "STEERING_COMMAND", 0.154, Mechanism.E2E, True),
     ],

@@ -12,6 +12,7 @@ from steer_by_wire.dbc.messages import CAN_IDS, ControllerStatus, LateralError, 
 from steer_by_wire.pair.trace import Trace
 from steer_by_wire.runtime.candump import CandumpReader
 from steer_by_wire.tools.closed_loop import __main__ as closed_loop
+from tests.support.running_program import PATIENCE_S
 
 LATENCY = ["--plant-set", "latency.downlink.mean_s=0.08"]
 
@@ -96,7 +97,7 @@ def test_an_interrupt_ends_a_run_with_what_there_is(tmp_path: Path) -> None:
         while process.poll() is None and not (log.exists() and log.stat().st_size):
             time.sleep(0.01)
         process.send_signal(signal.SIGINT)
-        printed, _ = process.communicate(timeout=60)
+        printed, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
     assert "by SIGINT" in printed
     report = json.loads((tmp_path / "plant_emulator.json").read_text())

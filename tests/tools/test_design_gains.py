@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,7 @@ from steer_by_wire.tools.design_gains.preset_text import preset_text
 from steer_by_wire.tools.design_gains.regions import why_no_gains
 from steer_by_wire.tools.design_gains.search import Found, neighbours
 from steer_by_wire.tools.design_gains.specification import Specification
-from steer_by_wire.tools.design_gains.study import Judgement, judge_candidate, make_study
+from steer_by_wire.tools.design_gains.study import Judgement, Study, judge_candidate, make_study
 from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
 from steer_by_wire.tools.design_gains.virtual_check import (
     constant_drives,
@@ -79,6 +80,10 @@ def shipped_vehicle() -> VehicleFile:
     return load_settings(VehicleFile, None, PAPER_VEHICLE)
 
 
+def shipped_preset(name: str = "practical_pd_ddob") -> ControllerSettings:
+    return load_settings(ControllerSettings, read_preset("steer_by_wire.controller.presets", name))
+
+
 def small_spec(folder: Path, *overrides: str) -> Specification:
     file = folder / "small.toml"
     file.write_text(SMALL)
@@ -86,15 +91,19 @@ def small_spec(folder: Path, *overrides: str) -> Specification:
 
 
 def shipped_candidate(name: str, law: str) -> Candidate:
-    settings = load_settings(
-        ControllerSettings, read_preset("steer_by_wire.controller.presets", name)
-    )
-    values = settings.model_dump()
+    values = shipped_preset(name).model_dump()
     places = []
     for key in KEYS[law]:
         table, name = SETTINGS_KEYS[key].split(".")
         places.append(lattice_place(values[table][name]))
     return Candidate(law, tuple(places))
+
+
+@cache
+def fine_study(family: str) -> Study:
+    """All of the file but the jitter, which takes long in virtual time."""
+    spec = load_settings(Specification, None, SHIPPED / f"{family}.toml", ["jitter=[]"])
+    return make_study(spec, shipped_vehicle(), fine=True)
 
 
 def nobody(_done: float, _best: float) -> None:
@@ -157,16 +166,14 @@ def test_the_evolution_follows_a_ridge_and_a_demand_to_the_minimum(
     ],
 )
 def test_a_designed_preset_says_what_is_measured_anew(family: str, law: str) -> None:
-    """All of the file but the jitter, which takes long in virtual time."""
-    file = SHIPPED / f"{family}.toml"
-    spec, vehicle = load_settings(Specification, None, file, ["jitter=[]"]), shipped_vehicle()
-    name = f"{family}_{law}"
-    study, candidate = make_study(spec, vehicle, fine=True), shipped_candidate(name, law)
+    name, study = f"{family}_{law}", fine_study(family)
+    candidate = shipped_candidate(name, law)
     judgement, confirmation = judge_candidate(study, candidate), confirm(study, candidate)
     found = Found(candidate, judgement, confirmation, judged=0)
     assert found.feasible
     assert judgement.violation == 0.0
-    text = preset_text(spec, vehicle, describe(study, found), (PAPER_VEHICLE.name, file.name))
+    sources = (PAPER_VEHICLE.name, f"{family}.toml")
+    text = preset_text(study.spec, study.vehicle, describe(study, found), sources)
     lines = read_preset("steer_by_wire.controller.presets", name).text.splitlines(keepends=True)
     assert text == "".join(line for line in lines if not line.startswith("#   jitter"))
 
@@ -174,9 +181,7 @@ def test_a_designed_preset_says_what_is_measured_anew(family: str, law: str) -> 
 def test_the_ddob_preset_keeps_under_jitter_what_its_file_states() -> None:
     """The spread and the loss that the preset was made for, at the corner that is the worst."""
     spec, vehicle = shipped_spec(), shipped_vehicle()
-    settings = load_settings(
-        ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
-    )
+    settings = shipped_preset()
     text = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob").text
     stated = [float(value) for value in re.findall(r"# +jitter +([\d.]+) m", text)]
     assert len(stated) == len(spec.jitter) == 2
@@ -194,9 +199,7 @@ def test_the_ddob_preset_keeps_its_rms_at_every_corner_and_delay_by_the_linear_a
     delays_ns = [5_000_000 * index for index in range(51)]
     assert list(spec.delays_ns) == delays_ns
     grid = tracking_grid(models, unsteered_runs_m(spec, vehicle), delays_ns, spec.period_ns)
-    settings = load_settings(
-        ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
-    )
+    settings = shipped_preset()
     design_ddob = design_law(settings)
     all_m = rms_m(grid, design_ddob)
     assert all_m.shape == (1, 4, 51)
@@ -209,9 +212,7 @@ def test_the_ddob_preset_keeps_its_rms_at_every_corner_and_delay_by_the_linear_a
 @pytest.mark.parametrize("delay_ms", [0, 135, 250])
 def test_the_ddob_preset_keeps_its_rms_in_virtual_time(delay_ms: int) -> None:
     spec, vehicle = shipped_spec(), shipped_vehicle()
-    settings = load_settings(
-        ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
-    )
+    settings = shipped_preset()
     # Compiled, which tests/test_batch.py holds to be bit for bit the two nodes.
     runs = [
         run_batch(plant_settings(asked), settings)

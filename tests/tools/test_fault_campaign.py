@@ -35,8 +35,9 @@ from steer_by_wire.tools.fault_campaign.scenario import (
 )
 from steer_by_wire.tools.fault_campaign.specification import CampaignSettings, NodeFaultKind
 from steer_by_wire.tools.fault_campaign.trial import FAILURES, Result, Verdict, run_trial
+from tests.support.counter_rules import rule
 
-SIGHT = Sight(0.14, 0.7, control_period_s=0.01, sensor_period_s=0.01, counter_jump_max=100)
+SIGHT = Sight(0.14, 0.7, 0.01, 0.01, rule(100), rule(100))
 SMALL = """
 motion_s = 4.0
 onset_s = 1.0
@@ -385,8 +386,10 @@ def test_a_node_that_does_not_look_at_counters_fails_the_campaign(
     scenario = next(one for one in scenarios_of(spec) if one.case.kind == "replay")
     assert run_trial(scenario).verdict is Verdict.FOLLOWED
 
-    def accept_any(check: SequenceCheck, counter: int, now_ns: int) -> SequenceResult:
-        return check._accept(counter, now_ns)
+    def accept_any(
+        check: SequenceCheck, counter: int, now_ns: int, content: object
+    ) -> SequenceResult:
+        return check._start(counter, now_ns, content)
 
     monkeypatch.setattr(SequenceCheck, "check", accept_any)
     assert run_trial(scenario).verdict is Verdict.MISSED

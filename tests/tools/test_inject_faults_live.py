@@ -30,7 +30,7 @@ from steer_by_wire.tools.fault_campaign.scenario import controller_settings_of
 from steer_by_wire.tools.fault_campaign.specification import NodeFaultKind
 from steer_by_wire.tools.inject_faults import __main__ as inject_faults
 from steer_by_wire.tools.inject_faults.bus_off import BusOffFault
-from tests.support.running_program import running, wait_until
+from tests.support.running_program import PATIENCE_S, running, wait_until
 
 BITRATE_BIT_S = 500_000
 START_NS = 7_000_000_000
@@ -42,7 +42,7 @@ COMMAND_ID = CAN_IDS[SteeringCommand]
 
 @pytest.fixture
 def sleeper() -> Iterator[subprocess.Popen[bytes]]:
-    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"]) as process:
+    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(3600)"]) as process:
         yield process
         process.kill()
 
@@ -64,7 +64,7 @@ def test_whatever_ends_the_injector_a_paused_process_goes_on(
     ) as injector:
         wait_until(lambda: state_of(sleeper.pid) == "T", "the process stops")
         injector.send_signal(end)
-        printed, _ = injector.communicate(timeout=60)
+        printed, _ = injector.communicate(timeout=PATIENCE_S)
     assert injector.returncode == 0
     assert state_of(sleeper.pid) != "T"
     assert f"SIGSTOP to process {sleeper.pid}" in printed
@@ -79,7 +79,7 @@ def test_a_killed_process_is_killed_once_and_what_comes_later_is_told(
     assert inject_faults.main(words) == 0
     printed = capsys.readouterr().out
     assert f"kill: SIGKILL to process {sleeper.pid}" in printed
-    assert sleeper.wait(60) == -signal.SIGKILL
+    assert sleeper.wait(PATIENCE_S) == -signal.SIGKILL
 
 
 # A live pair
@@ -131,6 +131,8 @@ def test_a_live_pair_refuses_spoofed_commands_holds_while_the_plant_is_paused_an
     assert [line for line in done.stdout.splitlines() if "frames sent" in line]
     # Whether its counter fits or not, some are refused: the spoofed ones, or the true ones.
     assert sum(plant.report()["node"]["rejected"].values()) > 0
+    for program in (plant, controller):
+        assert program.report()["node"]["second_senders"] == ["STEERING_COMMAND"]
     assert controller.report()["node"]["holds"] >= 1
 
 

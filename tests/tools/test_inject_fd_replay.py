@@ -18,7 +18,7 @@ BUS = ["-i", "virtual", "-c", "fd_replay"]
 def replay(folder: Path, text: str) -> int:
     log = folder / "run.log"
     log.write_text(text)
-    return main(["replay,onset_s=0.01,duration_s=0.05", "--recording", str(log), *BUS])
+    return main(["replay,onset_s=0.01,duration_s=1", "--recording", str(log), *BUS])
 
 
 def test_a_log_with_can_fd_frames_is_refused_at_the_start_in_one_line(

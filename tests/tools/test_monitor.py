@@ -6,6 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from steer_by_wire.bus_view.recent import SPAN_S, STRIP_LENGTH, strip_of
+from steer_by_wire.bus_view.watch import BusWatch, View
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.messages import (
     Decoded,
@@ -16,6 +18,8 @@ from steer_by_wire.dbc.messages import (
     Law,
     Mode,
     PlantStatus,
+    SafetyState,
+    SecondSender,
     SteeringCommand,
     SteeringStatusCode,
     decode,
@@ -31,7 +35,6 @@ from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.monitor.latency_keys import LatencyChoice, pressed
 from steer_by_wire.tools.monitor.screen import as_text, one_line, screen_lines, strip_text
 from steer_by_wire.tools.monitor.terminal_keys import keys_in
-from steer_by_wire.tools.monitor.watch import SPAN_S, STRIP_LENGTH, BusWatch, View, strip_of
 
 NS = 1_000_000_000
 BLOCKS = "▁▂▃▄▅▆▇█"
@@ -134,6 +137,20 @@ def test_what_stays_away_is_stale_and_forgotten_from_the_strips(entries: list[Lo
     much_later = watch.view(entries[-1].time_ns + round(2 * SPAN_S * NS))
     assert set(much_later.strips["lateral_error_m"]) == {None}
     assert much_later.error == later.error
+
+
+@pytest.mark.parametrize(
+    ("second_sender", "name"), [(SecondSender.PEER, "controller"), (SecondSender.OWN, "plant")]
+)
+def test_a_second_sender_is_named_by_the_node_whose_messages_it_sends(
+    second_sender: SecondSender, name: str
+) -> None:
+    watch = BusWatch(0)
+    status = PlantStatus(0.0, 0.0, 0, 0, SafetyState.HOLDING, second_sender)
+    watch.on_frame(encode(status, 0), NS)
+    view = watch.view(NS)
+    for text in (as_text(screen_lines(view, LatencyChoice(), 0, BUS, 80)), one_line(view)):
+        assert f", TWO SENDERS as {name}" in text
 
 
 def test_a_controller_that_is_started_anew_is_followed() -> None:

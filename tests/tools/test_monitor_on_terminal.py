@@ -105,7 +105,7 @@ def test_keys_send_a_latency_and_q_gives_the_terminal_back(
 ) -> None:
     with can.Bus(interface="emulated", channel="can0", address=broker) as bus:
         on_terminal.wait_for(b"q quit")
-        bus.send(can.Message(arbitration_id=0x7E5, data=b"\1", is_extended_id=False), timeout=1.0)
+        bus.send(can.Message(arbitration_id=0x7E5, data=b"\1", is_extended_id=False))
         on_terminal.wait_for(b"(7E5)")
         on_terminal.press(b"+\x1b[A]")
         heard: list[object] = []

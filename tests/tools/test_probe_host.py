@@ -36,8 +36,8 @@ from steer_by_wire.tools.probe_host.wake_ups import (
     WorkingNode,
     figures_of,
 )
+from tests.support.running_program import PATIENCE_S
 
-PATIENCE_S = 60.0
 ORDINARILY = ("--priority", "0", "--no-memory-lock")
 PROGRAM = (sys.executable, "-m", "steer_by_wire.tools.probe_host")
 

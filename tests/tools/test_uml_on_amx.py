@@ -15,10 +15,10 @@ import pytest
 from steer_by_wire.vcan import uml, xstate
 from steer_by_wire.vcan.__main__ import choose
 from steer_by_wire.vcan.request import SYSTEM_FOLDERS, BackendError, Request
+from tests.support.running_program import PATIENCE_S
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ROOT / "tests" / "support"
-PATIENCE_S = 60.0
 LINUX_UML = shutil.which("linux.uml")
 AVX512 = "flags\t\t: fpu xsave avx avx512f avx512_bf16\n"
 AMX = "flags\t\t: fpu xsave avx avx512f avx512_fp16 amx_tile amx_int8\n"
@@ -147,6 +147,8 @@ def test_one_that_dies_of_its_state_is_booted_again_with_the_library(
     assert (vcan, preloaded) == ("/sys/class/net/vcan0", "libm.so.6")
     assert "LD_PRELOAD" not in environment
     assert len(list((cache / "with_vcan").iterdir())) == 1
+    assert with_vcan(amx_host, "true").returncode == 0
+    assert boots(amx_host) == 3, "what the first run has found out is not forgotten"
 
 
 @needs_gcc

@@ -19,6 +19,7 @@ from steer_by_wire.tools.fault_campaign.specification import (
 )
 from steer_by_wire.tools.fault_campaign.walk_judgement import RECOVERY_S, judge_walk
 from steer_by_wire.tools.fault_campaign.walks import Walk, WalkFault, failure_of
+from tests.support.counter_rules import rule
 
 POINT = PointSettings(name="nominal")
 SPEC = CampaignSettings(laws=("practical_pd",), points=(POINT,))
@@ -69,7 +70,7 @@ def said(
         plant=watch("plant", plant),
         controller=watch("controller", controller),
         edge=edge,
-        sight=Sight(0.14, 0.7, 0.01, 0.01, 100),
+        sight=Sight(0.14, 0.7, 0.01, 0.01, rule(100), rule(100)),
         way=way_of(PlantSettings(), controller_settings_of("practical_pd"), point, 0.15),
     )
     return judge_walk(pair, faults, round(END_S * NS_PER_S))

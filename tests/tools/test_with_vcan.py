@@ -8,8 +8,7 @@ import os
 import select
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -28,10 +27,13 @@ from steer_by_wire.vcan.request import (
     link_commands,
     netem_of,
 )
+from tests.support.running_program import PATIENCE_S, wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
 WITH_VCAN = str(ROOT / "tools" / "with_vcan")
-PATIENCE_S = 60.0
+COMMAND = (sys.executable, WITH_VCAN)
+"""Where ``python3`` is a script that looks for the interpreter, as pyenv's, that takes longer than
+the test."""
 NOBODY = 65534
 
 HOST = pytest.param("host", marks=pytest.mark.vcan)
@@ -64,7 +66,7 @@ def run(
     given: str = "",
 ) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [WITH_VCAN, *arguments],
+        [*COMMAND, *arguments],
         capture_output=True,
         text=True,
         timeout=PATIENCE_S,
@@ -87,20 +89,17 @@ class Wrapper(NamedTuple):
 def wrapper(*arguments: str) -> Iterator[Wrapper]:
     """Run with_vcan during the block, as a shell does: with a process group of its own."""
     with subprocess.Popen(
-        [WITH_VCAN, *arguments], stdout=subprocess.PIPE, text=True, start_new_session=True
+        [*COMMAND, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     ) as process:
         assert process.stdout is not None
         try:
             yield Wrapper(process, process.stdout)
         finally:
             process.kill()
-
-
-def wait_until(condition: Callable[[], bool], what: str) -> None:
-    until_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < until_s, f"still not: {what}"
-        time.sleep(0.02)
 
 
 def is_alive(pid: int) -> bool:
@@ -170,22 +169,17 @@ def test_what_the_command_leaves_running_ends_with_it(backend: str) -> None:
     assert not is_alive(int(done.stdout))
 
 
-def test_the_time_is_limited(backend: str, tmp_path: Path) -> None:
+def test_the_time_is_limited_also_where_nobody_reads_the_output(
+    backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
     timeout_s = "4" if backend == "uml" else "1"  # it has to boot
-    command = ["sh", "-c", "sleep 1000 & sleep 1000"]
-    done = run(
-        *("--backend", backend, "--timeout", timeout_s, *command),
-        variables={"TMPDIR": str(tmp_path)},
-    )
-    assert done.returncode == 124
-    assert f"ended after {timeout_s} s" in done.stderr
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("backend", ["uml"], indirect=True)
-def test_the_time_is_limited_also_where_nobody_reads_the_output(backend: str) -> None:
-    with wrapper("--backend", backend, "--timeout", "5", "yes") as (process, _):
+    options = ("--backend", backend, "--timeout", timeout_s)
+    with wrapper(*options, "sh", "-c", "sleep 1000 & yes") as (process, _):
         assert process.wait(PATIENCE_S) == 124
+        assert process.stderr is not None
+        assert f"ended after {timeout_s} s" in process.stderr.read()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_signal_reaches_the_command_and_its_answer_comes_back(backend: str) -> None:
@@ -203,7 +197,7 @@ def test_ctrl_c_at_the_terminal_comes_once(backend: str) -> None:
         "while [ $i -lt 4 ]; do sleep 0.2; i=$((i+1)); done; echo $n times; tty; exit 5"
     )
     terminal, theirs = os.openpty()
-    command = ["setsid", "--ctty", WITH_VCAN, "--backend", backend, "sh", "-c", script]
+    command = ["setsid", "--ctty", *COMMAND, "--backend", backend, "sh", "-c", script]
     with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs) as process:
         os.close(theirs)
         shown = read_terminal(terminal, until="0 0")
@@ -254,7 +248,7 @@ for line in sys.stdin:
 
 
 def test_two_at_once_do_not_hear_each_other(backend: str) -> None:
-    command = [WITH_VCAN, "--backend", backend, sys.executable, "-c", SEND_AND_HEAR]
+    command = [*COMMAND, "--backend", backend, sys.executable, "-c", SEND_AND_HEAR]
     with ExitStack() as stack:
         one, two = (
             stack.enter_context(

@@ -1,4 +1,4 @@
-"""What logs of the bus contain: signals, latency and jitter, cycle times, frames lost and refused.
+"""Analyse logs of the bus: signals, latency and jitter, cycle times, frames lost and refused.
 
     steer-by-wire analyze run.log
     steer-by-wire analyze controller.blf candump-2026-11-21.log --out out/logs --mcap
@@ -25,7 +25,7 @@ from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import add_out_argument, command_parser
 from steer_by_wire.recordings.file_analysis import analyse_files
 from steer_by_wire.recordings.log_file import LogError
 from steer_by_wire.recordings.signal_table import (
@@ -63,25 +63,21 @@ def _parser() -> argparse.ArgumentParser:
         "FILE... [options]",
     )
     parser.add_argument(
-        "files", nargs="+", type=Path, metavar="FILE", help="a recording, or what candump printed"
+        "files", nargs="+", type=Path, metavar="FILE", help="a recording, or the output of candump"
     )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/logs"),
-        metavar="DIR",
-        help="each FILE gets a folder of its name in it (default: %(default)s)",
-    )
+    add_out_argument(parser, "out/logs", "a folder for each FILE is made in it")
     parser.add_argument(
         "--join", action="store_true", help="the files are one log, one after the other"
     )
-    parser.add_argument("--channel", help="of a log with several; all unless given")
+    parser.add_argument(
+        "--channel", help="the channel to read, if the log has several (default: all)"
+    )
     parser.add_argument("--mcap", action="store_true", help="also write signals.mcap")
     parser.add_argument(
         "--parquet",
         action=argparse.BooleanOptionalAction,
         default=None,
-        help="also write signals.parquet; unless said, where pyarrow is installed",
+        help="also write signals.parquet (default: if pyarrow is installed)",
     )
     return parser
 

@@ -1,4 +1,4 @@
-"""How fast it is on this machine, beside what it should be.
+"""Measure how fast the programs are on this machine, against the targets.
 
     steer-by-wire benchmark [--json FILE] [--against SAVED]
 
@@ -45,9 +45,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = command_parser(
         NAME, __doc__, f"{NAME} --json before.json\n{NAME} --against before.json"
     )
-    parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
     parser.add_argument(
-        "--against", type=Path, metavar="SAVED", help="name what got slower than in a saved file"
+        "--json", type=output_file, metavar="FILE", help="also write the figures to a file"
+    )
+    parser.add_argument(
+        "--against", type=Path, metavar="SAVED", help="list what is slower than in a saved file"
     )
     options = parser.parse_args(arguments)
     return run_main(NAME, partial(_run, options))

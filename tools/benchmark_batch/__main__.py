@@ -1,4 +1,4 @@
-"""How fast compiled runs are: beside C, in threads, from a cold start, and beside other tools.
+"""Measure how fast compiled runs are: against C, in threads, from a cold start, and other tools.
 
     steer-by-wire benchmark-batch [--json FILE] [--chart FILE.png]
 
@@ -49,8 +49,15 @@ _FIRST_RESULT = (
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark; returns the exit status, which does not depend on the figures."""
     parser = command_parser(NAME, __doc__, f"{NAME} --chart batch.png")
-    parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
-    parser.add_argument("--chart", type=output_file, metavar="FILE.png", help="time against runs")
+    parser.add_argument(
+        "--json", type=output_file, metavar="FILE", help="also write the figures to a file"
+    )
+    parser.add_argument(
+        "--chart",
+        type=output_file,
+        metavar="FILE.png",
+        help="plot of the time over the number of runs",
+    )
     options = parser.parse_args(arguments)
     return run_main(NAME, partial(_run, options))
 

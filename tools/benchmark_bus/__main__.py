@@ -1,4 +1,4 @@
-"""How fast the controller answers and how punctual it is on a CAN bus, beside C and bare Python.
+"""Measure how fast and punctually the controller answers on a CAN bus, against C and bare Python.
 
     steer-by-wire with-vcan steer-by-wire benchmark-bus [--json FILE]
     steer-by-wire benchmark-bus --no-can
@@ -24,11 +24,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from steer_by_wire.benchmarking.measurement import Line
 from steer_by_wire.benchmarking.table import line_record, lines_table
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import command_parser, seconds, whole_number
 from steer_by_wire.runtime.bus import BusError, socketcan_obstacle
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.host import StealClock
-from steer_by_wire.runtime.option_types import output_file, seconds
+from steer_by_wire.runtime.option_types import output_file
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.tools.benchmark_bus.allocations import tick_memory
@@ -102,27 +102,34 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--no-can",
         action="store_true",
-        help="only lateness and skipped ticks, on an emulated bus: no CAN in the kernel is needed",
+        help="only lateness and skipped ticks, on an emulated bus; needs no SocketCAN",
     )
     parser.add_argument(
-        "--seconds", type=seconds, default=4.0, help="of each short run (default: %(default)g)"
+        "--seconds",
+        type=seconds,
+        default=4.0,
+        help="duration of each short run (default: %(default)g)",
     )
-    parser.add_argument("--repetitions", type=_count, default=5, help="default: %(default)s")
+    parser.add_argument(
+        "--repetitions", type=whole_number(1, 1000), default=5, help="default: %(default)s"
+    )
     parser.add_argument(
         "--long-seconds",
         type=seconds,
         default=60.0,
         metavar="SECONDS",
-        help=f"of the run at {LONG_RATE_HZ} Hz (default: %(default)g)",
+        help=f"duration of the run at {LONG_RATE_HZ} Hz (default: %(default)g)",
     )
     parser.add_argument(
         "--priority",
         type=_priority,
         default=50,
         metavar=f"0|{PRIORITY_MIN}..{PRIORITY_MAX}",
-        help="of SCHED_FIFO, for C and Python alike; 0: none (default: %(default)s)",
+        help="SCHED_FIFO priority of all programs; 0: none (default: %(default)s)",
     )
-    parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
+    parser.add_argument(
+        "--json", type=output_file, metavar="FILE", help="also write the figures to a file"
+    )
     return parser.parse_args(arguments)
 
 
@@ -221,12 +228,6 @@ def _machine_lines(machine: Mapping[str, Any], *, refused: bool) -> list[str]:
         f"{fifo}{', SCHED_FIFO refused by the host' if refused else ''}"
         f"{f'; with_vcan: {backend}' if backend else ''}",
     ]
-
-
-def _count(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and 1 <= int(text) <= 1000):
-        raise argparse.ArgumentTypeError(f"allowed is 1 to 1000, not {text!r}")
-    return int(text)
 
 
 def _priority(text: str) -> int:

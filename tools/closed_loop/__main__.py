@@ -1,4 +1,4 @@
-"""Plant emulator and controller in one process: in virtual time, or in real time on one bus.
+"""Run plant emulator and controller in one process, in virtual time or in real time.
 
     steer-by-wire run --controller-preset practical_pd --out out/run
     steer-by-wire run plant.toml --controller controller.toml --interface virtual
@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import add_overrides_argument, command_parser, whole_number
 from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.pair.live import PairFiles
@@ -91,15 +91,9 @@ def _parser() -> argparse.ArgumentParser:
     plant.add_argument(
         "--plant-preset", metavar="NAME", help=", ".join(preset_names(PLANT_PRESETS))
     )
-    plant.add_argument(
-        "--plant-set",
-        action="append",
-        default=[],
-        metavar="TABLE.KEY=VALUE",
-        help="one setting on top; repeatable",
-    )
-    plant.add_argument("--duration", type=float, metavar="SECONDS", help="of motion")
-    plant.add_argument("--seed", type=int, metavar="N", help="of all randomness of the run")
+    add_overrides_argument(plant, "--plant-set", "one setting on top", dest=None)
+    plant.add_argument("--duration", type=float, metavar="SECONDS", help="duration of the motion")
+    plant.add_argument("--seed", type=int, metavar="N", help="seed of all random numbers")
     controller = parser.add_argument_group("controller")
     controller.add_argument(
         "--controller", type=Path, metavar="CONTROLLER.toml", help="settings of the controller"
@@ -108,34 +102,30 @@ def _parser() -> argparse.ArgumentParser:
         "--controller-preset",
         metavar="NAME",
         help=f"{', '.join(preset_names(CONTROLLER_PRESETS))}; "
-        f"without this and without a file: {CONTROLLER_PRESET}",
+        f"default without a file: {CONTROLLER_PRESET}",
     )
     controller.add_argument(
         "--law", metavar="NAME", help="short for --controller-set law=NAME; also package.module:LAW"
     )
-    controller.add_argument(
-        "--controller-set",
-        action="append",
-        default=[],
-        metavar="TABLE.KEY=VALUE",
-        help="one setting on top; repeatable",
-    )
+    add_overrides_argument(controller, "--controller-set", "one setting on top", dest=None)
     wire = parser.add_mutually_exclusive_group()
     wire.add_argument(
         "--bitrate",
-        type=_bitrate,
+        type=whole_number(1, BITRATE_BIT_S_MAX),
         default=BITRATE_BIT_S,
         metavar="BIT/S",
-        help="of the bus in virtual time (default: %(default)s)",
+        help="bit rate of the bus in virtual time (default: %(default)s)",
     )
     wire.add_argument(
-        "--ideal-wire", action="store_true", help="virtual time; frames take no time on the wire"
+        "--ideal-wire", action="store_true", help="in virtual time, frames take no time on the wire"
     )
     wire.add_argument(
-        "--interface", choices=("virtual",), help="real time, on python-can's bus in one process"
+        "--interface",
+        choices=("virtual",),
+        help="in real time, on python-can's bus within the process",
     )
     add_bus_arguments(parser)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where the run's files go")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the run's files")
     return parser
 
 
@@ -295,13 +285,6 @@ def _command(options: argparse.Namespace, files: PairFiles) -> str:
     else:
         command += ["--bitrate", str(options.bitrate), *bus_words(options)]
     return shlex.join(command)
-
-
-def _bitrate(text: str) -> int:
-    """Read a bit rate; argparse turns the error into one line."""
-    if not (text.isascii() and text.isdigit()) or not 0 < int(text) <= BITRATE_BIT_S_MAX:
-        raise argparse.ArgumentTypeError(f"allowed is 1 to {BITRATE_BIT_S_MAX}, not {text!r}")
-    return int(text)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Compare every law over delay, jitter, loss and an actuator lag, and say where each breaks.
+"""Compare all laws over delay, jitter, loss and actuator lag, and show where each breaks.
 
     steer-by-wire compare [--out DIR] [--step-ms 25] [--seeds 3]
 
@@ -16,11 +16,11 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import add_out_argument, add_overrides_argument, command_parser
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
+from steer_by_wire.terminal import plain_console, progress_bars
 from steer_by_wire.tools.compare_laws.picture import draw_comparison
 from steer_by_wire.tools.compare_laws.runs import Cell, compare, controller_settings, own_contestant
 from steer_by_wire.tools.compare_laws.tables import markdown_lines, table_lines
@@ -32,19 +32,13 @@ DELAY_MS_MAX = 600
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit status."""
     parser = command_parser(NAME, __doc__, f"{NAME} --step-ms 100 --seeds 1 --duration-s 20")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/comparison"),
-        metavar="DIR",
-        help="default: %(default)s",
-    )
+    add_out_argument(parser, "out/comparison")
     parser.add_argument(
         "--step-ms",
         type=int,
         default=25,
         choices=(10, 20, 25, 50, 100),
-        help="between delays (default: %(default)s)",
+        help="step between delays (default: %(default)s)",
     )
     parser.add_argument(
         "--seeds",
@@ -52,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default=3,
         choices=range(1, 101),
         metavar="1..100",
-        help="of each random network (default: %(default)s)",
+        help="seeds per random network (default: %(default)s)",
     )
     parser.add_argument(
         "--duration-s",
@@ -60,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default=60.0,
         choices=(20.0, 60.0, 120.0),
         metavar="S",
-        help="of each run: 20, 60 or 120 (default: %(default)g)",
+        help="duration of each run: 20, 60 or 120 (default: %(default)g)",
     )
     parser.add_argument(
         "--law",
@@ -69,12 +63,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="PACKAGE.MODULE:LAW",
         help="a law of your own, with the tables of practical_pd_ddob; repeatable",
     )
-    parser.add_argument(
-        "--law-set",
-        action="append",
-        default=[],
-        metavar="TABLE.KEY=VALUE",
-        help="a setting of your laws, as own_law.gain=2; repeatable",
+    add_overrides_argument(
+        parser, "--law-set", "a setting of your laws, such as own_law.gain=2", dest=None
     )
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
 
@@ -85,19 +75,12 @@ def _run(options: argparse.Namespace) -> int:
     for one in further:  # before anything is run
         controller_settings(one, has_lag=False)
     options.out.mkdir(parents=True, exist_ok=True)
-    console = Console(markup=False, highlight=False, soft_wrap=True)
+    console = plain_console()
     delays_s = [1e-3 * ms for ms in range(0, DELAY_MS_MAX + 1, options.step_ms)]
     stop = StopRequest()
     with (
         stop.on_signals(),
-        Progress(
-            BarColumn(30),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-            console=console,
-            transient=True,
-            disable=not console.is_terminal,
-        ) as bars,
+        progress_bars(console, BarColumn(30), MofNCompleteColumn(), TimeRemainingColumn()) as bars,
     ):
         task = bars.add_task("")
         cells = compare(

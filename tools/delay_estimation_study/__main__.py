@@ -1,4 +1,4 @@
-"""How well the delay is estimated without an echo, over delays, paths, vehicles and laws.
+"""Study how well the delay is estimated without an echo, over delays, paths, vehicles and laws.
 
     steer-by-wire delay-study --out out/delay_estimation
 
@@ -13,11 +13,10 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import add_out_argument, command_parser
 from steer_by_wire.runtime.program import run_main
 from steer_by_wire.tools.delay_estimation_study.pictures import draw
 from steer_by_wire.tools.delay_estimation_study.runs import (
@@ -137,7 +136,7 @@ def _parser() -> argparse.ArgumentParser:
         __doc__,
         f"{NAME} --laws pd_ddob --paths double_lane_change --networks 80_ms --corners a",
     )
-    parser.add_argument("--out", type=Path, default=Path("out/delay_estimation"), metavar="DIR")
+    add_out_argument(parser, "out/delay_estimation")
     for option, names in (
         ("laws", LAWS),
         ("paths", tuple(PATHS)),

@@ -1,4 +1,4 @@
-"""The main job in one command: three laws, the same latency, real processes on a CAN bus.
+"""Drive three laws with the same latency, as real processes on a CAN bus, and draw the result.
 
     steer-by-wire demo [--out DIR] [--bus auto|socketcan|emulated] [--duration SECONDS] [--seed N]
 
@@ -21,7 +21,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import add_out_argument, command_parser
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.pair.channels import Channels, open_channels
 from steer_by_wire.pair.live import LivePair, PairFiles, PairResult
@@ -53,17 +53,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser(NAME, __doc__, f"{NAME} --duration 10 --out out/demo")
-    parser.add_argument(
-        "--out", type=Path, default=Path("out/demo"), metavar="DIR", help="default: %(default)s"
-    )
+    add_out_argument(parser, "out/demo")
     parser.add_argument(
         "--bus",
         choices=("auto", "socketcan", "emulated"),
         default="auto",
-        help="default: vcan0 where there is one, else emulated",
+        help="default: vcan0 if there is one, otherwise emulated",
     )
     parser.add_argument("--duration", type=_duration, metavar="SECONDS", help="default: 30")
-    parser.add_argument("--seed", type=int, metavar="N", help="of the latency; default: 1086")
+    parser.add_argument("--seed", type=int, metavar="N", help="seed of the latency; default: 1086")
     return parser.parse_args(arguments)
 
 

@@ -22,14 +22,15 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import add_out_argument, add_overrides_argument, command_parser
 from steer_by_wire.controller.laws.predictor import FALLBACK
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.runtime.option_types import settings_file
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset
+from steer_by_wire.terminal import plain_console, progress_bars
 from steer_by_wire.tools.design_gains.candidate import KEYS, any_settings
 from steer_by_wire.tools.design_gains.design import Design, NoDesignError
 from steer_by_wire.tools.design_gains.explanation import demand_lines, reason_lines
@@ -85,28 +86,15 @@ def _parser() -> argparse.ArgumentParser:
         metavar="SPEC",
         help=f"a file, or one of {', '.join(_specifications())}",
     )
+    add_overrides_argument(parser, what="one value on top of the specification")
+    add_out_argument(parser, "out/gains", "folder for the presets")
     parser.add_argument(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="TABLE.KEY=VALUE",
-        help="one value on top of the specification; repeatable",
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/gains"),
-        metavar="DIR",
-        help="where the presets go (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--pictures", type=Path, metavar="DIR", help="where the pictures go (default: as --out)"
+        "--pictures", type=Path, metavar="DIR", help="folder for the pictures (default: as --out)"
     )
     parser.add_argument(
         "--verify",
         action="store_true",
-        help="run every corner and delay in virtual time too, half a second each",
+        help="also run every corner and delay in virtual time, half a second each",
     )
     return parser
 
@@ -128,7 +116,7 @@ def _run(options: argparse.Namespace) -> int:
         Job(spec, vehicle, law, sources, str(options.out), str(pictures), index)
         for index, law in enumerate(linear_laws(spec))
     ]
-    console = Console(markup=False, highlight=False, soft_wrap=True)
+    console = plain_console()
     _print_demands(spec, vehicle)
     status = int(ExitStatus.OK)
     fallback: ControllerSettings | None = None
@@ -182,14 +170,12 @@ def _design_predictor(
         say(NAME, "error: predictor: there is no pd_ddob for it to fall back to", sys.stderr)
         return NO_DESIGN
     name = preset_name(spec, "predictor")
-    with Progress(
+    with progress_bars(
+        console,
         TextColumn("predictor"),
         BarColumn(30),
         TimeElapsedColumn(),
         TextColumn("{task.fields[best]}"),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
     ) as bars:
         task = bars.add_task(name, total=1.0, best="")
         design = design_predictor(
@@ -229,14 +215,12 @@ def _watch(
     shared: SharedProgress,
 ) -> None:
     """Show how far every law is until all are done."""
-    with Progress(
+    with progress_bars(
+        console,
         TextColumn("{task.description:8}"),
         BarColumn(30),
         TimeElapsedColumn(),
         TextColumn("{task.fields[best]}"),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
     ) as bars:
         tasks = [bars.add_task(law, total=1.0, best="") for law in laws]
         waiting: set[Future[Design]] = set(futures)

@@ -1,4 +1,4 @@
-"""Say what this machine has for CAN and real time, and what to do about what it has not.
+"""Check what this machine has for CAN and real time, and advise how to get what it lacks.
 
     steer-by-wire doctor [--json]
 
@@ -23,7 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _examine(arguments: Sequence[str] | None) -> ExitStatus:
     parser = command_parser(NAME, __doc__, NAME)
-    parser.add_argument("--json", action="store_true", help="for another program to read")
+    parser.add_argument("--json", action="store_true", help="print JSON for other programs")
     options = parser.parse_args(arguments)
     sections = examine()
     print(as_json(sections) if options.json else as_text(sections))

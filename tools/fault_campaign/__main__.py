@@ -1,4 +1,4 @@
-"""Inject faults into the pair in virtual time, by the thousand, and say what is detected how soon.
+"""Inject thousands of faults into the pair in virtual time, and show what is detected how soon.
 
     steer-by-wire faults [SPEC.toml] [--out DIR] [--compare EARLIER]
     steer-by-wire faults --live
@@ -22,13 +22,13 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TypeVar
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import command_parser, whole_number
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.runtime.settings import Preset, SettingsError, load_settings, preset_names
+from steer_by_wire.terminal import plain_console, progress_bars
 from steer_by_wire.tools.fault_campaign.acceptance import (
     Finding,
     findings_of,
@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         nargs="?",
         type=Path,
         metavar="SPEC.toml",
-        help="default: the specification that comes with it",
+        help="default: the built-in specification",
     )
     parser.add_argument(
         "--set",
@@ -89,33 +89,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help=f"default: {OUT}")
     parser.add_argument(
-        "--compare", type=Path, metavar="EARLIER", help="with the results in this DIR"
+        "--compare", type=Path, metavar="EARLIER", help="compare with the results in this DIR"
     )
     parser.add_argument(
-        "--live", action="store_true", help="also on real processes, with their logs in DIR/live"
+        "--live", action="store_true", help="also run real processes, with logs in DIR/live"
     )
     parser.add_argument(
-        "--processes", type=_up_to(64), default=2, metavar="1..64", help="default: %(default)s"
+        "--processes",
+        type=whole_number(1, 64),
+        default=2,
+        metavar="1..64",
+        help="default: %(default)s",
     )
     parser.add_argument(
         "--random-walks",
-        type=_up_to(WALKS_MAX),
+        type=whole_number(1, WALKS_MAX),
         metavar="N",
-        help=f"instead: N sequences of up to {WALK_FAULTS_MAX} faults, of this seed and the next",
+        help=f"run N random sequences of up to {WALK_FAULTS_MAX} faults instead, from this seed on",
     )
     return run_main(NAME, partial(_run, parser.parse_args(arguments)))
-
-
-def _up_to(maximum: int) -> Callable[[str], int]:
-    """Return a reader of whole numbers from 1 on."""
-
-    def read(text: str) -> int:
-        is_whole = text.isascii() and text.isdecimal() and len(text) <= len(str(maximum))
-        if not (is_whole and 1 <= int(text) <= maximum):
-            raise argparse.ArgumentTypeError(f"allowed is 1 to {maximum}, not {text[:60]!r}")
-        return int(text)
-
-    return read
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -255,15 +247,8 @@ def _with_progress(
     total: int, take: Callable[[R], None], work: Callable[[Callable[[R], None]], None]
 ) -> None:
     """Do the work, with a progress bar on a terminal."""
-    console = Console(markup=False, highlight=False, soft_wrap=True)
-    with Progress(
-        BarColumn(30),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    ) as bars:
+    console = plain_console()
+    with progress_bars(console, BarColumn(30), MofNCompleteColumn(), TimeRemainingColumn()) as bars:
         task = bars.add_task("", total=total)
 
         def taken(result: R) -> None:

@@ -21,9 +21,9 @@ from typing import NamedTuple
 from ...controller.freshness import NO_LIMIT_NS
 from ...controller.node import RECEIVED as CONTROLLER_RECEIVES
 from ...controller.node import STATUS_PERIOD_NS
-from ...controller.settings import ControllerSettings, age_limits_of
+from ...controller.settings import ControllerSettings, age_limits_of, counters_of
 from ...dbc.messages import MESSAGE_TYPES
-from ...dbc.protection import COUNTERS
+from ...dbc.protection import COUNTERS, SequenceRule
 from ...plant_emulator.fault_effects import BURST_CHANCE, REORDER_CHANCE
 from ...plant_emulator.fault_settings import ALL, FaultDirection, FaultKind, FaultSettings
 from ...plant_emulator.node import RECEIVED as PLANT_RECEIVES
@@ -71,6 +71,8 @@ MECHANISM_OF: Mapping[str, Mechanism] = MappingProxyType(
         "repeated": Mechanism.E2E,
         "out_of_order": Mechanism.E2E,
         "too_far": Mechanism.E2E,
+        "disputed": Mechanism.E2E,
+        "own_identifier": Mechanism.E2E,
         "lost": Mechanism.E2E,
         "out_of_range": Mechanism.RANGE,
         "not_available": Mechanism.RANGE,
@@ -92,7 +94,7 @@ class Sight(NamedTuple):
     ``age_limit_s``     the longest of both nodes' age limits: what lasts longer is silence for both
     ``limiter_rad``     largest command that the safety limiter lets through, at this speed
     ``control_period_s``, ``sensor_period_s``  of the commands and of the measurements
-    ``counter_jump_max``  how far a counter may advance at once, for either node
+    ``commands``, ``measurements``  which counters are believed
     ``jitters_down``    whether a silence of the commands may be shorter at the actuator than on the
                         bus
     """
@@ -101,7 +103,8 @@ class Sight(NamedTuple):
     limiter_rad: float
     control_period_s: float
     sensor_period_s: float
-    counter_jump_max: int
+    commands: SequenceRule
+    measurements: SequenceRule
     jitters_down: bool = False
 
 
@@ -132,7 +135,8 @@ def sight_of(plant: PlantSettings, controller: ControllerSettings) -> Sight:
         min(row.reach_rad for row in guard.limiter.rows),
         controller.period_ns / NS_PER_S,
         plant.sensor_period_ns / NS_PER_S,
-        max(plant.max_counter_jump, controller.supervision.max_counter_jump),
+        plant.counters,
+        counters_of(controller),
         plant.latency.downlink.spread_s > 0.0,
     )
 
@@ -184,13 +188,15 @@ def _expect(fault: FaultSettings, sight: Sight) -> Expectation:
         case FaultKind.WRONG_IDENTIFIER:
             return _moved(fault, is_control)
         case FaultKind.SPOOF:
-            why = "the true sender's counter then comes twice"
+            why = "the true sender's counter then comes twice: soon neither sender is followed"
             return Expectation(_E2E, False, why, is_followed=True)
         case FaultKind.REPLAY:
             # Counters wrap around: old frames look like those that follow lost ones, or are
             # rejected until they reach the newest one that was accepted.
             behind = round(magnitude / period_s) % COUNTERS
-            refused_s = behind * period_s if COUNTERS - behind > sight.counter_jump_max else 0.0
+            period_ns = round(period_s * NS_PER_S)
+            step_max = _rule_of(fault, sight).step_max(period_ns, period_ns)
+            refused_s = behind * period_s if COUNTERS - behind > step_max else 0.0
             is_long = min(fault.duration_s, refused_s) > sight.age_limit_s + period_s
             why = "the counter goes back; what goes on so is a new start, after a hold"
             # It continues when the bus was silent for the age limit: jitter may hide the silence.
@@ -269,6 +275,11 @@ def no_effect_chance(fault: FaultSettings, sight: Sight) -> float:
         case _:  # the magnitude is a share of the frames
             spared = 1.0 - min(magnitude, 1.0)
     return float(max(spared, 0.0) ** frames) if frames else 1.0
+
+
+def _rule_of(fault: FaultSettings, sight: Sight) -> SequenceRule:
+    """Return which counters the receiver of a message believes."""
+    return sight.commands if fault.message == "STEERING_COMMAND" else sight.measurements
 
 
 def _silence(fault: FaultSettings, sight: Sight, is_stream: bool, is_control: bool) -> Expectation:

@@ -7,7 +7,7 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from ...dbc.messages import MESSAGE_TYPES
+from ...dbc.messages import DATA_IDS, MESSAGE_TYPES
 from ...plant_emulator.fault_settings import (
     MESSAGES_OF,
     SIGNAL_FAULTS,
@@ -76,7 +76,7 @@ class CaseSettings(Settings):
 
     @model_validator(mode="after")
     def _can_be(self) -> Self:
-        known = [name for name in MESSAGE_TYPES if name != "LATENCY_CONFIG"]
+        known = [name for name, kind in MESSAGE_TYPES.items() if kind in DATA_IDS]
         for message in self.messages:
             if message not in known:
                 raise ValueError(f"messages must be of {', '.join(known)}, not {message!r}")

@@ -1,11 +1,11 @@
-"""Fuzz one target: coverage decides which inputs are worth changing further.
+"""Fuzz one target, guided by coverage.
 
     steer-by-wire fuzz controller --seconds 300
     steer-by-wire fuzz settings --runs 100000 --seed 7 --corpus out/fuzz/settings
     steer-by-wire fuzz plant --replay crash-0123abcd
 
-Needs atheris (pip install 'steer-by-wire-emulator[fuzz]') but for --replay. Exit status: 0 if
-nothing was found; 1 if something was, with the input left in the folder --out; 2 without atheris.
+Needs atheris (pip install 'steer-by-wire-emulator[fuzz]'), except for --replay. Exit status: 0 if
+nothing was found; 1 if something was, with the input in the folder --out; 2 without atheris.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import add_out_argument, command_parser, whole_number
 
 NAMES = (
     "authentication", "broker", "bus_client", "candump", "command_line", "contract", "controller",
@@ -51,30 +51,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser(NAME, __doc__, f"{NAME} controller --seconds 60", "TARGET [options]")
     parser.add_argument("target", choices=NAMES, metavar="TARGET", help=", ".join(NAMES))
-    parser.add_argument("--runs", type=_count, metavar="N", help="end after so many inputs")
-    parser.add_argument("--seconds", type=_count, metavar="S", help="end after this time")
     parser.add_argument(
-        "--seed", type=_count, default=1, metavar="N", help="of libFuzzer (default: %(default)s)"
+        "--runs", type=whole_number(0, 999_999_999), metavar="N", help="end after this many inputs"
+    )
+    parser.add_argument(
+        "--seconds", type=whole_number(0, 999_999_999), metavar="S", help="end after this time"
+    )
+    parser.add_argument(
+        "--seed",
+        type=whole_number(0, 999_999_999),
+        default=1,
+        metavar="N",
+        help="seed of libFuzzer (default: %(default)s)",
     )
     parser.add_argument(
         "--corpus", type=Path, metavar="DIR", help="inputs to start from; new ones are added"
     )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/fuzz"),
-        metavar="DIR",
-        help="where an input that breaks a promise is left (default: %(default)s)",
-    )
+    add_out_argument(parser, "out/fuzz", "folder for inputs that break a promise")
     parser.add_argument("--replay", type=Path, metavar="FILE", help="run one input again")
     return parser
-
-
-def _count(text: str) -> int:
-    """Read a whole number; argparse turns the error into one line."""
-    if not (text.isascii() and text.isdecimal() and len(text) < 10):
-        raise argparse.ArgumentTypeError(f"allowed is 0 to 999999999, not {text!r}")
-    return int(text)
 
 
 def _replay(target: str, file: Path) -> int:

@@ -7,7 +7,7 @@ because noise does not pass a CRC.
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from ...dbc.messages import CAN_IDS, LatencyConfig, Message
+from ...dbc.messages import CAN_IDS, DisturbanceConfig, LatencyConfig, Message
 from ...dbc.protection import COUNTERS, protect
 from ...runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from ...runtime.node import NS_PER_MS, NS_PER_S
@@ -17,10 +17,12 @@ STALL_NS_MAX = 60 * NS_PER_S
 """Longest time between two wake-ups of a node."""
 EVENTS_MAX = 400
 """Wake-ups from one input, which bounds the time it takes."""
+BY_HAND = (LatencyConfig, DisturbanceConfig)
+"""What a tool sends, of seven bytes without counter and CRC."""
 DATA_IDS: Mapping[type[Message], int] = {
     message_type: 0x5000 | can_id
     for message_type, can_id in CAN_IDS.items()
-    if message_type is not LatencyConfig
+    if message_type not in BY_HAND
 }
 """As the wire contract lists them; stated here anew, as another sender would."""
 _OUR_IDS = tuple(CAN_IDS.values())
@@ -47,7 +49,7 @@ class Sender:
         if kind < 4:
             return self._protected(choices)
         if kind == 4:
-            return Frame(CAN_IDS[LatencyConfig], choices.raw(7))
+            return Frame(CAN_IDS[choices.pick(BY_HAND)], choices.raw(7))
         if kind == 5:  # faultless except for what a gateway or an adapter may make of it
             frame = self._protected(choices)
             return frame._replace(flags=choices.integer(0, _ALL_FLAGS))

@@ -1,4 +1,4 @@
-"""Faults on a live bus and of live processes, at set times, seeded: what a pair makes of them.
+"""Inject faults into a live bus and into live processes, at set times and with a seed.
 
     steer-by-wire inject babble,onset_s=2,duration_s=1 -i emulated -c can0
     steer-by-wire inject spoof,magnitude=0.3 noise,onset_s=3 -i socketcan -c vcan0
@@ -64,20 +64,20 @@ def _parser() -> argparse.ArgumentParser:
         NAME, __doc__, f"{NAME} babble,onset_s=2,duration_s=1", "FAULT... [options]"
     )
     parser.add_argument(
-        "faults", nargs="*", metavar="FAULT", help="KIND[,KEY=VALUE...], as --list says"
+        "faults", nargs="*", metavar="FAULT", help="KIND[,KEY=VALUE...], see --list"
     )
-    parser.add_argument("--list", action="store_true", help="say which faults there are")
-    parser.add_argument(
-        "--pid", metavar="N", help="the process that kill, pause and clock_jump mean"
-    )
+    parser.add_argument("--list", action="store_true", help="list the faults")
+    parser.add_argument("--pid", metavar="N", help="the process for kill, pause and clock_jump")
     parser.add_argument(
         "--recording",
         type=Path,
         metavar="FILE",
-        help="what replay sends: a log",
+        help="the log that replay sends",
     )
-    parser.add_argument("--seed", default="1", metavar="N", help="of all that is random")
-    parser.add_argument("--report", type=output_file, metavar="FILE", help="what was done, JSON")
+    parser.add_argument("--seed", default="1", metavar="N", help="seed of all random numbers")
+    parser.add_argument(
+        "--report", type=output_file, metavar="FILE", help="write the actions, JSON"
+    )
     add_bus_arguments(parser)
     return parser
 

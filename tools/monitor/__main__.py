@@ -1,4 +1,4 @@
-"""A live view of the bus in a terminal: signals, modes, latency, cycle times, frames by cause.
+"""Show the bus live in a terminal: signals, modes, latency, cycle times, refused frames by cause.
 
     steer-by-wire monitor -i socketcan -c vcan0
 
@@ -16,6 +16,7 @@ from typing import NamedTuple
 from rich.console import Console, Group
 from rich.live import Live
 
+from steer_by_wire.bus_view.watch import BusWatch
 from steer_by_wire.command_line import command_parser
 from steer_by_wire.dbc.messages import encode
 from steer_by_wire.runtime.bus import add_bus_arguments, shutting_down
@@ -25,7 +26,6 @@ from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
 from steer_by_wire.tools.monitor.latency_keys import QUIT_KEYS, LatencyChoice, pressed
 from steer_by_wire.tools.monitor.screen import one_line, screen_lines
 from steer_by_wire.tools.monitor.terminal_keys import terminal_keys
-from steer_by_wire.tools.monitor.watch import BusWatch
 
 NAME = "steer-by-wire monitor"
 REFRESHES_PER_S = 4

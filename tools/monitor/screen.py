@@ -4,9 +4,10 @@ from collections.abc import Mapping, Sequence
 
 from rich.text import Text
 
-from ...dbc.messages import ControllerFault, EchoState, EstimateState, Freshness
+from ...bus_view.recent import Spread, Strip
+from ...bus_view.watch import MessageView, View
+from ...dbc.messages import ControllerFault, EchoState, EstimateState, Freshness, SecondSender
 from .latency_keys import LatencyChoice
-from .watch import MessageView, Spread, Strip, View
 
 WIDTH_MIN = 80
 _BLOCKS = "▁▂▃▄▅▆▇█"
@@ -34,7 +35,7 @@ def screen_lines(
     lines = [_title(view, bus, width), _state(view)]
     lines += _signals(view, strip_width, blocks)
     lines += _latency(view, strip_width, blocks)
-    lines += [Text(_HEAD, style="bold"), *(_message(row) for row in view.messages)]
+    lines += [Text(_HEAD, style="bold"), *_messages(view)]
     lines += [_refused(view), _choice(choice, sent), Text(_KEYS, style="dim")]
     for line in lines:
         line.truncate(width)
@@ -57,6 +58,7 @@ def one_line(view: View) -> str:
         f"{view.elapsed_s:.1f} s  {mode}  error {error} mm  steer {steer} mrad  "
         f"down/up {one_way} ms  round trip {trip} ms  {view.frames_per_s:.0f} frames/s  "
         f"missing {missing}  refused {sum(view.refused.values())}  foreign {view.foreign_frames}"
+        f"{_second_senders(view)}"
     )
 
 
@@ -206,8 +208,16 @@ _HEAD = (
 )
 
 
-def _message(row: MessageView) -> Text:
-    period = "-" if row.period_s is None else f"{_ONE_MS * row.period_s:.0f}"
+def _messages(view: View) -> list[Text]:
+    """Return a line for each cyclic message, and one for those that tools send."""
+    by_tools = [row for row in view.messages if row.period_s is None]
+    counts = ", ".join(f"{row.name} {row.accepted} ({row.refused} refused)" for row in by_tools)
+    cyclic = [_message(row, row.period_s) for row in view.messages if row.period_s is not None]
+    return [*cyclic, Text(counts, style="dim")]
+
+
+def _message(row: MessageView, period_s: float) -> Text:
+    period = f"{_ONE_MS * period_s:.0f}"
     cycle = "" if row.cycle is None else "".join(f"{_ms(value):>8}" for value in row.cycle)
     middle = "  stays away" if row.is_stale else cycle
     text = Text(
@@ -232,10 +242,10 @@ def _refused(view: View) -> Text:
 
 
 def _alarms(view: View) -> str:
-    """Return the faults that the controller reports: stale messages, and a fault of its own."""
+    """Return what is reported: second senders, and the controller's stale messages and faults."""
     safety = view.safety
     if safety is None:
-        return ""
+        return _second_senders(view)
     ages = {
         "LATERAL_ERROR": safety.lateral_error_freshness,
         "STEERING_STATUS": safety.steering_status_freshness,
@@ -243,7 +253,23 @@ def _alarms(view: View) -> str:
     }
     stale = "".join(f", {name} stale" for name, age in ages.items() if age is Freshness.STALE)
     has_fault = safety.fault is not ControllerFault.NONE
-    return stale + (f", fault {safety.fault.name}" if has_fault else "")
+    fault = f", fault {safety.fault.name}" if has_fault else ""
+    return stale + fault + _second_senders(view)
+
+
+def _second_senders(view: View) -> str:
+    """Name the nodes of whose messages somebody has noticed a second sender."""
+    own, peer = SecondSender.OWN, SecondSender.PEER
+    seen = (
+        SecondSender.NONE if view.safety is None else view.safety.second_sender,
+        SecondSender.NONE if view.plant is None else view.plant.second_sender,
+    )
+    notices = {"controller": (own, peer), "plant": (peer, own)}
+    return "".join(
+        f", TWO SENDERS as {name}"
+        for name, bits in notices.items()
+        if any(one & bit for one, bit in zip(seen, bits, strict=True))
+    )
 
 
 def _causes(refused: Mapping[str, int]) -> str:

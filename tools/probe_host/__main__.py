@@ -1,4 +1,4 @@
-"""How punctual this machine is, how fast its bus is, and which controller rate it can keep.
+"""Measure how punctual this machine is, how fast its bus is, and which rate it can keep.
 
     steer-by-wire probe [-i INTERFACE -c CHANNEL] [--seconds SECONDS] [--json FILE]
 
@@ -17,9 +17,9 @@ from functools import partial
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import command_parser, seconds
 from steer_by_wire.runtime.bus import add_bus_arguments
-from steer_by_wire.runtime.option_types import output_file, seconds
+from steer_by_wire.runtime.option_types import output_file
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.program_options import add_real_time_arguments
 from steer_by_wire.runtime.report import write_json
@@ -39,16 +39,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = command_parser(NAME, __doc__, f"{NAME} --json probe.json")
     parser.add_argument(
-        "--seconds", type=seconds, default=1.0, help="of each measurement (default: %(default)g)"
+        "--seconds",
+        type=seconds,
+        default=1.0,
+        help="duration of each measurement (default: %(default)g)",
     )
-    parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
+    parser.add_argument(
+        "--json", type=output_file, metavar="FILE", help="also write the figures to a file"
+    )
     add_real_time_arguments(parser)
     add_bus_arguments(parser)
     parser.add_argument(
         "--no-fast-socketcan",
         dest="fast_socketcan",
         action="store_false",
-        help="open SocketCAN through python-can too",
+        help="use python-can for SocketCAN too",
     )
     return parser.parse_args(arguments)
 

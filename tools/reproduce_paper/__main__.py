@@ -15,12 +15,13 @@ from functools import partial
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import add_out_argument, command_parser
 from steer_by_wire.reports.plot_style import plot_style
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.terminal import plain_console, progress_bars
 from steer_by_wire.tools.reproduce_paper.index_page import index_page
 from steer_by_wire.tools.reproduce_paper.registry import (
     ENTRIES,
@@ -43,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _reproduce(options: argparse.Namespace) -> int:
-    console = Console(markup=False, highlight=False, soft_wrap=True)
+    console = plain_console()
     entries = selected(options.figure, options.table, everything=options.all)
     options.out.mkdir(parents=True, exist_ok=True)
     reproduce_all(entries, options.out, console)
@@ -80,10 +81,8 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
             metavar="N",
             help=f"repeatable: {', '.join(numbers_of(kind))}",
         )
-    parser.add_argument("--all", action="store_true", help="everything, the default")
-    parser.add_argument(
-        "--out", type=Path, default=Path("out/paper"), metavar="DIR", help="default: %(default)s"
-    )
+    parser.add_argument("--all", action="store_true", help="all of them (default)")
+    add_out_argument(parser, "out/paper")
     return parser.parse_args(arguments)
 
 
@@ -95,7 +94,9 @@ def reproduce_all(entries: Sequence[Entry], out: Path, console: Console) -> None
     start_s = time.perf_counter()
     failures: list[BaseException] = []
     workers = min(WORKERS, len(entries))
-    with worker_pool(workers) as pool, _progress(console, len(entries)) as progress:
+    text = TextColumn("{task.description}")
+    bars = progress_bars(console, BarColumn(30), MofNCompleteColumn(), TimeElapsedColumn(), text)
+    with worker_pool(workers) as pool, bars as progress:
         task = progress.add_task("", total=len(entries))
         for done, running in _run(pool, entries, out):
             progress.update(task, description=", ".join(running))
@@ -143,18 +144,6 @@ def write_index(out: Path) -> Path:
     page = index_page(written, lambda name: (out / f"{name}.png").read_bytes())
     index.write_text(page, encoding="utf-8")
     return index
-
-
-def _progress(console: Console, total: int) -> Progress:
-    return Progress(
-        BarColumn(30),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}"),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal or total == 0,
-    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The pair on an emulated bus that a babbling node keeps full, as real processes.
+"""Run the pair as real processes on an emulated bus that a babbling node keeps full.
 
     steer-by-wire soak [--duration-s 600] [--between-s 10] [--starve-s 10] [--out FOLDER]
 
@@ -14,14 +14,13 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from pathlib import Path
 
 from rich.console import Console
 
 from steer_by_wire.bus_faults.babbling import GAPS, HIGHEST_PRIORITY_IDS, LOWEST_PRIORITY_IDS
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import add_out_argument, command_parser, seconds
 from steer_by_wire.runtime.host import StealClock
-from steer_by_wire.runtime.option_types import priority, seconds
+from steer_by_wire.runtime.option_types import priority
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.tools.soak.live import LiveSoak, Plan, run_live_soak
@@ -56,36 +55,30 @@ def _parser() -> argparse.ArgumentParser:
         type=seconds,
         default=600.0,
         metavar="S",
-        help="of the babbling with the lowest priority (default: %(default)g)",
+        help="babbling with the lowest priority (default: %(default)g)",
     )
     parser.add_argument(
         "--between-s",
         type=seconds,
         default=10.0,
         metavar="S",
-        help="of that between each two messages of the pair (default: %(default)g)",
+        help="babbling between each two messages of the pair (default: %(default)g)",
     )
     parser.add_argument(
         "--starve-s",
         type=seconds,
         default=10.0,
         metavar="S",
-        help="of that with the highest (default: %(default)g)",
+        help="babbling with the highest priority (default: %(default)g)",
     )
     parser.add_argument(
         "--priority",
         type=priority,
         default=50,
         metavar="0..99",
-        help="SCHED_FIFO priority, as far as the host grants it (default: %(default)s)",
+        help="SCHED_FIFO priority, if the host grants it (default: %(default)s)",
     )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/soak"),
-        metavar="FOLDER",
-        help="for logs and figures; 12 MB a minute (default: %(default)s)",
-    )
+    add_out_argument(parser, "out/soak", "folder for logs and figures; 12 MB a minute")
     return parser
 
 

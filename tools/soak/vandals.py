@@ -21,12 +21,12 @@ from rich.console import Console
 from rich.table import Table
 
 from ...bus_faults.babbling import babble
-from ...command_line import command_parser
+from ...command_line import command_parser, seconds
 from ...pair.processes import Processes
 from ...runtime.host import RealTimeRequest, StealClock, real_time
 from ...runtime.message import message_of
 from ...runtime.node import NS_PER_S
-from ...runtime.option_types import output_file, priority, seconds
+from ...runtime.option_types import output_file, priority
 from ...runtime.program import ExitStatus, run_main
 from ...runtime.report import write_json
 from ...runtime.statistics import DurationStatistics, DurationSummary

@@ -1,4 +1,4 @@
-"""Stress study: thousands of runs over latency, jitter, vehicles and laws; where does each break?
+"""Run a stress study: thousands of runs over latency, jitter, vehicles and laws.
 
     steer-by-wire stress latency_jitter --dry-run
     steer-by-wire stress STUDY [--out DIR] [--threads N]
@@ -22,7 +22,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import command_parser, whole_number
 from steer_by_wire.runtime.option_types import settings_file
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
 from steer_by_wire.runtime.settings import preset_names
@@ -31,6 +31,7 @@ from steer_by_wire.studies.scenario import Scenarios
 from steer_by_wire.studies.store import CHUNK_RUNS, Store
 from steer_by_wire.studies.study import load_study
 from steer_by_wire.studies.verdict import short_windows
+from steer_by_wire.terminal import plain_console
 from steer_by_wire.tools.stress_latency.dask_runner import dask_workers
 from steer_by_wire.tools.stress_latency.live import live_line, open_bus, run_live, subset
 from steer_by_wire.tools.stress_latency.replay import commands, replay, replay_lines
@@ -58,29 +59,46 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         help=f"a file, or one of {', '.join(preset_names('steer_by_wire.studies'))}",
     )
     parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="for the results (default: out/stress/NAME)"
+        "--out", type=Path, metavar="DIR", help="folder for the results (default: out/stress/NAME)"
     )
-    parser.add_argument("--dry-run", action="store_true", help="say how large it is, and end")
+    parser.add_argument(
+        "--dry-run", action="store_true", help="print the size of the study, and end"
+    )
     parser.add_argument(
         "--fastmath",
         action="store_true",
-        help="a little faster, but not bit for bit what the programs compute",
+        help="a little faster, but not bit for bit like the programs",
     )
-    parser.add_argument("--no-report", action="store_true", help="end with the results")
+    parser.add_argument("--no-report", action="store_true", help="write no report")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
-        "--threads", type=_count, metavar="N", help="default: as many as there are processors"
+        "--threads",
+        type=whole_number(1, 4096),
+        metavar="N",
+        help="default: one per processor",
     )
-    where.add_argument("--scheduler", metavar="ADDRESS", help="of dask.distributed: many machines")
-    where.add_argument("--workers", type=_count, metavar="N", help="processes, through dask")
-    again = parser.add_argument_group("runs made again")
-    again.add_argument("--replay", type=int, metavar="ID", help="one run, in virtual time")
+    where.add_argument(
+        "--scheduler", metavar="ADDRESS", help="scheduler of dask.distributed, for many machines"
+    )
+    where.add_argument(
+        "--workers",
+        type=whole_number(1, 4096),
+        metavar="N",
+        help="number of processes, through dask",
+    )
+    again = parser.add_argument_group("repeated runs")
+    again.add_argument("--replay", type=int, metavar="ID", help="repeat one run in virtual time")
     again.add_argument(
         "--live",
         metavar="BUS",
-        help="with the real programs, in real time: emulated, vcan0 or INTERFACE:CHANNEL",
+        help="repeat with the real programs in real time: emulated, vcan0 or INTERFACE:CHANNEL",
     )
-    again.add_argument("--subset", type=_count, metavar="N", help="runs of --live, spread evenly")
+    again.add_argument(
+        "--subset",
+        type=whole_number(1, 4096),
+        metavar="N",
+        help="number of runs of --live, spread evenly",
+    )
     options = parser.parse_args(arguments)
     if options.live and options.replay is None and options.subset is None:
         parser.error("--live needs --subset N or --replay ID")
@@ -89,15 +107,8 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     return options
 
 
-def _count(text: str) -> int:
-    """Read a number of things; argparse turns the error into one line."""
-    if not (text.isascii() and text.isdigit()) or not 0 < int(text) <= 4096:
-        raise argparse.ArgumentTypeError(f"allowed is 1 to 4096, not {text!r}")
-    return int(text)
-
-
 def _run(options: argparse.Namespace) -> int:
-    console = Console(markup=False, highlight=False, soft_wrap=True)
+    console = plain_console()
     scenarios = Scenarios(load_study(options.study, options.fastmath))
     scenarios.check()
     store = Store(options.out or Path("out/stress") / scenarios.study.settings.name, scenarios)

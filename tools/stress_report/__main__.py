@@ -20,7 +20,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"steer-by-wire stress latency_jitter\n{NAME} out/stress/latency_jitter",
         "FOLDER [options]",
     )
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="with a study's results")
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="folder with a study's results")
     return run_main(NAME, partial(_run, parser.parse_args(arguments).folder))
 
 

@@ -21,7 +21,7 @@ SILENCE, LOST, SKIPPED, LIMITED = "silence", "lost", "skipped", "intervention"
 own, or had to limit a command."""
 BUS_OFF = "bus_off"
 STATUS_BUS_FAILED = 3
-_COUNTER = frozenset({"repeated", "out_of_order", "too_far"})
+_COUNTER = frozenset({"repeated", "out_of_order", "too_far", "disputed"})
 _CONTENT = frozenset({"bad_crc", "wrong_length", "masqueraded", "out_of_range"})
 
 

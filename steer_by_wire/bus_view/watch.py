@@ -1,6 +1,6 @@
 """From frames to a view: the state of the bus now, and its history over the last SPAN_S.
 
-Times are those at which the monitor took a frame. So its figures of latency and lateness contain
+Times are those at which the program took a frame. So its figures of latency and lateness contain
 its own waiting; on a machine that is not overloaded that is some hundredths of a millisecond.
 """
 
@@ -8,11 +8,7 @@ from collections import deque
 from collections.abc import Mapping
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ...dbc.messages import (
-    COMMAND_COUNTERS,
+from ..dbc.messages import (
     CYCLE_TIMES_MS,
     MESSAGE_TYPES,
     ControllerSafety,
@@ -27,31 +23,16 @@ from ...dbc.messages import (
     SteeringStatusCode,
     VehicleState,
 )
-from ...recordings.bus_listener import BusListener, ReceivedMessage
-from ...runtime.frame import Frame
-from ...runtime.node import NS_PER_MS, NS_PER_S
+from ..recordings.bus_listener import BusListener, ReceivedMessage
+from ..runtime.frame import Frame
+from ..runtime.node import NS_PER_MS, NS_PER_S
+from .lateness import CommandLateness
+from .recent import Recent, Spread, Strip, spread_of, strip_of
 
-SPAN_S = 15.0
-POINTS_MAX = 1 << 14
-"""Points of one quantity that are kept: SPAN_S at 1 kHz."""
-STRIP_LENGTH = 120
-"""Values of a strip: as many as a wide terminal has room for."""
 STRIPS = ("lateral_error_m", "steer_rad", "downlink_s", "uplink_s", "round_trip_s", "lateness_s")
 _STALE_NS = NS_PER_S
 _MARK_NS = NS_PER_S // 10
 _IN_FLIGHT_MAX = 4096
-_SPAN_NS = round(SPAN_S * NS_PER_S)
-
-Strip = tuple[float | None, ...]
-"""The largest value of each of STRIP_LENGTH equal parts of SPAN_S, oldest first; None for none."""
-
-
-class Spread(NamedTuple):
-    """Median, 99th percentile and maximum of the last SPAN_S [s]."""
-
-    p50_s: float
-    p99_s: float
-    max_s: float
 
 
 class MessageView(NamedTuple):
@@ -103,31 +84,6 @@ class View(NamedTuple):
         return any(row.name == name and row.is_stale for row in self.messages)
 
 
-class _Recent:
-    """Points of the last SPAN_S."""
-
-    def __init__(self) -> None:
-        self._points: deque[tuple[int, float]] = deque(maxlen=POINTS_MAX)
-
-    def add(self, time_ns: int, value: float) -> None:
-        self._points.append((time_ns, value))
-        while time_ns - self._points[0][0] > _SPAN_NS:
-            self._points.popleft()
-
-    def arrays(self, now_ns: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return times before now [ns] and values, each of shape (n,)."""
-        if not self._points:
-            return np.empty(0, dtype=np.int64), np.empty(0)
-        times, values = zip(*self._points, strict=True)
-        return now_ns - np.array(times, dtype=np.int64), np.array(values)
-
-    def strip(self, now_ns: int) -> Strip:
-        return strip_of(*self.arrays(now_ns))
-
-    def spread(self, now_ns: int) -> Spread | None:
-        return _spread(self.arrays(now_ns)[1])
-
-
 class BusWatch:
     """Takes every frame on the bus; ``view`` returns the state to be shown."""
 
@@ -137,28 +93,49 @@ class BusWatch:
         self._frames = 0
         self._marks: deque[tuple[int, int]] = deque([(start_ns, 0)], maxlen=11)
         self._newest: dict[str, tuple[ReceivedMessage, int]] = {}
-        self._recent = {name: _Recent() for name in STRIPS if name != "lateness_s"}
-        self._cycles = {name: _Recent() for name in MESSAGE_TYPES}
-        self._commands: deque[tuple[int, int]] = deque(maxlen=POINTS_MAX)  # time, number
+        self._recent = {name: Recent() for name in STRIPS if name != "lateness_s"}
+        self._cycles = {name: Recent() for name in MESSAGE_TYPES}
+        self._lateness = CommandLateness()
         self._sent_ns: dict[int, int] = {}
 
-    def on_frame(self, frame: Frame, now_ns: int) -> None:
-        """Take a frame that arrived at ``now_ns``."""
+    @property
+    def round_trip_s(self) -> float:
+        """The newest round trip [s]; NaN before the first."""
+        return self._recent["round_trip_s"].newest
+
+    @property
+    def lateness_s(self) -> float:
+        """How late the newest command was [s]; NaN before three of them."""
+        return self._lateness.newest_s()
+
+    @property
+    def refused(self) -> Mapping[str, int]:
+        """Rejected frames, by cause."""
+        return self._listener.refused
+
+    @property
+    def foreign_frames(self) -> int:
+        """Frames with an identifier that the DBC does not define."""
+        return self._listener.foreign_frames
+
+    def on_frame(self, frame: Frame, now_ns: int) -> ReceivedMessage | None:
+        """Take a frame that arrived at ``now_ns``; returns its message if it is newer than all."""
         self._frames += 1
         if now_ns - self._marks[-1][0] >= _MARK_NS:
             self._marks.append((now_ns, self._frames))
         received = self._listener.take(frame)
         if received is None or received.is_late:
-            return
+            return None
         before = self._newest.get(received.name)
         if before is not None:
             self._cycles[received.name].add(now_ns, (now_ns - before[1]) / NS_PER_S)
         self._newest[received.name] = (received, now_ns)
         self._follow(received, now_ns)
+        return received
 
     def view(self, now_ns: int) -> View:
         """Return the state to be shown at ``now_ns``."""
-        late_ages_ns, lateness_s = self._lateness(now_ns)
+        late_ages_ns, lateness_s = self._lateness.arrays(now_ns)
         strips = {name: recent.strip(now_ns) for name, recent in self._recent.items()}
         strips["lateness_s"] = strip_of(late_ages_ns, lateness_s)
         newest = {type(received.message): received.message for received, _ in self._newest.values()}
@@ -169,7 +146,7 @@ class BusWatch:
         return View(
             elapsed_s=(now_ns - self._start_ns) / NS_PER_S,
             frames=self._frames,
-            frames_per_s=self._rate(now_ns),
+            frames_per_s=self.frames_per_s(now_ns),
             error=error if isinstance(error, LateralError) else None,
             command=command if isinstance(command, SteeringCommand) else None,
             steering=steering if isinstance(steering, SteeringStatus) else None,
@@ -183,10 +160,10 @@ class BusWatch:
             actuator=steering.status if isinstance(steering, SteeringStatus) else None,
             strips=strips,
             round_trip=self._recent["round_trip_s"].spread(now_ns),
-            lateness=_spread(lateness_s),
-            messages=tuple(self._message(name, now_ns) for name in MESSAGE_TYPES),
-            refused=self._listener.refused,
-            foreign_frames=self._listener.foreign_frames,
+            lateness=spread_of(lateness_s),
+            messages=self.messages(now_ns),
+            refused=self.refused,
+            foreign_frames=self.foreign_frames,
             foreign_ids=tuple(self._listener.foreign),
             error_frames=self._listener.error_frames,
         )
@@ -211,32 +188,11 @@ class BusWatch:
         if len(self._sent_ns) >= _IN_FLIGHT_MAX:
             del self._sent_ns[next(iter(self._sent_ns))]  # the oldest: a dict keeps its order
         self._sent_ns[counter] = now_ns
-        number = self._commands[-1][1] if self._commands else counter
-        step = (counter - number) % COMMAND_COUNTERS
-        if step > _IN_FLIGHT_MAX:  # the controller was restarted
-            self._commands.clear()
-            number, step = counter, 0
-        self._commands.append((now_ns, number + step))
-        while now_ns - self._commands[0][0] > _SPAN_NS:
-            self._commands.popleft()
+        self._lateness.take(counter, now_ns)
 
-    def _lateness(self, now_ns: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return age [ns] and lateness [s] of the last commands, each of shape (n,).
-
-        Commands are numbered, and due at a fixed period. The straight line through time over
-        number, moved down to the earliest command, gives the times they were due.
-        """
-        if len(self._commands) < 3:
-            return np.empty(0, dtype=np.int64), np.empty(0)
-        times_ns, numbers = np.array(self._commands, dtype=np.int64).T
-        ages_ns = now_ns - times_ns
-        elapsed_s = (times_ns - times_ns[0]) / NS_PER_S
-        count = (numbers - numbers[0]).astype(np.float64)
-        if not count[-1]:
-            return np.empty(0, dtype=np.int64), np.empty(0)
-        slope_s = np.polynomial.polynomial.polyfit(count, elapsed_s, 1)[1]
-        late_s = elapsed_s - slope_s * count
-        return ages_ns, late_s - late_s.min()
+    def messages(self, now_ns: int) -> tuple[MessageView, ...]:
+        """Return every message of the DBC as seen at ``now_ns``."""
+        return tuple(self._message(name, now_ns) for name in MESSAGE_TYPES)
 
     def _message(self, name: str, now_ns: int) -> MessageView:
         counts = self._listener.counts(name)
@@ -254,28 +210,9 @@ class BusWatch:
             period_s is not None and newest is not None and now_ns - newest[1] >= _STALE_NS,
         )
 
-    def _rate(self, now_ns: int) -> float:
+    def frames_per_s(self, now_ns: int) -> float:
         """Return the frames a second of the last second or so."""
         since_ns, frames = self._marks[0]
         if now_ns - self._marks[-1][0] >= _STALE_NS or now_ns <= since_ns:
             return 0.0
         return (self._frames - frames) * NS_PER_S / (now_ns - since_ns)
-
-
-def strip_of(ages_ns: NDArray[np.int64], values: NDArray[np.float64]) -> Strip:
-    """Return the strip of ``values`` that are ``ages_ns`` old [ns], both of shape (n,)."""
-    strip: list[float | None] = [None] * STRIP_LENGTH
-    places = STRIP_LENGTH - 1 - ages_ns * STRIP_LENGTH // _SPAN_NS
-    for place, value in zip(places.tolist(), values.tolist(), strict=True):
-        if 0 <= place < STRIP_LENGTH:
-            there = strip[place]
-            if there is None or abs(value) > abs(there):
-                strip[place] = value
-    return tuple(strip)
-
-
-def _spread(values_s: NDArray[np.float64]) -> Spread | None:
-    if not values_s.size:
-        return None
-    p50_s, p99_s = np.quantile(values_s, (0.5, 0.99))
-    return Spread(float(p50_s), float(p99_s), float(values_s.max()))

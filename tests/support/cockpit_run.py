@@ -1,0 +1,36 @@
+"""A recorded run for the cockpit's tests, and a sampler that has taken it."""
+
+from pathlib import Path
+
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.pair.virtual import run_virtual_pair
+from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, LatencySettings
+from steer_by_wire.plant_emulator.path_shapes import build_path
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.candump import CandumpReader
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.tools.cockpit.sampler import Sampler
+
+NS = 1_000_000_000
+PLANT = PlantSettings(
+    duration_s=12.0,
+    latency=BothLatencySettings(downlink=LatencySettings(mean_s=0.08)),
+)
+
+
+def recorded_run(folder: Path) -> Path:
+    """Record 12 s with 80 ms down in ``folder``; returns the log."""
+    file = folder / "run.log"
+    preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
+    run_virtual_pair(PLANT, load_settings(ControllerSettings, preset), candump_log=file)
+    return file
+
+
+def fed(log: Path) -> tuple[Sampler, int]:
+    """Return a sampler that has taken a recording, and the time of its last frame [ns]."""
+    sampler, now_ns = Sampler(0, build_path(PLANT.path)), 0
+    with log.open(encoding="ascii") as lines:
+        for entry in CandumpReader(lines):
+            now_ns = entry.time_ns
+            sampler.on_frame(entry.frame, now_ns)
+    return sampler, now_ns

@@ -1,0 +1,219 @@
+"""The cockpit's page in a headless Chromium: a live loop, a foreign bus, a replay from a disk."""
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import can
+import pytest
+
+from steer_by_wire.dbc.messages import (
+    Direction,
+    LatencyConfig,
+    LatencyModel,
+    LateralError,
+    decode,
+    encode,
+)
+from steer_by_wire.recordings.file_analysis import analyse_files
+from steer_by_wire.runtime.emulated_bus.launch import launched_broker
+from steer_by_wire.runtime.message import frame_of, message_of
+from steer_by_wire.tools.cockpit.__main__ import main
+from tests.support.browser import Browser, chromium, open_browser
+from tests.support.cockpit_run import recorded_run
+
+PROGRAM = chromium()
+pytestmark = pytest.mark.skipif(PROGRAM is None, reason="no Chromium here (package chromium)")
+PATIENCE_S = 60.0
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with open_browser(PROGRAM or "") as found:
+        found.resize(1280, 720)
+        yield found
+
+
+@contextmanager
+def cockpit(*options: str) -> Iterator[str]:
+    """Run the program; yields the address of its page."""
+    command = [sys.executable, "-m", "steer_by_wire", "cockpit", "--no-browser", *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            found = re.search(r"open (http://127\.0\.0\.1:\d+/[\w-]+/)$", process.stdout.readline())
+            assert found is not None
+            yield found[1]
+        finally:
+            process.terminate()
+            assert process.wait(PATIENCE_S) == 0
+
+
+def opened(browser: Browser, address: str) -> None:
+    """Open the page, and let it draw."""
+    browser.open("about:blank")  # the page before may still look for its server
+    browser.requests.clear()
+    browser.complaints.clear()
+    browser.open(address)
+    browser.wait_for("window.cockpit?.drawn > 2")
+
+
+def in_order(browser: Browser, address: str) -> None:
+    """Assert that the page complained of nothing and asked for nothing but from its server."""
+    assert browser.complaints == []
+    allowed = (address, address.replace("http:", "ws:"), "data:")
+    assert [request for request in browser.requests if not request.startswith(allowed)] == []
+    assert browser.requests
+
+
+def light(name: str) -> str:
+    """Return an expression for the state that a light of the shown lane has."""
+    return (
+        "[...document.querySelectorAll('#lights li')]"
+        f".find((item) => item.querySelector('.name').textContent === '{name}')"
+        "?.querySelector('b').textContent"
+    )
+
+
+def slide(identifier: str, value: float) -> str:
+    """Return an expression that moves a slider as a hand does."""
+    return (
+        f"(() => {{ const slider = document.getElementById('{identifier}');"
+        f" slider.value = {value}; slider.dispatchEvent(new Event('input')); }})()"
+    )
+
+
+def value_of(signal: str) -> str:
+    """Return an expression for the newest value of a signal of the first lane."""
+    return f"cockpit.lanes[0].value('{signal}', cockpit.nowS)"
+
+
+def press(*words: str) -> str:
+    """Return an expression that presses the buttons with these words or titles."""
+    return (
+        f"{list(words)!r}.forEach((word) => [...document.querySelectorAll('button')]"
+        ".find((button) => button.textContent === word || button.title === word).click())"
+    )
+
+
+def test_a_live_loop_is_watched_driven_and_recorded(browser: Browser, tmp_path: Path) -> None:
+    with cockpit("--bus", "emulated") as address:
+        opened(browser, address)
+        browser.wait_for(f"{light('Controller')} === 'ACTIVE'")
+        browser.wait_for(f"{light('Steering')} === 'APPLYING'")
+        browser.wait_for(f"Math.abs({value_of('downlink_s')} - 0.08) < 0.001")
+
+        # The slider sends LATENCY_CONFIG; that the plant reports the latency shows that it came.
+        browser.read(slide("downlink-mean_s", 140))
+        browser.wait_for(f"Math.abs({value_of('downlink_s')} - 0.14) < 0.001")
+        browser.wait_for(f"{value_of('round_trip_s')} > 0.14")
+
+        # A disturbance over the bus leaves its mark in the error.
+        browser.read("document.getElementById('offset').click()")
+        browser.wait_for(f"Math.abs({value_of('lateral_error_m')}) > 0.002")
+
+        controller = "controller of practical pd ddob"
+        browser.read(press(f"Kill {controller}"))
+        browser.wait_for(f"{light('Steering')} === 'FALLBACK'")
+        browser.wait_for(f"{light('Controller')} === 'SILENT'")
+        browser.read(press(f"Restart {controller}"))
+        browser.wait_for(f"{light('Controller')} === 'ACTIVE'")
+        browser.wait_for(f"['APPLYING', 'LIMITED BY SAFETY'].includes({light('Steering')})")
+
+        browser.read(press("DDOB with varying delay"))
+        browser.wait_for("cockpit.lanes.length === 3 && cockpit.drawn")
+        laws = "cockpit.status.lanes.map((lane) => lane.law).join()"
+        browser.wait_for(f"{laws} === 'PD,PD_CDOB,PD_DDOB'")
+        browser.read("cockpit.wish({ do: 'record', on: true })")
+        browser.wait_for("cockpit.status.recording_s > 0.5")
+        browser.read("cockpit.wish({ do: 'record', on: false })")
+        browser.wait_for("cockpit.status.recording_s === null")
+        text = browser.read("fetch('recording/lane2.log').then((answer) => answer.text())")
+        in_order(browser, address)
+    file = tmp_path / "lane2.log"
+    file.write_text(text, encoding="ascii")
+    assert analyse_files([file]).figures["laws"] == ["PD_CDOB"]
+
+
+def test_a_foreign_bus_gets_the_frame_that_the_slider_asks_for(browser: Browser) -> None:
+    with (
+        launched_broker() as broker,
+        can.Bus(interface="emulated", channel="foreign", address=broker) as bus,
+    ):
+        where = ("-i", "emulated", "-c", "foreign", "--bus-kwargs", f"address={broker}")
+        with cockpit(*where, "--allow-control") as address:
+            opened(browser, address)
+            bus.send(message_of(encode(LateralError(0.0421, 0.0), 0)))
+            browser.wait_for("document.querySelector('#figures').innerText.includes('42.1')")
+            browser.read(slide("uplink-mean_s", 35))
+            got = bus.recv(PATIENCE_S)
+            in_order(browser, address)
+        assert got is not None
+        wanted = LatencyConfig(Direction.UPLINK, LatencyModel.NORMAL, 0.035, 0.0, 0.0)
+        assert decode(frame_of(got)) == decode(encode(wanted, 0))
+        with cockpit(*where) as address:
+            opened(browser, address)
+            assert browser.read("document.getElementById('uplink-mean_s').disabled")
+            in_order(browser, address)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded_run(tmp_path_factory.mktemp("cockpit"))
+
+
+def shown_figures(browser: Browser) -> Sequence[str]:
+    text: str = browser.read("document.querySelector('#figures tbody').innerText")
+    return re.findall(r"\d+\.\d+", text)
+
+
+def test_a_replay_shows_the_figures_of_the_analysis(browser: Browser, log: Path) -> None:
+    with cockpit(str(log)) as address:
+        opened(browser, address)
+        browser.read("cockpit.player.seek(cockpit.player.durationS)")
+        error = analyse_files([log]).figures["signals"]["lateral_error_m"]
+        wanted = [f"{1e3 * error['rms']:.2f}", f"{1e3 * abs(error['peak']):.2f}"]
+        browser.wait_for(f"document.querySelector('#figures').innerText.includes('{wanted[0]}')")
+        assert shown_figures(browser)[:2] == wanted
+        in_order(browser, address)
+
+
+def test_an_exported_replay_plays_from_a_disk(browser: Browser, log: Path, tmp_path: Path) -> None:
+    file = tmp_path / "run.html"
+    assert main([str(log), "--export", str(file)]) == 0
+    opened(browser, file.as_uri())
+    browser.wait_for("cockpit.player.nowS > 0.5")
+    browser.read("cockpit.player.toggle(); cockpit.player.seek(6)")
+    browser.wait_for("document.querySelector('#timeline span').textContent.startsWith('6.0 / ')")
+    before = browser.read("cockpit.player.nowS")
+    browser.read("document.getElementById('speed').value = '10'")
+    browser.read("document.getElementById('speed').dispatchEvent(new Event('change'))")
+    browser.read("cockpit.player.toggle()")
+    browser.wait_for(f"cockpit.player.nowS > {before} + 3")
+    in_order(browser, file.as_uri())
+
+
+def test_the_page_fits_a_phone(browser: Browser, log: Path, tmp_path: Path) -> None:
+    file = tmp_path / "run.html"
+    assert main([str(log), "--export", str(file)]) == 0
+    browser.resize(390, 844, is_phone=True)
+    opened(browser, file.as_uri())
+    assert browser.read("document.documentElement.scrollWidth") == 390
+    browser.resize(1280, 720)
+    assert browser.read("document.documentElement.scrollHeight") <= 720
+    assert browser.complaints == []
+
+
+def test_every_control_has_a_name_for_a_screen_reader(browser: Browser) -> None:
+    with cockpit("--bus", "emulated") as address:
+        opened(browser, address)
+        browser.wait_for("document.querySelectorAll('.scenario').length")
+        tree = browser.call("Accessibility.getFullAXTree")["nodes"]
+        roles = ("button", "slider", "combobox", "textbox", "spinbutton", "tab", "img", "link")
+        controls = [node for node in tree if node.get("role", {}).get("value") in roles]
+        assert len(controls) > 25
+        nameless = [node for node in controls if not node.get("name", {}).get("value")]
+        assert nameless == []

@@ -1,0 +1,113 @@
+"""The cockpit's replay, its page in one file, and the scenarios that a page can start."""
+
+import gzip
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.recordings.file_analysis import analyse_files
+from steer_by_wire.recordings.log_file import LogError
+from steer_by_wire.tools.cockpit.page import page_files, served_page, single_page
+from steer_by_wire.tools.cockpit.replay import head_of, read_replay
+from steer_by_wire.tools.cockpit.scenario import choices, lane_settings, scenario_of, scenarios
+from steer_by_wire.tools.cockpit.signals import NAMES
+from steer_by_wire.tools.cockpit.wire import packed_row, packed_rows
+from tests.support.cockpit_run import fed, recorded_run
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a recording of 12 s with 80 ms down."""
+    return recorded_run(tmp_path_factory.mktemp("cockpit"))
+
+
+def test_a_replay_ends_with_the_figures_of_the_analysis(log: Path) -> None:
+    block = read_replay([log])
+    head = head_of(block)
+    wanted = analyse_files([log]).figures
+    assert head["duration_s"] == pytest.approx(wanted["duration_s"])
+    last = packed_row(head["duration_s"], fed(log)[0].row(fed(log)[1]))
+    # The path is not known to a replay, so its place differs; the figures are the last two.
+    assert gzip.decompress(block)[-8:] == last[-8:]
+    assert head["lights"][-1][1][0]["state"] == "ACTIVE"
+    assert len(head["frame_lists"]) == math.ceil(head["duration_s"] / head["frame_list_s"])
+
+
+def test_a_long_recording_has_fewer_rows_a_second(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("steer_by_wire.tools.cockpit.replay.ROWS_MAX", 256)
+    head = head_of(read_replay([log]))
+    assert head["row_period_s"] == pytest.approx(0.08)
+
+
+def test_a_log_without_times_is_refused_in_one_line(tmp_path: Path) -> None:
+    file = tmp_path / "no_times.log"
+    file.write_text("  vcan0  100   [8]  00 00 00 00 00 00 00 00\n", encoding="ascii")
+    with pytest.raises(LogError, match=r"no_times\.log: has no times, which a replay needs"):
+        read_replay([file])
+
+
+def test_the_one_file_loads_nothing() -> None:
+    page = single_page(b"block", "a title")
+    assert "<title>a title</title>" in page
+    assert "src=" not in page.split('<script type="module"')[0].split("<style>")[0]
+    assert 'rel="stylesheet"' not in page
+    assert page.count("data:text/javascript;base64,") == sum(
+        name.endswith(".js") and "/" not in name for name in page_files()
+    )
+
+
+def test_every_script_of_the_served_page_carries_the_nonce() -> None:
+    page = served_page("secret")
+    assert page.count("<script") == page.count('<script nonce="secret"') == 3
+
+
+def test_no_file_of_the_page_names_an_address_to_load_from() -> None:
+    own = {name: text for name, (text, _) in page_files().items() if not name.startswith("vendor/")}
+    assert len(own) > 10
+    loads = ("https://", "http://", "@import", "url(")
+    found = [(n, w) for n, text in own.items() for w in loads if w in text]
+    assert found == [("icon.svg", "http://")]  # the name of a namespace
+
+
+def test_no_module_of_the_page_grows_beyond_a_screenful_of_screens() -> None:
+    own = {name: text for name, (text, _) in page_files().items() if not name.startswith("vendor/")}
+    assert {name for name, text in own.items() if len(text.splitlines()) > 300} == set()
+
+
+# Scenarios
+
+
+def test_every_scenario_has_settings_that_both_programs_accept() -> None:
+    for scenario in scenarios():
+        lanes = lane_settings(scenario)
+        assert len(lanes) == len(scenario.controllers)
+        assert {lane.plant.seed for lane in lanes} == {scenario.seed}
+    assert json.dumps(choices(), allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("values", "line"),
+    [
+        ({"controllers": ["nosuch"]}, "preset nosuch: there is none of this name"),
+        ({"controllers": []}, "the page: controllers"),
+        ({"speed_km_h": 1000.0}, "the page: speed_km_h = 1000.0"),
+        ({"path": "a ditch"}, "the page: path"),
+        ({"plant": "nosuch"}, "preset nosuch: there is none of this name"),
+        ({"downlink": {"loss": 2.0}}, "the page: downlink.loss = 2.0"),
+        ({"speling": 1}, "the page: speling"),
+    ],
+)
+def test_a_bad_choice_is_refused_in_one_line(values: dict[str, object], line: str) -> None:
+    with pytest.raises(ValueError, match=line):
+        lane_settings(scenario_of(values))
+
+
+def test_a_batch_of_rows_is_what_its_header_says() -> None:
+    row = packed_row(1.5, range(len(NAMES)))
+    batch = packed_rows(3, [row, row])
+    assert len(batch) == 8 + 2 * len(row) == 8 + 2 * (8 + 4 * len(NAMES))
+    assert batch[:8] == bytes([1, 3, len(NAMES), 0, 2, 0, 0, 0])

@@ -1,0 +1,226 @@
+"""What the cockpit makes of frames: signals, place, lights, the list of frames, a replay."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.dbc.messages import (
+    ControllerFault,
+    ControllerSafety,
+    ControllerStatus,
+    DelayStatus,
+    EchoState,
+    EstimateState,
+    Freshness,
+    LateralError,
+    Law,
+    Mode,
+    PlantStatus,
+    SafetyState,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    VehicleState,
+    encode,
+)
+from steer_by_wire.plant_emulator.path import pose
+from steer_by_wire.plant_emulator.path_shapes import build_path, path_of_curvature
+from steer_by_wire.recordings.file_analysis import analyse_files
+from steer_by_wire.runtime.candump import CandumpReader
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.tools.cockpit.frame_text import message_text, payload_text
+from steer_by_wire.tools.cockpit.lights import Known, Light, lights_of
+from steer_by_wire.tools.cockpit.place import Place
+from steer_by_wire.tools.cockpit.sampler import Sampler
+from steer_by_wire.tools.cockpit.signals import CHARTS, FIGURES, NAMES
+from tests.support.cockpit_run import NS, PLANT, fed, recorded_run
+
+MS = 1_000_000
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a recording of 12 s with 80 ms down."""
+    return recorded_run(tmp_path_factory.mktemp("cockpit"))
+
+
+def signals(sampler: Sampler, now_ns: int) -> dict[str, float]:
+    return dict(zip(NAMES, sampler.row(now_ns), strict=True))
+
+
+# Signals
+
+
+def test_the_running_figures_are_those_of_the_analysis(log: Path) -> None:
+    row = signals(*fed(log))
+    wanted = analyse_files([log]).figures["signals"]["lateral_error_m"]
+    assert row["rms_m"] == pytest.approx(wanted["rms"], rel=1e-12)
+    assert row["peak_m"] == pytest.approx(abs(wanted["peak"]), rel=1e-12)
+
+
+def test_figures_that_are_reset_are_those_since_then(log: Path) -> None:
+    sampler, now_ns = fed(log)
+    sampler.reset_figures()
+    assert math.isnan(signals(sampler, now_ns)["rms_m"])
+    sampler.on_frame(encode(LateralError(-0.25, 0.0), 0), now_ns)
+    row = signals(sampler, now_ns)
+    assert (row["rms_m"], row["peak_m"]) == (0.25, 0.25)
+
+
+def test_a_command_is_in_effect_one_latency_after_it_was_wanted(log: Path) -> None:
+    sampler = Sampler(0)
+    wanted: list[tuple[int, float]] = []
+    compared = 0
+    with log.open(encoding="ascii") as lines:
+        for entry in CandumpReader(lines):
+            sampler.on_frame(entry.frame, entry.time_ns)
+            row = signals(sampler, entry.time_ns)
+            wanted.append((entry.time_ns, row["steer_rad"]))
+            if entry.frame.can_id != 0x120 or entry.time_ns < NS:
+                continue
+            earlier = [rad for at, rad in wanted if at <= entry.time_ns - 80 * MS]
+            # The status is of the sample, a little before its frame is on the bus.
+            assert row["steer_in_effect_rad"] in earlier[-12:]
+            compared += 1
+            if compared == 100:
+                break
+    assert compared == 100
+
+
+def test_the_round_trip_has_the_latency_and_the_wait_for_the_sample(log: Path) -> None:
+    row = signals(*fed(log))
+    assert 0.08 <= row["round_trip_s"] < 0.1
+    assert row["downlink_s"] == pytest.approx(0.08, abs=5e-4)
+    assert row["uplink_s"] == 0.0
+    assert row["lateness_s"] < 0.001
+
+
+def test_what_is_silent_is_absent(log: Path) -> None:
+    sampler, now_ns = fed(log)
+    later = signals(sampler, now_ns + NS)
+    gone = ("lateral_error_m", "steer_rad", "wheel_angle_rad", "downlink_s", "round_trip_s")
+    assert all(math.isnan(later[name]) for name in gone)
+    assert {light.state for light in sampler.lights(now_ns + NS)} == {"SILENT", "INTACT"}
+
+
+def test_every_chart_and_figure_shows_a_signal_that_there_is() -> None:
+    shown = {name for chart in CHARTS for name in (*chart.signals, chart.of_lanes)}
+    assert shown | {figure.signal for figure in FIGURES} <= set(NAMES)
+
+
+# Place
+
+
+def test_the_place_is_that_of_the_plant(log: Path) -> None:
+    sampler, now_ns = fed(log)
+    row = signals(sampler, now_ns)
+    wanted = pose(build_path(PLANT.path), 5.0 / 3.6 * now_ns / NS)
+    assert (row["foot_x_m"], row["foot_y_m"]) == pytest.approx(wanted[:2], abs=0.05)
+
+
+def test_without_the_path_the_curvature_gives_its_shape() -> None:
+    road = path_of_curvature([(2.0, 0.0), (7.0, 0.05), (12.0, 0.0)])
+    place = Place(None)
+    curvatures = {0: 0.0}
+    place.on_vehicle(VehicleState(10.0, 0.0, 0.0), 0)
+    place.on_command(0)
+    for number in range(1, 101):
+        s_m = 0.2 * number
+        curvatures[number] = max(0.0, 0.05 - abs(s_m - 7.0) * 0.01)
+        place.on_vehicle(VehicleState(10.0, 0.0, curvatures[number]), number * 20 * MS)
+    got, wanted = place.at(100 * 20 * MS), pose(road, 20.0)
+    assert got == pytest.approx(wanted, abs=0.05)
+
+
+def test_the_vehicle_stands_until_the_first_command_and_where_it_was_seen_last() -> None:
+    place = Place(None)
+    place.on_vehicle(VehicleState(10.0, 0.0, 0.0), 0)
+    assert place.at(5 * NS).x_m == 0.0
+    place.on_command(5 * NS)
+    assert place.at(5 * NS + 100 * MS).x_m == pytest.approx(1.0)
+    assert place.at(60 * NS).x_m == pytest.approx(5.0)  # half a second and no farther
+
+
+# Lights
+
+CALM = Known(
+    ControllerStatus(Mode.ACTIVE, Law.PD, 0.0, 0.0, 0),
+    ControllerSafety(0, 0, Freshness.FRESH, Freshness.FRESH, Freshness.FRESH, ControllerFault.NONE),
+    DelayStatus(0.1, 0.1, EchoState.KNOWN, EstimateState.OBSERVABLE, 1.0),
+    SteeringStatus(0.0, 1, SteeringStatusCode.APPLYING),
+    PlantStatus(0.0, 0.0, 0, 0, SafetyState.NORMAL),
+    {},
+)
+
+
+def light_of(known: Known, name: str) -> Light:
+    return next(light for light in lights_of(known) if light.name == name)
+
+
+def test_a_calm_loop_has_only_good_lights() -> None:
+    assert {light.level for light in lights_of(CALM)} == {"good"}
+
+
+def test_every_state_has_a_light_with_its_cause_in_words() -> None:
+    assert CALM.controller is not None
+    assert CALM.safety is not None
+    assert CALM.steering is not None
+    assert CALM.plant is not None
+    cases = [
+        *(("Controller", CALM._replace(controller=CALM.controller._replace(mode=m))) for m in Mode),
+        *(
+            ("Controller", CALM._replace(safety=CALM.safety._replace(fault=f)))
+            for f in ControllerFault
+        ),
+        *(
+            ("Steering", CALM._replace(steering=CALM.steering._replace(status=s)))
+            for s in SteeringStatusCode
+        ),
+        *(("Safety", CALM._replace(plant=CALM.plant._replace(safety=s))) for s in SafetyState),
+    ]
+    causes = {light_of(known, name).cause for name, known in cases}
+    assert len(causes) == len(cases) - 1  # without a fault the mode is shown, ACTIVE again
+    assert light_of(cases[3][1], "Controller").level == "bad"
+
+
+def test_a_stale_message_is_named() -> None:
+    assert CALM.safety is not None
+    stale = CALM.safety._replace(vehicle_state_freshness=Freshness.STALE)
+    light = light_of(CALM._replace(safety=stale), "Measurements")
+    assert (light.level, light.state) == ("bad", "STALE")
+    assert light.cause == "VEHICLE_STATE: older than its age limit"
+
+
+def test_a_refused_frame_lights_up_for_a_while() -> None:
+    sampler = Sampler(0)
+    good = encode(LateralError(0.0, 0.0), 0)
+    sampler.on_frame(Frame(good.can_id, bytes([good.data[0] ^ 1]) + good.data[1:]), NS)
+    assert sampler.lights(NS)[-1].cause == "in the last seconds: bad crc"
+    assert sampler.lights(5 * NS)[-1].state == "INTACT"
+
+
+# Frames
+
+
+def test_a_frame_is_shown_as_candump_shows_it_and_in_words() -> None:
+    message = SteeringCommand(-0.01234, 17, Mode.HOLDING)
+    assert payload_text(Frame(0x320, bytes.fromhex("2320032C016400"))) == (
+        "[7]  23 20 03 2C 01 64 00"
+    )
+    assert message_text(message) == (
+        "STEER -0.01234 rad, COMMAND_COUNTER 17, STEERING_COMMAND_MODE HOLDING"
+    )
+
+
+def test_the_list_of_frames_has_cycle_times_beside_those_of_the_dbc(log: Path) -> None:
+    sampler, now_ns = fed(log)
+    sampler.on_frame(Frame(0x7A0, b"\x01\x02"), now_ns)
+    rows = {row["name"]: row for row in sampler.frames(now_ns)["rows"]}
+    command = rows["STEERING_COMMAND"]
+    assert command["cycle_s"][0] == pytest.approx(command["period_s"], rel=0.01)
+    assert (command["id"], command["missing"], command["stale"]) == ("100", 0, False)
+    assert rows["LATENCY_CONFIG"]["period_s"] is None
+    assert rows["not in the DBC"]["payload"] == "[2]  01 02"
+    json.dumps(sampler.frames(now_ns), allow_nan=False)

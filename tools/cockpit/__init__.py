@@ -1,0 +1,1 @@
+"""Watch and drive the loop in a browser."""

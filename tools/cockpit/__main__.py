@@ -1,0 +1,154 @@
+"""Watch and drive the loop in a browser: the car on its path, signals, lights, frames, the network.
+
+    steer-by-wire cockpit
+    steer-by-wire cockpit -i socketcan -c can0
+    steer-by-wire cockpit run.log --export run.html
+
+Without a bus and without a RECORDING it starts a plant, a controller and a bus of its own. With a
+bus (-i, -c) it listens there, and sends nothing unless --allow-control is given.
+"""
+
+import argparse
+import asyncio
+import json
+import logging
+import signal
+import sys
+import time
+import webbrowser
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from steer_by_wire.command_line import command_parser
+from steer_by_wire.recordings.log_file import LogError
+from steer_by_wire.runtime.bus import add_bus_arguments
+from steer_by_wire.runtime.option_types import output_file
+from steer_by_wire.runtime.port import open_port
+from steer_by_wire.runtime.program import ExitStatus, run_main, say
+from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.tools.cockpit.desk import Desk
+from steer_by_wire.tools.cockpit.guard import HOST, new_token
+from steer_by_wire.tools.cockpit.lane import Lane
+from steer_by_wire.tools.cockpit.page import single_page
+from steer_by_wire.tools.cockpit.replay import read_replay
+from steer_by_wire.tools.cockpit.rig import Rig
+from steer_by_wire.tools.cockpit.scenario import scenarios
+from steer_by_wire.tools.cockpit.server import Server, serve
+
+NAME = "steer-by-wire cockpit"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit status."""
+    return run_main(NAME, partial(_run, _parser().parse_args(arguments)))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = command_parser(
+        NAME,
+        __doc__,
+        f"{NAME} --scenario 'DDOB with varying delay'\n"
+        f"{NAME} -i socketcan -c can0\n{NAME} run.log --export run.html",
+        "[RECORDING...] [options]",
+    )
+    parser.add_argument(
+        "recordings", nargs="*", type=Path, metavar="RECORDING", help="one log, of any format"
+    )
+    parser.add_argument(
+        "--export", type=output_file, metavar="FILE", help="write the replay as one page, and end"
+    )
+    parser.add_argument("--log-channel", metavar="NAME", help="of a recording with several")
+    parser.add_argument(
+        "--scenario", metavar="TITLE", help=f"to begin with: {', '.join(_titles())}"
+    )
+    parser.add_argument(
+        "--bus",
+        choices=("auto", "socketcan", "emulated"),
+        default="auto",
+        help="of our own pairs (default: vcan0 where there is one, else emulated)",
+    )
+    parser.add_argument(
+        "--allow-control", action="store_true", help="let the page change a foreign bus's latency"
+    )
+    parser.add_argument(
+        "--port", type=int, default=0, metavar="N", help="of 127.0.0.1 (default: any that is free)"
+    )
+    parser.add_argument(
+        "--no-browser", dest="browser", action="store_false", help="only print the address"
+    )
+    add_bus_arguments(parser)
+    return parser
+
+
+def _titles() -> Sequence[str]:
+    return [scenario.title for scenario in scenarios()]
+
+
+def _run(options: argparse.Namespace) -> int:
+    logging.getLogger("can").addHandler(logging.NullHandler())
+    if options.recordings:
+        block = _block(options)
+        if options.export is not None:
+            title = ", ".join(path.name for path in options.recordings)
+            options.export.write_text(single_page(block, title), encoding="utf-8")
+            say(NAME, f"wrote {options.export}")
+            return ExitStatus.OK
+        return asyncio.run(_serve(options, None, block))
+    if options.export is not None:
+        raise SettingsError("--export needs a RECORDING")
+    if not {"interface", "channel"} & set(
+        vars(options)
+    ):  # python-can leaves out what was not given
+        rig = Rig(options.bus)
+        return asyncio.run(_serve(options, Desk(rig, None, "", may_control=True), None))
+    opened = open_port(options)
+    lane = Lane(opened.port, time.monotonic_ns())
+    desk = Desk(None, lane, opened.description, may_control=options.allow_control)
+    return asyncio.run(_serve(options, desk, None))
+
+
+def _block(options: argparse.Namespace) -> bytes:
+    """Read the recording; a mistake in it is one of the command line."""
+    try:
+        return read_replay(options.recordings, options.log_channel)
+    except LogError as error:
+        raise SettingsError(str(error)) from error
+
+
+async def _serve(options: argparse.Namespace, desk: Desk | None, block: bytes | None) -> int:
+    """Serve until a signal ends it."""
+    token = new_token()
+    end = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, end.set)
+    runner, port = await serve(Server(token, desk, block), HOST, options.port)
+    address = f"http://{HOST}:{port}/{token}/"
+    say(NAME, f"open {address}")
+    if options.browser:
+        await asyncio.to_thread(webbrowser.open, address)
+    try:
+        if desk is not None:
+            await _start(options, desk)
+        await end.wait()
+    finally:
+        await runner.cleanup()
+        if desk is not None:
+            await desk.close()
+    return ExitStatus.OK
+
+
+async def _start(options: argparse.Namespace, desk: Desk) -> None:
+    """Start the scenario to begin with, where the programs are ours."""
+    if not desk.is_own:
+        return
+    by_title = {scenario.title: scenario for scenario in scenarios()}
+    title = options.scenario or next(iter(by_title))
+    if title not in by_title:
+        raise SettingsError(f"no scenario {title!r}; there are: {json.dumps(list(by_title))}")
+    await desk.start(by_title[title])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

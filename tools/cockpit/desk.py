@@ -1,0 +1,161 @@
+"""Fulfils what pages ask for, in order, and keeps what all of them show.
+
+Starting and ending programs takes seconds, so it is done in a thread of its own.
+"""
+
+import asyncio
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from ...dbc.messages import encode
+from ...runtime.bus import BusError
+from ...runtime.settings import SettingsError
+from .course import LaneFacts, foreign_facts
+from .lane import Lane
+from .rig import Rig
+from .scenario import Scenario, choices, scenario_of
+from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS
+from .wishes import Act, Disturb, Record, ResetFigures, SetLatency, Start, Wish, WishError, wish_of
+
+LISTENS_ONLY = "this page only listens; --allow-control lets it change the latency"
+NOT_OURS = "only the pairs that the cockpit has started itself can be started, killed or paused"
+
+
+class Desk:
+    """The lanes and what may be done to them.
+
+    ``rig``          runs our own pairs; None where a foreign bus is listened to
+    ``lane``         that bus; None with a rig
+    ``may_control``  whether frames may be sent
+    """
+
+    def __init__(self, rig: Rig | None, lane: Lane | None, bus: str, *, may_control: bool) -> None:
+        self._rig = rig
+        self._foreign = lane
+        self._bus = bus
+        self._may_control = may_control
+        self._worker = ThreadPoolExecutor(1, "desk")
+        self._stack = ExitStack()
+        self.recordings = Path(
+            self._stack.enter_context(tempfile.TemporaryDirectory(prefix="cockpit-recordings-"))
+        )
+        self._recording_since: float | None = None
+        self._scenario: Scenario | None = None
+        self._busy = ""
+        self.generation = 0
+
+    @property
+    def lanes(self) -> Sequence[Lane]:
+        """The lanes of now."""
+        if self._rig is not None:
+            return self._rig.lanes
+        return () if self._foreign is None else (self._foreign,)
+
+    @property
+    def is_own(self) -> bool:
+        """Whether the programs on the bus are ours."""
+        return self._rig is not None
+
+    async def start(self, scenario: Scenario) -> None:
+        """Start a scenario; raises what ``Rig.start`` raises."""
+        await self._in_thread(lambda: self._start(scenario), f"starting {scenario.title}")
+
+    async def fulfil(self, text: str) -> str:
+        """Fulfil the wish in a message; returns a line that says why not, empty when it was."""
+        try:
+            wish = wish_of(text)
+            if not self._may_control and not isinstance(wish, ResetFigures | Record):
+                return LISTENS_ONLY
+            await self._in_thread(lambda: self._fulfil(wish), _BUSY.get(type(wish), ""))
+        except (WishError, SettingsError, BusError, OSError, RuntimeError) as error:
+            return " ".join(str(error).splitlines())
+        return ""
+
+    def hello(self) -> Mapping[str, Any]:
+        """Return all that a page needs before the first row, ready for JSON."""
+        facts: Sequence[LaneFacts] = (
+            (foreign_facts("bus"),) if self._rig is None else self._rig.facts
+        )
+        return {
+            "kind": "hello",
+            "signals": [signal._asdict() for signal in SIGNALS],
+            "charts": [chart._asdict() for chart in CHARTS],
+            "figures": [figure._asdict() for figure in FIGURES],
+            "row_period_s": ROW_PERIOD_S,
+            "lanes": [lane._asdict() for lane in facts],
+            "bus": self._bus if self._rig is None else self._rig.bus,
+            "may_control": self._may_control,
+            "is_own": self.is_own,
+            "choices": choices(),
+            "scenario": self._scenario and self._scenario.model_dump(mode="json"),
+        }
+
+    def status(self) -> Mapping[str, Any]:
+        """Return what changes a few times a second, ready for JSON."""
+        since = self._recording_since
+        return {
+            "kind": "status",
+            "lanes": [lane.status for lane in self.lanes],
+            "programs": [] if self._rig is None else self._rig.states(),
+            "recording_s": None if since is None else round(time.monotonic() - since, 1),
+            "recorded": sorted(file.name for file in self.recordings.iterdir()),
+            "busy": self._busy,
+        }
+
+    async def close(self) -> None:
+        """End everything that was started."""
+        await asyncio.get_running_loop().run_in_executor(self._worker, self._close)
+        self._worker.shutdown()
+
+    async def _in_thread(self, work: Any, busy: str) -> None:
+        self._busy = busy
+        try:
+            await asyncio.get_running_loop().run_in_executor(self._worker, work)
+        finally:
+            self._busy = ""
+
+    def _fulfil(self, wish: Wish) -> None:
+        match wish:
+            case SetLatency() | Disturb():
+                for lane in self.lanes:
+                    lane.send([encode(wish.message, 0)])
+            case Start():
+                self._start(scenario_of(wish.scenario))
+            case Act():
+                self._own_rig().act(wish.lane, wish.program, wish.action)
+            case Record():
+                self._record(wish.on)
+            case ResetFigures():
+                for lane in self.lanes:
+                    lane.reset_figures()
+
+    def _own_rig(self) -> Rig:
+        if self._rig is None:
+            raise WishError(NOT_OURS)
+        return self._rig
+
+    def _start(self, scenario: Scenario) -> None:
+        self._own_rig().start(scenario)
+        self._recording_since = None
+        self._scenario = scenario
+        self.generation += 1
+
+    def _record(self, on: bool) -> None:
+        for number, lane in enumerate(self.lanes, start=1):
+            lane.record(self.recordings / f"lane{number}.log" if on else None)
+        self._recording_since = time.monotonic() if on else None
+
+    def _close(self) -> None:
+        if self._rig is not None:
+            self._rig.stop()
+        if self._foreign is not None:
+            self._foreign.close()
+        self._stack.close()
+
+
+_BUSY: Mapping[type[Any], str] = {Start: "starting the programs"}

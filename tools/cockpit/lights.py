@@ -1,0 +1,135 @@
+"""The lights of a lane: modes, safety states and faults, each with its cause in words."""
+
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+from ...dbc.messages import (
+    ControllerFault,
+    ControllerSafety,
+    ControllerStatus,
+    DelayStatus,
+    EchoState,
+    Freshness,
+    Mode,
+    PlantStatus,
+    SafetyState,
+    SteeringStatus,
+    SteeringStatusCode,
+)
+
+GOOD, NOTICE, BAD, OFF = "good", "notice", "bad", "off"
+
+
+class Light(NamedTuple):
+    """One light: what it is of, how grave its state is, the state, and the cause in words."""
+
+    name: str
+    level: str
+    state: str
+    cause: str
+
+
+class Known(NamedTuple):
+    """What the lights are made of; None for a message that is not on the bus, or no longer.
+
+    ``refused``  frames that this program refused in the last seconds, by cause
+    """
+
+    controller: ControllerStatus | None
+    safety: ControllerSafety | None
+    delay: DelayStatus | None
+    steering: SteeringStatus | None
+    plant: PlantStatus | None
+    refused: Mapping[str, int]
+
+
+_MODES = {
+    Mode.WAITING: (NOTICE, "no valid measurement yet: no command is sent"),
+    Mode.ACTIVE: (GOOD, "steers by fresh measurements"),
+    Mode.HOLDING: (NOTICE, "measurements have stopped: the last command is held"),
+    Mode.SAFE_STOP: (BAD, "measurements stayed away: the command goes to zero"),
+}
+_FAULTS = {
+    ControllerFault.OVERRUNS: "too many control ticks came too late",
+    ControllerFault.LAW_FAILED: "the law gave no finite number, also after a restart",
+}
+_STEERING = {
+    SteeringStatusCode.NO_COMMAND: (NOTICE, "no command has come yet: the wheel is straight"),
+    SteeringStatusCode.APPLYING: (GOOD, "the wheel follows the newest command"),
+    SteeringStatusCode.LIMITED: (NOTICE, "the actuator's angle or rate limit binds"),
+    SteeringStatusCode.LIMITED_BY_SAFETY: (NOTICE, "the safety limiter has changed the command"),
+    SteeringStatusCode.HOLDING: (NOTICE, "commands have stopped: the wheel is held"),
+    SteeringStatusCode.FALLBACK: (BAD, "commands stayed away: the wheel goes to its fallback"),
+    SteeringStatusCode.SAFE_STATE: (BAD, "a fault or an override: commands are ignored"),
+}
+_SAFETY = {
+    SafetyState.NORMAL: (GOOD, "commands pass unchanged"),
+    SafetyState.LIMITING: (NOTICE, "a command was limited in the last 0.1 s"),
+    SafetyState.HOLDING: (NOTICE, "no command for 140 ms or more: the wheel is held"),
+    SafetyState.FALLBACK: (BAD, "silence outlasted the hold: the wheel goes to its fallback"),
+    SafetyState.SAFE_STATE: (BAD, "safe state until the plant is started anew"),
+}
+
+
+def lights_of(known: Known) -> tuple[Light, ...]:
+    """Return the lights of a lane, in the order in which they are shown."""
+    controller, safety = known.controller, known.safety
+    steering, plant = known.steering, known.plant
+    return (
+        _controller(controller, safety),
+        _measurements(safety),
+        _delay(known.delay),
+        _light("Steering", steering and steering.status, _STEERING, "STEERING_STATUS"),
+        _light("Safety", plant and plant.safety, _SAFETY, "PLANT_STATUS"),
+        _refused(known.refused),
+    )
+
+
+def _light(
+    name: str, code: IntEnum | None, words: Mapping[Any, tuple[str, str]], message: str
+) -> Light:
+    if code is None:
+        return Light(name, OFF, "SILENT", f"no {message} on the bus")
+    level, cause = words[code]
+    return Light(name, level, code.name, cause)
+
+
+def _controller(status: ControllerStatus | None, safety: ControllerSafety | None) -> Light:
+    """Return the mode; a fault that the controller has found in itself comes before it."""
+    if safety is not None and safety.fault is not ControllerFault.NONE:
+        return Light("Controller", BAD, safety.fault.name, _FAULTS[safety.fault])
+    return _light("Controller", status and status.mode, _MODES, "CONTROLLER_STATUS")
+
+
+def _measurements(safety: ControllerSafety | None) -> Light:
+    if safety is None:
+        return Light("Measurements", OFF, "SILENT", "no CONTROLLER_SAFETY on the bus")
+    of_messages = {
+        "LATERAL_ERROR": safety.lateral_error_freshness,
+        "STEERING_STATUS": safety.steering_status_freshness,
+        "VEHICLE_STATE": safety.vehicle_state_freshness,
+    }
+    for freshness, level, words in (
+        (Freshness.STALE, BAD, "older than its age limit"),
+        (Freshness.NEVER_SEEN, NOTICE, "never received by the controller"),
+    ):
+        names = [name for name, its in of_messages.items() if its is freshness]
+        if names:
+            return Light("Measurements", level, freshness.name, f"{', '.join(names)}: {words}")
+    return Light("Measurements", GOOD, "FRESH", "all three messages are young enough")
+
+
+def _delay(delay: DelayStatus | None) -> Light:
+    if delay is None:
+        return Light("Delay", OFF, "SILENT", "no DELAY_STATUS on the bus")
+    if delay.echo_state is EchoState.UNKNOWN:
+        return Light("Delay", NOTICE, "UNKNOWN", "no echo of a command to measure it by")
+    return Light("Delay", GOOD, "KNOWN", "measured by the echo of the command counter")
+
+
+def _refused(refused: Mapping[str, int]) -> Light:
+    if not refused:
+        return Light("Frames", GOOD, "INTACT", "none refused in the last seconds")
+    causes = ", ".join(cause.replace("_", " ") for cause in refused)
+    return Light("Frames", BAD, "REFUSED", f"in the last seconds: {causes}")

@@ -1,0 +1,161 @@
+// The strip charts: one uPlot each, on one time axis, with one cursor and one zoom.
+
+import { DASHES, colour } from "cockpit/theme.js";
+import { byId, element, setText, shown } from "cockpit/words.js";
+
+const SPANS_S = [5, 15, 30, 60];
+const SIGNAL_STYLES = {
+  steer_rad: ["wanted", [5, 3]],
+  steer_in_effect_rad: ["in-effect", [2, 2]],
+  wheel_angle_rad: ["applied", []],
+  uplink_s: ["lane-1", [5, 3]],
+};
+const FONT = "11px system-ui, sans-serif";
+
+export class Charts {
+  // app: what main.js has; its nowS is the right end of the charts unless they are zoomed
+  constructor(app) {
+    this.app = app;
+    this.box = byId("charts");
+    this.spanIndex = 1;
+    this.zoom = null; // [from, to] of a part that was selected
+    this.plots = [];
+    byId("span-less").onclick = () => this.changeSpan(-1);
+    byId("span-more").onclick = () => this.changeSpan(1);
+    new ResizeObserver(() => this.resize()).observe(this.box);
+  }
+
+  get spanS() {
+    return SPANS_S[this.spanIndex];
+  }
+
+  changeSpan(step) {
+    this.spanIndex = Math.min(Math.max(this.spanIndex + step, 0), SPANS_S.length - 1);
+    setText(byId("span"), `${this.spanS} s`);
+    this.zoom = null;
+    this.app.touch();
+  }
+
+  // Make the charts anew: other lanes, or other colours.
+  build() {
+    for (const { plot } of this.plots) plot.destroy();
+    this.box.replaceChildren();
+    this.plots = this.app.head.charts.map((chart, index, all) =>
+      this.makeChart(chart, index === all.length - 1),
+    );
+    this.resize();
+  }
+
+  linesOf(chart) {
+    const signals = this.app.signals;
+    if (this.app.lanes.length > 1) {
+      return this.app.lanes.map((rows, lane) => ({
+        rows, signal: signals[chart.of_lanes], label: this.app.head.lanes[lane].label,
+        ink: colour(`lane-${lane}`), dash: DASHES[lane],
+      }));
+    }
+    return chart.signals.map((name) => {
+      const [ink, dash] = SIGNAL_STYLES[name] ?? ["lane-0", []];
+      return { rows: this.app.lanes[0], signal: signals[name], label: signals[name].label, ink: colour(ink), dash };
+    });
+  }
+
+  makeChart(chart, isLast) {
+    const lines = this.linesOf(chart);
+    const unit = lines[0]?.signal.unit ?? "";
+    const values = lines.map((line) => {
+      const key = element("span", { className: "key", title: line.label }, this.app.lanes.length > 1 ? "" : `${line.label} `, element("b"));
+      key.style.setProperty("--ink", line.ink);
+      if (line.dash.length) key.style.setProperty("--dash", "dashed");
+      return key;
+    });
+    const place = element("div", { className: "plot" });
+    const shownBox = element("div", { className: "values" }, ...values);
+    const title = element("h2", {}, `${chart.title} [${unit}]`);
+    const box = element("div", { className: `chart${isLast ? " last" : ""}`, role: "group", ariaLabel: `${chart.title}, ${unit}` },
+      element("div", { className: "chart-head" }, title, shownBox), place);
+    this.box.append(box);
+    const plot = new uPlot(this.options(lines, isLast), [[], ...lines.map(() => [])], place);
+    return { plot, lines, place, values: values.map((value) => value.querySelector("b")) };
+  }
+
+  options(lines, isLast) {
+    const axis = { stroke: colour("dim"), font: FONT, grid: { stroke: colour("line"), width: 1 }, ticks: { show: false } };
+    return {
+      width: 300, height: 80, padding: [5, 10, isLast ? 0 : 4, 0], legend: { show: false },
+      cursor: { sync: { key: "cockpit" }, drag: { x: true, y: false, setScale: false }, points: { size: 5 } },
+      scales: { x: { time: false }, y: { range: (_plot, low, high) => wide(low, high) } },
+      series: [{}, ...lines.map(({ ink, dash }) => ({ stroke: ink, width: 1.4, dash, points: { show: false } }))],
+      axes: [
+        { ...axis, size: isLast ? 22 : 0, gap: 2, values: (_plot, marks) => marks.map((mark) => (isLast && mark >= 0 ? `${+mark.toFixed(3)} s` : "")) },
+        { ...axis, size: 46, gap: 4, space: 22, values: (_plot, marks) => marks.map((mark) => String(+mark.toFixed(6)).replace("-", "−")) },
+      ],
+      hooks: { setSelect: [(plot) => this.select(plot)], ready: [(plot) => this.listen(plot)] },
+    };
+  }
+
+  listen(plot) {
+    plot.over.addEventListener("dblclick", () => this.setZoom(null));
+  }
+
+  select(plot) {
+    if (plot.select.width < 4) return;
+    const from = plot.posToVal(plot.select.left, "x");
+    const to = plot.posToVal(plot.select.left + plot.select.width, "x");
+    plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+    this.setZoom([from, to]);
+  }
+
+  setZoom(zoom) {
+    this.zoom = zoom;
+    this.app.touch();
+  }
+
+  resize() {
+    for (const { plot, place } of this.plots) {
+      const { clientWidth: width, clientHeight: height } = place;
+      if (width > 40 && height > 20) plot.setSize({ width, height });
+    }
+    this.app.touch();
+  }
+
+  draw(nowS) {
+    const [from, to] = this.zoom ?? [nowS - this.spanS, nowS];
+    const times = timesOf(this.app.lanes[0], from, to);
+    for (const { plot, lines, values } of this.plots) {
+      const data = lines.map(({ rows, signal }) => columnAt(rows, signal, times));
+      plot.batch(() => {
+        plot.setData([times, ...data], false);
+        plot.setScale("x", { min: from, max: to });
+      });
+      const cursor = plot.cursor.idx;
+      values.forEach((value, index) => {
+        const { rows, signal } = lines[index];
+        const at = cursor == null ? nowS : times[cursor];
+        setText(value, shown(signal, rows.value(signal.name, at)));
+      });
+    }
+  }
+}
+
+function timesOf(rows, from, to) {
+  return Array.from(rows.time.subarray(Math.max(rows.indexAt(from), 0), rows.indexAt(to) + 1));
+}
+
+// The values of a signal at rising times, as shown; null where there is none.
+function columnAt(rows, signal, times) {
+  const column = rows.columns[signal.name];
+  let at = times.length ? rows.indexAt(times[0]) : -1;
+  return times.map((time) => {
+    while (at + 1 < rows.length && rows.time[at + 1] <= time) at++;
+    const value = at < 0 ? NaN : column[at];
+    return Number.isFinite(value) ? signal.scale * value : null;
+  });
+}
+
+// The range of the values with some air, and never a range of nothing.
+function wide(low, high) {
+  if (low == null || high == null) return [0, 1];
+  const air = Math.max(0.08 * (high - low), 0.02 * Math.max(Math.abs(low), Math.abs(high)), 0.05);
+  return [low >= 0 && low - air < 0 ? 0 : low - air, high + air];
+}

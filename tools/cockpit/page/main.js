@@ -1,0 +1,182 @@
+// Puts the page together: a live page is fed by a socket, a replay by its recording.
+
+import { Charts } from "cockpit/charts.js";
+import { startKeys } from "cockpit/keys.js";
+import { Link } from "cockpit/link.js";
+import { Network } from "cockpit/network.js";
+import { Figures, Frames, Lights } from "cockpit/panels.js";
+import { Player } from "cockpit/player.js";
+import { readRecording } from "cockpit/recording.js";
+import { Rows } from "cockpit/rows.js";
+import { Scene } from "cockpit/scene.js";
+import { Setup } from "cockpit/setup.js";
+import { startTheme } from "cockpit/theme.js";
+import { byId, element, pressed, setText } from "cockpit/words.js";
+
+const TOAST_MS = 6000;
+
+// What all parts of the page share.
+const app = {
+  head: null, signals: {}, lanes: [], lane: 0, status: null, player: null,
+  heldS: null, isTouched: true, drawn: 0, link: null,
+  touch() { this.isTouched = true; },
+  wish(wish) { this.link?.wish(wish); },
+  get nowS() { return this.player?.nowS ?? this.heldS ?? Math.max(0, ...this.lanes.map((rows) => rows.endS)); },
+  selectLane(lane) {
+    if (lane >= this.lanes.length) return;
+    this.lane = lane;
+    drawStatus();
+  },
+};
+const charts = new Charts(app), scene = new Scene(app), figures = new Figures(app);
+const lights = new Lights(app), frames = new Frames(app), network = new Network(app), setup = new Setup(app);
+
+function take(head) {
+  app.head = head;
+  app.signals = Object.fromEntries(head.signals.map((signal) => [signal.name, signal]));
+  app.lane = 0;
+  app.heldS = null;
+  pressed(byId("hold"), false);
+  setText(byId("bus"), head.bus || "starting the programs …");
+  byId("bus").title = head.bus;
+}
+
+function build() {
+  if (!app.lanes.length) return;
+  for (const part of [charts, figures, lights, frames]) part.build();
+  app.touch();
+}
+
+function buildControls() {
+  const { head } = app;
+  const listens = !head.may_control && element("div", { className: "group" }, element("p", { className: "note" }, "This page only listens: --allow-control lets it send."));
+  byId("controls").replaceChildren(...[listens, head.is_own && setup.scenarios(), ...network.build(!head.may_control), head.is_own && setup.programs(), setup.recording()].filter(Boolean));
+}
+
+function drawStatus() {
+  const { status } = app;
+  if (!status) return;
+  const failure = status.lanes.map((lane) => lane.failure).find(Boolean);
+  setText(byId("connection"), failure || (status.busy && `${status.busy} …`) || "");
+  if (!app.lanes.length) return;
+  lights.draw(status.lanes.map((lane) => lane.lights));
+  frames.draw(status.lanes[app.lane]?.frames);
+  setup.draw(status);
+}
+
+// What a replay shows of lights and frames now, in the form of a live status.
+function replayedStatus() {
+  const { head, nowS } = app;
+  let lit = [];
+  for (const [atS, its] of head.lights) if (atS <= nowS) lit = its;
+  const list = head.frame_lists[Math.min(Math.floor(nowS / head.frame_list_s), head.frame_lists.length - 1)];
+  return { lanes: [{ lights: lit, frames: list, failure: "" }], programs: [], recording_s: null, recorded: [] };
+}
+
+let last = performance.now();
+function frame(now) {
+  const elapsedS = Math.min((now - last) / 1000, 0.25);
+  last = now;
+  app.player?.advance(elapsedS);
+  if (app.isTouched && app.lanes.length) {
+    app.isTouched = false;
+    const { nowS } = app;
+    scene.draw(nowS);
+    if (!byId("charts").hidden) charts.draw(nowS);
+    figures.draw(nowS);
+    setText(byId("clock"), `${nowS.toFixed(1)} s`);
+    if (app.player) {
+      app.player.draw();
+      app.status = replayedStatus();
+      drawStatus();
+    }
+    app.drawn++;
+  }
+  requestAnimationFrame(frame);
+}
+
+function toast(text) {
+  setText(byId("toast"), text);
+  byId("toast").hidden = false;
+  clearTimeout(toast.timer);
+  toast.timer = setTimeout(() => (byId("toast").hidden = true), TOAST_MS);
+}
+
+function startLive() {
+  app.link = new Link({
+    hello(head) {
+      take(head);
+      const names = head.signals.map((signal) => signal.name);
+      app.lanes = head.lanes.map(() => Rows.live(names, head.row_period_s));
+      build();
+      buildControls();
+    },
+    rows(lane, batch) {
+      app.lanes[lane]?.take(batch);
+      if (app.heldS === null) app.touch();
+    },
+    status(status) {
+      app.status = status;
+      if (app.head) drawStatus();
+    },
+    refusal: toast,
+    state(isOpen) {
+      setText(byId("connection"), isOpen ? "" : "the cockpit has ended; waiting for it …");
+    },
+  });
+}
+
+function startReplay({ head, rows }) {
+  take(head);
+  rows.isWhole = true;
+  app.lanes = [rows];
+  app.player = new Player(app, head.duration_s);
+  byId("hold").hidden = true;
+  byId("controls").hidden = true;
+  document.body.className = "replay";
+  setText(byId("bus"), `${head.bus}; ${(1 / head.row_period_s).toFixed(0)} rows a second, RMS and peak of every frame`);
+  build();
+}
+
+function hold() {
+  if (app.player) {
+    app.player.toggle();
+    return;
+  }
+  app.heldS = app.heldS === null ? app.nowS : null;
+  pressed(byId("hold"), app.heldS !== null);
+  app.touch();
+}
+
+function tab(name) {
+  for (const one of ["charts", "frames"]) {
+    byId(one).hidden = one !== name;
+    byId(`tab-${one}`).setAttribute("aria-selected", String(one === name));
+  }
+  byId("span-tools").hidden = name !== "charts";
+  drawStatus();
+  app.touch();
+}
+
+const toggleTheme = startTheme(build);
+byId("hold").onclick = hold;
+byId("tab-charts").onclick = () => tab("charts");
+byId("tab-frames").onclick = () => tab("frames");
+const press = (id) => () => byId(id)?.click();
+startKeys({
+  " ": ["hold the picture; play or pause a replay", hold],
+  "ArrowLeft": ["one second back in a replay", () => app.player?.step(-1)],
+  "ArrowRight": ["one second on in a replay", () => app.player?.step(1)],
+  "+": ["nearer", press("zoom-in")], "-": ["farther", press("zoom-out")],
+  "[": ["shorter charts", press("span-less")], "]": ["longer charts", press("span-more")],
+  "d": ["deviation ×1 or ×10", press("deviation")], "o": ["whole path", press("overview")],
+  "f": ["charts or frames", () => tab(byId("charts").hidden ? "charts" : "frames")],
+  "g": ["gust", press("gust")], "s": ["steering offset", press("offset")], "i": ["ice", press("ice")],
+  "r": ["record", press("record")], "t": ["dark or light", toggleTheme],
+  ...Object.fromEntries([1, 2, 3, 4].map((lane) => [String(lane), [`lights and frames of lane ${lane}`, () => app.selectLane(lane - 1)]])),
+});
+window.cockpit = app; // for whoever looks at the page from outside
+const recording = await readRecording();
+if (recording) startReplay(recording);
+else startLive();
+requestAnimationFrame(frame);

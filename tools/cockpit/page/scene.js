@@ -1,0 +1,245 @@
+// The vehicle from above on its path, to scale; the path's direction at the vehicle is to the right.
+
+import { colour } from "cockpit/theme.js";
+import { byId, pressed, setText } from "cockpit/words.js";
+import { drawSteer, drawVehicle } from "cockpit/vehicle.js";
+
+const ROAD_M = 3.5;
+const TRAIL_S = 15;
+const ZOOM_MIN = 3, ZOOM_MAX = 120, ZOOM_STEP = 1.3;
+
+export class Scene {
+  constructor(app) {
+    this.app = app;
+    this.canvas = byId("scene");
+    this.pixelsPerM = 26;
+    this.factor = 10;
+    this.isWhole = false;
+    byId("deviation").onclick = () => this.toggleFactor();
+    byId("overview").onclick = () => this.toggleWhole();
+    byId("zoom-in").onclick = () => this.zoom(ZOOM_STEP);
+    byId("zoom-out").onclick = () => this.zoom(1 / ZOOM_STEP);
+    this.canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.zoom(event.deltaY < 0 ? 1.12 : 1 / 1.12);
+    }, { passive: false });
+    new ResizeObserver(() => this.resize()).observe(this.canvas);
+  }
+
+  toggleFactor() {
+    this.factor = this.factor === 1 ? 10 : 1;
+    pressed(byId("deviation"), this.factor === 10);
+    setText(byId("deviation"), `Deviation ×${this.factor}`);
+    this.app.touch();
+  }
+
+  toggleWhole() {
+    this.isWhole = !this.isWhole;
+    pressed(byId("overview"), this.isWhole);
+    byId("zoom-in").disabled = byId("zoom-out").disabled = this.isWhole;
+    this.app.touch();
+  }
+
+  zoom(ratio) {
+    this.pixelsPerM = Math.min(Math.max(this.pixelsPerM * ratio, ZOOM_MIN), ZOOM_MAX);
+    this.app.touch();
+  }
+
+  resize() {
+    const ratio = devicePixelRatio || 1;
+    this.canvas.width = Math.round(this.canvas.clientWidth * ratio);
+    this.canvas.height = Math.round(this.canvas.clientHeight * ratio);
+    this.app.touch();
+  }
+
+  draw(nowS) {
+    const pen = this.canvas.getContext("2d");
+    const ratio = devicePixelRatio || 1;
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    pen.fillStyle = colour("ground");
+    pen.fillRect(0, 0, this.canvas.clientWidth, this.canvas.clientHeight);
+    const places = viewports(this.app.lanes.length, this.canvas.clientWidth, this.canvas.clientHeight);
+    places.forEach((place, lane) => {
+      pen.save();
+      pen.beginPath();
+      pen.rect(place.x, place.y, place.width, place.height);
+      pen.clip();
+      pen.translate(place.x, place.y);
+      this.drawLane(pen, place, lane, nowS);
+      pen.restore();
+    });
+  }
+
+  drawLane(pen, place, lane, nowS) {
+    const rows = this.app.lanes[lane];
+    const at = rows.indexAt(nowS);
+    if (at < 0) return;
+    const facts = this.app.head.lanes[lane];
+    const state = stateAt(rows, at, this.factor, facts.preview_m);
+    const camera = this.isWhole ? wholeCamera(place, facts, rows) : this.camera(place, state);
+    const trail = trailOf(rows, at, nowS - TRAIL_S, this.factor);
+    const world = () => pen.translate(camera.x, camera.y);
+    pen.save();
+    world();
+    pen.scale(camera.scale, -camera.scale);
+    pen.rotate(-camera.turn);
+    pen.translate(-camera.atX, -camera.atY);
+    if (!this.isWhole) drawGrid(pen, camera, place);
+    drawPath(pen, camera, facts, rows, at);
+    drawLine(pen, trail, colour(`lane-${lane}`), 2 / camera.scale);
+    drawVehicle(pen, facts, state, this.isWhole ? 3 : 1);
+    drawDeviation(pen, camera, state);
+    pen.restore();
+    this.drawLabels(pen, place, camera, lane, state);
+  }
+
+  camera(place, state) {
+    const scale = this.pixelsPerM * (this.app.lanes.length > 1 ? 0.62 : 1);
+    // The vehicle is left of the middle: what is ahead says more.
+    return { x: 0.42 * place.width, y: 0.5 * place.height, scale, turn: state.pathHeading, atX: state.x, atY: state.y };
+  }
+
+  drawLabels(pen, place, camera, lane, state) {
+    pen.font = "12px system-ui, sans-serif";
+    pen.textBaseline = "alphabetic";
+    if (this.app.lanes.length > 1) {
+      pen.strokeStyle = colour("line");
+      pen.strokeRect(0.5, 0.5, place.width, place.height);
+      pen.fillStyle = colour(`lane-${lane}`);
+      pen.textAlign = "right";
+      pen.fillText(this.app.head.lanes[lane].label, place.width - 10, 20);
+      pen.textAlign = "left";
+    }
+    drawScale(pen, place, camera);
+    if (!this.isWhole) drawSteer(pen, place, state, this.app.lanes.length > 1);
+    const off = Number.isFinite(state.error) ? `${(1000 * state.error).toFixed(1).replace("-", "−")} mm` : "no measurement";
+    pen.fillStyle = colour("text");
+    if (!this.isWhole) {
+      const tip = onScreen(camera, state.previewX, state.previewY);
+      pen.fillText(off, tip.x + 12, tip.y + (state.error > 0 ? -8 : 16));
+    }
+  }
+}
+
+// One viewport for each lane, as square as may be.
+function viewports(count, width, height) {
+  const columns = count < 3 && height > width * 0.55 ? 1 : Math.min(count, 2);
+  const lines = Math.ceil(count / columns);
+  return Array.from({ length: count }, (_, lane) => ({
+    x: (lane % columns) * (width / columns), y: Math.floor(lane / columns) * (height / lines),
+    width: width / columns, height: height / lines,
+  }));
+}
+
+function stateAt(rows, at, factor, previewM) {
+  const read = (name) => rows.columns[name][at];
+  const pathHeading = read("path_heading_rad");
+  const error = read("lateral_error_m");
+  const off = factor * (Number.isFinite(error) ? error : 0);
+  const heading = pathHeading + (Number.isFinite(read("heading_error_rad")) ? read("heading_error_rad") : 0);
+  const footX = read("foot_x_m"), footY = read("foot_y_m");
+  const previewX = footX - off * Math.sin(pathHeading);
+  const previewY = footY + off * Math.cos(pathHeading);
+  return {
+    error, pathHeading, heading, footX, footY, previewX, previewY,
+    x: previewX - previewM * Math.cos(heading), y: previewY - previewM * Math.sin(heading),
+    wanted: read("steer_rad"), inEffect: read("steer_in_effect_rad"), applied: read("wheel_angle_rad"),
+  };
+}
+
+function trailOf(rows, at, fromS, factor) {
+  const { foot_x_m: x, foot_y_m: y, path_heading_rad: heading, lateral_error_m: error } = rows.columns;
+  const points = [];
+  for (let index = Math.max(rows.indexAt(fromS), 0); index <= at; index += 2) {
+    if (!Number.isFinite(error[index])) continue;
+    const off = factor * error[index];
+    points.push([x[index] - off * Math.sin(heading[index]), y[index] + off * Math.cos(heading[index])]);
+  }
+  return points;
+}
+
+function wholeCamera(place, facts, rows) {
+  const points = facts.path_m.length ? facts.path_m : pathSoFar(rows, rows.length - 1, 4);
+  const xs = points.map((point) => point[0]), ys = points.map((point) => point[1]);
+  const [left, right, low, high] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
+  const scale = Math.min((place.width - 60) / Math.max(right - left, 10), (place.height - 90) / Math.max(high - low, 10));
+  return { x: place.width / 2, y: place.height / 2 + 12, scale, turn: 0, atX: (left + right) / 2, atY: (low + high) / 2 };
+}
+
+function pathSoFar(rows, at, step) {
+  const points = [];
+  for (let index = 0; index <= at; index += step) points.push([rows.columns.foot_x_m[index], rows.columns.foot_y_m[index]]);
+  return points;
+}
+
+function drawGrid(pen, camera, place) {
+  const step = camera.scale > 12 ? 5 : 20;
+  const reach = Math.hypot(place.width, place.height) / camera.scale;
+  pen.strokeStyle = colour("grid");
+  pen.lineWidth = 1 / camera.scale;
+  pen.beginPath();
+  const from = (value) => Math.floor((value - reach) / step) * step;
+  for (let x = from(camera.atX); x < camera.atX + reach; x += step) {
+    pen.moveTo(x, camera.atY - reach);
+    pen.lineTo(x, camera.atY + reach);
+  }
+  for (let y = from(camera.atY); y < camera.atY + reach; y += step) {
+    pen.moveTo(camera.atX - reach, y);
+    pen.lineTo(camera.atX + reach, y);
+  }
+  pen.stroke();
+}
+
+function drawPath(pen, camera, facts, rows, at) {
+  const points = facts.path_m.length ? facts.path_m : pathSoFar(rows, rows.isWhole ? rows.length - 1 : at, 3);
+  const isClosed = facts.path_is_closed;
+  pen.lineJoin = "round";
+  drawLine(pen, points, colour("road-edge"), ROAD_M + 2 / camera.scale, [], isClosed);
+  drawLine(pen, points, colour("road"), ROAD_M, [], isClosed);
+  drawLine(pen, points, colour("path"), 1.2 / camera.scale, [0.8, 0.6], isClosed);
+}
+
+function drawLine(pen, points, ink, width, dash = [], isClosed = false) {
+  if (points.length < 2) return;
+  pen.beginPath();
+  points.forEach(([x, y], index) => (index ? pen.lineTo(x, y) : pen.moveTo(x, y)));
+  if (isClosed) pen.closePath();
+  pen.setLineDash(dash);
+  pen.strokeStyle = ink;
+  pen.lineWidth = width;
+  pen.stroke();
+  pen.setLineDash([]);
+}
+
+function drawDeviation(pen, camera, state) {
+  const size = 4.5 / camera.scale;
+  drawLine(pen, [[state.footX, state.footY], [state.previewX, state.previewY]], colour("bad"), 2 / camera.scale);
+  pen.fillStyle = colour("path");
+  pen.fillRect(state.footX - size / 2, state.footY - size / 2, size, size);
+  pen.beginPath();
+  pen.arc(state.previewX, state.previewY, size, 0, 2 * Math.PI);
+  pen.fillStyle = colour("bad");
+  pen.fill();
+}
+
+function drawScale(pen, place, camera) {
+  const steps = [1, 2, 5, 10, 20, 50, 100];
+  const metres = steps.find((step) => step * camera.scale > 50) ?? 200;
+  const [x, y, width] = [12, place.height - 12, metres * camera.scale];
+  pen.strokeStyle = colour("dim");
+  pen.lineWidth = 1.5;
+  pen.beginPath();
+  pen.moveTo(x, y - 4);
+  pen.lineTo(x, y);
+  pen.lineTo(x + width, y);
+  pen.lineTo(x + width, y - 4);
+  pen.stroke();
+  pen.fillStyle = colour("dim");
+  pen.fillText(`${metres} m`, x + 4, y - 6);
+}
+
+function onScreen(camera, x, y) {
+  const [dx, dy] = [x - camera.atX, y - camera.atY];
+  const [cos, sin] = [Math.cos(camera.turn), Math.sin(camera.turn)];
+  return { x: camera.x + camera.scale * (dx * cos + dy * sin), y: camera.y - camera.scale * (dy * cos - dx * sin) };
+}

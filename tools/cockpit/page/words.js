@@ -1,0 +1,32 @@
+// Small helpers for elements and numbers.
+
+export function element(tag, attributes = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
+    else if (name in made && name !== "list") made[name] = value;
+    else made.setAttribute(name, value);
+  }
+  made.append(...children);
+  return made;
+}
+
+export function byId(id) {
+  return document.getElementById(id);
+}
+
+// A value of a signal as it is shown, without its unit; a dash where there is none.
+export function shown(signal, value) {
+  if (!Number.isFinite(value)) return "–";
+  const text = (signal.scale * value).toFixed(signal.digits);
+  return text.replace("-", "−");
+}
+
+export function pressed(button, isPressed) {
+  button.setAttribute("aria-pressed", String(isPressed));
+}
+
+// Replace the content of an element only if it is to change: what is selected or focused stays.
+export function setText(target, text) {
+  if (target.textContent !== text) target.textContent = text;
+}

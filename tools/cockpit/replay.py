@@ -1,0 +1,133 @@
+"""A recording as one block of data that a page plays: rows, changes of the lights, frame lists.
+
+    block    gzip of: length of the head u32 (little-endian), head (JSON), rows as in ``wire``
+
+A long recording has fewer rows a second, and says so; its running figures are still those of every
+frame.
+"""
+
+import gzip
+import json
+import struct
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ...recordings.log_file import LogError, open_log
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_S
+from .course import foreign_facts
+from .lights import Light
+from .sampler import Sampler
+from .signals import CHARTS, FIGURES, ROW_PERIOD_S, SIGNALS
+from .wire import packed_row, packed_rows
+
+ROWS_MAX = 100_000
+"""Half an hour at the rate of a live page."""
+_FRAME_LISTS_MAX = 600
+_FRAME_LIST_S = 0.5
+_LIGHT_CHANGES_MAX = 20_000
+
+
+def read_replay(files: Sequence[Path], channel: str | None = None) -> bytes:
+    """Return the block of a recording, which may be several files; raises LogError."""
+    replay = _Replay()
+    for file in files:
+        for time_ns, its_channel, frame in open_log(file):
+            if channel in (None, its_channel):
+                replay.take(file, time_ns, frame)
+    return replay.block(files)
+
+
+class _Thinned:
+    """Things at a fixed period, every second of which is dropped when there are too many."""
+
+    def __init__(self, period_s: float, most: int) -> None:
+        self.period_ns = round(period_s * NS_PER_S)
+        self.items: list[Any] = []
+        self._most = most
+
+    @property
+    def due_ns(self) -> int:
+        return len(self.items) * self.period_ns
+
+    def add(self, item: Any) -> None:
+        self.items.append(item)
+        if len(self.items) >= self._most:
+            self.items = self.items[::2]
+            self.period_ns *= 2
+
+
+class _Replay:
+    """Takes the frames of a recording in order."""
+
+    def __init__(self) -> None:
+        self._sampler = Sampler(0)
+        self._start_ns: int | None = None
+        self._now_ns = 0
+        self._rows = _Thinned(ROW_PERIOD_S, ROWS_MAX)
+        self._frame_lists = _Thinned(_FRAME_LIST_S, _FRAME_LISTS_MAX)
+        self._lights: list[tuple[float, Sequence[Light]]] = []
+
+    def take(self, file: Path, time_ns: int | None, frame: Frame) -> None:
+        """Take one frame; raises LogError for one without a time."""
+        if time_ns is None:
+            raise LogError(f"{file}: has no times, which a replay needs")
+        if self._start_ns is None:
+            self._start_ns = time_ns
+        # A clock that was set back stands still here.
+        now_ns = max(time_ns - self._start_ns, self._now_ns)
+        self._leave(now_ns)
+        self._now_ns = now_ns
+        self._sampler.on_frame(frame, now_ns)
+
+    def block(self, files: Sequence[Path]) -> bytes:
+        """Return the block; raises LogError without a frame."""
+        if self._start_ns is None:
+            raise LogError(f"{files[0]}: no frame of this channel")
+        self._leave(self._now_ns + 1)
+        end_s = self._now_ns / NS_PER_S
+        self._rows.items.append(packed_row(end_s, self._sampler.row(self._now_ns)))
+        law = self._sampler.law(self._now_ns)
+        name = ", ".join(file.name for file in files)
+        head = {
+            "kind": "replay",
+            "signals": [signal._asdict() for signal in SIGNALS],
+            "charts": [chart._asdict() for chart in CHARTS],
+            "figures": [figure._asdict() for figure in FIGURES],
+            "lanes": [foreign_facts(law or name)._asdict()],
+            "bus": f"recording {name}",
+            "row_period_s": self._rows.period_ns / NS_PER_S,
+            "duration_s": end_s,
+            "lights": [
+                [at_s, [light._asdict() for light in lights]] for at_s, lights in self._lights
+            ],
+            "frame_list_s": self._frame_lists.period_ns / NS_PER_S,
+            "frame_lists": self._frame_lists.items,
+        }
+        text = json.dumps(head, separators=(",", ":"), allow_nan=False).encode()
+        rows = packed_rows(0, self._rows.items)
+        return gzip.compress(struct.pack("<I", len(text)) + text + rows, mtime=0)
+
+    def _leave(self, now_ns: int) -> None:
+        """Leave all rows and lists that are due before ``now_ns``."""
+        while self._rows.due_ns < now_ns:
+            due_ns = self._rows.due_ns
+            self._note_lights(due_ns)
+            self._rows.add(packed_row(due_ns / NS_PER_S, self._sampler.row(due_ns)))
+        while self._frame_lists.due_ns < now_ns:
+            self._frame_lists.add(self._sampler.frames(self._frame_lists.due_ns))
+
+    def _note_lights(self, now_ns: int) -> None:
+        lights = self._sampler.lights(now_ns)
+        is_new = not self._lights or self._lights[-1][1] != lights
+        if is_new and len(self._lights) < _LIGHT_CHANGES_MAX:
+            self._lights.append((now_ns / NS_PER_S, lights))
+
+
+def head_of(block: bytes) -> Mapping[str, Any]:
+    """Return the head of a block."""
+    content = gzip.decompress(block)
+    (length,) = struct.unpack_from("<I", content)
+    head: Mapping[str, Any] = json.loads(content[4 : 4 + length])
+    return head

@@ -1,0 +1,122 @@
+"""The pairs that the cockpit itself runs: bus, plants, controllers, and a lane for each."""
+
+import signal
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Literal
+
+from ...pair.channels import open_channels
+from ...pair.live import Bus
+from ...pair.processes import Processes
+from ...plant_emulator.path_shapes import build_path
+from ...runtime.bus import BusPort
+from ...runtime.toml_text import dump_toml
+from .course import LaneFacts, lane_facts
+from .lane import Lane
+from .scenario import LaneSettings, Scenario, lane_settings
+
+Action = Literal["kill", "pause", "resume", "restart"]
+Program = Literal["plant", "controller"]
+_MODULES: Mapping[Program, str] = {
+    "plant": "steer_by_wire.plant_emulator",
+    "controller": "steer_by_wire.controller",
+}
+
+
+class Rig:
+    """Runs one scenario after the other; its methods may take seconds.
+
+    ``wanted``  bus: auto, socketcan or emulated, as ``open_channels`` takes it
+
+    ``lanes``, ``facts``  one a pair
+    ``bus``               description of the bus
+    """
+
+    def __init__(self, wanted: str) -> None:
+        self._wanted = wanted
+        self._stack = ExitStack()
+        self._processes: Processes | None = None
+        self._arguments: dict[str, tuple[str, Sequence[str]]] = {}
+        self._paused: set[str] = set()
+        self.lanes: Sequence[Lane] = ()
+        self.facts: Sequence[LaneFacts] = ()
+        self.bus = ""
+
+    def start(self, scenario: Scenario) -> None:
+        """Start a scenario anew; raises SettingsError, BusError or OSError."""
+        settings = lane_settings(scenario)
+        self.stop()
+        with ExitStack() as stack:
+            folder = Path(
+                stack.enter_context(tempfile.TemporaryDirectory(prefix="steer-by-wire-cockpit-"))
+            )
+            names = [f"lane{number}" for number in range(1, len(settings) + 1)]
+            channels = stack.enter_context(open_channels(self._wanted, names, folder / "bus.txt"))
+            self._processes = stack.enter_context(Processes(folder))
+            self._arguments = {}
+            lanes = []
+            for number, (bus, lane) in enumerate(zip(channels.buses, settings, strict=True)):
+                path = build_path(lane.plant.path)
+                lanes.append(Lane(BusPort(bus.open()), time.monotonic_ns(), path))
+                stack.callback(lanes[-1].close)
+                self._begin_pair(folder, number, bus, lane)
+            self._stack = stack.pop_all()
+        self.lanes, self.facts = lanes, [lane_facts(lane) for lane in settings]
+        self.bus = channels.description
+
+    def stop(self) -> None:
+        """End all processes and the bus, and close the lanes."""
+        self.lanes = ()
+        if self._processes is not None:
+            for name in self._arguments:
+                self._processes.signal(name, signal.SIGCONT)
+                if self._processes.status(name) is None:
+                    self._processes.interrupt(name)
+        self._processes = None
+        self._paused.clear()
+        self._stack.close()
+
+    def act(self, lane: int, program: Program, action: Action) -> None:
+        """Kill, pause, resume or restart one process; nothing where that makes no sense."""
+        name = _name(program, lane)
+        if self._processes is None or name not in self._arguments:
+            return
+        if action == "restart":
+            if self._processes.status(name) is not None:
+                self._processes.begin(name, *self._arguments[name])
+            return
+        number = {"kill": signal.SIGKILL, "pause": signal.SIGSTOP, "resume": signal.SIGCONT}
+        self._processes.signal(name, number[action])
+        (self._paused.add if action == "pause" else self._paused.discard)(name)
+
+    def states(self) -> Sequence[Mapping[Program, str]]:
+        """Return what the programs of each lane do: running, paused, or ended."""
+        return [
+            {program: self._state(_name(program, lane)) for program in _MODULES}
+            for lane in range(len(self.lanes))
+        ]
+
+    def _begin_pair(self, folder: Path, lane: int, bus: Bus, settings: LaneSettings) -> None:
+        of_program = {"plant": settings.plant, "controller": settings.controller}
+        for program, module in _MODULES.items():
+            name = _name(program, lane)
+            file = folder / f"{name}.toml"
+            file.write_text(dump_toml(of_program[program]), encoding="utf-8")
+            self._arguments[name] = (module, [str(file), *bus.options])
+            if self._processes is not None:
+                self._processes.begin(name, *self._arguments[name])
+
+    def _state(self, name: str) -> str:
+        if self._processes is None:
+            return "ended"
+        status = self._processes.status(name)
+        if status is not None:
+            return f"ended, status {status}"
+        return "paused" if name in self._paused else "running"
+
+
+def _name(program: Program, lane: int) -> str:
+    return f"{program}-{lane + 1}"

@@ -1,0 +1,203 @@
+"""From the frames of one lane to rows of signals, lights and a list of frames.
+
+Live it is given the frames as they come, in a replay those of a recording; both therefore show the
+same figures. The running figures are those of every LATERAL_ERROR that was accepted.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+from ...bus_view.watch import BusWatch
+from ...dbc.messages import (
+    CAN_IDS,
+    MESSAGE_TYPES,
+    ControllerSafety,
+    ControllerStatus,
+    DelayStatus,
+    EchoState,
+    LateralError,
+    Message,
+    PlantStatus,
+    SteeringCommand,
+    SteeringStatus,
+    SteeringStatusCode,
+    VehicleState,
+)
+from ...plant_emulator.path import Path
+from ...runtime.frame import Frame
+from ...runtime.node import NS_PER_S
+from .frame_text import message_text, payload_text
+from .lights import Known, Light, lights_of
+from .place import Place
+from .signals import NAMES
+
+_SILENT_NS = NS_PER_S
+"""After so long without a message its signals are shown as absent."""
+_REFUSED_SHOWN_NS = 3 * NS_PER_S
+_IN_FLIGHT_MAX = 4096
+"""Commands whose angle is remembered until they take effect."""
+_FOREIGN_MAX = 20
+"""Foreign identifiers that are listed."""
+
+M = TypeVar("M", bound=Message)
+
+
+class Newest(NamedTuple):
+    """The newest accepted frame of a message."""
+
+    time_ns: int
+    message: Message
+    frame: Frame
+
+
+class Sampler:
+    """Takes every frame of one lane, in order.
+
+    ``start_ns``  from which the rows' times count
+    ``path``      that is driven; None where it is not known
+    """
+
+    def __init__(self, start_ns: int, path: Path | None = None) -> None:
+        self.start_ns = start_ns
+        self._watch = BusWatch(start_ns)
+        self._place = Place(path)
+        self._newest: dict[type[Message], Newest] = {}
+        self._foreign: dict[int, Frame] = {}
+        self._sent_rad: dict[int, float] = {}
+        self._in_effect_rad = math.nan
+        self._refused = Counter[str]()
+        self._refused_until_ns: dict[str, int] = {}
+        self.reset_figures()
+
+    def reset_figures(self) -> None:
+        """Let the running figures start anew."""
+        self._samples = 0
+        self._squares_m2 = 0.0
+        self._peak_m = 0.0
+
+    def on_frame(self, frame: Frame, now_ns: int) -> None:
+        """Take a frame that arrived at ``now_ns``."""
+        heard = self._watch.on_frame(frame, now_ns)
+        if heard is None:
+            self._foreign_or_refused(frame, now_ns)
+            return
+        message = heard.message
+        self._newest[type(message)] = Newest(now_ns, message, frame)
+        if isinstance(message, LateralError):
+            error_m = message.lateral_error_m
+            self._samples += 1
+            self._squares_m2 += error_m * error_m
+            self._peak_m = max(self._peak_m, abs(error_m))
+        elif isinstance(message, SteeringCommand):
+            if len(self._sent_rad) >= _IN_FLIGHT_MAX:
+                del self._sent_rad[next(iter(self._sent_rad))]  # the oldest
+            self._sent_rad[message.command_counter] = message.steer_rad
+            self._place.on_command(now_ns)
+        elif isinstance(message, SteeringStatus):
+            if message.status is not SteeringStatusCode.NO_COMMAND:
+                self._in_effect_rad = self._sent_rad.get(message.applied_counter, math.nan)
+        elif isinstance(message, VehicleState):
+            self._place.on_vehicle(message, now_ns)
+
+    def row(self, now_ns: int) -> tuple[float, ...]:
+        """Return the signals as known at ``now_ns``, in the order of ``NAMES``; NaN for none."""
+        error = self._known(LateralError, now_ns)
+        command = self._known(SteeringCommand, now_ns)
+        status = self._known(SteeringStatus, now_ns)
+        vehicle = self._known(VehicleState, now_ns)
+        plant = self._known(PlantStatus, now_ns)
+        delay = self._known(DelayStatus, now_ns)
+        has_echo = delay is not None and delay.echo_state is EchoState.KNOWN
+        foot = self._place.at(now_ns)
+        values = {
+            "lateral_error_m": error and error.lateral_error_m,
+            "heading_error_rad": error and error.heading_error_rad,
+            "steer_rad": command and command.steer_rad,
+            "steer_in_effect_rad": status and self._in_effect_rad,
+            "wheel_angle_rad": status and status.wheel_angle_rad,
+            "speed_m_s": vehicle and vehicle.speed_m_s,
+            "curvature_1_m": vehicle and vehicle.preview_curvature_1_m,
+            "downlink_s": plant and plant.downlink_latency_s,
+            "uplink_s": plant and plant.uplink_latency_s,
+            "round_trip_s": command and status and self._watch.round_trip_s,
+            "lateness_s": command and self._watch.lateness_s,
+            "echo_delay_s": delay.echo_delay_s if delay and has_echo else None,
+            "foot_x_m": foot.x_m,
+            "foot_y_m": foot.y_m,
+            "path_heading_rad": foot.heading_rad,
+            "rms_m": math.sqrt(self._squares_m2 / self._samples) if self._samples else None,
+            "peak_m": self._peak_m if self._samples else None,
+        }
+        return tuple(math.nan if (value := values[name]) is None else value for name in NAMES)
+
+    def lights(self, now_ns: int) -> tuple[Light, ...]:
+        """Return the lights as known at ``now_ns``."""
+        shown = {cause: 1 for cause, until in self._refused_until_ns.items() if now_ns < until}
+        return lights_of(
+            Known(
+                self._known(ControllerStatus, now_ns),
+                self._known(ControllerSafety, now_ns),
+                self._known(DelayStatus, now_ns),
+                self._known(SteeringStatus, now_ns),
+                self._known(PlantStatus, now_ns),
+                shown,
+            )
+        )
+
+    def law(self, now_ns: int) -> str:
+        """Return the name of the law that runs; empty where it is not known."""
+        status = self._known(ControllerStatus, now_ns)
+        return "" if status is None else status.law.name
+
+    def frames(self, now_ns: int) -> Mapping[str, Any]:
+        """Return the list of frames as it stands at ``now_ns``, ready for JSON."""
+        return {
+            "per_s": round(self._watch.frames_per_s(now_ns)),
+            "refused": dict(self._watch.refused),
+            "rows": [*self._message_rows(now_ns), *self._foreign_rows()],
+        }
+
+    def _message_rows(self, now_ns: int) -> Sequence[Mapping[str, Any]]:
+        rows = []
+        for view in self._watch.messages(now_ns):
+            kind = MESSAGE_TYPES[view.name]
+            newest = self._newest.get(kind)
+            rows.append(
+                {
+                    "name": view.name,
+                    "id": f"{CAN_IDS[kind]:03X}",
+                    "payload": "" if newest is None else payload_text(newest.frame),
+                    "signals": "" if newest is None else message_text(newest.message),
+                    "period_s": view.period_s,
+                    "cycle_s": view.cycle and [view.cycle.p50_s, view.cycle.max_s],
+                    "count": view.accepted,
+                    "missing": view.missing - view.late,
+                    "refused": view.refused,
+                    "stale": view.is_stale,
+                }
+            )
+        return rows
+
+    def _foreign_rows(self) -> Sequence[Mapping[str, Any]]:
+        return [
+            {"name": "not in the DBC", "id": f"{can_id:03X}", "payload": payload_text(frame)}
+            for can_id, frame in sorted(self._foreign.items())
+        ]
+
+    def _foreign_or_refused(self, frame: Frame, now_ns: int) -> None:
+        refused = Counter(self._watch.refused)
+        for cause in refused - self._refused:
+            self._refused_until_ns[cause] = now_ns + _REFUSED_SHOWN_NS
+        is_foreign = refused == self._refused and frame.can_id not in CAN_IDS.values()
+        if is_foreign and (frame.can_id in self._foreign or len(self._foreign) < _FOREIGN_MAX):
+            self._foreign[frame.can_id] = frame
+        self._refused = refused
+
+    def _known(self, kind: type[M], now_ns: int) -> M | None:
+        """Return the newest message of a type; None without one, or when it has become silent."""
+        newest = self._newest.get(kind)  # type: ignore[arg-type]
+        if newest is None or now_ns - newest.time_ns >= _SILENT_NS:
+            return None
+        return newest.message  # type: ignore[return-value]

@@ -1,0 +1,147 @@
+"""What runs on the lanes: laws, vehicle, path, seed and network, as a page chooses them."""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import Field, field_validator
+
+from ...controller.settings import ControllerSettings
+from ...dbc.messages import LatencyModel
+from ...plant_emulator.latency import Distribution
+from ...plant_emulator.settings import PlantSettings
+from ...runtime.settings import Settings, load_settings, preset_names, read_preset, with_values
+
+CONTROLLER_PRESETS = "steer_by_wire.controller.presets"
+PLANT_PRESETS = "steer_by_wire.plant_emulator.presets"
+LANES_MAX = 4
+ICE_FRICTION = 0.3
+"""What the button for ice asks for."""
+_ENDLESS_S = 1e6
+"""The longest run that there is: eleven days."""
+
+PATHS: Mapping[str, Mapping[str, Any] | None] = {
+    "as in the preset": None,
+    "ellipse 60 by 30 m": {"kind": "ellipse", "semi_major_axis_m": 60.0, "semi_minor_axis_m": 30.0},
+    "ellipse 24 by 14 m": {"kind": "ellipse", "semi_major_axis_m": 24.0, "semi_minor_axis_m": 14.0},
+    "circle, radius 50 m": {"kind": "circle", "radius_m": 50.0},
+    "single lane change": {"kind": "single_lane_change", "start_m": 20.0},
+    "double lane change": {"kind": "double_lane_change", "start_m": 20.0},
+    "straight": {"kind": "straight"},
+}
+_PAGE = "the page"
+_ANY_LAW = "practical_pd_ddob"
+
+
+class Latency(Settings):
+    """The latency of one direction."""
+
+    model: Literal["constant", "uniform", "normal", "lognormal", "gamma"] = "normal"
+    mean_s: Annotated[float, Field(ge=0.0, le=2.0)] = 0.0
+    spread_s: Annotated[float, Field(ge=0.0, le=2.0)] = 0.0
+    loss: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+
+    @property
+    def wire_model(self) -> LatencyModel:
+        """The model's code on the bus."""
+        return LatencyModel[Distribution(self.model).name]
+
+
+class Scenario(Settings):
+    """One run of up to four pairs under the same seed.
+
+    ``controllers``  a preset of the controller for each lane
+    ``plant``        preset of the plant: the vehicle, a corner of the uncertainty box
+    ``speed_km_h``   None: that of the preset
+    """
+
+    title: str = ""
+    note: str = ""
+    controllers: Annotated[tuple[str, ...], Field(min_length=1, max_length=LANES_MAX)]
+    plant: str = "paper_nominal"
+    path: str = "ellipse 60 by 30 m"
+    speed_km_h: Annotated[float, Field(ge=0.5, le=250.0)] | None = None
+    seed: Annotated[int, Field(ge=0, le=2**53)] = 1
+    sensor_period_ms: Annotated[float, Field(ge=1.0, le=100.0)] = 10.0
+    downlink: Latency = Latency()
+    uplink: Latency = Latency()
+
+    @field_validator("path")
+    @classmethod
+    def _is_a_path(cls, path: str) -> str:
+        if path not in PATHS:
+            raise ValueError(f"must be one of {', '.join(PATHS)}, not {path}")
+        return path
+
+
+class LaneSettings(NamedTuple):
+    """What the two programs of a lane run with."""
+
+    label: str
+    plant: PlantSettings
+    controller: ControllerSettings
+
+
+def scenarios() -> Sequence[Scenario]:
+    """Return the list of presets that one click starts."""
+    file = resources.files(__package__).joinpath("scenarios.toml")
+    tables = tomllib.loads(file.read_text(encoding="utf-8"))["scenario"]
+    return [scenario_of(table, file.name) for table in tables]
+
+
+def scenario_of(values: Mapping[str, Any], source: str = _PAGE) -> Scenario:
+    """Return the scenario that ``values`` describe; raises SettingsError naming ``source``."""
+    given = {key: value for key, value in values.items() if value is not None}
+    return with_values(Scenario(controllers=(_ANY_LAW,)), given, source)
+
+
+def lane_settings(scenario: Scenario) -> Sequence[LaneSettings]:
+    """Return the settings of every lane; raises SettingsError."""
+    plant = _plant_settings(scenario)
+    return [
+        LaneSettings(
+            name.replace("_", " "),
+            plant,
+            load_settings(ControllerSettings, read_preset(CONTROLLER_PRESETS, name)),
+        )
+        for name in scenario.controllers
+    ]
+
+
+def choices() -> Mapping[str, Any]:
+    """Return what a page can choose from, ready for JSON."""
+    return {
+        "controllers": preset_names(CONTROLLER_PRESETS),
+        "plants": preset_names(PLANT_PRESETS),
+        "paths": list(PATHS),
+        "models": [model.value for model in Distribution],
+        "lanes_max": LANES_MAX,
+        "ice_friction": ICE_FRICTION,
+        "scenarios": [scenario.model_dump(mode="json") for scenario in scenarios()],
+    }
+
+
+def _plant_settings(scenario: Scenario) -> PlantSettings:
+    values: dict[str, Any] = {
+        "duration_s": _ENDLESS_S,
+        "seed": scenario.seed,
+        "sensor_period_ms": scenario.sensor_period_ms,
+        "latency.downlink": _latency_table(scenario.downlink),
+        "latency.uplink": _latency_table(scenario.uplink),
+        # The step far behind the end makes the plant compute ice at its start, and not when it is
+        # asked for it: that takes it a few sensor periods.
+        "disturbance.steps": [{"at_s": _ENDLESS_S, "friction": ICE_FRICTION}],
+    }
+    path = PATHS.get(scenario.path)
+    if path is not None:
+        values["path"] = path
+    if scenario.speed_km_h is not None:
+        values["vehicle.speed_km_h"] = scenario.speed_km_h
+    preset = load_settings(PlantSettings, read_preset(PLANT_PRESETS, scenario.plant))
+    return with_values(preset, values, scenario.title or _PAGE)
+
+
+def _latency_table(latency: Latency) -> Mapping[str, Any]:
+    table = latency.model_dump(mode="json")
+    return table if latency.model != "constant" else {**table, "spread_s": 0.0}

@@ -1,0 +1,74 @@
+"""What a page is sent of each lane, and what it shows of that: signals, charts, figures."""
+
+from typing import NamedTuple
+
+ROW_PERIOD_S = 0.02
+"""Between two rows of a live lane."""
+
+
+class Signal(NamedTuple):
+    """One column of a row; shown as ``scale`` times its value, in ``unit``."""
+
+    name: str
+    label: str
+    unit: str = ""
+    scale: float = 1.0
+    digits: int = 0
+
+
+class Chart(NamedTuple):
+    """A strip chart.
+
+    ``signals``    its lines where there is one lane
+    ``of_lanes``   the signal drawn of each lane where there are several
+    """
+
+    title: str
+    signals: tuple[str, ...]
+    of_lanes: str
+
+
+class Figure(NamedTuple):
+    """A number that is always in view."""
+
+    label: str
+    signal: str
+    explanation: str
+
+
+SIGNALS: tuple[Signal, ...] = (
+    Signal("lateral_error_m", "lateral error", "mm", 1e3, 1),
+    Signal("heading_error_rad", "heading error", "mrad", 1e3, 1),
+    Signal("steer_rad", "wanted", "mrad", 1e3, 1),
+    Signal("steer_in_effect_rad", "in effect", "mrad", 1e3, 1),
+    Signal("wheel_angle_rad", "applied", "mrad", 1e3, 1),
+    Signal("speed_m_s", "speed", "km/h", 3.6, 1),
+    Signal("curvature_1_m", "curvature", "1/m", 1.0, 4),
+    Signal("downlink_s", "commands", "ms", 1e3, 1),
+    Signal("uplink_s", "measurements", "ms", 1e3, 1),
+    Signal("round_trip_s", "round trip", "ms", 1e3, 1),
+    Signal("lateness_s", "lateness", "ms", 1e3, 2),
+    Signal("echo_delay_s", "delay by echo", "ms", 1e3, 1),
+    Signal("foot_x_m", "path x", "m", 1.0, 2),
+    Signal("foot_y_m", "path y", "m", 1.0, 2),
+    Signal("path_heading_rad", "path heading", "rad", 1.0, 3),
+    Signal("rms_m", "RMS error", "mm", 1e3, 2),
+    Signal("peak_m", "peak error", "mm", 1e3, 2),
+)
+NAMES = tuple(signal.name for signal in SIGNALS)
+
+CHARTS: tuple[Chart, ...] = (
+    Chart("Lateral error", ("lateral_error_m",), "lateral_error_m"),
+    Chart("Steer", ("wheel_angle_rad", "steer_in_effect_rad", "steer_rad"), "wheel_angle_rad"),
+    Chart("Latency", ("downlink_s", "uplink_s"), "downlink_s"),
+    Chart("Round trip", ("round_trip_s",), "round_trip_s"),
+    Chart("Lateness of commands", ("lateness_s",), "lateness_s"),
+)
+
+FIGURES: tuple[Figure, ...] = (
+    Figure("RMS", "rms_m", "root mean square of the lateral error since the start"),
+    Figure("Peak", "peak_m", "largest lateral error since the start"),
+    Figure("Error", "lateral_error_m", "lateral error of the preview point now, left positive"),
+    Figure("Round trip", "round_trip_s", "from a command to the first measurement that shows it"),
+    Figure("Speed", "speed_m_s", "forward speed"),
+)
