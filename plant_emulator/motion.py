@@ -95,6 +95,17 @@ def advance_motion(p: MotionParams, x: MotionState, to_ns: int) -> MotionState:
     return new_record(MotionState, (to_ns, linear, course))
 
 
+def disturb_motion(p: MotionParams, x: MotionState) -> MotionState:
+    """Return the state at the start of the first interval of ``p``; all else in it is as before."""
+    time_ns, z, course = x
+    first = p.intervals[0]
+    w_beta, w_r = first.side_slip_disturbance_rad_s, first.yaw_disturbance_rad_s2
+    linear = z._replace(side_slip_disturbance_rad_s=w_beta, yaw_disturbance_rad_s2=w_r)
+    _, _, wheel, place, place_end_ns, _, _ = course
+    course = _course(p, wheel, place, place_end_ns, 0, _interval_end_ns(p, 0))
+    return MotionState(time_ns, linear, course)
+
+
 def _pass_event(p: MotionParams, x: MotionState) -> MotionState:
     """Return the state at the next event, and behind it."""
     time_ns, z, course = x
@@ -209,7 +220,8 @@ class Motion:
     def disturb(self, params: MotionParams) -> None:
         """Let the one interval of other parameters begin now; all else in them is the same."""
         self._params = params
-        self._state = _enter_interval(params, self._state, 0)
+        self._state = disturb_motion(params, self._state)
+        self.linear = self._state.linear
 
     def advance(self, to_ns: int) -> None:
         """Move on to ``to_ns``. Raises ValueError when that lies in the past."""
