@@ -16,6 +16,7 @@ sees the true error at frequencies below ω_h, where a delay does no harm.
 
 from typing import NamedTuple
 
+from ..runtime.record import new_record
 from .sections import (
     Cascade2,
     Cascade2State,
@@ -51,14 +52,16 @@ def cdob_step(
 
     ``steer_rad`` is the command of the previous period, which was held until now.
     """
-    x_command, from_command_rad = section_step(p.command_filter, x.command_filter, steer_rad)
-    x_error, from_error_rad = cascade_2_step(p.error_filter, x.error_filter, lateral_error_m)
+    command_filter, error_filter, compensation = p
+    x_command, x_error, x_compensation = x
+    x_command, from_command_rad = section_step(command_filter, x_command, steer_rad)
+    x_error, from_error_rad = cascade_2_step(error_filter, x_error, lateral_error_m)
     network_disturbance_rad = from_command_rad - from_error_rad
     x_compensation, compensation_m = cascade_2_step(
-        p.compensation, x.compensation, network_disturbance_rad
+        compensation, x_compensation, network_disturbance_rad
     )
     return (
-        CdobState(x_command, x_error, x_compensation),
+        new_record(CdobState, (x_command, x_error, x_compensation)),
         lateral_error_m + compensation_m,
         network_disturbance_rad,
     )

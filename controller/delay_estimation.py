@@ -189,10 +189,16 @@ class DelayEstimator:
         f = self._filters
         if f is None or not block:
             return
-        commands_rad = [seen.steer_rad for seen in block]
-        yaw_rates_rad_s = [seen.vehicle.yaw_rate_rad_s for seen in block]
-        curvatures_1_m = [seen.vehicle.preview_curvature_1_m for seen in block]
-        errors_m = [self._error_m(seen) for seen in block]
+        commands_rad, errors_m, yaw_rates_rad_s, curvatures_1_m, freshness = [], [], [], [], []
+        for seen in block:
+            steer_rad, error_m, _, (_, yaw_rate_rad_s, curvature_1_m, _), _ = seen
+            freshness.append(_is_fresh(seen))
+            commands_rad.append(steer_rad)
+            yaw_rates_rad_s.append(yaw_rate_rad_s)
+            curvatures_1_m.append(curvature_1_m)
+            errors_m.append(self._as_old_as_the_curvature(error_m - self._offset_m))
+            if freshness[-1]:
+                self._note_ages(seen)
         self._x_error, x_a = sections_run(f.command_to_error, self._x_error, commands_rad)
         self._z_error, swings_m = sections_run((f.error,), self._z_error, errors_m)
         self._z_curvature, drifts_m = sections_run(
@@ -205,20 +211,17 @@ class DelayEstimator:
         to_pair = self._ticks_per_pair - self._ticks % self._ticks_per_pair - 1
         for index in range(to_pair, len(block), self._ticks_per_pair):
             ticks = self._ticks + index + 1
-            counts = _is_fresh(block[index]) and ticks >= self._unsettled_until
+            counts = freshness[index] and ticks >= self._unsettled_until
             is_settled = ticks * self._params.period_s >= _ERROR_SETTLING_S
             self._by_disturbance.push(x_a[index], z_a[index], counts=counts and is_settled)
             self._by_correlation.push(x_b[index], z_b[index], counts=counts)
         self._ticks += len(block)
 
-    def _error_m(self, seen: Seen) -> float:
-        """Return the lateral error to filter, and record the ages of the measurements."""
-        error_m = self._as_old_as_the_curvature(seen.lateral_error_m - self._offset_m)
-        if _is_fresh(seen):
-            self._weight = self._keep * self._weight + 1.0
-            self._age_s += (seen.vehicle_age_s - self._age_s) / self._weight
-            self._error_age_s += (seen.error_age_s - self._error_age_s) / self._weight
-        return error_m
+    def _note_ages(self, seen: Seen) -> None:
+        """Record the ages of fresh measurements."""
+        self._weight = self._keep * self._weight + 1.0
+        self._age_s += (seen.vehicle_age_s - self._age_s) / self._weight
+        self._error_age_s += (seen.error_age_s - self._error_age_s) / self._weight
 
     def _as_old_as_the_curvature(self, error_m: float) -> float:
         """Return the lateral error at the time of the curvature, up to two periods ago [m]."""
@@ -256,8 +259,9 @@ class DelayEstimator:
 
 def _is_fresh(seen: Seen) -> bool:
     """Whether the measurements are up to date and the vehicle moves."""
-    is_young = seen.error_age_s <= _AGE_S_MAX and seen.vehicle_age_s <= _AGE_S_MAX
-    return is_young and seen.vehicle.speed_m_s >= _SPEED_M_S_MIN
+    _, _, error_age_s, (speed_m_s, _, _, _), vehicle_age_s = seen
+    is_young = error_age_s <= _AGE_S_MAX and vehicle_age_s <= _AGE_S_MAX
+    return is_young and speed_m_s >= _SPEED_M_S_MIN
 
 
 def combined(one: Estimate | None, other: Estimate | None) -> Estimate | None:

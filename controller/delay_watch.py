@@ -95,6 +95,10 @@ class DelayWatch:
             if self._first_observable_ticks is None:
                 self._first_observable_ticks = self._ticks
 
+    def echo_s(self, now_ns: int) -> float | None:
+        """Return the delay by the echo [s]; None while unknown."""
+        return self._echo.delay_s(now_ns)
+
     @property
     def estimate_state(self) -> EstimateState:
         """Whether the delay can be estimated from command and response."""
@@ -106,7 +110,7 @@ class DelayWatch:
 
     def status(self, now_ns: int) -> DelayStatus:
         """Return the message; a delay is clamped to the range of its signal."""
-        echo_s = self._echo.delay_s(now_ns)
+        echo_s = self.echo_s(now_ns)
         estimated_s = confidence = 0.0
         if self._estimator is not None:
             estimated_s = self._estimator.estimate.delay_s
@@ -128,7 +132,7 @@ class DelayWatch:
         estimator = self._estimator
         first = self._first_observable_ticks
         return {
-            "echo_s": self._echo.delay_s(now_ns),
+            "echo_s": self.echo_s(now_ns),
             "estimate_state": self.estimate_state.name.lower(),
             "estimate_s": None
             if first is None or estimator is None

@@ -10,6 +10,7 @@ d̂   disturbance_rad    at the plant input, in wheel angle           [rad]
 
 from typing import NamedTuple
 
+from ..runtime.record import new_record
 from .sections import (
     Cascade2,
     Cascade2State,
@@ -40,9 +41,11 @@ def dob_step(
     p: DobParams, x: DobState, lateral_error_m: float, sent_steer_rad: float
 ) -> tuple[DobState, float]:
     """Advance one control period; returns the new state and d̂ [rad]."""
-    x_command, from_command_rad = cascade_2_step(p.command_filter, x.command_filter, sent_steer_rad)
-    x_error, from_error_rad = cascade_3_step(p.error_filter, x.error_filter, lateral_error_m)
-    return DobState(x_command, x_error), from_error_rad - from_command_rad
+    command_filter, error_filter = p
+    x_command, x_error = x
+    x_command, from_command_rad = cascade_2_step(command_filter, x_command, sent_steer_rad)
+    x_error, from_error_rad = cascade_3_step(error_filter, x_error, lateral_error_m)
+    return new_record(DobState, (x_command, x_error)), from_error_rad - from_command_rad
 
 
 def dob_at_rest(p: DobParams, lateral_error_m: float) -> DobState:

@@ -88,7 +88,8 @@ class LagFit:
         """Forget everything."""
         lags = self._grid.lags
         self._x = [0.0] * (lags + 1)  # newest first
-        self._sum_x, self._sum_xx, self._sum_xz = np.zeros((3, lags))
+        self._sums = np.zeros((3, lags))
+        """Rows: sums of x, x², xz."""
         self._sum_z = self._sum_zz = self._weight = 0.0
         self._late_z: list[float] = []
         self._waiting: list[tuple[float, bool]] = []
@@ -109,14 +110,14 @@ class LagFit:
             self._take_pairs()
 
     def peak(self) -> Peak | None:
-        """Return the best fit of the response, None if there is none inside the grid."""
+        """Return the best fit of the response, None if it is not inside the grid."""
         self._take_pairs()
         if self._weight < _PAIRS_MIN:
             return None
         costs, products = self._costs()
         best = int(costs.argmin())
-        sums = (products[best], self._sum_x[best], self._sum_xx[best])
-        product, sum_x, sum_xx = map(float, sums)
+        product = float(products[best])
+        sum_x, sum_xx, _ = self._sums[:, best].tolist()
         if not 0 < best < len(costs) - 1 or product <= 0.0:
             return None
         before, least, after = costs[best - 1 : best + 2].tolist()
@@ -143,18 +144,23 @@ class LagFit:
 
     def _take_pairs(self) -> None:
         """Process the waiting pairs, all lags of a pair at once."""
-        keep, lags = self._keep, self._grid.lags
+        keep, lags, sums = self._keep, self._grid.lags, self._sums
+        sum_x, sum_xx, sum_xz = sums
         x = np.array(self._x)
         xx = x * x
+        # Arrays of no dimension: numpy takes twice the time with a Python number.
+        keep_sums, response = np.array(keep), np.array(0.0)
         begin = len(self._waiting)
         for z, counts in self._waiting:
             begin -= 1
             if not counts:
                 continue
             lagged = slice(begin, begin + lags)
-            self._sum_x = keep * self._sum_x + x[lagged]
-            self._sum_xx = keep * self._sum_xx + xx[lagged]
-            self._sum_xz = keep * self._sum_xz + x[lagged] * z
+            response[()] = z
+            sums *= keep_sums
+            sum_x += x[lagged]
+            sum_xx += xx[lagged]
+            sum_xz += x[lagged] * response
             self._sum_z = keep * self._sum_z + z
             self._sum_zz = keep * self._sum_zz + z * z
             self._weight = keep * self._weight + 1.0
@@ -165,11 +171,12 @@ class LagFit:
 
     def _costs(self) -> tuple[Values, Values]:
         """Return J and Σ(x - mean)(z - mean) of each lag."""
-        weight, sum_z, sum_x = max(self._weight, 1e-300), self._sum_z, self._sum_x
+        weight, sum_z = max(self._weight, 1e-300), self._sum_z
+        sum_x, sum_xx, sum_xz = self._sums
         total = self._sum_zz - sum_z * sum_z / weight
-        products = self._sum_xz - sum_x * sum_z / weight
-        variance = self._sum_xx - sum_x * sum_x / weight
-        fits = (products > 0.0) & (variance > 1e-12 * self._sum_xx)
+        products = sum_xz - sum_x * sum_z / weight
+        variance = sum_xx - sum_x * sum_x / weight
+        fits = (products > 0.0) & (variance > 1e-12 * sum_xx)
         explained = products * products / np.where(fits, variance, 1.0)
         return np.where(fits, total - explained, total), products
 

@@ -28,6 +28,7 @@ class LawRunner:
     ``memory``    commands, measurements and echoes for a law that looks back; None for others
     ``output``    newest finite output
     ``failures``  how often its output was not finite
+    ``is_distrusted``  whether it has failed again after its restart
     """
 
     def __init__(self, settings: ControllerSettings, ramp_step_rad: float) -> None:
@@ -39,15 +40,11 @@ class LawRunner:
         )
         self.output = LawOutput(0.0, 0.0, 0.0, 0.0)
         self.failures = 0
+        self.is_distrusted = False
         self._params, self._speed_m_s = self.design.params, NO_VEHICLE.speed_m_s
         self._state: Any = None
         self._fade_rad: float | None = 0.0  # None: to be taken from the next output
         self._ramp_step_rad = ramp_step_rad
-
-    @property
-    def is_distrusted(self) -> bool:
-        """Whether the law has failed again after its restart."""
-        return self.failures > FAILURES_MAX
 
     def on_speed(self, speed_m_s: float) -> None:
         """Set the law's parameters for a speed."""
@@ -84,5 +81,6 @@ class LawRunner:
             if isfinite(command_rad):
                 return command_rad
         self.failures += 1
+        self.is_distrusted = self.failures > FAILURES_MAX
         self._state = None  # nothing that a recovery could continue from
         return None

@@ -30,8 +30,9 @@ def limit_step(p: SteerLimits, last_steer_rad: float, wanted_steer_rad: float) -
     """
     if not math.isfinite(wanted_steer_rad):
         return last_steer_rad
-    low_rad = max(-p.steer_rad_max, last_steer_rad - p.step_rad_max)
-    high_rad = min(p.steer_rad_max, last_steer_rad + p.step_rad_max)
+    steer_rad_max, step_rad_max = p
+    low_rad = max(-steer_rad_max, last_steer_rad - step_rad_max)
+    high_rad = min(steer_rad_max, last_steer_rad + step_rad_max)
     return min(max(wanted_steer_rad, low_rad), high_rad)
 
 

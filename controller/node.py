@@ -34,6 +34,7 @@ from ..runtime.node import NS_PER_S
 from ..runtime.overruns import OverrunSupervision
 from ..runtime.periodic import PeriodicTimer
 from ..runtime.record import new_record
+from ..runtime.view import View
 from .control_sample import ControlSample
 from .delay_watch import delay_watch_of
 from .law_runner import LawRunner
@@ -45,6 +46,7 @@ from .safety_status import SafetyFacts
 from .sent_commands import SentCommands
 from .settings import ControllerSettings, limits_of, supervision_of
 from .status_frames import StatusFrames
+from .view import controller_view
 
 __all__ = ["RECEIVED", "SENT", "STATUS_PERIOD_NS", "ControllerNode"]
 
@@ -153,6 +155,22 @@ class ControllerNode:
         self.deadline_ns = control_ns if control_ns < status_ns else status_ns
         return frames
 
+    def view(self, now_ns: int) -> View:
+        """Return what a user should see now."""
+        counts = {
+            "control periods skipped": self._control_timer.skipped,
+            "failures of the law": self._law.failures,
+        }
+        return controller_view(
+            self._supervisor.mode,
+            self._failure,
+            self._received,
+            now_ns,
+            counts,
+            self._sent_steer_rad,
+            self._delay.echo_s(now_ns),
+        )
+
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON: those of ``RunFigures``, and
 
@@ -188,7 +206,7 @@ class ControllerNode:
         """The fault it has detected in itself, which is permanent."""
         if self._law.is_distrusted:
             mistake = self._law.design.mistake()
-            return "the law's output was again no finite number after it had been started anew" + (
+            return "the law's output was again not finite after a restart of the law" + (
                 f": {mistake}" if mistake else ""
             )
         return self._overruns.failure

@@ -8,16 +8,20 @@ import argparse
 import sys
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 
 from ..command_line import command_parser
 from ..dbc.secured_frame import CONTROLLER
 from ..dbc.secured_program import add_key_file_argument, run_secured_node
 from ..runtime.program import ExitStatus, run_main, say
 from ..runtime.program_options import add_settings_arguments, load_program_settings, make_parser
+from ..runtime.report import json_text
 from .analysis.check import check_text
+from .analysis.check_figures import check_figures
 from .laws import LAWS
 from .node import RECEIVED, SENT, ControllerNode
-from .settings import ControllerSettings
+from .settings import ControllerSettings, shared_vehicle, sparse_measurements
+from .summary import controller_summary
 
 NAME = "steering-controller"
 CHECK_NAME = "steer-by-wire check"
@@ -40,6 +44,7 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
         action="store_true",
         help="do not run, but print what steer-by-wire check does",
     )
+    parser.set_defaults(json=False)
     add_key_file_argument(parser)
     return run_main(name, partial(_run, name, parser.parse_args(arguments)))
 
@@ -54,10 +59,21 @@ def check_main(arguments: Sequence[str] | None = None) -> int:
     )
     add_settings_arguments(parser, PRESETS)
     _add_law_arguments(parser)
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print JSON: settings and figures (docs/controller.md)",
+    )
     return run_main(CHECK_NAME, partial(_check, CHECK_NAME, parser.parse_args(arguments)))
 
 
 def _add_law_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--vehicle",
+        type=Path,
+        metavar="VEHICLE.toml",
+        help="[vehicle] of a file that plant and design read too, for [nominal_model]",
+    )
     laws = ", ".join(LAWS)
     parser.add_argument(
         "--law",
@@ -78,15 +94,22 @@ def _run(name: str, options: argparse.Namespace) -> int:
         CONTROLLER,
         lambda start_ns: ControllerNode(settings, start_ns),
         (*RECEIVED, *SENT),
-        partial(conclude, name),
+        partial(conclude, name, settings),
     )
 
 
 def _check(name: str, options: argparse.Namespace) -> int:
     settings = _settings(name, options)
-    # Computing the second moments of varying latencies takes seconds.
-    print(f"{name}: analysing the sampled loop ...", file=sys.stderr, flush=True)
-    print(check_text(settings), end="")
+
+    def progress(what: str) -> None:
+        say(name, f"computing {what} ...", sys.stderr)
+
+    if options.json:
+        content = {"settings": settings.model_dump(mode="json")}
+        content["analysis"] = check_figures(settings, progress)
+        print(json_text(content), end="")
+    else:
+        print(check_text(settings, progress), end="")
     return ExitStatus.OK
 
 
@@ -96,12 +119,23 @@ def _settings(name: str, options: argparse.Namespace) -> ControllerSettings:
         print(f"{name}: neither preset nor file is given: preset {DEFAULT_PRESET}", file=sys.stderr)
     short = {"law": options.law, "rate_hz": options.rate_hz}
     overrides = [f"{key}={value}" for key, value in short.items() if value is not None]
-    return load_program_settings(ControllerSettings, PRESETS, options, overrides)
+    return load_program_settings(
+        ControllerSettings, PRESETS, options, overrides, shared_vehicle(options.vehicle)
+    )
 
 
-def conclude(name: str, node: ControllerNode) -> None:
-    """Report settings that contradict the measurements."""
-    seen = node.report()["sensor_period"]
+def conclude(name: str, settings: ControllerSettings, node: ControllerNode) -> None:
+    """Summarise the run, and report settings that contradict the measurements."""
+    report = node.report()
+    for heading, text in controller_summary(report):
+        say(name, f"{heading} {text}")
+    age_s = report["sample_age"]["mean_s"]
+    # Of as many measurements as ticks, the newest is never older than a period; of few, it is half
+    # a sensor period old on average.
+    is_rare = age_s * settings.rate_hz > 1.5
+    if is_rare and (warning := sparse_measurements(settings, 2.0 * age_s)):
+        say(name, warning, sys.stderr)
+    seen = report["sensor_period"]
     if seen is not None and seen["times_wrong"]:
         say(
             name,

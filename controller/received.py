@@ -57,9 +57,9 @@ class Received:
     ) -> Message | Rejection | SequenceResult | Refused | None:
         """Check a frame and store its values; returns the same as ``Reception.take``."""
         message = self.reception.take(frame, now_ns)
-        if isinstance(message, LateralError):
+        if type(message) is LateralError:
             self.lateral_error_m = message.lateral_error_m
-        elif isinstance(message, VehicleState):
+        elif type(message) is VehicleState:
             self.vehicle = new_record(VehicleReading, (*message, False))
         return message
 

@@ -58,9 +58,16 @@ def cascade_2_step(p: Cascade2, x: Cascade2State, u: float) -> tuple[Cascade2Sta
 
 def cascade_3_step(p: Cascade3, x: Cascade3State, u: float) -> tuple[Cascade3State, float]:
     """Advance three sections in series by one period; returns the new state and the output."""
-    x0, v = section_step(p[0], x[0], u)
-    (x1, x2), y = cascade_2_step((p[1], p[2]), (x[1], x[2]), v)
-    return (x0, x1, x2), y
+    (b0, b1, b2, a1, a2), (c0, c1, c2, d1, d2), (e0, e1, e2, f1, f2) = p
+    (x1, x2), (z1, z2), (s1, s2) = x
+    v = b0 * u + x1
+    w = c0 * v + z1
+    y = e0 * w + s1
+    return (
+        (b1 * u - a1 * v + x2, b2 * u - a2 * v),
+        (c1 * v - d1 * w + z2, c2 * v - d2 * w),
+        (e1 * w - f1 * y + s2, e2 * w - f2 * y),
+    ), y
 
 
 def sections_run(

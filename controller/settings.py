@@ -4,6 +4,7 @@ Times a user sets are in milliseconds; ``period_ns``, ``supervision_of`` and ``l
 them for the node and the step functions.
 """
 
+from pathlib import Path
 from typing import Annotated, Self
 
 from pydantic import Field, PositiveFloat, Tag, model_validator
@@ -13,7 +14,7 @@ from ..dbc.messages import limits as signal_limits
 from ..dbc.protection import SequenceRule
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.overruns import OverrunSettings
-from ..runtime.settings import NUMBER_OR_WORD, OffWord, Settings
+from ..runtime.settings import NUMBER_OR_WORD, OffWord, Settings, SharedTable, read_table
 from .delay_settings import DelayEstimationSettings
 from .freshness import NO_LIMIT_NS, AgeLimits
 from .law_settings import LawSettings
@@ -112,6 +113,34 @@ class ControllerSettings(LawSettings):
     def period_ns(self) -> int:
         """The control period [ns], the whole number nearest to what ``rate_hz`` asks for."""
         return round(NS_PER_S / self.rate_hz)
+
+
+def sparse_measurements(settings: ControllerSettings, sensor_period_s: float) -> str:
+    """Return a warning where the law differentiates measurements rarer than its ticks, else "".
+
+    An unfiltered derivative then acts in the first tick after each measurement only. The paper's
+    presets are such laws at 1 kHz.
+    """
+    period_s, pd = settings.period_ns / NS_PER_S, settings.pd
+    is_ideal = pd is not None and pd.derivative_filter_rad_s is None and pd.derivative != "kalman"
+    if not is_ideal or sensor_period_s < 1.5 * period_s:
+        return ""
+    return (
+        f"warning: measurements about every {1e3 * sensor_period_s:.3g} ms for a control period of"
+        f" {1e3 * period_s:.3g} ms make this another law, as its derivative has no filter; set the"
+        f" plant's sensor_period_ms = {1e3 * period_s:.3g}"
+    )
+
+
+def shared_vehicle(file: Path | None) -> SharedTable | None:
+    """Return [vehicle] of a file that the plant reads too, as [nominal_model].
+
+    Raises SettingsError.
+    """
+    if file is None:
+        return None
+    table = read_table(file, "vehicle")
+    return SharedTable(str(file), {"nominal_model": {"kind": "vehicle", **table}})
 
 
 def supervision_of(settings: ControllerSettings) -> Supervision:

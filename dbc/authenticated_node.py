@@ -13,6 +13,7 @@ from typing import Any
 
 from ..runtime.frame import Frame
 from ..runtime.node import N, Wrapper
+from ..runtime.view import View
 from .authentication import Authentication
 from .messages import CAN_IDS
 from .secured_frame import Refused
@@ -49,6 +50,14 @@ class AuthenticatedNode(Wrapper[N]):
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
         """Run the node's due tasks, and secure the frames it sends."""
         return self._secured(self.node.on_tick(now_ns))
+
+    def view(self, now_ns: int) -> View:
+        """Return the node's view, with the frames that authentication refused."""
+        view = self.node.view(now_ns)
+        refused = {
+            f"frames refused by authentication, {why}": n for why, n in self._refused.items()
+        }
+        return view._replace(counts={**view.counts, **refused})
 
     def report(self) -> Mapping[str, Any]:
         """Return the node's report, with the figures of authentication under ``authentication``.

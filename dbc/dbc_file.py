@@ -115,5 +115,5 @@ def _data_id(message: Message) -> int | None:
     for name, place in header.items():
         signal = message.get_signal_by_name(name)
         if (signal.start, signal.length) != place:
-            raise ValueError(f"{name}: profile 5 wants first bit, bits = {place}")
+            raise ValueError(f"{name}: profile 5 needs first bit, bits = {place}")
     return int(attributes["E2EDataId"].value)

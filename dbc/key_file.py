@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from ..command_line import installation
 from ..runtime.node import NS_PER_US
 from ..runtime.settings import SettingsError
 from .authentication import Authentication, ComputeMac
@@ -27,7 +28,6 @@ _DIGITS = 2 * KEY_LENGTH
 _READ_MAX = 4 * _DIGITS
 """Enough to detect that a file is too long [bytes]."""
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
-_EXTRA = "pip install 'steer-by-wire-emulator[secoc]'"
 
 
 def open_authentication(path: Path, end: End) -> Authentication:
@@ -59,7 +59,9 @@ def cmac_maker() -> Callable[[bytes], ComputeMac]:
         from cryptography.hazmat.primitives.ciphers.algorithms import AES128
         from cryptography.hazmat.primitives.cmac import CMAC
     except ImportError as error:
-        raise SettingsError(f"authentication needs cryptography: {_EXTRA}") from error
+        raise SettingsError(
+            f"authentication needs cryptography: {installation('cryptography')}"
+        ) from error
 
     def make_cmac(key: bytes) -> ComputeMac:
         keyed = CMAC(AES128(key))  # copying it takes a third of the time of making a new one

@@ -32,6 +32,12 @@ NOTICE_NS = 1_000_000_000
 """How long a second sender is reported after its last frame [ns]."""
 
 
+def second_sender_line(reception: "Reception") -> str:
+    """Return in words whose messages have a second sender; empty without any."""
+    names = ", ".join(reception.second_senders)
+    return f"second sender on the bus: {names}" if names else ""
+
+
 class Reception:
     """Receives some types of messages; frames with other identifiers are ignored.
 

@@ -15,9 +15,9 @@ from ..runtime.settings import Settings, SettingsError
 from .messages import CAN_IDS, Message
 from .secured_frame import End, Refused
 
-NOBODY = "classic CAN authenticates nobody: whoever is on the bus can steer (see --key-file)"
+NOBODY = "classic CAN authenticates nobody: anybody on the bus can steer (see --key-file)"
 """Printed on start by a program without a key."""
-AUTHENTICATED = "authenticated CAN FD: only frames made with the key are believed"
+AUTHENTICATED = "authenticated CAN FD: only frames made with the key are accepted"
 
 
 def add_key_file_argument(parser: argparse.ArgumentParser) -> None:

@@ -29,17 +29,17 @@ class Tyres(Settings):  # [vehicle.own] of a settings file
 def rates(p: VehicleParams, x: VehicleState, u: VehicleInput, own: Tyres) -> VehicleState:
     """Return the rates of side slip, yaw rate, heading error and lateral error."""
     beta, r, heading_rad, _ = x
-    front_slip_rad = u.wheel_rad - beta - p.front_axle_m * r / p.speed_m_s
-    rear_slip_rad = -beta + p.rear_axle_m * r / p.speed_m_s
+    front_slip_rad = u.wheel_rad - beta - p.front_axle_distance_m * r / p.speed_m_s
+    rear_slip_rad = -beta + p.rear_axle_distance_m * r / p.speed_m_s
     limit_n = own.axle_force_n_max
-    front_n = limit_n * tanh(p.front_stiffness_n_rad * front_slip_rad / limit_n)
-    rear_n = limit_n * tanh(p.rear_stiffness_n_rad * rear_slip_rad / limit_n)
-    moment_n_m = p.front_axle_m * front_n - p.rear_axle_m * rear_n
+    front_n = limit_n * tanh(p.front_cornering_stiffness_n_rad * front_slip_rad / limit_n)
+    rear_n = limit_n * tanh(p.rear_cornering_stiffness_n_rad * rear_slip_rad / limit_n)
+    moment_n_m = p.front_axle_distance_m * front_n - p.rear_axle_distance_m * rear_n
     return VehicleState(
         (front_n + rear_n) / (p.virtual_mass_kg * p.speed_m_s) - r + u.side_slip_disturbance_rad_s,
         moment_n_m / p.yaw_inertia_kg_m2 + u.yaw_disturbance_rad_s2,
         r - p.speed_m_s * u.curvature_1_m,
-        p.speed_m_s * beta + p.preview_m * r + p.speed_m_s * heading_rad,
+        p.speed_m_s * beta + p.preview_distance_m * r + p.speed_m_s * heading_rad,
     )
 
 
@@ -48,7 +48,7 @@ SATURATING = VehicleModel(rates, settings=Tyres)
 
 def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     road: dict[str, Any] = {
-        "plant.vehicle.speed_km_h": 40.0,
+        "plant.vehicle.speed_m_s": 40.0 / 3.6,
         # The steering is to refuse nothing: it would keep the tyres from their limits.
         "plant.safety.lateral_acceleration_m_s2_max": "off",
         "plant.safety.lateral_jerk_m_s3_max": "off",

@@ -17,6 +17,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from ..runtime.node import NEVER_NS, NS_PER_S
+from ..runtime.record import new_record
 
 
 class ActuatorParams(NamedTuple):
@@ -88,7 +89,8 @@ def _after_ramp(
     if p.lag_s > 0.0:
         rate = (goal_rad - wheel_rad) / p.lag_s
         return WheelSegment(wheel_rad, rate, WheelPhase.SETTLING, goal_rad, clipped, NEVER_NS)
-    return WheelSegment(goal_rad, 0.0, WheelPhase.HELD, goal_rad, clipped, NEVER_NS)
+    held = (goal_rad, 0.0, WheelPhase.HELD, goal_rad, clipped, NEVER_NS)
+    return new_record(WheelSegment, held)
 
 
 def is_limited(segment: WheelSegment) -> bool:

@@ -1,13 +1,7 @@
 """A latency line: delays and loses the frames of one direction as a network does.
 
-For every frame two uniforms are drawn in this order, even if they are not needed:
-
-    1. lost or not   (``plant_emulator.loss``)
-    2. latency       (``plant_emulator.latency``)
-
-so that runs with the same seed have the same network, and a distribution with a heavier tail makes
-every frame later. Duplicates draw from another stream. With zero latency a frame is due at the
-instant it comes: the delay is exactly zero.
+How long a frame takes, and whether it is lost, is drawn (``plant_emulator.latency_draw``). A
+latency of zero is due at the very instant the frame came: zero latency adds exactly zero delay.
 
 Order (``Order``) is kept per key; frames of one key are those of one message.
 """
@@ -16,13 +10,12 @@ from collections.abc import Iterator
 from heapq import heappop, heappush
 from typing import Generic, NamedTuple, TypeVar
 
-from ..runtime.node import NEVER_NS, NS_PER_S
+from ..runtime.node import NEVER_NS
 from ..runtime.record import new_record
 from ..runtime.statistics import DurationStatistics
-from .latency import QUANTILES, Distribution, correlated_score, uniform_of_score
-from .latency_profile import ProfilePoint, profile_at, read_trace
+from .latency import Distribution
+from .latency_draw import LatencyDraw
 from .latency_settings import LatencySettings, Order
-from .loss import LossParams, bernoulli, gilbert_elliott, loss_step
 
 WAITING_MAX = 100_000
 """Frames that a line holds: three times those of the longest latency at the highest rate."""
@@ -65,6 +58,9 @@ class LatencyLine(Generic[Item]):
     ``duplicate_uniforms``  stream of the duplicates
 
     ``next_due_ns``         when the next frame is due [ns]; NEVER_NS with none waiting
+    ``latest_latency_ns``   latency drawn for the newest frame that was not lost [ns]
+    ``latency``             of the frames that have left the line: not of those that were overtaken
+    ``injected``            latency drawn for every frame that was not lost, duplicates included
     """
 
     def __init__(
@@ -73,23 +69,7 @@ class LatencyLine(Generic[Item]):
         uniforms: Iterator[float],
         duplicate_uniforms: Iterator[float],
     ) -> None:
-        self._settings = settings
-        self._uniforms = uniforms
-        self._duplicate_uniforms = duplicate_uniforms
-        self._quantile = settings.quantile
-        self._schedule = tuple(
-            ProfilePoint(point.time_s, point.mean_s, point.spread_s, point.loss)
-            for point in settings.schedule
-        )
-        self._trace = None if settings.trace_file is None else read_trace(settings.trace_file)
-        self._mean_s = settings.mean_s
-        self._spread_s = settings.spread_s
-        self._loss = self._loss_params(settings.loss)
-        self._in_burst = False
-        self._score = 0.0
-        self._score_ns: int | None = None
-        self._correlation_time_s = settings.correlation_time_s
-        self._duplicates = settings.duplicates
+        self._draw = LatencyDraw(settings, uniforms, duplicate_uniforms)
         self._newest_wins = settings.order is Order.NEWEST_WINS
         self._in_order = settings.order is Order.IN_ORDER
         self._waiting: list[Passage[Item]] = []
@@ -97,12 +77,11 @@ class LatencyLine(Generic[Item]):
         self._sequence = 0
         self._last_due_ns: dict[int, int] = {}
         self._newest_released: dict[int, int] = {}
-        self._latest_latency_ns = 0
-        self._constant_ns = self._constant_latency_ns()
+        self.latest_latency_ns = 0
         self._pushed = self._duplicated = self._released = 0
         self._lost = self._superseded = self._overflowed = 0
-        self._latency = DurationStatistics()
-        self._injected = DurationStatistics()
+        self.latency = DurationStatistics()
+        self.injected = DurationStatistics()
 
     @property
     def counts(self) -> LineCounts:
@@ -116,55 +95,28 @@ class LatencyLine(Generic[Item]):
             self._overflowed,
         )
 
-    @property
-    def latency(self) -> DurationStatistics:
-        """Latency of the frames that have left the line, without the overtaken ones."""
-        return self._latency
-
-    @property
-    def injected(self) -> DurationStatistics:
-        """Latency drawn for every frame that was not lost, duplicates included."""
-        return self._injected
-
-    @property
-    def latest_latency_ns(self) -> int:
-        """Latency drawn for the newest frame that was not lost [ns]."""
-        return self._latest_latency_ns
-
     def reconfigure(self, model: Distribution, mean_s: float, spread_s: float, loss: float) -> None:
-        """Change the network from the next frame on; this ends a schedule or a trace."""
-        self._quantile = QUANTILES[model]
-        self._schedule = ()
-        self._trace = None
-        self._mean_s = mean_s
-        self._spread_s = spread_s
-        self._loss = self._loss_params(loss)
-        self._constant_ns = self._constant_latency_ns()
+        """Change the network from the next frame on; ends a schedule and a trace."""
+        self._draw.reconfigure(model, mean_s, spread_s, loss)
 
     def push(self, key: int, item: Item, now_ns: int, motion_ns: int) -> None:
-        """Put a frame into the line at ``now_ns``, ``motion_ns`` after the start of motion."""
-        if self._constant_ns is not None:
-            self._pushed += 1
-            # Drawn anyway, so that a later change of the network has the same draws.
-            next(self._uniforms)
-            next(self._uniforms)
-            self._latest_latency_ns = self._constant_ns
-            self._wait(key, item, now_ns, self._constant_ns)
-            return
-        if self._schedule:
-            self._follow_schedule(motion_ns)
-        loss_u, latency_u = next(self._uniforms), next(self._uniforms)
-        self._in_burst, is_lost = loss_step(self._loss, self._in_burst, loss_u)
-        if self._correlation_time_s > 0.0:
-            latency_u = self._correlated(latency_u, now_ns)
-        latency_ns = self._latency_ns(latency_u, motion_ns)
-        if is_lost:
-            self._lost += 1
-        else:
-            self._latest_latency_ns = latency_ns
+        """Take a frame that comes at ``now_ns``, ``motion_ns`` after the start of motion."""
+        draw = self._draw
+        latency_ns = draw.constant_ns
+        if latency_ns is not None:
+            draw.skip()
+            self.latest_latency_ns = latency_ns
             self._wait(key, item, now_ns, latency_ns)
-        if self._duplicates > 0.0:
-            self._duplicate(key, item, now_ns, motion_ns, is_lost)
+        else:
+            latency_ns, duplicate_ns = draw.latencies_ns(self._pushed, now_ns, motion_ns)
+            if latency_ns is None:
+                self._lost += 1
+            else:
+                self.latest_latency_ns = latency_ns
+                self._wait(key, item, now_ns, latency_ns)
+            if duplicate_ns is not None:
+                self._duplicated += 1
+                self._wait(key, item, now_ns, duplicate_ns)
         self._pushed += 1
 
     def pop_due(self, now_ns: int) -> list[Passage[Item]]:
@@ -174,60 +126,25 @@ class LatencyLine(Generic[Item]):
         while self.next_due_ns <= now_ns:
             passage = heappop(waiting)
             due_ns, sequence, came_ns, key, _ = passage
-            self._latency.record(due_ns - came_ns)
+            self.latency.record(due_ns - came_ns)
             released.append(passage)
             if self._newest_wins:
                 newest[key] = sequence
-                # An older frame than the last one that has left is dropped.
-                while waiting and waiting[0].sequence < newest.get(waiting[0].key, -1):
-                    heappop(waiting)
-                    self._superseded += 1
-            self.next_due_ns = waiting[0].due_ns if waiting else NEVER_NS
+            self.next_due_ns = NEVER_NS
+            while waiting:
+                due_ns, sequence, _, key, _ = waiting[0]
+                if not self._newest_wins or sequence >= newest.get(key, -1):
+                    self.next_due_ns = due_ns
+                    break
+                # Older than what has left: nobody waits for it.
+                heappop(waiting)
+                self._superseded += 1
         self._released += len(released)
         return released
 
-    def _follow_schedule(self, motion_ns: int) -> None:
-        shape, time_s = self._settings.schedule_shape, motion_ns / NS_PER_S
-        _, self._mean_s, self._spread_s, loss = profile_at(self._schedule, shape, time_s)
-        self._loss = self._loss_params(loss)
-
-    def _constant_latency_ns(self) -> int | None:
-        """Return the latency if it is the same for all frames [ns]; otherwise None."""
-        is_drawn = (
-            self._quantile is not QUANTILES[Distribution.CONSTANT]
-            or self._schedule
-            or self._trace is not None
-            or self._in_burst
-            or self._loss != bernoulli(0.0)
-            or self._duplicates > 0.0
-            or self._correlation_time_s > 0.0
-        )
-        return None if is_drawn else round(self._mean_s * NS_PER_S)
-
-    def _latency_ns(self, u: float, motion_ns: int) -> int:
-        """Return the latency of the present frame [ns]."""
-        if self._trace is not None:
-            return round(self._trace.latency_s(self._pushed, motion_ns / NS_PER_S) * NS_PER_S)
-        return round(self._quantile(u, self._mean_s, self._spread_s) * NS_PER_S)
-
-    def _correlated(self, u: float, now_ns: int) -> float:
-        """Return the uniform of the AR(1) process, which starts in its stationary state."""
-        # The first frame has no predecessor, so its score is drawn independently.
-        elapsed_s = float("inf") if self._score_ns is None else (now_ns - self._score_ns) / NS_PER_S
-        self._score = correlated_score(self._score, u, elapsed_s, self._correlation_time_s)
-        self._score_ns = now_ns
-        return uniform_of_score(self._score)
-
-    def _duplicate(self, key: int, item: Item, now_ns: int, motion_ns: int, is_lost: bool) -> None:
-        """Duplicate a frame at random, unless it is lost."""
-        chance_u, latency_u = next(self._duplicate_uniforms), next(self._duplicate_uniforms)
-        if not is_lost and chance_u < self._duplicates:
-            self._duplicated += 1
-            self._wait(key, item, now_ns, self._latency_ns(latency_u, motion_ns))
-
     def _wait(self, key: int, item: Item, now_ns: int, latency_ns: int) -> None:
         """Queue a frame until it is due."""
-        self._injected.record(latency_ns)
+        self.injected.record(latency_ns)
         if len(self._waiting) >= WAITING_MAX:
             self._overflowed += 1
             return
@@ -239,9 +156,3 @@ class LatencyLine(Generic[Item]):
         self._sequence += 1
         if due_ns < self.next_due_ns:
             self.next_due_ns = due_ns
-
-    def _loss_params(self, loss: float) -> LossParams:
-        table = self._settings
-        if table.burst_frames is None:
-            return bernoulli(loss)
-        return gilbert_elliott(loss, table.burst_frames, table.loss_in_good, table.loss_in_burst)

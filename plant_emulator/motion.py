@@ -7,7 +7,7 @@ closed form, so the result does not depend on how often it is called.
 Time counts from the start of motion. The arc length s = V t is that of the point of the path beside
 the preview point, not beside the centre of gravity. Only then is (1) exact, which measures y at the
 preview point, and Δψ and ρ without a preview distance. So ρ(s) both drives (1) and is the preview
-curvature, and the centre of gravity starts `preview_m` behind the path's start.
+curvature, and the centre of gravity starts `preview_distance_m` behind the path's start.
 """
 
 import math
@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ..runtime.node import NEVER_NS, NS_PER_S
+from ..runtime.record import new_record
 from .actuator import WheelSegment, at_rest, command_wheel, end_ramp, is_limited
 from .motion_design import MotionParams
 from .path import Path, Place, Pose, end_of_place_m, next_place, vehicle_pose
@@ -24,11 +25,15 @@ LARGEST = 1e150
 """Magnitude beyond which a state counts as infinite, because figures of a run take its square."""
 
 
-class MotionState(NamedTuple):
-    """State of the motion, and the pieces of path and disturbance that it is in."""
+class Course(NamedTuple):
+    """Which pieces of its inputs the motion is in, and until when.
 
-    time_ns: int
-    linear: LinearState
+    ``first_row``  where the transitions of this piece start in the table
+    ``event_ns``   the first of the three ends
+    """
+
+    first_row: int
+    event_ns: int
     wheel: WheelSegment
     place: Place
     place_end_ns: int
@@ -36,109 +41,136 @@ class MotionState(NamedTuple):
     interval_end_ns: int
 
 
+class MotionState(NamedTuple):
+    """Where the motion is, and on which course."""
+
+    time_ns: int
+    linear: LinearState
+    course: Course
+
+
 def start_motion(p: MotionParams) -> MotionState:
     """Return the state at time 0: on the path, along it, wheel straight."""
-    linear = LinearState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    x = MotionState(0, linear, at_rest(0.0), Place(0, 0), 0, -1, 0)
-    return _enter_interval(p, _enter_place(p, x, Place(0, 0)), 0)
+    place, wheel = Place(0, 0), at_rest(0.0)
+    rho, rho_rate = _curvature_along(p, place)
+    first = p.intervals[0]
+    w_beta, w_r = first.side_slip_disturbance_rad_s, first.yaw_disturbance_rad_s2
+    linear = LinearState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, rho, rho_rate, w_beta, w_r)
+    course = _course(p, wheel, place, _place_end_ns(p, place), 0, _interval_end_ns(p, 0))
+    return MotionState(0, linear, course)
 
 
 def command_motion(p: MotionParams, x: MotionState, steer_rad: float) -> MotionState:
-    """Return the state after a steering command has reached the actuator."""
-    return _move_wheel(x, command_wheel(p.actuator, x.linear.wheel_rad, steer_rad, x.time_ns))
+    """Return the state in which a steering command has just reached the actuator."""
+    time_ns, (beta, r, psi, y, wheel_rad, _, rho, rho_rate, w_beta, w_r), course = x
+    wheel = command_wheel(p.actuator, wheel_rad, steer_rad, time_ns)
+    linear = new_record(
+        LinearState,
+        (
+            beta,
+            r,
+            psi,
+            y,
+            wheel.wheel_rad,
+            wheel.wheel_rate_rad_s,
+            rho,
+            rho_rate,
+            w_beta,
+            w_r,
+        ),
+    )
+    _, _, _, place, place_end_ns, interval, interval_end_ns = course
+    course = _course(p, wheel, place, place_end_ns, interval, interval_end_ns)
+    return new_record(MotionState, (time_ns, linear, course))
 
 
 def advance_motion(p: MotionParams, x: MotionState, to_ns: int) -> MotionState:
     """Return the state at ``to_ns`` >= its time, with all events up to and at that time."""
-    while True:
-        event_ns = min(x.wheel.end_ns, x.place_end_ns, x.interval_end_ns)
-        if event_ns > to_ns:
-            return _coast(p, x, to_ns)
-        x = _coast(p, x, event_ns)
-        if x.wheel.end_ns == event_ns:
-            x = _move_wheel(x, end_ramp(p.actuator, x.wheel, x.linear.wheel_rad))
-        if x.place_end_ns == event_ns:
-            x = _enter_place(p, x, next_place(p.path, x.place))
-        if x.interval_end_ns == event_ns:
-            x = _enter_interval(p, x, x.interval + 1)
+    while x.course.event_ns <= to_ns:
+        x = _pass_event(p, x)
+    time_ns, linear, course = x
+    if time_ns == to_ns:
+        return x
+    linear = propagate(p.table, course.first_row, linear, to_ns - time_ns)
+    return new_record(MotionState, (to_ns, linear, course))
 
 
-def _coast(p: MotionParams, x: MotionState, to_ns: int) -> MotionState:
-    """Return the state at ``to_ns``, before which there is no event."""
-    first_row = p.first_rows[x.interval][x.wheel.phase]
-    linear = propagate(p.table, first_row, x.linear, to_ns - x.time_ns)
-    return MotionState(
-        to_ns, linear, x.wheel, x.place, x.place_end_ns, x.interval, x.interval_end_ns
+def disturb_motion(p: MotionParams, x: MotionState) -> MotionState:
+    """Return the state at the start of the first interval of ``p``; all else in it is as before."""
+    time_ns, z, course = x
+    first = p.intervals[0]
+    w_beta, w_r = first.side_slip_disturbance_rad_s, first.yaw_disturbance_rad_s2
+    linear = z._replace(side_slip_disturbance_rad_s=w_beta, yaw_disturbance_rad_s2=w_r)
+    _, _, wheel, place, place_end_ns, _, _ = course
+    course = _course(p, wheel, place, place_end_ns, 0, _interval_end_ns(p, 0))
+    return MotionState(time_ns, linear, course)
+
+
+def _pass_event(p: MotionParams, x: MotionState) -> MotionState:
+    """Return the state at the next event, and behind it."""
+    time_ns, z, course = x
+    first_row, event_ns, wheel, place, place_end_ns, interval, interval_end_ns = course
+    z = propagate(p.table, first_row, z, event_ns - time_ns)
+    beta, r, psi, y, delta, delta_rate, rho, rho_rate, w_beta, w_r = z
+    if wheel.end_ns == event_ns:
+        wheel = end_ramp(p.actuator, wheel, delta)
+        delta, delta_rate = wheel.wheel_rad, wheel.wheel_rate_rad_s
+    if place_end_ns == event_ns:
+        place = next_place(p.path, place)
+        place_end_ns = _place_end_ns(p, place)
+        rho, rho_rate = _curvature_along(p, place)
+    if interval_end_ns == event_ns:
+        interval += 1
+        interval_end_ns = _interval_end_ns(p, interval)
+        w_beta = p.intervals[interval].side_slip_disturbance_rad_s
+        w_r = p.intervals[interval].yaw_disturbance_rad_s2
+    z = LinearState(beta, r, psi, y, delta, delta_rate, rho, rho_rate, w_beta, w_r)
+    course = _course(p, wheel, place, place_end_ns, interval, interval_end_ns)
+    return MotionState(event_ns, z, course)
+
+
+def _course(
+    p: MotionParams,
+    wheel: WheelSegment,
+    place: Place,
+    place_end_ns: int,
+    interval: int,
+    interval_end_ns: int,
+) -> Course:
+    first_row = p.first_rows[interval][wheel.phase]
+    event_ns = min(wheel.end_ns, place_end_ns, interval_end_ns)
+    pieces = (first_row, event_ns, wheel, place, place_end_ns, interval, interval_end_ns)
+    return new_record(Course, pieces)
+
+
+def _curvature_along(p: MotionParams, place: Place) -> tuple[float, float]:
+    """Return the curvature at the start of a piece of the path [1/m], and its rate [1/(m s)]."""
+    return p.path.curvature_1_m[place.piece], (
+        p.path.curvature_slope_1_m2[place.piece] * p.speed_m_s
     )
 
 
-def _move_wheel(x: MotionState, wheel: WheelSegment) -> MotionState:
-    z = x.linear
-    linear = LinearState(
-        z.side_slip_rad,
-        z.yaw_rate_rad_s,
-        z.heading_error_rad,
-        z.lateral_error_m,
-        wheel.wheel_rad,
-        wheel.wheel_rate_rad_s,
-        z.curvature_1_m,
-        z.curvature_rate_1_m_s,
-        z.side_slip_disturbance_rad_s,
-        z.yaw_disturbance_rad_s2,
-    )
-    return MotionState(
-        x.time_ns, linear, wheel, x.place, x.place_end_ns, x.interval, x.interval_end_ns
-    )
-
-
-def _enter_place(p: MotionParams, x: MotionState, place: Place) -> MotionState:
-    """Return the state at the start of a piece of the path."""
-    z = x.linear
-    linear = LinearState(
-        z.side_slip_rad,
-        z.yaw_rate_rad_s,
-        z.heading_error_rad,
-        z.lateral_error_m,
-        z.wheel_rad,
-        z.wheel_rate_rad_s,
-        p.path.curvature_1_m[place.piece],
-        p.path.curvature_slope_1_m2[place.piece] * p.speed_m_s,
-        z.side_slip_disturbance_rad_s,
-        z.yaw_disturbance_rad_s2,
-    )
+def _place_end_ns(p: MotionParams, place: Place) -> int:
+    """Return when a piece of the path ends."""
     end_s = end_of_place_m(p.path, place) / p.speed_m_s
-    end_ns = NEVER_NS if end_s == math.inf else round(end_s * NS_PER_S)
-    return MotionState(x.time_ns, linear, x.wheel, place, end_ns, x.interval, x.interval_end_ns)
+    return NEVER_NS if end_s == math.inf else round(end_s * NS_PER_S)
 
 
-def _enter_interval(p: MotionParams, x: MotionState, interval: int) -> MotionState:
-    """Return the state at the start of an interval of the disturbances."""
-    z = x.linear
-    linear = LinearState(
-        z.side_slip_rad,
-        z.yaw_rate_rad_s,
-        z.heading_error_rad,
-        z.lateral_error_m,
-        z.wheel_rad,
-        z.wheel_rate_rad_s,
-        z.curvature_1_m,
-        z.curvature_rate_1_m_s,
-        p.intervals[interval].side_slip_disturbance_rad_s,
-        p.intervals[interval].yaw_disturbance_rad_s2,
-    )
+def _interval_end_ns(p: MotionParams, interval: int) -> int:
+    """Return when an interval of the disturbances ends."""
     later = interval + 1
-    end_ns = p.intervals[later].start_ns if later < len(p.intervals) else NEVER_NS
-    return MotionState(x.time_ns, linear, x.wheel, x.place, x.place_end_ns, interval, end_ns)
+    return p.intervals[later].start_ns if later < len(p.intervals) else NEVER_NS
 
 
 def has_finite_vehicle(z: LinearState) -> bool:
     """Whether the vehicle's state is finite, and not beyond LARGEST."""
-    # Each is false for NaN too.
+    beta, r, psi, y, _, _, _, _, _, _ = z
+    # Each is false for no number, too.
     return (
-        abs(z.lateral_error_m) <= LARGEST
-        and abs(z.heading_error_rad) <= LARGEST
-        and abs(z.yaw_rate_rad_s) <= LARGEST
-        and abs(z.side_slip_rad) <= LARGEST
+        -LARGEST <= y <= LARGEST
+        and -LARGEST <= psi <= LARGEST
+        and -LARGEST <= r <= LARGEST
+        and -LARGEST <= beta <= LARGEST
     )
 
 
@@ -164,37 +196,46 @@ class Motion:
     is no longer finite, the vehicle keeps its last finite state, while wheel and path continue;
     ``is_finite`` reports this.
 
-    ``advance``  ``advance_motion``, or one with other equations of motion
+    ``advance``  ``advance_motion``, or what has other equations of motion
+
+    ``time_ns``    time since the start of motion
+    ``linear``     everything that moves in closed form
+    ``is_finite``  whether the vehicle's state has been finite so far
+    ``speed_m_s``  speed V, constant
     """
 
     def __init__(self, params: MotionParams, advance: Advance = advance_motion) -> None:
         self._params = params
         self._advance = advance
         self._state = start_motion(params)
-        self._is_finite = True
+        self.time_ns, self.linear, _ = self._state
+        self.is_finite = True
+        self.speed_m_s = params.speed_m_s
 
     def command(self, steer_rad: float) -> None:
         """Apply a steering command (finite) to the actuator now."""
         self._state = command_motion(self._params, self._state, steer_rad)
+        self.linear = self._state.linear
 
     def disturb(self, params: MotionParams) -> None:
         """Let the one interval of other parameters begin now; all else in them is the same."""
         self._params = params
-        self._state = _enter_interval(params, self._state, 0)
+        self._state = disturb_motion(params, self._state)
+        self.linear = self._state.linear
 
     def advance(self, to_ns: int) -> None:
-        """Advance to ``to_ns``. Raises ValueError if that is in the past."""
-        if to_ns < self._state.time_ns:
-            raise ValueError(f"cannot move from {self._state.time_ns} ns back to {to_ns} ns")
-        before = self._state
-        if self._is_finite:
-            self._state = self._advance(self._params, before, to_ns)
-            self._is_finite = has_finite_vehicle(self._state.linear)
-        if not self._is_finite:
-            # With the vehicle at rest, since nothing else depends on its state.
-            started = with_vehicle(before, 0.0, 0.0, 0.0, 0.0)
+        """Move on to ``to_ns``. Raises ValueError when that lies in the past."""
+        if to_ns < self.time_ns:
+            raise ValueError(f"cannot move from {self.time_ns} ns back to {to_ns} ns")
+        state = self._advance(self._params, self._state, to_ns) if self.is_finite else None
+        if state is None or not has_finite_vehicle(state.linear):
+            self.is_finite = False
+            # From a vehicle at rest: nothing else depends on where it is.
+            started = with_vehicle(self._state, 0.0, 0.0, 0.0, 0.0)
             after = advance_motion(self._params, started, to_ns)
-            self._state = with_vehicle(after, *before.linear[:4])
+            state = with_vehicle(after, *self.linear[:4])
+        self._state = state
+        self.time_ns, self.linear, _ = state
 
     @property
     def path(self) -> Path:
@@ -202,64 +243,44 @@ class Motion:
         return self._params.path
 
     @property
-    def is_finite(self) -> bool:
-        """Whether the vehicle's state has always been finite."""
-        return self._is_finite
-
-    @property
-    def time_ns(self) -> int:
-        """Time since the start of motion."""
-        return self._state.time_ns
-
-    @property
-    def linear(self) -> LinearState:
-        """All that is propagated in closed form."""
-        return self._state.linear
-
-    @property
     def lateral_error_m(self) -> float:
         """Lateral error y of the preview point, to the left of the path positive."""
-        return self._state.linear.lateral_error_m
+        return self.linear.lateral_error_m
 
     @property
     def heading_error_rad(self) -> float:
         """Heading error Δψ against the path beside the preview point."""
-        return self._state.linear.heading_error_rad
+        return self.linear.heading_error_rad
 
     @property
     def side_slip_rad(self) -> float:
         """Side slip angle β at the centre of gravity."""
-        return self._state.linear.side_slip_rad
+        return self.linear.side_slip_rad
 
     @property
     def yaw_rate_rad_s(self) -> float:
         """Yaw rate r."""
-        return self._state.linear.yaw_rate_rad_s
-
-    @property
-    def speed_m_s(self) -> float:
-        """Speed V, constant."""
-        return self._params.speed_m_s
+        return self.linear.yaw_rate_rad_s
 
     @property
     def wheel_rad(self) -> float:
-        """Front wheel angle at the actuator, without a steering offset."""
-        return self._state.linear.wheel_rad
+        """Front wheel angle as the actuator knows it: without a steering offset."""
+        return self.linear.wheel_rad
 
     @property
     def is_limited(self) -> bool:
         """Whether the actuator's angle or rate limit shapes the wheel's motion."""
-        return is_limited(self._state.wheel)
+        return is_limited(self._state.course.wheel)
 
     @property
     def preview_curvature_1_m(self) -> float:
         """Curvature ρ of the path beside the preview point."""
-        return self._state.linear.curvature_1_m
+        return self.linear.curvature_1_m
 
     @property
     def arc_length_m(self) -> float:
-        """Arc length s of the path beside the preview point, over all laps."""
-        return self._params.speed_m_s * (self._state.time_ns / NS_PER_S)
+        """Arc length s of the path beside the preview point, counting on over laps."""
+        return self.speed_m_s * (self.time_ns / NS_PER_S)
 
     @property
     def pose(self) -> Pose:
@@ -269,5 +290,5 @@ class Motion:
             self.arc_length_m,
             self.heading_error_rad,
             self.lateral_error_m,
-            self._params.preview_m,
+            self._params.preview_distance_m,
         )

@@ -20,7 +20,7 @@ class MotionParams(NamedTuple):
     """Constants of a motion."""
 
     speed_m_s: float
-    preview_m: float
+    preview_distance_m: float
     actuator: ActuatorParams
     path: Path
     intervals: Sequence[DisturbanceInterval]
@@ -64,7 +64,7 @@ def design_motion_arrays(
     table, first_rows = transitions(params, actuator_params, intervals)
     return MotionParams(
         params.speed_m_s,
-        params.preview_m,
+        params.preview_distance_m,
         actuator_params,
         path,
         intervals,
@@ -76,14 +76,14 @@ def design_motion_arrays(
 def vehicle_params(settings: VehicleSettings) -> VehicleParams:
     """Return the vehicle's parameters."""
     return VehicleParams(
-        settings.speed_km_h / 3.6,
+        settings.speed_m_s,
         settings.virtual_mass_kg,
         settings.yaw_inertia_kg_m2,
         settings.front_cornering_stiffness_n_rad,
         settings.rear_cornering_stiffness_n_rad,
-        settings.front_axle_m,
-        settings.rear_axle_m,
-        settings.preview_m,
+        settings.front_axle_distance_m,
+        settings.rear_axle_distance_m,
+        settings.preview_distance_m,
     )
 
 

@@ -11,7 +11,11 @@ from .streams import Channel, uniforms
 
 
 class Network:
-    """Both lines of a run; ``measured_latency_s`` is that of the last measurement that left."""
+    """Both lines of a run.
+
+    ``measured_latency_s``  latency of the last measurement that left [s]
+    ``configured``          what LATENCY_CONFIG has changed last; None before the first
+    """
 
     def __init__(self, settings: PlantSettings) -> None:
         seed, latency = settings.seed, settings.latency
@@ -26,6 +30,7 @@ class Network:
             uniforms(seed, Channel.UPLINK_DUPLICATES),
         )
         self.measured_latency_s = math.nan
+        self.configured: LatencyConfig | None = None
 
     @property
     def lost(self) -> int:
@@ -41,6 +46,7 @@ class Network:
 
     def reconfigure(self, config: LatencyConfig) -> None:
         """Change the latency as a tool requests."""
+        self.configured = config
         model = Distribution[config.model.name]
         if config.direction in (Direction.DOWNLINK, Direction.BOTH):
             self.downlink.reconfigure(model, config.mean_s, config.spread_s, config.loss)

@@ -44,6 +44,7 @@ from ..runtime.frame import Frame
 from ..runtime.node import NEVER_NS
 from ..runtime.periodic import PeriodicTimer
 from ..runtime.record import new_record
+from ..runtime.view import View
 from .disturbing import Disturbing
 from .latency_line import Passage
 from .motion_design import MotionParams, design_motion
@@ -60,6 +61,7 @@ from .settings import PlantSettings
 from .status_timing import StatusTiming
 from .steering_unit import SteeringUnit
 from .streams import Channel, uniforms
+from .view import plant_view
 
 RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig, DisturbanceConfig)
 """What the plant receives."""
@@ -204,7 +206,20 @@ class PlantNode:
                 status = self._status(due_ns)
                 status_timing.on_report(status.safety, due_ns, now_ns)
                 frames.append(self._messages.plant_status(status))
-            status_timing.on_state(unit.safety, due_ns)
+            if unit.safety is not status_timing.settled:
+                status_timing.on_state(unit.safety, due_ns)
+
+    def view(self, now_ns: int) -> View:  # noqa: ARG002 - a state changes when something is due
+        """Return what a user should see now."""
+        command = None if self._command is None else self._command.item
+        return plant_view(
+            self._unit,
+            self._own.failure,
+            self._reception,
+            self._network,
+            command,
+            self._record.figures,
+        )
 
     def report(self) -> Mapping[str, Any]:
         """Return the figures of the run so far, ready for JSON.
@@ -235,13 +250,15 @@ class PlantNode:
 
     def _motion_ns(self, time_ns: int) -> int:
         """Return the time since the start of motion [ns], 0 before."""
-        return max(time_ns - self._motion_start_ns, 0)
+        motion_ns = time_ns - self._motion_start_ns
+        return motion_ns if motion_ns > 0 else 0
 
     def _advance(self, due_ns: int) -> int:
         """Advance the vehicle to ``due_ns``; returns the time since the start of motion [ns]."""
         motion_ns = self._motion_ns(due_ns)
-        self._motion.advance(motion_ns)
-        if not self._motion.is_finite:
+        motion = self._motion
+        motion.advance(motion_ns)
+        if not motion.is_finite:
             self._fail(NOT_FINITE_VEHICLE, due_ns)
         return motion_ns
 
@@ -254,9 +271,10 @@ class PlantNode:
         """Apply the commands that are due."""
         for released in self._network.downlink.pop_due(due_ns):
             motion_ns = self._advance(due_ns)
-            if not math.isfinite(released.item.steer_rad):
+            steer_rad = released.item.steer_rad
+            if not math.isfinite(steer_rad):
                 self._fail(NOT_FINITE_COMMAND, due_ns)
-            elif self._unit.on_command(released.item.steer_rad, motion_ns):
+            elif self._unit.on_command(steer_rad, motion_ns):
                 self._motion.command(self._unit.target_rad)
                 self._command = released
 

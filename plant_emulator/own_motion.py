@@ -34,8 +34,7 @@ class OwnMotion:
     def advance(self, p: MotionParams, x: MotionState, to_ns: int) -> MotionState:
         """Return the state at ``to_ns`` >= its time; raises PartError if the model fails."""
         while True:
-            event_ns = min(x.wheel.end_ns, x.place_end_ns, x.interval_end_ns)
-            end_ns = min(to_ns, event_ns, x.time_ns + STEP_NS)
+            end_ns = min(to_ns, x.course.event_ns, x.time_ns + STEP_NS)
             x = self._step(p, x, end_ns)
             if end_ns == to_ns:
                 return x
@@ -43,7 +42,7 @@ class OwnMotion:
     def _step(self, p: MotionParams, x: MotionState, end_ns: int) -> MotionState:
         """Return the state at ``end_ns``, before which there is no event."""
         half_s = 0.5e-9 * (end_ns - x.time_ns)
-        vehicle = on_friction(self._vehicle, p.intervals[x.interval].friction)
+        vehicle = on_friction(self._vehicle, p.intervals[x.course.interval].friction)
         after = advance_motion(p, x, end_ns)
         z = x.linear
         middle = advance_motion(p, x, (x.time_ns + end_ns) // 2).linear

@@ -131,17 +131,17 @@ def vehicle_pose(
     arc_length_m: float,
     heading_error_rad: float,
     lateral_error_m: float,
-    preview_m: float,
+    preview_distance_m: float,
 ) -> Pose:
     """Return position of the vehicle's centre of gravity (CG) and heading.
 
     ``arc_length_m`` is that of the preview point, which is ``lateral_error_m`` to the left of the
-    path there. The CG lies ``preview_m`` behind it along the vehicle's own axis.
+    path there. The CG lies ``preview_distance_m`` behind it along the vehicle's own axis.
     """
     beside = pose(path, arc_length_m)
     heading = beside.heading_rad + heading_error_rad
     return Pose(
-        beside.x_m - lateral_error_m * sin(beside.heading_rad) - preview_m * cos(heading),
-        beside.y_m + lateral_error_m * cos(beside.heading_rad) - preview_m * sin(heading),
+        beside.x_m - lateral_error_m * sin(beside.heading_rad) - preview_distance_m * cos(heading),
+        beside.y_m + lateral_error_m * cos(beside.heading_rad) - preview_distance_m * sin(heading),
         heading,
     )

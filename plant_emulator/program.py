@@ -6,16 +6,19 @@ plant-emulator --preset paper_nominal -i socketcan -c vcan0 --set latency.downli
 import argparse
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 
 from ..dbc.secured_frame import PLANT
 from ..dbc.secured_program import add_key_file_argument, run_secured_node
 from ..runtime.option_types import output_file
-from ..runtime.program import run_main, say
+from ..runtime.program import ExitStatus, run_main, say
 from ..runtime.program_options import load_program_settings, make_parser
+from .check import check_text
 from .faults import FaultyNode, with_faults
 from .node import RECEIVED, SAMPLES_MAX, SENT, PlantNode, motion_params
 from .plant_samples import write_trace
-from .settings import PlantSettings
+from .settings import PlantSettings, shared_vehicle
+from .summary import plant_summary
 
 NAME = "plant-emulator"
 PRESETS = "steer_by_wire.plant_emulator.presets"
@@ -29,7 +32,18 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
         f"{name} --preset paper_nominal --seed 7 --set latency.downlink.mean_s=0.08",
         PRESETS,
     )
+    parser.add_argument(
+        "--vehicle",
+        type=Path,
+        metavar="VEHICLE.toml",
+        help="take [vehicle] from a file that controller and design read too",
+    )
     parser.add_argument("--seed", type=int, metavar="N", help="of all randomness of the run")
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="do not run: print the settings, and what vehicle, path and limits come to",
+    )
     parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every sample, CSV")
     add_key_file_argument(parser)
     return run_main(name, partial(_run, name, parser.parse_args(arguments)))
@@ -37,7 +51,12 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
 
 def _run(name: str, options: argparse.Namespace) -> int:
     seed = [] if options.seed is None else [f"seed={options.seed}"]
-    settings = load_program_settings(PlantSettings, PRESETS, options, seed)
+    settings = load_program_settings(
+        PlantSettings, PRESETS, options, seed, shared_vehicle(options.vehicle)
+    )
+    if options.check:
+        print(check_text(settings), end="")
+        return ExitStatus.OK
     params = motion_params(settings)
     # Without a trace, samples would only take memory.
     samples_max = 0 if options.trace is None else SAMPLES_MAX
@@ -61,9 +80,5 @@ def _conclude(
     node = edge.node if isinstance(edge, FaultyNode) else edge
     if options.trace is not None:
         write_trace(options.trace, node.path, node.samples)
-    report = node.report()
-    say(
-        name,
-        f"lateral error RMS {1e3 * report['lateral_error_rms_m']:.2f} mm, "
-        f"peak {1e3 * report['lateral_error_peak_m']:.2f} mm over {report['motion_s']:.2f} s",
-    )
+    for heading, text in plant_summary(node.report()):
+        say(name, f"{heading} {text}")

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.node import NS_PER_S
+from ..runtime.record import new_record
 from .vehicle import Matrix, VehicleParams, state_matrices
 
 DIGIT_BITS = 12
@@ -183,4 +184,4 @@ def propagate(table: Table, first_row: int, z: LinearState, dt_ns: int) -> Linea
         delta = delta + f[29] * delta_rate
         delta_rate = f[30] * delta_rate
         rho = rho + f[31] * rho_rate
-    return LinearState(beta, r, psi, y, delta, delta_rate, rho, rho_rate, w_beta, w_r)
+    return new_record(LinearState, (beta, r, psi, y, delta, delta_rate, rho, rho_rate, w_beta, w_r))

@@ -28,16 +28,16 @@ class VehicleSettings(Settings):
     distance is not printed: the leading coefficient of (19) implies 1.912 m.
     """
 
-    speed_km_h: float = Field(5.0, ge=0.5, le=250.0)
+    speed_m_s: float = Field(5.0 / 3.6, ge=0.13, le=70.0)
     virtual_mass_kg: float = Field(2000.0, ge=100.0, le=100_000.0)
     yaw_inertia_kg_m2: float = Field(3728.0, ge=100.0, le=1_000_000.0)
     front_cornering_stiffness_n_rad: float = Field(195_000.0, ge=1000.0, le=10_000_000.0)
     rear_cornering_stiffness_n_rad: float = Field(500_000.0, ge=1000.0, le=10_000_000.0)
-    front_axle_m: float = Field(1.3008, gt=0.0, le=20.0)
+    front_axle_distance_m: float = Field(1.3008, gt=0.0, le=20.0)
     """From the centre of gravity to the front axle."""
-    rear_axle_m: float = Field(1.5453, gt=0.0, le=20.0)
+    rear_axle_distance_m: float = Field(1.5453, gt=0.0, le=20.0)
     """From the centre of gravity to the rear axle."""
-    preview_m: float = Field(1.912, ge=0.0, le=100.0)
+    preview_distance_m: float = Field(1.912, ge=0.0, le=100.0)
     """From the centre of gravity to the point whose lateral error is measured."""
     model: VehiclePlace | None = None
     """Equations of motion of another package (``VehicleModel``), instead of (1)."""

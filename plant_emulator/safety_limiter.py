@@ -26,6 +26,8 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
+from ..runtime.record import new_record
+
 AVERAGING_S = 0.5
 """Averaging time of the two rate limits; for the jerk that of ISO 11270."""
 SLOT_NS = 250_000_000
@@ -69,11 +71,10 @@ class LimiterParams(NamedTuple):
 class LimiterState(NamedTuple):
     """State of the limiter.
 
-    ``steer_rad``            the output, held until the next
-    ``cause``                of its last change; NONE if the command passed unchanged
-    ``slot``                 number of the present quarter of a second
-    ``low_rad``, ...         extremes of the output in that slot, and in the two before it
-    ``followed_ns``          when the wheel was last within its tolerance [ns]
+    ``steer_rad``     the output, held until the next
+    ``cause``         of its last change, NONE if the command passed as it was
+    ``slot``          quarter of a second that the time is in
+    ``low_rad``, ...  extremes of the output in that slot, and in the two before it
     """
 
     steer_rad: float
@@ -85,28 +86,30 @@ class LimiterState(NamedTuple):
     high_1_rad: float
     low_2_rad: float
     high_2_rad: float
-    followed_ns: int
 
 
 def start_limiter() -> LimiterState:
     """Return the state at time 0, wheel straight."""
-    return LimiterState(0.0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
+    return LimiterState(0.0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def acceleration_gain_m_s2(
     speed_m_s: float,
     virtual_mass_kg: float,
-    front_stiffness_n_rad: float,
-    rear_stiffness_n_rad: float,
-    front_axle_m: float,
-    rear_axle_m: float,
+    front_cornering_stiffness_n_rad: float,
+    rear_cornering_stiffness_n_rad: float,
+    front_axle_distance_m: float,
+    rear_axle_distance_m: float,
 ) -> float:
     """Return g [m/s² per rad]; that of a neutral vehicle, V²/L, if there is no steady state.
 
     An oversteering vehicle (K < 0) has none from its critical speed on, where L + K V² = 0.
     """
-    wheelbase_m = front_axle_m + rear_axle_m
-    compliance = rear_axle_m / front_stiffness_n_rad - front_axle_m / rear_stiffness_n_rad
+    wheelbase_m = front_axle_distance_m + rear_axle_distance_m
+    compliance = (
+        rear_axle_distance_m / front_cornering_stiffness_n_rad
+        - front_axle_distance_m / rear_cornering_stiffness_n_rad
+    )
     understeer_s2_m = virtual_mass_kg / wheelbase_m * compliance
     turning_m = wheelbase_m + understeer_s2_m * speed_m_s * speed_m_s
     if turning_m <= 0.0:
@@ -130,50 +133,29 @@ def limit_steer(
     p: LimiterParams, x: LimiterState, steer_rad: float, time_ns: int
 ) -> tuple[LimiterState, float]:
     """Return the state from ``time_ns`` (no earlier than any before) on, and its output [rad]."""
-    low, high, low_1, high_1, low_2, high_2 = x[3:9]
+    steer_before, _, slot_before, low, high, low_1, high_1, low_2, high_2 = x
     slot = time_ns // SLOT_NS
-    for passed in (1, 2, 3):  # after three, nothing of the past is left
-        if slot - x.slot >= passed:
+    for passed in (1, 2, 3):  # after three all that was is forgotten
+        if slot - slot_before >= passed:
             low_2, high_2, low_1, high_1 = low_1, high_1, low, high
-            low = high = x.steer_rad
+            low = high = steer_before
     lowest, highest = min(low, low_1, low_2), max(high, high_1, high_2)
     steer, cause = steer_rad, 0
     if not math.isfinite(steer_rad):
-        steer, cause = x.steer_rad, 5
-    for row in p.rows:
-        minimum = max(-row.reach_rad, highest - row.sweep_rad)
-        maximum = min(row.reach_rad, lowest + row.sweep_rad)
+        steer, cause = steer_before, 5
+    for cause_of_row, reach_rad, sweep_rad in p.rows:
+        minimum = max(-reach_rad, highest - sweep_rad)
+        maximum = min(reach_rad, lowest + sweep_rad)
         if steer < minimum:
-            steer, cause = minimum, row.cause
+            steer, cause = minimum, cause_of_row
         elif steer > maximum:
-            steer, cause = maximum, row.cause
+            steer, cause = maximum, cause_of_row
     low, high = min(low, steer), max(high, steer)
-    state = LimiterState(steer, cause, slot, low, high, low_1, high_1, low_2, high_2, x.followed_ns)
-    return state, steer
+    state = (steer, cause, slot, low, high, low_1, high_1, low_2, high_2)
+    return new_record(LimiterState, state), steer
 
 
-def watch_wheel(
-    p: LimiterParams, x: LimiterState, wheel_rad: float, time_ns: int
-) -> tuple[LimiterState, bool]:
-    """Take a measured wheel angle; returns the state and whether the wheel does not follow."""
-    target_rad = min(max(x.steer_rad, -p.stop_rad), p.stop_rad)
-    if abs(wheel_rad - target_rad) <= p.tolerance_rad:
-        return with_followed(x, time_ns), False
-    return x, time_ns - x.followed_ns > p.follow_ns
-
-
-def with_followed(x: LimiterState, time_ns: int) -> LimiterState:
-    """Return the state after the wheel was within its tolerance at ``time_ns``."""
-    # Field by field, because compiled code has no _replace.
-    return LimiterState(
-        x.steer_rad,
-        x.cause,
-        x.slot,
-        x.low_rad,
-        x.high_rad,
-        x.low_1_rad,
-        x.high_1_rad,
-        x.low_2_rad,
-        x.high_2_rad,
-        time_ns,
-    )
+def is_at_target(p: LimiterParams, steer_rad: float, wheel_rad: float) -> bool:
+    """Whether a measured wheel angle is within the tolerance of the output ``steer_rad``."""
+    target_rad = min(max(steer_rad, -p.stop_rad), p.stop_rad)
+    return abs(wheel_rad - target_rad) <= p.tolerance_rad

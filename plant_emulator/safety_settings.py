@@ -78,12 +78,12 @@ def design_guard(
 ) -> GuardParams:
     """Return the guard of a run."""
     gain_m_s2 = acceleration_gain_m_s2(
-        vehicle.speed_km_h / 3.6,
+        vehicle.speed_m_s,
         vehicle.virtual_mass_kg,
         vehicle.front_cornering_stiffness_n_rad,
         vehicle.rear_cornering_stiffness_n_rad,
-        vehicle.front_axle_m,
-        vehicle.rear_axle_m,
+        vehicle.front_axle_distance_m,
+        vehicle.rear_axle_distance_m,
     )
     rows = limit_rows(
         gain_m_s2,

@@ -1,5 +1,6 @@
 """The settings of the plant emulator."""
 
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
@@ -7,7 +8,7 @@ from pydantic import Field
 from ..dbc.protection import SequenceRule
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.overruns import OverrunSettings
-from ..runtime.settings import Settings
+from ..runtime.settings import Settings, SharedTable, read_table
 from .fault_settings import FAULTS_MAX, FaultSettings
 from .latency_settings import BothLatencySettings
 from .rig_settings import (
@@ -19,6 +20,13 @@ from .rig_settings import (
     VehicleSettings,
 )
 from .safety_settings import SafetySettings, resync_ns_of
+
+
+def shared_vehicle(file: Path | None) -> SharedTable | None:
+    """Return [vehicle] of a file that the controller reads too; raises SettingsError."""
+    return (
+        None if file is None else SharedTable(str(file), {"vehicle": read_table(file, "vehicle")})
+    )
 
 
 class PlantSettings(Settings):

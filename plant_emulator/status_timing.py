@@ -24,6 +24,7 @@ class StatusTiming:
     """Keeps which SAFETY was reported last and when; ``start_ns`` begins the first cycle [ns].
 
     ``deadline_ns``  when PLANT_STATUS is due next [ns]
+    ``settled``      the state that needs no call of ``on_state``; None where every state does
     """
 
     def __init__(self, start_ns: int) -> None:
@@ -32,6 +33,7 @@ class StatusTiming:
         self._reported_ns = 0
         self._change_ns = NEVER_NS
         self.deadline_ns = start_ns
+        self.settled: SafetyState | None = None
 
     def on_state(self, state: SafetyState, time_ns: int) -> None:
         """Process the present value of SAFETY."""
@@ -47,6 +49,7 @@ class StatusTiming:
         elif self._change_ns == NEVER_NS:
             self._change_ns = max(time_ns, self._reported_ns + INTERVAL_NS)
         self.deadline_ns = min(self._timer.deadline_ns, self._change_ns)
+        self.settled = reported if self._change_ns == NEVER_NS else None
 
     def on_report(self, state: SafetyState, time_ns: int, now_ns: int) -> None:
         """Record that PLANT_STATUS, due at ``time_ns``, reports a state."""
@@ -55,3 +58,4 @@ class StatusTiming:
         self._reported, self._reported_ns = state, time_ns
         self._change_ns = NEVER_NS
         self.deadline_ns = self._timer.deadline_ns
+        self.settled = state

@@ -31,7 +31,8 @@ Every target, also of a ramp, passes the safety limiter. Times count from the st
 from enum import IntEnum
 from typing import NamedTuple
 
-from .safety_limiter import LimiterParams, LimiterState, limit_steer, start_limiter, watch_wheel
+from ..runtime.record import new_record
+from .safety_limiter import LimiterParams, LimiterState, is_at_target, limit_steer, start_limiter
 
 RAMP_PERIOD_NS = 10_000_000
 """Interval of the steps that form a ramp of the target."""
@@ -77,8 +78,9 @@ class GuardState(NamedTuple):
 
     ``arrived_ns``   when the newest command arrived
     ``deadline_ns``  when `guard_timer` is due next
-    ``good_run``     commands towards recovery, the newest included, less the damaged frames
-    ``fade_rad``     added to the command
+    ``good_run``     commands in a row towards recovery, the newest included; 0 after a damaged one
+    ``fade_rad``     what is added to the command
+    ``followed_ns``  when the wheel was last seen within its tolerance
     """
 
     mode: int
@@ -87,37 +89,40 @@ class GuardState(NamedTuple):
     deadline_ns: int
     good_run: int
     fade_rad: float
+    followed_ns: int
 
 
 def start_guard(p: GuardParams) -> GuardState:
     """Return the state at time 0."""
-    return GuardState(_NO_COMMAND, start_limiter(), 0, p.override_ns, 0, 0.0)
+    return GuardState(_NO_COMMAND, start_limiter(), 0, p.override_ns, 0, 0.0, 0)
 
 
 def guard_command(
     p: GuardParams, x: GuardState, steer_rad: float, time_ns: int
 ) -> tuple[GuardState, bool]:
-    """Process an arriving command; returns the state and whether the command is followed."""
-    if x.mode == _SAFE_STATE:
+    """Take a command that arrives; returns the state and whether the command is followed."""
+    before, limiter, arrived_ns, deadline_ns, run_before, fade_before_rad, followed_ns = x
+    if before == _SAFE_STATE:
         return x, False
-    silence_ns = time_ns - x.arrived_ns
+    silence_ns = time_ns - arrived_ns
     counted_ns = min(silence_ns, p.silence_ns)
-    good_run = x.good_run + 1 if silence_ns < p.silence_ns else 1
-    mode, deadline_ns = x.mode, x.deadline_ns
-    if mode <= _FOLLOWING or good_run >= p.recovery_frames:
+    mode, good_run = before, run_before + 1 if silence_ns < p.silence_ns else 1
+    if before <= _FOLLOWING or good_run >= p.recovery_frames:
         mode, good_run = _FOLLOWING, 0
         deadline_ns = min(time_ns + p.silence_ns, p.override_ns)
-    elif mode == _FALLBACK:
-        return GuardState(mode, x.limiter, time_ns, deadline_ns, good_run, 0.0), False
-    elif x.good_run > 0:
+    elif before == _FALLBACK:
+        state = (before, limiter, time_ns, deadline_ns, good_run, 0.0, followed_ns)
+        return new_record(GuardState, state), False
+    elif run_before > 0:
         deadline_ns = min(deadline_ns + counted_ns, p.override_ns)
-    fade_rad = _towards_zero(x.fade_rad, p.ramp_rad_s * (counted_ns * 1e-9))
+    fade_rad = _towards_zero(fade_before_rad, p.ramp_rad_s * (counted_ns * 1e-9))
     wanted_rad = steer_rad + fade_rad
-    if x.mode == _FALLBACK or (x.mode == _HOLDING and silence_ns >= p.silence_ns):
-        wanted_rad = x.limiter.steer_rad + (fade_rad - x.fade_rad)
+    if before == _FALLBACK or (before == _HOLDING and silence_ns >= p.silence_ns):
+        wanted_rad = limiter.steer_rad + (fade_rad - fade_before_rad)
         fade_rad = wanted_rad - steer_rad
-    limiter, _ = limit_steer(p.limiter, x.limiter, wanted_rad, time_ns)
-    return GuardState(mode, limiter, time_ns, deadline_ns, good_run, fade_rad), True
+    limiter, _ = limit_steer(p.limiter, limiter, wanted_rad, time_ns)
+    state = (mode, limiter, time_ns, deadline_ns, good_run, fade_rad, followed_ns)
+    return new_record(GuardState, state), True
 
 
 def guard_rejection(x: GuardState) -> GuardState:
@@ -126,38 +131,41 @@ def guard_rejection(x: GuardState) -> GuardState:
 
 
 def guard_timer(p: GuardParams, x: GuardState, time_ns: int) -> tuple[GuardState, bool]:
-    """Do what is due at ``deadline_ns``; returns the state and whether the target is set."""
-    mode = x.mode
+    """Do what is due at ``deadline_ns``; returns the state and whether the target is set anew."""
+    mode, limiter, arrived_ns, _, good_run, fade_rad, followed_ns = x
     if time_ns >= p.override_ns:
         mode = _SAFE_STATE
     elif mode == _FOLLOWING:
         until_ns = min(time_ns + p.hold_ns, p.override_ns)
-        return GuardState(_HOLDING, x.limiter, x.arrived_ns, until_ns, 1, x.fade_rad), False
+        return GuardState(_HOLDING, limiter, arrived_ns, until_ns, 1, fade_rad, followed_ns), False
     elif mode == _HOLDING:
         mode = _FALLBACK
-    target_rad = _towards_zero(x.limiter.steer_rad, p.ramp_step_rad)
-    limiter, target_rad = limit_steer(p.limiter, x.limiter, target_rad, time_ns)
+    target_rad = _towards_zero(limiter.steer_rad, p.ramp_step_rad)
+    limiter, target_rad = limit_steer(p.limiter, limiter, target_rad, time_ns)
     next_ns = OFF_NS
     if target_rad != 0.0 and p.ramp_step_rad > 0.0:
         next_ns = time_ns + RAMP_PERIOD_NS
     if mode != _SAFE_STATE:
         next_ns = min(next_ns, p.override_ns)
-    return GuardState(mode, limiter, x.arrived_ns, next_ns, x.good_run, 0.0), True
+    return GuardState(mode, limiter, arrived_ns, next_ns, good_run, 0.0, followed_ns), True
 
 
 def guard_wheel(p: GuardParams, x: GuardState, wheel_rad: float, time_ns: int) -> GuardState:
-    """Process a measured wheel angle; `guard_timer` is due at once if the wheel does not follow."""
-    limiter, is_lost = watch_wheel(p.limiter, x.limiter, wheel_rad, time_ns)
-    if is_lost and x.mode != _SAFE_STATE:
-        return GuardState(_SAFE_STATE, limiter, x.arrived_ns, time_ns, 0, 0.0)
-    return GuardState(x.mode, limiter, x.arrived_ns, x.deadline_ns, x.good_run, x.fade_rad)
+    """Take a measured wheel angle; a wheel that does not follow makes `guard_timer` due at once."""
+    mode, limiter, arrived_ns, deadline_ns, good_run, fade_rad, followed_ns = x
+    if is_at_target(p.limiter, limiter.steer_rad, wheel_rad):
+        followed_ns = time_ns
+    elif time_ns - followed_ns > p.limiter.follow_ns and mode != _SAFE_STATE:
+        return GuardState(_SAFE_STATE, limiter, arrived_ns, time_ns, 0, 0.0, followed_ns)
+    state = (mode, limiter, arrived_ns, deadline_ns, good_run, fade_rad, followed_ns)
+    return new_record(GuardState, state)
 
 
 def guard_fault(x: GuardState, time_ns: int) -> GuardState:
     """Process a fault of the unit: SAFE_STATE, and `guard_timer` is due at once."""
     if x.mode == _SAFE_STATE:
         return x
-    return GuardState(_SAFE_STATE, x.limiter, x.arrived_ns, time_ns, 0, 0.0)
+    return GuardState(_SAFE_STATE, x.limiter, x.arrived_ns, time_ns, 0, 0.0, x.followed_ns)
 
 
 def is_overruled(x: GuardState) -> bool:

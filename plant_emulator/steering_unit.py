@@ -48,11 +48,18 @@ def status_of(x: GuardState, actuator_is_limited: bool) -> int:
 
 
 class SteeringUnit:
-    """Holds the guard's state; all times are of motion [ns]."""
+    """Holds the guard's state; all times are of motion [ns].
+
+    ``deadline_ns``  when `on_timer` is due [ns]
+    ``safety``       what PLANT_STATUS would say now: LIMITING for any intervention since it was
+                     taken
+    """
 
     def __init__(self, params: GuardParams) -> None:
         self._params = params
         self._state: GuardState = start_guard(params)
+        self.deadline_ns = self._state.deadline_ns
+        self.safety = _NORMAL
         self._interventions: Counter[str] = Counter()
         self._entered: Counter[str] = Counter()
         self._ignored = 0
@@ -69,9 +76,9 @@ class SteeringUnit:
         return self._state.limiter.steer_rad
 
     @property
-    def deadline_ns(self) -> int:
-        """When `on_timer` is due [ns]."""
-        return self._state.deadline_ns
+    def interventions(self) -> Mapping[str, int]:
+        """Targets that a limit has changed, by the limit that decided."""
+        return self._interventions
 
     @property
     def mode(self) -> GuardMode:
@@ -85,18 +92,19 @@ class SteeringUnit:
         return self.mode is GuardMode.SAFE_STATE and (is_kept or self.target_rad == 0.0)
 
     def on_command(self, steer_rad: float, now_ns: int) -> bool:
-        """Process an arriving command; returns whether it sets the target."""
-        before = self._state
-        self._state, is_followed = guard_command(self._params, before, steer_rad, now_ns)
+        """Take a command that arrives; returns whether it sets the target."""
+        before = self._state.mode
+        state, is_followed = guard_command(self._params, self._state, steer_rad, now_ns)
         self._note_silence(now_ns)
         self._command_ns = now_ns
         if is_followed:
-            if before.mode > _FOLLOWING and self._state.mode == _FOLLOWING:
+            if before > _FOLLOWING and state.mode == _FOLLOWING:
                 self._recoveries += 1
-            if self._state.limiter.cause:
-                self._count_intervention()
+            if state.limiter.cause:
+                self._count_intervention(state)
         else:
             self._ignored += 1
+        self._enter(state)
         return is_followed
 
     def on_rejection(self) -> None:
@@ -105,43 +113,36 @@ class SteeringUnit:
 
     def on_timer(self, now_ns: int) -> bool:
         """Do what is due; returns whether it sets the target."""
-        before = self._state
-        self._state, is_set = guard_timer(self._params, before, now_ns)
-        self._note_mode(before, now_ns, "override")
-        if is_set and self._state.limiter.cause:
-            self._count_intervention()
+        state, is_set = guard_timer(self._params, self._state, now_ns)
+        self._note_mode(state, now_ns, "override")
+        if is_set and state.limiter.cause:
+            self._count_intervention(state)
+        self._enter(state)
         return is_set
 
     def on_wheel(self, wheel_rad: float, now_ns: int) -> None:
         """Compare the measured wheel with the target."""
-        before = self._state
-        self._state = guard_wheel(self._params, before, wheel_rad, now_ns)
-        self._note_silence(now_ns)  # a silence that still lasts counts up to now
-        self._note_mode(before, now_ns, "the wheel does not follow")
+        state = guard_wheel(self._params, self._state, wheel_rad, now_ns)
+        self._note_silence(now_ns)  # one that lasts is known as far as the wheel is
+        self._note_mode(state, now_ns, "the wheel does not follow")
+        self._enter(state)
 
     def on_own_fault(self, cause: str, now_ns: int) -> None:
-        """Go to SAFE_STATE for good, because the plant is no longer reliable."""
-        before = self._state
-        self._state = guard_fault(before, now_ns)
-        self._note_mode(before, now_ns, cause)
+        """Go to SAFE_STATE for good, as the plant cannot be relied on any more."""
+        state = guard_fault(self._state, now_ns)
+        self._note_mode(state, now_ns, cause)
+        self._enter(state)
 
     def status_code(self, *, actuator_is_limited: bool) -> SteeringStatusCode:
         """Return the present content of STEERING_STATUS."""
         return _STATUS_CODES[status_of(self._state, actuator_is_limited)]
 
-    @property
-    def safety(self) -> SafetyState:
-        """Present SAFETY of PLANT_STATUS: LIMITING after any intervention since the last report."""
-        state = _STATES[self._state.mode]
-        if self._limited_since_report and state is _NORMAL:
-            return SafetyState.LIMITING
-        return state
-
     def take_state(self) -> SafetyState:
         """Return the content of PLANT_STATUS."""
-        state = self.safety
+        reported = self.safety
         self._limited_since_report = False
-        return state
+        self._enter(self._state)
+        return reported
 
     def report(self) -> Mapping[str, Any]:
         """Return the guard's figures, ready for JSON.
@@ -172,13 +173,24 @@ class SteeringUnit:
             if silence_ns > self._longest_silence_ns:
                 self._longest_silence_ns = silence_ns
 
-    def _note_mode(self, before: GuardState, now_ns: int, cause: str) -> None:
-        if self._state.mode == before.mode:
+    def _enter(self, state: GuardState) -> None:
+        """Keep a state, and what is read of it at every event of the plant."""
+        self._state = state
+        mode, _, _, self.deadline_ns, _, _, _ = state
+        safety = _STATES[mode]
+        if self._limited_since_report and safety is _NORMAL:
+            safety = SafetyState.LIMITING
+        self.safety = safety
+
+    def _note_mode(self, state: GuardState, now_ns: int, cause: str) -> None:
+        """Note a change of the mode, with what caused it."""
+        if state.mode == self._state.mode:
             return
-        self._entered[self.mode.name] += 1
-        if self.mode is GuardMode.SAFE_STATE:
+        mode = GuardMode(state.mode)
+        self._entered[mode.name] += 1
+        if mode is GuardMode.SAFE_STATE:
             self._safe_state_at_ns, self._safe_state_cause = now_ns, cause
 
-    def _count_intervention(self) -> None:
-        self._interventions[Cause(self._state.limiter.cause).name.lower()] += 1
+    def _count_intervention(self, state: GuardState) -> None:
+        self._interventions[Cause(state.limiter.cause).name.lower()] += 1
         self._limited_since_report = True

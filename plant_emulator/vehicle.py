@@ -39,15 +39,15 @@ class VehicleParams(NamedTuple):
     """m̃ = m/μ of the paper: a mass on less friction drifts like a larger one."""
     yaw_inertia_kg_m2: float
     """J."""
-    front_stiffness_n_rad: float
+    front_cornering_stiffness_n_rad: float
     """c_f, cornering stiffness of the axle."""
-    rear_stiffness_n_rad: float
+    rear_cornering_stiffness_n_rad: float
     """c_r, cornering stiffness of the axle."""
-    front_axle_m: float
+    front_axle_distance_m: float
     """l_f, from the CG to the front axle."""
-    rear_axle_m: float
+    rear_axle_distance_m: float
     """l_r, from the CG to the rear axle."""
-    preview_m: float
+    preview_distance_m: float
     """l_s, from the CG to the preview point. Not in the paper; its (19) gives 1.912 m."""
 
 
@@ -64,10 +64,10 @@ def state_matrices(p: VehicleParams) -> StateMatrices:
     """Return (1) as matrices."""
     v, m, j = p.speed_m_s, p.virtual_mass_kg, p.yaw_inertia_kg_m2
     c_f, c_r, l_f, l_r = (
-        p.front_stiffness_n_rad,
-        p.rear_stiffness_n_rad,
-        p.front_axle_m,
-        p.rear_axle_m,
+        p.front_cornering_stiffness_n_rad,
+        p.rear_cornering_stiffness_n_rad,
+        p.front_axle_distance_m,
+        p.rear_axle_distance_m,
     )
     a11 = -(c_r + c_f) / (m * v)
     a12 = -1.0 + (c_r * l_r - c_f * l_f) / (m * v * v)
@@ -79,7 +79,7 @@ def state_matrices(p: VehicleParams) -> StateMatrices:
         [a11, a12, 0.0, 0.0],
         [a21, a22, 0.0, 0.0],
         [0.0, 1.0, 0.0, 0.0],
-        [v, p.preview_m, v, 0.0],
+        [v, p.preview_distance_m, v, 0.0],
     ]
     b = [
         [b11, 0.0, 1.0, 0.0],
@@ -97,6 +97,6 @@ def on_friction(p: VehicleParams, friction: float) -> VehicleParams:
     leaves the yaw equation as it is: for its corners, change ``virtual_mass_kg``.
     """
     return p._replace(
-        front_stiffness_n_rad=friction * p.front_stiffness_n_rad,
-        rear_stiffness_n_rad=friction * p.rear_stiffness_n_rad,
+        front_cornering_stiffness_n_rad=friction * p.front_cornering_stiffness_n_rad,
+        rear_cornering_stiffness_n_rad=friction * p.rear_cornering_stiffness_n_rad,
     )

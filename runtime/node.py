@@ -15,12 +15,14 @@ Rules a node keeps:
 2. A periodic deadline is ``start_ns + index * period_ns``; missed periods are counted, never made
    up.
 3. It raises for nothing that comes over the wire.
+4. ``deadline_ns`` and ``finished`` change in its own ``on_frame`` and ``on_tick`` only.
 """
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Generic, Protocol, TypeVar
 
 from .frame import Frame
+from .view import View
 
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
@@ -52,10 +54,14 @@ class Node(Protocol):
 
 
 class ReportingNode(Node, Protocol):
-    """A node of a program: it has a report, and is notified of frames refused before it."""
+    """A node of a program: it has a view and a report; notified of frames refused before it."""
 
     def on_unauthenticated(self) -> None:
         """Note that a frame was refused before it came here."""
+        ...
+
+    def view(self, now_ns: int) -> View:
+        """Return what a user should see at ``now_ns``; asked for often, so it must be quick."""
         ...
 
     def report(self) -> Mapping[str, Any]:
@@ -101,6 +107,10 @@ class Wrapper(ReportingNode, Generic[N]):
     def on_unauthenticated(self) -> None:
         """Notify the node of a frame that was refused before it."""
         self.node.on_unauthenticated()
+
+    def view(self, now_ns: int) -> View:
+        """Return the node's view."""
+        return self.node.view(now_ns)
 
     def report(self) -> Mapping[str, Any]:
         """Return the node's report."""

@@ -47,7 +47,10 @@ class OverrunSettings(Settings):
 
 
 class MissedPeriods:
-    """Counts missed periods in the window; raises ValueError outside OverrunSettings' ranges."""
+    """Counts missed periods in the window; raises ValueError outside OverrunSettings' ranges.
+
+    ``periods``  so far, as far as they count
+    """
 
     def __init__(self, missed_max: int, window_periods: int, stall_max: int) -> None:
         if missed_max < 0 or window_periods < 1 or stall_max < 1:
@@ -58,22 +61,27 @@ class MissedPeriods:
         self._missed_max = missed_max
         self._window = window_periods
         self._stall_max = stall_max
-        self._periods = 0
+        self.periods = 0
         self._stalls: deque[tuple[int, int]] = deque()
         """Stalls that reach into the window: end [periods], and count."""
         self._missed = 0
 
+    @property
+    def is_calm(self) -> bool:
+        """Whether no stall reaches into the window: a tick without one is only a period more."""
+        return not self._stalls
+
     def on_tick(self, missed: int) -> str:
         """Process a tick and the number of periods missed with it; returns why that is too many."""
-        self._periods += 1
+        self.periods += 1
         if missed:
             counted = min(missed, self._stall_max)
-            self._periods += counted
+            self.periods += counted
             self._missed += counted
-            self._stalls.append((self._periods, counted))
+            self._stalls.append((self.periods, counted))
         elif not self._stalls:
             return ""
-        begin = self._periods - self._window
+        begin = self.periods - self._window
         while self._stalls and self._stalls[0][0] <= begin:
             self._missed -= self._stalls.popleft()[1]
         in_window = self._missed
@@ -83,7 +91,7 @@ class MissedPeriods:
         if in_window <= self._missed_max:
             return ""
         return (
-            f"{in_window} of the last {min(self._periods, self._window)} periods were missed, a "
+            f"{in_window} of the last {min(self.periods, self._window)} periods were missed, a "
             f"stall counted as {self._stall_max} at most, allowed are {self._missed_max} of "
             f"{self._window}"
         )
@@ -94,6 +102,8 @@ class OverrunSupervision:
 
     ``overruns_max``, ``window_ticks``  as in OverrunSettings; ValueError outside their ranges
     ``missed``                          checks the missed periods; None: any number is allowed
+
+    ``failure``  why the rate is not kept, for good; empty while it is kept
     """
 
     def __init__(
@@ -110,7 +120,8 @@ class OverrunSupervision:
         self._worst = 0
         self._missed = missed
         self._skipped_before = 0
-        self._failure = ""
+        self._is_calm = True
+        self.failure = ""
 
     @classmethod
     def of(cls, settings: OverrunSettings) -> Self:
@@ -126,11 +137,6 @@ class OverrunSupervision:
         return cls(overruns_max, window_ticks, missed)
 
     @property
-    def failure(self) -> str:
-        """Why the rate is not kept, for good; empty while it is kept."""
-        return self._failure
-
-    @property
     def overruns(self) -> int:
         """Overruns so far."""
         return self._total
@@ -144,6 +150,10 @@ class OverrunSupervision:
         """Process the tick that ``timer`` has advanced for; returns whether the rate is kept."""
         self._ticks += 1
         missed = timer.skipped - self._skipped_before
+        if self._is_calm and not missed:
+            if self._missed is not None:
+                self._missed.periods += 1
+            return True
         recent = self._recent
         if missed:
             self._skipped_before = timer.skipped
@@ -154,9 +164,12 @@ class OverrunSupervision:
                 recent.popleft()
             self._worst = max(self._worst, len(recent))
         too_many_missed = "" if self._missed is None else self._missed.on_tick(missed)
-        if not self._failure and (recent or too_many_missed):
-            self._failure = self._too_many_overruns() or too_many_missed
-        return not self._failure
+        if not self.failure and (recent or too_many_missed):
+            self.failure = self._too_many_overruns() or too_many_missed
+        self._is_calm = not (recent or self.failure) and (
+            self._missed is None or self._missed.is_calm
+        )
+        return not self.failure
 
     def _too_many_overruns(self) -> str:
         if len(self._recent) <= self._overruns_max:

@@ -25,9 +25,10 @@ from .host import RealTimeRequest, StealClock, real_time
 from .node import NEVER_NS, NS_PER_S, NS_PER_US, N
 from .own_part import PartError
 from .port import open_port
-from .real_time import LoopFigures, RealTimeExecutor
+from .real_time import LoopFigures, RealTimeExecutor, unobserved
 from .recording import Recording, RecordingPort
 from .report import connection_report, host_report, run_report, write_json
+from .screen import Observer, Screen
 from .settings import Settings, SettingsError
 from .summary import summary_lines
 
@@ -126,10 +127,9 @@ def run_node(
     report too. Raises BusError if the bus cannot be opened, OSError if a file cannot be written.
     """
     opened = open_port(options, can_ids, fast=options.fast_socketcan)
+    screen = Screen(name, sys.stderr)
     connection = Connection(
-        opened,
-        options.reconnect_limit if options.reconnect else 0.0,
-        lambda line: say(name, line, sys.stderr),
+        opened, options.reconnect_limit if options.reconnect else 0.0, screen.line
     )
     stop = StopRequest()
     # Report and recording are written before the shut-down, which may take seconds or fail.
@@ -141,7 +141,7 @@ def run_node(
             say(name, notice, sys.stderr)
         say(name, f"ready on {opened.description}")
         try:
-            node, run = _run_in_real_time(options, connection, stop, make_node, recording)
+            node, run = _run_in_real_time(options, connection, stop, make_node, recording, screen)
         finally:
             recorded = None if recording is None else recording.close()
         if run.failure:
@@ -182,6 +182,7 @@ def _run_in_real_time(
     stop: StopRequest,
     make_node: Callable[[int], N],
     recording: Recording | None,
+    screen: Screen,
 ) -> tuple[N, _Run]:
     """Make the node and run it to its end."""
     request = RealTimeRequest(options.priority, options.cpu, options.lock_memory)
@@ -193,13 +194,19 @@ def _run_in_real_time(
             stop.end_at(start_ns + round(options.duration * NS_PER_S))
         node = make_node(start_ns)
         port = connection if recording is None else RecordingPort(connection, recording)
-        executor = RealTimeExecutor(node, port, spin_ns=options.spin_us * NS_PER_US)
+        observe = unobserved if options.quiet else Observer(node.view, screen, start_ns)
+        executor = RealTimeExecutor(
+            node, port, spin_ns=options.spin_us * NS_PER_US, observe=observe
+        )
+        screen.start()
         try:
             executor.run(stop)
         except BusError as error:
             failure, status = str(error), ExitStatus.BUS
         except PartError as error:
             failure, status = str(error), ExitStatus.SETTINGS
+        finally:
+            screen.close()
     ended_by = failure or stop.reason or FINISHED
     host = host_report(answers, steal.fraction())
     return node, _Run(ended_by, failure, status, executor.figures, connection.figures, host)

@@ -16,6 +16,7 @@ from .option_types import (
 )
 from .settings import (
     Settings,
+    SharedTable,
     load_settings,
     preset_names,
     read_preset,
@@ -38,6 +39,9 @@ def make_parser(
         type=recording_file,
         metavar="FILE",
         help="write every frame: .log .asc .blf .csv .db .trc .mf4",
+    )
+    parser.add_argument(
+        "-q", "--quiet", action="store_true", help="print nothing while running but errors"
     )
     parser.add_argument(
         "--duration", type=seconds, metavar="SECONDS", help="end after this time at the latest"
@@ -98,11 +102,16 @@ def add_real_time_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def load_program_settings(
-    model: type[_S], preset_package: str, options: argparse.Namespace, overrides: Sequence[str] = ()
+    model: type[_S],
+    preset_package: str,
+    options: argparse.Namespace,
+    overrides: Sequence[str] = (),
+    shared: SharedTable | None = None,
 ) -> _S:
     """Return the settings of the command line; raises SettingsError.
 
     ``overrides``  further ``table.key=value``, on top of those of ``--set``
     """
     preset = read_preset(preset_package, options.preset) if options.preset else None
-    return load_settings(model, preset, options.settings, [*options.overrides, *overrides])
+    own = [*options.overrides, *overrides]
+    return load_settings(model, preset, options.settings, own, shared)

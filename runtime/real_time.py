@@ -33,6 +33,10 @@ WAIT_NS_MAX = 50_000_000
 """Longest wait, so that a request to stop is noticed."""
 
 
+def unobserved(_now_ns: int) -> None:
+    """Observe nothing."""
+
+
 class Received(NamedTuple):
     """A frame, and when it arrived on the monotonic clock [ns]; None where that is unknown."""
 
@@ -82,6 +86,7 @@ class RealTimeExecutor:
 
     ``clock_ns``  monotonic clock [ns]
     ``spin_ns``   how long before a deadline to start spinning [ns]
+    ``observe``   called with the time after each wake-up that leaves time to the next deadline
     """
 
     def __init__(
@@ -90,11 +95,13 @@ class RealTimeExecutor:
         port: Port,
         clock_ns: Callable[[], int] = time.monotonic_ns,
         spin_ns: int = 0,
+        observe: Callable[[int], None] = unobserved,
     ) -> None:
         self._node = node
         self._port = port
         self._clock_ns = clock_ns
         self._spin_ns = spin_ns
+        self._observe = observe
         self._lateness = DurationStatistics()
         self._unwaited = 0
         self._wake_ups = 0
@@ -139,6 +146,8 @@ class RealTimeExecutor:
             before_ns = self._clock_ns()
             if self._node.deadline_ns <= before_ns:
                 self._unwaited += 1
+            else:
+                self._observe(before_ns)
             self._busy_ns += before_ns - woken_ns
             self._duration_ns = before_ns - start_ns
 

@@ -80,7 +80,7 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
     Raises OSError.
     """
-    text = json.dumps(_finite(content), indent=1, allow_nan=False) + "\n"
+    text = json_text(content)
     if path.is_symlink() or (path.exists() and not path.is_file()):
         # A link, a pipe or a device such as /dev/stdout is written to, never replaced.
         try:
@@ -95,6 +95,11 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     except OSError as error:
         partial.unlink(missing_ok=True)
         raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def json_text(content: Mapping[str, Any]) -> str:
+    """Return ``content`` as JSON; what is not finite becomes null."""
+    return json.dumps(_finite(content), indent=1, allow_nan=False) + "\n"
 
 
 def _finite(value: Any) -> Any:

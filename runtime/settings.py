@@ -4,7 +4,8 @@ Layers, later ones on top:
 
 1. a preset, TOML shipped inside a package
 2. the user's file
-3. ``--set table.key=value``
+3. a table of another file that both programs read (``SharedTable``)
+4. ``--set table.key=value``
 
 Tables merge key by key, anything else is replaced as a whole. A table whose ``kind`` changes is
 replaced too: the keys below belong to the other kind.
@@ -70,6 +71,17 @@ class Preset(NamedTuple):
     text: str
 
 
+class SharedTable(NamedTuple):
+    """A table of a file that several programs read, under the name each has for it.
+
+    ``source``   the file, for error messages
+    ``content``  the table by that name, as settings have it
+    """
+
+    source: str
+    content: Mapping[str, Any]
+
+
 S = TypeVar("S", bound=Settings)
 
 
@@ -88,13 +100,22 @@ def read_preset(package: str, name: str) -> Preset:
     return Preset(name, file.read_text(encoding="utf-8"))
 
 
+def read_table(file: Path, name: str) -> Mapping[str, Any]:
+    """Return the table ``name`` of a TOML file; raises SettingsError."""
+    table = _parse(read_text(file), str(file)).get(name)
+    if not isinstance(table, dict):
+        raise SettingsError(f"{file}: has no table [{name}]")
+    return table
+
+
 def load_settings(
     model: type[S],
     preset: Preset | None = None,
     file: Path | None = None,
     overrides: Sequence[str] = (),
+    shared: SharedTable | None = None,
 ) -> S:
-    """Return the checked settings of ``preset``, below ``file``, below ``overrides``.
+    """Return the checked settings: ``preset``, ``file``, ``shared``, ``overrides`` in layers.
 
     ``overrides``  each ``table.key=value``; the value is TOML, a bare word counts as a string
 
@@ -107,6 +128,8 @@ def load_settings(
         _merge(merged, _parse(preset.text, source), source, (), sources)
     if file is not None:
         _merge(merged, _parse(read_text(file), str(file)), str(file), (), sources)
+    if shared is not None:
+        _merge(merged, shared.content, shared.source, (), sources)
     if overrides:
         _merge(merged, _parse_overrides(overrides), COMMAND_LINE, (), sources)
     return _checked(model, merged, sources)

@@ -4,6 +4,18 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 
+def durations_line(durations: Mapping[str, float]) -> str:
+    """Return the median and the 99th percentile of durations in a report."""
+    if not durations["samples"]:
+        return "unknown"
+    return f"p50 {1e3 * durations['p50_s']:.2f} ms, p99 {1e3 * durations['p99_s']:.2f} ms"
+
+
+def causes_line(counts: Mapping[str, int]) -> str:
+    """Return counts by cause in a report."""
+    return ", ".join(f"{cause} {count}" for cause, count in counts.items())
+
+
 def summary_lines(report: Mapping[str, Any]) -> Iterator[str]:
     """Return the lines of a report's summary, without events that did not happen."""
     loop, connection, host = report["loop"], report["connection"], report["host"]
@@ -13,6 +25,8 @@ def summary_lines(report: Mapping[str, Any]) -> Iterator[str]:
     yield (
         f"lateness p50 {1e3 * lateness['p50_s']:.3f} ms, p99 {1e3 * lateness['p99_s']:.3f} ms, "
         f"max {1e3 * lateness['max_s']:.3f} ms"
+        if lateness["samples"]
+        else "lateness unknown: no tick was due"
     )
     if loop["frames_refused"]:
         yield f"{loop['frames_refused']} frames not sent: the bus had no room for them, or was lost"
@@ -33,8 +47,7 @@ def _connection_lines(connection: Mapping[str, Any]) -> Iterator[str]:
             f"it was away for {connection['outage_s']:.2f} s"
         )
     if connection["error_frames"]:
-        causes = (f"{cause} {count}" for cause, count in connection["error_frames"].items())
-        yield f"error frames by cause: {', '.join(causes)}"
+        yield f"error frames by cause: {causes_line(connection['error_frames'])}"
     if connection["frames_dropped"]:
         yield f"{connection['frames_dropped']} frames came faster than they were read, and are lost"
 

@@ -26,6 +26,10 @@ EVENTS_PER_INSTANT_MAX = 10_000
 """Deliveries and ticks at one instant before it counts as a livelock. Real nodes need some tens."""
 
 
+_BEFORE_ALL_NS = -NEVER_NS
+"""Before every deadline, also one in the past."""
+
+
 class Wire(Protocol):
     """Carries frames between the nodes: an InstantWire, or a BusModel with a bit rate."""
 
@@ -108,38 +112,41 @@ class VirtualTimeExecutor:
         bus raises when it cannot take a frame.
         """
         wire, nodes, on_wire = self._wire, self._nodes, self._on_wire
-        while True:
-            now_ns = wire.next_event_ns
-            for _, node in nodes:
-                if node.finished:
+        # Read again only after a call of the node: nothing else changes them.
+        deadlines_ns = [node.deadline_ns for _, node in nodes]
+        finished = self.finished
+        now_ns, events, busy_index = _BEFORE_ALL_NS, 0, 0
+        while events < EVENTS_PER_INSTANT_MAX:
+            next_ns = wire.next_event_ns
+            if next_ns <= now_ns:
+                for end_ns, busy_index, frame in wire.advance(now_ns):
+                    events += 1
+                    if on_wire is not None:
+                        on_wire(end_ns, busy_index, frame)
+                    for index, node in self._listeners_of.get(busy_index, nodes):
+                        for answer in node.on_frame(frame, now_ns):
+                            wire.submit(answer, index, now_ns)
+                        deadlines_ns[index] = node.deadline_ns
+                        finished = finished or node.finished
+                continue
+            for deadline_ns in deadlines_ns:
+                if deadline_ns < next_ns:
+                    next_ns = deadline_ns
+            if next_ns > now_ns:  # Nothing is left to do at this instant.
+                if finished or next_ns >= until_ns:
                     return
-                deadline_ns = node.deadline_ns
-                if deadline_ns < now_ns:
-                    now_ns = deadline_ns
-            if now_ns >= until_ns:
-                return
-            self._now_ns = now_ns
-            events = 0
-            while events < EVENTS_PER_INSTANT_MAX:
-                if wire.next_event_ns <= now_ns:
-                    for end_ns, busy_index, frame in wire.advance(now_ns):
-                        events += 1
-                        if on_wire is not None:
-                            on_wire(end_ns, busy_index, frame)
-                        for index, node in self._listeners_of.get(busy_index, nodes):
-                            for answer in node.on_frame(frame, now_ns):
-                                wire.submit(answer, index, now_ns)
-                    continue
-                for busy_index, node in nodes:
-                    if node.deadline_ns <= now_ns:
-                        events += 1
-                        for frame in node.on_tick(now_ns):
-                            wire.submit(frame, busy_index, now_ns)
-                        break
-                else:
+                self._now_ns = now_ns = next_ns
+                events = 0
+                continue
+            for busy_index, node in nodes:
+                if deadlines_ns[busy_index] <= now_ns:
+                    events += 1
+                    for frame in node.on_tick(now_ns):
+                        wire.submit(frame, busy_index, now_ns)
+                    deadlines_ns[busy_index] = node.deadline_ns
+                    finished = finished or node.finished
                     break
-            else:
-                raise RuntimeError(
-                    f"node {busy_index} is still busy after {events} events at {now_ns} ns: "
-                    "its deadline does not move on, or its frames are answered without end"
-                )
+        raise RuntimeError(
+            f"node {busy_index} is still busy after {events} events at {now_ns} ns: "
+            "its deadline does not move on, or its frames are answered without end"
+        )

@@ -113,10 +113,11 @@ def missing_library(error: ModuleNotFoundError) -> str:
     return f"{library} is not installed: {installation(library)}"
 
 
-def installation(library: str) -> str:
-    """Return the command that installs this distribution's extra with a library."""
-    extra = _extra_of(library)
-    return f"pip install '{DISTRIBUTION}[{extra}]'" if extra else f"pip install {DISTRIBUTION}"
+def installation(*libraries: str) -> str:
+    """Return the command that installs the extras with these libraries; no index has them."""
+    extras = ",".join(filter(None, map(_extra_of, libraries)))
+    what = f"'.[{extras}]'" if extras else "."
+    return f"pip install {what} in the project's folder"
 
 
 def _extra_of(library: str) -> str:

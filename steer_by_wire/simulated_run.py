@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from .command_line import installation
 from .controller.settings import ControllerSettings
 from .plant_emulator.path_shapes import build_path
 from .plant_emulator.plant_samples import PlacedSample, PlantSample, place
@@ -61,7 +62,7 @@ class Run(NamedTuple):
         try:
             import pandas as pd
         except ImportError as error:
-            raise ValueError("to_pandas() needs pandas: pip install pandas") from error
+            raise ValueError(f"to_pandas() needs pandas: {installation('pandas')}") from error
         plant, controller = (
             pd.DataFrame(table._asdict()).set_index("time_s")
             for table in (self.plant, self.controller)
@@ -77,9 +78,7 @@ class Run(NamedTuple):
             from .reports.run_drawing import draw_run
         except ImportError as error:
             library = (error.name or "").partition(".")[0]
-            raise ValueError(
-                f"plot() needs {library}: pip install 'steer-by-wire-emulator[tools]'"
-            ) from error
+            raise ValueError(f"plot() needs {library}: {installation(library)}") from error
         rms_mm, peak_mm = 1e3 * self.lateral_error_rms_m, 1e3 * self.lateral_error_peak_m
         title = (
             f"{self.controller_settings.law}, seed {self.plant_settings.seed}: "

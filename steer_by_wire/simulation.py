@@ -13,6 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeVar, get_args
 
+from .command_line import installation
 from .controller.settings import ControllerSettings
 from .plant_emulator.settings import PlantSettings
 from .run_tables import ControllerTable, PlantTable
@@ -178,7 +179,7 @@ def _run_compiled(plant: PlantSettings, controller: ControllerSettings) -> Run:
         from .compiled.engine import run_batch
     except ImportError as error:
         raise ValueError(
-            f"engine = 'compiled' needs {error.name}: pip install 'steer-by-wire-emulator[tools]'"
+            f"engine = 'compiled' needs {error.name}: {installation(str(error.name))}"
         ) from error
 
     batch = run_batch(plant, controller)

@@ -4,158 +4,125 @@ The text as a whole is a settings file again: all but the settings are TOML comm
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.toml_text import dump_toml
-from ..design import LawDesign, design_law, link_of, vehicle_of
-from ..law_record import LookingBack
-from ..link import LinkParams
-from ..nominal_model import NominalVehicle
 from ..settings import ControllerSettings
-from .linear_system import NotLinearError, law_system
-from .looking_back import Rig
-from .predictor_loop import PredictorLoop, stable_constant_delays
-from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
-from .stable_delays import DELAY_NS_MAX, DelayInterval, delay_margin_ns, stable_delays
+from .check_figures import Progress, check_figures
+from .sampled_loop import SLOWEST_DECAY_1_S
 
-JITTER_MEANS_MS = (80, 160)
-JITTER_LOSS = 0.01
-SHOWN_DELAYS_MS = (0, 100, 200, 300, 400, 500)
-FILTER_PERIODS_MAX = 100
-"""Largest delay for a law with a filter: every command in transit is a state, and the search with a
-hundred of them at each delay takes a minute in total."""
 _MODULUS_SHOWN_MIN = 1e-3
 """Poles closer to z = 0 belong to memory that is empty after a few periods."""
-_RESOLUTION_NS = 10_000
+_PER_MS = 1e3
+_RESOLUTION = 100.0
+"""Delays are shown in hundredths of a millisecond."""
 _RANGES_PER_LINE = 3
 
+Figures = Mapping[str, Any]
 
-def check_text(settings: ControllerSettings) -> str:
+
+def check_text(settings: ControllerSettings, progress: Progress = lambda _what: None) -> str:
     """Return the settings and the analysis of their loop around the nominal plant."""
-    comments = [_rate(settings), "", *_analysis(settings)]
+    figures = check_figures(settings, progress)
+    ns = round(1e9 * figures["period_s"])
+    comments = [f"Runs at {figures['rate_hz']:.9g} Hz, every {ns} ns.", ""]
+    comments += _analysis(settings, figures)
     lines = [f"# {comment}" if comment else "#" for comment in comments]
-    return "\n".join([dump_toml(settings), *lines, ""])
+    return "\n".join([dump_toml(settings, _unused(settings)), *lines, ""])
 
 
-def _rate(settings: ControllerSettings) -> str:
-    rate_hz = NS_PER_S / settings.period_ns
-    return f"Runs at {rate_hz:.9g} Hz, every {settings.period_ns} ns."
+def _unused(settings: ControllerSettings) -> list[str]:
+    """Return the tables that the law does not read, as far as they have their default values."""
+    pd = settings.pd
+    filtered = settings.law == "predictor" or (pd is not None and pd.derivative == "kalman")
+    is_default = settings.estimator == type(settings).model_fields["estimator"].default
+    return ["estimator"] if not filtered and is_default else []
 
 
-def _analysis(settings: ControllerSettings) -> Iterator[str]:
-    design, period_ns = design_law(settings), settings.period_ns
-    if design.looking_back is not None:
-        yield from _looking_back_analysis(settings, design, design.looking_back)
+def _analysis(settings: ControllerSettings, figures: Figures) -> Iterator[str]:
+    if "opening" in figures:
+        yield from _looking_back(figures)
         return
     if settings.feed_forward is not None:
         yield "The feed-forward of the curve is outside the loop: it changes none of what follows."
         yield ""
-    try:
-        law = law_system(design)
-    except NotLinearError as error:
-        yield f"Not analysed: {error}."
+    if figures["not_analysed"]:
+        yield f"Not analysed: {figures['not_analysed']}."
         return
     yield "Poles of the law alone:"
-    law_poles = np.linalg.eigvals(law.a).astype(np.complex128)
-    yield from _poles(law_poles, period_ns)
+    yield from _poles(figures["law_poles"])
     yield ""
-    if settings.model is None:
+    if "closed_loop_poles" not in figures:
         yield "There is no [nominal_model], hence no closed loop to analyse."
         return
-    loop = SampledLoop(design, settings.model, period_ns)
     yield "Poles of the closed loop around the nominal plant, without delay:"
-    yield from _poles(loop.closed_loop_poles(0), period_ns)
+    yield from _poles(figures["closed_loop_poles"])
     yield ""
-    decay_1_s = loop.decay_1_s(0)
-    if decay_1_s <= SLOWEST_DECAY_1_S:
+    if figures["margins"] is None:
         yield "NOT STABLE, even without delay:"
-        yield f"  its slowest mode {_decay_in_words(decay_1_s)}"
+        yield f"  its slowest mode {_decay_in_words(figures['decay_1_s'])}"
     else:
         yield "Margins without delay, at the command on the wire:"
-        yield from _margins(loop)
+        yield from _margins(figures["margins"])
     yield ""
-    stable = stable_delays(loop)
     yield "Constant delay between command and wheel angle:"
-    yield from _delays(stable)
-    if stable:
+    yield from _delays(figures["stable_delays"])
+    if figures["jitter"]:
         yield ""
         yield (
             "Latency drawn anew for each command (gamma, newest wins,"
-            f" {100.0 * JITTER_LOSS:g} % lost), standard deviation:"
+            f" {100.0 * figures['jitter'][0]['loss']:g} % lost), standard deviation:"
         )
-        yield from _jitter(loop)
+        yield from _jitter(figures["jitter"])
 
 
-def _looking_back_analysis(
-    settings: ControllerSettings, design: LawDesign, law: LookingBack
-) -> Iterator[str]:
+def _looking_back(figures: Figures) -> Iterator[str]:
     """Return the analysis of a law that is linear at a constant latency only."""
-    link, model = link_of(settings), vehicle_of(settings)
-    vehicle = NominalVehicle(**model.model_dump(exclude={"kind"}))
-    yield from law.opening
+    yield from figures["opening"]
     yield ""
-    yield from _looking_back(
-        lambda: PredictorLoop(design, link, Rig(vehicle), law.state_period_ns, law.request_periods),
-        link,
-    )
+    if figures["not_analysed"]:
+        yield f"Not analysed: {figures['not_analysed']}."
+    else:
+        yield "Poles of the closed loop around the nominal plant, without delay:"
+        yield from _poles(figures["closed_loop_poles"])
+        yield ""
+        yield "Sensitivity, and steer for a noise of 1 m RMS in every lateral error:"
+        for at in figures["delays"]:
+            yield f"  {_PER_MS * at['delay_s']:>3.0f} ms   {_noise_and_sensitivity(at)}"
+        yield ""
+        yield "Constant delay between command and wheel angle:"
+        yield from _delays(figures["stable_delays"])
     yield ""
-    if law.fallback is not None and settings.model is not None:
-        name, when = law.fallback
-        yield f"{when}, the law is {name}, with a"
-        fallback = design_law(settings.model_copy(update={"law": name}))
-        loop = SampledLoop(fallback, settings.model, settings.period_ns)
-        yield from _delays(stable_delays(loop))
+    fallback = figures["fallback"]
+    if fallback is not None:
+        yield f"{fallback['when']}, the law is {fallback['law']}, with a"
+        yield from _delays(fallback["stable_delays"])
         yield "around the nominal plant. A heavier or a faster vehicle bears less delay; --law"
-        yield f"{name} --check analyses it."
-    yield from law.closing
+        yield f"{fallback['law']} --check analyses it."
+    yield from figures["closing"]
     yield "Latency that varies is for simulation: steer-by-wire stress."
 
 
-def _looking_back(make_loop: Callable[[], PredictorLoop], link: LinkParams) -> Iterator[str]:
-    """Return poles, sensitivity and stable delays of a law that looks back."""
-    try:
-        loop = make_loop()
-    except ValueError as error:
-        yield f"Not analysed: {error}."
-        return
-    yield "Poles of the closed loop around the nominal plant, without delay:"
-    yield from _poles(loop.closed_loop_poles(0), loop.period_ns)
-    yield ""
-    yield "Sensitivity, and steer for a noise of 1 m RMS in every lateral error:"
-    for delay_ms in SHOWN_DELAYS_MS:
-        if delay_ms * NS_PER_MS <= FILTER_PERIODS_MAX * link.period_ns:
-            yield f"  {delay_ms:>3} ms   {_noise_and_sensitivity(loop, delay_ms * NS_PER_MS)}"
-    yield ""
-    limit_ns = min(DELAY_NS_MAX, FILTER_PERIODS_MAX * link.period_ns)
-    yield "Constant delay between command and wheel angle:"
-    yield from _delays(stable_constant_delays(loop, limit_ns), limit_ns)
+def _noise_and_sensitivity(at: Figures) -> str:
+    if at["peak_sensitivity"] is None:
+        return f"NOT STABLE, its slowest mode {_decay_in_words(at['decay_1_s'])}"
+    noise = f"{at['noise_gain_rad_m']:.4g} rad"
+    return f"sensitivity at most {at['peak_sensitivity']:.4g}, {noise}"
 
 
-def _noise_and_sensitivity(loop: PredictorLoop, delay_ns: int) -> str:
-    decay_1_s = loop.decay_1_s(delay_ns)
-    if decay_1_s <= SLOWEST_DECAY_1_S:
-        return f"NOT STABLE, its slowest mode {_decay_in_words(decay_1_s)}"
-    noise = f"{loop.noise_gain_rad_m(delay_ns):.4g} rad"
-    return f"sensitivity at most {loop.peak_sensitivity(delay_ns):.4g}, {noise}"
-
-
-def _poles(poles: NDArray[np.complex128], period_ns: int) -> Iterator[str]:
+def _poles(poles: Sequence[Figures]) -> Iterator[str]:
     """Return a table of poles, slowest first, a conjugate pair in one line."""
-    shown = [pole for pole in poles if abs(pole) >= _MODULUS_SHOWN_MIN]
+    shown = [pole for pole in poles if pole["modulus"] >= _MODULUS_SHOWN_MIN]
     if shown:
         yield f"  {'z':>24} {'|z|':>12} {'decay [1/s]':>14} {'omega [rad/s]':>18}"
-    for pole in sorted(shown, key=lambda pole: (-abs(pole), -pole.real)):
-        if pole.imag < 0.0:
-            continue
-        z = f"{pole.real:.6f} ± {pole.imag:.6f}j" if pole.imag else f"{pole.real:.6f}"
-        decay_1_s = round(-math.log(abs(pole)) * NS_PER_S / period_ns, 4) + 0.0  # no "-0.0000"
-        omega_rad_s = abs(np.angle(pole)) * NS_PER_S / period_ns
-        yield f"  {z:>24} {abs(pole):>12.6f} {decay_1_s:>14.4f} {omega_rad_s:>18.4f}"
-    hidden = len(poles) - len(shown)
+    for pole in shown:
+        real, imag = pole["real"], pole["imag"]
+        z = f"{real:.6f} ± {imag:.6f}j" if imag else f"{real:.6f}"
+        decay_1_s = round(pole["decay_1_s"], 4) + 0.0  # no "-0.0000"
+        rates = f"{decay_1_s:>14.4f} {pole['omega_rad_s']:>18.4f}"
+        yield f"  {z:>24} {pole['modulus']:>12.6f} {rates}"
+    hidden = sum(1 + (pole["imag"] > 0.0) for pole in poles if pole["modulus"] < _MODULUS_SHOWN_MIN)
     if hidden:
         yield f"  {'and ' if shown else ''}{hidden} at z = 0"
 
@@ -166,54 +133,59 @@ def _decay_in_words(decay_1_s: float) -> str:
     return f"neither decays nor grows (|rate| below {SLOWEST_DECAY_1_S:g} 1/s): the vehicle drifts"
 
 
-def _margins(loop: SampledLoop) -> Iterator[str]:
-    margins = loop.margins(0)
-    yield f"  gain         stable between x {margins.gain_min:.4g} and x {margins.gain_max:.4g}"
-    if math.isfinite(margins.phase_rad):
-        phase_deg = math.degrees(margins.phase_rad)
+def _margins(margins: Figures) -> Iterator[str]:
+    yield (
+        f"  gain         stable between x {margins['gain_min']:.4g} and x {margins['gain_max']:.4g}"
+    )
+    if math.isfinite(margins["phase_rad"]):
+        phase_deg = math.degrees(margins["phase_rad"])
         yield (
-            f"  phase        {margins.phase_rad:.4g} rad ({phase_deg:.1f}°)"
-            f" at {margins.crossover_rad_s:.4g} rad/s"
+            f"  phase        {margins['phase_rad']:.4g} rad ({phase_deg:.1f}°)"
+            f" at {margins['crossover_rad_s']:.4g} rad/s"
         )
     yield (
-        f"  sensitivity  at most {margins.peak_sensitivity:.4g},"
-        f" at {margins.peak_sensitivity_rad_s:.4g} rad/s"
+        f"  sensitivity  at most {margins['peak_sensitivity']:.4g},"
+        f" at {margins['peak_sensitivity_rad_s']:.4g} rad/s"
     )
 
 
-def _delays(stable: tuple[DelayInterval, ...], limit_ns: int = DELAY_NS_MAX) -> Iterator[str]:
+def _delays(delays: Figures) -> Iterator[str]:
     """Return the delay margin and the set of stable delays."""
-    limit_ms = limit_ns // NS_PER_MS
-    match delay_margin_ns(stable, limit_ns):
+    limit_ms = round(_PER_MS * delays["searched_s"])
+    match delays["margin_s"]:
         case None:
             margin = f"above {limit_ms} ms"
         case 0:
             margin = "none"
-        case margin_ns:
-            margin = f"{_ms_rounded_down(margin_ns)} ms"
+        case margin_s:
+            margin = f"{_ms(margin_s, math.floor)} ms"
     yield f"  delay margin  {margin}"
-    ranges = [f"{_ms_rounded_up(first)} to {_ms_rounded_down(last)} ms" for first, last in stable]
+    ranges = [
+        f"{_ms(first, math.ceil)} to {_ms(last, math.floor)} ms"
+        for first, last in delays["intervals_s"]
+    ]
     yield from _wrapped("  stable at     ", ranges or ["no delay"])
     yield f"                (searched from 0 to {limit_ms} ms)"
 
 
-def _jitter(loop: SampledLoop) -> Iterator[str]:
+def _jitter(means: Sequence[Figures]) -> Iterator[str]:
     """Return which standard deviations of the latency are tolerated at some mean latencies."""
-    # Imports scipy for the gamma distribution, which a running node has no use for.
-    from .jitter import JitterTooLargeError, stable_spreads
-
-    for mean_ms in JITTER_MEANS_MS:
-        heading = f"  mean {mean_ms:>3} ms   "
-        try:
-            spreads = stable_spreads(loop, mean_ms * NS_PER_MS, JITTER_LOSS)
-        except JitterTooLargeError:
-            yield f"{heading}too many commands on their way at this rate to be analysed"
+    for at in means:
+        heading = f"  mean {_PER_MS * at['mean_s']:>3.0f} ms   "
+        if at["not_analysed"]:
+            yield f"{heading}{at['not_analysed']}"
             continue
         ranges = [
-            f"{math.ceil(first / NS_PER_MS)} to {last // NS_PER_MS} ms" for first, last in spreads
+            f"{math.ceil(round(_PER_MS * first, 6))} to {math.floor(round(_PER_MS * last, 6))} ms"
+            for first, last in at["spreads_s"]
         ]
         yield from _wrapped(heading, ranges or ["no standard deviation"])
     yield "                (mean-square stability, searched from 0 to the mean)"
+
+
+def _ms(time_s: float, rounded: Any) -> str:
+    """Return a time in hundredths of a millisecond, which a nanosecond more does not change."""
+    return f"{rounded(round(_PER_MS * _RESOLUTION * time_s, 4)) / _RESOLUTION:.2f}"
 
 
 def _wrapped(heading: str, ranges: Sequence[str]) -> Iterator[str]:
@@ -222,11 +194,3 @@ def _wrapped(heading: str, ranges: Sequence[str]) -> Iterator[str]:
         line = ", ".join(ranges[start : start + _RANGES_PER_LINE])
         more = "," if start + _RANGES_PER_LINE < len(ranges) else ""
         yield f"{heading if start == 0 else ' ' * len(heading)}{line}{more}"
-
-
-def _ms_rounded_down(time_ns: int) -> str:
-    return f"{time_ns // _RESOLUTION_NS * _RESOLUTION_NS / NS_PER_MS:.2f}"
-
-
-def _ms_rounded_up(time_ns: int) -> str:
-    return f"{-(-time_ns // _RESOLUTION_NS) * _RESOLUTION_NS / NS_PER_MS:.2f}"

@@ -52,7 +52,7 @@ class GrowingModes:
     """The modes of one loop outside |z| = ρ, at any constant delay up to a limit.
 
     ``loop``          the loop
-    ``delay_ns_max``  the largest delay that will be asked for [ns]
+    ``delay_ns_max``  the largest delay to be analysed [ns]
     """
 
     def __init__(self, loop: SampledLoop, delay_ns_max: int) -> None:

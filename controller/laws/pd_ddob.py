@@ -10,6 +10,7 @@ without washout would leave the path for good after one saturation.
 from typing import TYPE_CHECKING, NamedTuple
 
 from ...dbc.messages import Law as LawNumber
+from ...runtime.record import new_record
 from ..cdob import CdobParams, CdobState, cdob_at_rest, cdob_step
 from ..design import required
 from ..discretization import design_cdob, design_dob, design_pd
@@ -42,15 +43,17 @@ class PdDdobState(NamedTuple):
 
 def pd_ddob_step(p: PdDdobParams, x: PdDdobState, seen: LawInput) -> tuple[PdDdobState, LawOutput]:
     """Advance one control period."""
-    sent_demand_rad = seen.sent_steer_rad + x.disturbance_rad
-    x_dob, disturbance_rad = dob_step(p.dob, x.dob, seen.lateral_error_m, seen.sent_steer_rad)
-    x_cdob, feedback_m, network_rad = cdob_step(
-        p.cdob, x.cdob, seen.lateral_error_m, sent_demand_rad
-    )
-    x_pd, demand_rad = pd_step(p.pd, x.pd, feedback_m)
+    pd, dob, cdob = p
+    x_pd, x_dob, x_cdob, disturbance_rad = x
+    error_m, sent_rad, _, _, _ = seen
+    sent_demand_rad = sent_rad + disturbance_rad
+    x_dob, disturbance_rad = dob_step(dob, x_dob, error_m, sent_rad)
+    x_cdob, feedback_m, network_rad = cdob_step(cdob, x_cdob, error_m, sent_demand_rad)
+    x_pd, demand_rad = pd_step(pd, x_pd, feedback_m)
+    output = (demand_rad - disturbance_rad, disturbance_rad, network_rad, feedback_m)
     return (
-        PdDdobState(x_pd, x_dob, x_cdob, disturbance_rad),
-        LawOutput(demand_rad - disturbance_rad, disturbance_rad, network_rad, feedback_m),
+        new_record(PdDdobState, (x_pd, x_dob, x_cdob, disturbance_rad)),
+        new_record(LawOutput, output),
     )
 
 

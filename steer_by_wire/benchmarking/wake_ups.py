@@ -10,7 +10,7 @@ AMPLITUDE_M, STEP_RAD = 0.01, 0.1
 
 
 def measurements() -> list[Frame]:
-    """Return measurements that can be sent in turn for ever: one for each end-to-end counter.
+    """Return measurements that can be sent in turn without end: one for each end-to-end counter.
 
     They oscillate, so that the law has work to do.
     """

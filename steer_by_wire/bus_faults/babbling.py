@@ -33,7 +33,7 @@ def babble(can_id: int, number: int) -> Frame:
 class BabbledBus:
     """A bus with a babbling node on it, as the wire of a virtual-time executor.
 
-    ``model``     the bus; nobody else may submit to it
+    ``model``     the bus, which has no other sender
     ``can_id``    of the babbling node
     ``start_ns``  when it begins, ``end_ns`` when it stops [ns]
 

@@ -51,7 +51,7 @@ class CommandLateness:
             self._commands.popleft()
 
     def newest_s(self) -> float:
-        """Return how late the newest command was [s], by a fit of the last second or so.
+        """Return how late the newest command was [s], by a fit of a second ago at most.
 
         NaN without three commands.
         """
@@ -59,7 +59,8 @@ class CommandLateness:
             return math.nan
         now_ns, number = self._commands[-1]
         if self._due is None or now_ns >= self._fit_ns:
-            self._due, self._fit_ns = self._fitted(), now_ns + _REFIT_NS
+            known_ns = now_ns - self._commands[0][0]
+            self._due, self._fit_ns = self._fitted(), now_ns + min(known_ns // 4, _REFIT_NS)
         due = self._due
         if due is None:
             return math.nan

@@ -28,7 +28,7 @@ from numba.core.compiler_lock import global_compiler_lock
 if sys.platform != "win32":
     import fcntl
 
-_SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "tools/batch")
+_SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "steer_by_wire/compiled")
 _FASTMATH = frozenset(("reassoc", "nsz", "arcp", "contract", "afn"))
 """Operations may change order and fuse. NaN and infinity keep their meaning: a command that is not
 finite ends a run, and an infinite limit is no limit."""

@@ -31,7 +31,7 @@ from ..plant_emulator.steering_guard import (
     start_guard,
 )
 from .borrowing import borrowed
-from .compilation import compiled, compiled_inline, compiled_inside
+from .compilation import compiled, compiled_inline
 from .steps import law_step
 from .wire import Known, law_input, on_wire, record_wire, take_arrivals, take_command
 
@@ -225,7 +225,55 @@ def _start(p: Any, c: Constants) -> Progress:
     return Progress(start_motion(p), start_guard(c.guard), 0, 0, -1)
 
 
-@compiled_inside
+@compiled
+def run_only_segment(
+    law_params: Any,
+    p: Any,
+    c: Constants,
+    s: Schedule,
+    r: Records,
+    wire: Any,
+    segment: Segment,
+    control: Control,
+    end_ns: int,
+) -> Any:
+    """Run from the plant's start through a segment that lasts to the end.
+
+    Returns the samples taken, the ticks done, and how it ended. Most runs have one segment only;
+    passing the plant's state to Python and back costs as much as hundreds of ticks.
+    """
+    p, s, r, wire = borrowed(p), borrowed(s), borrowed(r), borrowed(wire)
+    x, _, ticks, outcome = _run_ticks(
+        law_params, p, c, s, r, wire, segment, _start(p, c), control, end_ns
+    )
+    return x.sample, ticks, outcome
+
+
+@compiled
+def run_segment(
+    law_params: Any,
+    p: Any,
+    c: Constants,
+    s: Schedule,
+    r: Records,
+    wire: Any,
+    segment: Segment,
+    x: Progress,
+    control: Control,
+    end_ns: int,
+) -> Any:
+    """Run the ticks of a segment, each with the plant up to it, and the plant up to the next.
+
+    ``x``       the plant, at the first tick of the segment or before it
+    ``end_ns``  until when to run the plant after the very last tick
+
+    Returns the plant, the controller, the tick that comes next, and how it ended.
+    """
+    p, s, r, wire = borrowed(p), borrowed(s), borrowed(r), borrowed(wire)
+    return _run_ticks(law_params, p, c, s, r, wire, segment, x, control, end_ns)
+
+
+@compiled_inline
 def _run_ticks(
     law_params: Any,
     p: Any,
@@ -273,51 +321,3 @@ def _run_ticks(
         r.sent_rad[now] = sent_rad
         known = take_command(wire, known, tick, sent_rad)
     return x, Control(law_state, sent_rad, fade_rad, known), last_tick, COMPLETE
-
-
-@compiled
-def run_only_segment(
-    law_params: Any,
-    p: Any,
-    c: Constants,
-    s: Schedule,
-    r: Records,
-    wire: Any,
-    segment: Segment,
-    control: Control,
-    end_ns: int,
-) -> Any:
-    """Run from the plant's start through a segment that lasts to the end.
-
-    Returns the samples taken, the ticks done, and how it ended. Most runs have one segment only;
-    passing the plant's state to Python and back costs as much as hundreds of ticks.
-    """
-    p, s, r, wire = borrowed(p), borrowed(s), borrowed(r), borrowed(wire)
-    x, _, ticks, outcome = _run_ticks(
-        law_params, p, c, s, r, wire, segment, _start(p, c), control, end_ns
-    )
-    return x.sample, ticks, outcome
-
-
-@compiled
-def run_segment(
-    law_params: Any,
-    p: Any,
-    c: Constants,
-    s: Schedule,
-    r: Records,
-    wire: Any,
-    segment: Segment,
-    x: Progress,
-    control: Control,
-    end_ns: int,
-) -> Any:
-    """Run the ticks of a segment, each with the plant up to it, and the plant up to the next.
-
-    ``x``       the plant, at the first tick of the segment or before it
-    ``end_ns``  until when to run the plant after the very last tick
-
-    Returns the plant, the controller, the tick that comes next, and how it ended.
-    """
-    p, s, r, wire = borrowed(p), borrowed(s), borrowed(r), borrowed(wire)
-    return _run_ticks(law_params, p, c, s, r, wire, segment, x, control, end_ns)

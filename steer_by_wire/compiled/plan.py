@@ -38,7 +38,7 @@ _MESSAGES: dict[Uplink, type[Message]] = {
     Uplink.VEHICLE_STATE: VehicleState,
 }
 SAMPLES_WITHOUT_ARRIVAL_MAX = 100_000
-"""A network that delivers none of so many samples is assumed to lose every frame."""
+"""A network that delivers none of this many samples counts as one that loses every frame."""
 
 
 class Plan(NamedTuple):

@@ -27,6 +27,7 @@ from ..plant_emulator.motion import advance_motion, command_motion, start_motion
 from ..plant_emulator.steering_guard import guard_command, guard_timer, guard_wheel, start_guard
 from ..plant_emulator.steering_unit import status_of
 from ..runtime.settings import SettingsError
+from .records import register_records
 
 _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
     limit_step,
@@ -70,6 +71,7 @@ def step_functions() -> tuple[Callable[..., Any], ...]:
 @cache
 def register_steps() -> None:
     """Let compiled functions call the step functions."""
+    register_records()
     for function in step_functions():
         _register(function)
 

@@ -31,7 +31,7 @@ class ProcessError(BusError):
 class Processes:
     """Processes by their names; use it as a context manager, which leaves none behind.
 
-    They also end cleanly when this process ends, in whatever way.
+    They also end cleanly when this process ends, however it does.
 
     ``folder``   where each writes what it prints (NAME.txt) and its report (NAME.json)
     ``private``  folder of the broker's socket, removed with this process; None without a broker

@@ -31,7 +31,7 @@ from .durations import Durations, History
 from .latency import Latencies
 
 GAP_PERIODS = 3
-"""A message that is absent for more than so many of its periods leaves a gap."""
+"""A message that is absent for more than this many of its periods leaves a gap."""
 GAPS_MAX = 20
 """How many gaps are listed, the longest."""
 CONFIGS_MAX = 100

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import can
 
+from ..command_line import installation
 from ..runtime.error_text import one_line
 from ..runtime.message import frame_of
 from ..runtime.node import NS_PER_S
@@ -147,7 +148,7 @@ class _BinaryLog:
         self.unreadable = 0
         self.first_unreadable = ""
         if path.suffix.lower() == ".mf4" and find_spec("asammdf") is None:
-            raise LogError(f"{path}: .mf4 needs asammdf: pip install 'steer-by-wire-emulator[mf4]'")
+            raise LogError(f"{path}: .mf4 needs asammdf: {installation('asammdf')}")
         try:
             with path.open("rb"):  # sqlite would create a missing file
                 self._size = max(path.stat().st_size, 1)

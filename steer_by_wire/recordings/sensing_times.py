@@ -25,7 +25,7 @@ NEIGHBOURS_MAX, NEIGHBOURS_MIN = 50, 10
 _BEHIND_MIN = 3
 """Samples that are enough where a log ends."""
 SIGNIFICANT = 7.0
-"""A shift of more than so many standard errors is significant."""
+"""A shift of more than this many standard errors is significant."""
 _JUMP_NS = NS_PER_S // 2
 """A larger shift of the sensing times is no latency: the plant was restarted."""
 

@@ -12,6 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
+from ..command_line import installation
 from ..dbc.messages import MESSAGE_TYPES, resolutions
 from .bus_listener import ReceivedMessage
 
@@ -83,7 +84,7 @@ class ParquetTable:
             parquet: Any = import_module("pyarrow.parquet")
         except ImportError as error:
             raise MissingLibraryError(
-                "Parquet needs pyarrow: pip install 'steer-by-wire-emulator[parquet]'"
+                f"Parquet needs pyarrow: {installation('pyarrow')}"
             ) from error
         self._arrow = arrow
         fields = [("time_s", arrow.float64()), ("message", arrow.string())]

@@ -18,7 +18,7 @@ from .study_file import (
 
 PATH = "plant.path"
 CORNERS = ("a", "b", "c", "d")
-BOX_KEYS = {"speed_km_h": "plant.vehicle.speed_km_h", "mass_kg": "plant.vehicle.virtual_mass_kg"}
+BOX_KEYS = {"speed_m_s": "plant.vehicle.speed_m_s", "mass_kg": "plant.vehicle.virtual_mass_kg"}
 Label = bool | int | float | str
 NAMED_PATHS: Mapping[str, Mapping[str, Any]] = {
     "paper_ellipse": EllipseSettings().model_dump(),
@@ -35,7 +35,7 @@ class Level(NamedTuple):
     """One value of a factor.
 
     ``label``   its value in the results
-    ``values``  by dotted key, ``plant.vehicle.speed_km_h``
+    ``values``  by dotted key, ``plant.vehicle.speed_m_s``
     """
 
     label: Label
@@ -172,7 +172,7 @@ def corner_vehicle(corner: str) -> Mapping[str, float]:
 
     preset = read_preset("steer_by_wire.plant_emulator.presets", f"paper_corner_{corner}")
     vehicle = tomllib.loads(preset.text)["vehicle"]
-    return {"speed_km_h": vehicle["speed_km_h"], "mass_kg": vehicle["virtual_mass_kg"]}
+    return {"speed_m_s": vehicle["speed_m_s"], "mass_kg": vehicle["virtual_mass_kg"]}
 
 
 def _corners(name: str) -> Factor:

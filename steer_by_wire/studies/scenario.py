@@ -196,7 +196,7 @@ class Scenarios:
         return SettingsError(f"{self.study.file}: settings {case.overrides} cannot be used")
 
     def _with_hint(self, mistake: str) -> str:
-        """Add a hint where a value that nobody has written comes from an unbounded distribution."""
+        """Add a hint if the value comes from an unbounded distribution."""
         for factor in self.study.design.factors:
             if factor.is_endless and f": factor {factor.name}: " in mistake:
                 return (

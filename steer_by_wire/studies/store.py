@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..command_line import installation
 from ..runtime.settings import SettingsError
 from .compute import Computed
 from .figures import COLUMNS, COUNTS
@@ -73,7 +74,7 @@ class Store:
             _refuse_another(self.folder, read_json(file), identity)
         elif self.results.exists() or self._chunks.exists():
             raise SettingsError(
-                f"{self.folder}: holds results, but no study.json that says of what; "
+                f"{self.folder}: holds results, but no study.json that describes the study; "
                 "give --out another folder"
             )
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -283,7 +284,6 @@ def _pyarrow() -> tuple[ModuleType, ModuleType]:
         parquet = importlib.import_module("pyarrow.parquet")
     except ImportError as error:
         raise SettingsError(
-            "results are stored as Parquet, which needs pyarrow: pip install "
-            "'steer-by-wire-emulator[tools,parquet]'"
+            f"results are stored as Parquet, which needs pyarrow: {installation('pyarrow')}"
         ) from error
     return arrow, parquet

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..runtime.settings import SettingsError
 
-_WHAT_TO_DO = "remove it, and the study computes what was in it again"
+_WHAT_TO_DO = "remove it, and the study computes its content again"
 _CAUSE_LENGTH_MAX = 160
 
 

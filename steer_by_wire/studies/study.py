@@ -16,8 +16,17 @@ from typing import Any, NamedTuple
 from ..controller.laws import LAWS
 from ..controller.own_law import place_of
 from ..controller.settings import ControllerSettings
+from ..controller.settings import shared_vehicle as nominal_vehicle
 from ..plant_emulator.settings import PlantSettings
-from ..runtime.settings import COMMAND_LINE, Settings, SettingsError, load_settings, read_preset
+from ..plant_emulator.settings import shared_vehicle as plant_vehicle
+from ..runtime.settings import (
+    COMMAND_LINE,
+    Settings,
+    SettingsError,
+    SharedTable,
+    load_settings,
+    read_preset,
+)
 from .factors import Factor, make_factors, named_path
 from .figures import COLUMNS
 from .sampling import Design, make_design
@@ -200,7 +209,7 @@ def study_factors(settings: StudySettings, file: str) -> tuple[Factor, ...]:
                 )
     if not is_grid:
         return tuple(factors)
-    # The network is computed once for consecutive vehicles that share it, but only so many vehicles
+    # The network is computed once for consecutive vehicles that share it, but only a few vehicles
     # are cached.
     motions = [factor for factor in factors if _sets_motion(factor)]
     others = [factor for factor in factors if not _sets_motion(factor)]
@@ -217,25 +226,38 @@ def _sets_motion(factor: Factor) -> bool:
 def _plant(base: BaseSettings, file: str, folder: Path) -> Tables:
     preset = read_preset(PLANT_PRESETS, base.plant_preset) if base.plant_preset else None
     below = None if base.plant_file is None else folder / base.plant_file
-    if below is not None and not below.exists():
+    vehicle = _vehicle_file(base, folder)
+    if _is_missing(below) or _is_missing(vehicle):
         stored = _stored(folder).get("plant")
         if stored is not None:
             return dict(stored)
     tables = dict(base.plant)
     if "path" in tables:
         tables["path"] = named_path(tables["path"])
-    return _checked(PlantSettings, preset, below, tables, f"{file}: base.plant")
+    shared = plant_vehicle(vehicle)
+    return _checked(PlantSettings, preset, below, tables, f"{file}: base.plant", shared)
 
 
 def _controller(base: BaseSettings, name: str, file: str, folder: Path) -> Tables:
     is_file = name.endswith(".toml")
     preset = None if is_file else read_preset(CONTROLLER_PRESETS, name)
     below = folder / name if is_file else None
-    if below is not None and not below.exists():
+    vehicle = _vehicle_file(base, folder)
+    if _is_missing(below) or _is_missing(vehicle):
         stored = _stored(folder).get("controllers", {}).get(name)
         if stored is not None:
             return dict(stored)
-    return _checked(ControllerSettings, preset, below, base.controller, f"{file}: base.controller")
+    shared = nominal_vehicle(vehicle)
+    where = f"{file}: base.controller"
+    return _checked(ControllerSettings, preset, below, base.controller, where, shared)
+
+
+def _vehicle_file(base: BaseSettings, folder: Path) -> Path | None:
+    return None if base.vehicle is None else folder / base.vehicle
+
+
+def _is_missing(file: Path | None) -> bool:
+    return file is not None and not file.exists()
 
 
 def _stored(folder: Path) -> Mapping[str, Any]:
@@ -250,12 +272,17 @@ def _stored(folder: Path) -> Mapping[str, Any]:
 
 
 def _checked(
-    model: type[Settings], preset: Any, below: Path | None, tables: Tables, where: str
+    model: type[Settings],
+    preset: Any,
+    below: Path | None,
+    tables: Tables,
+    where: str,
+    shared: SharedTable | None,
 ) -> Tables:
     """Return settings with ``tables`` on top, as tables again, with all keys that have a value."""
     overrides = [f"{key}={_toml(value)}" for key, value in leaves(tables)]
     try:
-        settings = load_settings(model, preset, below, overrides)
+        settings = load_settings(model, preset, below, overrides, shared)
     except SettingsError as error:
         raise SettingsError(
             *(

@@ -167,8 +167,10 @@ class BaseSettings(Settings):
     plant_preset: str | None = None
     plant_file: Path | None = None
     """On top of the preset; relative to the study file."""
+    vehicle: Path | None = None
+    """[vehicle] of this file is the plant's and every controller's; relative to the study file."""
     plant: dict[str, Any] = Field(default_factory=dict)
-    """Tables on top of preset and file."""
+    """Tables on top of preset, file and vehicle."""
     controllers: tuple[str, ...] = Field(min_length=1, max_length=100)
     """Presets, or files (``.toml``, relative to the study file); each meets every point."""
     controller: dict[str, Any] = Field(default_factory=dict)

@@ -13,7 +13,7 @@ PASSED_ON = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signa
 TIMEOUT_STATUS = 124
 """As with timeout(1)."""
 GRACE_S = 5.0
-"""How long the command may take to end after it was asked to."""
+"""How long the command may take to end after SIGTERM."""
 
 
 def block_signals() -> None:
@@ -29,7 +29,7 @@ def supervise(
 ) -> int:
     """Wait until the guard ends; returns its exit status, or TIMEOUT_STATUS.
 
-    ``timeout_s``  after which the command is asked to end, and killed when it does not
+    ``timeout_s``  after which the command gets SIGTERM, and is killed if it does not end
     ``pass_on``    sends a signal to the command
     ``relay``      further descriptors to watch; their data are functions without arguments to call
     """

@@ -58,7 +58,7 @@ def unshare(flags: int) -> None:
 
 
 def adopt_orphans() -> None:
-    """Become the parent of descendants whose own parent has gone."""
+    """Become the parent of descendants whose own parent has ended."""
     _libc("prctl", _PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 

@@ -109,7 +109,7 @@ class _Command:
                     self._status = exit_status(status)
 
     def _pass_output(self, descriptor: int) -> bool:
-        """Forward the available output; returns whether the stream goes on."""
+        """Forward the available output; returns whether the stream continues."""
         try:
             piece = os.read(descriptor, PIECE_BYTES)
         except BlockingIOError:
@@ -130,7 +130,7 @@ class _Command:
     def _obey(self) -> None:
         piece = os.read(self._line, PIECE_BYTES)
         if not piece:
-            power_off()  # the wrapper has gone
+            power_off()  # the wrapper has ended
         for kind, content in self._control.feed(piece):
             if kind is Kind.SIGNAL:
                 with suppress(ProcessLookupError):

@@ -4,6 +4,7 @@ import inspect
 import random
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 from steer_by_wire.compiled.compilation import sources
 from steer_by_wire.compiled.engine import Outcome, run_batch
-from steer_by_wire.compiled.loop import _run_ticks, run_only_segment
+from steer_by_wire.compiled.loop import run_only_segment
 from steer_by_wire.compiled.plan import NothingArrivesError, plan_run
 from steer_by_wire.compiled.steps import step_functions
 from steer_by_wire.controller.design import design_law
@@ -50,7 +51,7 @@ RIGS: dict[str, Sequence[str]] = {
         "disturbance.steps=[{at_s=2.0, side_force_n=400.0},"
         " {at_s=4.00001, steering_offset_rad=0.02, friction=0.7}]",
     ),
-    "lane change": ('path={kind="double_lane_change"}', "vehicle.speed_km_h=20"),
+    "lane change": ('path={kind="double_lane_change"}', "vehicle.speed_m_s=5.555555555555555"),
     "circle": ('path={kind="circle", radius_m=30.0}',),
     "sensors at their own pace": ("sensor_period_ms=7", "latency.uplink.mean_s=0.003"),
     "moving from the start": ("start_on_first_command=false", "latency.uplink.mean_s=0.2"),
@@ -99,7 +100,7 @@ def test_a_compiled_run_equals_the_nodes_with_any_settings(seed: int) -> None:
             f"seed={rng.getrandbits(63)}",
             f"sensor_period_ms={rng.choice([1, 3.3, 7, 10, 10.000001, 33.3333, 100])}",
             f"start_on_first_command={rng.choice(['true', 'false'])}",
-            f"vehicle.speed_km_h={rng.choice([0.5, 5, 20])}",
+            f"vehicle.speed_m_s={rng.choice([0.5, 5, 20]) / 3.6}",
             f"sensor_noise.lateral_error_m={rng.choice([0, 0.01])}",
             f"actuator.rate_limit_rad_s={rng.choice([0.01, 1])}",
             f"actuator.lag_s={rng.choice([0, 0.1])}",
@@ -206,7 +207,9 @@ def test_a_compiled_run_goes_through_every_mode_as_the_node_does() -> None:
 
 
 def test_a_run_that_leaves_the_sensors_range_ends_there_and_says_so() -> None:
-    plant = plant_settings(["start_on_first_command=false", "vehicle.speed_km_h=100"], 60.0)
+    plant = plant_settings(
+        ["start_on_first_command=false", "vehicle.speed_m_s=27.77777777777778"], 60.0
+    )
     controller = controller_settings("practical_pd", ["limits.steer_rad_max=0.001"])
     run = run_batch(plant, controller)
     assert run.outcome is Outcome.LEFT_RANGE
@@ -233,14 +236,16 @@ def test_a_run_counts_no_references(law: str) -> None:
     """One array that is not borrowed, counted at every step of the plant, doubles the time."""
     controller = controller_settings(law)
     run_batch(plant_settings((), 1.0), controller)
-    params = f"{type(design_law(controller).params).__name__}("
-    of_law = next(one for one in run_only_segment.signatures if str(one[0]).startswith(params))
-    numba.njit(nogil=True)(run_only_segment.py_func).compile(of_law)  # not taken from disk
-    ticks = next(one for one in _run_ticks.signatures if str(one[0]).startswith(params))
-    name = _run_ticks.overloads[ticks].fndesc.llvm_func_name
+    params = type(design_law(controller).params).__name__
+    signature = next(
+        one for one in run_only_segment.signatures if str(one[0]).startswith(f"{params}(")
+    )
+    fresh: Any = numba.njit(nogil=True)(run_only_segment.py_func)
+    fresh.compile(signature)
+    name = fresh.overloads[fresh.signatures[0]].fndesc.llvm_func_name
     (body,) = (
         function
-        for function in _run_ticks.inspect_llvm(ticks).split("\ndefine ")
+        for function in fresh.inspect_llvm(fresh.signatures[0]).split("\ndefine ")
         if f"@{name}(" in function.split("{")[0]
     )
     assert "fmul double" in body
@@ -258,7 +263,9 @@ def test_fastmath_is_close_and_leaves_exact_runs_exact(rig: str) -> None:
 
 
 def test_fastmath_sees_what_is_no_number() -> None:
-    plant = plant_settings(["start_on_first_command=false", "vehicle.speed_km_h=100"], 60.0)
+    plant = plant_settings(
+        ["start_on_first_command=false", "vehicle.speed_m_s=27.77777777777778"], 60.0
+    )
     controller = controller_settings("practical_pd", ["limits.steer_rad_max=0.001"])
     run, exact = run_batch(plant, controller, fastmath=True), run_batch(plant, controller)
     assert run.outcome is exact.outcome is Outcome.LEFT_RANGE

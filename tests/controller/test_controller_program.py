@@ -1,5 +1,6 @@
 """The program ``steering-controller``: its settings, ``--check`` and the errors it explains."""
 
+import json
 import subprocess
 import sys
 import tomllib
@@ -7,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from steer_by_wire.controller.analysis import check
 from steer_by_wire.controller.analysis.check import check_text
-from steer_by_wire.controller.program import PRESETS, main
+from steer_by_wire.controller.program import PRESETS, check_main, main
 from steer_by_wire.controller.settings import ControllerSettings, limits_of, supervision_of
 from steer_by_wire.dbc.messages import SteeringCommand, limits
 from steer_by_wire.runtime.program import ExitStatus
@@ -92,9 +94,9 @@ def test_what_users_set_in_milliseconds_and_per_second_the_steps_get_per_period(
 
 @pytest.mark.parametrize("name", preset_names(PRESETS))
 def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(name: str) -> None:
-    # At 1 kHz there is no analysis of jitter, at 100 Hz it takes long, and below 64 Hz the filters
-    # of the paper's presets are beyond Nyquist.
-    settings = preset(name, "rate_hz=64")
+    # At 1 kHz there is no analysis of jitter, at 100 Hz it takes long. Below 64 Hz the paper's
+    # filters are beyond Nyquist, and 12.5 ms has a common multiple with the sensors' 10 ms.
+    settings = preset(name, "rate_hz=80")
     text = check_text(settings)
     assert ControllerSettings.model_validate(tomllib.loads(text)) == settings
     assert "# Poles of the closed loop around the nominal plant, without delay:" in text
@@ -105,6 +107,36 @@ def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(name: 
         assert "# Poles of the law alone:" in text
         assert ("#   stable at     no delay" in text) != ("#   mean  80 ms   " in text)
     assert all(line == line.rstrip() and len(line) <= 100 for line in text.splitlines())
+
+
+def test_check_prints_json_with_the_figures_of_the_text(capsys: Capture) -> None:
+    assert check_main(["--preset", "paper_pd", "--json"]) == ExitStatus.OK
+    printed = json.loads(capsys.readouterr().out)
+    assert ControllerSettings.model_validate(printed["settings"]) == preset("paper_pd")
+    analysis = printed["analysis"]
+    assert (analysis["law"], analysis["rate_hz"], analysis["period_s"]) == ("pd", 1000.0, 0.001)
+    assert analysis["stable_delays"]["margin_s"] == pytest.approx(0.00923, abs=1e-5)
+    assert analysis["stable_delays"]["intervals_s"][0][0] == 0.0
+    assert analysis["margins"]["gain_max"] > 1.0
+    assert analysis["closed_loop_poles"][0]["modulus"] < 1.0
+    assert [at["mean_s"] for at in analysis["jitter"]] == [0.08, 0.16]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "has_table"),
+    [
+        (["--preset", "practical_pd"], False),
+        (["--preset", "practical_pd", "--set", "estimator.actuator_lag_s=0.1"], True),
+        (["--preset", "practical_pd", "--set", "pd.derivative=kalman"], True),
+    ],
+)
+def test_check_shows_the_estimator_only_where_it_is_read_or_was_set(
+    arguments: list[str], has_table: bool, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """The analysis itself is not wanted here."""
+    nothing = {"rate_hz": 100.0, "period_s": 0.01, "not_analysed": "of a test"}
+    monkeypatch.setattr(check, "check_figures", lambda *_: nothing)
+    assert ("[estimator]" in checked(capsys, *arguments)) is has_table
 
 
 def test_check_says_how_much_delay_the_published_gains_tolerate(capsys: Capture) -> None:
@@ -163,7 +195,9 @@ def test_check_ends_with_status_0_and_a_bad_setting_with_2() -> None:
     ]
     good = subprocess.run(command, capture_output=True, text=True, check=False)
     assert good.returncode == 0
-    assert good.stderr == "steering-controller: analysing the sampled loop ...\n"
+    lines = good.stderr.splitlines()
+    assert lines[0] == "steering-controller: computing poles and margins ..."
+    assert all(line.endswith(" ...") for line in lines)
     bad = subprocess.run([*command, "--rate-hz", "5"], capture_output=True, text=True, check=False)
     assert (bad.returncode, bad.stdout) == (2, "")
     assert len(bad.stderr.splitlines()) == 1

@@ -30,7 +30,7 @@ def plant_settings(path: dict[str, Any], corner: tuple[float, float], delay_s: f
         {
             "duration_s": 24.0,
             "path": path,
-            "vehicle": {"speed_km_h": corner[0], "virtual_mass_kg": corner[1]},
+            "vehicle": {"speed_m_s": corner[0] / 3.6, "virtual_mass_kg": corner[1]},
             "latency": {"downlink": way, "uplink": way},
         }
     )

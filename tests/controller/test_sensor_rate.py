@@ -140,14 +140,33 @@ def test_laws_that_do_not_ask_for_the_period_are_not_told() -> None:
     assert node.report()["sensor_period"] is None
 
 
+@pytest.mark.parametrize(
+    ("law", "period_ms", "is_warned"),
+    [("paper_pd", "10", True), ("paper_pd", "1", False), ("practical_pd", "20", False)],
+)
+def test_measurements_too_rare_for_an_unfiltered_derivative_are_warned_of(
+    law: str, period_ms: str, is_warned: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    settings = controller_settings(law)
+    plant = PlantNode(plant_settings([f"sensor_period_ms={period_ms}"], 1.0), 0)
+    node = ControllerNode(settings, 0)
+    run_virtual_nodes(plant, node, None, None, lambda: False)
+    program.conclude("steering-controller", settings, node)
+    warned = capsys.readouterr().err
+    assert ("make this another law" in warned) is is_warned
+    assert not is_warned or "for a control period of 1 ms" in warned
+
+
 def test_a_wrong_period_is_said_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:
     for period, lines in (("20", 1), ("10", 0)):
         _, controller = driven([f"sensor_period_ms={period}"])
-        program.conclude("steering-controller", controller)
+        program.conclude(
+            "steering-controller", controller_settings("practical_predictor"), controller
+        )
         told = capsys.readouterr().err.splitlines()
         assert len(told) == lines
     _, controller = driven(["sensor_period_ms=20"])
-    program.conclude("steering-controller", controller)
+    program.conclude("steering-controller", controller_settings("practical_predictor"), controller)
     assert (
         "sensor period was about 20 ms, but link.sensor_period_ms = 10" in capsys.readouterr().err
     )

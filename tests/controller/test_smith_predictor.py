@@ -111,7 +111,11 @@ def test_the_nodes_find_a_smith_predictor_stable_where_the_analysis_does(
     """After a push: a hundredth of a millimetre is left, or a limit cycle of most of one."""
     plant = rig(
         [
-            *("vehicle.speed_km_h=5", "vehicle.virtual_mass_kg=2000", 'path={kind="straight"}'),
+            *(
+                "vehicle.speed_m_s=1.3888888888888888",
+                "vehicle.virtual_mass_kg=2000",
+                'path={kind="straight"}',
+            ),
             "disturbance.steps=[{at_s=0.5, side_force_n=100.0}]",
             f"latency.downlink.mean_s={delay_ms * 1e-3}",
         ],

@@ -264,12 +264,13 @@ def test_the_document_names_the_bits_that_nobody_uses_and_they_are_ignored() -> 
 
 def test_the_document_names_the_vehicle_and_the_times_that_are_our_defaults() -> None:
     vehicle = PlantSettings().vehicle
-    wheelbase_m = round(vehicle.front_axle_m + vehicle.rear_axle_m, 4)
+    wheelbase_m = round(vehicle.front_axle_distance_m + vehicle.rear_axle_distance_m, 4)
     section = DOCUMENT.split("## What another controller or plant must know")[1].split("\n## ")[0]
     for text in (
-        f"{vehicle.front_axle_m} m behind the front axle and {vehicle.rear_axle_m} m ahead",
+        f"{vehicle.front_axle_distance_m} m behind the front axle and "
+        f"{vehicle.rear_axle_distance_m} m ahead",
         f"wheelbase {wheelbase_m} m",
-        f"{vehicle.preview_m} m ahead of the centre of gravity",
+        f"{vehicle.preview_distance_m} m ahead of the centre of gravity",
     ):
         assert text in section
     assert all(DATA_IDS[kind] == 0x5000 + CAN_IDS[kind] for kind in DATA_IDS)

@@ -78,9 +78,7 @@ def drive(
     """10 s in virtual time."""
     plant = PlantSettings(
         duration_s=10.0,
-        vehicle=VehicleSettings(
-            speed_km_h=3.6 * corner.speed_m_s, virtual_mass_kg=corner.virtual_mass_kg
-        ),
+        vehicle=VehicleSettings(speed_m_s=corner.speed_m_s, virtual_mass_kg=corner.virtual_mass_kg),
         actuator=ActuatorSettings(lag_s=lag_s),
         path=path,
         latency=BothLatencySettings(downlink=LatencySettings(mean_s=delay_ns * 1e-9)),

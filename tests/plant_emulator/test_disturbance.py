@@ -17,7 +17,7 @@ from steer_by_wire.plant_emulator.rig_settings import (
 )
 from steer_by_wire.plant_emulator.vehicle import VehicleParams, on_friction, state_matrices
 
-VEHICLE = VehicleSettings(speed_km_h=72.0)
+VEHICLE = VehicleSettings(speed_m_s=72.0 / 3.6)
 PARAMS = VehicleParams(20.0, 2000.0, 3728.0, 195_000.0, 500_000.0, 1.3008, 1.5453, 1.912)
 
 

@@ -27,6 +27,7 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.runtime.view import View
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS
@@ -50,6 +51,9 @@ class Sink:
         return ()
 
     def on_unauthenticated(self) -> None: ...
+
+    def view(self, _now_ns: int) -> View:
+        return View({}, {}, "")
 
     def report(self) -> dict[str, Any]:
         return {}

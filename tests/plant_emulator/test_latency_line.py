@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from steer_by_wire.plant_emulator import latency_line
 from steer_by_wire.plant_emulator.latency import Distribution
+from steer_by_wire.plant_emulator.latency_draw import LatencyDraw
 from steer_by_wire.plant_emulator.latency_line import LatencyLine
 from steer_by_wire.plant_emulator.latency_settings import LatencySettings
 from steer_by_wire.plant_emulator.streams import Channel, uniforms
@@ -300,5 +301,5 @@ def test_a_constant_latency_leaves_the_draws_as_they_are(
         return [left, uplink.counts, uplink.latency.summary(), uplink.injected.summary()]
 
     short = leave(200)
-    monkeypatch.setattr(LatencyLine, "_constant_latency_ns", lambda _line: None)
+    monkeypatch.setattr(LatencyDraw, "_constant_ns", lambda _draw: None)
     assert short == leave(200)

@@ -25,7 +25,7 @@ from steer_by_wire.plant_emulator.rig_settings import (
 from steer_by_wire.plant_emulator.vehicle import VehicleParams, state_matrices
 
 BUSY = design_motion(
-    VehicleSettings(speed_km_h=30.0),
+    VehicleSettings(speed_m_s=30.0 / 3.6),
     ActuatorSettings(lag_s=0.03, rate_limit_rad_s=0.8, angle_limit_rad=0.1, dead_band_rad=0.002),
     EllipseSettings(semi_major_axis_m=60.0, semi_minor_axis_m=30.0),
     DisturbanceSettings(
@@ -81,7 +81,7 @@ def test_time_does_not_run_backwards() -> None:
 
 
 def test_curvature_and_arc_length_follow_the_path_over_laps() -> None:
-    params = quiet(EllipseSettings(), VehicleSettings(speed_km_h=200.0))
+    params = quiet(EllipseSettings(), VehicleSettings(speed_m_s=200.0 / 3.6))
     motion = Motion(params)
     for second in np.linspace(0.0, 20.0, 300):
         motion.advance(round(second * 1e9))
@@ -92,7 +92,7 @@ def test_curvature_and_arc_length_follow_the_path_over_laps() -> None:
 
 
 def test_motion_agrees_with_a_numerical_solver_on_the_curvature_of_the_path() -> None:
-    params = quiet(DoubleLaneChangeSettings(start_m=2.0), VehicleSettings(speed_km_h=50.0))
+    params = quiet(DoubleLaneChangeSettings(start_m=2.0), VehicleSettings(speed_m_s=50.0 / 3.6))
     v = 50.0 / 3.6
     a, b = state_matrices(
         VehicleParams(v, 2000.0, 3728.0, 195_000.0, 500_000.0, 1.3008, 1.5453, 1.912)
@@ -159,7 +159,7 @@ def test_vehicle_seen_from_above_moves_where_its_velocity_points() -> None:
 def test_motion_in_the_loop_reproduces_table_2() -> None:
     """Corner d under PD at 1 kHz, y' from the state: the continuous law but for half a period."""
     motion = Motion(
-        quiet(EllipseSettings(), VehicleSettings(speed_km_h=7.0, virtual_mass_kg=5000.0))
+        quiet(EllipseSettings(), VehicleSettings(speed_m_s=7.0 / 3.6, virtual_mass_kg=5000.0))
     )
     squares = 0.0
     ticks = 200_000

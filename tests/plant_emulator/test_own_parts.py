@@ -66,14 +66,14 @@ def test_a_path_is_followed(engine: Any) -> None:
     bend = {"plant.path.kind": "own", **own("plant.path", "BEND", own__curvature_1_m=0.05)}
     made = run(bend, engine=engine)
     assert np.max(made.plant.curvature_1_m) == 0.0  # 2 s at 5 km/h end before it
-    fast = run(bend | {"plant.vehicle.speed_km_h": 20.0}, engine=engine)
+    fast = run(bend | {"plant.vehicle.speed_m_s": 20.0 / 3.6}, engine=engine)
     assert np.max(fast.plant.curvature_1_m) == pytest.approx(0.05, rel=0.02)
     assert np.all(np.diff(fast.track().path_x_m) > 0.0)
 
 
 def test_a_closed_path_through_points_returns() -> None:
     square = {"plant.path.kind": "own", **own("plant.path", "SQUARE")}
-    track = run(square | {"plant.vehicle.speed_km_h": 240.0}).track()
+    track = run(square | {"plant.vehicle.speed_m_s": 240.0 / 3.6}).track()
     assert np.hypot(track.path_x_m - 30.0, track.path_y_m - 30.0).min() < 0.5
     assert track.path_x_m[-1] < 15.0
 
@@ -83,7 +83,7 @@ def test_the_rig_s_own_equations_put_in_for_it_give_its_motion() -> None:
     busy = {
         "plant.actuator.lag_s": 0.05,
         "plant.actuator.rate_limit_rad_s": 0.3,
-        "plant.vehicle.speed_km_h": 30.0,
+        "plant.vehicle.speed_m_s": 30.0 / 3.6,
         "plant.path": {"kind": "double_lane_change", "start_m": 1.0},
         **own("plant.disturbance", "PUSHES"),
     }

@@ -121,7 +121,7 @@ def test_commands_that_never_came_are_counted() -> None:
 
 
 def test_beyond_its_range_the_lateral_error_is_not_available_and_comes_back() -> None:
-    tested = link(vehicle={"speed_km_h": 100}, path={"kind": "circle", "radius_m": 50})
+    tested = link(vehicle={"speed_m_s": 100 / 3.6}, path={"kind": "circle", "radius_m": 50})
     tested.command(START_NS, 0.0)
     tested.tick_until(START_NS + 1000 * PERIOD_NS)
     largest_m = limits(LateralError)["lateral_error_m"].maximum
@@ -153,7 +153,7 @@ def test_the_heading_error_is_an_angle_of_one_turn() -> None:
 
 
 def test_what_is_sent_as_the_end_of_its_range_is_counted() -> None:
-    tested = link(vehicle={"speed_km_h": 250}, path={"kind": "circle", "radius_m": 5})
+    tested = link(vehicle={"speed_m_s": 250 / 3.6}, path={"kind": "circle", "radius_m": 5})
     tested.command(START_NS, 0.0)
     tested.tick_until(START_NS)
     assert tested.last(VehicleState).preview_curvature_1_m == pytest.approx(0.2)

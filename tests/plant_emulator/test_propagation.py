@@ -76,6 +76,6 @@ def test_table_is_accurate_for_the_extremes_of_the_settings(
 
 
 def test_a_vehicle_beyond_computing_is_refused() -> None:
-    unstable = PAPER._replace(rear_stiffness_n_rad=-1e12)
+    unstable = PAPER._replace(rear_cornering_stiffness_n_rad=-1e12)
     with pytest.raises(ValueError, match="overflows"):
         transition_table(augmented_matrix(unstable, 0.0))

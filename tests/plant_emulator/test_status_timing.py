@@ -74,7 +74,7 @@ def test_a_late_tick_tells_what_was_due_meanwhile() -> None:
 
 
 def test_a_limit_that_acts_all_the_time_costs_one_frame_more() -> None:
-    tested = steered(100, vehicle={"speed_km_h": 60.0})
+    tested = steered(100, vehicle={"speed_m_s": 60.0 / 3.6})
     states = [message.safety for _, message in tested.messages(PlantStatus)]
     assert states[:3] == [NORMAL, LIMITING, LIMITING]
     assert set(states[1:]) == {LIMITING}

@@ -9,18 +9,17 @@ from tests.support.mutation import fails_with, survivors
 EQUIVALENT = {
     # SAFE_STATE is the greatest mode.
     "x.mode == _SAFE_STATE  ->  x.mode >= _SAFE_STATE",
-    "x.mode != _SAFE_STATE  ->  x.mode < _SAFE_STATE",
+    "before == _SAFE_STATE  ->  before >= _SAFE_STATE",
     "mode != _SAFE_STATE  ->  mode < _SAFE_STATE",
     # SAFE_STATE is dealt with before, and FALLBACK in the same breath.
-    "x.mode == _FALLBACK  ->  x.mode >= _FALLBACK",
-    "mode == _FALLBACK  ->  mode >= _FALLBACK",
-    "x.mode == _HOLDING  ->  x.mode >= _HOLDING",
+    "before == _FALLBACK  ->  before >= _FALLBACK",
+    "before == _HOLDING  ->  before >= _HOLDING",
     # FOLLOWING is dealt with before; a cause is not negative.
     "x.mode > _FOLLOWING  ->  x.mode >= _FOLLOWING",
     "x.limiter.cause != 0  ->  x.limiter.cause > 0",
     # A run grows by one, so it meets the number before it exceeds it, and is not negative.
     "good_run >= p.recovery_frames  ->  good_run == p.recovery_frames",
-    "x.good_run > 0  ->  x.good_run != 0",
+    "run_before > 0  ->  run_before != 0",
     # A step of a ramp is not negative.
     "p.ramp_step_rad > 0.0  ->  p.ramp_step_rad != 0.0",
 }

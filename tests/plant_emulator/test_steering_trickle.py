@@ -135,7 +135,7 @@ def pair(outage: str, *overrides: str) -> PlantNode:
         PlantSettings,
         None,
         None,
-        ["vehicle.speed_km_h=7", f"faults=[{{{drop}, {outage}}}]", *overrides],
+        ["vehicle.speed_m_s=1.9444444444444444", f"faults=[{{{drop}, {outage}}}]", *overrides],
     )
     preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
     node = PlantNode(plant, 0)

@@ -221,7 +221,7 @@ def test_an_override_takes_the_wheel_whatever_is_commanded() -> None:
 
 def test_at_60_km_h_the_limits_bind_and_are_counted_and_told_by_cause() -> None:
     """g = 71.5: 3 m/s² is 0.0420 rad, and 5 m/s³ over half a second 0.0350 rad."""
-    tested = link(vehicle={"speed_km_h": 60.0})
+    tested = link(vehicle={"speed_m_s": 60.0 / 3.6})
     tested.command(START_NS, 0.2)
     tested.tick_until(START_NS)
     assert tested.last(SteeringStatus).wheel_angle_rad == pytest.approx(0.0350, abs=1e-4)
@@ -242,7 +242,7 @@ def test_at_walking_speed_the_default_limits_let_the_wildest_commands_through(
 ) -> None:
     """To and fro between the ends of what controllers may command by default, in 1 ms."""
     source = random.Random(7)
-    tested = link(vehicle={"speed_km_h": speed_km_h})
+    tested = link(vehicle={"speed_m_s": speed_km_h / 3.6})
     for step in range(1000):
         tested.command(
             START_NS + step * MS_NS, source.choice([-0.6, 0.6, source.uniform(-0.6, 0.6)])

@@ -46,12 +46,17 @@ def test_preview_distance_is_the_one_that_equation_19_implies() -> None:
 def test_steady_cornering_has_the_textbook_yaw_rate_and_side_slip(p: VehicleParams) -> None:
     """r = V δ/(l + K V²) with the understeer gradient K; β from the rear axle's slip angle."""
     steer = 0.02
-    wheelbase = p.front_axle_m + p.rear_axle_m
-    rear_load = p.virtual_mass_kg * p.front_axle_m / wheelbase
-    front_load = p.virtual_mass_kg * p.rear_axle_m / wheelbase
-    gradient = front_load / p.front_stiffness_n_rad - rear_load / p.rear_stiffness_n_rad
+    wheelbase = p.front_axle_distance_m + p.rear_axle_distance_m
+    rear_load = p.virtual_mass_kg * p.front_axle_distance_m / wheelbase
+    front_load = p.virtual_mass_kg * p.rear_axle_distance_m / wheelbase
+    gradient = (
+        front_load / p.front_cornering_stiffness_n_rad
+        - rear_load / p.rear_cornering_stiffness_n_rad
+    )
     path_curvature = steer / (wheelbase + gradient * p.speed_m_s**2)
-    slip_per_curvature = p.rear_axle_m - rear_load * p.speed_m_s**2 / p.rear_stiffness_n_rad
+    slip_per_curvature = (
+        p.rear_axle_distance_m - rear_load * p.speed_m_s**2 / p.rear_cornering_stiffness_n_rad
+    )
 
     table = table_rows(transition_table(augmented_matrix(p, 0.0)))
     z = propagate(table, 0, AT_REST._replace(wheel_rad=steer), 20_000_000_000)
@@ -72,9 +77,9 @@ def test_steady_cornering_on_the_curve_of_the_path_leaves_the_preview_point_para
                 [0.0, PAPER.speed_m_s, PAPER.speed_m_s],
             ]
         ),
-        -np.array([a[0, 1], a[1, 1], PAPER.preview_m]) * PAPER.speed_m_s * rho,
+        -np.array([a[0, 1], a[1, 1], PAPER.preview_distance_m]) * PAPER.speed_m_s * rho,
     )
-    assert side_slip + heading_error == pytest.approx(-PAPER.preview_m * rho)
+    assert side_slip + heading_error == pytest.approx(-PAPER.preview_distance_m * rho)
     table = table_rows(transition_table(augmented_matrix(PAPER, 0.0)))
     z = AT_REST._replace(
         side_slip_rad=side_slip,
@@ -167,7 +172,7 @@ def test_presets_reproduce_the_pd_row_of_table_2(corner: str, published_m: float
     )
     tables = tomllib.loads(text.read_text(encoding="utf-8"))
     vehicle = VehicleSettings(**tables["vehicle"])
-    p = PAPER._replace(speed_m_s=vehicle.speed_km_h / 3.6, virtual_mass_kg=vehicle.virtual_mass_kg)
+    p = PAPER._replace(speed_m_s=vehicle.speed_m_s, virtual_mass_kg=vehicle.virtual_mass_kg)
     rms_m = pd_rms_on_the_ellipse(p, 200.0)
     assert published_m - 1.5e-4 < rms_m < published_m + 1.5e-4
 
@@ -177,7 +182,7 @@ def test_printed_rear_stiffness_does_not_reproduce_the_mass_trend_of_table_2() -
     light = PAPER._replace(speed_m_s=7.0 / 3.6, virtual_mass_kg=1600.0)
     heavy = light._replace(virtual_mass_kg=5000.0)
     assert pd_rms_on_the_ellipse(heavy, 200.0) > pd_rms_on_the_ellipse(light, 200.0)
-    printed = [p._replace(rear_stiffness_n_rad=50_000.0) for p in (light, heavy)]
+    printed = [p._replace(rear_cornering_stiffness_n_rad=50_000.0) for p in (light, heavy)]
     assert pd_rms_on_the_ellipse(printed[1], 200.0) < pd_rms_on_the_ellipse(printed[0], 200.0)
 
 
@@ -200,4 +205,4 @@ def test_presets_differ_from_the_nominal_vehicle_in_what_they_are_named_for(name
     elif name == "paper_nominal_as_printed":
         assert changed == {"rear_cornering_stiffness_n_rad"}
     else:
-        assert changed == {"speed_km_h", "virtual_mass_kg"}
+        assert changed == {"speed_m_s", "virtual_mass_kg"}

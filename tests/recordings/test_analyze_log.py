@@ -197,7 +197,8 @@ def test_several_logs_stand_beside_each_other(
     assert main([str(constant.log), str(varying.log), "--out", str(out)]) == ExitStatus.OK
     printed = capsys.readouterr().out
     assert "lateral error, RMS [mm]" in printed
-    assert sorted(path.name for path in out.iterdir()) == ["run_log-1", "run_log-2"]
+    names = [f"{run.log.parent.name}-run" for run in (constant, varying)]
+    assert sorted(path.name for path in out.iterdir()) == names
     for path in out.iterdir():
         assert {file.name for file in path.iterdir()} >= {
             "report.html", "figures.json", "signals.csv"

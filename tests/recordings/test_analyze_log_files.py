@@ -110,7 +110,7 @@ def test_a_missing_library_is_one_clear_line_that_names_the_extra(
     monkeypatch.setitem(__import__("sys").modules, library, None)
     arguments = [str(constant.log), "--out", str(tmp_path)]
     assert main([*arguments, option]) == ExitStatus.SETTINGS
-    assert f"steer-by-wire-emulator[{option[2:]}]" in capsys.readouterr().err
+    assert f"pip install '.[{option[2:]}]'" in capsys.readouterr().err
     if option == "--parquet":
         assert main(arguments) == ExitStatus.OK
         assert not (tmp_path / "run" / "signals.parquet").exists()

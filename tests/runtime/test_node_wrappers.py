@@ -13,6 +13,7 @@ from steer_by_wire.plant_emulator.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node, ReportingNode, Wrapper
+from steer_by_wire.runtime.view import View
 from steer_by_wire.tools.fault_campaign.node_faults import JumpingClock, NodeFault, Stricken
 from steer_by_wire.tools.fault_campaign.observation import Bounds, Watch
 from steer_by_wire.tools.fault_campaign.specification import PLANT, NodeFaultKind
@@ -46,6 +47,9 @@ class Asked:
     def on_unauthenticated(self) -> None:
         self.calls.append(())
 
+    def view(self, now_ns: int) -> View:
+        return View({}, {}, str(now_ns))
+
     def report(self) -> Mapping[str, Any]:
         counts = {"skipped_ticks": 0, "law_failures": 0, "holds": 0, "lost": 0, "failure": ""}
         stale = {"steering_status": 0, "vehicle_state": 0}
@@ -73,6 +77,7 @@ def test_a_wrapper_with_nothing_to_do_is_as_its_node(
     assert tuple(wrapper.on_tick(LATER_NS)) == (COMMAND,)
     assert node.calls == [(COMMAND, 5), (), (LATER_NS,)]
     assert wrapper.report()["seen"] == 3
+    assert wrapper.view(7).now == "7"
 
 
 def test_the_base_of_all_wrappers_has_every_part_of_the_protocol() -> None:

@@ -158,12 +158,12 @@ def test_with_reconnect_a_bus_that_fails_once_does_not_end_the_run(
     file = tmp_path / "report.json"
     heard: list[str] = []
 
-    def hear(_name: str, text: str, _stream: object = None) -> None:
+    def hear(_screen: object, text: str) -> None:
         heard.append(text)
         if "is back" in text:
             interrupt()
 
-    monkeypatch.setattr("steer_by_wire.runtime.program.say", hear)
+    monkeypatch.setattr("steer_by_wire.runtime.screen.Screen.line", hear)
     assert run(options("--reconnect", "--report", str(file)), Sleeper()) == ExitStatus.OK
     begin = "cannot receive: the adapter is gone; waiting 60 s"
     assert any(text.startswith(begin) for text in heard)

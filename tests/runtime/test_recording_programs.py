@@ -35,7 +35,7 @@ def test_names_that_are_no_recordings_are_refused(monkeypatch: pytest.MonkeyPatc
     ] * 6
     assert "run.txt: records as .log, .asc" in recording_obstacle(Path("run.txt"))
     monkeypatch.setattr(recording, "find_spec", lambda _name: None)
-    assert "pip install 'steer-by-wire-emulator[mf4]'" in recording_obstacle(Path("run.mf4"))
+    assert "pip install '.[mf4]'" in recording_obstacle(Path("run.mf4"))
 
 
 @pytest.mark.parametrize("name", ["run.txt", "run", "nowhere/run.log"])

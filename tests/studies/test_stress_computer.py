@@ -98,7 +98,11 @@ def test_a_run_that_leaves_the_sensors_range_is_that_of_the_nodes_up_to_there() 
         PlantSettings,
         read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal"),
         None,
-        ["duration_s=30", "vehicle.speed_km_h=100", "sensor_noise.lateral_error_m=0.02"],
+        [
+            "duration_s=30",
+            "vehicle.speed_m_s=27.77777777777778",
+            "sensor_noise.lateral_error_m=0.02",
+        ],
     )
     law = read_preset("steer_by_wire.controller.presets", "practical_predictor")
     controller = load_settings(ControllerSettings, law, None, ["limits.steer_rad_max=0.001"])

@@ -128,7 +128,7 @@ def test_windows_too_short_for_a_rhythm_let_no_limit_cycle_hold(tmp_path: Path) 
     assert {one for one, _ in found[:4]} == {Verdict.HOLDS}
     assert all(at["limited_share"] > 0.5 for _, at in found[6:])
     assert {one for one, _ in found[6:]} == {Verdict.LIMIT_CYCLE}
-    assert [corner_vehicle(c)["speed_km_h"] for c in "cd"] == [7.0, 7.0]
+    assert [corner_vehicle(c)["speed_m_s"] for c in "cd"] == [7.0 / 3.6] * 2
 
 
 def test_what_is_metres_off_when_it_ends_does_not_hold(tmp_path: Path) -> None:

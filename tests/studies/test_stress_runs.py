@@ -244,7 +244,7 @@ def test_a_run_that_leaves_the_range_replays_too(tmp_path: Path) -> None:
 [base]
 controllers = ["practical_pd"]
 [base.plant]
-vehicle.speed_km_h = 100.0
+vehicle.speed_m_s = 27.77777777777778
 duration_s = 60.0
 start_on_first_command = false
 [base.controller.limits]

@@ -90,7 +90,7 @@ def test_all_controllers_and_points_of_a_replicate_meet_the_same_network(tmp_pat
         tmp_path,
         """
 [[factors]]
-key = "plant.vehicle.speed_km_h"
+key = "plant.vehicle.speed_m_s"
 values = [4.0, 7.0]
 [sampling]
 replicates = 2
@@ -141,6 +141,7 @@ def test_the_box_lies_between_the_corners(tmp_path: Path) -> None:
         '[[factors]]\nuse = "paper_box"\n[sampling]\nkind = "sobol"\ncount = 64\n',
     )
     points = np.array([made.case(index).labels for index in range(64)], dtype=np.float64)
+    points *= (3.6, 1.0)  # to km/h
     assert (points.min(axis=0) >= (4.0, 1600.0)).all()
     assert (points.max(axis=0) <= (7.0, 5000.0)).all()
     assert (points.min(axis=0) < (4.1, 1750.0)).all()
@@ -254,8 +255,8 @@ BAD: dict[str, tuple[str, str]] = {
         r"factor speed: key speed starts with neither plant\. nor controller\.",
     ),
     "text for a number": (
-        '[[factors]]\nkey = "plant.vehicle.speed_km_h"\nvalues = ["5"]\n',
-        r"factor speed_km_h: plant\.vehicle\.speed_km_h = \"5\" should be a valid number",
+        '[[factors]]\nkey = "plant.vehicle.speed_m_s"\nvalues = ["5"]\n',
+        r"factor speed_m_s: plant\.vehicle\.speed_m_s = \"5\" should be a valid number",
     ),
     "jitter of a constant latency": (
         '[[factors]]\nkey = "plant.latency.downlink.spread_s"\nvalues = [0.1]\n',
@@ -266,40 +267,40 @@ BAD: dict[str, tuple[str, str]] = {
         r"spread_fraction = -0\.1 \(allowed: number from 0, up to 100\)",
     ),
     "values and a range": (
-        '[[factors]]\nkey = "plant.vehicle.speed_km_h"\nvalues = [5.0]\nstart = 4.0\n',
+        '[[factors]]\nkey = "plant.vehicle.speed_m_s"\nvalues = [5.0]\nstart = 4.0\n',
         r"study\.toml: factors\[0\]: a factor has one of .*; this one has both values and start",
     ),
     "no key": ("[[factors]]\nvalues = [5.0]\n", r"factors\[0\]: a factor has either key or keys"),
     "a range without step": (
-        '[[factors]]\nkey = "plant.vehicle.speed_km_h"\nstart = 4.0\nstop = 5.0\n',
-        r"factors\[0\]: the range of factor speed_km_h needs step or count in a grid",
+        '[[factors]]\nkey = "plant.vehicle.speed_m_s"\nstart = 4.0\nstop = 5.0\n',
+        r"factors\[0\]: the range of factor speed_m_s needs step or count in a grid",
     ),
     "a distribution in a grid": (
-        '[[factors]]\nkey = "plant.vehicle.speed_km_h"\n'
+        '[[factors]]\nkey = "plant.vehicle.speed_m_s"\n'
         'distribution = { kind = "uniform", low = 4.0, high = 5.0 }\n',
-        r"factors\[0\]: factor speed_km_h has a distribution, which a grid has no points for",
+        r"factors\[0\]: factor speed_m_s has a distribution, which a grid has no points for",
     ),
     "a distribution upside down": (
-        '[[factors]]\nkey = "plant.vehicle.speed_km_h"\n'
+        '[[factors]]\nkey = "plant.vehicle.speed_m_s"\n'
         'distribution = { kind = "uniform", low = 6.0, high = 5.0 }\n',
         r"factors\[0\]\.distribution: high must be above low: low = 6\.0, high = 5\.0",
     ),
     "the same key twice": (
         '[[factors]]\nuse = "paper_corners"\n'
-        '[[factors]]\nkey = "plant.vehicle.speed_km_h"\nvalues = [5.0]\n',
-        r"factors corner and speed_km_h both set plant\.vehicle\.speed_km_h",
+        '[[factors]]\nkey = "plant.vehicle.speed_m_s"\nvalues = [5.0]\n',
+        r"factors corner and speed_m_s both set plant\.vehicle\.speed_m_s",
     ),
     "a name that is taken": (
-        '[[factors]]\nname = "id"\nkey = "plant.vehicle.speed_km_h"\nvalues = [5.0]\n',
+        '[[factors]]\nname = "id"\nkey = "plant.vehicle.speed_m_s"\nvalues = [5.0]\n',
         r"factor id: a column of the results has this name already",
     ),
     "the name of a figure": (
-        '[[factors]]\nname = "rms_m"\nkey = "plant.vehicle.speed_km_h"\nvalues = [5.0]\n',
+        '[[factors]]\nname = "rms_m"\nkey = "plant.vehicle.speed_m_s"\nvalues = [5.0]\n',
         r"factor rms_m: a column of the results has this name already",
     ),
     "the same value twice": (
-        '[[factors]]\nkey = "plant.vehicle.speed_km_h"\nvalues = [5.0, 5.0]\n',
-        r"values of factor speed_km_h must differ",
+        '[[factors]]\nkey = "plant.vehicle.speed_m_s"\nvalues = [5.0, 5.0]\n',
+        r"values of factor speed_m_s must differ",
     ),
     "a seed of its own": (
         '[[factors]]\nname = "x"\nkey = "plant.seed"\nvalues = [5]\n',

@@ -136,10 +136,10 @@ def test_verdicts_agree_with_the_linear_loop_on_which_delays_are_stable(preset: 
         yaw_inertia_kg_m2=rig.yaw_inertia_kg_m2,
         front_cornering_stiffness_n_rad=rig.front_cornering_stiffness_n_rad,
         rear_cornering_stiffness_n_rad=rig.rear_cornering_stiffness_n_rad,
-        front_axle_distance_m=rig.front_axle_m,
-        rear_axle_distance_m=rig.rear_axle_m,
-        preview_distance_m=rig.preview_m,
-        speed_m_s=rig.speed_km_h / 3.6,
+        front_axle_distance_m=rig.front_axle_distance_m,
+        rear_axle_distance_m=rig.rear_axle_distance_m,
+        preview_distance_m=rig.preview_distance_m,
+        speed_m_s=rig.speed_m_s,
     )
     loop = SampledLoop(design_law(law), steer_to_lateral_error(vehicle), law.period_ns)
     judged = []

@@ -34,5 +34,8 @@ def vehicle_of(settings: ControllerSettings) -> VehicleModelSettings:
 
 def on_a_circle(name: str, overrides: Sequence[str], *more: str) -> ControlSample:
     """The last tick after half a minute of the nodes, the nominal vehicle on a circle of 30 m."""
-    plant = rig([*CIRCLE, "vehicle.speed_km_h=5", "vehicle.virtual_mass_kg=2000", *more], 30.0)
+    plant = rig(
+        [*CIRCLE, "vehicle.speed_m_s=1.3888888888888888", "vehicle.virtual_mass_kg=2000", *more],
+        30.0,
+    )
     return run_nodes(plant, preset(name, overrides)).samples[-1]

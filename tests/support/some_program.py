@@ -12,6 +12,7 @@ from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.program import ExitStatus, run_node
 from steer_by_wire.runtime.program_options import make_parser
 from steer_by_wire.runtime.settings import Settings
+from steer_by_wire.runtime.view import View
 from tests.support.running_program import ORDINARY
 
 NAME = "some-program"
@@ -57,6 +58,9 @@ class Probe:
         return self._sends
 
     def on_unauthenticated(self) -> None: ...
+
+    def view(self, _now_ns: int) -> View:
+        return View({"mode": "PROBING"}, {"ticks missed": 3}, "")
 
     def report(self) -> Mapping[str, Any]:
         self._on_report_do()

@@ -22,7 +22,7 @@ def run_straight(
     overrides = (
         "duration_s=60",
         'path={kind="straight"}',
-        f"vehicle.speed_km_h={3.6 * vehicle.speed_m_s!r}",
+        f"vehicle.speed_m_s={vehicle.speed_m_s!r}",
         f"vehicle.virtual_mass_kg={vehicle.virtual_mass_kg!r}",
         f"actuator.lag_s={lag_s}",
         f"latency.downlink.mean_s={delay_ns * 1e-9!r}",

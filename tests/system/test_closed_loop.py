@@ -252,7 +252,7 @@ def test_under_jitter_every_command_s_round_trip_is_its_own_latency_and_at_most_
 
 
 CORNERS = [
-    VehicleSettings(speed_km_h=speed_km_h, virtual_mass_kg=mass_kg)
+    VehicleSettings(speed_m_s=speed_km_h / 3.6, virtual_mass_kg=mass_kg)
     for speed_km_h in (4.0, 7.0)
     for mass_kg in (1600.0, 5000.0)
 ]

@@ -133,16 +133,32 @@ def test_a_mistake_is_reported_under_the_name_that_was_typed(
 @pytest.mark.parametrize(
     ("library", "told"),
     [
-        ("rich", "pip install 'steer-by-wire-emulator[tools]'"),
-        ("distributed", "pip install 'steer-by-wire-emulator[cluster]'"),
-        ("numpy", "pip install steer-by-wire-emulator"),
-        ("e2e", "pip install steer-by-wire-emulator"),
+        ("rich", "pip install '.[tools]' in the project's folder"),
+        ("distributed", "pip install '.[cluster]' in the project's folder"),
+        ("numpy", "pip install . in the project's folder"),
+        ("e2e", "pip install . in the project's folder"),
     ],
 )
 def test_what_installs_a_library_comes_from_the_distributions_metadata(
     library: str, told: str
 ) -> None:
     assert installation(library) == told
+
+
+def test_every_extra_that_is_named_anywhere_exists() -> None:
+    """In messages and documents; and nothing is installed by a name that no index has."""
+    known = set(metadata(DISTRIBUTION).get_all("Provides-Extra") or ())
+    folders = ("controller", "dbc", "docs", "examples", "runtime", "steer_by_wire", "tools")
+    files = [ROOT / "README.md"]
+    files += [f for name in folders for f in (ROOT / name).rglob("*") if f.suffix in (".md", ".py")]
+    named: dict[str, str] = {}
+    for file in files:
+        text = file.read_text(encoding="utf-8")
+        assert f"{DISTRIBUTION}[" not in text, file
+        for extras in re.findall(r"pip install '\.\[([a-z0-9,_-]+)\]'", text):
+            named |= dict.fromkeys(extras.split(","), file.name)
+    assert len(named) > 4
+    assert not {extra: file for extra, file in named.items() if extra not in known}
 
 
 def test_a_missing_library_is_reported_in_one_line(
@@ -155,7 +171,7 @@ def test_a_missing_library_is_reported_in_one_line(
     assert main(["demo"]) == 2
     assert capsys.readouterr().err == (
         "steer-by-wire demo: error: matplotlib is not installed: "
-        "pip install 'steer-by-wire-emulator[tools]'\n"
+        "pip install '.[tools]' in the project's folder\n"
     )
 
 

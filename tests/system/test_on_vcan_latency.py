@@ -53,7 +53,7 @@ def plant_settings(latency_s: float) -> PlantSettings:
         f"duration_s={DURATION_S}",
         *UNSUPERVISED[1::2],
         "path.kind=straight",
-        "vehicle.speed_km_h=15",
+        "vehicle.speed_m_s=4.166666666666667",
         "disturbance.steps=[{at_s=3,steering_offset_rad=0.05},{at_s=3.3,steering_offset_rad=0}]",
     ]
     preset = read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal")

@@ -41,14 +41,15 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
     return zipfile.ZipFile(path)
 
 
-def test_the_wheel_holds_the_dbc_every_preset_and_every_module(wheel: zipfile.ZipFile) -> None:
+def test_the_wheel_holds_the_dbc_every_preset_every_module_and_page(wheel: zipfile.ZipFile) -> None:
     packages = ("controller", "dbc", "plant_emulator", "runtime", "tools")
     wanted = {
         f"steer_by_wire/{path.relative_to(ROOT)}"
         for package in packages
-        for suffix in ("*.py", "*.toml", "*.dbc", "py.typed")
+        for suffix in ("*.py", "*.toml", "*.dbc", "*.js", "*.css", "*.html", "*.svg", "py.typed")
         for path in (ROOT / package).rglob(suffix)
     }
+    wanted.add("steer_by_wire/tools/cockpit/page/vendor/uPlot.LICENSE")
     assert "steer_by_wire/dbc/steer_by_wire.dbc" in wanted
     assert wanted - set(wheel.namelist()) == set()
 

@@ -40,7 +40,7 @@ from steer_by_wire.tools.closed_loop import __main__ as closed_loop
 from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 
 OVERSTEER = {
-    "speed_km_h": 250,
+    "speed_m_s": 250 / 3.6,
     "virtual_mass_kg": 100_000.0,
     "yaw_inertia_kg_m2": 100.0,
     "front_cornering_stiffness_n_rad": 1e7,
@@ -206,7 +206,7 @@ def numbers(value: Any) -> list[float]:
     ("vehicle", "steer_rad"),
     [
         (OVERSTEER, 0.1),
-        ({"speed_km_h": 250, "rear_cornering_stiffness_n_rad": 50_000}, 0.1),
+        ({"speed_m_s": 250 / 3.6, "rear_cornering_stiffness_n_rad": 50_000}, 0.1),
     ],
     ids=["fastest", "oversteering"],
 )

@@ -15,7 +15,7 @@ golden_seeds = 1
 laws = ["practical_predictor"]
 [[points]]
 name = "delay"
-speed_km_h = 7.0
+speed_m_s = 1.9444444444444444
 downlink_ms = 60.0
 uplink_ms = 40.0
 [[cases]]

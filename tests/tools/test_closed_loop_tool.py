@@ -107,7 +107,7 @@ def test_an_interrupt_ends_a_run_with_what_there_is(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "status", "complaint"),
     [
-        (["--plant-set", "vehicle.speed_km_h=-3"], 2, "vehicle.speed_km_h"),
+        (["--plant-set", "vehicle.speed_m_s=-3"], 2, "vehicle.speed_m_s"),
         (["--plant-preset", "none"], 2, "preset none"),
         (["--controller-preset", "practical_pd", "--controller-set", "rate_hz=1"], 2, "rate_hz"),
         (["--controller", "missing.toml"], 2, "missing.toml"),

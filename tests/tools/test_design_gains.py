@@ -18,6 +18,8 @@ from steer_by_wire.controller.nominal_model import steer_to_lateral_error
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.loop_theory.tracking import rms_m, tracking_grid
 from steer_by_wire.loop_theory.uncertainty import paper_box
+from steer_by_wire.plant_emulator.rig_settings import VehicleSettings
+from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.design_gains import __main__ as design_gains
 from steer_by_wire.tools.design_gains.candidate import (
@@ -30,13 +32,27 @@ from steer_by_wire.tools.design_gains.candidate import (
 )
 from steer_by_wire.tools.design_gains.confirmation import confirm
 from steer_by_wire.tools.design_gains.courses import unsteered_runs_m
-from steer_by_wire.tools.design_gains.design import Design, NoDesignError, describe, design
+from steer_by_wire.tools.design_gains.design import (
+    Design,
+    NoDesignError,
+    describe,
+    design,
+    split_boxes,
+)
 from steer_by_wire.tools.design_gains.evolution import evolve
+from steer_by_wire.tools.design_gains.explanation import failed
 from steer_by_wire.tools.design_gains.preset_text import preset_text
+from steer_by_wire.tools.design_gains.progress_lines import ProgressLines
 from steer_by_wire.tools.design_gains.regions import why_no_gains
 from steer_by_wire.tools.design_gains.search import Found, neighbours
 from steer_by_wire.tools.design_gains.specification import Specification
-from steer_by_wire.tools.design_gains.study import Judgement, Study, judge_candidate, make_study
+from steer_by_wire.tools.design_gains.study import (
+    Demand,
+    Judgement,
+    Study,
+    judge_candidate,
+    make_study,
+)
 from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
 from steer_by_wire.tools.design_gains.virtual_check import (
     constant_drives,
@@ -301,9 +317,46 @@ def test_a_specification_without_a_design_is_refused_naming_the_demand_in_the_wa
     tmp_path: Path,
 ) -> None:
     spec = small_spec(tmp_path, "rms_m_max.pd=0.001", "search.generations=4")
-    reason = r"pd\.proportional_gain_rad_m = .*; without one of .*: RMS error$"
+    reason = (
+        r"pd\.proportional_gain_rad_m = .*; without one of .*: RMS error;"
+        r" no split of the box in two halves helps$"
+    )
     with pytest.raises(NoDesignError, match=reason):
         design(spec, shipped_vehicle(), "pd", nobody)
+
+
+def test_the_halves_of_a_box_are_boxes_that_cover_it() -> None:
+    vehicle = shipped_vehicle()
+    for field, middle, halves in split_boxes(vehicle):
+        whole = getattr(vehicle.uncertainty, field)
+        bounds = [getattr(half.uncertainty, field) for half in halves]
+        assert bounds == [(whole[0], middle), (middle, whole[1])]
+        for half in halves:
+            # What a file with this content would be checked for.
+            assert VehicleFile.model_validate(half.model_dump()) == half
+
+
+def test_a_value_just_above_its_limit_is_shown_with_the_digits_that_differ() -> None:
+    demands = (Demand("peak sensitivity", 3.2004, 3.2), Demand("noise gain", 5.0, 4.0))
+    assert failed(Judgement(1.0, 1.0, demands)) == [
+        "peak sensitivity 3.2004 above 3.2",
+        "noise gain 5 above 4 rad/m",
+    ]
+
+
+def test_progress_is_a_line_every_some_seconds_where_there_is_no_terminal(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    now_s = 0.0
+    lines = ProgressLines("design", is_shown=True, clock_s=lambda: now_s)
+    for now_s in range(30):
+        lines.update({"pd": now_s / 30, "pd_dob": 0.0})
+    assert capsys.readouterr().err.splitlines() == [
+        "design: 10 s: pd 33 %, pd_dob 0 % of the search",
+        "design: 20 s: pd 67 %, pd_dob 0 % of the search",
+    ]
+    ProgressLines("design", is_shown=False, clock_s=lambda: 99.0).update({"pd": 1.0})
+    assert not capsys.readouterr().err
 
 
 # The program
@@ -335,6 +388,9 @@ def test_the_program_leaves_a_preset_and_a_picture_and_says_why(
     assert "pd.proportional_gain_rad_m = " in printed.out
     assert printed.out.count("10 % less: ") == printed.out.count("10 % more: ") == 3
     assert "12 runs: RMS at most" in printed.out
+    rig = load_settings(PlantSettings, None, pictures / "small_plant.toml")
+    assert rig.vehicle == VehicleSettings(**shipped_vehicle().vehicle.model_dump())
+    assert rig.duration_s == 10.0
     assert "held" in printed.out
 
 

@@ -50,7 +50,7 @@ laws = ["practical_pd"]
 name = "nominal"
 [[points]]
 name = "delay"
-speed_km_h = 7.0
+speed_m_s = 1.9444444444444444
 downlink_ms = 60.0
 uplink_ms = 40.0
 [[cases]]

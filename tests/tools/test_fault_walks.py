@@ -153,7 +153,7 @@ def test_the_command_that_is_printed_runs_the_same_walk_again(
     file = tmp_path / "a spec.toml"
     file.write_text('[[node_cases]]\nkind = "killed"\nnodes = ["plant"]\n')
     monkeypatch.setattr("steer_by_wire.tools.fault_campaign.walks.failure_of", lambda *_: "always")
-    point = "points=[{name=\"a 'b'\", speed_km_h=4.0}]"
+    point = "points=[{name=\"a 'b'\", speed_m_s=1.1}]"
     first = [str(file), "--set", "seed=40", "--set", point, "--random-walks", "3"]
     assert main([*first, "--processes", "1"]) == FAILED
     printed = capsys.readouterr().out

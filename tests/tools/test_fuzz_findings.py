@@ -175,7 +175,7 @@ def test_the_fuzzer_says_what_it_needs(
 ) -> None:
     monkeypatch.setattr("steer_by_wire.tools.fuzz.__main__.find_spec", lambda _name: None)
     assert fuzz_main(["plant"]) == 2
-    assert "steer-by-wire-emulator[fuzz]" in capsys.readouterr().err
+    assert "pip install '.[fuzz]'" in capsys.readouterr().err
     saved = tmp_path / "input"
     saved.write_bytes(b"\2")
     assert fuzz_main(["plant", "--replay", str(saved)]) == 0

@@ -33,7 +33,13 @@ from steer_by_wire.runtime.candump import CandumpReader, LogEntry
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.monitor.latency_keys import LatencyChoice, pressed
-from steer_by_wire.tools.monitor.screen import as_text, one_line, screen_lines, strip_text
+from steer_by_wire.tools.monitor.screen import (
+    as_text,
+    one_line,
+    scaled_strip,
+    screen_lines,
+    strip_text,
+)
 from steer_by_wire.tools.monitor.terminal_keys import keys_in
 
 NS = 1_000_000_000
@@ -274,6 +280,16 @@ def test_a_strip_goes_from_its_least_to_its_greatest_value() -> None:
     assert strip_text((1.0,) * STRIP_LENGTH, 8, BLOCKS) == BLOCKS[0] * 8
     half = (None,) * (STRIP_LENGTH // 2) + (0.0, -3.0) * (STRIP_LENGTH // 4)
     assert strip_text(half, 4, BLOCKS).startswith("  ")
+
+
+def test_a_strip_shows_the_values_that_its_lowest_and_highest_block_stand_for() -> None:
+    strip = tuple(0.001 * number for number in range(STRIP_LENGTH))
+    last = f"{STRIP_LENGTH - 1:.3g}"
+    text = scaled_strip(strip, 20, BLOCKS, 1e3)
+    assert len(text) == 20
+    assert text.endswith(f"{BLOCKS[-1]} 0..{last}")
+    assert text.startswith(BLOCKS[0])
+    assert scaled_strip((None,) * STRIP_LENGTH, 20, BLOCKS, 1e3) == " " * 20
 
 
 def test_a_strip_keeps_the_largest_of_what_falls_together() -> None:

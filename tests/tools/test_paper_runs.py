@@ -102,7 +102,7 @@ def gain_ratio_at_rest() -> float:
 def test_cdob_as_published_hardly_steers_so_that_curvature_acts_twice_integrated() -> None:
     plant = delayed_plant(60.0)
     run = drive([CDOB.changed(*FILTER)], plant)[CDOB.label]
-    speed_m_s = plant.vehicle.speed_km_h / 3.6
+    speed_m_s = plant.vehicle.speed_m_s
     time_s, rho_1_m = curvature_met(speed_m_s, PATH._replace(duration_s=60.0))
     heading_rad = cumulative_trapezoid(speed_m_s * rho_1_m, time_s, initial=0.0)
     unsteered_m = -trapezoid(speed_m_s * heading_rad, time_s)
@@ -114,7 +114,7 @@ def test_ddob_as_published_drifts_and_with_washout_and_type_2_q_does_not() -> No
     """Drift: (13) towards rest, G_n/G (1 - Q) = G_n/G 2s/ω_D, of (5), with the mean curvature."""
     lap = lap_s(delayed_plant(1.0))
     plant = delayed_plant(2.0 * lap)
-    speed_m_s = plant.vehicle.speed_km_h / 3.6
+    speed_m_s = plant.vehicle.speed_m_s
     mean_curvature_1_m = 2.0 * math.pi / (lap * speed_m_s)
     drift_m_s = -2.0 / 5.0 * speed_m_s**2 * mean_curvature_1_m / gain_ratio_at_rest()
     ends_m = {}

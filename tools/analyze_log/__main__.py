@@ -106,12 +106,21 @@ def _run(options: argparse.Namespace) -> int:
 def _folders(logs: Sequence[Sequence[Path]], out: Path) -> list[Path]:
     """Return a folder for each log, named after its first file.
 
-    Where names collide, the file's suffix is kept, and a number is added if that is not enough.
+    Where names collide, the file's folder is put before or its suffix behind, and a number is added
+    if neither is enough.
     """
-    stems = [paths[0].name.split(".")[0] or paths[0].name for paths in logs]
+    firsts = [paths[0] for paths in logs]
+    stems = [first.name.split(".")[0] or first.name for first in firsts]
+    with_folder = [
+        f"{first.resolve().parent.name}-{stem}" for first, stem in zip(firsts, stems, strict=True)
+    ]
     names = [
-        paths[0].name.replace(".", "_") if stems.count(stem) > 1 else stem
-        for paths, stem in zip(logs, stems, strict=True)
+        stem
+        if stems.count(stem) == 1
+        else with_folder[index]
+        if with_folder.count(with_folder[index]) == 1
+        else firsts[index].name.replace(".", "_")
+        for index, stem in enumerate(stems)
     ]
     return [
         out / (f"{name}-{names[:index].count(name) + 1}" if names.count(name) > 1 else name)

@@ -10,6 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, get_type_hints
 
+from ...command_line import installation
 from ...dbc.messages import MESSAGE_TYPES
 from ...recordings.bus_listener import ReceivedMessage
 from ...recordings.signal_table import MissingLibraryError
@@ -22,9 +23,7 @@ class McapFile:
         try:
             writer: Any = import_module("mcap.writer")
         except ImportError as error:
-            raise MissingLibraryError(
-                "MCAP needs mcap: pip install 'steer-by-wire-emulator[mcap]'"
-            ) from error
+            raise MissingLibraryError(f"MCAP needs mcap: {installation('mcap')}") from error
         self._file = path.open("wb")
         self._writer = writer.Writer(self._file)
         self._writer.start(profile="", library="steer-by-wire-emulator")

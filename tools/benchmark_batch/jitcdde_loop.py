@@ -67,7 +67,7 @@ def _derivatives(
     """Return the right-hand sides, θ' last."""
     symbols = importlib.import_module("symengine")
     if not isinstance(plant.path, EllipseSettings):
-        raise ValueError("the comparison wants an ellipse")
+        raise ValueError("the comparison needs an ellipse")
     y, t = jitcdde.y, jitcdde.t
     size, limit = len(loop.A), controller.limits.steer_rad_max
 
@@ -75,7 +75,7 @@ def _derivatives(
         wanted = sum(float(loop.C[1, j]) * y(j, time) for j in range(size) if loop.C[1, j])
         return symbols.Max(-limit, symbols.Min(limit, wanted))
 
-    speed_m_s = plant.vehicle.speed_km_h / 3.6
+    speed_m_s = plant.vehicle.speed_m_s
     major_m, minor_m = plant.path.semi_major_axis_m, plant.path.semi_minor_axis_m
     angle = y(size)
     q_m = symbols.sqrt((major_m * symbols.sin(angle)) ** 2 + (minor_m * symbols.cos(angle)) ** 2)

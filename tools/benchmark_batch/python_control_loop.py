@@ -33,7 +33,7 @@ def linear_blocks(controller: ControllerSettings) -> list[Any]:
     """Return that loop without the limit, from ``wanted`` to ``u``, and the delay of ``u``."""
     pd, dob, cdob = controller.pd, controller.dob, controller.cdob
     if pd is None or dob is None or cdob is None or pd.derivative_filter_rad_s is None:
-        raise ValueError("the comparison wants pd_ddob with a filtered derivative")
+        raise ValueError("the comparison needs pd_ddob with a filtered derivative")
     box = paper_box()
     model = vehicle_model(box.nominal)
     q_dob = (q_type_2 if dob.q_kind == "type_2" else q_order_2)(dob.q_cutoff_rad_s)

@@ -20,7 +20,7 @@ _TIMEOUT_S = 0.05
 
 
 def main() -> NoReturn:
-    """Answer for ever."""
+    """Answer without end."""
     channel, request_id, reply_id, wait = sys.argv[1:]
     bus = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
     wanted = struct.pack("=II", int(request_id, 0), _11_BIT_DATA)

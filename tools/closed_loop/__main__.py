@@ -20,7 +20,9 @@ from typing import Any, NamedTuple
 
 from steer_by_wire.command_line import add_overrides_argument, command_parser, whole_number
 from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, sparse_measurements
+from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
+from steer_by_wire.controller.summary import controller_summary
 from steer_by_wire.pair.live import PairFiles
 from steer_by_wire.pair.shared_bus import SharedBus
 from steer_by_wire.pair.virtual import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
@@ -28,13 +30,16 @@ from steer_by_wire.plant_emulator.faults import FaultyNode, with_faults
 from steer_by_wire.plant_emulator.node import PlantNode, motion_params
 from steer_by_wire.plant_emulator.plant_samples import write_trace
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle
+from steer_by_wire.plant_emulator.summary import plant_summary
 from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.bus_model import BusModel, BusOverflowError
 from steer_by_wire.runtime.host import RealTimeRequest, StealClock, real_time
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
+from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main, say
 from steer_by_wire.runtime.report import host_report, loop_report, write_json
 from steer_by_wire.runtime.settings import Settings, load_settings, preset_names, read_preset
+from steer_by_wire.runtime.summary import durations_line
 from steer_by_wire.runtime.toml_text import dump_toml
 from steer_by_wire.tools.closed_loop.bus_options import (
     add_bus_arguments,
@@ -84,6 +89,12 @@ def _parser() -> argparse.ArgumentParser:
         f"{NAME} --plant-set latency.downlink.mean_s=0.08 --out out/run",
         "[PLANT.toml] [options]",
     )
+    parser.add_argument(
+        "--vehicle",
+        type=Path,
+        metavar="VEHICLE.toml",
+        help="of plant and controller: [vehicle] of a file as steer-by-wire design reads",
+    )
     plant = parser.add_argument_group("plant")
     plant.add_argument(
         "plant", nargs="?", type=Path, metavar="PLANT.toml", help="settings of the plant"
@@ -131,6 +142,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(options: argparse.Namespace) -> int:
     plant_settings, controller_settings = _plant_settings(options), _controller_settings(options)
+    period_s = plant_settings.sensor_period_ns / NS_PER_S
+    if warning := sparse_measurements(controller_settings, period_s):
+        say(NAME, warning, sys.stderr)
     files = None if options.out is None else PairFiles(options.out)
     if files is not None:
         files.folder.mkdir(parents=True, exist_ok=True)
@@ -160,14 +174,26 @@ def _plant_settings(options: argparse.Namespace) -> PlantSettings:
     preset = read_preset(PLANT_PRESETS, options.plant_preset) if options.plant_preset else None
     given = {"duration_s": options.duration, "seed": options.seed}
     overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
-    return load_settings(PlantSettings, preset, options.plant, [*options.plant_set, *overrides])
+    return load_settings(
+        PlantSettings,
+        preset,
+        options.plant,
+        [*options.plant_set, *overrides],
+        plant_vehicle(options.vehicle),
+    )
 
 
 def _controller_settings(options: argparse.Namespace) -> ControllerSettings:
     name = options.controller_preset or (None if options.controller else CONTROLLER_PRESET)
     preset = read_preset(CONTROLLER_PRESETS, name) if name else None
     overrides = [*options.controller_set, *([f"law={options.law}"] if options.law else [])]
-    return load_settings(ControllerSettings, preset, options.controller, overrides)
+    return load_settings(
+        ControllerSettings,
+        preset,
+        options.controller,
+        overrides,
+        nominal_vehicle(options.vehicle),
+    )
 
 
 def _run_in_virtual_time(
@@ -235,26 +261,19 @@ def _report(run: Run, program: str, settings: Settings, node: Mapping[str, Any])
 def _summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:
     """Return the figures of a run, each with its heading."""
     plant, controller = reports[PLANT]["node"], reports[CONTROLLER]["node"]
-    down, up = plant["downlink"], plant["uplink"]
-    rejected = sum(plant["rejected"].values()) + sum(controller["rejected"].values())
     lines = [
         ("run", f"{plant['motion_s']:.2f} s of motion in {run.elapsed_s:.2f} s, {run.bus}"),
-        ("law", f"{controller['law']} at {controller['rate_hz']:g} Hz, seed {plant['seed']}"),
-        (
-            "error",
-            f"RMS {1e3 * plant['lateral_error_rms_m']:.2f} mm, "
-            f"peak {1e3 * plant['lateral_error_peak_m']:.2f} mm",
-        ),
-        ("steer", f"peak {controller['peak_steer_rad']:.4f} rad"),
-        ("commands", f"latency {_quantiles(down['latency'])}, {down['lost']} lost"),
-        ("measurements", f"latency {_quantiles(up['latency'])}, {up['lost']} lost"),
-        ("round trip", _quantiles(controller["round_trip"])),
-        ("rejected", f"{rejected} frames"),
+        ("seed", str(plant["seed"])),
+        *controller_summary(controller),
+        *plant_summary(plant),
     ]
     if run.shared is not None:
         lines += bus_lines(run.shared, plant["motion_s"])
     lines += [
-        (program.replace("_", " "), f"lateness {_quantiles(reports[program]['loop']['lateness'])}")
+        (
+            program.replace("_", " "),
+            f"lateness {durations_line(reports[program]['loop']['lateness'])}",
+        )
         for program in run.loops
     ]
     lines += [
@@ -265,13 +284,6 @@ def _summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[s
     if run.ended_by != FINISHED:
         lines.append(("ended", f"by {run.ended_by}, before the plant had finished"))
     return lines
-
-
-def _quantiles(durations: Mapping[str, float]) -> str:
-    """Return the median and the 99th percentile of durations in a report."""
-    if not durations["samples"]:
-        return "unknown"
-    return f"p50 {1e3 * durations['p50_s']:.2f} ms, p99 {1e3 * durations['p99_s']:.2f} ms"
 
 
 def _command(options: argparse.Namespace, files: PairFiles) -> str:

@@ -44,9 +44,9 @@ def _facts(
 ) -> LaneFacts:
     return LaneFacts(
         label,
-        vehicle.front_axle_m,
-        vehicle.rear_axle_m,
-        vehicle.preview_m,
+        vehicle.front_axle_distance_m,
+        vehicle.rear_axle_distance_m,
+        vehicle.preview_distance_m,
         points,
         is_closed,
     )

@@ -62,6 +62,10 @@ class Lane:
         """Let the running figures start anew."""
         self._wishes.put(self._sampler.reset_figures)
 
+    def on_plant_start(self) -> None:
+        """Take note that the plant was started."""
+        self._wishes.put(self._sampler.on_plant_start)
+
     def record(self, file: FilePath | None) -> None:
         """Write every frame into ``file`` from now on, as candump does; None ends that."""
         done = threading.Event()

@@ -87,6 +87,8 @@ class Rig:
         if action == "restart":
             if self._processes.status(name) is not None:
                 self._processes.begin(name, *self._arguments[name])
+                if program == "plant":
+                    self.lanes[lane].on_plant_start()
             return
         number = {"kill": signal.SIGKILL, "pause": signal.SIGSTOP, "resume": signal.SIGCONT}
         self._processes.signal(name, number[action])

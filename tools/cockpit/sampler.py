@@ -62,7 +62,8 @@ class Sampler:
     def __init__(self, start_ns: int, path: Path | None = None) -> None:
         self.start_ns = start_ns
         self._watch = BusWatch(start_ns)
-        self._place = Place(path)
+        self._path = path
+        self.on_plant_start()
         self._newest: dict[type[Message], Newest] = {}
         self._foreign: dict[int, Frame] = {}
         self._sent_rad: dict[int, float] = {}
@@ -70,6 +71,10 @@ class Sampler:
         self._refused = Counter[str]()
         self._refused_until_ns: dict[str, int] = {}
         self.reset_figures()
+
+    def on_plant_start(self) -> None:
+        """Take note that the plant was started: it begins at the start of its path."""
+        self._place = Place(self._path)
 
     def reset_figures(self) -> None:
         """Let the running figures start anew."""

@@ -137,7 +137,7 @@ def _plant_settings(scenario: Scenario) -> PlantSettings:
     if path is not None:
         values["path"] = path
     if scenario.speed_km_h is not None:
-        values["vehicle.speed_km_h"] = scenario.speed_km_h
+        values["vehicle.speed_m_s"] = scenario.speed_km_h / 3.6
     preset = load_settings(PlantSettings, read_preset(PLANT_PRESETS, scenario.plant))
     return with_values(preset, values, scenario.title or _PAGE)
 

@@ -95,7 +95,7 @@ class Server:
         if self._desk is None:
             raise web.HTTPNotFound
         socket = web.WebSocketResponse(
-            max_msg_size=_MESSAGE_BYTES_MAX, heartbeat=20.0, writer_limit=_BACKLOG_BYTES
+            max_msg_size=_MESSAGE_BYTES_MAX, heartbeat=60.0, writer_limit=_BACKLOG_BYTES
         )
         await socket.prepare(request)
         self.pages += 1

@@ -118,7 +118,7 @@ def _plant_settings(case: Case) -> PlantSettings:
         {
             "seed": SEED,
             "duration_s": DURATION_S,
-            "vehicle": {"speed_km_h": speed_km_h, "virtual_mass_kg": mass_kg},
+            "vehicle": {"speed_m_s": speed_km_h / 3.6, "virtual_mass_kg": mass_kg},
             "path": PATHS[case.path],
             "sensor_noise": {"lateral_error_m": case.noise_m},
             "latency": {"downlink": way, "uplink": way},

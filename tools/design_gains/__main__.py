@@ -40,10 +40,14 @@ from steer_by_wire.tools.design_gains.preset_text import (
     predictor_preset_text,
     preset_name,
 )
+from steer_by_wire.tools.design_gains.progress_lines import ProgressLines
 from steer_by_wire.tools.design_gains.specification import Specification
 from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
 from steer_by_wire.tools.design_gains.verification import Verification, verification_line, verify
-from steer_by_wire.tools.design_gains.virtual_check import refuse_what_the_rig_does_not_drive
+from steer_by_wire.tools.design_gains.virtual_check import (
+    plant_text,
+    refuse_what_the_rig_does_not_drive,
+)
 from steer_by_wire.tools.design_gains.worker import (
     Job,
     SharedProgress,
@@ -89,7 +93,10 @@ def _parser() -> argparse.ArgumentParser:
     add_overrides_argument(parser, what="one value on top of the specification")
     add_out_argument(parser, "out/gains", "folder for the presets")
     parser.add_argument(
-        "--pictures", type=Path, metavar="DIR", help="folder for the pictures (default: as --out)"
+        "--pictures",
+        type=Path,
+        metavar="DIR",
+        help="folder for pictures and the plant's settings (default: as --out)",
     )
     parser.add_argument(
         "--verify",
@@ -111,6 +118,8 @@ def _run(options: argparse.Namespace) -> int:
     pictures = options.pictures or options.out
     for folder in (options.out, pictures):
         folder.mkdir(parents=True, exist_ok=True)
+    rig = pictures / f"{spec.name}_plant.toml"
+    rig.write_text(plant_text(spec, vehicle, any_settings(spec, vehicle)), encoding="utf-8")
     sources = (options.vehicle.name, options.spec.name)
     jobs = [
         Job(spec, vehicle, law, sources, str(options.out), str(pictures), index)
@@ -142,7 +151,8 @@ def _run(options: argparse.Namespace) -> int:
                 fallback = design.settings
     if "predictor" in spec.laws and spec.predictor is not None:
         status = max(status, _design_predictor(console, spec, vehicle, fallback, sources, options))
-    print(f"\n{time.perf_counter() - begin_s:.0f} s")
+    print(f"\nplant for these: {rig}")
+    print(f"{time.perf_counter() - begin_s:.0f} s")
     return status
 
 
@@ -178,13 +188,13 @@ def _design_predictor(
         TextColumn("{task.fields[best]}"),
     ) as bars:
         task = bars.add_task(name, total=1.0, best="")
-        design = design_predictor(
-            spec,
-            table,
-            vehicle,
-            fallback,
-            lambda done, best: bars.update(task, completed=done, best=f"best {best:.4g}"),
-        )
+        lines = ProgressLines(NAME, is_shown=not console.is_terminal)
+
+        def show(done: float, best: float) -> None:
+            bars.update(task, completed=done, best=f"best {best:.4g}")
+            lines.update({"predictor": done})
+
+        design = design_predictor(spec, table, vehicle, fallback, show)
     print(f"\npredictor  ({design.judged} sets of parameters judged)")
     for label, text in predictor_figures(spec, table, design):
         print(f"  {label:18}{text}")
@@ -224,12 +234,15 @@ def _watch(
     ) as bars:
         tasks = [bars.add_task(law, total=1.0, best="") for law in laws]
         waiting: set[Future[Design]] = set(futures)
+        lines = ProgressLines(NAME, is_shown=not console.is_terminal)
         while waiting:
             _, waiting = wait(waiting, timeout=_POLL_S)
+            done = [1.0 if f.done() else shared[2 * n] for n, f in enumerate(futures)]
+            lines.update(dict(zip(laws, done, strict=True)))
             for index, task in enumerate(tasks):
-                done, best = shared[2 * index], shared[2 * index + 1]
+                best = shared[2 * index + 1]
                 shown = f"best {best:.4g}" if 0.0 < best < 1e3 else ""
-                bars.update(task, completed=1.0 if futures[index].done() else done, best=shown)
+                bars.update(task, completed=done[index], best=shown)
 
 
 def _lines(spec: Specification, design: Design, out: Path) -> Iterator[str]:

@@ -1,6 +1,6 @@
 """Designs one law: search, confirmation, reasons and jitter; what is printed and drawn of it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -111,7 +111,9 @@ def _why_no_design(
     found: Found,
     progress: Callable[[float, float], None],
 ) -> str:
-    """Return which demands the best law fails, and which of all, dropped, would let one through."""
+    """Return which demands the best law fails, and what would let one through: one demand less, or
+    the box in two halves with gains of their own.
+    """
     best = ", ".join(
         f"{SETTINGS_KEYS[key]} = {value:g}" for key, value in found.candidate.values().items()
     )
@@ -126,4 +128,33 @@ def _why_no_design(
         if culprits
         else "with any single demand dropped none was found either"
     )
-    return f"no design; the nearest ({best}) fails: {fails}; {dropped}"
+    law = found.candidate.law
+    halved = [
+        f"{field} at {middle:g}"
+        for field, middle, halves in split_boxes(vehicle)
+        if all(find_any(make_study(spec, half, fine=False), law, progress) for half in halves)
+    ]
+    split = (
+        f"split the box into two designs at one of these: {', '.join(halved)}"
+        if halved
+        else "no split of the box in two halves helps"
+    )
+    return f"no design; the nearest ({best}) fails: {fails}; {dropped}; {split}"
+
+
+def split_boxes(
+    vehicle: VehicleFile,
+) -> Iterator[tuple[str, float, tuple[VehicleFile, VehicleFile]]]:
+    """Yield the two halves of the box for each of its ranges, the nominal vehicle in the middle."""
+    for field, minimum, maximum in vehicle.box.ranges:
+        middle = 0.5 * (minimum + maximum)
+        low, high = (
+            vehicle.model_copy(
+                update={
+                    "vehicle": vehicle.vehicle.model_copy(update={field: 0.5 * (begin + end)}),
+                    "uncertainty": vehicle.uncertainty.model_copy(update={field: (begin, end)}),
+                }
+            )
+            for begin, end in ((minimum, middle), (middle, maximum))
+        )
+        yield field, middle, (low, high)

@@ -98,4 +98,13 @@ def _failure(demand: Demand) -> str:
     if demand.name in _MEANINGS:
         return _MEANINGS[demand.name]
     unit = _NUMBER_UNITS[demand.name]
-    return f"{demand.name} {demand.value:.3g} above {demand.limit:g}{unit}"
+    return f"{demand.name} {_distinct(demand.value, demand.limit)} above {demand.limit:g}{unit}"
+
+
+def _distinct(value: float, limit: float) -> str:
+    """Return ``value`` with three digits, or with as many as tell it from ``limit``."""
+    for digits in range(3, 17):
+        text = f"{value:.{digits}g}"
+        if float(text) != limit:
+            break
+    return text

@@ -50,7 +50,7 @@ _DIGITS = 2
 
 
 class PredictorDesign(NamedTuple):
-    """A predictor, and what it comes to.
+    """A predictor, and its figures.
 
     ``rms_m``            worst path and corner at each of ``delays_ns``, from the start
     ``settled_rms_m``    the same without the first seconds

@@ -39,7 +39,7 @@ _MARGIN_DECAY_1_S = 0.02
 _COARSE_DELAYS = 6
 _COARSE_POINTS, _FINE_POINTS = 192, 1500
 _UNSTABLE = 100.0
-"""Violation of what is not even stable; the share of loops that are not is added."""
+"""Violation of an unstable design, to which the share of unstable loops is added."""
 DEMANDS = (
     "settling",
     "delay margin",

@@ -21,11 +21,11 @@ from ...plant_emulator.safety_settings import UNGUARDED
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import SettingsError
+from ...runtime.toml_text import dump_toml
 from .specification import JitterTable, Specification
 from .vehicle_file import VehicleFile
 
 _MS_PER_S = 1e3
-_KM_H_PER_M_S = 3.6
 
 
 class Drive(NamedTuple):
@@ -56,23 +56,28 @@ def drive(asked: Drive) -> Driven:
 
 def plant_settings(asked: Drive) -> PlantSettings:
     """Return the rig's settings; raises pydantic's ValidationError for what it does not drive."""
-    vehicle = asked.corner
     return PlantSettings(
         duration_s=asked.duration_s,
         sensor_period_ms=asked.settings.period_ns / NS_PER_MS,
-        vehicle=VehicleSettings(
-            speed_km_h=vehicle.speed_m_s * _KM_H_PER_M_S,
-            virtual_mass_kg=vehicle.virtual_mass_kg,
-            yaw_inertia_kg_m2=vehicle.yaw_inertia_kg_m2,
-            front_cornering_stiffness_n_rad=vehicle.front_cornering_stiffness_n_rad,
-            rear_cornering_stiffness_n_rad=vehicle.rear_cornering_stiffness_n_rad,
-            front_axle_m=vehicle.front_axle_distance_m,
-            rear_axle_m=vehicle.rear_axle_distance_m,
-            preview_m=vehicle.preview_distance_m,
-        ),
+        vehicle=VehicleSettings(**asked.corner._asdict()),
         path=asked.path,
         latency=BothLatencySettings(downlink=asked.latency),
         safety=UNGUARDED,
+    )
+
+
+def plant_text(spec: Specification, vehicle: VehicleFile, settings: ControllerSettings) -> str:
+    """Return the TOML of the plant that the designs are for: nominal vehicle, first path.
+
+    ``settings``  of any of the designs, which share their rate
+    """
+    course, line = spec.course, LatencySettings()
+    rig = plant_settings(
+        Drive(settings, vehicle.vehicle.vehicle, course.paths[0], course.duration_s, line)
+    )
+    return (
+        f"# The plant to the controllers of {spec.name}: as in the runs that confirm them, thus\n"
+        "# without the limits of the steering's safety, and without latency.\n" + dump_toml(rig)
     )
 
 

@@ -186,7 +186,7 @@ def _results(spec: CampaignSettings, options: argparse.Namespace) -> list[Result
         )
     except KeyboardInterrupt:
         kept = f"{len(done)} of {len(scenarios)} runs are kept in {options.out}"
-        say(NAME, f"{kept}; the same command goes on with the others", sys.stderr)
+        say(NAME, f"{kept}; the same command continues with the others", sys.stderr)
         raise
     return [done[scenario.name] for scenario in scenarios]
 
@@ -213,7 +213,7 @@ def _walk(spec: CampaignSettings, options: argparse.Namespace) -> int:
     for name in ("out", "compare", "live"):
         if getattr(options, name):
             raise SettingsError(
-                f"--{name}: is nothing for --random-walks, which print what they find"
+                f"--{name}: does not apply to --random-walks, which only print their findings"
             )
     if not (spec.cases or spec.node_cases):
         raise SettingsError("--random-walks: there are no cases and no node_cases to draw from")

@@ -103,7 +103,7 @@ def read_stored(folder: Path, spec_hash: str | None = None) -> Stored:
     if not file.exists():
         return stored
     if not file.is_file():  # a folder cannot be read, and a device may have no end
-        raise SettingsError(f"{file}: is no file")
+        raise SettingsError(f"{file}: is not a file")
     others = not_whole = 0
     for line in _lines(file):
         of_hash, result = _of_line(line)

@@ -196,7 +196,7 @@ def _points_table(spec: CampaignSettings) -> Table:
     rows = [
         [
             Cell(point.name),
-            number(f"{point.speed_km_h:g}"),
+            number(f"{point.speed_m_s:.3g}"),
             number(f"{point.virtual_mass_kg:g}"),
             number(f"{point.downlink_ms:g}"),
             number(f"{point.uplink_ms:g}"),
@@ -208,7 +208,7 @@ def _points_table(spec: CampaignSettings) -> Table:
         for point in spec.points
     ]
     headings = (
-        *("point", "speed [km/h]", "mass [kg]", "downlink [ms]", "uplink [ms]"),
+        *("point", "speed [m/s]", "mass [kg]", "downlink [ms]", "uplink [ms]"),
         *("jitter [ms]", "noise [m]", "path", "laws"),
     )
     return Table(headings, rows)

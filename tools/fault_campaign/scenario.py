@@ -162,7 +162,7 @@ def plant_settings_of(scenario: Scenario, faults: Sequence[FaultSettings]) -> Pl
     point, spec = scenario.point, scenario.spec
     overrides = [f"seed={scenario.seed}", f"duration_s={spec.motion_s}"]
     overrides += [
-        f"vehicle.speed_km_h={point.speed_km_h}",
+        f"vehicle.speed_m_s={point.speed_m_s}",
         f"vehicle.virtual_mass_kg={point.virtual_mass_kg}",
         f"sensor_noise.lateral_error_m={point.noise_m}",
         f"safety.ftti_ms={spec.ftti_ms}",

@@ -51,7 +51,7 @@ class PointSettings(Settings):
     """One `[[points]]`: an operating point."""
 
     name: Annotated[str, Field(min_length=1, max_length=60), AfterValidator(_printable)]
-    speed_km_h: float = Field(5.0, ge=0.5, le=250.0)
+    speed_m_s: float = Field(5.0 / 3.6, ge=0.13, le=70.0)
     virtual_mass_kg: float = Field(2000.0, ge=100.0, le=100_000.0)
     downlink_ms: float = Field(0.0, ge=0.0, le=1000.0)
     uplink_ms: float = Field(0.0, ge=0.0, le=1000.0)

@@ -4,8 +4,8 @@
     steer-by-wire fuzz settings --runs 100000 --seed 7 --corpus out/fuzz/settings
     steer-by-wire fuzz plant --replay crash-0123abcd
 
-Needs atheris (pip install 'steer-by-wire-emulator[fuzz]'), except for --replay. Exit status: 0 if
-nothing was found; 1 if something was, with the input in the folder --out; 2 without atheris.
+Needs atheris (pip install '.[fuzz]'), except for --replay. Exit status: 0 if nothing was found; 1
+if something was, with the input in the folder --out; 2 without atheris.
 """
 
 import argparse
@@ -17,7 +17,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from steer_by_wire.command_line import add_out_argument, command_parser, whole_number
+from steer_by_wire.command_line import (
+    add_out_argument,
+    command_parser,
+    installation,
+    whole_number,
+)
 
 NAMES = (
     "authentication", "broker", "bus_client", "candump", "command_line", "contract", "controller",
@@ -39,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _replay(options.target, options.replay)
     if find_spec("atheris") is None:
         print(
-            f"{NAME}: error: needs atheris: pip install 'steer-by-wire-emulator[fuzz]';"
+            f"{NAME}: error: needs atheris: {installation('atheris')};"
             " the suite runs the same targets with hypothesis",
             file=sys.stderr,
         )

@@ -75,6 +75,16 @@ def strip_text(strip: Strip, width: int, blocks: str) -> str:
     return "".join(" " if v is None else blocks[round((v - low) * scale)] for v in shown)
 
 
+def scaled_strip(strip: Strip, width: int, blocks: str, scale: float) -> str:
+    """Return a strip with the values that its lowest and highest blocks stand for.
+
+    ``scale``  from the strip's unit to the one shown beside it
+    """
+    there = [scale * value for value in strip if value is not None]
+    span = f" {min(there):.3g}..{max(there):.3g}" if there else ""
+    return strip_text(strip, width - len(span), blocks) + span
+
+
 def _largest_of_groups(strip: Strip, width: int) -> list[float | None]:
     """Return ``width`` values, each the largest of its share of the strip."""
     shown: list[float | None] = []
@@ -110,7 +120,7 @@ def _signals(view: View, strip_width: int, blocks: str) -> list[Text]:
     error, command, steering = view.error, view.command, view.steering
     vehicle, controller = view.vehicle, view.controller
     strips = {
-        name: strip_text(view.strips[name], strip_width, blocks)
+        name: scaled_strip(view.strips[name], strip_width, blocks, _ONE_MS)
         for name in ("lateral_error_m", "steer_rad")
     }
     blank = " " * strip_width
@@ -161,7 +171,7 @@ def _latency(view: View, strip_width: int, blocks: str) -> list[Text]:
     return [
         _pair(
             _value(label, value, _ONE_MS, 2, "ms", sign="").ljust(30),
-            strip_text(view.strips[name], strip_width, blocks),
+            scaled_strip(view.strips[name], strip_width, blocks, _ONE_MS),
             remark,
             view.is_stale("PLANT_STATUS") and name in ("downlink_s", "uplink_s"),
         )

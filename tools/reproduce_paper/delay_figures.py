@@ -133,7 +133,7 @@ def figure_24() -> Reproduction:
     """Return the steer of PD+CDOB and DDOB, and the speed."""
     plant, compared = _compare(CDOB_AND_DDOB)
     laps, _ = _two_laps("figure_24_two_laps", _CDOB_DDOB_LAPS, steer=True)
-    speed_m_s = plant.vehicle.speed_km_h / 3.6
+    speed_m_s = plant.vehicle.speed_m_s
     return Reproduction(
         "figure_24",
         "Steering angle and speed of CDOB and DDOB compensated system",

@@ -99,7 +99,7 @@ def drive(laws: Sequence[Law], plant: PlantSettings) -> dict[str, History]:
 
 def lap_s(plant: PlantSettings) -> float:
     """Return how long one lap takes [s]."""
-    return build_path(plant.path).length_m / (plant.vehicle.speed_km_h / 3.6)
+    return build_path(plant.path).length_m / (plant.vehicle.speed_m_s)
 
 
 def mean_before(run: History, time_s: float) -> float:

@@ -149,5 +149,5 @@ def _steps(plant: PlantSettings) -> dict[str, Step]:
 def _model_of(plant: PlantSettings) -> VehicleModelSettings:
     """Return the model of (4) with the parameters of the plant's own vehicle."""
     nominal = paper_box().nominal._asdict()
-    speed_m_s = plant.vehicle.speed_km_h / 3.6
+    speed_m_s = plant.vehicle.speed_m_s
     return VehicleModelSettings(kind="vehicle", **(nominal | {"speed_m_s": speed_m_s}))

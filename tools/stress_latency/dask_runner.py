@@ -14,6 +14,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from ...command_line import installation
 from ...runtime.program import handled
 from ...runtime.settings import SettingsError
 from ...studies.compute import Computed, Computer
@@ -82,8 +83,8 @@ def dask_workers(study: Study, address: str | None, workers: int | None) -> Iter
         distributed = importlib.import_module("distributed")
     except ImportError as error:
         raise SettingsError(
-            "--scheduler and --workers need dask.distributed: pip install "
-            "'steer-by-wire-emulator[tools,parquet,cluster]'"
+            "--scheduler and --workers need dask.distributed:"
+            f" {installation('pyarrow', 'distributed')}"
         ) from error
     with ExitStack() as stack:
         if address is None:

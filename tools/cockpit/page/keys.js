@@ -13,15 +13,19 @@ const SIGNS_TEXT = [
   ["RMS, peak", "of every lateral error since the start, or since they were reset"],
 ];
 
-// keys: { letter: [what, function] }
+const NAMES = { " ": "space", ArrowLeft: "←", ArrowRight: "→" };
+
+// keys: { letter: [what, function] }; one without words is not listed
 export function startKeys(keys) {
   const dialog = byId("help");
   const list = (entries) => element("dl", {}, ...entries.flatMap(([key, what]) => [element("dt", {}, key), element("dd", {}, what)]));
-  const close = element("button", { type: "button", onclick: () => dialog.close() }, "Close");
+  const close = element("button", { type: "button", className: "close", onclick: () => dialog.close() }, "Close");
+  const named = Object.entries(keys).filter(([, [what]]) => what).map(([key, [what]]) => [NAMES[key] ?? key.toUpperCase(), what]);
+  const keyList = list([...named, ["1 … 4", "lights and frames of a lane"]]);
+  keyList.className = "keys";
   dialog.append(
-    element("h2", {}, "What the words mean"), list(SIGNS_TEXT),
-    element("h2", {}, "Keys"), list(Object.entries(keys).map(([key, [what]]) => [key === " " ? "space" : key, what])),
-    element("p", {}, "Charts: drag to zoom, double click to return."), close,
+    close, element("h2", {}, "What the words mean"), list(SIGNS_TEXT), element("h2", {}, "Keys"), keyList,
+    element("p", {}, "Charts: drag to zoom, double click to return."),
   );
   const help = () => (dialog.open ? dialog.close() : dialog.showModal());
   byId("help-open").onclick = help;

@@ -121,7 +121,7 @@ function startLive() {
     },
     refusal: toast,
     state(isOpen) {
-      setText(byId("connection"), isOpen ? "" : "the cockpit has ended; waiting for it …");
+      setText(byId("connection"), isOpen ? "" : "connection lost; waiting for the cockpit …");
     },
   });
 }
@@ -173,7 +173,7 @@ startKeys({
   "f": ["charts or frames", () => tab(byId("charts").hidden ? "charts" : "frames")],
   "g": ["gust", press("gust")], "s": ["steering offset", press("offset")], "i": ["ice", press("ice")],
   "r": ["record", press("record")], "t": ["dark or light", toggleTheme],
-  ...Object.fromEntries([1, 2, 3, 4].map((lane) => [String(lane), [`lights and frames of lane ${lane}`, () => app.selectLane(lane - 1)]])),
+  ...Object.fromEntries([1, 2, 3, 4].map((lane) => [String(lane), ["", () => app.selectLane(lane - 1)]])),
 });
 window.cockpit = app; // for whoever looks at the page from outside
 const recording = await readRecording();

@@ -37,8 +37,7 @@ export class Network {
       this.send(name, now);
     } }, ...models);
     const sliders = SLIDERS.map((slider) => this.slider(name, title, slider, now));
-    return element("div", { className: "group" }, element("h2", {}, title), ...sliders,
-      element("label", { className: "field" }, "Distribution", model));
+    return element("div", { className: "group" }, element("div", { className: "titled" }, element("h2", {}, title), model), ...sliders);
   }
 
   slider(name, title, { key, label, max, step, scale, unit }, now) {

@@ -1,7 +1,7 @@
 // The vehicle from above on its path, to scale; the path's direction at the vehicle is to the right.
 
 import { colour } from "cockpit/theme.js";
-import { byId, pressed, setText } from "cockpit/words.js";
+import { byId, fixed, pressed, setText } from "cockpit/words.js";
 import { drawSteer, drawVehicle } from "cockpit/vehicle.js";
 
 const ROAD_M = 3.5;
@@ -112,7 +112,7 @@ export class Scene {
     }
     drawScale(pen, place, camera);
     if (!this.isWhole) drawSteer(pen, place, state, this.app.lanes.length > 1);
-    const off = Number.isFinite(state.error) ? `${(1000 * state.error).toFixed(1).replace("-", "−")} mm` : "no measurement";
+    const off = Number.isFinite(state.error) ? `${fixed(1000 * state.error, 1)} mm` : "no measurement";
     pen.fillStyle = colour("text");
     if (!this.isWhole) {
       const tip = onScreen(camera, state.previewX, state.previewY);

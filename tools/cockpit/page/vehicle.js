@@ -1,6 +1,7 @@
 // The vehicle's outline with wheels that steer, and the three steering angles beside each other.
 
 import { colour } from "cockpit/theme.js";
+import { fixed } from "cockpit/words.js";
 
 const WIDTH_M = 1.78, TRACK_M = 1.5;
 const OVERHANG_M = 0.85;
@@ -95,7 +96,7 @@ export function drawSteer(pen, place, state, isSmall) {
     pen.fillStyle = colour(ink);
     if (Number.isFinite(angle)) drawMark(pen, x + width / 2 - (angle / end) * (width / 2), top + 6, index);
     if (isSmall) return;
-    const text = Number.isFinite(angle) ? `${(1000 * angle).toFixed(1).replace("-", "−")} mrad` : "–";
+    const text = Number.isFinite(angle) ? `${fixed(1000 * angle, 1)} mrad` : "–";
     pen.fillText(label, x + 16, top + 28 + index * lines);
     drawMark(pen, x + 5, top + 28 + index * lines, index);
     pen.textAlign = "right";

@@ -18,8 +18,12 @@ export function byId(id) {
 // A value of a signal as it is shown, without its unit; a dash where there is none.
 export function shown(signal, value) {
   if (!Number.isFinite(value)) return "–";
-  const text = (signal.scale * value).toFixed(signal.digits);
-  return text.replace("-", "−");
+  return fixed(signal.scale * value, signal.digits);
+}
+
+// A number with so many digits, with a true minus and no negative zero.
+export function fixed(value, digits) {
+  return value.toFixed(digits).replace(/^-(?=0\.?0*$)/, "").replace("-", "−");
 }
 
 export function pressed(button, isPressed) {

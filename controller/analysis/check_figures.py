@@ -1,0 +1,168 @@
+"""What ``--check`` computes: one mapping, ready for JSON; times in seconds, rates in 1/s.
+
+law, rate_hz, period_s
+not_analysed           why there is no analysis at all, empty otherwise
+opening, closing       of a law that looks back: lines before and after the analysis, as printed
+law_poles              of the law alone; absent for laws that look back
+closed_loop_poles      around the nominal plant, without delay; absent without a model
+decay_1_s              of the slowest mode without delay; null for laws that look back
+margins                without delay, at the command on the wire; null where not stable
+delays                 of a law that looks back: sensitivity and noise at some constant delays
+stable_delays          the constant delays at which the loop is stable: ``margin_s`` (null:
+                       beyond the search), ``intervals_s``, ``searched_s``
+jitter                 for some mean latencies, the standard deviations that are tolerated
+fallback               law and ``stable_delays`` of what takes over without echoes; or null
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...runtime.node import NS_PER_MS, NS_PER_S
+from ..design import LawDesign, design_law, link_of, vehicle_of
+from ..law_record import LookingBack
+from ..nominal_model import NominalVehicle
+from ..settings import ControllerSettings
+from .linear_system import NotLinearError, law_system
+from .looking_back import Rig
+from .predictor_loop import PredictorLoop, stable_constant_delays
+from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
+from .stable_delays import DELAY_NS_MAX, DelayInterval, delay_margin_ns, stable_delays
+
+JITTER_MEANS_MS = (80, 160)
+JITTER_LOSS = 0.01
+SHOWN_DELAYS_MS = (0, 100, 200, 300, 400, 500)
+FILTER_PERIODS_MAX = 100
+"""Largest delay for a law with a filter: every command in transit is a state, and the search with a
+hundred of them at each delay takes a minute in total."""
+
+Figures = dict[str, Any]
+Progress = Callable[[str], None]
+"""Called with what is computed next, in words."""
+
+
+def check_figures(settings: ControllerSettings, progress: Progress) -> Figures:
+    """Return the analysis of the loop around the nominal plant."""
+    figures: Figures = {
+        "law": settings.law,
+        "rate_hz": NS_PER_S / settings.period_ns,
+        "period_s": settings.period_ns / NS_PER_S,
+        "not_analysed": "",
+    }
+    design = design_law(settings)
+    if design.looking_back is not None:
+        return figures | _looking_back(settings, design, design.looking_back, progress)
+    try:
+        law = law_system(design)
+    except NotLinearError as error:
+        return figures | {"not_analysed": f"{error}"}
+    figures["law_poles"] = _poles(np.linalg.eigvals(law.a).astype(np.complex128), settings)
+    if settings.model is None:
+        return figures
+    loop = SampledLoop(design, settings.model, settings.period_ns)
+    progress("poles and margins")
+    decay_1_s = loop.decay_1_s(0)
+    figures |= {
+        "closed_loop_poles": _poles(loop.closed_loop_poles(0), settings),
+        "decay_1_s": decay_1_s,
+        "margins": loop.margins(0)._asdict() if decay_1_s > SLOWEST_DECAY_1_S else None,
+    }
+    progress("stable delays")
+    stable = stable_delays(loop)
+    return figures | {
+        "stable_delays": _delays(stable),
+        "jitter": [_jitter(loop, mean_ms, progress) for mean_ms in JITTER_MEANS_MS]
+        if stable
+        else [],
+        "fallback": None,
+    }
+
+
+def _looking_back(
+    settings: ControllerSettings, design: LawDesign, law: LookingBack, progress: Progress
+) -> Figures:
+    """Return the analysis of a law that is linear at a constant latency only."""
+    link, model = link_of(settings), vehicle_of(settings)
+    vehicle = NominalVehicle(**model.model_dump(exclude={"kind"}))
+    figures: Figures = {"opening": law.opening, "closing": law.closing, "fallback": None}
+    if law.fallback is not None and settings.model is not None:
+        name, when = law.fallback
+        progress(f"stable delays of {name}")
+        fallback = design_law(settings.model_copy(update={"law": name}))
+        stable = stable_delays(SampledLoop(fallback, settings.model, settings.period_ns))
+        figures["fallback"] = {"law": name, "when": when, "stable_delays": _delays(stable)}
+    try:
+        loop = PredictorLoop(design, link, Rig(vehicle), law.state_period_ns, law.request_periods)
+    except ValueError as error:
+        return figures | {"not_analysed": f"{error}"}
+    progress("poles and sensitivity")
+    limit_ns = min(DELAY_NS_MAX, FILTER_PERIODS_MAX * link.period_ns)
+    shown_ns = [ms * NS_PER_MS for ms in SHOWN_DELAYS_MS]
+    figures |= {
+        "closed_loop_poles": _poles(loop.closed_loop_poles(0), settings, loop.period_ns),
+        "delays": [
+            _at_delay(loop, ns) for ns in shown_ns if ns <= FILTER_PERIODS_MAX * link.period_ns
+        ],
+    }
+    progress("stable delays")
+    stable = stable_constant_delays(loop, limit_ns)
+    return figures | {"stable_delays": _delays(stable, limit_ns)}
+
+
+def _at_delay(loop: PredictorLoop, delay_ns: int) -> Figures:
+    decay_1_s = loop.decay_1_s(delay_ns)
+    is_stable = decay_1_s > SLOWEST_DECAY_1_S
+    return {
+        "delay_s": delay_ns / NS_PER_S,
+        "decay_1_s": decay_1_s,
+        "peak_sensitivity": loop.peak_sensitivity(delay_ns) if is_stable else None,
+        "noise_gain_rad_m": loop.noise_gain_rad_m(delay_ns) if is_stable else None,
+    }
+
+
+def _poles(
+    poles: NDArray[np.complex128], settings: ControllerSettings, period_ns: int | None = None
+) -> list[Figures]:
+    """Return poles, slowest first, a conjugate pair as one."""
+    period_ns = period_ns or settings.period_ns
+    ordered = sorted(poles, key=lambda pole: (-abs(pole), -pole.real))
+    return [
+        {
+            "real": float(pole.real),
+            "imag": float(pole.imag),
+            "modulus": float(abs(pole)),
+            "decay_1_s": -math.log(abs(pole)) * NS_PER_S / period_ns if pole else math.inf,
+            "omega_rad_s": float(abs(np.angle(pole))) * NS_PER_S / period_ns,
+        }
+        for pole in ordered
+        if pole.imag >= 0.0
+    ]
+
+
+def _delays(stable: tuple[DelayInterval, ...], limit_ns: int = DELAY_NS_MAX) -> Figures:
+    margin_ns = delay_margin_ns(stable, limit_ns)
+    return {
+        "margin_s": None if margin_ns is None else margin_ns / NS_PER_S,
+        "intervals_s": [[first / NS_PER_S, last / NS_PER_S] for first, last in stable],
+        "searched_s": limit_ns / NS_PER_S,
+    }
+
+
+def _jitter(loop: SampledLoop, mean_ms: int, progress: Progress) -> Figures:
+    """Return which standard deviations of a gamma latency are tolerated at a mean."""
+    # Imports scipy for the gamma distribution, which a running node has no use for.
+    from .jitter import JitterTooLargeError, stable_spreads
+
+    progress(f"jitter at a mean of {mean_ms} ms")
+    figures: Figures = {"mean_s": 1e-3 * mean_ms, "loss": JITTER_LOSS, "not_analysed": ""}
+    try:
+        spreads = stable_spreads(loop, mean_ms * NS_PER_MS, JITTER_LOSS)
+    except JitterTooLargeError:
+        return figures | {
+            "not_analysed": "too many commands on their way at this rate to be analysed",
+            "spreads_s": [],
+        }
+    return figures | {"spreads_s": [[first / NS_PER_S, last / NS_PER_S] for first, last in spreads]}

@@ -1,0 +1,57 @@
+"""What the controller shows: peer, modes, refused frames."""
+
+from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.dbc.messages import LateralError, Mode, SteeringCommand, encode
+from steer_by_wire.runtime.frame import Frame
+from tests.support.controller_link import PERIOD_NS, START_NS, Link, controller_settings
+
+
+def link() -> Link:
+    return Link(ControllerNode(controller_settings(), START_NS))
+
+
+def states(tested: Link) -> tuple[str, str]:
+    shown = tested.node.view(tested.now_ns).states
+    assert not shown["failure"]
+    return shown["mode"].split()[0].rstrip(":"), shown["plant"]
+
+
+def test_a_lost_plant_is_shown_through_hold_and_stop_to_recovery() -> None:
+    tested = link()
+    assert states(tested) == ("WAITING", "")
+    tested.drive(3, 0.1)
+    assert states(tested) == ("ACTIVE", "plant present")
+    tested.drive(8, None)
+    assert states(tested) == ("HOLDING", "plant: LATERAL_ERROR stopped")
+    tested.drive(15, None)
+    assert states(tested) == ("SAFE_STOP", "plant: LATERAL_ERROR stopped")
+    tested.drive(5, 0.1)
+    assert states(tested) == ("ACTIVE", "plant present")
+
+
+def test_refused_frames_are_shown_by_cause() -> None:
+    tested = link()
+    tested.drive(3, 0.1)
+    can_id, data, flags = encode(LateralError(0.0, 0.0), 3)
+    for bad in (bytes([data[0] ^ 1, *data[1:]]), data[:-1], data[:-1]):
+        tested.node.on_frame(Frame(can_id, bad, flags), tested.now_ns)
+    counts = tested.node.view(tested.now_ns).counts
+    assert counts["frames rejected, bad_crc"] == 1
+    assert counts["frames rejected, wrong_length"] == 2
+
+
+def test_skipped_periods_are_shown() -> None:
+    tested = link()
+    tested.drive(3, 0.1)
+    tested.node.on_tick(tested.now_ns + 5 * PERIOD_NS)
+    assert tested.node.view(tested.now_ns).counts["control periods skipped"] == 5
+
+
+def test_a_second_sender_is_shown_by_the_message_it_sends() -> None:
+    tested = link()
+    tested.drive(3, 0.1)
+    assert not tested.node.view(tested.now_ns).states["second sender"]
+    own = encode(SteeringCommand(0.1, 7, Mode.ACTIVE), 7)
+    tested.node.on_frame(own, tested.now_ns)
+    shown = tested.node.view(tested.now_ns).states["second sender"]
+    assert shown == "second sender on the bus: STEERING_COMMAND"

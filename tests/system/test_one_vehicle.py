@@ -1,0 +1,85 @@
+"""One vehicle file serves plant, controller, design and studies, in one spelling."""
+
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.controller import settings as controller
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.shared_settings import VehicleModelSettings
+from steer_by_wire.plant_emulator import settings as plant
+from steer_by_wire.plant_emulator.rig_settings import VehicleSettings
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.studies.study import load_study
+from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
+
+SHIPPED = Path(__file__).parents[2] / "tools" / "design_gains" / "highway_vehicle.toml"
+PRESET = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
+
+
+def nominal(settings: ControllerSettings) -> VehicleModelSettings:
+    assert isinstance(settings.nominal_model, VehicleModelSettings)
+    return settings.nominal_model
+
+
+def test_plant_controller_and_design_read_the_same_vehicle() -> None:
+    rig = load_settings(PlantSettings, shared=plant.shared_vehicle(SHIPPED)).vehicle
+    law = load_settings(ControllerSettings, PRESET, shared=controller.shared_vehicle(SHIPPED))
+    designed = load_settings(VehicleFile, file=SHIPPED).vehicle
+    keys = set(type(designed).model_fields)
+    assert rig.model_dump(include=keys) == designed.model_dump()
+    assert nominal(law) == designed.nominal_model
+    assert rig.speed_m_s != VehicleSettings().speed_m_s
+
+
+def test_the_command_line_is_above_the_vehicle_file() -> None:
+    settings = load_settings(
+        ControllerSettings,
+        PRESET,
+        overrides=["nominal_model.virtual_mass_kg=1234"],
+        shared=controller.shared_vehicle(SHIPPED),
+    )
+    assert nominal(settings).virtual_mass_kg == 1234.0
+    assert nominal(settings).speed_m_s == 12.5
+
+
+def test_a_study_takes_the_vehicle_for_its_plant_and_its_controllers(tmp_path: Path) -> None:
+    (tmp_path / "vehicle.toml").write_text(SHIPPED.read_text())
+    (tmp_path / "study.toml").write_text(
+        'name = "one"\n[base]\nvehicle = "vehicle.toml"\ncontrollers = ["practical_pd"]\n'
+        '[[factors]]\nkey = "plant.latency.downlink.mean_s"\nvalues = [0.0]\n'
+    )
+    study = load_study(tmp_path / "study.toml")
+    assert study.plant["vehicle"]["speed_m_s"] == 12.5
+    assert study.controllers["practical_pd"]["nominal_model"]["speed_m_s"] == 12.5
+
+
+@pytest.mark.parametrize(
+    ("text", "mistake"),
+    [
+        ("[uncertainty]\n", r"vehicle\.toml: has no table \[vehicle\]"),
+        ("[vehicle]\nmass = 3\n", r"vehicle\.toml: vehicle\.mass is not a known key"),
+    ],
+)
+def test_a_file_without_a_vehicle_is_refused_in_one_line(
+    tmp_path: Path, text: str, mistake: str
+) -> None:
+    file = tmp_path / "vehicle.toml"
+    file.write_text(text)
+    with pytest.raises(SettingsError, match=f"{mistake}[^\n]*$"):
+        load_settings(PlantSettings, shared=plant.shared_vehicle(file))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("speed_km_h=5", "speed_m_s"),
+        ("front_axle_m=1.3", "front_axle_distance_m"),
+        ("rear_axle_m=1.5", "rear_axle_distance_m"),
+        ("preview_m=2", "preview_distance_m"),
+    ],
+)
+def test_a_key_of_before_names_the_one_that_took_its_place(old: str, new: str) -> None:
+    with pytest.raises(SettingsError, match=rf"did you mean vehicle\.{new}\?\)$"):
+        load_settings(PlantSettings, overrides=[f"vehicle.{old}"])
