@@ -12,13 +12,17 @@ from ..dbc.secured_program import add_key_file_argument, run_secured_node
 from ..runtime.option_types import output_file
 from ..runtime.program import run_main, say
 from ..runtime.program_options import load_program_settings, make_parser
+from ..runtime.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument
 from .faults import FaultyNode, with_faults
 from .node import RECEIVED, SAMPLES_MAX, SENT, PlantNode, motion_params
 from .plant_samples import write_trace
+from .quantities import QUANTITIES
 from .settings import PlantSettings
+from .verdict_text import verdict_text
 
 NAME = "plant-emulator"
 PRESETS = "steer_by_wire.plant_emulator.presets"
+ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, lambda report: verdict_text(report["node"]))
 
 
 def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
@@ -31,6 +35,7 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
     )
     parser.add_argument("--seed", type=int, metavar="N", help="of all randomness of the run")
     parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every sample, CSV")
+    add_fail_if_argument(parser, ENDING.quantities)
     add_key_file_argument(parser)
     return run_main(name, partial(_run, name, parser.parse_args(arguments)))
 
@@ -51,6 +56,7 @@ def _run(name: str, options: argparse.Namespace) -> int:
         ),
         (*RECEIVED, *SENT),
         lambda node: _conclude(name, options, node),
+        ENDING,
     )
 
 
