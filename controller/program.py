@@ -14,14 +14,19 @@ from ..dbc.secured_frame import CONTROLLER
 from ..dbc.secured_program import add_key_file_argument, run_secured_node
 from ..runtime.program import ExitStatus, run_main, say
 from ..runtime.program_options import add_settings_arguments, load_program_settings, make_parser
-from .analysis.check import check_text
+from ..runtime.settings import SettingsError
+from ..runtime.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument, failures
+from .analysis.check import check
+from .analysis.check_verdict import QUANTITIES as CHECK_QUANTITIES
 from .laws import LAWS
 from .node import RECEIVED, SENT, ControllerNode
+from .quantities import QUANTITIES, verdict_text
 from .settings import ControllerSettings
 
 NAME = "steering-controller"
 CHECK_NAME = "steer-by-wire check"
 PRESETS = "steer_by_wire.controller.presets"
+ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, verdict_text)
 DEFAULT_PRESET = "practical_pd_ddob"
 """Used if neither a preset nor a file is given, because no law works without suitable values."""
 
@@ -40,6 +45,7 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
         action="store_true",
         help="do not run, but print what steer-by-wire check does",
     )
+    add_fail_if_argument(parser, ENDING.quantities)
     add_key_file_argument(parser)
     return run_main(name, partial(_run, name, parser.parse_args(arguments)))
 
@@ -54,6 +60,7 @@ def check_main(arguments: Sequence[str] | None = None) -> int:
     )
     add_settings_arguments(parser, PRESETS)
     _add_law_arguments(parser)
+    add_fail_if_argument(parser, CHECK_QUANTITIES)
     return run_main(CHECK_NAME, partial(_check, CHECK_NAME, parser.parse_args(arguments)))
 
 
@@ -69,6 +76,8 @@ def _add_law_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(name: str, options: argparse.Namespace) -> int:
     if options.check:
+        if options.fail_if:
+            raise SettingsError(f"--fail-if of --check: use {CHECK_NAME} --fail-if")
         return _check(name, options)
     settings = _settings(name, options)
     return run_secured_node(
@@ -79,6 +88,7 @@ def _run(name: str, options: argparse.Namespace) -> int:
         lambda start_ns: ControllerNode(settings, start_ns),
         (*RECEIVED, *SENT),
         partial(conclude, name),
+        ENDING,
     )
 
 
@@ -86,8 +96,12 @@ def _check(name: str, options: argparse.Namespace) -> int:
     settings = _settings(name, options)
     # Computing the second moments of varying latencies takes seconds.
     print(f"{name}: analysing the sampled loop ...", file=sys.stderr, flush=True)
-    print(check_text(settings), end="")
-    return ExitStatus.OK
+    text, found = check(settings)
+    print(text, end="")
+    failed = failures(options.fail_if, CHECK_QUANTITIES, found._asdict())
+    for line in failed:
+        say(name, line, sys.stderr)
+    return ExitStatus.CONDITION if failed else ExitStatus.OK
 
 
 def _settings(name: str, options: argparse.Namespace) -> ControllerSettings:

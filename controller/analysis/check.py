@@ -4,7 +4,7 @@ The text as a whole is a settings file again: all but the settings are TOML comm
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from ..law_record import LookingBack
 from ..link import LinkParams
 from ..nominal_model import NominalVehicle
 from ..settings import ControllerSettings
+from .check_verdict import NOT_ANALYSED, Found, found_of
 from .linear_system import NotLinearError, law_system
 from .looking_back import Rig
 from .predictor_loop import PredictorLoop, stable_constant_delays
@@ -34,11 +35,28 @@ _RESOLUTION_NS = 10_000
 _RANGES_PER_LINE = 3
 
 
+Lines = Generator[str, None, Found]
+"""Lines of the analysis, which returns what it found."""
+
+
 def check_text(settings: ControllerSettings) -> str:
     """Return the settings and the analysis of their loop around the nominal plant."""
-    comments = [_rate(settings), "", *_analysis(settings)]
+    return check(settings)[0]
+
+
+def check(settings: ControllerSettings) -> tuple[str, Found]:
+    """Return ``check_text``, which ends with the verdict, and what was found."""
+    comments = [_rate(settings), ""]
+    analysis = _analysis(settings)
+    while True:
+        try:
+            comments.append(next(analysis))
+        except StopIteration as end:
+            found: Found = end.value
+            break
+    comments += ["", f"verdict: {found}"]
     lines = [f"# {comment}" if comment else "#" for comment in comments]
-    return "\n".join([dump_toml(settings), *lines, ""])
+    return "\n".join([dump_toml(settings), *lines, ""]), found
 
 
 def _rate(settings: ControllerSettings) -> str:
@@ -46,11 +64,10 @@ def _rate(settings: ControllerSettings) -> str:
     return f"Runs at {rate_hz:.9g} Hz, every {settings.period_ns} ns."
 
 
-def _analysis(settings: ControllerSettings) -> Iterator[str]:
+def _analysis(settings: ControllerSettings) -> Lines:
     design, period_ns = design_law(settings), settings.period_ns
     if design.looking_back is not None:
-        yield from _looking_back_analysis(settings, design, design.looking_back)
-        return
+        return (yield from _looking_back_analysis(settings, design, design.looking_back))
     if settings.feed_forward is not None:
         yield "The feed-forward of the curve is outside the loop: it changes none of what follows."
         yield ""
@@ -58,14 +75,14 @@ def _analysis(settings: ControllerSettings) -> Iterator[str]:
         law = law_system(design)
     except NotLinearError as error:
         yield f"Not analysed: {error}."
-        return
+        return NOT_ANALYSED
     yield "Poles of the law alone:"
     law_poles = np.linalg.eigvals(law.a).astype(np.complex128)
     yield from _poles(law_poles, period_ns)
     yield ""
     if settings.model is None:
         yield "There is no [nominal_model], hence no closed loop to analyse."
-        return
+        return NOT_ANALYSED
     loop = SampledLoop(design, settings.model, period_ns)
     yield "Poles of the closed loop around the nominal plant, without delay:"
     yield from _poles(loop.closed_loop_poles(0), period_ns)
@@ -88,17 +105,18 @@ def _analysis(settings: ControllerSettings) -> Iterator[str]:
             f" {100.0 * JITTER_LOSS:g} % lost), standard deviation:"
         )
         yield from _jitter(loop)
+    return found_of(stable)
 
 
 def _looking_back_analysis(
     settings: ControllerSettings, design: LawDesign, law: LookingBack
-) -> Iterator[str]:
+) -> Lines:
     """Return the analysis of a law that is linear at a constant latency only."""
     link, model = link_of(settings), vehicle_of(settings)
     vehicle = NominalVehicle(**model.model_dump(exclude={"kind"}))
     yield from law.opening
     yield ""
-    yield from _looking_back(
+    found = yield from _looking_back(
         lambda: PredictorLoop(design, link, Rig(vehicle), law.state_period_ns, law.request_periods),
         link,
     )
@@ -113,15 +131,16 @@ def _looking_back_analysis(
         yield f"{name} --check analyses it."
     yield from law.closing
     yield "Latency that varies is for simulation: steer-by-wire stress."
+    return found
 
 
-def _looking_back(make_loop: Callable[[], PredictorLoop], link: LinkParams) -> Iterator[str]:
+def _looking_back(make_loop: Callable[[], PredictorLoop], link: LinkParams) -> Lines:
     """Return poles, sensitivity and stable delays of a law that looks back."""
     try:
         loop = make_loop()
     except ValueError as error:
         yield f"Not analysed: {error}."
-        return
+        return NOT_ANALYSED
     yield "Poles of the closed loop around the nominal plant, without delay:"
     yield from _poles(loop.closed_loop_poles(0), loop.period_ns)
     yield ""
@@ -132,7 +151,9 @@ def _looking_back(make_loop: Callable[[], PredictorLoop], link: LinkParams) -> I
     yield ""
     limit_ns = min(DELAY_NS_MAX, FILTER_PERIODS_MAX * link.period_ns)
     yield "Constant delay between command and wheel angle:"
-    yield from _delays(stable_constant_delays(loop, limit_ns), limit_ns)
+    stable = stable_constant_delays(loop, limit_ns)
+    yield from _delays(stable, limit_ns)
+    return found_of(stable, limit_ns)
 
 
 def _noise_and_sensitivity(loop: PredictorLoop, delay_ns: int) -> str:

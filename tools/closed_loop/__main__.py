@@ -6,7 +6,8 @@
 Without ``--interface`` the run is in virtual time: the same settings and seed give the same run, to
 the last bit, on every machine. With ``--out DIR`` it leaves there the settings in force, the two
 reports, the plant's trace and every frame, and prints the command that makes the run again. The
-exit status is that of the two programs: 5 where one of them found a fault in itself.
+exit status is that of the two programs: 5 where one of them found a fault in itself, 6 where a
+condition of --fail-if is met. The last line is the verdict.
 """
 
 import argparse
@@ -16,13 +17,12 @@ import time
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from steer_by_wire.command_line import add_overrides_argument, command_parser, whole_number
 from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.pair.live import PairFiles
-from steer_by_wire.pair.shared_bus import SharedBus
 from steer_by_wire.pair.virtual import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
 from steer_by_wire.plant_emulator.faults import FaultyNode, with_faults
 from steer_by_wire.plant_emulator.node import PlantNode, motion_params
@@ -32,44 +32,34 @@ from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.bus_model import BusModel, BusOverflowError
 from steer_by_wire.runtime.host import RealTimeRequest, StealClock, real_time
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
+from steer_by_wire.runtime.program import FINISHED, ExitStatus, StopRequest, run_main
 from steer_by_wire.runtime.report import host_report, loop_report, write_json
 from steer_by_wire.runtime.settings import Settings, load_settings, preset_names, read_preset
+from steer_by_wire.runtime.thresholds import add_fail_if_argument, failures
 from steer_by_wire.runtime.toml_text import dump_toml
 from steer_by_wire.tools.closed_loop.bus_options import (
     add_bus_arguments,
-    bus_lines,
     bus_words,
     shared_bus,
+)
+from steer_by_wire.tools.closed_loop.result import (
+    CONTROLLER,
+    PLANT,
+    PROGRAMS,
+    QUANTITIES,
+    Run,
+    summary,
+    verdict,
 )
 from steer_by_wire.tools.closed_loop.threaded import run_threaded_nodes
 
 NAME = "steer-by-wire run"
-PLANT, CONTROLLER = PROGRAMS = ("plant_emulator", "controller")
-FINISHED = "finished"
 BITRATE_BIT_S_MAX = 1_000_000
 """The highest bit rate of classic CAN."""
 PLANT_PRESETS = "steer_by_wire.plant_emulator.presets"
 CONTROLLER_PRESETS = "steer_by_wire.controller.presets"
 CONTROLLER_PRESET = "practical_pd_ddob"
 """The controller's settings unless others are given."""
-
-
-class Run(NamedTuple):
-    """One run: its nodes, what carried their frames, what ended it.
-
-    ``elapsed_s``  how long it took [s]
-    ``loops``      what the loop of each program adds to its report; nothing in virtual time
-    ``shared``     the bus, where there was other traffic or noise on it
-    """
-
-    plant: PlantNode | FaultyNode[PlantNode]
-    controller: ControllerNode
-    bus: str
-    elapsed_s: float
-    ended_by: str
-    loops: Mapping[str, Mapping[str, Any]]
-    shared: SharedBus | None = None
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -126,6 +116,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_bus_arguments(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the run's files")
+    add_fail_if_argument(parser, QUANTITIES)
     return parser
 
 
@@ -142,18 +133,23 @@ def _run(options: argparse.Namespace) -> int:
         PLANT: _report(run, PLANT, plant_settings, run.plant.report()),
         CONTROLLER: _report(run, CONTROLLER, controller_settings, run.controller.report()),
     }
-    lines = _summary(run, reports)
+    lines = summary(run, reports)
     if files is not None:
         for program, report in reports.items():
             write_json(files.report(program), report)
         rig = run.plant.node if isinstance(run.plant, FaultyNode) else run.plant
         write_trace(files.plant_trace, rig.path, rig.samples)
         lines += [("files", str(files.folder)), ("again", _command(options, files))]
+    failed = failures(options.fail_if, QUANTITIES, reports)
+    for line in failed:
+        print(f"{NAME}: {line}", file=sys.stderr)
+    lines.append(("verdict", verdict(reports)))
     width = max(len(heading) for heading, _ in lines)
     for heading, text in lines:
         print(f"{heading:{width}}  {text}")
-    has_failed = any(report["node"]["failure"] for report in reports.values())
-    return ExitStatus.SAFE_STATE if has_failed else ExitStatus.OK
+    if any(report["node"]["failure"] for report in reports.values()):
+        return ExitStatus.SAFE_STATE
+    return ExitStatus.CONDITION if failed else ExitStatus.OK
 
 
 def _plant_settings(options: argparse.Namespace) -> PlantSettings:
@@ -230,48 +226,6 @@ def _report(run: Run, program: str, settings: Settings, node: Mapping[str, Any])
         "node": dict(node),
         **run.loops.get(program, {}),
     }
-
-
-def _summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:
-    """Return the figures of a run, each with its heading."""
-    plant, controller = reports[PLANT]["node"], reports[CONTROLLER]["node"]
-    down, up = plant["downlink"], plant["uplink"]
-    rejected = sum(plant["rejected"].values()) + sum(controller["rejected"].values())
-    lines = [
-        ("run", f"{plant['motion_s']:.2f} s of motion in {run.elapsed_s:.2f} s, {run.bus}"),
-        ("law", f"{controller['law']} at {controller['rate_hz']:g} Hz, seed {plant['seed']}"),
-        (
-            "error",
-            f"RMS {1e3 * plant['lateral_error_rms_m']:.2f} mm, "
-            f"peak {1e3 * plant['lateral_error_peak_m']:.2f} mm",
-        ),
-        ("steer", f"peak {controller['peak_steer_rad']:.4f} rad"),
-        ("commands", f"latency {_quantiles(down['latency'])}, {down['lost']} lost"),
-        ("measurements", f"latency {_quantiles(up['latency'])}, {up['lost']} lost"),
-        ("round trip", _quantiles(controller["round_trip"])),
-        ("rejected", f"{rejected} frames"),
-    ]
-    if run.shared is not None:
-        lines += bus_lines(run.shared, plant["motion_s"])
-    lines += [
-        (program.replace("_", " "), f"lateness {_quantiles(reports[program]['loop']['lateness'])}")
-        for program in run.loops
-    ]
-    lines += [
-        ("safe state", f"{program.replace('_', ' ')}: {report['node']['failure']}")
-        for program, report in reports.items()
-        if report["node"]["failure"]
-    ]
-    if run.ended_by != FINISHED:
-        lines.append(("ended", f"by {run.ended_by}, before the plant had finished"))
-    return lines
-
-
-def _quantiles(durations: Mapping[str, float]) -> str:
-    """Return the median and the 99th percentile of durations in a report."""
-    if not durations["samples"]:
-        return "unknown"
-    return f"p50 {1e3 * durations['p50_s']:.2f} ms, p99 {1e3 * durations['p99_s']:.2f} ms"
 
 
 def _command(options: argparse.Namespace, files: PairFiles) -> str:
