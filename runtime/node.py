@@ -2,9 +2,10 @@
 
 Rules an executor keeps:
 
-1. It reads the clock once per wake-up, hands over every waiting frame (``on_frame``), then ticks
+1. It reads the clock at a wake-up, hands over every waiting frame (``on_frame``), then ticks
    (``on_tick``) if ``now_ns >= deadline_ns``; frames that leave are the return values, in order.
-   A frame comes with its arrival time if that is known, and at the latest with this reading.
+   A frame comes with its arrival time if that is known, otherwise with a reading of the clock
+   that is later.
 2. Times are integer nanoseconds on one monotonic clock; those passed to a node never decrease.
 3. ``on_tick`` is called again at the same ``now_ns`` while ``deadline_ns <= now_ns``.
 

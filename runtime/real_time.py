@@ -2,12 +2,14 @@
 
 A wake-up, in this order:
 
-1. Read the clock once. This reading is the time of all that follows.
+1. Read the clock. This reading is the time of all that follows.
 2. Pass all waiting frames to the node, oldest first, but at most FRAMES_PER_WAKE_UP_MAX, so that a
    flood cannot keep the node from ticking. The others wait for the next wake-up, which follows at
    once. Error frames are not passed on.
    A frame comes with its arrival time if the port knows it, limited to between the last reading and
    this one: times passed to a node are never in the future, and never decrease.
+   A frame that may have arrived since the reading has the clock read again, so that no frame
+   arrives before it was sent, on a machine however late.
 3. Tick while the node's deadline is due.
 
 Deadlines are absolute, so that one late tick makes no later tick late. The last part of a wait may
@@ -134,10 +136,10 @@ class RealTimeExecutor:
         before_ns = passed_ns = start_ns
         while not (self._node.finished or should_stop()):
             first = self._wait(before_ns)
-            now_ns = self._clock_ns()
+            woken_ns = now_ns = self._clock_ns()
             self._wake_ups += 1
             if first is not None:
-                self._drain(first, passed_ns, now_ns)
+                now_ns = self._drain(first, passed_ns, now_ns)
             self._tick(now_ns)
             passed_ns = now_ns
             # Read again, because the next wait starts here and not at now_ns.
@@ -146,7 +148,7 @@ class RealTimeExecutor:
                 self._unwaited += 1
             else:
                 self._observe(before_ns)
-            self._busy_ns += before_ns - now_ns
+            self._busy_ns += before_ns - woken_ns
             self._duration_ns = before_ns - start_ns
 
     def _wait(self, before_ns: int) -> Received | None:
@@ -159,10 +161,13 @@ class RealTimeExecutor:
                 received = self._port.recv(0.0)
         return received
 
-    def _drain(self, first: Received, passed_ns: int, now_ns: int) -> None:
+    def _drain(self, first: Received, passed_ns: int, now_ns: int) -> int:
         """Pass ``first`` and the frames waiting behind it to the node, up to the limit.
 
         ``passed_ns``  the last time that was passed to the node [ns]
+        ``now_ns``     the reading of the clock, later than ``first`` [ns]
+
+        Returns a reading of the clock that is later than all of them [ns].
         """
         received: Received | None = first
         taken = 0
@@ -177,6 +182,11 @@ class RealTimeExecutor:
                 self._full_wake_ups += 1
                 break
             received = self._port.recv(0.0)
+            if received is not None and (
+                received.arrival_ns is None or received.arrival_ns > now_ns
+            ):
+                now_ns = self._clock_ns()
+        return now_ns
 
     def _tick(self, now_ns: int) -> None:
         """Tick while the node's deadline is due; raises RuntimeError if that does not end."""

@@ -45,6 +45,7 @@ NEEDS_LINUX = {
     "test_socketcan": "sets SocketCAN's own options",
     "test_uml_on_amx": "only Linux runs User Mode Linux",
     "test_with_vcan": "only Linux has SocketCAN",
+    "test_with_vcan_request": "only Linux has SocketCAN",
     "test_xstate": "only Linux runs User Mode Linux",
 }
 """Test modules that are for Linux only, and why."""

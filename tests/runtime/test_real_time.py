@@ -191,8 +191,26 @@ def test_a_node_is_told_no_time_of_the_future_and_none_before_its_last() -> None
         assert node.calls[1:3] == [("tick", 10 * MS), ("frame", told_ns)]
 
 
+@pytest.mark.parametrize("tells_arrivals", [True, False])
+def test_no_frame_is_handed_over_as_of_a_time_before_its_arrival(tells_arrivals: bool) -> None:
+    """A latency that began too early would end too early."""
+
+    class Stalled(Recorder):
+        def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
+            machine.now_ns += 3 * MS
+            return super().on_frame(frame, now_ns)
+
+    node = Stalled(ticks=2)
+    machine = Machine([(4 * MS, frame(1)), (6 * MS, frame(2))], tells_arrivals=tells_arrivals)
+    figures = run(node, machine)
+    second_ns = 6 * MS if tells_arrivals else 7 * MS
+    assert node.calls == [("tick", 0), ("frame", 4 * MS), ("frame", second_ns), ("tick", 10 * MS)]
+    assert figures.busy_ns == 6 * MS
+    assert figures.lateness.max_ns == 0
+
+
 def test_a_wake_up_reads_the_clock_once_for_the_node_and_once_for_the_wait_after_it() -> None:
-    machine = Machine([(4 * MS, frame(1)), (4 * MS, frame(2))])
+    machine = Machine([(4 * MS, frame(1)), (4 * MS, frame(2))], tells_arrivals=True)
     figures = run(Recorder(ticks=3), machine)
     assert len(machine.readings_ns) == 1 + 2 * figures.wake_ups
 
