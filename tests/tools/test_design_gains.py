@@ -1,41 +1,30 @@
-"""The design of gains: the search, the shipped presets, refusals, and one run of the program."""
+"""The design of gains: the search, refusals, and one run of the program."""
 
 import math
-import re
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from steer_by_wire.compiled.engine import Outcome, run_batch
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.design import design_law, required
-from steer_by_wire.controller.laws import PAPER_LAWS
 from steer_by_wire.controller.nominal_model import steer_to_lateral_error
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.loop_theory.tracking import rms_m, tracking_grid
-from steer_by_wire.loop_theory.uncertainty import paper_box
 from steer_by_wire.plant_emulator.rig_settings import VehicleSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.runtime.settings import load_settings
 from steer_by_wire.tools.design_gains import __main__ as design_gains
 from steer_by_wire.tools.design_gains.candidate import (
-    KEYS,
-    SETTINGS_KEYS,
     Candidate,
     controller_settings,
     lattice_place,
     lattice_value,
 )
-from steer_by_wire.tools.design_gains.confirmation import confirm
-from steer_by_wire.tools.design_gains.courses import unsteered_runs_m
 from steer_by_wire.tools.design_gains.design import (
     Design,
     NoDesignError,
-    describe,
     design,
     split_boxes,
 )
@@ -44,28 +33,16 @@ from steer_by_wire.tools.design_gains.explanation import failed
 from steer_by_wire.tools.design_gains.preset_text import preset_text
 from steer_by_wire.tools.design_gains.progress_lines import ProgressLines
 from steer_by_wire.tools.design_gains.regions import why_no_gains
-from steer_by_wire.tools.design_gains.search import Found, neighbours
+from steer_by_wire.tools.design_gains.search import neighbours
 from steer_by_wire.tools.design_gains.specification import Specification
 from steer_by_wire.tools.design_gains.study import (
     Demand,
     Judgement,
-    Study,
     judge_candidate,
     make_study,
 )
 from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
-from steer_by_wire.tools.design_gains.virtual_check import (
-    constant_drives,
-    drive,
-    jitter_drives,
-    plant_settings,
-)
-
-ROOT = Path(__file__).resolve().parents[2]
-SHIPPED = ROOT / "tools" / "design_gains"
-PAPER_VEHICLE, PRACTICAL = SHIPPED / "paper_vehicle.toml", SHIPPED / "practical.toml"
-RMS_M_MAX = 0.011
-FAST_HEAVY = paper_box().vertices()[3]
+from tests.support.shipped_design import PAPER_VEHICLE, PRACTICAL, shipped_spec, shipped_vehicle
 
 SMALL = """
 name = "small"
@@ -88,38 +65,10 @@ generations = 30
 """
 
 
-def shipped_spec(*overrides: str) -> Specification:
-    return load_settings(Specification, None, PRACTICAL, overrides)
-
-
-def shipped_vehicle() -> VehicleFile:
-    return load_settings(VehicleFile, None, PAPER_VEHICLE)
-
-
-def shipped_preset(name: str = "practical_pd_ddob") -> ControllerSettings:
-    return load_settings(ControllerSettings, read_preset("steer_by_wire.controller.presets", name))
-
-
 def small_spec(folder: Path, *overrides: str) -> Specification:
     file = folder / "small.toml"
     file.write_text(SMALL)
     return load_settings(Specification, None, file, overrides)
-
-
-def shipped_candidate(name: str, law: str) -> Candidate:
-    values = shipped_preset(name).model_dump()
-    places = []
-    for key in KEYS[law]:
-        table, name = SETTINGS_KEYS[key].split(".")
-        places.append(lattice_place(values[table][name]))
-    return Candidate(law, tuple(places))
-
-
-@cache
-def fine_study(family: str) -> Study:
-    """All of the file but the jitter, which takes long in virtual time."""
-    spec = load_settings(Specification, None, SHIPPED / f"{family}.toml", ["jitter=[]"])
-    return make_study(spec, shipped_vehicle(), fine=True)
 
 
 def nobody(_done: float, _best: float) -> None:
@@ -168,75 +117,6 @@ def test_the_evolution_follows_a_ridge_and_a_demand_to_the_minimum(
             assert generation.best == pytest.approx(minimum, abs=2e-3)
             assert generation.judged == 250 * 14
             break
-
-
-# The shipped presets are the program's output
-
-
-@pytest.mark.parametrize(
-    ("family", "law"),
-    [
-        *(("practical", law) for law in PAPER_LAWS),
-        ("practical_long_delay", "pd_ddob"),
-        ("practical_half_second", "pd_ddob"),
-    ],
-)
-def test_a_designed_preset_says_what_is_measured_anew(family: str, law: str) -> None:
-    name, study = f"{family}_{law}", fine_study(family)
-    candidate = shipped_candidate(name, law)
-    judgement, confirmation = judge_candidate(study, candidate), confirm(study, candidate)
-    found = Found(candidate, judgement, confirmation, judged=0)
-    assert found.feasible
-    assert judgement.violation == 0.0
-    sources = (PAPER_VEHICLE.name, f"{family}.toml")
-    text = preset_text(study.spec, study.vehicle, describe(study, found), sources)
-    lines = read_preset("steer_by_wire.controller.presets", name).text.splitlines(keepends=True)
-    assert text == "".join(line for line in lines if not line.startswith("#   jitter"))
-
-
-def test_the_ddob_preset_keeps_under_jitter_what_its_file_states() -> None:
-    """The spread and the loss that the preset was made for, at the corner that is the worst."""
-    spec, vehicle = shipped_spec(), shipped_vehicle()
-    settings = shipped_preset()
-    text = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob").text
-    stated = [float(value) for value in re.findall(r"# +jitter +([\d.]+) m", text)]
-    assert len(stated) == len(spec.jitter) == 2
-    worst = [
-        asked for asked in jitter_drives(spec, vehicle, settings) if asked.corner == FAST_HEAVY
-    ]
-    for asked, rms in zip(worst, stated, strict=True):
-        assert drive(asked).rms_m == pytest.approx(rms, abs=6e-5)
-        assert rms < RMS_M_MAX
-
-
-def test_the_ddob_preset_keeps_its_rms_at_every_corner_and_delay_by_the_linear_analysis() -> None:
-    spec, vehicle = shipped_spec(), shipped_vehicle()
-    models = [steer_to_lateral_error(corner) for corner in vehicle.box.vertices()]
-    delays_ns = [5_000_000 * index for index in range(51)]
-    assert list(spec.delays_ns) == delays_ns
-    grid = tracking_grid(models, unsteered_runs_m(spec, vehicle), delays_ns, spec.period_ns)
-    settings = shipped_preset()
-    design_ddob = design_law(settings)
-    all_m = rms_m(grid, design_ddob)
-    assert all_m.shape == (1, 4, 51)
-    assert 0.004 < all_m.min() < all_m.max() < RMS_M_MAX
-    for model in models:
-        loop = SampledLoop(design_ddob, model, spec.period_ns)
-        assert all(loop.decay_1_s(delay_ns) > 0.3 for delay_ns in delays_ns[::5])
-
-
-@pytest.mark.parametrize("delay_ms", [0, 135, 250])
-def test_the_ddob_preset_keeps_its_rms_in_virtual_time(delay_ms: int) -> None:
-    spec, vehicle = shipped_spec(), shipped_vehicle()
-    settings = shipped_preset()
-    # Compiled, which tests/test_batch.py holds to be bit for bit the two nodes.
-    runs = [
-        run_batch(plant_settings(asked), settings)
-        for asked in constant_drives(spec, vehicle, settings, [delay_ms * 1_000_000])
-    ]
-    assert all(run.outcome is Outcome.COMPLETE for run in runs)
-    assert 0.004 < max(run.lateral_error_rms_m for run in runs) < RMS_M_MAX
-    assert max(np.abs(run.sent_rad).max() for run in runs) < 0.3
 
 
 # Searching
