@@ -36,6 +36,11 @@ def limit_step(p: SteerLimits, last_steer_rad: float, wanted_steer_rad: float) -
     return min(max(wanted_steer_rad, low_rad), high_rad)
 
 
+def limit_name(p: SteerLimits, steer_rad: float) -> str:
+    """Return which limit decided about a command that is not the wanted one."""
+    return "angle" if abs(steer_rad) >= p.steer_rad_max else "rate"
+
+
 def ramp_step(step_rad: float, value_rad: float) -> float:
     """Move an angle towards zero by at most ``step_rad``, and never across it [rad]."""
     if value_rad > step_rad:

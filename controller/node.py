@@ -38,7 +38,7 @@ from ..runtime.view import View
 from .control_sample import ControlSample
 from .delay_watch import delay_watch_of
 from .law_runner import LawRunner
-from .limits import limit_step, ramp_step
+from .limits import limit_name, limit_step, ramp_step
 from .modes import Supervisor
 from .received import RECEIVED, SENT, Received
 from .run_figures import RunFigures
@@ -137,7 +137,11 @@ class ControllerNode:
             if self._commands.count:
                 self._delay.on_tick(now_ns, period, self._sent_steer_rad, self._received)
             wanted_rad = self._wanted_rad(now_ns, period)
-            self._sent_steer_rad = limit_step(self._limits, self._sent_steer_rad, wanted_rad)
+            sent_rad = limit_step(self._limits, self._sent_steer_rad, wanted_rad)
+            self._sent_steer_rad = sent_rad
+            if self._supervisor.mode is _ACTIVE:
+                limit = "" if sent_rad == wanted_rad else limit_name(self._limits, sent_rad)
+                self._figures.on_law(self._received.lateral_error_m, limit)
             if self._supervisor.mode is not _WAITING:
                 frames.append(self._command_frame(now_ns, period))
             facts = self._safety_facts(now_ns)
@@ -190,7 +194,7 @@ class ControllerNode:
             "commands_sent": self._commands.count,
             "peak_steer_rad": self._figures.peak_steer_rad,
             "law_failures": law.failures,
-            **self._figures.report(),
+            **self._figures.report(self._failure),
             "stale": self._statuses.safety.went_stale,
             "sensor_period": None if law.memory is None else law.memory.sensor_period(),
             "delay": self._delay.report(self._figures.last_tick_ns, self._period_s),

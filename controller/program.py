@@ -16,16 +16,22 @@ from ..dbc.secured_program import add_key_file_argument, run_secured_node
 from ..runtime.program import ExitStatus, run_main, say
 from ..runtime.program_options import add_settings_arguments, load_program_settings, make_parser
 from ..runtime.report import json_text
+from ..runtime.settings import SettingsError
+from ..runtime.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument, failures
 from .analysis.check import check_text
 from .analysis.check_figures import check_figures
+from .analysis.check_verdict import QUANTITIES as CHECK_QUANTITIES
+from .analysis.check_verdict import found_in
 from .laws import LAWS
 from .node import RECEIVED, SENT, ControllerNode
+from .quantities import QUANTITIES, verdict_text
 from .settings import ControllerSettings, shared_vehicle, sparse_measurements
 from .summary import controller_summary
 
 NAME = "steering-controller"
 CHECK_NAME = "steer-by-wire check"
 PRESETS = "steer_by_wire.controller.presets"
+ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, verdict_text)
 DEFAULT_PRESET = "practical_pd_ddob"
 """Used if neither a preset nor a file is given, because no law works without suitable values."""
 
@@ -45,6 +51,7 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
         help="do not run, but print what steer-by-wire check does",
     )
     parser.set_defaults(json=False)
+    add_fail_if_argument(parser, ENDING.quantities)
     add_key_file_argument(parser)
     return run_main(name, partial(_run, name, parser.parse_args(arguments)))
 
@@ -64,6 +71,7 @@ def check_main(arguments: Sequence[str] | None = None) -> int:
         action="store_true",
         help="print JSON: settings and figures (docs/controller.md)",
     )
+    add_fail_if_argument(parser, CHECK_QUANTITIES)
     return run_main(CHECK_NAME, partial(_check, CHECK_NAME, parser.parse_args(arguments)))
 
 
@@ -85,6 +93,8 @@ def _add_law_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(name: str, options: argparse.Namespace) -> int:
     if options.check:
+        if options.fail_if:
+            raise SettingsError(f"--fail-if of --check: use {CHECK_NAME} --fail-if")
         return _check(name, options)
     settings = _settings(name, options)
     return run_secured_node(
@@ -95,6 +105,7 @@ def _run(name: str, options: argparse.Namespace) -> int:
         lambda start_ns: ControllerNode(settings, start_ns),
         (*RECEIVED, *SENT),
         partial(conclude, name, settings),
+        ENDING,
     )
 
 
@@ -104,13 +115,16 @@ def _check(name: str, options: argparse.Namespace) -> int:
     def progress(what: str) -> None:
         say(name, f"computing {what} ...", sys.stderr)
 
+    figures = check_figures(settings, progress)
     if options.json:
-        content = {"settings": settings.model_dump(mode="json")}
-        content["analysis"] = check_figures(settings, progress)
+        content = {"settings": settings.model_dump(mode="json"), "analysis": figures}
         print(json_text(content), end="")
     else:
-        print(check_text(settings, progress), end="")
-    return ExitStatus.OK
+        print(check_text(settings, figures), end="")
+    failed = failures(options.fail_if, CHECK_QUANTITIES, found_in(figures)._asdict())
+    for line in failed:
+        say(name, line, sys.stderr)
+    return ExitStatus.CONDITION if failed else ExitStatus.OK
 
 
 def _settings(name: str, options: argparse.Namespace) -> ControllerSettings:

@@ -1,5 +1,7 @@
 """Figures of a run of the controller, for its report."""
 
+import math
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -7,6 +9,7 @@ from ..dbc.messages import Mode
 from ..runtime.node import NS_PER_S
 from ..runtime.statistics import DurationStatistics, durations_report
 from .control_sample import ControlSample
+from .control_verdict import control_verdict
 
 
 class RunFigures:
@@ -29,6 +32,10 @@ class RunFigures:
         self._mode, self._entered_ns = Mode.WAITING, start_ns
         self._holds = 0
         self.peak_steer_rad = 0.0
+        self._law_ticks = 0
+        self._squares_m2 = 0.0
+        self._measured_peak_m = 0.0
+        self._limited: Counter[str] = Counter()
 
     def on_mode(self, entered: Mode) -> None:
         """Add the time up to this tick to the mode that ends with it."""
@@ -42,14 +49,27 @@ class RunFigures:
         if size_rad > self.peak_steer_rad:
             self.peak_steer_rad = size_rad
 
+    def on_law(self, measured_m: float, limit: str) -> None:
+        """Record a tick of the law: its measurement, and the limit that bound its command."""
+        self._law_ticks += 1
+        self._squares_m2 += measured_m * measured_m
+        if abs(measured_m) > self._measured_peak_m:
+            self._measured_peak_m = abs(measured_m)
+        if limit:
+            self._limited[limit] += 1
+
     @property
     def wants_sample(self) -> bool:
         """Whether there is room for one more control period."""
         return len(self.samples) < self._samples_max
 
-    def report(self) -> Mapping[str, Any]:
+    def report(self, failure: str) -> Mapping[str, Any]:
         """Return the figures, ready for JSON.
 
+        ``verdict``     what the controller knows of its own work (``ControlVerdict``)
+        ``active_share``   of the time since the first measurement in which the law steered
+        ``measured_*``     of the lateral error that the law used
+        ``limited_share``  of the law's commands that ``[limits]`` changed, and by which limit
         ``holds``       how often measurements stopped, or the law failed
         ``mode_s``      time spent in each mode up to the last tick
         ``round_trip``  from sending a command to the first echo of its counter
@@ -57,7 +77,15 @@ class RunFigures:
         """
         mode_ns = dict(self._mode_ns)
         mode_ns[self._mode] += self.last_tick_ns - self._entered_ns
+        since_start_ns = sum(ns for mode, ns in mode_ns.items() if mode is not Mode.WAITING)
+        ticks = max(self._law_ticks, 1)
         return {
+            "verdict": str(control_verdict(failure, self._mode)),
+            "active_share": mode_ns[Mode.ACTIVE] / since_start_ns if since_start_ns else 0.0,
+            "measured_rms_m": math.sqrt(self._squares_m2 / ticks),
+            "measured_peak_m": self._measured_peak_m,
+            "limited_share": sum(self._limited.values()) / ticks,
+            "limited_share_by": {name: n / ticks for name, n in self._limited.most_common()},
             "holds": self._holds,
             "mode_s": {mode.name.lower(): ns / NS_PER_S for mode, ns in mode_ns.items()},
             "round_trip": durations_report(self.round_trip.summary()),

@@ -12,6 +12,7 @@ from ..runtime.node import N, ReportingNode
 from ..runtime.program import ExitStatus, run_node, say
 from ..runtime.recording import fd_obstacle
 from ..runtime.settings import Settings, SettingsError
+from ..runtime.thresholds import Ending
 from .messages import CAN_IDS, Message
 from .secured_frame import End, Refused
 
@@ -37,7 +38,8 @@ def run_secured_node(
     end: End,
     make_node: Callable[[int], N],
     heard: Collection[type[Message]],
-    conclude: Callable[[N], None] = lambda _node: None,
+    conclude: Callable[[N], None],
+    ending: Ending,
 ) -> ExitStatus:
     """Run a node as ``runtime.program.run_node`` does, behind authentication if a key is given.
 
@@ -59,7 +61,9 @@ def run_secured_node(
             _name_second_senders(name, node)
             conclude(node)
 
-        return run_node(name, options, settings, make_node, conclude_classic, can_ids, NOBODY)
+        return run_node(
+            name, options, settings, make_node, conclude_classic, can_ids, NOBODY, ending
+        )
     if options.record is not None and (obstacle := fd_obstacle(options.record)):
         raise SettingsError(f"{obstacle}; with --key-file all frames are CAN FD")
     # Not at the top: they read the DBC once more, which classic CAN does not need.
@@ -88,6 +92,7 @@ def run_secured_node(
         conclude_authenticated,
         can_ids,
         AUTHENTICATED,
+        ending,
     )
 
 

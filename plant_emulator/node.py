@@ -41,7 +41,7 @@ from ..dbc.messages import (
 from ..dbc.protection import SequenceResult
 from ..dbc.reception import Reception
 from ..runtime.frame import Frame
-from ..runtime.node import NEVER_NS
+from ..runtime.node import NEVER_NS, NS_PER_S
 from ..runtime.periodic import PeriodicTimer
 from ..runtime.record import new_record
 from ..runtime.view import View
@@ -53,7 +53,7 @@ from .own_motion import make_motion
 from .path import Path
 from .plant_messages import PlantMessages
 from .plant_report import line_report, motion_report
-from .plant_samples import PlantSample, RunRecord
+from .plant_samples import PlantSample, RunningFigures, RunRecord
 from .safety_settings import design_guard
 from .self_supervision import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfSupervision
 from .sensors import Readings
@@ -61,6 +61,7 @@ from .settings import PlantSettings
 from .status_timing import StatusTiming
 from .steering_unit import SteeringUnit
 from .streams import Channel, uniforms
+from .verdict import samples_judged
 from .view import plant_view
 
 RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig, DisturbanceConfig)
@@ -130,7 +131,10 @@ class PlantNode:
             Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s),
             uniforms(settings.seed, Channel.SENSOR_NOISE),
         )
-        self._record = RunRecord(samples_max)
+        self._rules = settings.verdict
+        self._sensor_period_s = settings.sensor_period_ns / NS_PER_S
+        newest = samples_judged(self._rules, settings.duration_s, self._sensor_period_s)
+        self._record = RunRecord(samples_max, RunningFigures(self._rules.settling_band_m, newest))
         self.finished = False
 
     @property
@@ -234,7 +238,9 @@ class PlantNode:
         return {
             "seed": self._seed,
             "failure": self._own.failure,
-            **motion_report(self._record.figures, self._motion.time_ns),
+            **motion_report(
+                self._record.figures, self._motion.time_ns, self._rules, self._sensor_period_s
+            ),
             "downlink": line_report(self._network.downlink),
             "uplink": line_report(self._network.uplink),
             "accepted": self._reception.accepted,
@@ -295,7 +301,8 @@ class PlantNode:
         self._unit.on_wheel(z.wheel_rad, motion_ns)
         if time_ns >= self._motion_start_ns:
             if is_finite:
-                self._record.take(motion, self._command, self._network.measured_latency_s)
+                limit = self._unit.limit or ("actuator" if motion.is_limited else "")
+                self._record.take(motion, self._command, self._network.measured_latency_s, limit)
             self.finished = motion_ns >= self._duration_ns
         if self._own.is_reported(time_ns) and self._unit.has_fallen_back:
             self.finished = True

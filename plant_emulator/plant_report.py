@@ -6,17 +6,34 @@ from typing import Any
 from ..runtime.statistics import durations_report
 from .latency_line import LatencyLine
 from .plant_samples import RunningFigures
+from .verdict import VerdictRules, judge
 
 
-def motion_report(figures: RunningFigures, motion_ns: int) -> Mapping[str, Any]:
-    """Return the figures of the motion."""
+def motion_report(
+    figures: RunningFigures, motion_ns: int, rules: VerdictRules, period_s: float
+) -> Mapping[str, Any]:
+    """Return how well the path was held.
+
+    ``settling_s``        time from which the error stays in its band; None if it ends outside
+    ``verdict``           on the run so far, and ``windows``, the figures that decide it
+    ``limited_share``     share of the time in which a limit, and not the command, decided about the
+                          wheel, and ``limited_share_by`` limit
+    """
+    samples = figures.samples
+    judged = judge(rules, list(figures.newest_m), samples, figures.lateral_error_peak_m, period_s)
     return {
         "motion_s": motion_ns * 1e-9,
-        "samples": figures.samples,
+        "samples": samples,
         "lateral_error_rms_m": figures.lateral_error_rms_m,
         "lateral_error_peak_m": figures.lateral_error_peak_m,
         "lateral_error_final_m": figures.lateral_error_final_m,
         "wheel_angle_peak_rad": figures.wheel_angle_peak_rad,
+        "settling_s": figures.settled_at * period_s if figures.settled_at < samples else None,
+        **judged.report(),
+        "limited_share": sum(figures.limited.values()) / max(samples, 1),
+        "limited_share_by": {
+            limit: count / samples for limit, count in figures.limited.most_common()
+        },
     }
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import math
+from collections import Counter, deque
 from collections.abc import Sequence
 from pathlib import Path as FilePath
 from typing import NamedTuple
@@ -39,25 +40,41 @@ class PlacedSample(NamedTuple):
 
 
 class RunningFigures:
-    """Root mean square and peaks of a run."""
+    """Figures of a run, taken up sample by sample.
 
-    def __init__(self) -> None:
+    ``band_m``  in which the error settles
+    ``newest``  how many of the newest errors are kept in ``newest_m``
+
+    ``settled_at``  number of the sample from which the error has stayed in its band
+    ``limited``     samples at which a limit decided about the wheel, by its name
+    """
+
+    def __init__(self, band_m: float = math.inf, newest: int = 0) -> None:
         self.samples = 0
         self.lateral_error_peak_m = 0.0
         self.lateral_error_final_m = 0.0
         self.wheel_angle_peak_rad = 0.0
+        self.settled_at = 0
+        self.limited: Counter[str] = Counter()
+        self.newest_m: deque[float] = deque(maxlen=newest)
         self._squares_m2 = 0.0
+        self._band_m = band_m
 
-    def take(self, lateral_error_m: float, wheel_angle_rad: float) -> None:
-        """Add one sample."""
+    def take(self, lateral_error_m: float, wheel_angle_rad: float, limit: str = "") -> None:
+        """Add one sample; ``limit`` names what decides about the wheel, if anything does."""
         self.samples += 1
         self._squares_m2 += lateral_error_m * lateral_error_m
         self.lateral_error_final_m = lateral_error_m
+        self.newest_m.append(lateral_error_m)
         distance_m, angle_rad = abs(lateral_error_m), abs(wheel_angle_rad)
         if distance_m > self.lateral_error_peak_m:
             self.lateral_error_peak_m = distance_m
+        if distance_m > self._band_m:
+            self.settled_at = self.samples
         if angle_rad > self.wheel_angle_peak_rad:
             self.wheel_angle_peak_rad = angle_rad
+        if limit:
+            self.limited[limit] += 1
 
     @property
     def lateral_error_rms_m(self) -> float:
@@ -71,8 +88,8 @@ class RunRecord:
     ``samples_max``  how many are kept in ``samples``, oldest first
     """
 
-    def __init__(self, samples_max: int) -> None:
-        self.figures = RunningFigures()
+    def __init__(self, samples_max: int, figures: RunningFigures) -> None:
+        self.figures = figures
         self.samples: list[PlantSample] = []
         self._samples_max = samples_max
 
@@ -81,10 +98,11 @@ class RunRecord:
         motion: Motion,
         command: Passage[SteeringCommand] | None,
         uplink_latency_s: float,
+        limit: str,
     ) -> None:
-        """Record a sample of the motion and of the command in effect."""
+        """Take a sample of the motion, of the command in effect, and of what limits the wheel."""
         z = motion.linear
-        self.figures.take(z.lateral_error_m, z.wheel_rad)
+        self.figures.take(z.lateral_error_m, z.wheel_rad, limit)
         if len(self.samples) >= self._samples_max:
             return
         command_rad = downlink_latency_s = math.nan

@@ -13,15 +13,19 @@ from ..dbc.secured_program import add_key_file_argument, run_secured_node
 from ..runtime.option_types import output_file
 from ..runtime.program import ExitStatus, run_main, say
 from ..runtime.program_options import load_program_settings, make_parser
+from ..runtime.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument
 from .check import check_text
 from .faults import FaultyNode, with_faults
 from .node import RECEIVED, SAMPLES_MAX, SENT, PlantNode, motion_params
 from .plant_samples import write_trace
+from .quantities import QUANTITIES
 from .settings import PlantSettings, shared_vehicle
 from .summary import plant_summary
+from .verdict_text import verdict_text
 
 NAME = "plant-emulator"
 PRESETS = "steer_by_wire.plant_emulator.presets"
+ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, lambda report: verdict_text(report["node"]))
 
 
 def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
@@ -45,6 +49,7 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
         help="do not run: print the settings, and what vehicle, path and limits come to",
     )
     parser.add_argument("--trace", type=output_file, metavar="FILE", help="write every sample, CSV")
+    add_fail_if_argument(parser, ENDING.quantities)
     add_key_file_argument(parser)
     return run_main(name, partial(_run, name, parser.parse_args(arguments)))
 
@@ -70,6 +75,7 @@ def _run(name: str, options: argparse.Namespace) -> int:
         ),
         (*RECEIVED, *SENT),
         lambda node: _conclude(name, options, node),
+        ENDING,
     )
 
 

@@ -20,6 +20,7 @@ from .rig_settings import (
     VehicleSettings,
 )
 from .safety_settings import SafetySettings, resync_ns_of
+from .verdict import VerdictRules
 
 
 def shared_vehicle(file: Path | None) -> SharedTable | None:
@@ -51,6 +52,8 @@ class PlantSettings(Settings):
     sensor_noise: SensorNoiseSettings = SensorNoiseSettings()
     latency: BothLatencySettings = BothLatencySettings()
     safety: SafetySettings = SafetySettings()
+    verdict: VerdictRules = VerdictRules()
+    """Thresholds of the verdict on the run."""
     overruns: OverrunSettings = OverrunSettings()
     """Of the sensors; beyond these the plant counts as too slow, and ends safely."""
     faults: tuple[FaultSettings, ...] = Field((), max_length=FAULTS_MAX)

@@ -133,6 +133,14 @@ class SteeringUnit:
         self._note_mode(state, now_ns, cause)
         self._enter(state)
 
+    @property
+    def limit(self) -> str:
+        """The name of the limit that decides about the target now; empty for none."""
+        cause = self._state.limiter.cause
+        if not cause or self._state.mode != _FOLLOWING:
+            return ""
+        return Cause(cause).name.lower()
+
     def status_code(self, *, actuator_is_limited: bool) -> SteeringStatusCode:
         """Return the present content of STEERING_STATUS."""
         return _STATUS_CODES[status_of(self._state, actuator_is_limited)]

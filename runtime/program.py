@@ -31,6 +31,7 @@ from .report import connection_report, host_report, run_report, write_json
 from .screen import Observer, Screen
 from .settings import Settings, SettingsError
 from .summary import summary_lines
+from .thresholds import Ending, failures
 
 FINISHED = "finished"
 """``ended_by`` of a run that the node itself has ended."""
@@ -46,6 +47,8 @@ class ExitStatus(IntEnum):
     """A file could not be written."""
     SAFE_STATE = 5
     """The node has detected a fault in itself and stays in its safe state."""
+    CONDITION = 6
+    """The run has met a condition of ``--fail-if``."""
     INTERRUPTED = 130
     """Ctrl-C or SIGTERM outside of a run. An interrupted run ends with OK and a report."""
 
@@ -114,6 +117,7 @@ def run_node(
     conclude: Callable[[N], None] = lambda _node: None,
     can_ids: Collection[int] | None = None,
     notice: str = "",
+    ending: Ending | None = None,
 ) -> ExitStatus:
     """Open the bus, run the node to its end in real time, print and write the report.
 
@@ -122,6 +126,7 @@ def run_node(
     ``conclude``   writes and prints the program's own additions, after the report
     ``can_ids``    identifiers the node receives; None: all
     ``notice``     printed on standard error when the bus is open
+    ``ending``     the verdict, printed last, and the quantities of ``--fail-if``
 
     Returns the exit status. A failing bus, node, part of another package or recording leaves a
     report too. Raises BusError if the bus cannot be opened, OSError if a file cannot be written.
@@ -162,10 +167,17 @@ def run_node(
         if recorded is not None and recorded.failure:
             say(name, f"error: {recorded.file}: {recorded.failure}", sys.stderr)
         conclude(node)
+        failed = [] if ending is None else failures(options.fail_if, ending.quantities, report)
+        for line in failed:
+            say(name, line, sys.stderr)
+        if ending is not None:
+            say(name, f"verdict: {ending.verdict(report)}")
     if run.failure:
         return run.status
     if fault:
         return ExitStatus.SAFE_STATE
+    if failed:
+        return ExitStatus.CONDITION
     return ExitStatus.OUTPUT if recorded is not None and recorded.failure else ExitStatus.OK
 
 

@@ -42,7 +42,7 @@ def _tool(name: str, summary: str) -> Program:
 GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
     {
         "Run the loop": {
-            "demo": _tool("demo", "three laws side by side in real time, with pictures"),
+            "demo": _tool("demo", "four laws side by side as latency grows, with pictures"),
             "run": _tool("closed_loop", "plant and controller in virtual time, without waiting"),
             "plant": Program(
                 "steer_by_wire.plant_emulator.__main__:main", "the plant on a CAN bus", True

@@ -81,7 +81,8 @@ LONGEST = (
     "test_design_gains", "test_batch", "test_house_rules", "test_stale_messages",
     "test_stress_report", "test_soak_live", "test_baseline_laws", "test_fault_campaign",
     "test_two_processes", "test_stress_runs", "test_closed_loop", "test_reference_table",
-    "test_slcan", "test_jitter", "test_tracking", "test_kalman_laws", "test_controller_program",
+    "test_slcan", "test_designed_presets", "test_jitter", "test_tracking", "test_kalman_laws",
+    "test_controller_program",
     "test_reproduce_paper", "test_stress_levels", "test_stress_dask",
 )  # fmt: skip
 """Modules that take long, handed out first, so that all workers come to their ends together."""

@@ -9,7 +9,8 @@ from typing import Any
 
 from ...runtime.toml_text import dump_toml
 from ..settings import ControllerSettings
-from .check_figures import Progress, check_figures
+from .check_figures import check_figures
+from .check_verdict import found_in
 from .sampled_loop import SLOWEST_DECAY_1_S
 
 _MODULUS_SHOWN_MIN = 1e-3
@@ -22,12 +23,16 @@ _RANGES_PER_LINE = 3
 Figures = Mapping[str, Any]
 
 
-def check_text(settings: ControllerSettings, progress: Progress = lambda _what: None) -> str:
-    """Return the settings and the analysis of their loop around the nominal plant."""
-    figures = check_figures(settings, progress)
+def check_text(settings: ControllerSettings, figures: Figures | None = None) -> str:
+    """Return the settings, the analysis of their loop as text, and the verdict.
+
+    ``figures``  of ``check_figures``; computed unless given
+    """
+    if figures is None:
+        figures = check_figures(settings, lambda _what: None)
     ns = round(1e9 * figures["period_s"])
     comments = [f"Runs at {figures['rate_hz']:.9g} Hz, every {ns} ns.", ""]
-    comments += _analysis(settings, figures)
+    comments += [*_analysis(settings, figures), "", f"verdict: {found_in(figures)}"]
     lines = [f"# {comment}" if comment else "#" for comment in comments]
     return "\n".join([dump_toml(settings, _unused(settings)), *lines, ""])
 

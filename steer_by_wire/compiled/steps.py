@@ -76,6 +76,12 @@ def register_steps() -> None:
         _register(function)
 
 
+def register(function: Callable[..., Any]) -> None:
+    """Let compiled functions call a function, and what it calls."""
+    for one in _reached((function,)):
+        _register(one)
+
+
 @cache
 def _register(function: Callable[..., Any]) -> None:
     # The entries for callers in C and in Python are not needed and take long to compile.
@@ -95,8 +101,8 @@ def register_law(name: str, law: Law, params: Any) -> None:
             f"law = {name!r}: a compiled run needs params of a NamedTuple that no other law has,"
             f" not {kind.__name__}"
         )
-    for function in _reached((law.step, numbers_or_none)):
-        _register(function)
+    for function in (law.step, numbers_or_none):
+        register(function)
     _laws[kind] = law
 
 

@@ -20,12 +20,15 @@ class Channels(NamedTuple):
 
 
 @contextmanager
-def open_channels(wanted: str, names: Sequence[str], log: Path) -> Iterator[Channels]:
+def open_channels(
+    wanted: str, names: Sequence[str], log: Path, bitrate_bit_s: int = BITRATE_BIT_S
+) -> Iterator[Channels]:
     """Make a channel for every name, until the end of the block.
 
     ``wanted``  socketcan (vcan0, vcan1, ... one a pair), emulated, or auto: socketcan where this
                 machine has them all, else emulated
     ``log``     report of the emulated bus on what it carried
+    ``bitrate_bit_s``  of the emulated bus
 
     Raises SettingsError when socketcan is wanted and an interface is missing.
     """
@@ -40,12 +43,12 @@ def open_channels(wanted: str, names: Sequence[str], log: Path) -> Iterator[Chan
         buses = tuple(Bus("socketcan", interface, {}) for interface in interfaces)
         yield Channels(buses, f"SocketCAN {', '.join(interfaces)}")
         return
-    options = ["--bitrate", str(BITRATE_BIT_S)]
+    options = ["--bitrate", str(bitrate_bit_s)]
     with log.open("w", encoding="utf-8") as output, launched_broker(options, output) as address:
         buses = tuple(Bus("emulated", name, {"address": address}) for name in names)
         count = "1 channel" if len(names) == 1 else f"{len(names)} channels"
         reason = "" if wanted == "emulated" else f" (no {', '.join(missing)} on this machine)"
         yield Channels(
             buses,
-            f"emulated CAN bus, {BITRATE_BIT_S // 1000} kbit/s, {count}{reason}",
+            f"emulated CAN bus, {bitrate_bit_s // 1000} kbit/s, {count}{reason}",
         )

@@ -65,6 +65,33 @@ class Bus(NamedTuple):
         return can.Bus(interface=self.interface, channel=self.channel, **arguments)
 
 
+class _Recorder:
+    """Writes every frame of a bus, in a thread.
+
+    ``failure``  why the log ends early; a bus drops a recorder that reads too slowly
+    """
+
+    def __init__(self, bus: can.BusABC, writer: can.Listener) -> None:
+        self.failure = ""
+        self._writer = writer
+        self._notifier = can.Notifier([], [self])
+        self._notifier.add_bus(bus)  # its thread may fail at once
+
+    def __call__(self, message: can.Message) -> None:
+        """Write a frame."""
+        self._writer(message)
+
+    def on_error(self, error: Exception) -> None:
+        """End the recording; the pair itself runs on."""
+        self.failure = str(error)
+        self._notifier.stop(0.0)
+
+    def end(self) -> None:
+        """End the recording and close the log."""
+        self._notifier.stop()
+        self._writer.stop()
+
+
 class LivePair:
     """Two running programs and their recorder; use it as a context manager.
 
@@ -94,7 +121,8 @@ class LivePair:
             listener = self._bus.open()
             stack.callback(listener.shutdown)
             writer = can.CanutilsLogWriter(self._files.candump_log, channel=self._bus.channel)
-            stack.callback(can.Notifier(listener, [writer]).stop)
+            self._recorder = _Recorder(listener, writer)
+            stack.callback(self._recorder.end)
             self._programs = stack.enter_context(Processes(self._files.folder))
             for program, options in self._options.items():
                 report = str(self._files.report(program))
@@ -120,6 +148,11 @@ class LivePair:
         if status:
             raise self._programs.failure("plant_emulator")
         return status is None
+
+    @property
+    def recording_failure(self) -> str:
+        """Why the log ends before the run; empty if it does not."""
+        return self._recorder.failure
 
     def result(self) -> PairResult:
         """Read what the programs have written; raises ProcessError when one has failed."""

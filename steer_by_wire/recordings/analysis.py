@@ -19,15 +19,18 @@ from ..dbc.messages import (
     Message,
     Mode,
     PlantStatus,
+    Rejection,
     SteeringCommand,
     SteeringStatus,
     VehicleState,
     limits,
 )
+from ..plant_emulator.verdict import VerdictRules
 from ..runtime.frame import Frame
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from .bus_listener import BusListener, ReceivedMessage
 from .durations import Durations, History
+from .held_path import HeldPath
 from .latency import Latencies
 
 GAP_PERIODS = 3
@@ -88,9 +91,12 @@ class LogAnalysis:
 
     Frames have times in nanoseconds. In a log without times every frame has None, and there are no
     figures of latency, cycles and gaps.
+
+    ``rules``  of the verdict
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rules: VerdictRules | None = None) -> None:
+        self._held_path = HeldPath(rules or VerdictRules())
         self.listener = BusListener()
         self.latencies = Latencies()
         self.histories = {name: History() for name in HISTORIES}
@@ -154,6 +160,7 @@ class LogAnalysis:
             "foreign_ids": {f"{key:X}": n for key, n in sorted(self.listener.foreign.items())},
             "error_frames": self.listener.error_frames,
             "signals": {name: history.report() for name, history in self.histories.items()},
+            "held_path": self._held_path_figures(),
             "latency": self._latency_figures(),
             "modes_s": {mode.name: self._modes_ns[mode] / NS_PER_S for mode in Mode},
             "laws": list(self._laws),
@@ -203,7 +210,8 @@ class LogAnalysis:
             add(self._gaps, gap)
 
     def _watch(self, message: Message, since_ns: int | None) -> None:
-        """Follow modes, law, the counts that the nodes report, and changes of the latency."""
+        """Follow path, modes, law, the counts that the nodes report, and changes of the latency."""
+        self._held_path.take(message)
         if isinstance(message, ControllerStatus):
             self._skipped_ticks.take(message.skipped_ticks)
             self._laws[Law(message.law).name] = None
@@ -222,6 +230,14 @@ class LogAnalysis:
                 self._leave_mode(since_ns)
             if self._mode is None:
                 self._mode = (message.mode, since_ns)
+
+    def _held_path_figures(self) -> Mapping[str, Any]:
+        cycle = self.cycles["LATERAL_ERROR"].report()
+        refused = self.listener.counts("LATERAL_ERROR").refused
+        return self._held_path.report(
+            cycle["mean_s"] or CYCLE_TIMES_MS[LateralError] * 1e-3,
+            left_range=Rejection.NOT_AVAILABLE.value in refused,
+        )
 
     def _leave_mode(self, since_ns: int) -> None:
         if self._mode is not None:

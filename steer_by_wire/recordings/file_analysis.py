@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ..plant_emulator.verdict import VerdictRules
 from .analysis import LogAnalysis
 from .log_file import LogError, open_log
 from .signal_table import Export
@@ -24,16 +25,18 @@ def analyse_files(
     channel: str | None = None,
     exports: Sequence[Export] = (),
     advance: Callable[[str, float | None], None] = lambda _name, _fraction: None,
+    rules: VerdictRules | None = None,
 ) -> AnalysedLog:
     """Read the files of one log, one after the other.
 
     ``channel``  the only one to analyse, where the log has several
     ``exports``  receive every message; the caller closes them
     ``advance``  called now and then with a file and how much of it was read (None: unknown)
+    ``rules``    of the verdict
 
     Raises LogError if a file cannot be read at all, or has no frame of the channel.
     """
-    analysis = LogAnalysis()
+    analysis = LogAnalysis(rules)
     unreadable, first_unreadable = 0, ""
     channels: dict[str, None] = {}
     for path in paths:

@@ -17,11 +17,12 @@ from ..compiled.engine import Outcome, run_batch
 from ..compiled.plan import NothingArrivesError, Plan, plan_run
 from ..controller.settings import ControllerSettings
 from ..plant_emulator.settings import PlantSettings
+from ..plant_emulator.verdict import RUN_ENDS, RunEnd
 from ..runtime.settings import SettingsError
 from .figures import COLUMNS, COUNTS, LatencyFigures, latency_figures, take_figures
 from .losses import Losses, losses_of
 from .scenario import Scenarios
-from .verdict import RUN_ENDS, RunEnd, rules_of
+from .verdict import rules_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -7,19 +7,7 @@ Over the whole run: RMS and peak of y, RMS and peak of δ, RMS of δ̇ (the cont
 settling time of y in its band, the share of control periods in which a command was at its limits,
 and the latency of the commands in effect.
 
-At its end: the last two windows of ``window_s`` each are fitted by straight lines,
-
-    y = m + d (t − t_middle) + e
-
-so that the lines contain the slowly changing error that the path causes, and e contains the loop's
-own motion. ``mean_m`` and ``mean_before_m`` are m of the last window and of the one before;
-``drift_m_s`` = (m − m_before)/window; the amplitudes are √2 times the RMS of e. The peaks of the
-two windows are those of y itself. For the peak, a run too short for two windows is one window.
-
-An oscillation is distinguished from noise by its half periods: e crosses zero and exceeds 0.3 of
-the amplitude on the other side. ``oscillation_rad_s`` is π over the mean of the half periods that
-lie in either window, ``irregularity`` their standard deviation over their mean. With two periods in
-a window both are accurate to 5 % and 0.2, with more they are better.
+At its end: the figures of ``plant_emulator.error_windows``.
 """
 
 import math
@@ -29,18 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled.compilation import compiled
+from ..compiled.steps import register
 from ..controller.settings import ControllerSettings, limits_of
+from ..plant_emulator.error_windows import WINDOW_SHARE_MAX, window_figures
 from ..plant_emulator.settings import PlantSettings
 from ..runtime.node import NS_PER_S
 
 FloatArray = NDArray[np.floating[Any]]
 """The type that numpy's stubs give the product of two arrays of float64."""
 
-WINDOW_SHARE_MAX = 0.25
-"""Share of the run: the two windows at its end leave the first half to settle."""
-HALF_PERIODS_MIN = 4
-"""Fewer half periods are no oscillation: its figures are then NaN."""
-_HYSTERESIS = 0.3
 _TOLERANCE = 1e-9
 """Tolerance for a command at its limit: the difference of two commands is rounded."""
 
@@ -63,7 +48,6 @@ class Figures(NamedTuple):
     oscillation_rad_s: float
     irregularity: float
     end_peak_m: float
-    """The largest magnitude of the error in the last window."""
     end_peak_before_m: float
     steer_rms_rad: float
     steer_peak_rad: float
@@ -74,6 +58,8 @@ class Figures(NamedTuple):
     latency_p99_s: float
 
 
+_END = Figures._fields.index("mean_m")
+"""Where ``WindowFigures`` begin."""
 COUNTS = (
     "samples",
     "commands_sent",
@@ -166,6 +152,9 @@ def figures_of(
     return Figures(*row.tolist())
 
 
+register(window_figures)
+
+
 @compiled
 def _figures(rules: Any, time_s: Any, error_m: Any, sent_rad: Any, row: Any) -> None:
     samples = len(time_s)
@@ -180,95 +169,17 @@ def _figures(rules: Any, time_s: Any, error_m: Any, sent_rad: Any, row: Any) -> 
         if magnitude > rules.settling_band_m:
             outside = k
     row[1] = math.sqrt(square / samples)
-    row[2] = row[12] = peak
+    row[2] = peak
     row[3] = error_m[samples - 1]
     if outside < 0:
         row[4] = 0.0
     elif outside + 1 < samples:
         row[4] = time_s[outside + 1]
-    _end(rules, error_m, row)
-    _effort(rules, sent_rad, row)
-
-
-@compiled
-def _end(rules: Any, error_m: Any, row: Any) -> None:
-    """Write means, drift, amplitudes and the oscillation of the two windows at the end."""
-    samples = len(error_m)
     window = round(rules.window_s / rules.sensor_period_s)
-    if window < 8 or 2 * window > samples:
-        return
-    first, middle = samples - 2 * window, samples - window
-    before = _line(error_m, first, window)
-    last = _line(error_m, middle, window)
-    row[5], row[6] = last[0], before[0]
-    row[7] = (last[0] - before[0]) / (window * rules.sensor_period_s)
-    row[8], row[9] = last[2], before[2]
-    row[12] = _peak(error_m, middle, window)
-    row[13] = _peak(error_m, first, window)
-    level = _HYSTERESIS * min(last[2], before[2])
-    halves, total, square = 0, 0.0, 0.0
-    # Each window by itself: the step between the two lines is no zero crossing.
-    for begin, line in ((first, before), (middle, last)):
-        count, length, squares = _half_periods(error_m, begin, window, line, level)
-        halves += count
-        total += length
-        square += squares
-    if halves >= HALF_PERIODS_MIN:
-        mean = total / halves
-        row[10] = math.pi / (mean * rules.sensor_period_s)
-        row[11] = math.sqrt(max(square / halves - mean * mean, 0.0)) / mean
-
-
-@compiled
-def _peak(error_m: Any, first: Any, window: Any) -> Any:
-    """Return the largest magnitude in a window."""
-    peak = 0.0
-    for k in range(first, first + window):
-        peak = max(peak, abs(error_m[k]))
-    return peak
-
-
-@compiled
-def _half_periods(error_m: Any, first: Any, window: Any, line: Any, level: Any) -> Any:
-    """Return number, sum and sum of squares of the half periods in a window, in samples."""
-    centre = 0.5 * (window - 1)
-    side, crossed, turned = 0, -1, -1  # turned: where e last crossed zero
-    halves, total, square = 0, 0.0, 0.0
-    previous = 0.0
-    for k in range(window):
-        e = error_m[first + k] - line[0] - line[1] * (k - centre)
-        if e * previous < 0.0:
-            turned = k
-        previous = e
-        now = 1 if e > level else -1 if e < -level else 0
-        if now != 0 and now != side:
-            if side != 0:
-                if crossed >= 0:
-                    half = float(turned - crossed)
-                    halves += 1
-                    total += half
-                    square += half * half
-                crossed = turned
-            side = now
-    return halves, total, square
-
-
-@compiled
-def _line(error_m: Any, first: Any, window: Any) -> Any:
-    """Return mean, slope per sample and √2 times the RMS distance of the fitted line."""
-    centre = 0.5 * (window - 1)
-    total, moment = 0.0, 0.0
-    for k in range(window):
-        value = error_m[first + k]
-        total += value
-        moment += value * (k - centre)
-    mean = total / window
-    slope = moment / (window * (window * window - 1.0) / 12.0)
-    square = 0.0
-    for k in range(window):
-        e = error_m[first + k] - mean - slope * (k - centre)
-        square += e * e
-    return mean, slope, math.sqrt(2.0 * square / window)
+    end = window_figures(error_m, window, rules.sensor_period_s)
+    for k in range(len(end)):
+        row[_END + k] = end[k]
+    _effort(rules, sent_rad, row)
 
 
 @compiled

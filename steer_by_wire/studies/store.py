@@ -24,12 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..command_line import installation
+from ..plant_emulator.verdict import RUN_ENDS
 from ..runtime.settings import SettingsError
 from .compute import Computed
 from .figures import COLUMNS, COUNTS
 from .scenario import Scenarios
 from .stored import check_columns, read_columns, read_json
-from .verdict import RUN_ENDS, verdicts
+from .verdict import verdicts
 
 IntArray = NDArray[np.int64]
 

@@ -19,6 +19,7 @@ from ..controller.settings import ControllerSettings
 from ..controller.settings import shared_vehicle as nominal_vehicle
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.settings import shared_vehicle as plant_vehicle
+from ..plant_emulator.verdict import VerdictRules
 from ..runtime.settings import (
     COMMAND_LINE,
     Settings,
@@ -129,6 +130,7 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
         design=make_design(factors, settings.sampling),
     )
     _refuse_faults(study)
+    _refuse_own_verdict(study)
     if study.runs > RUNS_MAX:
         raise SettingsError(f"{file}: {study.runs} runs are too many (allowed: up to {RUNS_MAX})")
     return study
@@ -145,6 +147,19 @@ def _refuse_faults(study: Study) -> None:
         raise SettingsError(
             f"{study.file}: {where} sets faults, which compiled runs have not: leave [[faults]] "
             "out (steer-by-wire run runs them, tools.fault_campaign studies them)"
+        )
+
+
+def _refuse_own_verdict(study: Study) -> None:
+    """Refuse thresholds for a single run: a study judges all its runs by one table."""
+    defaults = VerdictRules().model_dump(mode="json")
+    is_default = study.plant.get("verdict", defaults) == defaults
+    is_varied = any(
+        key.startswith("plant.verdict") for one in study.design.factors for key in one.keys
+    )
+    if is_varied or not is_default:
+        raise SettingsError(
+            f"{study.file}: plant.verdict is for single runs: give the study's own table [verdict]"
         )
 
 

@@ -4,7 +4,7 @@
     [[factors]] each the settings key(s) it sets, with a list, a range, a distribution, or levels
                 that set several keys at once
     [sampling]  grid, latin_hypercube or sobol; seed and replicates
-    [verdict]   thresholds of the verdicts (``studies.verdict``)
+    [verdict]   thresholds of the verdicts (``plant_emulator.verdict``)
 
 It is read and checked here like any settings file. What a factor sets is checked against the
 settings of plant and controller in ``studies.scenario``.
@@ -16,8 +16,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from ..plant_emulator.verdict import VerdictRules
 from ..runtime.settings import Settings, load_settings
-from .verdict import VerdictRules
 
 LEVELS_MAX = 10_000
 """Levels of one factor."""

@@ -192,6 +192,8 @@ def test_printed_rear_stiffness_does_not_reproduce_the_mass_trend_of_table_2() -
         "paper_nominal",
         "paper_nominal_as_printed",
         *(f"paper_corner_{corner}" for corner in "abcd"),
+        "highway_nominal",
+        *(f"highway_corner_{corner}" for corner in "abcd"),
     ],
 )
 def test_presets_differ_from_the_nominal_vehicle_in_what_they_are_named_for(name: str) -> None:
@@ -204,5 +206,7 @@ def test_presets_differ_from_the_nominal_vehicle_in_what_they_are_named_for(name
         assert changed == set()
     elif name == "paper_nominal_as_printed":
         assert changed == {"rear_cornering_stiffness_n_rad"}
+    elif name == "highway_nominal":
+        assert changed == {"speed_km_h"}
     else:
         assert changed == {"speed_m_s", "virtual_mass_kg"}

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from steer_by_wire import studies
+from steer_by_wire.plant_emulator.verdict import RUN_ENDS, Verdict, VerdictRules
 from steer_by_wire.studies.compute import Computer
 from steer_by_wire.studies.factors import corner_vehicle
 from steer_by_wire.studies.figures import COLUMNS
 from steer_by_wire.studies.scenario import Scenarios
 from steer_by_wire.studies.study import load_study
-from steer_by_wire.studies.verdict import RUN_ENDS, Verdict, VerdictRules, short_windows, verdicts
+from steer_by_wire.studies.verdict import short_windows, verdicts
 from steer_by_wire.tools.stress_latency import __main__ as stress_latency
 from tests.support.small_study import make_scenarios
 from tests.support.stress_signals import TIME_S, figures, sine, verdict

@@ -16,6 +16,7 @@ from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.pair.virtual import run_virtual_nodes
 from steer_by_wire.plant_emulator.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.verdict import RunEnd
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from steer_by_wire.runtime.toml_text import dump_toml
@@ -25,7 +26,6 @@ from steer_by_wire.studies.losses import losses_of
 from steer_by_wire.studies.scenario import Scenarios, pair_of_row
 from steer_by_wire.studies.store import Store
 from steer_by_wire.studies.study import load_study
-from steer_by_wire.studies.verdict import RunEnd
 from steer_by_wire.tools.stress_latency import __main__ as stress_latency
 from steer_by_wire.tools.stress_latency import live, replay
 from steer_by_wire.tools.stress_latency.runner import run_study

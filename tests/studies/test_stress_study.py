@@ -11,6 +11,7 @@ import pytest
 
 from steer_by_wire.plant_emulator.rig_settings import EllipseSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.verdict import Verdict, VerdictRules
 from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
 from steer_by_wire.studies.factors import Factor, Level, make_factors, quantile_of, range_values
 from steer_by_wire.studies.figures import COLUMNS
@@ -27,7 +28,6 @@ from steer_by_wire.studies.study_file import (
     Triangular,
     Uniform,
 )
-from steer_by_wire.studies.verdict import Verdict, VerdictRules
 
 SHIPPED = Path(__file__).resolve().parents[2] / "steer_by_wire" / "studies"
 BASE = """
@@ -334,6 +334,18 @@ def test_a_bad_study_is_refused_in_one_line(tmp_path: Path, case: str) -> None:
     with pytest.raises(SettingsError, match=expected) as caught:
         scenarios(tmp_path, text)
     assert len(caught.value.mistakes) == 1
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[base.plant.verdict]\nroad_m = 1.0\n",
+        '[[factors]]\nkey = "plant.verdict.road_m"\nvalues = [1.0, 2.0]\n',
+    ],
+)
+def test_thresholds_of_single_runs_are_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(SettingsError, match=r"the study's own table \[verdict\]"):
+        scenarios(tmp_path, text)
 
 
 def test_a_controller_that_is_not_there_is_refused(tmp_path: Path) -> None:

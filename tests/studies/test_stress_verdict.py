@@ -11,9 +11,10 @@ from steer_by_wire.controller.design import design_law
 from steer_by_wire.controller.nominal_model import NominalVehicle, steer_to_lateral_error
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.verdict import RunEnd, Verdict, VerdictRules
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.studies.figures import Figures, figures_of, latency_figures
-from steer_by_wire.studies.verdict import RunEnd, Verdict, VerdictRules, rules_of
+from steer_by_wire.studies.verdict import rules_of
 from tests.support.stress_signals import NO_COMMANDS, RULES, TIME_S, figures, noise, sine, verdict
 
 

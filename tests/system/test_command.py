@@ -19,7 +19,7 @@ from tests.support.running_program import PATIENCE_S
 
 ROOT = Path(__file__).resolve().parents[2]
 SCREEN_LINES = 40
-LONG = {"plant", "controller"}
+LONG = {"plant", "controller", "run"}
 """They show the options of both the program and the bus."""
 LONG_LINES = 60
 FORMER = (

@@ -20,12 +20,12 @@ from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.dbc.messages import ControllerStatus, Law, Mode, Rejection, decode
 from steer_by_wire.pair.virtual import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.verdict import RUN_ENDS, RunEnd
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.runtime.toml_text import dump_toml
 from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
 from steer_by_wire.studies.compute import Computer
-from steer_by_wire.studies.verdict import RUN_ENDS, RunEnd
 from steer_by_wire.tools.closed_loop import __main__ as closed_loop
 from steer_by_wire.tools.compare_laws import __main__ as compare_laws
 from steer_by_wire.tools.compare_laws import runs

@@ -11,6 +11,7 @@ import pytest
 from steer_by_wire.dbc.messages import CAN_IDS, ControllerStatus, LateralError, SteeringCommand
 from steer_by_wire.pair.trace import Trace
 from steer_by_wire.runtime.candump import CandumpReader
+from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.tools.closed_loop import __main__ as closed_loop
 from tests.support.running_program import PATIENCE_S
 
@@ -58,7 +59,9 @@ def test_the_command_it_prints_makes_the_same_run_again(
     ]
     options = ["--duration", "1.5", "--seed", "9", *jitter, *wire, "--out", str(first)]
     assert closed_loop.main(options) == 0
-    again = capsys.readouterr().out.splitlines()[-1].removeprefix("again").strip()
+    *_, again, verdict = capsys.readouterr().out.splitlines()
+    assert verdict.startswith("verdict ")
+    again = again.removeprefix("again").strip()
     _command, _run, *arguments = shlex.split(again)
     assert closed_loop.main([*arguments, "--out", str(second)]) == 0
     for file in sorted(first.iterdir()):
@@ -130,3 +133,15 @@ def test_an_impossible_bit_rate_is_refused(
     with pytest.raises(SystemExit, match="2"):
         closed_loop.main([f"--bitrate={bitrate}"])
     assert "1 to 1000000" in capsys.readouterr().err
+
+
+def test_a_condition_that_is_met_ends_with_a_status_of_its_own(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    run = ["--duration", "2", "--fail-if"]
+    assert closed_loop.main([*run, "rms_m > 0.5"]) == ExitStatus.OK
+    met = ["verdict != limit cycle", "--fail-if", "controller_active_share > 0.5"]
+    assert closed_loop.main([*run, *met]) == ExitStatus.CONDITION
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == ("steer-by-wire run: failed: verdict != limit cycle: verdict is holds")
+    assert "controller_active_share is " in second

@@ -16,7 +16,7 @@ from steer_by_wire.runtime.program import ExitStatus, StopRequest
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.compare_laws import runs
 from steer_by_wire.tools.compare_laws.__main__ import main
-from steer_by_wire.tools.compare_laws.picture import draw_comparison
+from steer_by_wire.tools.compare_laws.picture import draw_break_points, draw_comparison
 from steer_by_wire.tools.compare_laws.runs import OFF_PATH_M, Cell, breaks_at_s, compare
 from steer_by_wire.tools.compare_laws.tables import markdown_lines, table_lines
 from steer_by_wire.tools.design_gains.predictor import describe_predictor
@@ -71,6 +71,21 @@ def test_the_predictor_holds_half_a_second_and_the_observers_do_not(
     assert any(line.startswith("predictor") and line.endswith("-") for line in lines)
     assert "| PD+DDOB | 500 | - | 500 | 500 | 500 |" in markdown_lines(cells)
     assert len(draw_comparison(cells).axes) == 6
+    (legend,) = draw_break_points(cells).legends
+    told_of = [text.get_text() for text in legend.get_texts()]
+    assert "PD+DDOB: breaks at 500 ms" in told_of
+    assert "predictor: holds throughout" in told_of
+
+
+def test_a_published_law_breaks_at_80_ms_where_it_has_its_own_rate(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    published = next(one for one in runs.CONTESTANTS if one.label == "PD as published")
+    monkeypatch.setattr(runs, "CONTESTANTS", (published,))
+    assert runs.contestants_of(runs.NETWORKS["constant"]) == [published]
+    assert runs.contestants_of(runs.NETWORKS["jitter"]) == []
+    without, with_80_ms = compare([0.0, 0.08], 1, 60.0, lambda *_counts: None)
+    assert without.settled_rms_m < runs.BROKEN_M < with_80_ms.settled_rms_m
 
 
 def test_a_law_breaks_at_the_first_delay_at_which_it_does_not_hold_the_path() -> None:

@@ -4,14 +4,32 @@ import json
 from contextlib import chdir
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 
 from steer_by_wire.pair.channels import open_channels
+from steer_by_wire.pair.live import PairResult, _Recorder
 from steer_by_wire.pair.trace import Trace
+from steer_by_wire.pair.virtual import run_virtual_pair
+from steer_by_wire.plant_emulator.verdict import Verdict
 from steer_by_wire.runtime.candump import CandumpReader
 from steer_by_wire.tools.demo import __main__ as demo
 from steer_by_wire.tools.demo.pictures import nice_factor
+from steer_by_wire.tools.demo.story import (
+    LAWS,
+    LawResult,
+    Phase,
+    PhaseFigures,
+    law_result,
+    phases_of,
+)
+from steer_by_wire.tools.demo.summary import (
+    differing_phases,
+    rms_difference_m,
+    verdict_line,
+    what_to_see,
+)
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -25,38 +43,96 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_it_draws_every_picture(out: Path) -> None:
-    for name in ("lateral_deviation", "steer", "latency", "path_from_above"):
+    for name in ("lateral_error", "steering", "path_from_above"):
         assert (out / f"{name}.png").read_bytes().startswith(PNG)
 
 
-def test_the_summary_has_every_figure_of_every_law(out: Path) -> None:
+def test_the_summary_has_every_phase_of_every_law(out: Path) -> None:
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    assert set(summary["laws"]) == {"PD", "PD+CDOB", "PD+DDOB"}
+    assert [phase["title"] for phase in summary["phases"]] == [
+        "no latency",
+        "80 ms",
+        "500 ms",
+        "300 ± 90 ms, 2 % lost",
+    ]
+    assert summary["phases"][-1]["to_s"] == 2.0
+    assert set(summary["laws"]) == {law.label for law in LAWS}
     for law in summary["laws"].values():
-        assert law["on_the_bus"]["frames_rejected"] == 0
-        assert law["virtual_time"]["skipped_ticks"] == 0
-        assert law["virtual_time"]["lateral_error_rms_m"] > 0.0
-        assert law["rms_ratio"] > 0.0
+        for figures in (*law["on_the_bus"], *law["virtual_time"]):
+            assert 0.0 <= figures["rms_m"] <= figures["peak_m"]
+            assert figures["verdict"] in tuple(Verdict)
+    assert summary["frames_rejected"] == 0
 
 
 def test_every_pair_leaves_a_log_of_every_message_and_can_be_run_again(out: Path) -> None:
-    for law in ("pd", "pd_cdob", "pd_ddob"):
-        with (out / law / "candump.log").open(encoding="ascii") as file:
+    for law in LAWS:
+        with (out / law.folder / "candump.log").open(encoding="ascii") as file:
             reader = CandumpReader(file)
             identifiers = {entry.frame.can_id for entry in reader}
         assert reader.unreadable == 0
         assert identifiers == {0x100, 0x110, 0x120, 0x130, 0x300, 0x304, 0x308, 0x310}
         for program in ("controller", "plant_emulator"):
-            assert (out / law / f"{program}.toml").is_file()
-            assert (out / law / f"{program}.json").is_file()
+            assert (out / law.folder / f"{program}.toml").is_file()
+            assert (out / law.folder / f"{program}.json").is_file()
 
 
 def test_the_trace_starts_on_the_path_and_ends_after_the_duration(out: Path) -> None:
-    trace = Trace.read(out / "pd" / "plant_trace.csv")
+    trace = Trace.read(out / "paper_pd" / "plant_trace.csv")
     assert abs(trace.lateral_error_m[0]) < 1e-3  # the first sample is up to a period old
     assert trace.time_s[-1] >= 2.0
     offset_m = np.hypot(trace.x_m - trace.path_x_m, trace.y_m - trace.path_y_m)
     assert np.allclose(offset_m, np.abs(trace.lateral_error_m), atol=1e-9)
+
+
+def judged(verdicts: str, rms_m: float = 0.01) -> tuple[PhaseFigures, ...]:
+    """Return a phase for each letter: h holds, l is a limit cycle."""
+    of = {"h": Verdict.HOLDS, "l": Verdict.LIMIT_CYCLE}
+    return tuple(PhaseFigures(rms_m, 2.0 * rms_m, of[letter]) for letter in verdicts)
+
+
+def result_of(live: str, virtual: str, rms_m: float = 0.01) -> LawResult:
+    nothing = PairResult({}, {}, Trace(*np.zeros((len(Trace._fields), 0))))
+    return LawResult("law", nothing, nothing, judged(live, rms_m), judged(virtual, rms_m + 0.002))
+
+
+@pytest.mark.parametrize(
+    ("live", "sentence"),
+    [
+        ("hhh", "law: holds the path to the end, with 10.0 mm at most."),
+        ("hhl", "law: holds the path with none and 80 ms; breaks with jitter (limit cycle)."),
+        ("lhh", "law: breaks with none (limit cycle)."),
+    ],
+)
+def test_what_to_see_follows_from_the_figures(live: str, sentence: str) -> None:
+    phases = [Phase(title, 0.0, 1.0) for title in ("none", "80 ms", "jitter")]
+    assert what_to_see([result_of(live, live)], phases) == [sentence]
+
+
+def test_the_verdict_compares_the_bus_with_virtual_time() -> None:
+    results = [result_of("hhl", "hhl"), result_of("hll", "hhl", 0.02)]
+    assert differing_phases(results) == 1
+    assert rms_difference_m(results) == pytest.approx(0.002)
+    assert verdict_line(results).startswith("verdict: in 5 of 6 phases")
+
+
+def test_the_observer_alone_breaks_and_the_predictor_does_not() -> None:
+    """What the demo is for, in virtual time; the predictor holds the longest delay."""
+    fates = {}
+    for law in (LAWS[1], LAWS[-1]):
+        settings = law.plant([])
+        virtual = run_virtual_pair(settings, law.controller())
+        phases = law_result(law, settings, virtual, virtual).virtual_phases
+        fates[law.label] = [phase.holds for phase in phases]
+    assert fates["PD+DOB to 250 ms"] == [True, True, False, False]
+    assert fates["predictor"] == [True] * 4
+
+
+def test_phases_fill_a_run_of_any_length() -> None:
+    short, default = LAWS[0].plant(["duration_s=8"]), LAWS[0].plant([])
+    factor = default.duration_s / 8.0
+    for one, other in zip(phases_of(short), phases_of(default), strict=True):
+        assert one.title == other.title
+        assert factor * one.to_s == pytest.approx(other.to_s)
 
 
 @pytest.mark.parametrize("text", ["-1", "0.005", "nan", "long", "1e9"])
@@ -82,7 +158,7 @@ def test_an_output_that_cannot_be_written_is_one_line_and_status_4(
 ) -> None:
     (tmp_path / "file").write_text("")
     assert demo.main(["--out", str(tmp_path / "file")]) == 4
-    folder = tmp_path / "file" / "pd"
+    folder = tmp_path / "file" / "paper_pd"
     assert capsys.readouterr().err == f"steer-by-wire demo: error: {folder}: Not a directory\n"
 
 
@@ -91,10 +167,10 @@ def test_an_error_that_names_no_file_says_what_it_is(
 ) -> None:
     """It was "error: None: None", and status 2."""
 
-    def fail(_arguments: object) -> None:
+    def fail(*_arguments: object) -> None:
         raise OSError("cannot write mode RGBA as PNG")
 
-    monkeypatch.setattr(demo, "_plant_settings", fail)
+    monkeypatch.setattr(demo, "open_channels", fail)
     assert demo.main(["--out", str(tmp_path)]) == 4
     assert capsys.readouterr().err == "steer-by-wire demo: error: cannot write mode RGBA as PNG\n"
 
@@ -111,3 +187,23 @@ def test_missing_interfaces_are_named_with_the_command_that_makes_them(tmp_path:
 @pytest.mark.parametrize(("wanted", "factor"), [(0.3, 1), (1, 1), (1.9, 1), (4.9, 2), (57, 50)])
 def test_a_magnification_is_round_and_never_too_large(wanted: float, factor: float) -> None:
     assert nice_factor(wanted) == factor
+
+
+def test_a_recorder_that_the_bus_has_dropped_ends_without_a_traceback(tmp_path: Path) -> None:
+    """pytest would turn an exception in a thread into a failure of the test."""
+
+    class Dropped(can.BusABC):
+        def __init__(self) -> None:
+            super().__init__("dropped")
+
+        def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+            assert timeout
+            raise can.CanOperationError("has not read for too long")
+
+        def send(self, msg: can.Message, timeout: float | None = None) -> None:
+            raise NotImplementedError
+
+    with Dropped() as bus:
+        recorder = _Recorder(bus, can.CanutilsLogWriter(tmp_path / "candump.log"))
+        recorder.end()
+    assert recorder.failure == "has not read for too long"

@@ -37,7 +37,7 @@ from steer_by_wire.tools.design_gains.study import (
     make_study,
 )
 from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
-from tests.support.design_files import PAPER_VEHICLE, PRACTICAL, shipped_spec, shipped_vehicle
+from tests.support.shipped_design import PAPER_VEHICLE, PRACTICAL, shipped_spec, shipped_vehicle
 
 SMALL = """
 name = "small"

@@ -1,4 +1,4 @@
-"""The shipped presets are what the design of gains leaves, and keep what their files state."""
+"""The shipped presets are what the design of gains puts out, and keep what their files state."""
 
 import re
 from functools import cache
@@ -34,7 +34,7 @@ from steer_by_wire.tools.design_gains.virtual_check import (
     jitter_drives,
     plant_settings,
 )
-from tests.support.design_files import PAPER_VEHICLE, SHIPPED, shipped_spec, shipped_vehicle
+from tests.support.shipped_design import PAPER_VEHICLE, SHIPPED, shipped_spec, shipped_vehicle
 
 RMS_M_MAX = 0.011
 FAST_HEAVY = paper_box().vertices()[3]

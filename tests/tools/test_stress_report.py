@@ -10,11 +10,11 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
+from steer_by_wire.plant_emulator.verdict import Verdict
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.studies.scenario import Scenarios
 from steer_by_wire.studies.store import Store
 from steer_by_wire.studies.study import load_study
-from steer_by_wire.studies.verdict import Verdict
 from steer_by_wire.tools.stress_latency.runner import run_study
 from steer_by_wire.tools.stress_latency.workers import Threads
 from steer_by_wire.tools.stress_report import __main__, write_report

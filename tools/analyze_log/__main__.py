@@ -6,7 +6,8 @@
 Reads the formats .log .asc .blf .csv .db .trc .mf4 of python-can, and what candump prints or logs.
 For each FILE it writes a folder below --out: report.html, figures.json and signals.csv;
 signals.parquet where pyarrow is installed; signals.mcap (Foxglove, PlotJuggler) with --mcap. A FILE
-that is no log leaves nothing, and the others are still analysed; the exit status is then 2.
+that is no log leaves nothing, the others are still analysed, and the exit status is then 2. The
+last line is the verdict on how the path was held, by the measured error.
 """
 
 import argparse
@@ -14,7 +15,7 @@ import logging
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -26,6 +27,9 @@ from rich.table import Table
 from rich.text import Text
 
 from steer_by_wire.command_line import add_out_argument, command_parser
+from steer_by_wire.plant_emulator import quantities
+from steer_by_wire.plant_emulator.verdict import VerdictRules
+from steer_by_wire.plant_emulator.verdict_text import verdict_text
 from steer_by_wire.recordings.file_analysis import analyse_files
 from steer_by_wire.recordings.log_file import LogError
 from steer_by_wire.recordings.signal_table import (
@@ -36,11 +40,31 @@ from steer_by_wire.recordings.signal_table import (
 )
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.runtime.report import write_json
-from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.runtime.settings import SettingsError, load_settings
+from steer_by_wire.runtime.thresholds import (
+    Condition,
+    Quantity,
+    add_fail_if_argument,
+    failures,
+)
 from steer_by_wire.tools.analyze_log.html_report import milliseconds, report_html
 from steer_by_wire.tools.analyze_log.mcap_export import McapFile
 
 NAME = "steer-by-wire analyze"
+
+
+def _log(read: Callable[[dict[str, Any]], float | None]) -> Quantity:
+    return Quantity(lambda report: read(report["log"]))
+
+
+QUANTITIES: Mapping[str, Quantity] = {
+    **quantities.QUANTITIES,
+    "round_trip_p99_s": _log(lambda figures: figures["latency"]["round_trip"]["p99_s"]),
+    "missing": _log(lambda figures: sum(m["missing"] for m in figures["messages"].values())),
+    "refused": _log(lambda figures: sum(figures["refused"].values())),
+    "gaps": _log(lambda figures: sum(m["gaps"] for m in figures["messages"].values())),
+}
+"""What ``--fail-if`` may name."""
 
 
 class Result(NamedTuple):
@@ -79,28 +103,51 @@ def _parser() -> argparse.ArgumentParser:
         default=None,
         help="also write signals.parquet (default: if pyarrow is installed)",
     )
+    parser.add_argument(
+        "--verdict-set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help=f"a threshold of the verdict: {', '.join(VerdictRules.model_fields)}",
+    )
+    add_fail_if_argument(parser, QUANTITIES)
     return parser
 
 
 def _run(options: argparse.Namespace) -> int:
     # python-can's readers report every line that they skip, on the terminal.
     logging.getLogger("can").addHandler(logging.NullHandler())
+    rules = load_settings(VerdictRules, overrides=options.verdict_set)
     logs = [options.files] if options.join else [[path] for path in options.files]
     results, mistakes = [], []
     try:
         with _progress() as advance:
             for paths, folder in zip(logs, _folders(logs, options.out), strict=True):
                 try:
-                    results.append(_analyse(paths, folder, options, advance))
+                    results.append(_analyse(paths, folder, options, rules, advance))
                 except LogError as error:
                     mistakes.append(str(error))
     except MissingLibraryError as error:
         raise SettingsError(str(error)) from error
     if results:
         _print_results(results)
+    failed = _judge(results, options.fail_if)
     if mistakes:
         raise SettingsError(*mistakes)
-    return ExitStatus.OK
+    return ExitStatus.CONDITION if failed else ExitStatus.OK
+
+
+def _judge(results: Sequence[Result], conditions: Sequence[Condition]) -> bool:
+    """Print the verdict on each log, last; returns whether one meets a condition."""
+    has_failed = False
+    for result in results:
+        report = {"node": result.figures["held_path"], "log": result.figures}
+        log = f"{result.folder.name}: " if len(results) > 1 else ""
+        for line in failures(conditions, QUANTITIES, report):
+            print(f"{NAME}: {log}{line}", file=sys.stderr)
+            has_failed = True
+        print(f"{log}verdict: {verdict_text(report['node'])}")
+    return has_failed
 
 
 def _folders(logs: Sequence[Sequence[Path]], out: Path) -> list[Path]:
@@ -132,6 +179,7 @@ def _analyse(
     paths: Sequence[Path],
     folder: Path,
     options: argparse.Namespace,
+    rules: VerdictRules,
     advance: Callable[[str, float | None], None],
 ) -> Result:
     """Analyse one log and write its files; without a log nothing is left or changed."""
@@ -140,7 +188,7 @@ def _analyse(
             exports = _exports(partial, options)
             for export in exports:
                 stack.callback(export.close)
-            figures, analysis = analyse_files(paths, options.channel, exports, advance)
+            figures, analysis = analyse_files(paths, options.channel, exports, advance, rules)
         # Only a report needs matplotlib, and an error in the file should be reported before that.
         from steer_by_wire.tools.analyze_log.pictures import draw_pictures
 

@@ -6,7 +6,8 @@
 Without ``--interface`` the run is in virtual time: the same settings and seed give the same run, to
 the last bit, on every machine. With ``--out DIR`` it leaves there the settings in force, the two
 reports, the plant's trace and every frame, and prints the command that makes the run again. The
-exit status is that of the two programs: 5 where one of them found a fault in itself.
+exit status is that of the two programs: 5 where one of them found a fault in itself, 6 where a
+condition of --fail-if is met. The last line is the verdict.
 """
 
 import argparse
@@ -16,65 +17,51 @@ import time
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from steer_by_wire.command_line import add_overrides_argument, command_parser, whole_number
 from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, sparse_measurements
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
-from steer_by_wire.controller.summary import controller_summary
 from steer_by_wire.pair.live import PairFiles
-from steer_by_wire.pair.shared_bus import SharedBus
 from steer_by_wire.pair.virtual import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
 from steer_by_wire.plant_emulator.faults import FaultyNode, with_faults
 from steer_by_wire.plant_emulator.node import PlantNode, motion_params
 from steer_by_wire.plant_emulator.plant_samples import write_trace
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle
-from steer_by_wire.plant_emulator.summary import plant_summary
 from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.bus_model import BusModel, BusOverflowError
 from steer_by_wire.runtime.host import RealTimeRequest, StealClock, real_time
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main, say
+from steer_by_wire.runtime.program import FINISHED, ExitStatus, StopRequest, run_main, say
 from steer_by_wire.runtime.report import host_report, loop_report, write_json
 from steer_by_wire.runtime.settings import Settings, load_settings, preset_names, read_preset
-from steer_by_wire.runtime.summary import durations_line
+from steer_by_wire.runtime.thresholds import add_fail_if_argument, failures
 from steer_by_wire.runtime.toml_text import dump_toml
 from steer_by_wire.tools.closed_loop.bus_options import (
     add_bus_arguments,
-    bus_lines,
     bus_words,
     shared_bus,
+)
+from steer_by_wire.tools.closed_loop.result import (
+    CONTROLLER,
+    PLANT,
+    PROGRAMS,
+    QUANTITIES,
+    Run,
+    summary,
+    verdict,
 )
 from steer_by_wire.tools.closed_loop.threaded import run_threaded_nodes
 
 NAME = "steer-by-wire run"
-PLANT, CONTROLLER = PROGRAMS = ("plant_emulator", "controller")
-FINISHED = "finished"
 BITRATE_BIT_S_MAX = 1_000_000
 """The highest bit rate of classic CAN."""
 PLANT_PRESETS = "steer_by_wire.plant_emulator.presets"
 CONTROLLER_PRESETS = "steer_by_wire.controller.presets"
 CONTROLLER_PRESET = "practical_pd_ddob"
 """The controller's settings unless others are given."""
-
-
-class Run(NamedTuple):
-    """One run: its nodes, what carried their frames, what ended it.
-
-    ``elapsed_s``  how long it took [s]
-    ``loops``      what the loop of each program adds to its report; nothing in virtual time
-    ``shared``     the bus, where there was other traffic or noise on it
-    """
-
-    plant: PlantNode | FaultyNode[PlantNode]
-    controller: ControllerNode
-    bus: str
-    elapsed_s: float
-    ended_by: str
-    loops: Mapping[str, Mapping[str, Any]]
-    shared: SharedBus | None = None
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -137,6 +124,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_bus_arguments(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the run's files")
+    add_fail_if_argument(parser, QUANTITIES)
     return parser
 
 
@@ -156,18 +144,23 @@ def _run(options: argparse.Namespace) -> int:
         PLANT: _report(run, PLANT, plant_settings, run.plant.report()),
         CONTROLLER: _report(run, CONTROLLER, controller_settings, run.controller.report()),
     }
-    lines = _summary(run, reports)
+    lines = summary(run, reports)
     if files is not None:
         for program, report in reports.items():
             write_json(files.report(program), report)
         rig = run.plant.node if isinstance(run.plant, FaultyNode) else run.plant
         write_trace(files.plant_trace, rig.path, rig.samples)
         lines += [("files", str(files.folder)), ("again", _command(options, files))]
+    failed = failures(options.fail_if, QUANTITIES, reports)
+    for line in failed:
+        print(f"{NAME}: {line}", file=sys.stderr)
+    lines.append(("verdict", verdict(reports)))
     width = max(len(heading) for heading, _ in lines)
     for heading, text in lines:
         print(f"{heading:{width}}  {text}")
-    has_failed = any(report["node"]["failure"] for report in reports.values())
-    return ExitStatus.SAFE_STATE if has_failed else ExitStatus.OK
+    if any(report["node"]["failure"] for report in reports.values()):
+        return ExitStatus.SAFE_STATE
+    return ExitStatus.CONDITION if failed else ExitStatus.OK
 
 
 def _plant_settings(options: argparse.Namespace) -> PlantSettings:
@@ -256,34 +249,6 @@ def _report(run: Run, program: str, settings: Settings, node: Mapping[str, Any])
         "node": dict(node),
         **run.loops.get(program, {}),
     }
-
-
-def _summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:
-    """Return the figures of a run, each with its heading."""
-    plant, controller = reports[PLANT]["node"], reports[CONTROLLER]["node"]
-    lines = [
-        ("run", f"{plant['motion_s']:.2f} s of motion in {run.elapsed_s:.2f} s, {run.bus}"),
-        ("seed", str(plant["seed"])),
-        *controller_summary(controller),
-        *plant_summary(plant),
-    ]
-    if run.shared is not None:
-        lines += bus_lines(run.shared, plant["motion_s"])
-    lines += [
-        (
-            program.replace("_", " "),
-            f"lateness {durations_line(reports[program]['loop']['lateness'])}",
-        )
-        for program in run.loops
-    ]
-    lines += [
-        ("safe state", f"{program.replace('_', ' ')}: {report['node']['failure']}")
-        for program, report in reports.items()
-        if report["node"]["failure"]
-    ]
-    if run.ended_by != FINISHED:
-        lines.append(("ended", f"by {run.ended_by}, before the plant had finished"))
-    return lines
 
 
 def _command(options: argparse.Namespace, files: PairFiles) -> str:

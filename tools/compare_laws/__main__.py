@@ -2,10 +2,10 @@
 
     steer-by-wire compare [--out DIR] [--step-ms 25] [--seeds 3]
 
-Leaves in DIR comparison.csv, a line for each law, network and delay, comparison.png, and
-comparison.md, the tables of docs/predictor.md; prints the worst RMS over the uncertainty box at a
-few delays, and the first delay at which a law does not hold the path. Ctrl-C leaves
-the lines that are complete.
+Leaves in DIR comparison.csv, a line for each law, network and delay; comparison.png and
+error_over_delay.png; and comparison.md, the tables of docs/predictor.md. Prints the worst RMS over
+the uncertainty box at a few delays, and the first delay at which a law does not hold the path.
+Ctrl-C leaves the lines that are complete.
 """
 
 import argparse
@@ -21,7 +21,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 from steer_by_wire.command_line import add_out_argument, add_overrides_argument, command_parser
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
 from steer_by_wire.terminal import plain_console, progress_bars
-from steer_by_wire.tools.compare_laws.picture import draw_comparison
+from steer_by_wire.tools.compare_laws.picture import draw_break_points, draw_comparison
 from steer_by_wire.tools.compare_laws.runs import Cell, compare, controller_settings, own_contestant
 from steer_by_wire.tools.compare_laws.tables import markdown_lines, table_lines
 
@@ -96,12 +96,13 @@ def _run(options: argparse.Namespace) -> int:
         print(f"interrupted: {len(cells)} results are in {options.out / 'comparison.csv'}")
         return ExitStatus.INTERRUPTED
     draw_comparison(cells, further).savefig(options.out / "comparison.png", dpi=110)
+    draw_break_points(cells).savefig(options.out / "error_over_delay.png", dpi=130)
     markdown = "\n".join([*markdown_lines(cells, further), ""])
     (options.out / "comparison.md").write_text(markdown, encoding="utf-8")
     for line in table_lines(cells, further):
         print(line)
     elapsed_s = time.perf_counter() - begin_s
-    print(f"\n{elapsed_s:.0f} s; comparison.csv, comparison.png and comparison.md in {options.out}")
+    print(f"\n{elapsed_s:.0f} s; tables and pictures are in {options.out}")
     return ExitStatus.OK
 
 

@@ -1,6 +1,7 @@
-"""The figure of the comparison: worst RMS over delay, a panel for each network.
+"""The figures of the comparison: worst RMS over delay.
 
-Of the six places of the grid the last is the legend's.
+One has a panel for each network; of the six places of the grid the last is the legend's. The other
+has some laws at a constant delay only, with the delay at which each breaks.
 """
 
 from collections.abc import Sequence
@@ -9,7 +10,7 @@ from itertools import chain, cycle
 from matplotlib.figure import Figure
 
 from ...reports.plot_style import plot_style
-from .runs import BROKEN_M, CONTESTANTS, NETWORKS, SETTLED_S, Cell, Contestant
+from .runs import BROKEN_M, CONTESTANTS, NETWORKS, SETTLED_S, Cell, Contestant, breaks_at_s
 
 _LINES = (
     ("#D55E00", "-", "o"),
@@ -25,6 +26,15 @@ _LINES = (
     ("#000000", "--", ""),
 )
 _FURTHER_LINES = (("#999933", "-", "x"), ("#882255", "-", "+"))
+_SHOWN = {
+    "PD as published": ("#D55E00", "-"),
+    "PD+DOB as published": ("#E69F00", "-"),
+    "PD+DOB": ("#0072B2", "-"),
+    "PD+DDOB": ("#009E73", "-"),
+    "PD+DDOB, half a second": ("#009E73", "--"),
+    "predictor": ("#CC79A7", "-"),
+}
+"""Laws of the figure with the delays at which they break."""
 _TOP_M = 3.0
 
 
@@ -33,9 +43,10 @@ def draw_comparison(cells: Sequence[Cell], further: Sequence[Contestant] = ()) -
     with plot_style():
         figure = Figure(figsize=(12.0, 12.4))
         *panels, beside = figure.subplots(3, 2, sharex=True, sharey=True).ravel()
+        drawn = (*(one for one in CONTESTANTS if not one.is_continuous), *further)
         for panel, (key, network) in zip(panels, NETWORKS.items(), strict=True):
             lines = chain(_LINES, cycle(_FURTHER_LINES))
-            for one, (colour, dashes, marker) in zip((*CONTESTANTS, *further), lines, strict=False):
+            for one, (colour, dashes, marker) in zip(drawn, lines, strict=False):
                 own = [
                     cell for cell in cells if (cell.network, cell.contestant) == (key, one.label)
                 ]
@@ -69,4 +80,40 @@ def draw_comparison(cells: Sequence[Cell], further: Sequence[Contestant] = ()) -
         handles, labels = panels[-1].get_legend_handles_labels()
         beside.set_axis_off()
         beside.legend(handles, labels, loc="center left", fontsize=12.0)
+        return figure
+
+
+def draw_break_points(cells: Sequence[Cell]) -> Figure:
+    """Return the figure of some laws at a constant delay, with the delay at which each breaks."""
+    with plot_style():
+        figure = Figure(figsize=(9.0, 4.8))
+        axes = figure.subplots()
+        for label, (colour, dashes) in _SHOWN.items():
+            own = [cell for cell in cells if (cell.network, cell.contestant) == ("constant", label)]
+            delays_ms = [1e3 * cell.delay_s for cell in own]
+            errors_mm = [1e3 * min(cell.settled_rms_m, _TOP_M) for cell in own]
+            breaks_s = breaks_at_s(own)
+            fate = "holds throughout" if breaks_s is None else f"breaks at {1e3 * breaks_s:.0f} ms"
+            axes.plot(delays_ms, errors_mm, dashes, color=colour, lw=2.0, label=f"{label}: {fate}")
+            if breaks_s is not None:
+                place = delays_ms.index(1e3 * breaks_s)
+                axes.plot(delays_ms[place], errors_mm[place], "x", color=colour, ms=11, mew=2.5)
+        axes.axhspan(1e3 * BROKEN_M, 1e3 * _TOP_M, color="0.93", zorder=0)
+        axes.text(
+            0.3,
+            1.05e3 * BROKEN_M,
+            "shaded: does not hold the path",
+            transform=axes.get_yaxis_transform(),
+            va="bottom",
+            fontsize=9,
+            color="0.35",
+        )
+        axes.set_yscale("log")
+        axes.set(
+            xlabel="constant delay of the commands [ms]",
+            ylabel=f"RMS error from {SETTLED_S:g} s on, worst of the box [mm]",
+            ylim=(None, 1e3 * _TOP_M),
+        )
+        axes.set_title("Which delay each law bears")
+        figure.legend(loc="outside lower center", ncols=2)
         return figure

@@ -40,16 +40,20 @@ _THREADS = 2
 class Contestant(NamedTuple):
     """A law of the comparison: a preset, and what is changed of it.
 
-    ``with_lag``  further changes where the actuator lags, if the law can allow for the lag
+    ``with_lag``       further changes where the actuator lags, if the law can allow for the lag
+    ``is_continuous``  written for continuous time: 1 kHz, sensors too, and a constant delay only
     """
 
     label: str
     preset: str
     overrides: tuple[str, ...] = ()
     with_lag: tuple[str, ...] = ()
+    is_continuous: bool = False
 
 
 CONTESTANTS = (
+    Contestant("PD as published", "paper_pd", is_continuous=True),
+    Contestant("PD+DOB as published", "paper_pd_dob", is_continuous=True),
     Contestant("PD", "practical_pd"),
     Contestant("PD + map curvature", "practical_pd", ("feed_forward={}",)),
     Contestant("PD+DOB", "practical_pd_dob"),
@@ -141,9 +145,14 @@ def own_contestant(law: str, overrides: Sequence[str]) -> Contestant:
 
 
 def contestants_of(network: Network, further: Sequence[Contestant] = ()) -> list[Contestant]:
-    """Return the contestants: one that models a lag takes part only where there is one."""
+    """Return the contestants of a network; some take part in one only."""
     everyone = (*CONTESTANTS, *further)
-    return [one for one in everyone if network.has_lag or not one.with_lag]
+    return [
+        one
+        for one in everyone
+        if (network.has_lag or not one.with_lag)
+        and (network is NETWORKS["constant"] or not one.is_continuous)
+    ]
 
 
 def compare(
@@ -183,10 +192,17 @@ def controller_settings(one: Contestant, *, has_lag: bool) -> ControllerSettings
 
 
 def plant_settings(
-    network: Network, delay_s: float, corner: str, seed: int, duration_s: float
+    network: Network,
+    delay_s: float,
+    corner: str,
+    seed: int,
+    duration_s: float,
+    is_continuous: bool = False,
 ) -> PlantSettings:
     """Return the settings of a rig."""
     overrides = [f"seed={seed}", f"duration_s={duration_s}", PATH, *network.overrides(delay_s)]
+    if is_continuous:
+        overrides.append("sensor_period_ms=1")
     preset = read_preset("steer_by_wire.plant_emulator.presets", f"paper_corner_{corner}")
     settings = load_settings(PlantSettings, preset, None, overrides)
     return settings.model_copy(update={"safety": UNGUARDED})
@@ -196,7 +212,10 @@ def _cell(key: str, one: Contestant, delay_s: float, seeds: int, duration_s: flo
     network = NETWORKS[key]
     controller = controller_settings(one, has_lag=network.has_lag)
     figures = [
-        _figures(plant_settings(network, delay_s, corner, seed, duration_s), controller)
+        _figures(
+            plant_settings(network, delay_s, corner, seed, duration_s, one.is_continuous),
+            controller,
+        )
         for seed in range(1, (seeds if network.is_random else 1) + 1)
         for corner in CORNERS
     ]

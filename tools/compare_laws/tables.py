@@ -52,7 +52,8 @@ def markdown_lines(cells: Sequence[Cell], further: Sequence[Contestant] = ()) ->
     for one in (*CONTESTANTS, *further):
         own_by_network = {key: _cells_of(cells, key, one.label) for key in NETWORKS}
         breaks.append([one.label, *(_breaks(own) for own in own_by_network.values())])
-        beside.append([one.label, *(_some(own_by_network[key], compact) for key, _ in others)])
+        if any(own_by_network[key] for key, _ in others):
+            beside.append([one.label, *(_some(own_by_network[key], compact) for key, _ in others)])
     delays = " / ".join(str(ms) for ms in compact)
     return [
         *_markdown(["RMS [mm] at", *(f"{ms} ms" for ms in shown)], full),

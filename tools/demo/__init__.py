@@ -1,1 +1,1 @@
-"""Run three laws side by side in real time."""
+"""Run four laws side by side in real time while the latency grows."""

@@ -1,21 +1,20 @@
-"""Drive three laws with the same latency, as real processes on a CAN bus, and draw the result.
+"""The main job in one command: four laws, a network that gets worse, real processes on a CAN bus.
 
     steer-by-wire demo [--out DIR] [--bus auto|socketcan|emulated] [--duration SECONDS] [--seed N]
 
 Runs plant emulator and controller as separate processes, one pair a law, the pairs side by side in
-real time; then the same settings and seed in virtual time. Prints a table and leaves in DIR the
-pictures, ``summary.json`` and, for each pair, its candump log, reports, trace and settings.
+real time, through the same phases of latency; then the same settings and seed in virtual time.
+Prints who holds the path in which phase, and leaves in DIR the pictures, ``summary.json`` and, for
+each pair, its candump log, reports, trace and settings.
 """
 
 import argparse
-import json
 import math
 import sys
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -29,14 +28,25 @@ from steer_by_wire.pair.processes import ProcessError
 from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.program import ExitStatus, run_main
-from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.runtime.report import write_json
+from steer_by_wire.runtime.thresholds import add_fail_if_argument, failures
 from steer_by_wire.runtime.toml_text import dump_toml
-from steer_by_wire.tools.demo.pictures import LawTraces, draw_all
-from steer_by_wire.tools.demo.summary import LawFigures, figures_of, summary_json, summary_table
+from steer_by_wire.tools.demo.pictures import draw_all
+from steer_by_wire.tools.demo.story import LAWS, DemoLaw, LawResult, law_result, phases_of
+from steer_by_wire.tools.demo.summary import (
+    QUANTITIES,
+    machine_table,
+    story_table,
+    summary_json,
+    verdict_line,
+    what_to_see,
+)
+from steer_by_wire.worker_processes import worker_pool
 
 NAME = "steer-by-wire demo"
-LAWS = {"PD": "practical_pd", "PD+CDOB": "practical_pd_cdob", "PD+DDOB": "practical_pd_ddob"}
-"""Labels of the pairs, and the controller's presets behind them."""
+BITRATE_BIT_S = 1_000_000
+"""At 500 kbit/s the published law's 1 kHz, three frames a millisecond, would fill the bus."""
+VIRTUAL_WORKERS = 2
 
 DURATION_S_MIN, DURATION_S_MAX = 1.0, 3600.0
 """A shorter run has no latency to draw; a longer one is no demonstration."""
@@ -60,8 +70,9 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         default="auto",
         help="default: vcan0 if there is one, otherwise emulated",
     )
-    parser.add_argument("--duration", type=_duration, metavar="SECONDS", help="default: 30")
+    parser.add_argument("--duration", type=_duration, metavar="SECONDS", help="default: 32")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the latency; default: 1086")
+    add_fail_if_argument(parser, QUANTITIES)
     return parser.parse_args(arguments)
 
 
@@ -80,48 +91,35 @@ def _duration(text: str) -> float:
 
 def _demo(options: argparse.Namespace) -> int:
     console = Console(markup=False)  # [mm] is a unit
-    plant_settings = _plant_settings(options)
-    controllers = {
-        label: load_settings(
-            ControllerSettings, read_preset("steer_by_wire.controller.presets", preset)
-        )
-        for label, preset in LAWS.items()
-    }
-    files = {
-        label: PairFiles(options.out / preset.removeprefix("practical_"))
-        for label, preset in LAWS.items()
-    }
-    for label, settings in controllers.items():
-        files[label].folder.mkdir(parents=True, exist_ok=True)
-        files[label].settings("controller").write_text(dump_toml(settings), encoding="utf-8")
-        files[label].settings("plant_emulator").write_text(
-            dump_toml(plant_settings), encoding="utf-8"
-        )
-    names = [files[label].folder.name for label in LAWS]
-    with open_channels(options.bus, names, options.out / "bus.txt") as channels:
-        console.print(f"bus: {channels.description}", soft_wrap=True)
-        console.print(f"latency: {_describe_latency(plant_settings)}")
-        live = _run_live(channels, files, plant_settings.duration_s, console)
-    virtual = _run_virtual(plant_settings, controllers, files, console)
-    _present(options.out, console, plant_settings, channels, live, virtual)
-    return ExitStatus.OK
-
-
-def _plant_settings(options: argparse.Namespace) -> PlantSettings:
-    """Return what the pairs drive: the demo's file, below the command line."""
     given = {"duration_s": options.duration, "seed": options.seed}
     overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
-    preset = read_preset("steer_by_wire.tools.demo", "demo_plant")
-    return load_settings(PlantSettings, preset, overrides=overrides)
+    plants = {law: law.plant(overrides) for law in LAWS}
+    controllers = {law: law.controller() for law in LAWS}
+    files = {law: PairFiles(options.out / law.folder) for law in LAWS}
+    for law in LAWS:
+        files[law].folder.mkdir(parents=True, exist_ok=True)
+        for program, settings in (
+            ("controller", controllers[law]),
+            ("plant_emulator", plants[law]),
+        ):
+            files[law].settings(program).write_text(dump_toml(settings), encoding="utf-8")
+    names = [law.folder for law in LAWS]
+    duration_s = plants[LAWS[0]].duration_s
+    with open_channels(options.bus, names, options.out / "bus.txt", BITRATE_BIT_S) as channels:
+        console.print(f"bus: {channels.description}", soft_wrap=True)
+        live = _run_live(channels, files, duration_s, console)
+    virtual = _run_virtual(plants, controllers, console)
+    results = [law_result(law, plants[law], live[law], virtual[law]) for law in LAWS]
+    return _present(options, console, plants[LAWS[0]], channels, results)
 
 
 def _run_live(
-    channels: Channels, files: Mapping[str, PairFiles], duration_s: float, console: Console
-) -> dict[str, PairResult]:
+    channels: Channels, files: Mapping[DemoLaw, PairFiles], duration_s: float, console: Console
+) -> dict[DemoLaw, PairResult]:
     """Run all pairs side by side until their plants have finished."""
     with ExitStack() as stack:
         pairs = {
-            label: stack.enter_context(
+            law: stack.enter_context(
                 LivePair(
                     bus,
                     [str(pair_files.settings("plant_emulator"))],
@@ -129,10 +127,13 @@ def _run_live(
                     pair_files,
                 )
             )
-            for bus, (label, pair_files) in zip(channels.buses, files.items(), strict=True)
+            for bus, (law, pair_files) in zip(channels.buses, files.items(), strict=True)
         }
         _wait(list(pairs.values()), duration_s, console)
-    return {label: pair.result() for label, pair in pairs.items()}
+    for law, pair in pairs.items():
+        if pair.recording_failure:
+            console.print(f"log of {law.label} ends early: {pair.recording_failure}")
+    return {law: pair.result() for law, pair in pairs.items()}
 
 
 def _wait(pairs: Sequence[LivePair], duration_s: float, console: Console) -> None:
@@ -156,88 +157,66 @@ def _running(pairs: Sequence[LivePair]) -> int:
 
 
 def _run_virtual(
-    plant_settings: PlantSettings,
-    controllers: Mapping[str, ControllerSettings],
-    files: Mapping[str, PairFiles],
+    plants: Mapping[DemoLaw, PlantSettings],
+    controllers: Mapping[DemoLaw, ControllerSettings],
     console: Console,
-) -> dict[str, PairResult]:
-    """Run the same in virtual time, one pair after the other."""
+) -> dict[DemoLaw, PairResult]:
+    """Run the same in virtual time, each law in one of a few processes."""
     start_s = time.monotonic()
-    results = {
-        label: run_virtual_pair(
-            plant_settings, settings, candump_log=files[label].folder / "virtual_candump.log"
-        )
-        for label, settings in controllers.items()
-    }
-    factor = len(results) * plant_settings.duration_s / (time.monotonic() - start_s)
-    console.print(f"the same in virtual time: {factor:.0f} times as fast as real time")
+    with (
+        worker_pool(VIRTUAL_WORKERS) as pool,
+        console.status("the same in virtual time"),
+    ):
+        futures = {
+            law: pool.submit(run_virtual_pair, plants[law], controllers[law], BITRATE_BIT_S)
+            for law in plants
+        }
+        results = {law: future.result() for law, future in futures.items()}
+    elapsed_s = time.monotonic() - start_s
+    motion_s = sum(settings.duration_s for settings in plants.values())
+    console.print(f"the same in virtual time: {motion_s:.0f} s of motion in {elapsed_s:.0f} s")
     return results
 
 
 def _present(
-    out: Path,
+    options: argparse.Namespace,
     console: Console,
-    plant_settings: PlantSettings,
+    plant: PlantSettings,
     channels: Channels,
-    live: Mapping[str, PairResult],
-    virtual: Mapping[str, PairResult],
-) -> None:
-    """Print the table, draw the pictures, write the summary."""
-    rows = [
-        LawFigures(label, figures_of(result), figures_of(virtual[label]))
-        for label, result in live.items()
-    ]
-    console.print(summary_table(rows))
-    console.print("Pairs are median/99th percentile. Latency is what the network injects; where a")
-    console.print("newer command overtakes an older one, only the newer acts: see the round trip.")
-    for line in _remarks(live):
-        console.print(line)
-    traces = [
-        LawTraces(label, result.trace, virtual[label].trace) for label, result in live.items()
-    ]
-    limit_rad = max(
-        result.controller["settings"]["limits"]["steer_rad_max"] for result in live.values()
-    )
-    pictures = draw_all(
-        traces, _describe_latency(plant_settings), limit_rad, _events(plant_settings), out
-    )
+    results: Sequence[LawResult],
+) -> int:
+    """Print the tables, draw the pictures, write the summary; returns the exit status."""
+    out, phases = options.out, phases_of(plant)
+    pictures = draw_all(results, phases, out)
     run: dict[str, Any] = {
         "bus": channels.description,
-        "plant_settings": plant_settings.model_dump(mode="json"),
+        "plant_settings": plant.model_dump(mode="json"),
     }
-    summary = out / "summary.json"
-    summary.write_text(json.dumps(summary_json(rows, run, live), indent=1), encoding="utf-8")
+    summary = summary_json(results, phases, run)
+    write_json(out / "summary.json", summary)
+    console.print(story_table(results, phases))
+    console.print("What to see:")
+    for line in what_to_see(results, phases):
+        console.print(f"  {line}", soft_wrap=True)
+    console.print(machine_table(results))
+    for line in _remarks([result.live for result in results]):
+        console.print(line)
     console.print(f"pictures: {', '.join(str(path) for path in pictures)}", soft_wrap=True)
-    console.print(f"all figures: {summary}", soft_wrap=True)
+    console.print(f"all figures: {out / 'summary.json'}", soft_wrap=True)
+    failed = failures(options.fail_if, QUANTITIES, summary)
+    for line in failed:
+        print(f"{NAME}: {line}", file=sys.stderr)
+    console.print(verdict_line(results), soft_wrap=True)
+    return ExitStatus.CONDITION if failed else ExitStatus.OK
 
 
-def _remarks(live: Mapping[str, PairResult]) -> list[str]:
-    """Print what the machine did to the run: a stalled host must not be taken for a slow loop."""
-    stolen = [result.controller["host"].get("steal_fraction") for result in live.values()]
+def _remarks(live: Sequence[PairResult]) -> list[str]:
+    """Return what the machine did to the run: a stalled host must not be taken for a slow loop."""
+    stolen = [result.controller["host"].get("steal_fraction") for result in live]
     known = [fraction for fraction in stolen if fraction is not None]
     if not known:
         return ["time stolen by the host: not known on this platform"]
     return [f"time stolen by the host during the runs: {100.0 * max(known):.1f} %"]
-
-
-def _events(settings: PlantSettings) -> dict[float, str]:
-    """Return the disturbances of the run in a few words, by time [s]."""
-    return {
-        step.at_s: "\n".join(
-            f"{key} {value:g}" for key, value in step if key != "at_s" and value is not None
-        )
-        for step in settings.disturbance.steps
-        if step.at_s < settings.duration_s
-    }
-
-
-def _describe_latency(settings: PlantSettings) -> str:
-    """Return the command's latency in a few words."""
-    downlink = settings.latency.downlink
-    return (
-        f"commands {1e3 * downlink.mean_s:.0f} ± {1e3 * downlink.spread_s:.0f} ms"
-        f" ({downlink.model}), {100.0 * downlink.loss:g} % lost, seed {settings.seed}"
-    )
 
 
 if __name__ == "__main__":

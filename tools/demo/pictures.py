@@ -1,42 +1,29 @@
-"""Pictures of the demo: lateral deviation, steer, latency, and the path seen from above."""
+"""Pictures of the demo: lateral error beside the latency, steering, and the path from above."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...pair.trace import FloatArray, Trace, rms
+from ...pair.trace import FloatArray, Trace
 from ...reports.plot_style import COLOURS, plot_style
+from .story import LawResult, Phase
+
+RUNNING_S = 1.0
+"""Over which the error's running RMS is taken."""
+FLOOR_MM = 0.1
+"""The end of the axis; the predictor's error gets smaller still."""
 
 
-class LawTraces(NamedTuple):
-    """What is drawn of one law: the run on the bus and the same run in virtual time."""
-
-    label: str
-    live: Trace
-    virtual: Trace
-
-
-def draw_all(
-    laws: Sequence[LawTraces],
-    subtitle: str,
-    steer_limit_rad: float,
-    events: Mapping[float, str],
-    folder: Path,
-) -> list[Path]:
-    """Draw the four pictures into ``folder``; returns their paths.
-
-    ``events``  what else happens to the vehicle, by time [s]
-    """
+def draw_all(results: Sequence[LawResult], phases: Sequence[Phase], folder: Path) -> list[Path]:
+    """Draw the three pictures into ``folder``; returns their paths."""
     with plot_style():
         figures = {
-            "lateral_deviation": draw_lateral_deviation(laws, subtitle, events),
-            "steer": draw_steer(laws, subtitle, steer_limit_rad),
-            "latency": draw_latency(laws, subtitle),
-            "path_from_above": draw_path(laws, subtitle),
+            "lateral_error": draw_lateral_error(results, phases),
+            "steering": draw_steering(results, phases),
+            "path_from_above": draw_path(results),
         }
         paths = []
         for name, figure in figures.items():
@@ -46,109 +33,62 @@ def draw_all(
     return paths
 
 
-def draw_lateral_deviation(
-    laws: Sequence[LawTraces], subtitle: str, events: Mapping[float, str]
-) -> Figure:
-    """Lateral error at the preview point over time, and where its size was how often."""
-    figure = Figure(figsize=(10.5, 4.6))
-    left, right = figure.subplots(1, 2, width_ratios=(3.2, 1.0))
-    for colour, law in zip(COLOURS, laws, strict=False):
-        label = f"{law.label}, RMS {1e3 * rms(law.live.lateral_error_m):.1f} mm"
-        left.plot(law.live.time_s, 1e3 * law.live.lateral_error_m, color=colour, label=label)
-        draw_virtual(left, law.virtual.time_s, 1e3 * law.virtual.lateral_error_m)
-        size_mm = 1e3 * np.sort(np.abs(law.live.lateral_error_m))
-        right.plot(size_mm, np.linspace(0.0, 100.0, size_mm.size), color=colour)
-    left.plot([], [], color="black", lw=0.8, ls=":", label="the same in virtual time")
-    left.axhline(0.0, color="black", lw=0.6)
-    for time_s, text in events.items():
-        left.axvline(time_s, color="0.4", lw=0.9, ls="-.")
-        left.annotate(
-            text,
-            (time_s, 0.97),
-            xycoords=("data", "axes fraction"),
-            xytext=(5, 0),
-            textcoords="offset points",
-            va="top",
-            fontsize=9,
-            color="0.3",
-        )
-    left.set(xlabel="time [s]", ylabel="lateral error at the preview point [mm]")
-    left.set_title("Lateral deviation")
-    left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
-    right.set(xlabel="|lateral error| [mm]", ylabel="share of the run below [%]", ylim=(0.0, 100.0))
-    right.set_xlim(left=0.0)
-    figure.suptitle(subtitle, fontsize=9.5, color="0.35")
+def draw_lateral_error(results: Sequence[LawResult], phases: Sequence[Phase]) -> Figure:
+    """Running RMS of the error over time, and below it the latency that all laws meet."""
+    figure = Figure(figsize=(9.0, 6.0))
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
+    for colour, result in zip(COLOURS, results, strict=False):
+        trace = result.live.trace
+        upper.plot(trace.time_s, running_rms_mm(trace), color=colour, lw=2.0, label=result.label)
+        virtual = result.virtual.trace
+        upper.plot(virtual.time_s, running_rms_mm(virtual), color="black", lw=0.8, ls=":")
+    upper.plot([], [], color="black", lw=0.8, ls=":", label="the same in virtual time")
+    upper.set(yscale="log", ylabel=f"lateral error, RMS over {RUNNING_S:g} s [mm]")
+    upper.set_ylim(bottom=FLOOR_MM)
+    upper.set_title("Who holds the path when the commands come late", pad=22.0)
+    trace = results[-1].live.trace
+    lower.plot(trace.time_s, 1e3 * trace.downlink_latency_s, ".", ms=2.0, color="0.25")
+    lower.set(xlabel="time [s]", ylabel="latency [ms]", ylim=(0.0, None))
+    for axes in (upper, lower):
+        mark_phases(axes, phases, is_named=axes is upper)
+    figure.legend(loc="outside lower center", ncols=3)
     return figure
 
 
-def draw_steer(laws: Sequence[LawTraces], subtitle: str, steer_limit_rad: float) -> Figure:
+def draw_steering(results: Sequence[LawResult], phases: Sequence[Phase]) -> Figure:
     """Front wheel angle over time, one row a law, on one scale."""
-    figure = Figure(figsize=(10.5, 1.9 * len(laws) + 0.9))
-    rows = np.atleast_1d(figure.subplots(len(laws), 1, sharex=True, sharey=True))
-    for colour, law, axes in zip(COLOURS, laws, rows, strict=False):
-        axes.plot(law.live.time_s, law.live.wheel_angle_rad, color=colour, lw=1.2)
-        draw_virtual(axes, law.virtual.time_s, law.virtual.wheel_angle_rad)
-        peak_rad = float(np.max(np.abs(law.live.wheel_angle_rad)))
-        axes.set_title(f"{law.label}: peak {peak_rad:.3f} rad", fontsize=10)
-        axes.set_ylabel("wheel angle [rad]")
-        if peak_rad > 0.9 * steer_limit_rad:
-            for limit_rad in (-steer_limit_rad, steer_limit_rad):
-                axes.axhline(limit_rad, color="black", lw=0.8, ls="--")
-    rows[-1].set_xlabel("time [s]      (dotted: the same run in virtual time)")
-    figure.suptitle(f"Steer.  {subtitle}", fontsize=9.5, color="0.35")
+    figure = Figure(figsize=(9.0, 1.7 * len(results) + 1.0))
+    rows = np.atleast_1d(figure.subplots(len(results), 1, sharex=True, sharey=True))
+    for colour, result, axes in zip(COLOURS, results, rows, strict=False):
+        trace = result.live.trace
+        axes.plot(trace.time_s, trace.wheel_angle_rad, color=colour, lw=1.0)
+        axes.set_title(result.label, fontsize=10, pad=16.0 if axes is rows[0] else None)
+        limit_rad = result.live.controller["settings"]["limits"]["steer_rad_max"]
+        for side in (-limit_rad, limit_rad):
+            axes.axhline(side, color="black", lw=0.8, ls="--")
+        mark_phases(axes, phases, is_named=axes is rows[0])
+    rows[-1].set_xlabel("time [s]")
+    figure.supylabel("front wheel angle [rad]; dashed: the controller's limit", fontsize=10)
     return figure
 
 
-def draw_latency(laws: Sequence[LawTraces], subtitle: str) -> Figure:
-    """Latency of the command in effect by the time it takes effect, one row a law."""
-    figure = Figure(figsize=(10.5, 1.7 * len(laws) + 1.3))
-    grid = figure.subplots(
-        len(laws), 2, sharex="col", sharey=True, width_ratios=(3.6, 1.0), squeeze=False
-    )
-    for colour, law, (left, right) in zip(COLOURS, laws, grid, strict=False):
-        time_s, latency_ms = commands_in_effect(law.live)
-        left.plot(time_s, latency_ms, ".", ms=3.0, color=colour)
-        right.hist(latency_ms, bins=30, orientation="horizontal", color=colour, edgecolor="white")
-        median_ms = float(np.median(latency_ms))
-        for axes in (left, right):
-            axes.axhline(median_ms, color="black", lw=0.9, ls="--")
-        left.set_title(f"{law.label}: median {median_ms:.0f} ms", fontsize=10)
-        left.set(ylabel="latency [ms]", ylim=(0.0, None))
-    grid[-1, 0].set_xlabel("time [s]")
-    grid[-1, 1].set_xlabel("commands")
-    figure.suptitle(
-        f"Latency of the command in effect at the wheel.  {subtitle}\n"
-        "the newest command wins: late ones are overtaken, so that those in effect are younger",
-        fontsize=9.5,
-        color="0.35",
-    )
-    return figure
-
-
-def commands_in_effect(trace: Trace) -> tuple[FloatArray, FloatArray]:
-    """Return time [s] and latency [ms] of each command once, when the sensors first see it act."""
-    latency_ms = 1e3 * trace.downlink_latency_s
-    is_new = np.isfinite(latency_ms) & (np.diff(latency_ms, prepend=np.nan) != 0.0)
-    return trace.time_s[is_new], latency_ms[is_new]
-
-
-def draw_path(laws: Sequence[LawTraces], subtitle: str) -> Figure:
+def draw_path(results: Sequence[LawResult]) -> Figure:
     """Tracks seen from above, the deviation from the path drawn larger than it is."""
-    peak_m = max(float(np.max(np.abs(law.live.lateral_error_m))) for law in laws)
-    path_x_m, path_y_m = laws[0].live.path_x_m, laws[0].live.path_y_m
-    extent_m = max(float(np.ptp(path_x_m)), float(np.ptp(path_y_m)))
-    factor = nice_factor(0.06 * extent_m / max(peak_m, 1e-9))
+    peak_m = max(float(np.max(np.abs(one.live.trace.lateral_error_m))) for one in results)
+    first = results[0].live.trace
+    path_x_m, path_y_m = first.path_x_m, first.path_y_m
     width_m, height_m = float(np.ptp(path_x_m)), float(np.ptp(path_y_m))
-    figure = Figure(figsize=(10.0, min(max(9.0 * height_m / width_m, 3.0), 9.0) + 1.6))
+    factor = nice_factor(0.12 * max(width_m, height_m) / max(peak_m, 1e-9))
+    figure = Figure(figsize=(9.0, min(max(8.0 * height_m / width_m, 3.0), 8.0) + 1.2))
     axes = figure.subplots()
     axes.plot(path_x_m, path_y_m, color="black", lw=1.0, ls="--", label="path")
-    for colour, law in zip(COLOURS, laws, strict=False):
-        trace = law.live
+    for colour, result in zip(COLOURS, results, strict=False):
+        trace = result.live.trace
         axes.plot(
             trace.path_x_m + factor * (trace.x_m - trace.path_x_m),
             trace.path_y_m + factor * (trace.y_m - trace.path_y_m),
             color=colour,
-            label=law.label,
+            label=result.label,
         )
     axes.plot(path_x_m[0], path_y_m[0], "o", color="black", ms=6)
     axes.annotate(
@@ -162,16 +102,37 @@ def draw_path(laws: Sequence[LawTraces], subtitle: str) -> Figure:
     axes.set_aspect("equal")
     axes.margins(0.05)
     axes.set(xlabel="x [m]", ylabel="y [m]")
-    magnified = "" if factor == 1 else f", deviation drawn {factor:g} times as large"
-    axes.set_title(f"Path seen from above{magnified}")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=4)
-    figure.suptitle(subtitle, fontsize=9.5, color="0.35")
+    magnified = "" if factor == 1 else f", deviations drawn {factor:g} times as large"
+    axes.set_title(f"The path from above{magnified}")
+    figure.legend(loc="outside lower center", ncols=5)
     return figure
 
 
-def draw_virtual(axes: Axes, time_s: FloatArray, values: FloatArray) -> None:
-    """Draw a virtual-time trace over the live one."""
-    axes.plot(time_s, values, color="black", lw=0.8, ls=":")
+def mark_phases(axes: Axes, phases: Sequence[Phase], *, is_named: bool) -> None:
+    """Mark where phases begin, and name them above the axes."""
+    for phase in phases:
+        if phase.from_s:
+            axes.axvline(phase.from_s, color="0.35", lw=0.9)
+        if is_named:
+            axes.text(
+                0.5 * (phase.from_s + phase.to_s),
+                1.02,
+                phase.title,
+                transform=axes.get_xaxis_transform(),
+                ha="center",
+                va="bottom",
+                fontsize=9.5,
+            )
+    axes.set_xlim(phases[0].from_s, phases[-1].to_s)
+
+
+def running_rms_mm(trace: Trace) -> FloatArray:
+    """Return the RMS of the error over the last RUNNING_S, or since the start [mm]."""
+    squares = np.concatenate(([0.0], np.cumsum(np.square(1e3 * trace.lateral_error_m))))
+    last = np.arange(1, len(squares))
+    first = np.searchsorted(trace.time_s, trace.time_s - RUNNING_S)
+    mean = (squares[last] - squares[first]) / (last - first)
+    return np.asarray(np.sqrt(np.maximum(mean, 0.0)), dtype=np.float64)
 
 
 def nice_factor(wanted: float) -> float:

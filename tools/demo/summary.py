@@ -1,110 +1,146 @@
-"""Figures of the demo, on the bus and in virtual time, as a table and as JSON."""
+"""Figures of the demo, on the bus and in virtual time: tables, what they show, and JSON."""
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
 
 from rich import box
 from rich.table import Table
 
-from ...pair.live import PairResult
+from ...runtime.thresholds import Quantity
+from .story import LawResult, Phase, PhaseFigures
 
 
-class Figures(NamedTuple):
-    """Figures of one run."""
-
-    lateral_error_rms_m: float
-    lateral_error_peak_m: float
-    steer_peak_rad: float
-    latency_p50_s: float  # injected into the commands that were not lost
-    latency_p99_s: float
-    round_trip_p50_s: float  # measured by the controller through the echoed counter
-    round_trip_p99_s: float
-    lateness_p50_s: float | None  # of the controller's ticks; virtual time is never late
-    lateness_p99_s: float | None
-    skipped_ticks: int
-    frames_lost: int
-    frames_rejected: int
-
-
-class LawFigures(NamedTuple):
-    """One law: the run on the bus, and the same settings and seed in virtual time."""
-
-    label: str
-    live: Figures
-    virtual: Figures
-
-
-def figures_of(result: PairResult) -> Figures:
-    """Collect the figures of one run from the reports of its two nodes."""
-    plant, controller = result.plant["node"], result.controller["node"]
-    latency, round_trip = plant["downlink"]["injected"], controller["round_trip"]
-    lateness = result.controller["loop"]["lateness"] if "loop" in result.controller else None
-    return Figures(
-        lateral_error_rms_m=plant["lateral_error_rms_m"],
-        lateral_error_peak_m=plant["lateral_error_peak_m"],
-        steer_peak_rad=plant["wheel_angle_peak_rad"],
-        latency_p50_s=latency["p50_s"],
-        latency_p99_s=latency["p99_s"],
-        round_trip_p50_s=round_trip["p50_s"],
-        round_trip_p99_s=round_trip["p99_s"],
-        lateness_p50_s=lateness and lateness["p50_s"],
-        lateness_p99_s=lateness and lateness["p99_s"],
-        skipped_ticks=controller["skipped_ticks"],
-        frames_lost=plant["downlink"]["lost"] + plant["uplink"]["lost"],
-        frames_rejected=sum(plant["rejected"].values()) + sum(controller["rejected"].values()),
-    )
-
-
-def summary_table(rows: Sequence[LawFigures]) -> Table:
-    """Return the table that is printed: a column a run, so that it fits a terminal's 80 columns."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    table.add_column()
-    for row in rows:
-        table.add_column(f"{row.label}\non the bus", justify="right", no_wrap=True)
-        table.add_column("virtual\ntime", justify="right", no_wrap=True, style="dim")
-    runs = [figures for row in rows for figures in (row.live, row.virtual)]
-    for heading, cell in _LINES.items():
-        table.add_row(heading, *(cell(figures) for figures in runs))
+def story_table(results: Sequence[LawResult], phases: Sequence[Phase]) -> Table:
+    """Return RMS error and verdict: a row a law, a column a phase; it fits 80 columns."""
+    table = _table()
+    table.add_column("RMS error [mm]")
+    for phase in phases:
+        table.add_column(phase.title.replace(", ", ",\n"), justify="right", no_wrap=True)
+    for result in results:
+        table.add_row(result.label, *(_mm(phase.rms_m) for phase in result.live_phases))
+        virtual = (_mm(phase.rms_m) for phase in result.virtual_phases)
+        table.add_row("  in virtual time", *virtual, style="dim")
+        table.add_row("  verdict", *(str(phase.verdict) for phase in result.live_phases))
     return table
 
 
+def machine_table(results: Sequence[LawResult]) -> Table:
+    """Return what became of ticks and frames, a row a law."""
+    table = _table()
+    table.add_column("on the bus")
+    for heading in ("rate\n[Hz]", "lateness [ms]\np50/p99", "skipped\nticks", "frames\nrejected"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for result in results:
+        controller = result.live.controller
+        lateness = controller["loop"]["lateness"]
+        table.add_row(
+            result.label,
+            f"{controller['node']['rate_hz']:g}",
+            f"{1e3 * lateness['p50_s']:.2f}/{1e3 * lateness['p99_s']:.2f}",
+            str(controller["node"]["skipped_ticks"]),
+            str(_rejected(result)),
+        )
+    return table
+
+
+def what_to_see(results: Sequence[LawResult], phases: Sequence[Phase]) -> list[str]:
+    """Return the story of the table, a line a law, from its figures."""
+    return [f"{result.label}: {_fate(result.live_phases, phases)}" for result in results]
+
+
+def _fate(figures: Sequence[PhaseFigures], phases: Sequence[Phase]) -> str:
+    broken = [index for index, phase in enumerate(figures) if not phase.holds]
+    if not broken:
+        worst_m = max(phase.rms_m for phase in figures)
+        return f"holds the path to the end, with {_mm(worst_m)} mm at most."
+    first = broken[0]
+    held = " and ".join(phase.title for phase in phases[:first])
+    before = f"holds the path with {held}; " if held else ""
+    return f"{before}breaks with {phases[first].title} ({figures[first].verdict})."
+
+
+def verdict_line(results: Sequence[LawResult]) -> str:
+    """Return whether the bus shows what virtual time does."""
+    phases = sum(len(result.live_phases) for result in results)
+    alike = phases - differing_phases(results)
+    return (
+        f"verdict: in {alike} of {phases} phases the path is held, or not, as in virtual time; "
+        f"where it is held, the RMS errors differ by {_mm(rms_difference_m(results))} mm at most"
+    )
+
+
+def differing_phases(results: Sequence[LawResult]) -> int:
+    """Return in how many phases only one of the two, bus and virtual time, holds the path."""
+    return sum(live.holds != virtual.holds for live, virtual in _pairs(results))
+
+
+def rms_difference_m(results: Sequence[LawResult]) -> float:
+    """Return how far apart the RMS errors of the two are at most, where both hold the path [m]."""
+    return max(
+        (abs(live.rms_m - virtual.rms_m) for live, virtual in _pairs(results) if live.holds),
+        default=0.0,
+    )
+
+
+QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
+    {
+        "differing_phases": Quantity(lambda summary: float(summary["differing_phases"])),
+        "rms_difference_m": Quantity(lambda summary: float(summary["rms_difference_m"])),
+        "lateness_p99_s": Quantity(lambda summary: float(summary["lateness_p99_s"])),
+        "skipped_ticks": Quantity(lambda summary: float(summary["skipped_ticks"])),
+        "frames_rejected": Quantity(lambda summary: float(summary["frames_rejected"])),
+    }
+)
+"""What ``--fail-if`` may name; lateness, ticks and frames are the worst of all pairs."""
+
+
 def summary_json(
-    rows: Sequence[LawFigures], run: Mapping[str, Any], reports: Mapping[str, PairResult]
+    results: Sequence[LawResult], phases: Sequence[Phase], run: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return all figures for programs to read; ``run`` describes what was run and on what."""
+    controllers = [result.live.controller for result in results]
     return {
         "run": dict(run),
+        "differing_phases": differing_phases(results),
+        "rms_difference_m": rms_difference_m(results),
+        "lateness_p99_s": max(one["loop"]["lateness"]["p99_s"] for one in controllers),
+        "skipped_ticks": max(one["node"]["skipped_ticks"] for one in controllers),
+        "frames_rejected": max(map(_rejected, results)),
+        "phases": [phase._asdict() for phase in phases],
         "laws": {
-            row.label: {
-                "on_the_bus": row.live._asdict(),
-                "virtual_time": row.virtual._asdict(),
-                "rms_ratio": row.live.lateral_error_rms_m / row.virtual.lateral_error_rms_m,
+            result.label: {
+                "on_the_bus": [figures._asdict() for figures in result.live_phases],
+                "virtual_time": [figures._asdict() for figures in result.virtual_phases],
             }
-            for row in rows
+            for result in results
         },
         "reports": {
-            label: {"plant_emulator": result.plant, "controller": result.controller}
-            for label, result in reports.items()
+            result.label: {
+                "plant_emulator": result.live.plant,
+                "controller": result.live.controller,
+            }
+            for result in results
         },
     }
 
 
-def _pair(p50_s: float | None, p99_s: float | None, digits: int) -> str:
-    """Return two times in milliseconds, or a dash where there are none."""
-    if p50_s is None or p99_s is None:
-        return "-"
-    return f"{1e3 * p50_s:.{digits}f}/{1e3 * p99_s:.{digits}f}"
+def _pairs(results: Sequence[LawResult]) -> list[tuple[PhaseFigures, PhaseFigures]]:
+    return [
+        pair
+        for result in results
+        for pair in zip(result.live_phases, result.virtual_phases, strict=True)
+    ]
 
 
-_LINES: Mapping[str, Callable[[Figures], str]] = {
-    "RMS error [mm]": lambda run: f"{1e3 * run.lateral_error_rms_m:.1f}",
-    "peak error [mm]": lambda run: f"{1e3 * run.lateral_error_peak_m:.1f}",
-    "max steer [rad]": lambda run: f"{run.steer_peak_rad:.3f}",
-    "latency [ms]": lambda run: _pair(run.latency_p50_s, run.latency_p99_s, 0),
-    "round trip [ms]": lambda run: _pair(run.round_trip_p50_s, run.round_trip_p99_s, 0),
-    "lateness [ms]": lambda run: _pair(run.lateness_p50_s, run.lateness_p99_s, 2),
-    "skipped ticks": lambda run: str(run.skipped_ticks),
-    "frames lost": lambda run: str(run.frames_lost),
-    "frames rejected": lambda run: str(run.frames_rejected),
-}
-"""Lines of the table: a heading, and the text of one run."""
+def _rejected(result: LawResult) -> int:
+    reports = (result.live.plant, result.live.controller)
+    return sum(sum(report["node"]["rejected"].values()) for report in reports)
+
+
+def _table() -> Table:
+    return Table(box=box.SIMPLE_HEAD, padding=(0, 2, 0, 0), pad_edge=False)
+
+
+def _mm(value_m: float) -> str:
+    return f"{1e3 * value_m:.1f}"

@@ -19,13 +19,14 @@ from ...pair.channels import open_channels
 from ...pair.live import Bus, LivePair, PairFiles
 from ...pair.processes import ProcessError
 from ...pair.trace import Trace
+from ...plant_emulator.verdict import RUN_ENDS, RunEnd
 from ...runtime.bus import socketcan_obstacle
 from ...runtime.settings import SettingsError
 from ...runtime.toml_text import dump_toml
 from ...studies.compute import Computer
 from ...studies.figures import COLUMNS, figures_of
 from ...studies.scenario import Pair
-from ...studies.verdict import RUN_ENDS, RunEnd, rules_of, verdicts
+from ...studies.verdict import rules_of, verdicts
 
 GRACE_S = 30.0
 """How much longer than its motion a run may take on a stalled machine."""

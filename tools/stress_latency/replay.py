@@ -14,13 +14,14 @@ import numpy as np
 from ...pair.live import PairFiles
 from ...pair.trace import Trace
 from ...pair.virtual import make_virtual_pair, run_virtual_nodes
+from ...plant_emulator.verdict import RUN_ENDS, RunEnd
 from ...runtime.settings import SettingsError
 from ...runtime.toml_text import dump_toml
 from ...studies.compute import Computer
 from ...studies.figures import COLUMNS, COUNTS, Figures, figures_of
 from ...studies.scenario import Pair
 from ...studies.store import Store
-from ...studies.verdict import RUN_ENDS, RunEnd, rules_of, verdicts
+from ...studies.verdict import rules_of, verdicts
 
 TICKS_MAX = 10_000_000
 

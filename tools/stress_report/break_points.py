@@ -18,11 +18,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...plant_emulator.verdict import RUN_ENDS, Verdict
 from ...runtime.node import NS_PER_S
 from ...studies.compute import Computer
 from ...studies.figures import COLUMNS
 from ...studies.scenario import Scenarios
-from ...studies.verdict import RUN_ENDS, Verdict, verdicts
+from ...studies.verdict import verdicts
 from .axes import Axis, StudyAxes, is_share
 from .monte_carlo import seeds
 from .order_statistics import held_bound, median_interval

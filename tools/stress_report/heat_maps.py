@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
 
-from ...studies.verdict import Verdict
+from ...plant_emulator.verdict import Verdict
 from .axes import StudyAxes, cells
 from .results import VERDICTS, Rows
 

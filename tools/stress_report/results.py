@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...plant_emulator.verdict import Verdict
 from ...runtime.settings import SettingsError
 from ...studies.figures import COUNTS
 from ...studies.sampling import Design
@@ -23,7 +24,6 @@ from ...studies.store import are_numbers
 from ...studies.stored import overrides_of, read_columns, read_json
 from ...studies.study import Study
 from ...studies.study_file import StudySettings
-from ...studies.verdict import Verdict
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from ...compiled.engine import BatchRun, run_batch
 from ...controller.settings import limits_of
+from ...plant_emulator.verdict import Verdict
 from ...reports.plot_style import COLOURS
-from ...studies.verdict import Verdict
 from .results import VERDICTS, Rows, StudyRecord, case_of, read_overrides
 
 COUNT = 10

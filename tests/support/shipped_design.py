@@ -1,4 +1,4 @@
-"""The vehicle and the demands of the shipped presets, as ``steer-by-wire design`` reads them."""
+"""The vehicle and the specification that the design of gains comes with."""
 
 from pathlib import Path
 

@@ -1,0 +1,84 @@
+"""The verdict on a run in one line, with the figure that decided it and with what was limited."""
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+from ..dbc.messages import LateralError, limits
+from .verdict import Verdict
+
+Report = Mapping[str, Any]
+
+
+def verdict_text(node: Report) -> str:
+    """Return verdict and reason for a plant's report, or for one of its layout."""
+    verdict = Verdict(node["verdict"])
+    parts = [f"{verdict}: {_REASONS[verdict](node)}"]
+    if node["limited_share_by"]:
+        limited = (f"{_name(name)} {_percent(s)}" for name, s in node["limited_share_by"].items())
+        parts.append(
+            f"the plant's steering limited for {_percent(node['limited_share'])} of the time "
+            f"({', '.join(limited)})"
+        )
+    return "; ".join(parts)
+
+
+def _name(limit: str) -> str:
+    return limit.replace("_", " ")
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.3g} %"
+
+
+def _millimetres(value_m: float) -> str:
+    return f"{1e3 * value_m:.1f} mm" if abs(value_m) < 1.0 else f"{value_m:.2f} m"
+
+
+def _left_range(_node: Report) -> str:
+    return f"the error exceeded ±{limits(LateralError)['lateral_error_m'].maximum:g} m"
+
+
+def _swings(how: str) -> Callable[[Report], str]:
+    def reason(node: Report) -> str:
+        windows = node["windows"]
+        omega_rad_s = windows["oscillation_rad_s"]
+        rhythm = "" if omega_rad_s is None else f" at {omega_rad_s:.3g} rad/s"
+        return f"swings of ±{_millimetres(windows['amplitude_m'])}{rhythm} that {how}"
+
+    return reason
+
+
+def _drifts(node: Report) -> str:
+    windows = node["windows"]
+    return (
+        f"{_millimetres(abs(windows['mean_m']))} off on average, and leaving at "
+        f"{_millimetres(abs(windows['drift_m_s']))}/s"
+    )
+
+
+def _left_road(node: Report) -> str:
+    return f"the error reached {_millimetres(node['lateral_error_peak_m'])}"
+
+
+def _at_the_end(node: Report) -> str:
+    windows = node["windows"]
+    return (
+        f"at most {_millimetres(windows['end_peak_m'])} from the path in the last "
+        f"{windows['window_s']:.3g} s"
+    )
+
+
+_REASONS: Mapping[Verdict, Callable[[Report], str]] = MappingProxyType(
+    {
+        Verdict.NO_START: lambda _node: "no command ever reached the plant",
+        Verdict.LEFT_RANGE: _left_range,
+        Verdict.UNSTABLE: _swings("grow"),
+        Verdict.LIMIT_CYCLE: _swings("last"),
+        Verdict.DRIFTS: _drifts,
+        Verdict.LEFT_ROAD: _left_road,
+        Verdict.DECAYS: lambda node: f"{_at_the_end(node)}, less than before: too late",
+        Verdict.OFF_PATH: _at_the_end,
+        Verdict.HOLDS: _at_the_end,
+    }
+)

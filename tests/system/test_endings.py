@@ -1,0 +1,94 @@
+"""How every program ends: its verdict in the last line, and the status of ``--fail-if``."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.controller.program import check_main
+from steer_by_wire.controller.program import main as controller_main
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.pair.virtual import run_virtual_pair
+from steer_by_wire.plant_emulator.program import main as plant_main
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.program import ExitStatus
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.tools.analyze_log.__main__ import main as analyze_main
+from tests.support.running_program import ORDINARY, UNSUPERVISED
+
+Capture = pytest.CaptureFixture[str]
+ALONE = ("-i", "virtual", "--duration", "0.3", *ORDINARY, *UNSUPERVISED)
+
+
+def last_line(capsys: Capture) -> str:
+    return capsys.readouterr().out.splitlines()[-1]
+
+
+def test_a_plant_that_nobody_commanded_says_so(tmp_path: Path, capsys: Capture) -> None:
+    file = tmp_path / "plant.json"
+    alone = ["-c", "no_controller", *ALONE, "--report", str(file)]
+    assert plant_main([*alone, "--fail-if", "rms_m > 0.02"]) == ExitStatus.CONDITION
+    printed = capsys.readouterr()
+    assert printed.out.splitlines()[-1] == (
+        "plant-emulator: verdict: no start: no command ever reached the plant"
+    )
+    assert "failed: rms_m > 0.02: rms_m has no value in this run" in printed.err
+    assert json.loads(file.read_text(encoding="utf-8"))["node"]["verdict"] == "no start"
+    assert plant_main(alone) == ExitStatus.OK
+
+
+def test_a_controller_that_measures_nothing_says_so(capsys: Capture) -> None:
+    alone = ["--preset", "practical_pd", "-c", "no_plant", *ALONE]
+    assert controller_main([*alone, "--fail-if", "verdict != in control"]) == ExitStatus.CONDITION
+    assert last_line(capsys) == (
+        "steering-controller: verdict: no start: no measurement ever arrived"
+    )
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("log") / "candump.log"
+    preset = read_preset("steer_by_wire.controller.presets", "practical_pd")
+    controller = load_settings(ControllerSettings, preset)
+    run_virtual_pair(PlantSettings(duration_s=4.0), controller, candump_log=file)
+    return file
+
+
+def test_a_log_is_judged_by_its_measured_error(log: Path, tmp_path: Path, capsys: Capture) -> None:
+    analyze = [str(log), "--out", str(tmp_path), "--no-parquet"]
+    assert analyze_main([*analyze, "--fail-if", "rms_m > 0.5"]) == ExitStatus.OK
+    assert last_line(capsys).startswith("verdict: holds: at most ")
+    held = json.loads((tmp_path / "candump" / "figures.json").read_text())["held_path"]
+    assert held["windows"]["window_s"] == pytest.approx(1.0, abs=0.02)
+    strict = ["--verdict-set", "off_path_m=0.001", "--fail-if", "verdict != holds"]
+    assert analyze_main([*analyze, *strict]) == ExitStatus.CONDITION
+    assert last_line(capsys).startswith("verdict: drifts: ")
+
+
+def test_a_log_without_commands_has_not_started(log: Path, tmp_path: Path, capsys: Capture) -> None:
+    file = tmp_path / "plant_only.log"
+    lines = log.read_text(encoding="ascii").splitlines(keepends=True)
+    file.write_text("".join(line for line in lines if " 100#" not in line), encoding="ascii")
+    assert analyze_main([str(file), "--out", str(tmp_path), "--no-parquet"]) == ExitStatus.OK
+    assert last_line(capsys) == "verdict: no start: no command ever reached the plant"
+
+
+@pytest.mark.parametrize(
+    ("derivative", "verdict", "status"),
+    [
+        ("0.1", "# verdict: stable: around the nominal plant, up to a delay of ", 0),
+        ("20", "# verdict: not stable: around the nominal plant, even without ", 6),
+    ],
+)
+def test_a_check_ends_with_its_verdict(
+    derivative: str, verdict: str, status: int, capsys: Capture
+) -> None:
+    law = ["--preset", "practical_pd", "--set", f"pd.derivative_gain_rad_s_m={derivative}"]
+    assert check_main([*law, "--fail-if", "delay_margin_s < 0.1"]) == status
+    assert last_line(capsys).startswith(verdict)
+
+
+def test_a_check_in_the_controller_leaves_conditions_to_the_check(capsys: Capture) -> None:
+    words = ["--preset", "practical_pd", "--check", "--fail-if", "active_share < 1"]
+    assert controller_main(words) == ExitStatus.SETTINGS
+    assert "use steer-by-wire check" in capsys.readouterr().err

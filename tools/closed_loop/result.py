@@ -1,0 +1,76 @@
+"""A run of both nodes, its figures for the user, and what ``--fail-if`` may name of them."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from ...controller import quantities as controller_quantities
+from ...controller.node import ControllerNode
+from ...controller.summary import controller_summary
+from ...pair.shared_bus import SharedBus
+from ...plant_emulator import quantities as plant_quantities
+from ...plant_emulator.faults import FaultyNode
+from ...plant_emulator.node import PlantNode
+from ...plant_emulator.summary import plant_summary
+from ...plant_emulator.verdict_text import verdict_text
+from ...runtime.program import FINISHED
+from ...runtime.summary import durations_line
+from ...runtime.thresholds import of_part
+from .bus_options import bus_lines
+
+PLANT, CONTROLLER = PROGRAMS = ("plant_emulator", "controller")
+QUANTITIES = {
+    **of_part(plant_quantities.QUANTITIES, PLANT),
+    **of_part(controller_quantities.QUANTITIES, CONTROLLER, "controller_"),
+}
+"""What ``--fail-if`` may name."""
+
+
+class Run(NamedTuple):
+    """One run: its nodes, what carried their frames, what ended it.
+
+    ``elapsed_s``  how long it took [s]
+    ``loops``      what the loop of each program adds to its report; nothing in virtual time
+    ``shared``     the bus, where there was other traffic or noise on it
+    """
+
+    plant: PlantNode | FaultyNode[PlantNode]
+    controller: ControllerNode
+    bus: str
+    elapsed_s: float
+    ended_by: str
+    loops: Mapping[str, Mapping[str, Any]]
+    shared: SharedBus | None = None
+
+
+def summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """Return the figures of a run, each with its heading."""
+    plant, controller = reports[PLANT]["node"], reports[CONTROLLER]["node"]
+    lines = [
+        ("run", f"{plant['motion_s']:.2f} s of motion in {run.elapsed_s:.2f} s, {run.bus}"),
+        ("seed", str(plant["seed"])),
+        *controller_summary(controller),
+        *plant_summary(plant),
+    ]
+    if run.shared is not None:
+        lines += bus_lines(run.shared, plant["motion_s"])
+    lines += [
+        (
+            program.replace("_", " "),
+            f"lateness {durations_line(reports[program]['loop']['lateness'])}",
+        )
+        for program in run.loops
+    ]
+    lines += [
+        ("safe state", f"{program.replace('_', ' ')}: {report['node']['failure']}")
+        for program, report in reports.items()
+        if report["node"]["failure"]
+    ]
+    if run.ended_by != FINISHED:
+        lines.append(("ended", f"by {run.ended_by}, before the plant had finished"))
+    return lines
+
+
+def verdict(reports: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the plant's verdict, and what limited the commands on their way."""
+    limited = controller_quantities.limited_text(reports[CONTROLLER]["node"])
+    return "; ".join(filter(None, (verdict_text(reports[PLANT]["node"]), limited)))
