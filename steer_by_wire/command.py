@@ -159,7 +159,7 @@ def _help() -> str:
     """Return the list of programs: one screen."""
     lines = [f"usage: {NAME} COMMAND ...", "", "CAN-bus steer-by-wire emulator and controller."]
     for title, programs in GROUPS.items():
-        lines += ["", f"{title}:"]
+        lines.append(f"{title}:")
         lines += [f"  {name:<16} {program.summary}" for name, program in programs.items()]
     lines += [
         "",
