@@ -26,6 +26,8 @@ def motion_report(
         "samples": samples,
         "lateral_error_rms_m": figures.lateral_error_rms_m,
         "lateral_error_peak_m": figures.lateral_error_peak_m,
+        "cg_deviation_rms_m": figures.cg_deviation_rms_m,
+        "cg_deviation_peak_m": figures.cg_deviation_peak_m,
         "lateral_error_final_m": figures.lateral_error_final_m,
         "wheel_angle_peak_rad": figures.wheel_angle_peak_rad,
         "settling_s": figures.settled_at * period_s if figures.settled_at < samples else None,

@@ -5,7 +5,7 @@ import pytest
 
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.design import design_law, steady_steer
-from steer_by_wire.controller.fading import NO_STEER
+from steer_by_wire.controller.fading import NOTHING
 from steer_by_wire.controller.feed_forward import curve_steer
 from steer_by_wire.controller.law_interface import LawInput, VehicleReading
 from steer_by_wire.plant_emulator.vehicle import VehicleParams, state_matrices
@@ -49,7 +49,7 @@ def test_an_observer_that_saw_the_feed_forward_would_take_the_curve_out_twice() 
     for hidden, expected_m in ((True, 0.0), (False, 2.85 * 0.02 / 0.99)):
         x, state, steer_rad = np.zeros(6), design.initial_state(0.0), 0.0
         for _ in range(6000):
-            before = state if hidden else state._replace(curve=NO_STEER)
+            before = state if hidden else state._replace(curve=NOTHING)
             seen = LawInput(float(x[3]), steer_rad, curve)
             state, output = design.step(design.params, before, seen)
             steer_rad = x[4] = output.steer_rad
