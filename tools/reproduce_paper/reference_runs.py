@@ -48,11 +48,11 @@ def follow(controller: ControllerSettings, delay_s: float) -> Followed:
     """
     period_s, limits, model = controller.period_s, limits_of(controller), paper_eq19()
     pd = design_pd(controller.pd, period_s)
-    dob = controller.dob and design_dob(controller.dob, model, period_s)
-    cdob = controller.cdob and design_cdob(controller.cdob, model, period_s)
-    x_pd, x_dob, x_cdob = pd_at_rest(pd, 0.0), dob and dob_at_rest(dob, 0.0), None
-    if cdob is not None:
-        x_cdob = cdob_at_rest(cdob, 0.0)
+    dob = None if controller.dob is None else design_dob(controller.dob, model, period_s)
+    cdob = None if controller.cdob is None else design_cdob(controller.cdob, model, period_s)
+    x_pd = pd_at_rest(pd, 0.0)
+    x_dob = None if dob is None else dob_at_rest(dob, 0.0)
+    x_cdob = None if cdob is None else cdob_at_rest(cdob, 0.0)
     a, b, c = _sampled(model, period_s)
     x, steer_rad, disturbance_rad = np.zeros(len(b)), 0.0, 0.0
     on_their_way = deque([0.0] * round(delay_s * NS_PER_S / controller.period_ns))
@@ -72,7 +72,8 @@ def follow(controller: ControllerSettings, delay_s: float) -> Followed:
         rows.append((wanted_m - y_m, steer_rad, (steer_rad - before_rad) / period_s))
         on_their_way.append(steer_rad)
         x = a @ x + b * on_their_way.popleft()
-    return Followed(time_s, *np.array(rows, dtype=np.float64).T)
+    columns = np.array(rows, dtype=np.float64)
+    return Followed(time_s, columns[:, 0], columns[:, 1], columns[:, 2])
 
 
 def _sampled(model: TransferFunction, period_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
