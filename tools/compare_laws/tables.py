@@ -39,7 +39,7 @@ def table_lines(cells: Sequence[Cell], further: Sequence[Contestant] = ()) -> li
             lines.append(f"{'  centre of gravity':24}{cg}")
     return [
         *lines,
-        f"\nA law's own row: preview point, from {SETTLED_S:g} s on; below it the whole run, and the"
+        f"\nA law's own row: preview point, from {SETTLED_S:g} s on; below it the whole run and the"
         f"\ncentre of gravity, from {SETTLED_S:g} s on, which laws named CG hold on the path.",
         f"breaks at: first delay at which the followed point has more than {1e3 * BROKEN_M:g} mm"
         f" from {SETTLED_S:g} s on; ! is beyond {1e3 * SHOWN_M_MAX:g} mm",

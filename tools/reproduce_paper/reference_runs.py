@@ -72,8 +72,8 @@ def follow(controller: ControllerSettings, delay_s: float) -> Followed:
         rows.append((wanted_m - y_m, steer_rad, (steer_rad - before_rad) / period_s))
         on_their_way.append(steer_rad)
         x = a @ x + b * on_their_way.popleft()
-    columns = np.array(rows, dtype=np.float64)
-    return Followed(time_s, columns[:, 0], columns[:, 1], columns[:, 2])
+    error_m, sent_rad, rate_rad_s = np.array(rows, dtype=np.float64).T
+    return Followed(np.asarray(time_s, dtype=np.float64), error_m, sent_rad, rate_rad_s)
 
 
 def _sampled(model: TransferFunction, period_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
