@@ -98,8 +98,8 @@ def _corner_figure(number: int) -> Reproduction:
         "That the DOB reduces the error holds with either C_r. The numbers are unknown: "
         "of the curves nothing is printed but the RMS in Table II. That of the curve without DOB "
         "comes out within 0.0002 m with C_r = 500,000 N/rad and the path inferred for Figure 14, "
-        "and that of the curve with DOB does not: (11) as printed leaves far less error. See Table II "
-        "for what was tried.",
+        "and that of the curve with DOB does not: (11) as printed leaves far less error. Table "
+        "II has what was tried.",
     )
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.signal import cont2discrete
 
 from ...controller.cdob import cdob_at_rest, cdob_step
-from ...controller.design import design_cdob, design_dob, design_pd
+from ...controller.discretization import design_cdob, design_dob, design_pd
 from ...controller.dob import dob_at_rest, dob_step
 from ...controller.limits import limit_step
 from ...controller.nominal_model import paper_eq19
