@@ -38,7 +38,8 @@ def test_with_feed_forward_every_law_stays_on_a_circle(law: str) -> None:
 
 def test_without_it_pd_is_off_the_circle_by_the_steer_over_its_gain() -> None:
     last = on_a_circle("practical_pd", ())
-    assert last.lateral_error_m == pytest.approx(-2.85 / 30.0 / 1.52, rel=0.01)
+    gain_rad_m = given(preset("practical_pd").pd).proportional_gain_rad_m
+    assert last.lateral_error_m == pytest.approx(-2.85 / 30.0 / gain_rad_m, rel=0.01)
 
 
 def test_an_observer_that_saw_the_feed_forward_would_take_the_curve_out_twice() -> None:
@@ -46,7 +47,8 @@ def test_an_observer_that_saw_the_feed_forward_would_take_the_curve_out_twice() 
     settings = preset("practical_pd_dob", FEED_FORWARD)
     design, phi = design_law(settings), transition(5.0, 2000.0)
     curve = VehicleReading(5.0 / 3.6, 0.0, 0.02)
-    for hidden, expected_m in ((True, 0.0), (False, 2.85 * 0.02 / 0.99)):
+    twice_m = 2.85 * 0.02 / given(settings.pd).proportional_gain_rad_m
+    for hidden, expected_m in ((True, 0.0), (False, twice_m)):
         x, state, steer_rad = np.zeros(6), design.initial_state(0.0), 0.0
         for _ in range(6000):
             before = state if hidden else state._replace(curve=NOTHING)
