@@ -38,8 +38,11 @@ def test_with_feed_forward_every_law_stays_on_a_circle(law: str) -> None:
 
 def test_without_it_pd_is_off_the_circle_by_the_steer_over_its_gain() -> None:
     last = on_a_circle("practical_pd", ())
-    gain_rad_m = given(preset("practical_pd").pd).proportional_gain_rad_m
-    assert last.lateral_error_m == pytest.approx(-2.85 / 30.0 / gain_rad_m, rel=0.01)
+    pd = preset("practical_pd").pd
+    assert pd is not None
+    assert last.lateral_error_m == pytest.approx(
+        -2.85 / 30.0 / pd.proportional_gain_rad_m, rel=0.01
+    )
 
 
 def test_an_observer_that_saw_the_feed_forward_would_take_the_curve_out_twice() -> None:
@@ -47,7 +50,8 @@ def test_an_observer_that_saw_the_feed_forward_would_take_the_curve_out_twice() 
     settings = preset("practical_pd_dob", FEED_FORWARD)
     design, phi = design_law(settings), transition(5.0, 2000.0)
     curve = VehicleReading(5.0 / 3.6, 0.0, 0.02)
-    twice_m = 2.85 * 0.02 / given(settings.pd).proportional_gain_rad_m
+    assert settings.pd is not None
+    twice_m = 2.85 * 0.02 / settings.pd.proportional_gain_rad_m
     for hidden, expected_m in ((True, 0.0), (False, twice_m)):
         x, state, steer_rad = np.zeros(6), design.initial_state(0.0), 0.0
         for _ in range(6000):
