@@ -47,11 +47,11 @@ MODEL = VehicleModelSettings(
     kind="vehicle",
     virtual_mass_kg=2000.0,
     yaw_inertia_kg_m2=3728.0,
-    front_cornering_stiffness_n_rad=190e3,
+    front_cornering_stiffness_n_rad=195e3,
     rear_cornering_stiffness_n_rad=500e3,
     front_axle_distance_m=1.3008,
     rear_axle_distance_m=1.5453,
-    preview_distance_m=2.0,
+    preview_distance_m=1.912,
     speed_m_s=5.0 / 3.6,
 )
 
@@ -143,7 +143,12 @@ def plant_settings(latency: Latency, corner: Corner) -> PlantSettings:
     speed_km_h, virtual_mass_kg = corner
     return PlantSettings(
         duration_s=DURATION_S,
-        vehicle=VehicleSettings(speed_m_s=speed_km_h / 3.6, virtual_mass_kg=virtual_mass_kg),
+        vehicle=VehicleSettings(
+            speed_m_s=speed_km_h / 3.6,
+            virtual_mass_kg=virtual_mass_kg,
+            front_cornering_stiffness_n_rad=MODEL.front_cornering_stiffness_n_rad,
+            preview_distance_m=MODEL.preview_distance_m,
+        ),
         path=EllipseSettings(semi_major_axis_m=60.0, semi_minor_axis_m=30.0),
         latency=BothLatencySettings(
             downlink=LatencySettings(model=model, mean_s=mean_s, spread_s=spread_s)
