@@ -16,6 +16,7 @@ from ...pair.trace import FloatArray, rms
 from ...reports.plot_style import COLOURS
 from . import published
 from .continuous_runs import PD, order_2, table_2_row
+from .pd_row_attempts import pd_row_attempts
 from .result import CLAIM, NUMBER, Comparison, Picture, Reproduction, verdict_of
 from .simulation import History, paper_controller, paper_plant, simulate
 from .table_2_attempts import PATH, attempts
@@ -72,6 +73,10 @@ def table_2() -> Reproduction:
         *_comparisons(pd),
         _mass_trend("C_r = 500,000 N/rad", pd[0], pd[1]),
         _mass_trend("C_r = 50,000 N/rad", pd[0], pd[2]),
+        *(
+            _against(pd[0], Row(f"PD, tried: {label}", values))._replace(agrees=None)
+            for label, values in pd_row_attempts()
+        ),
         *_comparisons(dob),
         _reduction(pd, dob),
         _is_reduced(pd[1], dob[1]),
