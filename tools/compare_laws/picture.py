@@ -65,18 +65,20 @@ def draw_comparison(
                     color=colour,
                     label=one.label,
                 )
-            panel.axhline(1e3 * BROKEN_M, color="0.5", lw=0.8, ls=":")
+            if not of_cg:
+                panel.axhline(1e3 * BROKEN_M, color="0.5", lw=0.8, ls=":")
             panel.set_yscale("log")
             panel.set_title(network.title)
-        panels[0].annotate(
-            "above: does not hold the path",
-            (0.01, 1e3 * BROKEN_M),
-            (0.0, 3.0),
-            xycoords=("axes fraction", "data"),
-            textcoords="offset points",
-            fontsize=8.5,
-            color="0.35",
-        )
+        if not of_cg:
+            panels[0].annotate(
+                "above: does not hold the path",
+                (0.01, 1e3 * BROKEN_M),
+                (0.0, 3.0),
+                xycoords=("axes fraction", "data"),
+                textcoords="offset points",
+                fontsize=8.5,
+                color="0.35",
+            )
         for panel in panels[-2:]:
             panel.set_xlabel("mean latency of the commands [ms]")
             panel.tick_params(labelbottom=True)

@@ -100,7 +100,8 @@ def _with_whole_run(cell: Cell) -> str:
 
 
 def _some(own: CellsByMs, some_ms: Sequence[int]) -> str:
-    return " / ".join(_in_mm(own[ms].followed_m[0], at_most_m=BROKEN_M) for ms in some_ms)
+    shown_m = [own[ms].followed_m[0] for ms in some_ms] if own else []
+    return " / ".join(_in_mm(value_m, at_most_m=BROKEN_M) for value_m in shown_m)
 
 
 def _in_mm(rms_m: float, beyond: str = "-", at_most_m: float = SHOWN_M_MAX) -> str:
