@@ -288,7 +288,7 @@ class Motion:
         """Deviation of the centre of gravity from the path, to the left of it positive."""
         z, p = self._state.linear, self._params
         return cg_deviation_m(
-            p.path, self.arc_length_m, z.heading_error_rad, z.lateral_error_m, p.preview_m
+            p.path, self.arc_length_m, z.heading_error_rad, z.lateral_error_m, p.preview_distance_m
         )
 
     @property

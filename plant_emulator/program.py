@@ -4,7 +4,7 @@ plant-emulator --preset paper_nominal -i socketcan -c vcan0 --set latency.downli
 """
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 

@@ -89,9 +89,6 @@ def _looking_back(figures: Figures) -> Iterator[str]:
     """Return the analysis of a law that is linear at a constant latency only."""
     yield from figures["opening"]
     yield ""
-    if settings.followed_point != "preview":
-        yield "The set point of the followed point is outside the loop: it changes none of it."
-        yield ""
     if figures["not_analysed"]:
         yield f"Not analysed: {figures['not_analysed']}."
     else:

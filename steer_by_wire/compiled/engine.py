@@ -125,7 +125,7 @@ class BatchRun(NamedTuple):
             self.arc_length_m,
             self.heading_error_rad,
             self.lateral_error_m,
-            self.motion.preview_m,
+            self.motion.preview_distance_m,
         )
         return deviations_m
 
