@@ -19,6 +19,7 @@ from tests.support.virtual_soak import run_virtual_soak
 ROOT = Path(__file__).parents[2]
 BUILDERS = {
     "steer_by_wire/pair/virtual.py": "for all",
+    "steer_by_wire/rig/rig.py": "beside any controller, behind the faults as well",
     "tools/fault_campaign/pair.py": "watches stand between node and faults",
     "tools/closed_loop/__main__.py": "in real time, behind the faults as well",
     "tools/fuzz/node_targets.py": "a node alone, which is given any bytes",

@@ -9,7 +9,6 @@ import pytest
 
 from steer_by_wire.vcan import request as request_module
 from steer_by_wire.vcan.__main__ import main
-from steer_by_wire.vcan.frames import Kind, LineFrame, Unpacker, pack
 from steer_by_wire.vcan.request import Request, interface_names, link_commands, netem_of
 
 
@@ -45,19 +44,6 @@ def test_netem_is_for_all_interfaces_or_for_one() -> None:
     for wrong in ("vcan2:delay 1ms", "vcan0:", ""):
         with pytest.raises(ValueError, match=r"interface|parameters"):
             netem_of([wrong], both)
-
-
-def test_frames_are_put_together_from_any_pieces() -> None:
-    sent = [
-        LineFrame(Kind.STDOUT, b"x" * 300),
-        LineFrame(Kind.READY, b""),
-        LineFrame(Kind.STATUS, b"7"),
-    ]
-    wire = b"".join(pack(*frame) for frame in sent)
-    for size in (1, 2, 7, len(wire)):
-        unpacker = Unpacker()
-        pieces = [wire[start : start + size] for start in range(0, len(wire), size)]
-        assert [frame for piece in pieces for frame in unpacker.feed(piece)] == sent
 
 
 @pytest.mark.parametrize(
