@@ -8,6 +8,13 @@ from ..dbc.messages import Law as LawNumber
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.settings import SettingsError
 from .feed_forward import FeedForwardParams, SteadySteer, feed_forward_at_rest, feed_forward_step
+from .followed_point import (
+    FollowedPointParams,
+    followed_point_after_hold,
+    followed_point_at_rest,
+    followed_point_step,
+    set_point_of,
+)
 from .kalman_derivative import DerivativeParams, KalmanParams, kalman_at_rest, kalman_step
 from .law_record import Law, LawStep, LookingBack, Schedule
 from .link import LinkParams
@@ -22,6 +29,9 @@ from .discretization import design_pd
 FADE_RAD_S = 0.2
 """Fading rate of the difference between two laws when one takes over from the other, and of the
 steer that a law derives from VEHICLE_STATE when that is stale."""
+
+FADE_M_S = 0.1
+"""Fading rate of a set point when VEHICLE_STATE is stale."""
 
 FILTER_SETTLES_S = 1.0
 """Time after which the Kalman filter knows yaw rate and side slip from any initial state."""
@@ -66,6 +76,8 @@ def design_law(settings: "LawSettings") -> LawDesign:
         design = _with_kalman_derivative(design, settings)
     if settings.feed_forward is not None:
         design = _with_feed_forward(design, settings, settings.feed_forward.gain)
+    if settings.followed_point != "preview":
+        design = _with_followed_point(design, settings)
     return design
 
 
@@ -123,6 +135,27 @@ def _with_feed_forward(law: LawDesign, settings: "LawSettings", gain: float) -> 
         initial_state=partial(feed_forward_at_rest, law.initial_state),
         step=partial(feed_forward_step, law.step),
         looks_back=True,
+    )
+
+
+def _with_followed_point(law: LawDesign, settings: "LawSettings") -> LawDesign:
+    """Return a law with a set point, so that another point than the preview point follows."""
+    set_point = set_point_of(settings.followed_point, vehicle_of(settings))
+    params_at, recovered = law.params_at, law.recovered_state
+    fade_step_m = FADE_M_S * settings.period_s
+
+    def around(inside: Any) -> FollowedPointParams:
+        return FollowedPointParams(inside, set_point, settings.period_s, fade_step_m)
+
+    return law._replace(
+        params=around(law.params),
+        params_at=None if params_at is None else lambda speed_m_s: around(params_at(speed_m_s)),
+        initial_state=partial(followed_point_at_rest, law.initial_state),
+        step=partial(followed_point_step, law.step),
+        looks_back=True,
+        recovered_state=(
+            None if recovered is None else partial(followed_point_after_hold, recovered)
+        ),
     )
 
 

@@ -1,6 +1,6 @@
-"""A steer that fades instead of jumping when its input becomes stale or comes back.
+"""A value that fades instead of jumping when its input becomes stale or comes back.
 
-On either change the difference to the previous steer is added, and then reduced step by step.
+On either change the difference to the previous value is added, and then reduced step by step.
 """
 
 from typing import NamedTuple
@@ -9,19 +9,19 @@ from .limits import ramp_step
 
 
 class Fading(NamedTuple):
-    """The last steer, whether its input was stale, and the difference still to fade."""
+    """The last value, whether its input was stale, and the difference still to fade."""
 
-    steer_rad: float
+    value: float
     is_stale: bool
-    fade_rad: float
+    difference: float
 
 
-NO_STEER = Fading(0.0, False, 0.0)
+NOTHING = Fading(0.0, False, 0.0)
 
 
-def fading_step(step_rad: float, x: Fading, wanted_rad: float, is_stale: bool) -> Fading:
-    """Advance one period towards ``wanted_rad``; at most ``step_rad`` of a difference fades."""
-    fade_rad = ramp_step(step_rad, x.fade_rad)
+def fading_step(step: float, x: Fading, wanted: float, is_stale: bool) -> Fading:
+    """Advance one period towards ``wanted``; at most ``step`` of a difference fades."""
+    difference = ramp_step(step, x.difference)
     if is_stale != x.is_stale:
-        fade_rad = x.steer_rad - wanted_rad
-    return Fading(wanted_rad + fade_rad, is_stale, fade_rad)
+        difference = x.value - wanted
+    return Fading(wanted + difference, is_stale, difference)

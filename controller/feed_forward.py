@@ -22,7 +22,7 @@ the whole command from the history, because it predicts the effect of all comman
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from .fading import NO_STEER, Fading, fading_step
+from .fading import NOTHING, Fading, fading_step
 from .law_interface import LawInput, LawOutput, VehicleReading
 from .law_record import LawStep
 
@@ -72,21 +72,21 @@ def feed_forward_at_rest(
     law_at_rest: Callable[[float], Any], lateral_error_m: float
 ) -> FeedForwardState:
     """Return the state, with the law's, after a constant lateral error [m]; no curve known yet."""
-    return FeedForwardState(law_at_rest(lateral_error_m), NO_STEER)
+    return FeedForwardState(law_at_rest(lateral_error_m), NOTHING)
 
 
 def feed_forward_step(
     law_step: LawStep, p: FeedForwardParams, x: FeedForwardState, seen: LawInput
 ) -> tuple[FeedForwardState, LawOutput]:
     """Advance the inner law by one period with ``law_step``, and add the steer for the curve."""
-    own_rad = seen.sent_steer_rad - x.curve.steer_rad
+    own_rad = seen.sent_steer_rad - x.curve.value
     own = LawInput(seen.lateral_error_m, own_rad, seen.vehicle, seen.link, seen.history)
     x_law, output = law_step(p.law, x.law, own)
     curve = curve_step(p.steady, p.fade_step_rad, x.curve, seen.vehicle)
     return (
         FeedForwardState(x_law, curve),
         LawOutput(
-            output.steer_rad + curve.steer_rad,
+            output.steer_rad + curve.value,
             output.disturbance_rad,
             output.network_disturbance_rad,
             output.compensated_lateral_error_m,

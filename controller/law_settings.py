@@ -29,6 +29,7 @@ from .shared_settings import (
     DobSettings,
     EstimatorSettings,
     FeedForwardSettings,
+    FollowedPoint,
     LinkSettings,
     NominalModelSettings,
     PdSettings,
@@ -111,6 +112,8 @@ class LawSettings(_TablesOfLaws):
     ] = Field(default=None, validate_default=True)
     """Table of a law from another package; the law's record contains its model."""
     feed_forward: FeedForwardSettings | None = None
+    followed_point: FollowedPoint = "preview"
+    """The preview point, whose error is measured, as in the paper; or another point's."""
     estimator: EstimatorSettings = EstimatorSettings()
     link: LinkSettings = LinkSettings()
     nominal_model: NominalModelSettings | None = None
@@ -183,6 +186,21 @@ class LawSettings(_TablesOfLaws):
             raise ValueError(f"law = {self.law!r} {self.law_record.feed_forward_refusal}")
         if not isinstance(self.nominal_model, VehicleModelSettings):
             raise ValueError("[feed_forward] needs nominal_model.kind = 'vehicle'")
+        return self
+
+    @model_validator(mode="after")
+    def _refuse_another_point_without_a_vehicle(self) -> Self:
+        if self.followed_point == "preview":
+            return self
+        if not isinstance(self.nominal_model, VehicleModelSettings):
+            raise ValueError(
+                f"followed_point = {self.followed_point!r} needs nominal_model.kind = 'vehicle'"
+            )
+        if self.nominal_model.preview_distance_m == 0.0:
+            raise ValueError(
+                f"followed_point = {self.followed_point!r} needs"
+                " nominal_model.preview_distance_m above 0"
+            )
         return self
 
     @model_validator(mode="after")

@@ -9,7 +9,10 @@ steering offset d and the wheel's lag T_a:
 
 The model is sampled exactly for a held command. The filter is the steady-state one for white noise
 on β', r' and the two random walks, and for the noise of the two measurements. The feedback
-minimises the cost (k y)² + (u - u_ss)², with the weight k in steer per metre. The gains are
+minimises the cost (k y_p)² + (u - u_ss)², with the weight k in steer per metre and the deviation
+y_p of the followed point, d behind the preview point:
+
+    y_p = y - d Δψ - d² ρ/2 The gains are
 tabulated over speed in geometric steps, and interpolated linearly.
 """
 
@@ -43,6 +46,17 @@ class SampledVehicle(NamedTuple):
     g: Matrix
 
 
+class Feedback(NamedTuple):
+    """What the feedback minimises.
+
+    ``steer_per_error_rad_m``  weight k of the followed point's deviation
+    ``behind_m``               d, of the followed point behind the preview point
+    """
+
+    steer_per_error_rad_m: float
+    behind_m: float
+
+
 class GainSchedule(NamedTuple):
     """Gains at rising speeds [m/s]."""
 
@@ -67,11 +81,11 @@ def design_schedule(
     vehicle: VehicleModelSettings,
     period_s: float,
     sensor_period_s: float,
-    steer_per_error_rad_m: float | None,
+    feedback: Feedback | None,
 ) -> GainSchedule:
     """Return the gains over the settings' range of speeds; ``period_s`` is the controller's.
 
-    ``steer_per_error_rad_m``  the feedback's weight k; None for a filter without feedback
+    ``feedback``  None for a filter without feedback
 
     Raises SettingsError if there are no gains at a speed, naming it.
     """
@@ -79,7 +93,7 @@ def design_schedule(
     steps = max(1, round(_SPEEDS_PER_DOUBLING * log(high / low, 2.0)))
     speeds = [low * (high / low) ** (step / steps) for step in range(steps + 1)]
     try:
-        gains = _gains(settings, vehicle, speeds, period_s, sensor_period_s, steer_per_error_rad_m)
+        gains = _gains(settings, vehicle, speeds, period_s, sensor_period_s, feedback)
     except UnsolvableError as error:
         raise SettingsError(
             f"[estimator] has no gains at {speeds[error.place]:.4g} m/s: {error}; take noise and"
@@ -124,16 +138,16 @@ def _gains(
     speeds_m_s: Sequence[float],
     period_s: float,
     sensor_period_s: float,
-    steer_per_error_rad_m: float | None,
+    feedback: Feedback | None,
 ) -> list[VehicleGains]:
     """Return the gains at each speed; raises UnsolvableError."""
     f, g = sampled_vehicles(settings, vehicle, speeds_m_s, sensor_period_s)
     q, r = noise_covariances(settings, sensor_period_s)
     measured = np.eye(len(_FILTERED))[list(_MEASURED)]
     k = filter_gain(f[:, : len(_FILTERED), : len(_FILTERED)], measured, q, r)
-    feedback = np.zeros((len(speeds_m_s), 7))
-    if steer_per_error_rad_m is not None:
-        feedback = _feedback(settings, vehicle, speeds_m_s, period_s, steer_per_error_rad_m)
+    steer = np.zeros((len(speeds_m_s), 7))
+    if feedback is not None:
+        steer = _feedback(settings, vehicle, speeds_m_s, period_s, feedback)
     columns = (BETA, R, D, DELTA)
     path = (BETA, R, RHO, D, DELTA)
     entries = (
@@ -141,7 +155,7 @@ def _gains(
         *((Y, (BETA, R, PSI, RHO, D, DELTA)), (DELTA, (DELTA,))),
     )
     model = [part for row, of in entries for part in (f[:, row, of], g[:, row, np.newaxis])]
-    table = np.concatenate([*model, k.reshape(len(k), -1), feedback], axis=1)
+    table = np.concatenate([*model, k.reshape(len(k), -1), steer], axis=1)
     return [VehicleGains(*row) for row in table.tolist()]
 
 
@@ -150,17 +164,19 @@ def _feedback(
     vehicle: VehicleModelSettings,
     speeds_m_s: Sequence[float],
     period_s: float,
-    steer_per_error_rad_m: float,
+    feedback: Feedback,
 ) -> Matrix:
     """Return the feedback of β, r, Δψ, y and δ, and the feed-forward of ρ and d, (speeds, 7)."""
+    steer_per_error_rad_m, behind_m = feedback
     f, g = sampled_vehicles(settings, vehicle, speeds_m_s, period_s)
     has_lag = settings.actuator_lag_s > 0.0
     states = [*_FREE, DELTA] if has_lag else list(_FREE)
-    weight = np.zeros((len(states), len(states)))
-    weight[Y, Y] = steer_per_error_rad_m * steer_per_error_rad_m
+    deviation = np.zeros(len(states))
+    deviation[Y], deviation[PSI] = 1.0, -behind_m
+    weight = np.outer(deviation, deviation) * (steer_per_error_rad_m * steer_per_error_rad_m)
     system = f[:, states][:, :, states]
     k = feedback_gain(system, g[:, states, np.newaxis], weight, np.eye(1))[:, 0]
-    held = np.array([_steady_state(vehicle, speed_m_s) for speed_m_s in speeds_m_s])
+    held = np.array([_steady_state(vehicle, speed_m_s, behind_m) for speed_m_s in speeds_m_s])
     of_wheel = k[:, 4] if has_lag else np.zeros(len(k))
     # u = u_ss - k (x - x_ss); a steering offset is cancelled by its negative, also in the wheel.
     by_curvature = held[:, DELTA].copy()
@@ -169,15 +185,18 @@ def _feedback(
     return np.column_stack((k[:, :4], of_wheel, by_curvature, -1.0 - of_wheel))
 
 
-def _steady_state(vehicle: VehicleModelSettings, speed_m_s: float) -> Sequence[float]:
-    """Return the state that holds the vehicle on a path of curvature 1/m, in the order above."""
+def _steady_state(
+    vehicle: VehicleModelSettings, speed_m_s: float, behind_m: float
+) -> Sequence[float]:
+    """Return the state that holds the followed point on a path of curvature 1/m, as above."""
     a, b = (m.tolist() for m in _continuous(vehicle, speed_m_s, 0.0))
     yaw_rate = speed_m_s
     determinant = a[BETA][BETA] * b[R] - a[R][BETA] * b[BETA]
     side_slip = yaw_rate * (b[BETA] * a[R][R] - b[R] * a[BETA][R]) / determinant
     wheel = yaw_rate * (a[R][BETA] * a[BETA][R] - a[BETA][BETA] * a[R][R]) / determinant
     heading_error = -side_slip - vehicle.preview_distance_m
-    return side_slip, yaw_rate, heading_error, 0.0, 1.0, 0.0, wheel
+    lateral_error = behind_m * heading_error + 0.5 * behind_m * behind_m
+    return side_slip, yaw_rate, heading_error, lateral_error, 1.0, 0.0, wheel
 
 
 def _continuous(

@@ -129,6 +129,10 @@ class EstimatorSettings(Settings):
         return self
 
 
+FollowedPoint = Literal["preview", "centre_of_gravity", "rear_axle"]
+"""The point of the vehicle that a law holds on the path."""
+
+
 class FeedForwardSettings(Settings):
     """[feed_forward]: adds to any law the steady-state steer of the curve given by the map."""
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .path import GAUSS_NODES, GAUSS_WEIGHTS, Path, Pose
+from .path import GAUSS, Path, Pose
 
 Floats = npt.NDArray[np.float64]
 
@@ -140,6 +140,6 @@ class _ArcLength:
     def _between(self, start: Floats, end: Floats) -> Floats:
         """Return the arc lengths from ``start`` to ``end``, each within one cell."""
         length = np.zeros_like(start)
-        for node, weight in zip(GAUSS_NODES, GAUSS_WEIGHTS, strict=True):
+        for node, weight in GAUSS:
             length = length + weight * _speed(self._curve(start + node * (end - start)))
         return length * (end - start)

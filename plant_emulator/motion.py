@@ -17,6 +17,7 @@ from typing import NamedTuple
 from ..runtime.node import NEVER_NS, NS_PER_S
 from ..runtime.record import new_record
 from .actuator import WheelSegment, at_rest, command_wheel, end_ramp, is_limited
+from .deviation import cg_deviation_m
 from .motion_design import MotionParams
 from .path import Path, Place, Pose, end_of_place_m, next_place, vehicle_pose
 from .propagation import LinearState, propagate
@@ -281,6 +282,14 @@ class Motion:
     def arc_length_m(self) -> float:
         """Arc length s of the path beside the preview point, counting on over laps."""
         return self.speed_m_s * (self.time_ns / NS_PER_S)
+
+    @property
+    def cg_deviation_m(self) -> float:
+        """Deviation of the centre of gravity from the path, to the left of it positive."""
+        z, p = self._state.linear, self._params
+        return cg_deviation_m(
+            p.path, self.arc_length_m, z.heading_error_rad, z.lateral_error_m, p.preview_distance_m
+        )
 
     @property
     def pose(self) -> Pose:

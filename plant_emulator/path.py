@@ -15,21 +15,14 @@ from collections.abc import Sequence
 from math import ceil, cos, sin
 from typing import NamedTuple
 
-GAUSS_NODES = (
-    0.04691007703066800,
-    0.23076534494715845,
-    0.5,
-    0.76923465505284155,
-    0.95308992296933200,
+GAUSS = (
+    (0.04691007703066800, 0.11846344252809454),
+    (0.23076534494715845, 0.23931433524968324),
+    (0.5, 0.28444444444444444),
+    (0.76923465505284155, 0.23931433524968324),
+    (0.95308992296933200, 0.11846344252809454),
 )
-GAUSS_WEIGHTS = (
-    0.11846344252809454,
-    0.23931433524968324,
-    0.28444444444444444,
-    0.23931433524968324,
-    0.11846344252809454,
-)
-"""Gauss-Legendre quadrature on [0, 1], exact up to degree 9."""
+"""Nodes and weights of Gauss-Legendre quadrature on [0, 1], exact up to degree 9."""
 
 _TURN_MAX_RAD = 0.5
 """Largest turn per quadrature; the error is 1e-11 of its length."""
@@ -86,7 +79,7 @@ def end_of_place_m(path: Path, place: Place) -> float:
     return float("inf")
 
 
-def _locate(path: Path, arc_length_m: float) -> tuple[Place, float]:
+def locate(path: Path, arc_length_m: float) -> tuple[Place, float]:
     """Return the piece that holds a point and the point's distance from the piece's start [m]."""
     lap = int(arc_length_m // path.length_m) if path.closed else 0
     in_lap_m = arc_length_m - lap * path.length_m
@@ -96,13 +89,13 @@ def _locate(path: Path, arc_length_m: float) -> tuple[Place, float]:
 
 def curvature(path: Path, arc_length_m: float) -> float:
     """Return the curvature [1/m] at an arc length >= 0; at a jump, the value after it."""
-    place, along_m = _locate(path, arc_length_m)
+    place, along_m = locate(path, arc_length_m)
     return path.curvature_1_m[place.piece] + path.curvature_slope_1_m2[place.piece] * along_m
 
 
 def pose(path: Path, arc_length_m: float) -> Pose:
     """Return the pose of the path at an arc length >= 0."""
-    place, along_m = _locate(path, arc_length_m)
+    place, along_m = locate(path, arc_length_m)
     start = path.pose[place.piece]
     turned = start._replace(heading_rad=start.heading_rad + place.lap * path.lap_turn_rad)
     return along_clothoid(
@@ -111,13 +104,13 @@ def pose(path: Path, arc_length_m: float) -> Pose:
 
 
 def along_clothoid(start: Pose, curvature_1_m: float, slope_1_m2: float, length_m: float) -> Pose:
-    """Return the pose ``length_m`` >= 0 along a piece of linear curvature."""
-    turn_bound = length_m * max(abs(curvature_1_m), abs(curvature_1_m + slope_1_m2 * length_m))
+    """Return the pose ``length_m`` along a piece of linear curvature; negative: back along it."""
+    turn_bound = abs(length_m) * max(abs(curvature_1_m), abs(curvature_1_m + slope_1_m2 * length_m))
     parts = max(1, ceil(turn_bound / _TURN_MAX_RAD))
     part_m = length_m / parts
     x, y = start.x_m, start.y_m
     for part in range(parts):
-        for node, weight in zip(GAUSS_NODES, GAUSS_WEIGHTS, strict=True):
+        for node, weight in GAUSS:
             s = (part + node) * part_m
             heading = start.heading_rad + s * (curvature_1_m + 0.5 * slope_1_m2 * s)
             x += weight * part_m * cos(heading)

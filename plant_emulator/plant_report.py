@@ -1,5 +1,6 @@
 """The plant's part of a report, ready for JSON."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -21,11 +22,14 @@ def motion_report(
     """
     samples = figures.samples
     judged = judge(rules, list(figures.newest_m), samples, figures.lateral_error_peak_m, period_s)
+    is_cg_known = not math.isnan(figures.cg_deviation_rms_m)
     return {
         "motion_s": motion_ns * 1e-9,
         "samples": samples,
         "lateral_error_rms_m": figures.lateral_error_rms_m,
         "lateral_error_peak_m": figures.lateral_error_peak_m,
+        "cg_deviation_rms_m": figures.cg_deviation_rms_m if is_cg_known else None,
+        "cg_deviation_peak_m": figures.cg_deviation_peak_m if is_cg_known else None,
         "lateral_error_final_m": figures.lateral_error_final_m,
         "wheel_angle_peak_rad": figures.wheel_angle_peak_rad,
         "settling_s": figures.settled_at * period_s if figures.settled_at < samples else None,

@@ -28,6 +28,7 @@ class PlantSample(NamedTuple):
     uplink_latency_s: float  # of the measurement that left last
     curvature_1_m: float
     side_slip_rad: float
+    cg_deviation_m: float  # of the centre of gravity from the path
 
 
 class PlacedSample(NamedTuple):
@@ -53,22 +54,32 @@ class RunningFigures:
         self.samples = 0
         self.lateral_error_peak_m = 0.0
         self.lateral_error_final_m = 0.0
+        self.cg_deviation_peak_m = 0.0
         self.wheel_angle_peak_rad = 0.0
         self.settled_at = 0
         self.limited: Counter[str] = Counter()
         self.newest_m: deque[float] = deque(maxlen=newest)
-        self._squares_m2 = 0.0
+        self._error_squares_m2 = 0.0
+        self._deviation_squares_m2 = 0.0
         self._band_m = band_m
 
-    def take(self, lateral_error_m: float, wheel_angle_rad: float, limit: str = "") -> None:
+    def take(
+        self,
+        lateral_error_m: float,
+        cg_deviation_m: float,
+        wheel_angle_rad: float,
+        limit: str = "",
+    ) -> None:
         """Add one sample; ``limit`` names what decides about the wheel, if anything does."""
         self.samples += 1
-        self._squares_m2 += lateral_error_m * lateral_error_m
+        self._error_squares_m2 += lateral_error_m * lateral_error_m
+        self._deviation_squares_m2 += cg_deviation_m * cg_deviation_m
         self.lateral_error_final_m = lateral_error_m
         self.newest_m.append(lateral_error_m)
         distance_m, angle_rad = abs(lateral_error_m), abs(wheel_angle_rad)
         if distance_m > self.lateral_error_peak_m:
             self.lateral_error_peak_m = distance_m
+        self.cg_deviation_peak_m = max(self.cg_deviation_peak_m, abs(cg_deviation_m))
         if distance_m > self._band_m:
             self.settled_at = self.samples
         if angle_rad > self.wheel_angle_peak_rad:
@@ -78,8 +89,16 @@ class RunningFigures:
 
     @property
     def lateral_error_rms_m(self) -> float:
-        """Root mean square of the lateral error; 0 without samples."""
-        return math.sqrt(self._squares_m2 / self.samples) if self.samples else 0.0
+        """Root mean square of the preview point's lateral error; 0 without samples."""
+        return self._rms_m(self._error_squares_m2)
+
+    @property
+    def cg_deviation_rms_m(self) -> float:
+        """Root mean square of the deviation of the centre of gravity; 0 without samples."""
+        return self._rms_m(self._deviation_squares_m2)
+
+    def _rms_m(self, squares_m2: float) -> float:
+        return math.sqrt(squares_m2 / self.samples) if self.samples else 0.0
 
 
 class RunRecord:
@@ -101,8 +120,8 @@ class RunRecord:
         limit: str,
     ) -> None:
         """Take a sample of the motion, of the command in effect, and of what limits the wheel."""
-        z = motion.linear
-        self.figures.take(z.lateral_error_m, z.wheel_rad, limit)
+        z, cg_m = motion.linear, motion.cg_deviation_m
+        self.figures.take(z.lateral_error_m, cg_m, z.wheel_rad, limit)
         if len(self.samples) >= self._samples_max:
             return
         command_rad = downlink_latency_s = math.nan
@@ -125,6 +144,7 @@ class RunRecord:
                     uplink_latency_s,
                     z.curvature_1_m,
                     z.side_slip_rad,
+                    cg_m,
                 ),
             )
         )

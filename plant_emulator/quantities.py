@@ -23,6 +23,8 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
         "verdict": Quantity(lambda report: str(report["node"]["verdict"]), tuple(Verdict)),
         "rms_m": _driven("lateral_error_rms_m"),
         "peak_m": _driven("lateral_error_peak_m"),
+        "cg_rms_m": _driven("cg_deviation_rms_m"),
+        "cg_peak_m": _driven("cg_deviation_peak_m"),
         "final_m": _driven("lateral_error_final_m"),
         "settling_s": _driven("settling_s"),
         "wheel_angle_peak_rad": _driven("wheel_angle_peak_rad"),

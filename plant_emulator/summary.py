@@ -8,13 +8,14 @@ from ..runtime.summary import causes_line, durations_line
 
 def plant_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Return the lines for the user; ``node`` is what the plant itself reports."""
-    yield (
-        "lateral error",
-        f"RMS {1e3 * node['lateral_error_rms_m']:.2f} mm, "
-        f"peak {1e3 * node['lateral_error_peak_m']:.2f} mm over {node['motion_s']:.2f} s"
-        if node["samples"]
-        else "unknown: the vehicle has not moved",
-    )
+    for point, name in (("preview point", "lateral_error"), ("centre of gravity", "cg_deviation")):
+        yield (
+            point,
+            f"off the path RMS {1e3 * node[f'{name}_rms_m']:.2f} mm, "
+            f"peak {1e3 * node[f'{name}_peak_m']:.2f} mm over {node['motion_s']:.2f} s"
+            if node["samples"]
+            else "unknown: the vehicle has not moved",
+        )
     for heading, line in (("commands", node["downlink"]), ("measurements", node["uplink"])):
         yield heading, f"latency {durations_line(line['latency'])}, {line['lost']} lost"
     safety = node["safety"]

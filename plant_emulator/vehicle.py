@@ -48,7 +48,7 @@ class VehicleParams(NamedTuple):
     rear_axle_distance_m: float
     """l_r, from the CG to the rear axle."""
     preview_distance_m: float
-    """l_s, from the CG to the preview point. Not in the paper; its (19) gives 1.912 m."""
+    """l_s, from the CG to the preview point. Not printed; the paper's (19) takes 2 m."""
 
 
 class StateMatrices(NamedTuple):

@@ -56,6 +56,7 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "cockpit": _tool("cockpit", "watch and drive the loop in a browser"),
             "monitor": _tool("monitor", "watch a bus in the terminal, and set its latency"),
             "analyze": _tool("analyze_log", "a recording as signals, latencies and a report"),
+            "bits": _tool("frame_bits", "a frame bit by bit, and recordings as waveforms"),
         },
         "Design and compare": {
             "check": Program(
@@ -66,6 +67,9 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "compare": _tool("compare_laws", "every law over delay, jitter, loss and lag"),
             "paper": _tool("reproduce_paper", "the paper's figures and tables, reproduced"),
             "delay-study": _tool("delay_estimation_study", "the delay estimated without an echo"),
+            "response-times": _tool(
+                "response_times", "bounds to each message's delay on a CAN bus"
+            ),
         },
         "Stress and faults": {
             "stress": _tool(
@@ -82,10 +86,6 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "with-vcan": Program(
                 "steer_by_wire.vcan.__main__:main", "run a command with a real vcan0", True
             ),
-            "response-times": _tool(
-                "response_times", "bounds to each message's delay on a CAN bus"
-            ),
-            "bits": _tool("frame_bits", "a frame bit by bit, and recordings as waveforms"),
             "probe": _tool("probe_host", "which rate this machine can keep"),
             "benchmark": _tool("benchmark", "the time of a control step and a run here"),
             "benchmark-bus": _tool("benchmark_bus", "the time of a frame here, against C"),
@@ -110,11 +110,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(_help(), file=sys.stderr)
             return STATUS_USAGE
         case ["-h" | "--help" | "help", *_]:
-            print(_help())
-            return 0
+            return _print(_help())
         case ["-V" | "--version", *_]:
-            print(f"{NAME} {_version()}")
-            return 0
+            return _print(f"{NAME} {_version()}")
         case ["--completion", *shells]:
             return _print_completion(shells)
         case [name, *further] if name in PROGRAMS:
@@ -138,6 +136,15 @@ def start(name: str, words: Sequence[str]) -> int:
     return status
 
 
+def _print(text: str) -> int:
+    """Print for whoever still reads; a pipe that was closed, as by ``head``, is no mistake."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
 def _nearest(word: str) -> str:
     close = difflib.get_close_matches(word, PROGRAMS, n=2, cutoff=0.5)
     return f"; did you mean {' or '.join(close)}?" if close else ""
@@ -159,7 +166,7 @@ def _help() -> str:
     """Return the list of programs: one screen."""
     lines = [f"usage: {NAME} COMMAND ...", "", "CAN-bus steer-by-wire emulator and controller."]
     for title, programs in GROUPS.items():
-        lines += ["", f"{title}:"]
+        lines.append(f"{title}:")
         lines += [f"  {name:<16} {program.summary}" for name, program in programs.items()]
     lines += [
         "",

@@ -37,6 +37,7 @@ class PlantTable(NamedTuple):
     uplink_latency_s: FloatArray  # of the measurement that left last
     curvature_1_m: FloatArray  # of the path, beside the preview point
     side_slip_rad: FloatArray
+    cg_deviation_m: FloatArray  # of the centre of gravity from the path, to the left positive
 
     @classmethod
     def of_samples(cls, samples: Sequence[PlantSample]) -> "PlantTable":

@@ -12,7 +12,7 @@ from .controller.settings import ControllerSettings
 from .plant_emulator.path_shapes import build_path
 from .plant_emulator.plant_samples import PlacedSample, PlantSample, place
 from .plant_emulator.settings import PlantSettings
-from .run_tables import ControllerTable, PlantTable, Track
+from .run_tables import ControllerTable, FloatArray, PlantTable, Track
 from .runtime.toml_text import dump_toml
 
 if TYPE_CHECKING:
@@ -40,15 +40,23 @@ class Run(NamedTuple):
 
     @property
     def lateral_error_rms_m(self) -> float:
-        """Root mean square of the lateral error; 0 without samples."""
-        # One by one from the start, as the plant's report adds them up.
-        squares = np.cumsum(np.square(self.plant.lateral_error_m))
-        return float(np.sqrt(squares[-1] / len(squares))) if len(squares) else 0.0
+        """Root mean square of the preview point's lateral error; 0 without samples."""
+        return _rms_m(self.plant.lateral_error_m)
 
     @property
     def lateral_error_peak_m(self) -> float:
         """Largest magnitude of the lateral error; 0 without samples."""
         return float(np.max(np.abs(self.plant.lateral_error_m), initial=0.0))
+
+    @property
+    def cg_deviation_rms_m(self) -> float:
+        """Root mean square of the deviation of the centre of gravity; 0 without samples."""
+        return _rms_m(self.plant.cg_deviation_m)
+
+    @property
+    def cg_deviation_peak_m(self) -> float:
+        """Largest magnitude of the deviation of the centre of gravity; 0 without samples."""
+        return float(np.max(np.abs(self.plant.cg_deviation_m), initial=0.0))
 
     def track(self) -> Track:
         """Return the run seen from above; takes about 20 µs a row."""
@@ -79,10 +87,10 @@ class Run(NamedTuple):
         except ImportError as error:
             library = (error.name or "").partition(".")[0]
             raise ValueError(f"plot() needs {library}: {installation(library)}") from error
-        rms_mm, peak_mm = 1e3 * self.lateral_error_rms_m, 1e3 * self.lateral_error_peak_m
+        preview_mm, cg_mm = 1e3 * self.lateral_error_rms_m, 1e3 * self.cg_deviation_rms_m
         title = (
             f"{self.controller_settings.law}, seed {self.plant_settings.seed}: "
-            f"RMS {rms_mm:.1f} mm, peak {peak_mm:.1f} mm"
+            f"preview point RMS {preview_mm:.1f} mm, centre of gravity {cg_mm:.1f} mm"
         )
         return draw_run(title, self.plant, self.controller)
 
@@ -103,3 +111,10 @@ class Run(NamedTuple):
                 writer = csv.writer(file, lineterminator="\n")
                 writer.writerow(table._fields)
                 writer.writerows(zip(*(column.tolist() for column in table), strict=True))
+
+
+def _rms_m(values_m: FloatArray) -> float:
+    """Return the root mean square of samples; 0 without samples."""
+    # One by one from the start, as the plant's report adds them up.
+    squares = np.cumsum(np.square(values_m))
+    return float(np.sqrt(squares[-1] / len(squares))) if len(squares) else 0.0

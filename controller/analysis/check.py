@@ -52,6 +52,9 @@ def _analysis(settings: ControllerSettings, figures: Figures) -> Iterator[str]:
     if settings.feed_forward is not None:
         yield "The feed-forward of the curve is outside the loop: it changes none of what follows."
         yield ""
+    if settings.followed_point != "preview":
+        yield "The set point of the followed point is outside the loop: it changes none of it."
+        yield ""
     if figures["not_analysed"]:
         yield f"Not analysed: {figures['not_analysed']}."
         return

@@ -55,6 +55,8 @@ def check_figures(settings: ControllerSettings, progress: Progress) -> Figures:
     design = design_law(settings)
     if design.looking_back is not None:
         return figures | _looking_back(settings, design, design.looking_back, progress)
+    if settings.followed_point != "preview":  # its set point is outside the loop
+        design = design_law(settings.model_copy(update={"followed_point": "preview"}))
     try:
         law = law_system(design)
     except NotLinearError as error:

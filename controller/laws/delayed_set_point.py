@@ -41,7 +41,7 @@ from ...runtime.node import NS_PER_MS
 from ...runtime.settings import Settings
 from ..design import FADE_RAD_S, link_of, steady_steer, vehicle_of
 from ..discretization import design_pd
-from ..fading import NO_STEER, Fading, fading_step
+from ..fading import NOTHING, Fading, fading_step
 from ..feed_forward import SteadySteer, curve_step, steer_per_curvature
 from ..law_interface import LawInput, LawOutput, Link
 from ..law_record import Law, LookingBack
@@ -117,7 +117,7 @@ def delayed_set_point_step(
     per_curvature = steer_per_curvature(p.steady, speed_m_s)
     x_pd, demand_rad = pd_step(p.pd, x.pd, seen.lateral_error_m)
     curve = curve_step(p.steady, p.fade_step_rad, x.curve, seen.vehicle)
-    asked_rad = curve.steer_rad + demand_rad
+    asked_rad = curve.value + demand_rad
     requests_rad_s, age_periods = x.requests_rad_s, x.age_periods + 1.0
     if age_periods >= p.request_periods:
         request_rad_s = speed_m_s * asked_rad / per_curvature
@@ -133,12 +133,12 @@ def delayed_set_point_step(
     correction_rad_s = p.proportional_gain * error_rad_s + integral_rad_s
     wanted_rad = per_curvature / max(speed_m_s, SPEED_M_S_MIN) * correction_rad_s
     correction = fading_step(p.fade_step_rad, x.correction, wanted_rad, seen.vehicle.is_stale)
-    steer_rad = asked_rad + correction.steer_rad
+    steer_rad = asked_rad + correction.value
     return (
         DelayedSetPointState(
             x_pd, integral_rad_s, requests_rad_s, age_periods, steer_rad, curve, correction
         ),
-        LawOutput(steer_rad, -correction.steer_rad, 0.0, seen.lateral_error_m),
+        LawOutput(steer_rad, -correction.value, 0.0, seen.lateral_error_m),
     )
 
 
@@ -174,8 +174,8 @@ def delayed_set_point_at_rest(
         (0.0,) * REQUESTS,
         p.request_periods,
         0.0,
-        NO_STEER,
-        NO_STEER,
+        NOTHING,
+        NOTHING,
     )
 
 

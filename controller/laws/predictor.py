@@ -30,11 +30,12 @@ from ..estimator import (
     model_step,
     start_estimate,
 )
+from ..followed_point import ahead_of_cg_m
 from ..law_interface import History, LawInput, LawOutput, Link
 from ..law_record import Fallback, Law, LookingBack, Schedule
 from ..limits import ramp_step
 from ..link import LinkParams
-from ..predictor_design import design_schedule
+from ..predictor_design import Feedback, design_schedule
 from .pd_ddob import PdDdobParams, PdDdobState, design_ddob, pd_ddob_at_rest, pd_ddob_step
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ class PredictorSettings(Settings):
     """[predictor]: weight of the lateral error in the feedback, and the prediction horizon."""
 
     steer_per_error_rad_m: Annotated[float, Field(gt=0.0, le=100.0)] = 1.0
-    """Weight of the lateral error in the feedback's cost: this much steer is as bad as a metre."""
+    """Weight of the followed point's deviation in the cost: as bad as a metre."""
     horizon_s_max: Annotated[float, Field(gt=0.0, le=2.0)] = 1.0
     """Longest prediction; for a longer delay the law is pd_ddob."""
 
@@ -193,12 +194,14 @@ def design_predictor(settings: "LawSettings") -> Schedule:
     """
     table = settings.table_of(PredictorSettings)
     period_s, sensor_period_s = settings.period_s, settings.link.sensor_period_s
+    vehicle = vehicle_of(settings)
+    behind_m = vehicle.preview_distance_m - ahead_of_cg_m(settings.followed_point, vehicle)
     gains = design_schedule(
         settings.estimator,
-        vehicle_of(settings),
+        vehicle,
         period_s,
         sensor_period_s,
-        table.steer_per_error_rad_m,
+        Feedback(table.steer_per_error_rad_m, behind_m),
     )
     link = link_of(settings)
     fallback = design_ddob(settings)

@@ -1,7 +1,8 @@
 """How late the commands of the last SPAN_S were, from their numbers and arrivals.
 
-Commands are numbered, and due at a fixed period. The straight line through time over number, moved
-down to the earliest command, gives the times they were due.
+Commands are numbered, and due at a fixed period: the median of those between commands that are half
+the span apart, so that a burst of late ones does not count. A straight line of this period through
+the earliest command gives the times they were due.
 """
 
 import math
@@ -83,8 +84,10 @@ class CommandLateness:
         times_ns, numbers = np.array(self._commands, dtype=np.int64).T
         elapsed_s = (times_ns - times_ns[0]) / NS_PER_S
         count = (numbers - numbers[0]).astype(np.float64)
-        if not count[-1]:
+        half = len(count) // 2
+        steps = count[half:] - count[:-half]
+        if not steps.all():
             return None
-        period_s = float(np.polynomial.polynomial.polyfit(count, elapsed_s, 1)[1])
+        period_s = float(np.median((elapsed_s[half:] - elapsed_s[:-half]) / steps))
         start_s = float((elapsed_s - period_s * count).min())
         return _Due(int(times_ns[0]), int(numbers[0]), start_s, period_s)

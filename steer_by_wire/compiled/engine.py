@@ -24,6 +24,7 @@ from ..plant_emulator.steering_guard import GuardParams
 from ..runtime.node import NS_PER_S
 from ..runtime.settings import SettingsError
 from .compilation import compiled_fastmath
+from .deviation import cg_deviations_m
 from .loop import (
     COMPLETE,
     LAW_FAILED,
@@ -107,14 +108,26 @@ class BatchRun(NamedTuple):
     sent_rad: FloatArray
     law_output: FloatArray
     plan: Plan
-    speed_m_s: float
+    motion: MotionParams
 
     @property
     def arc_length_m(self) -> FloatArray:
         """Where on the path each sample was taken."""
         first = len(self.plan.motion_ns) - len(self.plan.time_s)
         motion_ns = self.plan.motion_ns[first : first + len(self.time_s)]
-        return np.asarray(self.speed_m_s * (motion_ns / NS_PER_S), dtype=np.float64)
+        return np.asarray(self.motion.speed_m_s * (motion_ns / NS_PER_S), dtype=np.float64)
+
+    @property
+    def cg_deviation_m(self) -> FloatArray:
+        """Deviation of the centre of gravity from the path; computed anew at each call."""
+        deviations_m: FloatArray = cg_deviations_m(
+            self.motion.path,
+            self.arc_length_m,
+            self.heading_error_rad,
+            self.lateral_error_m,
+            self.motion.preview_distance_m,
+        )
+        return deviations_m
 
     @property
     def command_rad(self) -> FloatArray:
@@ -190,7 +203,7 @@ def run_batch(
     except LawRaisedError:  # as an output without numbers: the run ends at that tick
         samples, ticks = _filled(records.lateral_error_m), _filled(records.sent_rad)
         code = LAW_FAILED
-    return _collected(plan, motion.speed_m_s, records, samples, ticks, _OUTCOMES[code])
+    return _collected(plan, motion, records, samples, ticks, _OUTCOMES[code])
 
 
 def _run(
@@ -277,7 +290,7 @@ def _constants(plant: PlantSettings, controller: ControllerSettings, plan: Plan)
 
 
 def _collected(
-    plan: Plan, speed_m_s: float, r: Records, samples: int, ticks: int, outcome: Outcome
+    plan: Plan, motion: MotionParams, r: Records, samples: int, ticks: int, outcome: Outcome
 ) -> BatchRun:
     """Return the samples since the motion's start and the ticks done."""
     first = len(plan.sample_ns) - len(plan.time_s)
@@ -295,5 +308,5 @@ def _collected(
         sent_rad=r.sent_rad[:ticks],
         law_output=r.law_output[:ticks],
         plan=plan,
-        speed_m_s=speed_m_s,
+        motion=motion,
     )

@@ -14,6 +14,7 @@ from typing import Any
 from numba.extending import overload, register_jitable
 
 from ..controller.feed_forward import FeedForwardParams, feed_forward_step
+from ..controller.followed_point import FollowedPointParams, followed_point_step
 from ..controller.kalman_derivative import KalmanParams, kalman_step
 from ..controller.law_interface import LawInput
 from ..controller.law_record import Law
@@ -22,6 +23,7 @@ from ..controller.limits import limit_step, ramp_step
 from ..controller.link_memory import command_step, echo_step, error_step, history_of, link_at
 from ..controller.own_law import numbers_or_none
 from ..dbc.messages import Law as LawNumber
+from ..plant_emulator.deviation import deviation_behind_m
 from ..plant_emulator.loss import loss_step
 from ..plant_emulator.motion import advance_motion, command_motion, start_motion
 from ..plant_emulator.steering_guard import guard_command, guard_timer, guard_wheel, start_guard
@@ -46,9 +48,11 @@ _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
     guard_timer,
     guard_wheel,
     status_of,
+    deviation_behind_m,
 )
 _AROUND: dict[type, Callable[..., Any]] = {
     FeedForwardParams: feed_forward_step,
+    FollowedPointParams: followed_point_step,
     KalmanParams: kalman_step,
 }
 """Steps that wrap a law's step, which is their argument; by the type of their params."""

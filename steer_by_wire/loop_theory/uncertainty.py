@@ -45,18 +45,15 @@ class UncertaintyBox(NamedTuple):
 
 
 def paper_box(rear_cornering_stiffness_n_rad: float = 500e3) -> UncertaintyBox:
-    """Return Figure 2's box around Table I, whose C_r is printed as 50,000: a dropped zero.
-
-    The preview distance is not printed; 1.912 m is what the leading coefficient of (19) implies.
-    """
+    """Return Figure 2's box around the vehicle of (19); Table I prints C_r = 50,000."""
     nominal = NominalVehicle(
         virtual_mass_kg=2000.0,
         yaw_inertia_kg_m2=3728.0,
-        front_cornering_stiffness_n_rad=195e3,
+        front_cornering_stiffness_n_rad=190e3,
         rear_cornering_stiffness_n_rad=rear_cornering_stiffness_n_rad,
         front_axle_distance_m=1.3008,
         rear_axle_distance_m=1.5453,
-        preview_distance_m=1.912,
+        preview_distance_m=2.0,
         speed_m_s=5.0 / 3.6,
     )
     return UncertaintyBox(

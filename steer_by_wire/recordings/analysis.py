@@ -29,6 +29,7 @@ from ..plant_emulator.verdict import VerdictRules
 from ..runtime.frame import Frame
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from .bus_listener import BusListener, ReceivedMessage
+from .cg_deviation import PREVIEW_M, CgDeviation
 from .durations import Durations, History
 from .held_path import HeldPath
 from .latency import Latencies
@@ -58,6 +59,8 @@ HISTORIES: Mapping[str, tuple[str, str]] = {
     "delay_confidence": ("DELAY_STATUS", "confidence"),
 }
 """Signals with figures and pictures: their message in the DBC, and the field."""
+CG_DEVIATION = "cg_deviation_m"
+"""One more, computed from several."""
 
 
 class Gap(NamedTuple):
@@ -89,17 +92,20 @@ def _modular(message_type: type[Message], field: str) -> _Modular:
 class LogAnalysis:
     """Analyses one log.
 
+    ``preview_m``  where the plant's preview point is, ahead of the centre of gravity
+
     Frames have times in nanoseconds. In a log without times every frame has None, and there are no
     figures of latency, cycles and gaps.
 
     ``rules``  of the verdict
     """
 
-    def __init__(self, rules: VerdictRules | None = None) -> None:
+    def __init__(self, rules: VerdictRules | None = None, preview_m: float = PREVIEW_M) -> None:
         self._held_path = HeldPath(rules or VerdictRules())
         self.listener = BusListener()
         self.latencies = Latencies()
-        self.histories = {name: History() for name in HISTORIES}
+        self.histories = {name: History() for name in (*HISTORIES, CG_DEVIATION)}
+        self._cg, self._cg_m = CgDeviation(preview_m), math.nan
         self.cycles = {name: Durations() for name in MESSAGE_TYPES}
         self.cycle_histories = {name: History() for name in MESSAGE_TYPES}
         self._by_message: dict[str, list[tuple[str, str]]] = {}
@@ -139,6 +145,12 @@ class LogAnalysis:
         at_s = math.nan if since_ns is None else since_ns / NS_PER_S
         for label, field in self._by_message.get(received.name, ()):
             self.histories[label].add(at_s, getattr(received.message, field))
+        if isinstance(received.message, VehicleState):
+            self._cg.on_state(received.message, at_s)
+        elif isinstance(received.message, LateralError):
+            self._cg_m = self._cg.of(received.message)
+            if not math.isnan(self._cg_m):
+                self.histories[CG_DEVIATION].add(at_s, self._cg_m)
         self._watch(received.message, since_ns)
         return at_s, received
 
@@ -211,7 +223,7 @@ class LogAnalysis:
 
     def _watch(self, message: Message, since_ns: int | None) -> None:
         """Follow path, modes, law, the counts that the nodes report, and changes of the latency."""
-        self._held_path.take(message)
+        self._held_path.take(message, self._cg_m)
         if isinstance(message, ControllerStatus):
             self._skipped_ticks.take(message.skipped_ticks)
             self._laws[Law(message.law).name] = None

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from ..plant_emulator.verdict import VerdictRules
 from .analysis import LogAnalysis
+from .cg_deviation import PREVIEW_M
 from .log_file import LogError, open_log
 from .signal_table import Export
 
@@ -26,6 +27,7 @@ def analyse_files(
     exports: Sequence[Export] = (),
     advance: Callable[[str, float | None], None] = lambda _name, _fraction: None,
     rules: VerdictRules | None = None,
+    preview_m: float = PREVIEW_M,
 ) -> AnalysedLog:
     """Read the files of one log, one after the other.
 
@@ -33,10 +35,11 @@ def analyse_files(
     ``exports``  receive every message; the caller closes them
     ``advance``  called now and then with a file and how much of it was read (None: unknown)
     ``rules``    of the verdict
+    ``preview_m``  where the plant's preview point is, ahead of the centre of gravity
 
     Raises LogError if a file cannot be read at all, or has no frame of the channel.
     """
-    analysis = LogAnalysis(rules)
+    analysis = LogAnalysis(rules, preview_m)
     unreadable, first_unreadable = 0, ""
     channels: dict[str, None] = {}
     for path in paths:

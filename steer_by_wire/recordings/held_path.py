@@ -34,15 +34,17 @@ class HeldPath:
         self._wheel_rad = 0.0
         self._limit = ""
 
-    def take(self, message: Message) -> None:
-        """Take an accepted message."""
+    def take(self, message: Message, cg_deviation_m: float) -> None:
+        """Take an accepted message, and the centre of gravity's deviation by then, NaN for none."""
         if isinstance(message, SteeringCommand):
             self._has_started = True
         elif isinstance(message, SteeringStatus):
             self._wheel_rad = message.wheel_angle_rad
             self._limit = _LIMITS.get(message.status, "")
         elif isinstance(message, LateralError) and self._has_started:
-            self._figures.take(message.lateral_error_m, self._wheel_rad, self._limit)
+            self._figures.take(
+                message.lateral_error_m, cg_deviation_m, self._wheel_rad, self._limit
+            )
 
     def report(self, period_s: float, *, left_range: bool) -> Mapping[str, Any]:
         """Return the figures as a plant reports them.

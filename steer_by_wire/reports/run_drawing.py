@@ -12,9 +12,13 @@ def draw_run(title: str, plant: PlantTable, controller: ControllerTable) -> Figu
     with plot_style():
         figure = Figure(figsize=(9.0, 8.0), dpi=110)
         error, steer, estimates, latency = figure.subplots(4, 1, sharex=True)
-        error.plot(plant.time_s, 1e3 * plant.lateral_error_m, color=COLOURS[1])
+        for values_m, label, colour in (
+            (plant.lateral_error_m, "preview point", COLOURS[1]),
+            (plant.cg_deviation_m, "centre of gravity", COLOURS[0]),
+        ):
+            error.plot(plant.time_s, 1e3 * values_m, color=colour, label=label, lw=1.0)
         error.axhline(0.0, color="black", lw=0.6)
-        error.set(ylabel="lateral error [mm]")
+        error.set(ylabel="off the path [mm]")
         error.set_title(title)
         steer.step(controller.time_s, controller.sent_rad, where="post", label="sent", lw=1.0)
         steer.plot(plant.time_s, plant.wheel_angle_rad, label="wheel", lw=1.0)
@@ -29,7 +33,7 @@ def draw_run(title: str, plant: PlantTable, controller: ControllerTable) -> Figu
         latency.plot(plant.time_s, 1e3 * plant.downlink_latency_s, ".", ms=2.5, label="downlink")
         latency.plot(plant.time_s, 1e3 * plant.uplink_latency_s, ".", ms=2.5, label="uplink")
         latency.set(xlabel="time [s]", ylabel="latency [ms]", ylim=(0.0, None))
-        for axes in (steer, estimates, latency):
+        for axes in (error, steer, estimates, latency):
             if axes.get_legend_handles_labels()[1]:
                 axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=2, markerscale=3.0)
     return figure

@@ -32,6 +32,8 @@ LOOKING_BACK = (
     ("practical_delayed_set_point",),
     ("practical_pd_ddob", 'pd.derivative="kalman"'),
     ("practical_pd", "feed_forward={}"),
+    ("practical_pd_ddob", "followed_point=rear_axle", "feed_forward={}"),
+    ("practical_predictor", "followed_point=centre_of_gravity"),
 )
 LOST_WHEEL = (
     "safety={follow_tolerance_rad=0.03, follow_time_ms=50.0}",

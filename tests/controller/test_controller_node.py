@@ -33,11 +33,11 @@ VEHICLE = {
     "kind": "vehicle",
     "virtual_mass_kg": 2000.0,
     "yaw_inertia_kg_m2": 3728.0,
-    "front_cornering_stiffness_n_rad": 195e3,
+    "front_cornering_stiffness_n_rad": 190e3,
     "rear_cornering_stiffness_n_rad": 500e3,
     "front_axle_distance_m": 1.3008,
     "rear_axle_distance_m": 1.5453,
-    "preview_distance_m": 1.912,
+    "preview_distance_m": 2.0,
     "speed_m_s": 5.0 / 3.6,
 }
 

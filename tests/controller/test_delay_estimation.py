@@ -25,7 +25,7 @@ PERIOD_S = 0.01
 PERIOD_NS = 10_000_000
 TOLERANCE_S = 0.01
 SPEED_M_S = 5.0 / 3.6
-VEHICLE = NominalVehicle(3300.0, 3728.0, 195e3, 500e3, 1.3008, 1.5453, 1.912, 1.0)
+VEHICLE = NominalVehicle(3300.0, 3728.0, 190e3, 500e3, 1.3008, 1.5453, 2.0, 1.0)
 PARAMS = DelayEstimationParams(PERIOD_S, VEHICLE, 1.0, 10.0, TOLERANCE_S, 0.95)
 GRID = LagGrid(0.02, 55, 10.0)
 NO_CURVATURE_1_M = 0.0
@@ -242,7 +242,7 @@ def test_old_measurements_and_a_vehicle_at_rest_do_not_count() -> None:
 
 def test_a_vehicle_that_is_unstable_at_its_speed_has_no_filters() -> None:
     oversteering = VEHICLE._replace(
-        front_cornering_stiffness_n_rad=500e3, rear_cornering_stiffness_n_rad=195e3
+        front_cornering_stiffness_n_rad=500e3, rear_cornering_stiffness_n_rad=190e3
     )
     assert design_filters(oversteering._replace(speed_m_s=1.0), PERIOD_S) is not None
     assert design_filters(oversteering._replace(speed_m_s=40.0), PERIOD_S) is None

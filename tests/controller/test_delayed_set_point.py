@@ -81,7 +81,9 @@ def test_its_integral_takes_out_a_steering_offset_that_pd_with_feed_forward_keep
     offset = "disturbance.steps=[{at_s=1.0, steering_offset_rad=0.02}]"
     kept = on_a_circle("practical_pd", FEED_FORWARD, offset)
     taken = on_a_circle("practical_pd", SET_POINT, offset, "latency.downlink.mean_s=0.1")
-    assert kept.lateral_error_m == pytest.approx(0.02 / 1.52, rel=0.02)
+    pd = preset("practical_pd").pd
+    assert pd is not None
+    assert kept.lateral_error_m == pytest.approx(0.02 / pd.proportional_gain_rad_m, rel=0.02)
     assert abs(taken.lateral_error_m) < 3e-4
     assert taken.law_output.disturbance_rad == pytest.approx(0.02, rel=0.02)
 

@@ -5,7 +5,7 @@ import pytest
 
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.design import design_law, steady_steer
-from steer_by_wire.controller.fading import NO_STEER
+from steer_by_wire.controller.fading import NOTHING
 from steer_by_wire.controller.feed_forward import curve_steer
 from steer_by_wire.controller.law_interface import LawInput, VehicleReading
 from steer_by_wire.plant_emulator.vehicle import VehicleParams, state_matrices
@@ -38,7 +38,11 @@ def test_with_feed_forward_every_law_stays_on_a_circle(law: str) -> None:
 
 def test_without_it_pd_is_off_the_circle_by_the_steer_over_its_gain() -> None:
     last = on_a_circle("practical_pd", ())
-    assert last.lateral_error_m == pytest.approx(-2.85 / 30.0 / 1.52, rel=0.01)
+    pd = preset("practical_pd").pd
+    assert pd is not None
+    assert last.lateral_error_m == pytest.approx(
+        -2.85 / 30.0 / pd.proportional_gain_rad_m, rel=0.01
+    )
 
 
 def test_an_observer_that_saw_the_feed_forward_would_take_the_curve_out_twice() -> None:
@@ -46,10 +50,12 @@ def test_an_observer_that_saw_the_feed_forward_would_take_the_curve_out_twice() 
     settings = preset("practical_pd_dob", FEED_FORWARD)
     design, phi = design_law(settings), transition(5.0, 2000.0)
     curve = VehicleReading(5.0 / 3.6, 0.0, 0.02)
-    for hidden, expected_m in ((True, 0.0), (False, 2.85 * 0.02 / 0.99)):
+    assert settings.pd is not None
+    twice_m = 2.85 * 0.02 / settings.pd.proportional_gain_rad_m
+    for hidden, expected_m in ((True, 0.0), (False, twice_m)):
         x, state, steer_rad = np.zeros(6), design.initial_state(0.0), 0.0
         for _ in range(6000):
-            before = state if hidden else state._replace(curve=NO_STEER)
+            before = state if hidden else state._replace(curve=NOTHING)
             seen = LawInput(float(x[3]), steer_rad, curve)
             state, output = design.step(design.params, before, seen)
             steer_rad = x[4] = output.steer_rad

@@ -72,7 +72,7 @@ def test_the_derivative_is_that_of_the_lateral_error() -> None:
     params = design.params_at(2.0)
     assert isinstance(params, KalmanParams)
     x = EstimatorState(0, 0.01, 0.1, 0.05, 9.0, 9.0, 9.0, 9.0)
-    expected = 2.0 * 0.01 + 1.912 * 0.1 + 2.0 * 0.05
+    expected = 2.0 * 0.01 + 2.0 * 0.1 + 2.0 * 0.05
     assert error_rate_m_s(params.derivative, x) == pytest.approx(expected)
 
 

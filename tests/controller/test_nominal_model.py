@@ -16,7 +16,7 @@ from steer_by_wire.controller.nominal_model import (
 from steer_by_wire.controller.transfer_function import Factor, TransferFunction
 from steer_by_wire.loop_theory.uncertainty import paper_box
 
-PAPER = NominalVehicle(2000.0, 3728.0, 195e3, 500e3, 1.3008, 1.5453, 1.912, 5.0 / 3.6)
+PAPER = NominalVehicle(2000.0, 3728.0, 190e3, 500e3, 1.3008, 1.5453, 2.0, 5.0 / 3.6)
 OVERSTEERING = PAPER._replace(rear_cornering_stiffness_n_rad=50e3)
 
 
@@ -55,8 +55,11 @@ def test_equation_19_has_the_printed_coefficients() -> None:
     assert paper_eq19().response(np.array([s]))[0] == pytest.approx(printed, rel=1e-12)
 
 
-def test_the_preview_distance_comes_from_the_leading_coefficient_of_19() -> None:
-    assert vehicle_model(PAPER).numerator[0].s2 == pytest.approx(227.6, abs=0.05)
+def test_equation_19_shares_with_the_vehicle_what_the_yaw_damping_does_not_touch() -> None:
+    """(19) has a22 as misprinted: the coefficients of s² and 1 above do not contain it."""
+    (printed,), (ours,) = paper_eq19().numerator, vehicle_model(PAPER).numerator
+    assert (ours.s2, ours.s0) == pytest.approx((printed.s2, printed.s0), rel=2e-4)
+    assert ours.s1 > 1.05 * printed.s1
 
 
 @settings(deadline=None)

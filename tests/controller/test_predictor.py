@@ -18,7 +18,7 @@ from steer_by_wire.controller.estimator import (
 from steer_by_wire.controller.law_interface import Link
 from steer_by_wire.controller.laws.predictor import design_predictor, predict, steer_for
 from steer_by_wire.controller.link import LinkParams
-from steer_by_wire.controller.predictor_design import design_schedule, sampled_vehicles
+from steer_by_wire.controller.predictor_design import Feedback, design_schedule, sampled_vehicles
 from steer_by_wire.controller.shared_settings import EstimatorSettings, VehicleModelSettings
 from steer_by_wire.plant_emulator.propagation import (
     LinearState,
@@ -38,11 +38,11 @@ VEHICLE = VehicleModelSettings(
     kind="vehicle",
     virtual_mass_kg=2000.0,
     yaw_inertia_kg_m2=3728.0,
-    front_cornering_stiffness_n_rad=195e3,
+    front_cornering_stiffness_n_rad=190e3,
     rear_cornering_stiffness_n_rad=500e3,
     front_axle_distance_m=1.3008,
     rear_axle_distance_m=1.5453,
-    preview_distance_m=1.912,
+    preview_distance_m=2.0,
     speed_m_s=5.0 / 3.6,
 )
 
@@ -50,7 +50,7 @@ VEHICLE = VehicleModelSettings(
 def gains(speed_m_s: float, lag_s: float = 0.0, sensor_period_s: float = 0.01) -> VehicleGains:
     """Return the gains at one speed, which is made the lowest of the table."""
     settings = EstimatorSettings(actuator_lag_s=lag_s, speed_m_s_min=speed_m_s, speed_m_s_max=80.0)
-    return design_schedule(settings, VEHICLE, 0.01, sensor_period_s, 1.0).gains[0]
+    return design_schedule(settings, VEHICLE, 0.01, sensor_period_s, Feedback(1.0, 0.0)).gains[0]
 
 
 # The model
@@ -159,7 +159,7 @@ def test_a_steering_offset_that_is_known_leaves_no_error(lag_s: float) -> None:
 
 
 def test_gains_between_two_speeds_of_the_table_are_between_theirs() -> None:
-    schedule = design_schedule(EstimatorSettings(), VEHICLE, 0.01, 0.01, 1.0)
+    schedule = design_schedule(EstimatorSettings(), VEHICLE, 0.01, 0.01, Feedback(1.0, 0.0))
     low, high = schedule.speeds_m_s[10:12]
     middle = schedule.at(0.25 * low + 0.75 * high)
     expected = 0.25 * np.array(schedule.gains[10]) + 0.75 * np.array(schedule.gains[11])
@@ -170,7 +170,7 @@ def test_gains_between_two_speeds_of_the_table_are_between_theirs() -> None:
 
 def test_half_way_between_two_speeds_of_the_table_no_gain_is_off_by_more_than_3_percent() -> None:
     """That much only where one crosses zero; of the larger of its two neighbours."""
-    schedule = design_schedule(EstimatorSettings(), VEHICLE, 0.01, 0.01, 1.0)
+    schedule = design_schedule(EstimatorSettings(), VEHICLE, 0.01, 0.01, Feedback(1.0, 0.0))
     for low, high in pairwise(schedule.speeds_m_s):
         speed_m_s = 0.5 * (low + high)
         off = np.abs(np.subtract(schedule.at(speed_m_s), gains(speed_m_s)))

@@ -18,7 +18,7 @@ from steer_by_wire.plant_emulator.rig_settings import (
 from steer_by_wire.plant_emulator.vehicle import VehicleParams, on_friction, state_matrices
 
 VEHICLE = VehicleSettings(speed_m_s=72.0 / 3.6)
-PARAMS = VehicleParams(20.0, 2000.0, 3728.0, 195_000.0, 500_000.0, 1.3008, 1.5453, 1.912)
+PARAMS = VehicleParams(20.0, 2000.0, 3728.0, 190_000.0, 500_000.0, 1.3008, 1.5453, 2.0)
 
 
 def moving(*steps: DisturbanceStep, side_force_arm_m: float = 0.0) -> Motion:

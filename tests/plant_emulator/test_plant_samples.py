@@ -24,7 +24,18 @@ CIRCLE = build_path(CircleSettings(radius_m=50.0))
 
 def sample(arc_length_m: float, lateral_error_m: float, command_rad: float = 0.125) -> PlantSample:
     return PlantSample(
-        0.25, arc_length_m, lateral_error_m, 0.5, -0.1, command_rad, 0.1, 0.08, math.nan, 0.02, 0.0
+        0.25,
+        arc_length_m,
+        lateral_error_m,
+        0.5,
+        -0.1,
+        command_rad,
+        0.1,
+        0.08,
+        math.nan,
+        0.02,
+        0.0,
+        0.3,
     )
 
 
@@ -53,12 +64,14 @@ def test_a_sample_is_its_lateral_error_away_from_the_path(
 
 def test_figures_by_hand() -> None:
     figures = RunningFigures()
-    for lateral_error_m, wheel_angle_rad in ((1.0, 0.1), (-7.0, -0.3), (5.0, 0.2)):
-        figures.take(lateral_error_m, wheel_angle_rad)
+    for row in ((1.0, 2.0, 0.1), (-7.0, -14.0, -0.3), (5.0, 10.0, 0.2)):
+        figures.take(*row)
     assert figures.samples == 3
     assert figures.lateral_error_rms_m == pytest.approx(5.0)
     assert figures.lateral_error_peak_m == 7.0
     assert figures.lateral_error_final_m == 5.0
+    assert figures.cg_deviation_rms_m == pytest.approx(10.0)
+    assert figures.cg_deviation_peak_m == 14.0
     assert figures.wheel_angle_peak_rad == 0.3
 
 

@@ -8,7 +8,7 @@ def test_without_motion_there_is_no_error_to_report() -> None:
     tested = link()
     tested.tick_until(START_NS)
     lines = dict(plant_summary(tested.node.report()))
-    assert lines["lateral error"] == "unknown: the vehicle has not moved"
+    assert lines["centre of gravity"] == "unknown: the vehicle has not moved"
     assert lines["commands"] == "latency unknown, 0 lost"
     assert "limited" not in lines
     assert "plant rejected" not in lines
@@ -17,6 +17,6 @@ def test_without_motion_there_is_no_error_to_report() -> None:
 def test_with_motion_there_are_error_latency_and_who_limits() -> None:
     tested = steered(20, safety={"angle_rad_max": 0.05}, latency={"downlink": {"mean_s": 0.02}})
     lines = dict(plant_summary(tested.node.report()))
-    assert lines["lateral error"].startswith("RMS ")
+    assert lines["preview point"].startswith("off the path RMS ")
     assert lines["commands"].startswith("latency p50 19.99 ms")
     assert lines["limited"].startswith("commands by angle ")

@@ -16,7 +16,7 @@ from steer_by_wire.plant_emulator.propagation import (
 )
 from steer_by_wire.plant_emulator.vehicle import VehicleParams
 
-PAPER = VehicleParams(5.0 / 3.6, 2000.0, 3728.0, 195_000.0, 500_000.0, 1.3008, 1.5453, 1.912)
+PAPER = VehicleParams(5.0 / 3.6, 2000.0, 3728.0, 190_000.0, 500_000.0, 1.3008, 1.5453, 2.0)
 M = augmented_matrix(PAPER, 0.0)
 SETTLING = augmented_matrix(PAPER, 20.0)
 TABLE = [*table_rows(transition_table(M)), *table_rows(transition_table(SETTLING))]

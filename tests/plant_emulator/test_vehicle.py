@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 from scipy.integrate import solve_ivp
+from scipy.signal import ss2tf
 
 from steer_by_wire.plant_emulator.path import curvature
 from steer_by_wire.plant_emulator.path_shapes import ellipse
@@ -19,7 +20,7 @@ from steer_by_wire.plant_emulator.propagation import (
 from steer_by_wire.plant_emulator.rig_settings import PathSettings, VehicleSettings
 from steer_by_wire.plant_emulator.vehicle import VehicleParams, on_friction, state_matrices
 
-PAPER = VehicleParams(5.0 / 3.6, 2000.0, 3728.0, 195_000.0, 500_000.0, 1.3008, 1.5453, 1.912)
+PAPER = VehicleParams(5.0 / 3.6, 2000.0, 3728.0, 190_000.0, 500_000.0, 1.3008, 1.5453, 2.0)
 FAST = PAPER._replace(speed_m_s=20.0)
 AT_REST = LinearState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -36,10 +37,13 @@ def test_matrices_are_those_computed_by_hand() -> None:
     assert b[:, 1].tolist() == [0, 0, -2, 0]
 
 
-def test_preview_distance_is_the_one_that_equation_19_implies() -> None:
-    """The leading coefficient of (19) is y'' per steering angle of a vehicle at rest."""
+def test_the_vehicle_gives_equation_19_with_the_yaw_damping_as_printed() -> None:
+    """(2) prints J V² under a22; with it the poles and zeros are those of (19), to 0.02 %."""
     a, b = state_matrices(PAPER)
-    assert a[3] @ b[:, 0] == pytest.approx(227.6, abs=0.05)
+    a[1, 1] /= PAPER.speed_m_s
+    zeros, poles = ss2tf(a, b[:, :1], np.eye(4)[3:], np.zeros((1, 1)))
+    assert zeros[0, 2:] == pytest.approx([227.6, 84790.0, 36270.0], rel=2e-4)
+    assert poles[1:3] == pytest.approx([459.2, 33290.0], rel=2e-4)
 
 
 @pytest.mark.parametrize("p", [PAPER, FAST])
@@ -205,8 +209,8 @@ def test_presets_differ_from_the_nominal_vehicle_in_what_they_are_named_for(name
     if name == "paper_nominal":
         assert changed == set()
     elif name == "paper_nominal_as_printed":
-        assert changed == {"rear_cornering_stiffness_n_rad"}
-    elif name == "highway_nominal":
-        assert changed == {"speed_km_h"}
+        assert changed == {"front_cornering_stiffness_n_rad", "rear_cornering_stiffness_n_rad"}
     else:
-        assert changed == {"speed_m_s", "virtual_mass_kg"}
+        own = {"front_cornering_stiffness_n_rad", "preview_distance_m"}
+        mass = set() if name == "highway_nominal" else {"virtual_mass_kg"}
+        assert changed == {"speed_m_s"} | mass | (own if name.startswith("highway") else set())

@@ -84,7 +84,7 @@ def test_only_the_samples_of_two_windows_are_kept() -> None:
     newest = samples_judged(rules, 60.0, 0.01)
     figures = RunningFigures(newest=newest)
     for value in sine(0.2):
-        figures.take(float(value), 0.0)
+        figures.take(float(value), 0.0, 0.0)
     assert len(figures.newest_m) == newest == 200
     kept = judge(rules, list(figures.newest_m), figures.samples, 0.2, 0.01)
     assert kept == judged(sine(0.2), rules)

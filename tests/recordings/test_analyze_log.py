@@ -47,6 +47,9 @@ def test_signals_have_the_rms_and_peak_of_the_run(constant: Run) -> None:
     assert error["samples"] == pytest.approx(node["samples"], abs=5)
     assert error["rms"] == pytest.approx(node["lateral_error_rms_m"], rel=3e-3)
     assert abs(error["peak"]) == pytest.approx(node["lateral_error_peak_m"], abs=5e-6)
+    of_cg = figures["signals"]["cg_deviation_m"]
+    assert of_cg["rms"] == pytest.approx(node["cg_deviation_rms_m"], rel=0.03)
+    assert abs(of_cg["peak"]) == pytest.approx(node["cg_deviation_peak_m"], abs=2e-3)
     entries = entries_of(constant.log)
     command = next(entry for entry in entries if is_of(entry, "STEERING_COMMAND"))
     start_s = 1e-9 * (command.time_ns - entries[0].time_ns)  # motion starts with it
@@ -196,7 +199,7 @@ def test_several_logs_stand_beside_each_other(
     out = tmp_path / "out"
     assert main([str(constant.log), str(varying.log), "--out", str(out)]) == ExitStatus.OK
     printed = capsys.readouterr().out
-    assert "lateral error, RMS [mm]" in printed
+    assert "centre of gravity, RMS [mm]" in printed
     names = [f"{run.log.parent.name}-run" for run in (constant, varying)]
     assert sorted(path.name for path in out.iterdir()) == names
     for path in out.iterdir():

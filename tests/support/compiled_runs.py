@@ -92,6 +92,7 @@ def assert_same_as_nodes(plant: PlantSettings, controller: ControllerSettings) -
         "wheel_angle_rad": 6,
         "downlink_latency_s": 7,
         "curvature_1_m": 9,
+        "cg_deviation_m": 11,
     }
     assert batch.outcome is Outcome.COMPLETE
     for name, column in columns.items():

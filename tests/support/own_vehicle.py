@@ -10,9 +10,11 @@ PERIOD_S = 0.01
 
 
 @cache
-def transition(speed_km_h: float, mass_kg: float) -> NDArray[np.float64]:
+def transition(
+    speed_km_h: float, mass_kg: float, c_f: float = 190e3, l_s: float = 2.0
+) -> NDArray[np.float64]:
     """Return the (4, 6) map from (β, r, Δψ, y, steer, curvature) to the state a period later."""
-    v, j, c_f, c_r, l_f, l_r, l_s = speed_km_h / 3.6, 3728.0, 195e3, 500e3, 1.3008, 1.5453, 1.912
+    v, j, c_r, l_f, l_r = speed_km_h / 3.6, 3728.0, 500e3, 1.3008, 1.5453
     lever = c_r * l_r - c_f * l_f
     m = np.zeros((6, 6))
     m[0] = -(c_r + c_f) / (mass_kg * v), -1 + lever / (mass_kg * v**2), 0, 0, c_f / (mass_kg * v), 0

@@ -143,7 +143,12 @@ def plant_settings(latency: Latency, corner: Corner) -> PlantSettings:
     speed_km_h, virtual_mass_kg = corner
     return PlantSettings(
         duration_s=DURATION_S,
-        vehicle=VehicleSettings(speed_m_s=speed_km_h / 3.6, virtual_mass_kg=virtual_mass_kg),
+        vehicle=VehicleSettings(
+            speed_m_s=speed_km_h / 3.6,
+            virtual_mass_kg=virtual_mass_kg,
+            front_cornering_stiffness_n_rad=MODEL.front_cornering_stiffness_n_rad,
+            preview_distance_m=MODEL.preview_distance_m,
+        ),
         path=EllipseSettings(semi_major_axis_m=60.0, semi_minor_axis_m=30.0),
         latency=BothLatencySettings(
             downlink=LatencySettings(model=model, mean_s=mean_s, spread_s=spread_s)

@@ -123,6 +123,13 @@ def test_a_live_loop_is_watched_driven_and_recorded(browser: Browser, tmp_path: 
         browser.wait_for(f"{light('Controller')} === 'ACTIVE'")
         browser.wait_for(f"['APPLYING', 'LIMITED BY SAFETY'].includes({light('Steering')})")
 
+        plant = "plant of practical pd ddob"
+        browser.read(press(f"Pause {plant}"))
+        browser.wait_for(f"{light('Steering')} === 'SILENT'")
+        browser.read(press(f"Resume {plant}"))
+        browser.wait_for(f"{light('Steering')} !== 'SILENT'")
+        browser.wait_for(f"{light('Controller')} === 'ACTIVE'")
+
         browser.read(press("DDOB with varying delay"))
         browser.wait_for("cockpit.lanes.length === 3 && cockpit.drawn")
         laws = "cockpit.status.lanes.map((lane) => lane.law).join()"

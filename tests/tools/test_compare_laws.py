@@ -53,15 +53,20 @@ def test_a_designed_predictor_says_what_is_measured_anew(
 def test_the_predictor_holds_half_a_second_and_the_observers_do_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    chosen = tuple(one for one in runs.CONTESTANTS if one.label in ("PD+DDOB", "predictor"))
+    chosen = tuple(
+        one for one in runs.CONTESTANTS if one.label in ("PD+DDOB", "predictor", "predictor, CG")
+    )
     monkeypatch.setattr(runs, "CONTESTANTS", chosen)
     told: list[tuple[int, int]] = []
     cells = compare([0.0, 0.5], 1, 20.0, lambda done, of: told.append((done, of)))
-    assert told[-1] == (20, 20)
+    assert told[-1] == (30, 30)
     worst = {(cell.contestant, cell.network, cell.delay_s): cell.settled_rms_m for cell in cells}
     for network in ("constant", "jitter", "in_order", "loss"):
         assert worst["predictor", network, 0.5] < 0.003
     assert worst["PD+DDOB", "constant", 0.5] > 0.1
+    of_cg = {(cell.contestant, cell.network, cell.delay_s): cell.settled_cg_rms_m for cell in cells}
+    assert of_cg["predictor", "constant", 0.5] > 0.05
+    assert 1e-4 < of_cg["predictor, CG", "constant", 0.5] < 0.004
     assert worst["predictor", "lag", 0.5] < 0.02
     # Newest wins, what acts is younger than the mean, and hides what jitter does in order.
     assert worst["PD+DDOB", "jitter", 0.5] < 0.01
@@ -90,11 +95,12 @@ def test_a_published_law_breaks_at_80_ms_where_it_has_its_own_rate(
 
 def test_a_law_breaks_at_the_first_delay_at_which_it_does_not_hold_the_path() -> None:
     cells = [
-        Cell("law", "constant", delay_s, rms_m, rms_m)
-        for delay_s, rms_m in ((0.0, 0.1), (0.1, 0.1001), (0.2, 0.01), (0.3, OFF_PATH_M))
+        Cell("law", "constant", delay_s, follows_cg, rms_m, rms_m, cg_m, cg_m)
+        for delay_s, error_m in ((0.0, 0.1), (0.1, 0.1001), (0.2, 0.01), (0.3, OFF_PATH_M))
+        for follows_cg, rms_m, cg_m in ((False, error_m, 1.0), (True, 1.0, error_m))
     ]
     assert breaks_at_s(cells) == 0.1
-    assert breaks_at_s(cells[:1]) is None
+    assert breaks_at_s(cells[:2]) is None
     assert np.isfinite(cells[0].rms_m)
 
 
@@ -122,13 +128,13 @@ def test_ctrl_c_ends_the_comparison_soon_and_leaves_what_is_complete(
             assert interrupted.wait(60.0)
         else:
             assert cancelled.wait(60.0)
-        return Cell(one.label, key, delay_s, 0.01, 0.01)
+        return Cell(one.label, key, delay_s, False, 0.01, 0.01, 0.01, 0.01)
 
     monkeypatch.setattr(runs, "ThreadPoolExecutor", Pool)
     monkeypatch.setattr(runs, "_cell", cell)
     monkeypatch.setattr(StopRequest, "_take_signal", taken)
     assert main(["--out", str(tmp_path)]) == ExitStatus.INTERRUPTED
-    assert len(computed) <= 1 + 2 * runs._THREADS  # of 1325
+    assert len(computed) <= 1 + 2 * runs._THREADS  # of 1525
     header, *rows = (tmp_path / "comparison.csv").read_text(encoding="utf-8").splitlines()
     assert header.startswith("contestant,network,")
     assert f"interrupted: {len(rows)} results are in" in capsys.readouterr().out

@@ -117,6 +117,18 @@ def test_one_late_command_is_late_by_as_much_as_it_came_late() -> None:
     assert lateness.p99_s < 1e-4
 
 
+def test_commands_that_waited_together_at_the_start_make_no_later_one_late() -> None:
+    watch = BusWatch(0)
+    for number in range(1000):
+        frame = encode(SteeringCommand(0.0, number, Mode.ACTIVE), number % 256)
+        watch.on_frame(frame, max(number * 10_000_000, 800_000_000))
+    lateness = watch.view(10 * NS).lateness
+    assert lateness is not None
+    assert lateness.max_s == pytest.approx(0.8, abs=1e-6)
+    assert lateness.p50_s < 1e-6
+    assert watch.lateness_s < 1e-6
+
+
 def test_a_view_counts_what_is_refused_by_cause(entries: list[LogEntry]) -> None:
     now_ns = entries[-1].time_ns
     good = encode(LateralError(0.0, 0.0), 0)

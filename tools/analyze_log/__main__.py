@@ -30,6 +30,7 @@ from steer_by_wire.command_line import add_out_argument, command_parser
 from steer_by_wire.plant_emulator import quantities
 from steer_by_wire.plant_emulator.verdict import VerdictRules
 from steer_by_wire.plant_emulator.verdict_text import verdict_text
+from steer_by_wire.recordings.cg_deviation import PREVIEW_M
 from steer_by_wire.recordings.file_analysis import analyse_files
 from steer_by_wire.recordings.log_file import LogError
 from steer_by_wire.recordings.signal_table import (
@@ -94,6 +95,13 @@ def _parser() -> argparse.ArgumentParser:
         "--join", action="store_true", help="the files are one log, one after the other"
     )
     parser.add_argument(
+        "--preview-m",
+        type=_preview_m,
+        default=PREVIEW_M,
+        metavar="M",
+        help="of the plant's preview point, ahead of the centre of gravity (default: %(default)g)",
+    )
+    parser.add_argument(
         "--channel", help="the channel to read, if the log has several (default: all)"
     )
     parser.add_argument("--mcap", action="store_true", help="also write signals.mcap")
@@ -112,6 +120,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_fail_if_argument(parser, QUANTITIES)
     return parser
+
+
+def _preview_m(text: str) -> float:
+    """Read a distance; argparse turns the error into one line."""
+    try:
+        preview_m = float(text)
+    except ValueError:
+        preview_m = -1.0
+    if not 0.0 <= preview_m <= 100.0:
+        raise argparse.ArgumentTypeError(f"allowed is 0 to 100 m, not {text!r}")
+    return preview_m
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -188,7 +207,9 @@ def _analyse(
             exports = _exports(partial, options)
             for export in exports:
                 stack.callback(export.close)
-            figures, analysis = analyse_files(paths, options.channel, exports, advance, rules)
+            figures, analysis = analyse_files(
+                paths, options.channel, exports, advance, rules, options.preview_m
+            )
         # Only a report needs matplotlib, and an error in the file should be reported before that.
         from steer_by_wire.tools.analyze_log.pictures import draw_pictures
 
@@ -289,8 +310,10 @@ def _missing(figures: dict[str, Any]) -> str:
 _ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
     "frames": lambda figures: str(figures["frames"]),
     "duration [s]": lambda f: "no times" if f["duration_s"] is None else f"{f['duration_s']:.2f}",
-    "lateral error, RMS [mm]": _signal("lateral_error_m", "rms", 2),
-    "lateral error, peak [mm]": _signal("lateral_error_m", "peak", 2),
+    "preview point, RMS [mm]": _signal("lateral_error_m", "rms", 2),
+    "preview point, peak [mm]": _signal("lateral_error_m", "peak", 2),
+    "centre of gravity, RMS [mm]": _signal("cg_deviation_m", "rms", 2),
+    "centre of gravity, peak [mm]": _signal("cg_deviation_m", "peak", 2),
     "steer, RMS [mrad]": _signal("steer_rad", "rms", 2),
     "steer, peak [mrad]": _signal("steer_rad", "peak", 2),
     "round trip, p50/p99/jitter [ms]": _latency("round_trip"),

@@ -36,14 +36,21 @@ def _draw_motion(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | 
         return None
     figure = Figure(figsize=(WIDTH_IN, 5.4))
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1.0))
-    time_s, error_m = analysis.histories["lateral_error_m"].points()
-    above.plot(time_s, 1e3 * error_m, color=BLUE, lw=1.2)
-    report = figures["signals"]["lateral_error_m"]
-    above.set_title(
-        f"Lateral error at the preview point: RMS {1e3 * report['rms']:.1f} mm, "
-        f"peak {1e3 * report['peak']:.1f} mm at {report['peak_at_s']:.2f} s"
-    )
-    above.set_ylabel("lateral error [mm]")
+    for signal, colour, text in (
+        ("lateral_error_m", BLUE, "preview point"),
+        ("cg_deviation_m", ORANGE, "centre of gravity"),
+    ):
+        report = figures["signals"][signal]
+        if report["samples"]:
+            time_s, deviation_m = analysis.histories[signal].points()
+            label = (
+                f"{text}: RMS {1e3 * report['rms']:.1f} mm, "
+                f"peak {1e3 * report['peak']:.1f} mm at {report['peak_at_s']:.2f} s"
+            )
+            above.plot(time_s, 1e3 * deviation_m, color=colour, lw=1.2, label=label)
+    above.set_title("Deviation from the path")
+    above.set_ylabel("off the path [mm]")
+    above.legend(loc="lower center", bbox_to_anchor=(0.5, -0.24), ncols=2)
     above.axhline(0.0, color="black", lw=0.6)
     for label, colour, text in (
         ("steer_rad", ORANGE, "commanded, as sent"),

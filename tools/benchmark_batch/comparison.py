@@ -125,7 +125,7 @@ def lines_beside_others() -> list[Line]:
     )
     short, _ = pair_settings(NETWORKS["80 ms"], SHORT_S)
     loop, run = python_control_loop(controller, DELAY_S), run_batch(short, controller)
-    path_m_s2 = -(run.speed_m_s**2) * run.curvature_1_m
+    path_m_s2 = -(run.motion.speed_m_s**2) * run.curvature_1_m
     control_ratios, control_us = _ratios(
         lambda: control.input_output_response(loop, run.time_s, path_m_s2), short, controller
     )

@@ -2,10 +2,10 @@
 
     steer-by-wire compare [--out DIR] [--step-ms 25] [--seeds 3]
 
-Leaves in DIR comparison.csv, a line for each law, network and delay; comparison.png and
-error_over_delay.png; and comparison.md, the tables of docs/predictor.md. Prints the worst RMS over
-the uncertainty box at a few delays, and the first delay at which a law does not hold the path.
-Ctrl-C leaves the lines that are complete.
+Leaves in DIR comparison.csv, a line for each law, network and delay; comparison.png of the point
+that each law follows, comparison_centre_of_gravity.png and error_over_delay.png; and comparison.md,
+the tables of docs/predictor.md. Prints the worst RMS over the uncertainty box at a few delays, and
+the first delay at which a law does not hold the path. Ctrl-C leaves the lines that are complete.
 """
 
 import argparse
@@ -97,6 +97,8 @@ def _run(options: argparse.Namespace) -> int:
         return ExitStatus.INTERRUPTED
     draw_comparison(cells, further).savefig(options.out / "comparison.png", dpi=110)
     draw_break_points(cells).savefig(options.out / "error_over_delay.png", dpi=130)
+    of_cg = draw_comparison(cells, further, of_cg=True)
+    of_cg.savefig(options.out / "comparison_centre_of_gravity.png", dpi=110)
     markdown = "\n".join([*markdown_lines(cells, further), ""])
     (options.out / "comparison.md").write_text(markdown, encoding="utf-8")
     for line in table_lines(cells, further):

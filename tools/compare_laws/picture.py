@@ -24,6 +24,8 @@ _LINES = (
     ("#56B4E9", "-", "<"),
     ("#000000", "-", "*"),
     ("#000000", "--", ""),
+    ("#009E73", "-.", "P"),
+    ("#000000", "-.", "X"),
 )
 _FURTHER_LINES = (("#999933", "-", "x"), ("#882255", "-", "+"))
 _SHOWN = {
@@ -38,8 +40,11 @@ _SHOWN = {
 _TOP_M = 3.0
 
 
-def draw_comparison(cells: Sequence[Cell], further: Sequence[Contestant] = ()) -> Figure:
-    """Return the figure."""
+def draw_comparison(
+    cells: Sequence[Cell], further: Sequence[Contestant] = (), *, of_cg: bool = False
+) -> Figure:
+    """Return the figure, of the point that each law follows or of the centre of gravity."""
+    point = "centre of gravity" if of_cg else "followed point"
     with plot_style():
         figure = Figure(figsize=(12.0, 12.4))
         *panels, beside = figure.subplots(3, 2, sharex=True, sharey=True).ravel()
@@ -52,7 +57,7 @@ def draw_comparison(cells: Sequence[Cell], further: Sequence[Contestant] = ()) -
                 ]
                 panel.plot(
                     [1e3 * cell.delay_s for cell in own],
-                    [1e3 * min(cell.settled_rms_m, _TOP_M) for cell in own],
+                    [1e3 * min(_plotted_m(cell, of_cg=of_cg), _TOP_M) for cell in own],
                     ls=dashes,
                     marker=marker,
                     ms=5,
@@ -60,23 +65,25 @@ def draw_comparison(cells: Sequence[Cell], further: Sequence[Contestant] = ()) -
                     color=colour,
                     label=one.label,
                 )
-            panel.axhline(1e3 * BROKEN_M, color="0.5", lw=0.8, ls=":")
+            if not of_cg:
+                panel.axhline(1e3 * BROKEN_M, color="0.5", lw=0.8, ls=":")
             panel.set_yscale("log")
             panel.set_title(network.title)
-        panels[0].annotate(
-            "above: does not hold the path",
-            (0.01, 1e3 * BROKEN_M),
-            (0.0, 3.0),
-            xycoords=("axes fraction", "data"),
-            textcoords="offset points",
-            fontsize=8.5,
-            color="0.35",
-        )
+        if not of_cg:
+            panels[0].annotate(
+                "above: does not hold the path",
+                (0.01, 1e3 * BROKEN_M),
+                (0.0, 3.0),
+                xycoords=("axes fraction", "data"),
+                textcoords="offset points",
+                fontsize=8.5,
+                color="0.35",
+            )
         for panel in panels[-2:]:
             panel.set_xlabel("mean latency of the commands [ms]")
             panel.tick_params(labelbottom=True)
         for panel in panels[::2]:
-            panel.set_ylabel(f"worst RMS error from {SETTLED_S:g} s on [mm]")
+            panel.set_ylabel(f"{point}, worst RMS from {SETTLED_S:g} s on [mm]")
         handles, labels = panels[-1].get_legend_handles_labels()
         beside.set_axis_off()
         beside.legend(handles, labels, loc="center left", fontsize=12.0)
@@ -117,3 +124,7 @@ def draw_break_points(cells: Sequence[Cell]) -> Figure:
         axes.set_title("Which delay each law bears")
         figure.legend(loc="outside lower center", ncols=2)
         return figure
+
+
+def _plotted_m(cell: Cell, *, of_cg: bool) -> float:
+    return cell.settled_cg_rms_m if of_cg else cell.followed_m[0]

@@ -1,8 +1,9 @@
 """The runs of the comparison: law by network by delay by corner of the box, compiled.
 
-RMS of the lateral error, worst over the corners of SAE 2018-01-1086, Figure 2 (4 and 7 km/h, 1600
-and 5000 kg), on an ellipse of 60 by 30 m, which begins where it bends most. The latency is that of
-the commands; where it is random, all laws meet the same draws.
+RMS of the preview point's lateral error and of the deviation of the centre of gravity (CG), worst
+over the corners of SAE 2018-01-1086, Figure 2 (4 and 7 km/h, 1600 and 5000 kg), on an ellipse of 60
+by 30 m, which begins where it bends most. The latency is that of the commands; where it is random,
+all laws meet the same draws.
 
 The effect of jitter depends on the order of arrival. Where the newest command wins, the one in
 effect has overtaken others and is younger than the mean. In order, as on one wire behind a queue, a
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from ...compiled.engine import Outcome, run_batch
 from ...controller.settings import ControllerSettings
+from ...pair.trace import rms
 from ...plant_emulator.safety_settings import UNGUARDED
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.settings import load_settings, read_preset
@@ -32,7 +34,8 @@ LAG_S = 0.27
 """Lag of the steering actuator in Autoware's simulator, which comes with a delay of 0.24 s."""
 SETTLED_S = 5.0
 BROKEN_M = 0.1
-"""RMS beyond which a law does not hold the path: it is then in a limit cycle, or worse."""
+"""RMS of its followed point beyond which a law does not hold the path: it is in a limit cycle, or
+worse."""
 OFF_PATH_M = 1e3
 _THREADS = 2
 
@@ -42,6 +45,7 @@ class Contestant(NamedTuple):
 
     ``with_lag``       further changes where the actuator lags, if the law can allow for the lag
     ``is_continuous``  written for continuous time: 1 kHz, sensors too, and a constant delay only
+    ``follows_cg``     whether it holds the CG on the path, and not the preview point
     """
 
     label: str
@@ -49,8 +53,10 @@ class Contestant(NamedTuple):
     overrides: tuple[str, ...] = ()
     with_lag: tuple[str, ...] = ()
     is_continuous: bool = False
+    follows_cg: bool = False
 
 
+_FOLLOW_CG = "followed_point=centre_of_gravity"
 CONTESTANTS = (
     Contestant("PD as published", "paper_pd", is_continuous=True),
     Contestant("PD+DOB as published", "paper_pd_dob", is_continuous=True),
@@ -69,6 +75,8 @@ CONTESTANTS = (
         "practical_predictor",
         with_lag=(f"estimator.actuator_lag_s={LAG_S}",),
     ),
+    Contestant("PD+DDOB, CG", "practical_pd_ddob", (_FOLLOW_CG,), follows_cg=True),
+    Contestant("predictor, CG", "practical_predictor", (_FOLLOW_CG,), follows_cg=True),
 )
 
 
@@ -130,13 +138,27 @@ NETWORKS: Mapping[str, Network] = MappingProxyType(
 
 
 class Cell(NamedTuple):
-    """Worst RMS over corners and seeds [m], from the start and from ``SETTLED_S`` on."""
+    """Worst RMS over corners and seeds [m].
+
+    ``rms_m``, ``settled_rms_m``  of the preview point, from the start and from ``SETTLED_S`` on
+    ``cg_rms_m``, ``settled_cg_rms_m``  the same of the CG
+    """
 
     contestant: str
     network: str
     delay_s: float
+    follows_cg: bool
     rms_m: float
     settled_rms_m: float
+    cg_rms_m: float
+    settled_cg_rms_m: float
+
+    @property
+    def followed_m(self) -> tuple[float, float]:
+        """RMS of the point that the law holds on the path, settled and from the start."""
+        if self.follows_cg:
+            return self.settled_cg_rms_m, self.cg_rms_m
+        return self.settled_rms_m, self.rms_m
 
 
 def own_contestant(law: str, overrides: Sequence[str]) -> Contestant:
@@ -220,19 +242,23 @@ def _cell(key: str, one: Contestant, delay_s: float, seeds: int, duration_s: flo
         for corner in CORNERS
     ]
     worst = np.max(figures, axis=0)
-    return Cell(one.label, key, delay_s, float(worst[0]), float(worst[1]))
+    return Cell(one.label, key, delay_s, one.follows_cg, *map(float, worst))
 
 
-def _figures(plant: PlantSettings, controller: ControllerSettings) -> tuple[float, float]:
+def _figures(plant: PlantSettings, controller: ControllerSettings) -> list[float]:
+    """Return the last four fields of a cell, of one run."""
     run = run_batch(plant, controller)
     if run.outcome is not Outcome.COMPLETE:
-        return OFF_PATH_M, OFF_PATH_M
-    squares = np.square(run.lateral_error_m)
-    settled = squares[run.time_s >= SETTLED_S]
-    return float(np.sqrt(squares.mean())), float(np.sqrt(settled.mean()))
+        return [OFF_PATH_M] * 4
+    is_settled = run.time_s >= SETTLED_S
+    return [
+        rms(part_m)
+        for deviation_m in (run.lateral_error_m, run.cg_deviation_m)
+        for part_m in (deviation_m, deviation_m[is_settled])
+    ]
 
 
 def breaks_at_s(cells: Sequence[Cell]) -> float | None:
     """Return the first delay at which a law does not hold the path, None if at none."""
-    broken = [cell.delay_s for cell in cells if cell.settled_rms_m > BROKEN_M]
+    broken = [cell.delay_s for cell in cells if cell.followed_m[0] > BROKEN_M]
     return min(broken, default=None)

@@ -15,6 +15,9 @@ from .runs import (
 
 SHOWN_MS = (0, 100, 200, 300, 400, 500, 600)
 COMPACT_MS = (100, 200, 300, 400, 500)
+SHOWN_M_MAX = 0.3
+"""A larger RMS is not printed. A law that follows the preview point leaves the centre of gravity up
+to some 140 mm off the path."""
 CellsByMs = Mapping[int, Cell]
 
 
@@ -29,14 +32,17 @@ def table_lines(cells: Sequence[Cell], further: Sequence[Contestant] = ()) -> li
             own = _cells_of(cells, key, one.label)
             settled = "".join(f"{_in_mm(own[ms].settled_rms_m, '!'):>9}" for ms in shown)
             whole = "".join(f"{_in_mm(own[ms].rms_m, '!'):>9}" for ms in shown)
+            cg = "".join(f"{_in_mm(own[ms].settled_cg_rms_m, '!'):>9}" for ms in shown)
             unit = "" if (breaks := _breaks(own)) == "-" else " ms"
             lines.append(f"{one.label:24}{settled}   {breaks}{unit}")
             lines.append(f"{'  the whole run':24}{whole}")
+            lines.append(f"{'  centre of gravity':24}{cg}")
     return [
         *lines,
-        f"\nA law's own row is from {SETTLED_S:g} s on; the row below it counts the beginning too.",
-        f"breaks at: first delay with more than {1e3 * BROKEN_M:g} mm from {SETTLED_S:g} s on;"
-        " ! is beyond that",
+        f"\nA law's own row: preview point, from {SETTLED_S:g} s on; below it the whole run and the"
+        f"\ncentre of gravity, from {SETTLED_S:g} s on, which laws named CG hold on the path.",
+        f"breaks at: first delay at which the followed point has more than {1e3 * BROKEN_M:g} mm"
+        f" from {SETTLED_S:g} s on; ! is beyond {1e3 * SHOWN_M_MAX:g} mm",
     ]
 
 
@@ -44,10 +50,11 @@ def markdown_lines(cells: Sequence[Cell], further: Sequence[Contestant] = ()) ->
     """Return the first network in full, where each law breaks, and the other networks."""
     shown, compact = _measured(cells, SHOWN_MS), _measured(cells, COMPACT_MS)
     (first, network), *others = NETWORKS.items()
-    full = []
+    full, of_cg = [], []
     for one in contestants_of(network, further):
         own = _cells_of(cells, first, one.label)
         full.append([one.label, *(_with_whole_run(own[ms]) for ms in shown)])
+        of_cg.append([one.label, *(_in_mm(own[ms].settled_cg_rms_m) for ms in shown)])
     breaks, beside = [], []
     for one in (*CONTESTANTS, *further):
         own_by_network = {key: _cells_of(cells, key, one.label) for key in NETWORKS}
@@ -56,7 +63,9 @@ def markdown_lines(cells: Sequence[Cell], further: Sequence[Contestant] = ()) ->
             beside.append([one.label, *(_some(own_by_network[key], compact) for key, _ in others)])
     delays = " / ".join(str(ms) for ms in compact)
     return [
-        *_markdown(["RMS [mm] at", *(f"{ms} ms" for ms in shown)], full),
+        *_markdown(["followed point, RMS [mm] at", *(f"{ms} ms" for ms in shown)], full),
+        "",
+        *_markdown(["centre of gravity, RMS [mm] at", *(f"{ms} ms" for ms in shown)], of_cg),
         "",
         *_markdown(["breaks at [ms]", *(one.short for one in NETWORKS.values())], breaks),
         "",
@@ -84,16 +93,19 @@ def _breaks(own: CellsByMs) -> str:
 
 
 def _with_whole_run(cell: Cell) -> str:
-    settled, whole = _in_mm(cell.settled_rms_m), _in_mm(cell.rms_m)
-    return settled if settled == "-" else f"{settled} ({whole})"
+    settled_m, whole_m = cell.followed_m
+    if settled_m > BROKEN_M:
+        return "-"
+    return f"{_in_mm(settled_m)} ({_in_mm(whole_m)})"
 
 
 def _some(own: CellsByMs, some_ms: Sequence[int]) -> str:
-    return " / ".join(_in_mm(own[ms].settled_rms_m) for ms in some_ms) if own else ""
+    shown_m = [own[ms].followed_m[0] for ms in some_ms] if own else []
+    return " / ".join(_in_mm(value_m, at_most_m=BROKEN_M) for value_m in shown_m)
 
 
-def _in_mm(rms_m: float, beyond: str = "-") -> str:
-    if rms_m > BROKEN_M:
+def _in_mm(rms_m: float, beyond: str = "-", at_most_m: float = SHOWN_M_MAX) -> str:
+    if rms_m > at_most_m:
         return beyond
     return f"{1e3 * rms_m:.2f}" if rms_m < 0.01 else f"{1e3 * rms_m:.1f}"
 

@@ -27,7 +27,7 @@ from ...plant_emulator.path_shapes import ellipse
 
 _STEP_S = 0.05
 """The curvature is linear between break points, and lsim is exact for linear input."""
-_K_P_RAD_M, _K_D_RAD_S_M = 1.0596, 0.939
+K_P_RAD_M, K_D_RAD_S_M = 1.0596, 0.939
 
 
 class Observer(NamedTuple):
@@ -94,7 +94,7 @@ def _curvature_to_error(
     (n,), (d,) = _of(steer_to_lateral_error(vehicle))
     (n_n,), (d_n,) = _of(observer.model)
     a, b = np.array(observer.numerator), np.array(observer.denominator)
-    s_2, c = np.array([1.0, 0.0, 0.0]), np.array([_K_D_RAD_S_M, _K_P_RAD_M])
+    s_2, c = np.array([1.0, 0.0, 0.0]), np.array([K_D_RAD_S_M, K_P_RAD_M])
     left, doubled = (
         (np.polysub(b, a), b) if observer.fed_with_own_command else (b, np.polyadd(a, b))
     )

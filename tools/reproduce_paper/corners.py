@@ -13,7 +13,7 @@ CORNERS = ("a", "b", "c", "d")
 
 
 def corner_plants() -> tuple[TransferFunction, ...]:
-    """Return (4) at the four vertices, C_r = 500,000 N/rad and l_s = 1.912 m."""
+    """Return (4) at the four vertices, C_r = 500,000 N/rad and l_s = 2 m."""
     return tuple(steer_to_lateral_error(vehicle) for vehicle in paper_box().vertices())
 
 

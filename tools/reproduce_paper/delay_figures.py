@@ -32,7 +32,19 @@ from .delay_runs import (
     steer_text,
 )
 from .delay_steps import filter_comparisons, filter_scan, step_comparisons, step_picture
-from .result import Comparison, Picture, Reproduction, Verdict
+from .reference_reading import (
+    CAPTION,
+    CDOB_TO_DDOB,
+    PD_TO_CDOB,
+    WHY,
+    alike,
+    error_m,
+    picture,
+    smaller,
+    steer_rad,
+    steer_rate_rad_s,
+)
+from .result import CLAIM, Comparison, Picture, Reproduction, verdict_of
 from .simulation import History
 
 _WHY_CDOB = (
@@ -53,6 +65,10 @@ _NOTABLY = 0.1
 """Threshold for "smaller" and "similar" steer: by more, or by less, than a tenth."""
 
 
+_CURVATURE = "curvature as a disturbance"
+"""The other reading, that of all runs of the nodes."""
+
+
 class _Compared(NamedTuple):
     """A variant and its runs."""
 
@@ -70,27 +86,32 @@ def figure_21() -> Reproduction:
     """Return the lateral deviation of PD and PD+CDOB."""
     plant, compared = _compare(PD_AND_CDOB)
     laps, comparisons = _two_laps("figure_21_two_laps", _PD_CDOB_LAPS, steer=False)
+    deciding = (
+        *(_errors(item, published.FIGURE_21) for item in compared),
+        *smaller(published.FIGURE_21, "error", "m", error_m, PD_TO_CDOB),
+    )
     return Reproduction(
         "figure_21",
         "Lateral deviation with and without CDOB for time delay",
         f"{SETTINGS_CAPTION} The first {DURATION_S:g} s, and two laps, those with N = 30 rad/s; "
-        "the scale of the error is linear within ±0.1 m.",
+        f"the scale of the error is linear within ±0.1 m. {CAPTION}",
         (
             _panels("figure_21", compared, steer=False),
+            picture("figure_21_reference", "r - y [m]", error_m, PD_TO_CDOB),
             laps,
             filter_scan("figure_21_filter"),
             step_picture("figure_21_reference_step", plant),
         ),
         (
-            *(_errors(item, published.FIGURE_21) for item in compared),
+            *deciding,
             *comparisons,
             *filter_comparisons(),
             *step_comparisons(plant),
         ),
-        Verdict.NOT_REPRODUCIBLE,
+        verdict_of(deciding, is_corrected=True),
         _WHY_CDOB
         + "For a step of the reference, which (18) describes, PD+CDOB does better as soon "
-        "as G_n is the vehicle's own model instead of (19).",
+        "as G_n is the vehicle's own model instead of (19)." + WHY,
     )
 
 
@@ -98,14 +119,24 @@ def figure_22() -> Reproduction:
     """Return the steer of PD and PD+CDOB."""
     _, compared = _compare(PD_AND_CDOB)
     laps, _ = _two_laps("figure_22_two_laps", _PD_CDOB_LAPS, steer=True)
+    deciding = (
+        *(_steers(item, published.FIGURE_22) for item in compared),
+        *smaller(published.FIGURE_22, "steer", "rad", steer_rad, PD_TO_CDOB),
+    )
     return Reproduction(
         "figure_22",
         "Steering angle with and without CDOB for time delay",
-        f"{SETTINGS_CAPTION} {_STEER_CAPTION} 21.",
-        (_panels("figure_22", compared, steer=True), laps),
-        tuple(_steers(item, published.FIGURE_22) for item in compared),
-        Verdict.NOT_REPRODUCIBLE,
-        _WHY_CDOB + "Without the washout the steer of PD+CDOB is smaller because it hardly steers.",
+        f"{SETTINGS_CAPTION} {_STEER_CAPTION} 21. {CAPTION}",
+        (
+            _panels("figure_22", compared, steer=True),
+            picture("figure_22_reference", "steering angle [rad]", steer_rad, PD_TO_CDOB),
+            laps,
+        ),
+        deciding,
+        verdict_of(deciding, is_corrected=True),
+        _WHY_CDOB
+        + "Without the washout the steer of PD+CDOB is smaller because it hardly steers."
+        + WHY,
     )
 
 
@@ -113,6 +144,7 @@ def figure_23() -> Reproduction:
     """Return the lateral deviation of PD+CDOB and DDOB."""
     _, compared = _compare(CDOB_AND_DDOB)
     laps, comparisons = _two_laps("figure_23_two_laps", _CDOB_DDOB_LAPS, steer=False)
+    deciding = tuple(_errors(item, published.FIGURE_23) for item in compared)
     return Reproduction(
         "figure_23",
         "Lateral deviation of CDOB and DDOB compensated system",
@@ -120,8 +152,8 @@ def figure_23() -> Reproduction:
         f"The first {DURATION_S:g} s, and two laps, those with N = 30 rad/s; "
         "the scale of the error is linear within ±0.1 m.",
         (_panels("figure_23", compared, steer=False), laps),
-        (*(_errors(item, published.FIGURE_23) for item in compared), *comparisons),
-        Verdict.WITH_CORRECTION,
+        (*deciding, *comparisons),
+        verdict_of(deciding, is_corrected=True),
         "That DDOB has the smaller error holds in every variant. Corrected is the derivative "
         "(filter N = 30 rad/s instead of none, with which both end in a limit cycle) and C_r. But "
         "neither law as published stays on the path: PD+CDOB leaves it with the square of time, "
@@ -131,29 +163,45 @@ def figure_23() -> Reproduction:
 
 def figure_24() -> Reproduction:
     """Return the steer of PD+CDOB and DDOB, and the speed."""
-    plant, compared = _compare(CDOB_AND_DDOB)
+    _, compared = _compare(CDOB_AND_DDOB)
     laps, _ = _two_laps("figure_24_two_laps", _CDOB_DDOB_LAPS, steer=True)
-    speed_m_s = plant.vehicle.speed_m_s
+    deciding = (
+        *(_steers_alike(item) for item in compared),
+        *alike(published.FIGURE_24_STEER, "steer", "rad", steer_rad, CDOB_TO_DDOB),
+    )
     return Reproduction(
         "figure_24",
         "Steering angle and speed of CDOB and DDOB compensated system",
-        f"{SETTINGS_CAPTION} {_STEER_CAPTION} 23. "
-        f"The speed is constant, {speed_m_s:.4f} m/s, and not drawn.",
-        (_panels("figure_24", compared, steer=True), laps),
+        f"{SETTINGS_CAPTION} {_STEER_CAPTION} 23. The speed is read as that of the steering: "
+        f"(1) is of constant speed. {CAPTION}",
         (
-            *(_steers_alike(item) for item in compared),
-            Comparison(
-                "speed",
-                published.FIGURE_24_SPEED,
-                f"constant, {speed_m_s:.4f} m/s: (1) is of constant speed",
-                None,
+            _panels("figure_24", compared, steer=True),
+            picture("figure_24_reference", "steering angle [rad]", steer_rad, CDOB_TO_DDOB),
+            picture(
+                "figure_24_reference_rate",
+                "steering rate [rad/s]",
+                steer_rate_rad_s,
+                CDOB_TO_DDOB,
+            ),
+            laps,
+        ),
+        (
+            *deciding,
+            *(
+                one._replace(decides="", agrees=None)
+                for one in alike(
+                    published.FIGURE_24_SPEED,
+                    "steering rate",
+                    "rad/s",
+                    steer_rate_rad_s,
+                    CDOB_TO_DDOB,
+                )
             ),
         ),
-        Verdict.NOT_REPRODUCIBLE,
+        verdict_of(deciding, is_corrected=True),
         "Similar steer comes out with washout and type-2 Q, which change the laws. As published, "
         "PD+CDOB hardly steers with a filtered derivative, and with the ideal one both go from "
-        "limit to limit. A speed that varies needs a model and a speed controller of which the "
-        "text says nothing.",
+        "limit to limit." + WHY,
     )
 
 
@@ -183,6 +231,12 @@ def _panels(name: str, compared: list[_Compared], *, steer: bool) -> Picture:
     return panels(name, [Panel(item.variant.title, item.runs) for item in compared], steer=steer)
 
 
+def _deciding(item: _Compared) -> tuple[str, str]:
+    """Return what a variant decides: the claim, where only the derivative is filtered."""
+    is_filtered = item.variant in (PD_AND_CDOB[1], CDOB_AND_DDOB[1])
+    return (CLAIM, _CURVATURE) if is_filtered else ("", "")
+
+
 def _errors(item: _Compared, statement: str) -> Comparison:
     first, second = item.pair
     return Comparison(
@@ -190,6 +244,7 @@ def _errors(item: _Compared, statement: str) -> Comparison:
         statement,
         "; ".join(f"{label}: {error_text(run)}" for label, run in item.runs.items()),
         rms(second.lateral_error_m) < rms(first.lateral_error_m),
+        *_deciding(item),
     )
 
 
@@ -200,6 +255,7 @@ def _steers(item: _Compared, statement: str) -> Comparison:
         statement,
         "; ".join(f"{label}: {steer_text(run)}" for label, run in item.runs.items()),
         rms(second.wheel_angle_rad) < (1.0 - _NOTABLY) * rms(first.wheel_angle_rad),
+        *_deciding(item),
     )
 
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from ...pair.trace import FloatArray, rms
 from ...reports.plot_style import COLOURS
 from . import published
-from .result import Comparison, Picture, Reproduction, Verdict
+from .result import CLAIM, NUMBER, Comparison, Picture, Reproduction, verdict_of
 from .simulation import History, paper_controller, paper_plant, simulate, thinned
 from .table_2 import CORRECTED, DURATION_S, PRINTED, TOLERANCE_M
 
@@ -59,6 +59,7 @@ def figure_19() -> Reproduction:
 def figure_20() -> Reproduction:
     """Return the nominal vehicle under the path's curvature as disturbance."""
     runs = [_run("paper_nominal", stiffness) for stiffness in (CORRECTED, PRINTED)]
+    falls = [_falls(run) for run in runs]
     return Reproduction(
         "figure_20",
         "Lateral deviation with and without DOB for disturbance input",
@@ -66,9 +67,9 @@ def figure_20() -> Reproduction:
         (_picture("figure_20", runs),),
         (
             Comparison("disturbance", published.FIGURE_20, "the same", None),
-            *(_falls(run) for run in runs),
+            *falls,
         ),
-        Verdict.WITH_CORRECTION,
+        verdict_of(falls, is_corrected=True),
         "What the text says of it holds, with C_r = 500,000 N/rad as with the printed 50,000. The "
         "disturbance is read as the path's curvature acting on the nominal vehicle, and the path "
         "is the one inferred for Figure 14. No value of the curves is printed.",
@@ -79,24 +80,26 @@ def _corner_figure(number: int) -> Reproduction:
     column = published.TABLE_2[number - 16]
     preset = f"paper_corner_{column.corner}"
     corrected, printed = (_run(preset, stiffness) for stiffness in (CORRECTED, PRINTED))
+    comparisons = (
+        _falls(corrected),
+        _falls(printed),
+        _against(column.pd_m, "PD", corrected, lambda run: run.pd),
+        _against(column.pd_m, "PD", printed, lambda run: run.pd),
+        _against(column.pd_dob_m, "PD+DOB", corrected, lambda run: run.pd_dob),
+        _against(column.pd_dob_m, "PD+DOB", printed, lambda run: run.pd_dob),
+    )
     return Reproduction(
         f"figure_{number}",
         f"Lateral deviation with and without DOB at corner {column.corner} for model uncertainty",
         _CAPTION.format(vehicle=f"{column.speed_km_h:g} km/h and {column.virtual_mass_kg:g} kg"),
         (_picture(f"figure_{number}", [corrected, printed]),),
-        (
-            _falls(corrected),
-            _falls(printed),
-            _against(column.pd_m, "PD", corrected, lambda run: run.pd),
-            _against(column.pd_m, "PD", printed, lambda run: run.pd),
-            _against(column.pd_dob_m, "PD+DOB", corrected, lambda run: run.pd_dob),
-            _against(column.pd_dob_m, "PD+DOB", printed, lambda run: run.pd_dob),
-        ),
-        Verdict.NOT_REPRODUCIBLE,
-        "The curve without DOB comes out (its RMS as in Table II, within 0.0002 m) with "
-        "C_r = 500,000 N/rad and the path inferred for Figure 14. That the DOB reduces the error "
-        "holds with either C_r. The curve with DOB does not come out: (11) as printed leaves far "
-        "less error than Table II says; Table II has what was tried.",
+        comparisons,
+        verdict_of(comparisons, is_corrected=True),
+        "That the DOB reduces the error holds with either C_r. The numbers are unknown: "
+        "of the curves nothing is printed but the RMS in Table II. That of the curve without DOB "
+        "comes out within 0.0002 m with C_r = 500,000 N/rad and the path inferred for Figure 14, "
+        "and that of the curve with DOB does not: (11) as printed leaves far less error. Table "
+        "II has what was tried.",
     )
 
 
@@ -118,6 +121,7 @@ def _falls(runs: _Runs) -> Comparison:
         published.FIGURES_16_TO_20,
         f"{without:.4f} → {with_dob:.4f} m, {100.0 * with_dob / without:.1f} % of it",
         with_dob < without,
+        CLAIM,
     )
 
 
@@ -130,6 +134,7 @@ def _against(
         f"{published_m:.4f} m",
         f"{ours_m:.4f} m",
         abs(ours_m - published_m) <= TOLERANCE_M,
+        NUMBER if runs.rear_cornering_stiffness_n_rad == CORRECTED else "",
     )
 
 

@@ -73,7 +73,7 @@ def figure_10() -> Reproduction:
         key="figure_10",
         title="Figure 10: |y/r| at the four vertices, without DOB",
         caption="PD with K_p = 1.0596, K_d = 0.939 and ideal derivative; (4) with C_r = 500,000"
-        " N/rad and l_s = 1.912 m. Below: the vehicle itself, |y/u|.",
+        " N/rad and l_s = 2 m. Below: the vehicle itself, |y/u|.",
         pictures=(_response_picture("figure_10", spreads, "y/u"),),
         comparisons=_spread_comparisons(spreads, "y/u"),
         verdict=Verdict.WITH_CORRECTION,

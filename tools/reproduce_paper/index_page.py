@@ -9,6 +9,8 @@ from .written import Written
 _MARKS = {
     Verdict.REPRODUCED: "good",
     Verdict.WITH_CORRECTION: "fair",
+    Verdict.ONE_READING: "fair",
+    Verdict.CLAIM_ONLY: "fair",
     Verdict.NOT_REPRODUCIBLE: "poor",
     Verdict.BEYOND: "more",
 }
@@ -19,6 +21,8 @@ _MEANING = {
     Verdict.REPRODUCED: "what the paper prints gives what it says",
     Verdict.WITH_CORRECTION: "it does, once a misprint is mended or something every implementation "
     "needs is supplied; the correction is spelt out",
+    Verdict.ONE_READING: "it does so in one of the ways in which the text can be read",
+    Verdict.CLAIM_ONLY: "what the text says holds, but not all numbers that it prints come out",
     Verdict.NOT_REPRODUCIBLE: "the text leaves out what would be needed, or what it prints gives "
     "something else",
     Verdict.BEYOND: "the paper has no such figure or table",

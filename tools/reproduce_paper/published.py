@@ -33,6 +33,7 @@ REAR_CORNERING_STIFFNESS_N_RAD = 50_000.0
 
 FIGURE_14 = "an elliptical route (section VIII)"
 FIGURES_16_TO_20 = "with DOB the path following error decreases obviously (section VIII)"
+TABLE_2_CLAIM = "the smaller errors in the presence of disturbance observer (section VIII)"
 FIGURE_20 = "external disturbance is added due to road curvature input (section VIII)"
 FIGURE_21 = "CDOB has reduced errors (section VIII)"
 FIGURE_22 = "CDOB has smaller steering angle than PD only (section VIII)"

@@ -1,6 +1,6 @@
 """What the reproduction of one figure or table yields; pictures, data, and a verdict."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -14,6 +14,8 @@ class Verdict(StrEnum):
 
     REPRODUCED = "reproduced"
     WITH_CORRECTION = "reproduced with the stated correction"
+    ONE_READING = "reproduced in one reading of the text, with the stated correction"
+    CLAIM_ONLY = "the claim holds, not all numbers do"
     NOT_REPRODUCIBLE = "not reproducible from the text"
     BEYOND = "beyond the paper"
     """The paper has no such figure or table: there is nothing to reproduce."""
@@ -31,18 +33,47 @@ class Picture(NamedTuple):
     columns: Mapping[str, NDArray[np.float64]]
 
 
+CLAIM, NUMBER = "claim", "number"
+"""What a comparison may decide: a statement of the text, or a printed number."""
+
+
 class Comparison(NamedTuple):
     """One figure of the paper beside ours, as text with units.
 
     ``published``   what the paper prints, or states in words; "" where it states nothing
     ``reproduced``  what was computed
     ``agrees``      None where there is nothing to agree with
+    ``decides``     CLAIM or NUMBER where the verdict follows from it; "" where it does not
+    ``reading``     of an ambiguous text, in which it decides
     """
 
     quantity: str
     published: str
     reproduced: str
     agrees: bool | None
+    decides: str = ""
+    reading: str = ""
+
+
+def verdict_of(comparisons: Sequence[Comparison], *, is_corrected: bool) -> Verdict:
+    """Return the verdict that follows from the comparisons that decide.
+
+    ``is_corrected``  whether something printed was corrected, or something missing supplied
+    """
+    claims = [one for one in comparisons if one.decides == CLAIM]
+    readings = {one.reading for one in claims}
+    holding = [
+        reading
+        for reading in readings
+        if all(one.agrees for one in claims if one.reading == reading)
+    ]
+    if not holding:
+        return Verdict.NOT_REPRODUCIBLE
+    if len(holding) < len(readings):
+        return Verdict.ONE_READING
+    if not all(one.agrees for one in comparisons if one.decides == NUMBER):
+        return Verdict.CLAIM_ONLY
+    return Verdict.WITH_CORRECTION if is_corrected else Verdict.REPRODUCED
 
 
 class Reproduction(NamedTuple):

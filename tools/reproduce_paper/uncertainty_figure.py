@@ -50,7 +50,7 @@ def figure_9() -> Reproduction:
         key="figure_09",
         title="Figure 9: |Q| against 1/|Δ_m|",
         caption="Q of (20) with ω_c = 5 rad/s; Δ_m = (G - G_n)/G_n at the four vertices of Figure"
-        " 2, C_r = 500,000 N/rad and l_s = 1.912 m; G_n of (19), and of the vehicle.",
+        " 2, C_r = 500,000 N/rad and l_s = 2 m; G_n of (19), and of the vehicle.",
         pictures=pictures,
         comparisons=(
             *_condition_comparisons(paper_eq19(), "G_n of (19)"),

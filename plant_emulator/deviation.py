@@ -1,0 +1,71 @@
+"""Deviation of the centre of gravity (CG) from the path.
+
+The rig's lateral error is that of the preview point, d ahead of the CG. On a bend the two differ by
+decimetres: a preview point held on the path leaves the CG inside it. In the frame of the path
+beside the preview point, x along it, the CG is at
+
+    (-d cos Δψ, y - d sin Δψ)
+
+The path is followed back by d, which ends close beside the CG: at (e, w) in the frame of that end,
+with e some centimetres. The deviation is then w - ρ e²/(2 (1 - ρ w)), to the third order of e.
+"""
+
+from math import cos, sin
+
+from .path import Path, Pose, along_clothoid, locate
+
+
+def cg_deviation_m(
+    path: Path,
+    arc_length_m: float,
+    heading_error_rad: float,
+    lateral_error_m: float,
+    preview_m: float,
+) -> float:
+    """Return the distance of the CG from the path [m], to the left of it positive.
+
+    ``arc_length_m``, ``heading_error_rad`` and ``lateral_error_m`` belong to the preview point.
+    Before its start an open path is straight.
+    """
+    place, along_m = locate(path, arc_length_m)
+    return deviation_behind_m(
+        path, place.piece, along_m, heading_error_rad, lateral_error_m, preview_m
+    )
+
+
+def deviation_behind_m(
+    path: Path,
+    piece: int,
+    along_m: float,
+    heading_error_rad: float,
+    lateral_error_m: float,
+    preview_m: float,
+) -> float:
+    """Return the same for a preview point beside ``along_m`` of a piece of the path."""
+    end = Pose(0.0, 0.0, 0.0)
+    left_m, curvature_1_m = preview_m, 0.0
+    while True:
+        slope_1_m2 = path.curvature_slope_1_m2[piece]
+        curvature_1_m = path.curvature_1_m[piece] + slope_1_m2 * along_m
+        part_m = min(left_m, along_m)
+        end = along_clothoid(end, curvature_1_m, slope_1_m2, -part_m)
+        curvature_1_m -= slope_1_m2 * part_m
+        left_m -= part_m
+        if left_m <= 0.0:
+            break
+        if piece == 0 and not path.closed:
+            end = along_clothoid(end, 0.0, 0.0, -left_m)
+            curvature_1_m = 0.0
+            break
+        piece = (piece if piece > 0 else len(path.start_m)) - 1
+        next_m = path.start_m[piece + 1] if piece + 1 < len(path.start_m) else path.length_m
+        along_m = next_m - path.start_m[piece]
+    x_m = -preview_m * cos(heading_error_rad) - end.x_m
+    y_m = lateral_error_m - preview_m * sin(heading_error_rad) - end.y_m
+    cos_end, sin_end = cos(end.heading_rad), sin(end.heading_rad)
+    ahead_m = x_m * cos_end + y_m * sin_end
+    aside_m = y_m * cos_end - x_m * sin_end
+    # Beyond these bounds, far off the path, no point of it is near.
+    ahead_m = min(max(ahead_m, -preview_m), preview_m)
+    nearness = max(1.0 - curvature_1_m * aside_m, 0.5)
+    return aside_m - 0.5 * curvature_1_m * ahead_m * ahead_m / nearness
