@@ -114,7 +114,7 @@ def test_a_pair_with_a_key_withstands_an_intruder_and_a_restart_and_shows_no_key
     assert figures["refused"]["unauthenticated"] == 10 + own_status
     forged = figures["refused"]["forged"]
     assert forged >= 10
-    assert forged + figures["refused"]["unsynchronised"] == 10 + own
+    assert forged + figures["refused"]["unsynchronised"] >= 10 + own
     assert figures["refused"]["replayed"] == replayed
     assert figures["verified"] >= 3 * COMMANDS_MIN
     assert any(AUTHENTICATED in line for line in plant.printed)
