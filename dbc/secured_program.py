@@ -37,21 +37,21 @@ def run_secured_node(
     settings: Settings,
     end: End,
     make_node: Callable[[int], N],
-    heard: Collection[type[Message]],
+    known: Collection[type[Message]],
     conclude: Callable[[N], None],
     ending: Ending,
 ) -> ExitStatus:
     """Run a node as ``runtime.program.run_node`` does, behind authentication if a key is given.
 
     ``end``       which of the two ends the node is
-    ``heard``  the messages it receives, and those that nobody else may send
+    ``known``  the messages it receives, and those that nobody else may send
 
     Reports on standard error whose frames are accepted, and at the end the refused ones and the
     messages that somebody else has sent too. Raises
     SettingsError for a key file that cannot be used and a recording that would stay empty, and the
     exceptions of ``run_node``.
     """
-    can_ids = {CAN_IDS[message_type] for message_type in heard}
+    can_ids = {CAN_IDS[message_type] for message_type in known}
     if options.key_file is None:
 
         def conclude_classic(node: N) -> None:

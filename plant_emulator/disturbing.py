@@ -7,23 +7,24 @@ milliseconds in which it senses nothing. One that a step of the settings names c
 import numpy as np
 
 from ..dbc.messages import DisturbanceConfig
-from .disturbance import Load, disturbance_interval
+from .disturbance import DisturbanceInterval, Load, disturbance_interval
 from .motion_design import MotionParams, transitions, vehicle_params
 from .propagation import table_rows
 from .settings import PlantSettings
 
 
 class Disturbing:
-    """Holds what a tool has asked for until the motion has come to that time."""
+    """Holds what a tool has asked for until the motion has come to that time.
+
+    Beside the tables of the settings it keeps those of one friction more, the newest: what a bus
+    brings must not fill the memory.
+    """
 
     def __init__(self, settings: PlantSettings, params: MotionParams) -> None:
         self._vehicle = vehicle_params(settings.vehicle)
         self._arm_m = settings.disturbance.side_force_arm_m
-        self._params = params
-        self._first_rows = {
-            interval.friction: rows
-            for interval, rows in zip(params.intervals, params.first_rows, strict=True)
-        }
+        self._designed = self._params = params
+        self._friction, self._first_rows = params.intervals[0].friction, params.first_rows[0]
         self._asked: DisturbanceConfig | None = None
 
     def ask(self, config: DisturbanceConfig) -> None:
@@ -42,17 +43,23 @@ class Disturbing:
             # Rounded, so that 1 - 0.7 is the 0.3 of somebody's settings.
             load = Load(*asked[:3], round(1.0 - asked.friction_loss, 6))
             interval = disturbance_interval(0, load, self._arm_m, self._vehicle)
-            self._params = self._params._replace(intervals=[interval])
-            self._compute_tables(interval.friction)
-            self._params = self._params._replace(first_rows=[self._first_rows[interval.friction]])
+            if interval.friction != self._friction:
+                self._find_tables(interval)
+            self._params = self._params._replace(
+                intervals=[interval], first_rows=[self._first_rows]
+            )
         return self._params
 
-    def _compute_tables(self, friction: float) -> None:
-        """Append the tables of a friction, unless they are there."""
-        if friction in self._first_rows:
-            return
-        params = self._params
-        tables, first_rows = transitions(self._vehicle, params.actuator, params.intervals)
-        start = len(params.table)
-        self._params = params._replace(table=[*params.table, *table_rows(np.asarray(tables))])
-        self._first_rows[friction] = [start + row for row in first_rows[0].tolist()]
+    def _find_tables(self, interval: DisturbanceInterval) -> None:
+        """Take the tables of a friction from the settings, or compute them in place of others."""
+        designed = self._designed
+        self._friction = interval.friction
+        for known, rows in zip(designed.intervals, designed.first_rows, strict=True):
+            if known.friction == interval.friction:
+                self._first_rows = rows
+                return
+        tables, first_rows = transitions(self._vehicle, designed.actuator, [interval])
+        start = len(designed.table)
+        table = [*designed.table, *table_rows(np.asarray(tables))]
+        self._params = self._params._replace(table=table)
+        self._first_rows = [start + row for row in first_rows[0].tolist()]

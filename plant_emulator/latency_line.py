@@ -96,11 +96,11 @@ class LatencyLine(Generic[Item]):
         )
 
     def reconfigure(self, model: Distribution, mean_s: float, spread_s: float, loss: float) -> None:
-        """Change the network from the next frame on; ends a schedule and a trace."""
+        """Change the network from the next frame on; this ends a schedule or a trace."""
         self._draw.reconfigure(model, mean_s, spread_s, loss)
 
     def push(self, key: int, item: Item, now_ns: int, motion_ns: int) -> None:
-        """Take a frame that comes at ``now_ns``, ``motion_ns`` after the start of motion."""
+        """Put a frame into the line at ``now_ns``, ``motion_ns`` after the start of motion."""
         draw = self._draw
         latency_ns = draw.constant_ns
         if latency_ns is not None:

@@ -62,7 +62,7 @@ def start_motion(p: MotionParams) -> MotionState:
 
 
 def command_motion(p: MotionParams, x: MotionState, steer_rad: float) -> MotionState:
-    """Return the state in which a steering command has just reached the actuator."""
+    """Return the state after a steering command has reached the actuator."""
     time_ns, (beta, r, psi, y, wheel_rad, _, rho, rho_rate, w_beta, w_r), course = x
     wheel = command_wheel(p.actuator, wheel_rad, steer_rad, time_ns)
     linear = new_record(
@@ -225,7 +225,7 @@ class Motion:
         self.linear = self._state.linear
 
     def advance(self, to_ns: int) -> None:
-        """Move on to ``to_ns``. Raises ValueError when that lies in the past."""
+        """Advance to ``to_ns``. Raises ValueError if that is in the past."""
         if to_ns < self.time_ns:
             raise ValueError(f"cannot move from {self.time_ns} ns back to {to_ns} ns")
         state = self._advance(self._params, self._state, to_ns) if self.is_finite else None
@@ -265,7 +265,7 @@ class Motion:
 
     @property
     def wheel_rad(self) -> float:
-        """Front wheel angle as the actuator knows it: without a steering offset."""
+        """Front wheel angle at the actuator, without a steering offset."""
         return self.linear.wheel_rad
 
     @property
@@ -280,7 +280,7 @@ class Motion:
 
     @property
     def arc_length_m(self) -> float:
-        """Arc length s of the path beside the preview point, counting on over laps."""
+        """Arc length s of the path beside the preview point, over all laps."""
         return self.speed_m_s * (self.time_ns / NS_PER_S)
 
     @property

@@ -100,7 +100,7 @@ def start_guard(p: GuardParams) -> GuardState:
 def guard_command(
     p: GuardParams, x: GuardState, steer_rad: float, time_ns: int
 ) -> tuple[GuardState, bool]:
-    """Take a command that arrives; returns the state and whether the command is followed."""
+    """Process an arriving command; returns the state and whether the command is followed."""
     before, limiter, arrived_ns, deadline_ns, run_before, fade_before_rad, followed_ns = x
     if before == _SAFE_STATE:
         return x, False
@@ -131,7 +131,7 @@ def guard_rejection(x: GuardState) -> GuardState:
 
 
 def guard_timer(p: GuardParams, x: GuardState, time_ns: int) -> tuple[GuardState, bool]:
-    """Do what is due at ``deadline_ns``; returns the state and whether the target is set anew."""
+    """Do what is due at ``deadline_ns``; returns the state and whether the target is set."""
     mode, limiter, arrived_ns, _, good_run, fade_rad, followed_ns = x
     if time_ns >= p.override_ns:
         mode = _SAFE_STATE
@@ -151,7 +151,7 @@ def guard_timer(p: GuardParams, x: GuardState, time_ns: int) -> tuple[GuardState
 
 
 def guard_wheel(p: GuardParams, x: GuardState, wheel_rad: float, time_ns: int) -> GuardState:
-    """Take a measured wheel angle; a wheel that does not follow makes `guard_timer` due at once."""
+    """Process a measured wheel angle; `guard_timer` is due at once if the wheel does not follow."""
     mode, limiter, arrived_ns, deadline_ns, good_run, fade_rad, followed_ns = x
     if is_at_target(p.limiter, limiter.steer_rad, wheel_rad):
         followed_ns = time_ns

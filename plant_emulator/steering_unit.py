@@ -92,7 +92,7 @@ class SteeringUnit:
         return self.mode is GuardMode.SAFE_STATE and (is_kept or self.target_rad == 0.0)
 
     def on_command(self, steer_rad: float, now_ns: int) -> bool:
-        """Take a command that arrives; returns whether it sets the target."""
+        """Process an arriving command; returns whether it sets the target."""
         before = self._state.mode
         state, is_followed = guard_command(self._params, self._state, steer_rad, now_ns)
         self._note_silence(now_ns)
@@ -128,7 +128,7 @@ class SteeringUnit:
         self._enter(state)
 
     def on_own_fault(self, cause: str, now_ns: int) -> None:
-        """Go to SAFE_STATE for good, as the plant cannot be relied on any more."""
+        """Go to SAFE_STATE for good, because the plant is no longer reliable."""
         state = guard_fault(self._state, now_ns)
         self._note_mode(state, now_ns, cause)
         self._enter(state)

@@ -5,7 +5,7 @@
 >>> run.plant.lateral_error_m.shape
 (500,)
 >>> f"{1e3 * run.lateral_error_rms_m:.1f} mm"
-'12.4 mm'
+'12.3 mm'
 """
 
 from collections.abc import Mapping

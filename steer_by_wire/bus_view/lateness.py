@@ -20,6 +20,8 @@ JUMP_MAX = 4096
 """A counter that jumps further is that of a controller that was restarted."""
 _REFIT_NS = NS_PER_S
 _COMMANDS_MIN = 3
+_RECENT_NS = 2 * NS_PER_S
+"""A controller that has skipped periods is on time again, by other numbers, after so long."""
 
 
 class _Due(NamedTuple):
@@ -52,7 +54,7 @@ class CommandLateness:
             self._commands.popleft()
 
     def newest_s(self) -> float:
-        """Return how late the newest command was [s], by a fit of a second ago at most.
+        """Return how late the newest command was [s], against the earliest of two seconds or so.
 
         NaN without three commands.
         """
@@ -61,7 +63,8 @@ class CommandLateness:
         now_ns, number = self._commands[-1]
         if self._due is None or now_ns >= self._fit_ns:
             known_ns = now_ns - self._commands[0][0]
-            self._due, self._fit_ns = self._fitted(), now_ns + min(known_ns // 4, _REFIT_NS)
+            fit = self._fitted(now_ns - _RECENT_NS)
+            self._due, self._fit_ns = fit, now_ns + min(known_ns // 4, _REFIT_NS)
         due = self._due
         if due is None:
             return math.nan
@@ -70,15 +73,15 @@ class CommandLateness:
 
     def arrays(self, now_ns: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return age [ns] and lateness [s] of the last commands, each of shape (n,)."""
-        due = self._fitted()
+        due = self._fitted(now_ns - SPAN_NS)
         if due is None:
             return np.empty(0, dtype=np.int64), np.empty(0)
         times_ns, numbers = np.array(self._commands, dtype=np.int64).T
         elapsed_s = (times_ns - due.first_ns) / NS_PER_S
         return now_ns - times_ns, elapsed_s - due.start_s - due.period_s * (numbers - due.first)
 
-    def _fitted(self) -> _Due | None:
-        """Return the line through the commands; None without enough of them."""
+    def _fitted(self, since_ns: int) -> _Due | None:
+        """Return the line through the earliest command since then; None without enough of them."""
         if len(self._commands) < _COMMANDS_MIN:
             return None
         times_ns, numbers = np.array(self._commands, dtype=np.int64).T
@@ -89,5 +92,6 @@ class CommandLateness:
         if not steps.all():
             return None
         period_s = float(np.median((elapsed_s[half:] - elapsed_s[:-half]) / steps))
-        start_s = float((elapsed_s - period_s * count).min())
+        is_recent = times_ns >= min(since_ns, times_ns[-1])
+        start_s = float((elapsed_s - period_s * count)[is_recent].min())
         return _Due(int(times_ns[0]), int(numbers[0]), start_s, period_s)

@@ -19,6 +19,7 @@ class Trace(NamedTuple):
 
     time_s: FloatArray  # since the start of motion
     lateral_error_m: FloatArray  # true, at the preview point
+    cg_deviation_m: FloatArray  # of the centre of gravity from the path
     wheel_angle_rad: FloatArray
     downlink_latency_s: FloatArray  # of the command in effect; NaN before the first
     x_m: FloatArray  # preview point
@@ -34,6 +35,7 @@ class Trace(NamedTuple):
                 (
                     sample.time_s,
                     sample.lateral_error_m,
+                    sample.cg_deviation_m,
                     sample.wheel_angle_rad,
                     sample.downlink_latency_s,
                     *place(node.path, sample),

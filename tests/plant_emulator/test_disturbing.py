@@ -74,6 +74,28 @@ def test_a_message_acts_between_two_samples_at_its_own_time() -> None:
     assert places(link)[-1] != places(moved)[-1]
 
 
+def test_frictions_one_after_the_other_move_the_vehicle_as_steps_do() -> None:
+    frictions = (0.5, 0.3, 1.0, 0.5)
+    steps = [
+        {"at_s": 0.2 * number, "friction": friction, "side_force_n": 900.0}
+        for number, friction in enumerate(frictions, start=1)
+    ]
+    by_settings = Link(
+        plant_settings(
+            path={"kind": "straight"},
+            start_on_first_command=False,
+            disturbance={"steps": steps},
+        )
+    )
+    by_settings.tick_until(END_NS)
+    by_message = Link(plant_settings(path={"kind": "straight"}, start_on_first_command=False))
+    for number, friction in enumerate(frictions, start=1):
+        config = DisturbanceConfig(900.0, 0.0, 0.0, 1.0 - friction)
+        by_message.configure(START_NS + 200 * MS_NS * number, config)
+    by_message.tick_until(END_NS)
+    assert places(by_message) == places(by_settings)
+
+
 def test_a_damaged_message_is_refused_and_counted() -> None:
     link = driven(None, None)
     frame = Frame(CAN_IDS[DisturbanceConfig], bytes([0, 0, 0, 0, 0, 0, 96]))

@@ -87,7 +87,7 @@ def test_the_trace_starts_on_the_path_and_ends_after_the_duration(out: Path) -> 
 def judged(verdicts: str, rms_m: float = 0.01) -> tuple[PhaseFigures, ...]:
     """Return a phase for each letter: h holds, l is a limit cycle."""
     of = {"h": Verdict.HOLDS, "l": Verdict.LIMIT_CYCLE}
-    return tuple(PhaseFigures(rms_m, 2.0 * rms_m, of[letter]) for letter in verdicts)
+    return tuple(PhaseFigures(rms_m, 3.0 * rms_m, 2.0 * rms_m, of[letter]) for letter in verdicts)
 
 
 def result_of(live: str, virtual: str, rms_m: float = 0.01) -> LawResult:

@@ -1,6 +1,6 @@
 """The web server: the page's files, one websocket a page, recordings to download.
 
-A page is sent what is new 30 times a second. The next batch is made when the last one has left; a
+A page is sent what is new 40 times a second. The next batch is made when the last one has left; a
 page that falls behind so skips, and no queue grows.
 """
 
@@ -18,8 +18,8 @@ from .page import page_files, served_page, single_page
 from .replay import read_replay
 from .wire import packed_rows
 
-BATCH_S = 1.0 / 30.0
-_STATUS_BATCHES = 8
+BATCH_S = 1.0 / 40.0
+_STATUS_BATCHES = 10
 """A status follows every so many batches."""
 _MESSAGE_BYTES_MAX = 1 << 16
 _BACKLOG_BYTES = 1 << 16

@@ -62,10 +62,12 @@ class Phase(NamedTuple):
 class PhaseFigures(NamedTuple):
     """How a law held the path in one phase.
 
-    ``rms_m``  in the second half, when the change of the network is over
+    ``rms_m``, ``cg_rms_m``  of the preview point and of the centre of gravity, in the second half,
+                             when the change of the network is over
     """
 
     rms_m: float
+    cg_rms_m: float
     peak_m: float
     verdict: Verdict
 
@@ -132,8 +134,9 @@ def _phase_figures(settings: PlantSettings, trace: Trace, phase: Phase) -> Phase
     """Judge one phase as if it were a run."""
     inside = (trace.time_s >= phase.from_s) & (trace.time_s < phase.to_s)
     error_m = trace.lateral_error_m[inside]
-    settled_m = error_m[trace.time_s[inside] >= 0.5 * (phase.from_s + phase.to_s)]
+    is_settled = trace.time_s[inside] >= 0.5 * (phase.from_s + phase.to_s)
+    cg_m = trace.cg_deviation_m[inside][is_settled]
     peak_m = float(np.max(np.abs(error_m)))
     period_s = 1e-3 * settings.sensor_period_ms
     judged = judge(settings.verdict, error_m.tolist(), len(error_m), peak_m, period_s)
-    return PhaseFigures(rms(settled_m), peak_m, judged.verdict)
+    return PhaseFigures(rms(error_m[is_settled]), rms(cg_m), peak_m, judged.verdict)

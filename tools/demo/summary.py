@@ -14,13 +14,15 @@ from .story import LawResult, Phase, PhaseFigures
 def story_table(results: Sequence[LawResult], phases: Sequence[Phase]) -> Table:
     """Return RMS error and verdict: a row a law, a column a phase; it fits 80 columns."""
     table = _table()
-    table.add_column("RMS error [mm]")
+    table.add_column("RMS error [mm],\npreview point")
     for phase in phases:
         table.add_column(phase.title.replace(", ", ",\n"), justify="right", no_wrap=True)
     for result in results:
         table.add_row(result.label, *(_mm(phase.rms_m) for phase in result.live_phases))
         virtual = (_mm(phase.rms_m) for phase in result.virtual_phases)
         table.add_row("  in virtual time", *virtual, style="dim")
+        of_cg = (_mm(phase.cg_rms_m) for phase in result.live_phases)
+        table.add_row("  centre of gravity", *of_cg)
         table.add_row("  verdict", *(str(phase.verdict) for phase in result.live_phases))
     return table
 

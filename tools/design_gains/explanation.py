@@ -102,7 +102,7 @@ def _failure(demand: Demand) -> str:
 
 
 def _distinct(value: float, limit: float) -> str:
-    """Return ``value`` with three digits, or with as many as tell it from ``limit``."""
+    """Return ``value`` with three digits, or with as many as distinguish it from ``limit``."""
     for digits in range(3, 17):
         text = f"{value:.{digits}g}"
         if float(text) != limit:
