@@ -60,7 +60,7 @@ HISTORIES: Mapping[str, tuple[str, str]] = {
 }
 """Signals with figures and pictures: their message in the DBC, and the field."""
 CG_DEVIATION = "cg_deviation_m"
-"""One more, computed from several."""
+"""One more, computed from several, and from the way driven between: not without times."""
 
 
 class Gap(NamedTuple):
@@ -147,7 +147,7 @@ class LogAnalysis:
             self.histories[label].add(at_s, getattr(received.message, field))
         if isinstance(received.message, VehicleState):
             self._cg.on_state(received.message, at_s)
-        elif isinstance(received.message, LateralError):
+        elif isinstance(received.message, LateralError) and self._start_ns is not None:
             self._cg_m = self._cg.of(received.message)
             if not math.isnan(self._cg_m):
                 self.histories[CG_DEVIATION].add(at_s, self._cg_m)
