@@ -160,7 +160,7 @@ def test_check_shows_a_set_of_stable_delays_with_a_gap(capsys: Capture) -> None:
     gains = ("pd.proportional_gain_rad_m=1.0596", "pd.derivative_gain_rad_s_m=0.939")
     options = [word for setting in (*gap, *gains) for word in ("--set", setting)]
     out = checked(capsys, "--preset", "practical_pd_cdob", *options)
-    assert "#   stable at     0.00 to 43.87 ms, 101.15 to 183.51 ms, 302.78 to 323.15 ms\n" in out
+    assert "#   stable at     0.00 to 41.34 ms, 105.10 to 177.20 ms, 310.49 to 314.05 ms\n" in out
 
 
 def test_check_says_that_a_loop_grows(capsys: Capture) -> None:

@@ -29,6 +29,7 @@ from steer_by_wire.pair.trace import FloatArray
 from steer_by_wire.plant_emulator.latency import gamma_quantile, uniform_quantile
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import load_settings, read_preset
+from tests.support.wide_stretches import MODEL, PLANT
 
 MS_NS = 1_000_000
 PERIOD_S = 0.01
@@ -40,7 +41,7 @@ CDOB = ("pd.derivative_filter_rad_s=20", "cdob.q_cutoff_rad_s=50", "cdob.washout
 
 def law(preset: str, *overrides: str) -> ControllerSettings:
     chosen = read_preset("steer_by_wire.controller.presets", preset)
-    every = [*PAPER_GAINS, *WIDE_LIMITS, *overrides]
+    every = [*PAPER_GAINS, *MODEL, *WIDE_LIMITS, *overrides]
     return load_settings(ControllerSettings, chosen, overrides=every)
 
 
@@ -221,6 +222,7 @@ def steer_envelope_rad(chosen: ControllerSettings, mean_ms: int, spread_ms: int)
         PlantSettings,
         read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal"),
         overrides=[
+            *PLANT,
             "path={kind='straight'}",
             "duration_s=40",
             f"latency.downlink={downlink}",

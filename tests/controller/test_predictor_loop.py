@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.compiled.engine import BatchRun
-from steer_by_wire.controller.analysis import check
+from steer_by_wire.controller.analysis import check_figures
 from steer_by_wire.controller.analysis.check import check_text
 from steer_by_wire.controller.analysis.looking_back import Rig
 from steer_by_wire.controller.analysis.predictor_loop import PredictorLoop, stable_constant_delays
@@ -85,7 +85,8 @@ def test_runs_decay_within_the_stable_delays_and_grow_beyond(
     inside = run(law, CORNERS[corner], lag_s, margin_ns - 30 * MS, PUSH)
     outside = run(law, CORNERS[corner], lag_s, last_ns + 60 * MS, PUSH)
     assert decay_1_s(inside, 25.0, 55.0) > 0.0
-    assert decay_1_s(outside, 25.0, 55.0) < 0.0
+    # Earlier, because the limits of the command soon bound what grows.
+    assert decay_1_s(outside, 10.0, 30.0) < 0.0
 
 
 @pytest.mark.parametrize("corner", "abcd")
@@ -177,10 +178,10 @@ def test_the_check_of_the_predictor_tells_what_its_fallback_survives(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """For two gains of the same fallback it reports two margins, those of the law alone."""
-    monkeypatch.setattr(check, "SHOWN_DELAYS_MS", ())
-    monkeypatch.setattr(check, "stable_constant_delays", lambda _loop, _limit_ns: ())
+    monkeypatch.setattr(check_figures, "SHOWN_DELAYS_MS", ())
+    monkeypatch.setattr(check_figures, "stable_constant_delays", lambda _loop, _limit_ns: ())
     margins_ms = []
-    for gain in ("1.2", "2.0"):
+    for gain in ("2.0", "3.0"):
         overrides = (*PREDICTOR, "rate_hz=50", f"pd.proportional_gain_rad_m={gain}")
         settings = controller(*overrides)
         alone = controller(*overrides, "law=pd_ddob")

@@ -5,7 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from steer_by_wire.controller.analysis import check
+from steer_by_wire.controller.analysis import check_figures
+from steer_by_wire.controller.analysis.check import check_text
 from steer_by_wire.controller.analysis.looking_back import Rig
 from steer_by_wire.controller.analysis.predictor_loop import PredictorLoop
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
@@ -91,9 +92,9 @@ def test_its_sensitivity_is_what_the_preset_was_searched_for() -> None:
 def test_the_check_tells_poles_sensitivity_and_stable_delays(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(check, "DELAY_NS_MAX", 20 * MS)
-    monkeypatch.setattr(check, "SHOWN_DELAYS_MS", (0,))
-    text = check.check_text(preset(SET_POINT, ("delayed_set_point.delay_s=0.1",)))
+    monkeypatch.setattr(check_figures, "DELAY_NS_MAX", 20 * MS)
+    monkeypatch.setattr(check_figures, "SHOWN_DELAYS_MS", (0,))
+    text = check_text(preset(SET_POINT, ("delayed_set_point.delay_s=0.1",)))
     assert "# Poles of the closed loop around the nominal plant, without delay:" in text
     assert "sensitivity at most 1." in text
     assert "delay margin  above 20 ms" in text

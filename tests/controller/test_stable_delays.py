@@ -27,22 +27,17 @@ from steer_by_wire.pair.trace import FloatArray
 from steer_by_wire.plant_emulator.safety_settings import UNGUARDED
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import load_settings, read_preset
+from tests.support.wide_stretches import MODEL, PLANT
 
 MS_NS = 1_000_000
 INTEGRATOR = TransferFunction(-1, (Factor(0.0, 0.0, 1.0),), ())
 PAPER_GAINS = ("pd.proportional_gain_rad_m=1.0596", "pd.derivative_gain_rad_s_m=0.939")
-VEHICLE = (
-    "nominal_model.front_cornering_stiffness_n_rad=195000",
-    "nominal_model.preview_distance_m=1.912",
-)
-"""A vehicle with which every stable stretch of PD_CDOB is wide enough for runs to show its ends."""
-SAME_PLANT = ("vehicle.front_cornering_stiffness_n_rad=195000", "vehicle.preview_distance_m=1.912")
 WIDE_LIMITS = ("limits.steer_rad_max=1.3", "limits.steer_rate_rad_s_max=1000")
 
 
 def law(preset: str, *overrides: str) -> ControllerSettings:
     chosen = read_preset("steer_by_wire.controller.presets", preset)
-    return load_settings(ControllerSettings, chosen, overrides=[*PAPER_GAINS, *VEHICLE, *overrides])
+    return load_settings(ControllerSettings, chosen, overrides=[*PAPER_GAINS, *MODEL, *overrides])
 
 
 def loop_of(chosen: ControllerSettings) -> SampledLoop:
@@ -234,7 +229,7 @@ def steer_rad(boundary: Boundary) -> tuple[FloatArray, FloatArray]:
         PlantSettings,
         read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal"),
         overrides=[
-            *SAME_PLANT,
+            *PLANT,
             "path={kind='straight'}",
             "duration_s=60",
             f"latency.downlink.mean_s={boundary.delay_ns / 1e9!r}",

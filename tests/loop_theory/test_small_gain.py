@@ -124,7 +124,7 @@ def test_a_hump_of_q_makes_small_cutoffs_fail_where_large_ones_do_not() -> None:
     bound = cutoff_bound(q_type_2, largest_uncertainty(VERTICES, VEHICLE))
     assert bound.q_peak == pytest.approx(math.sqrt(27.0 / 16.0), rel=1e-5)
     assert len(bound.ranges) == 1
-    assert 0.80 < bound.ranges[0].minimum_rad_s < 0.81
+    assert 0.78 < bound.ranges[0].minimum_rad_s < 0.79
     assert math.isinf(bound.largest_rad_s)
     assert "fails below" in bound.reason()
 
@@ -160,17 +160,17 @@ def test_with_a_delay_the_largest_cutoff_of_20_is_the_closed_form(
     assert condition_23(q_order_2(above), uncertainty).size > 1.0
 
 
-def test_with_80_ms_the_bound_is_30_rad_s_and_the_exact_one_36() -> None:
+def test_with_80_ms_the_bound_is_30_rad_s_and_the_exact_one_35() -> None:
     bound = cutoff_bound(q_order_2, largest_uncertainty(VERTICES, paper_eq19(), 0.08))
-    assert 30.4 < bound.largest_rad_s < 30.5
+    assert 29.8 < bound.largest_rad_s < 29.9
 
     def stable(cutoff_rad_s: float) -> bool:
         law = dob_alone(q_order_2(cutoff_rad_s), paper_eq19())
         return all(closed_loop_roots(law, plant, 0.08).right == 0 for plant in VERTICES)
 
     assert stable(bound.largest_rad_s)
-    assert stable(35.8)
-    assert not stable(36.0)
+    assert stable(34.8)
+    assert not stable(34.9)
 
 
 def test_the_vertices_stand_for_the_box_but_for_a_fraction_of_a_percent() -> None:

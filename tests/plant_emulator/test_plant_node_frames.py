@@ -85,7 +85,7 @@ def test_bad_frames_are_counted_by_cause_and_change_nothing() -> None:
                     encode(SteeringCommand(0.5, 0, Mode.ACTIVE), (step - 5) % 256),
                     encode(SteeringCommand(0.5, 0, Mode.ACTIVE), (step + 110) % 256),
                     encode_not_available(SteeringCommand(0.5, 0, Mode.ACTIVE), step + 1),
-                    encode(LateralError(1.0, 0.0), 0),  # one of the rig's own: not for it
+                    encode(LateralError(1.0, 0.0), 0),  # only the rig itself sends it
                     Frame(0x7FF, b""),
                 )
                 for frame in bad:
@@ -103,9 +103,10 @@ def test_bad_frames_are_counted_by_cause_and_change_nothing() -> None:
         "out_of_order": 10,
         "too_far": 10,
         "not_available": 10,
+        "own_identifier": 10,
     }
     assert disturbed.node.report()["accepted"] == 30
-    assert disturbed.last(PlantStatus).rejected == 49  # at 200 ms, 7 at each of 7 steps
+    assert disturbed.last(PlantStatus).rejected == 56 % 32  # at 200 ms, 8 at each of 7 steps
     assert clean.node.report()["rejected"] == {}
 
 

@@ -220,16 +220,16 @@ def test_an_override_takes_the_wheel_whatever_is_commanded() -> None:
 
 
 def test_at_60_km_h_the_limits_bind_and_are_counted_and_told_by_cause() -> None:
-    """g = 71.5: 3 m/s² is 0.0420 rad, and 5 m/s³ over half a second 0.0350 rad."""
+    """g = 70.8: 3 m/s² is 0.0424 rad, and 5 m/s³ over half a second 0.0353 rad."""
     tested = link(vehicle={"speed_m_s": 60.0 / 3.6})
     tested.command(START_NS, 0.2)
     tested.tick_until(START_NS)
-    assert tested.last(SteeringStatus).wheel_angle_rad == pytest.approx(0.0350, abs=1e-4)
+    assert tested.last(SteeringStatus).wheel_angle_rad == pytest.approx(0.0353, abs=1e-4)
     assert tested.last(SteeringStatus).status is SteeringStatusCode.LIMITED_BY_SAFETY
     for step in range(1, 80):
         tested.command(START_NS + step * PERIOD_NS, 0.2)
     tested.tick_until(START_NS + 80 * PERIOD_NS)
-    assert tested.last(SteeringStatus).wheel_angle_rad == pytest.approx(0.0420, abs=1e-4)
+    assert tested.last(SteeringStatus).wheel_angle_rad == pytest.approx(0.0424, abs=1e-4)
     counts = tested.node.report()["safety"]["interventions"]
     assert counts == {"lateral_acceleration": 5, "lateral_jerk": 75}
     states = [message.safety for _, message in tested.messages(PlantStatus)]

@@ -95,7 +95,7 @@ def test_no_run_that_holds_is_off_the_path_or_swings() -> None:
 
 
 @pytest.mark.parametrize(
-    ("run", "expected"), [(842, Verdict.LIMIT_CYCLE), (1908, Verdict.LEFT_ROAD)]
+    ("run", "expected"), [(843, Verdict.LIMIT_CYCLE), (1908, Verdict.LEFT_ROAD)]
 )
 def test_swings_from_limit_to_limit_behind_a_network_with_memory_do_not_hold(
     run: int, expected: Verdict
