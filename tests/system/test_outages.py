@@ -60,7 +60,8 @@ def test_the_predictors_steer_is_calm_after_an_outage(outage_s: float, delay_s: 
     """The steering fell back; with the command believed instead the rate reached its limit, 2."""
     run = Outage(outage_s, delay_s)
     assert run.plant.report()["safety"]["fallbacks"] == 1
-    assert 0.05 < np.max(np.abs(run.rates_rad_s)) < 0.3
+    # The path's curvature after an outage, times the weight of the error (1.7) in the design.
+    assert 0.05 < np.max(np.abs(run.rates_rad_s)) < 0.4
     assert math.sqrt(np.mean(run.rates_rad_s**2)) < 0.12
 
 
