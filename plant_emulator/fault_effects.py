@@ -64,7 +64,7 @@ _RAW_OUTSIDE: Mapping[type[Message], tuple[int, int, int]] = MappingProxyType(
         ControllerStatus: (24, 3, 7),
         ControllerSafety: (48, 2, 3),
         DelayStatus: (48, 2, 3),
-        PlantStatus: (61, 3, 7),
+        PlantStatus: (59, 3, 7),
     }
 )
 """First bit and length of a signal, and a raw value outside its range."""

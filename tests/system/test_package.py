@@ -78,7 +78,8 @@ def installed(wheel: zipfile.ZipFile, tmp_path_factory: pytest.TempPathFactory) 
     for name, place in parser["console_scripts"].items():
         module, _, function = place.partition(":")
         (folder / "bin" / name).write_text(
-            f"import sys\nfrom {module} import {function}\nsys.exit({function}())\n"
+            f"import sys\nfrom {module} import {function}\n"
+            f"if __name__ == '__main__':\n    sys.exit({function}())\n"  # as pip writes it
         )
     return folder
 

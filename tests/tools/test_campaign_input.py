@@ -138,7 +138,7 @@ def test_what_cannot_be_compared_with_is_told_in_one_line(
     for earlier, told in (
         (tmp_path / "none", "has no whole result"),
         (tmp_path / "noise", "has no whole result"),
-        (tmp_path / "folder", "is no file"),
+        (tmp_path / "folder", "is not a file"),
         (spec_file, "has no whole result"),
     ):
         words = [str(spec_file), "--out", str(tmp_path / "out"), "--compare", str(earlier)]

@@ -69,17 +69,17 @@ def test_figure_9_meets_its_condition_at_every_vertex() -> None:
 def test_the_exact_bound_of_the_cutoff_is_above_the_sufficient_one() -> None:
     (found,) = exact_cutoffs(q_order_2, paper_eq19(), DELAY_S)
     assert found.minimum_rad_s == 0.0
-    assert 35.8 < found.maximum_rad_s < 36.0
+    assert 34.8 < found.maximum_rad_s < 35.0
 
 
 def test_at_a_tenth_of_a_radian_per_second_the_observer_takes_nearly_all_of_the_spread() -> None:
     without, with_dob = corner_spreads("pd"), corner_spreads("pd_dob")
     closed = decibels(without.closed_loop.spread_at(SPREAD_AT_RAD_S))
     closed_dob = decibels(with_dob.closed_loop.spread_at(SPREAD_AT_RAD_S))
-    assert 0.109 < closed < 0.110
+    assert 0.108 < closed < 0.109
     assert 0.0022 < closed_dob < 0.0024
     assert 9.4 < decibels(without.regulated.spread_at(SPREAD_AT_RAD_S)) < 9.5
-    assert 0.108 < decibels(with_dob.regulated.spread_at(SPREAD_AT_RAD_S)) < 0.110
+    assert 0.112 < decibels(with_dob.regulated.spread_at(SPREAD_AT_RAD_S)) < 0.114
 
 
 def test_without_observer_the_vehicle_spreads_as_the_square_of_the_speed_at_rest() -> None:

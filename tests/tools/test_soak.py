@@ -124,7 +124,9 @@ def test_the_controller_notices_holds_and_stops(starved: VirtualSoak) -> None:
 
 def test_the_plant_falls_back_once_and_follows_again(starved: VirtualSoak) -> None:
     guard = starved.plant["safety"]
-    assert (guard["fallbacks"], guard["recoveries"], guard["safe_state"]) == (1, 1, None)
+    # What had waited for the bus comes in one burst, behind which the counters are far ahead: they
+    # are believed again after one more silence.
+    assert (guard["fallbacks"], guard["recoveries"], guard["safe_state"]) == (1, 2, None)
     babble_s = (BABBLE_NS[1] - BABBLE_NS[0]) / NS_PER_S
     assert babble_s < guard["longest_silence_s"] < babble_s + 0.1
 
@@ -137,7 +139,7 @@ def test_on_a_bus_that_is_only_full_the_plant_never_misses_a_command(loaded: Vir
 def test_when_the_babbling_ends_the_controller_is_in_control_again(starved: VirtualSoak) -> None:
     last_ns, last = starved.modes[-1]
     assert last is Mode.ACTIVE
-    assert BABBLE_NS[1] < last_ns < BABBLE_NS[1] + 200 * NS_PER_MS
+    assert BABBLE_NS[1] < last_ns < BABBLE_NS[1] + 250 * NS_PER_MS
 
 
 def test_what_waited_for_the_bus_is_bounded(starved: VirtualSoak) -> None:
@@ -151,7 +153,7 @@ def test_what_waited_for_the_bus_is_bounded(starved: VirtualSoak) -> None:
 
 
 def test_the_gaps_hold_every_identifier_between_the_pairs_own() -> None:
-    own = set(CAN_IDS.values()) - {0x320}
+    own = set(CAN_IDS.values()) - {0x320, 0x324}
     between = {can_id for gap in GAPS for can_id in gap}
     assert between == set(range(min(own), max(own))) - own
 

@@ -31,7 +31,9 @@ PROGRAMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "steer_by_wire.controller.program": (
             "steer_by_wire.runtime.program.open_port",
-            "steer_by_wire.controller.program.check",
+            "steer_by_wire.controller.program.check_figures",
+            "steer_by_wire.controller.program.check_text",
+            "steer_by_wire.controller.program.found_in",
         ),
         "steer_by_wire.plant_emulator.program": ("steer_by_wire.runtime.program.open_port",),
         "steer_by_wire.runtime.emulated_bus.program": (

@@ -14,6 +14,7 @@ from collections.abc import Callable, Collection, Sequence
 from functools import lru_cache
 
 from ...controller.node import RECEIVED as CONTROLLER_RECEIVES
+from ...controller.node import SENT as CONTROLLER_SENDS
 from ...controller.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import (
@@ -35,6 +36,7 @@ from ...dbc.messages import (
 from ...dbc.protection import COUNTERS
 from ...plant_emulator.motion_design import MotionParams
 from ...plant_emulator.node import RECEIVED as PLANT_RECEIVES
+from ...plant_emulator.node import SENT as PLANT_SENDS
 from ...plant_emulator.node import PlantNode, motion_params
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
@@ -84,7 +86,7 @@ def fuzz_controller(data: bytes) -> None:
     drive(
         choices,
         lambda: ControllerNode(settings, 0),
-        CONTROLLER_RECEIVES,
+        (*CONTROLLER_RECEIVES, *CONTROLLER_SENDS),
         Outgoing(
             (SteeringCommand, ControllerStatus, ControllerSafety, DelayStatus),
             judge=CommandLimits(settings),
@@ -99,7 +101,7 @@ def fuzz_plant(data: bytes) -> None:
     drive(
         choices,
         lambda: PlantNode(settings, 0, params),
-        PLANT_RECEIVES,
+        (*PLANT_RECEIVES, *PLANT_SENDS),
         Outgoing((PlantStatus,), delayed=(LateralError, SteeringStatus, VehicleState)),
     )
 
@@ -181,15 +183,17 @@ class Outgoing:
 def drive(
     choices: Choices,
     make_node: Callable[[], ReportingNode],
-    received: Collection[type[Message]],
+    known: Collection[type[Message]],
     outgoing: Outgoing,
 ) -> ReportingNode:
     """Run a node through what ``choices`` decide; returns it.
 
+    ``known``  what it receives, and what nobody else may send
+
     A second node, which does not receive the frames meant for others, has to do the same.
     """
     node, twin = make_node(), make_node()
-    ids = {CAN_IDS[message_type] for message_type in received}
+    ids = {CAN_IDS[message_type] for message_type in known}
     taken = 0
     for now_ns, frames in wake_ups(choices, 0):
         for frame in frames:
