@@ -14,6 +14,10 @@ from math import cos, sin
 
 from .path import Path, Pose, along_clothoid, locate
 
+_TURN_SHORT_RAD = 0.05
+_NODE = 0.21132486540518712
+"""Two Gauss nodes, this far from either end, are off by 2e-9 of the length over such a turn."""
+
 
 def cg_deviation_m(
     path: Path,
@@ -33,6 +37,22 @@ def cg_deviation_m(
     )
 
 
+def along_short(start: Pose, curvature_1_m: float, slope_1_m2: float, length_m: float) -> Pose:
+    """Return the same as ``along_clothoid``, in less time where the piece hardly turns."""
+    turn_rad = length_m * (curvature_1_m + 0.5 * slope_1_m2 * length_m)
+    if max(abs(turn_rad), abs(length_m * curvature_1_m)) > _TURN_SHORT_RAD:
+        return along_clothoid(start, curvature_1_m, slope_1_m2, length_m)
+    first_m, second_m = _NODE * length_m, (1.0 - _NODE) * length_m
+    first_rad = start.heading_rad + first_m * (curvature_1_m + 0.5 * slope_1_m2 * first_m)
+    second_rad = start.heading_rad + second_m * (curvature_1_m + 0.5 * slope_1_m2 * second_m)
+    half_m = 0.5 * length_m
+    return Pose(
+        start.x_m + half_m * (cos(first_rad) + cos(second_rad)),
+        start.y_m + half_m * (sin(first_rad) + sin(second_rad)),
+        start.heading_rad + turn_rad,
+    )
+
+
 def deviation_behind_m(
     path: Path,
     piece: int,
@@ -48,7 +68,7 @@ def deviation_behind_m(
         slope_1_m2 = path.curvature_slope_1_m2[piece]
         curvature_1_m = path.curvature_1_m[piece] + slope_1_m2 * along_m
         part_m = min(left_m, along_m)
-        end = along_clothoid(end, curvature_1_m, slope_1_m2, -part_m)
+        end = along_short(end, curvature_1_m, slope_1_m2, -part_m)
         curvature_1_m -= slope_1_m2 * part_m
         left_m -= part_m
         if left_m <= 0.0:
