@@ -43,13 +43,12 @@ def run_secured_node(
 ) -> ExitStatus:
     """Run a node as ``runtime.program.run_node`` does, behind authentication if a key is given.
 
-    ``end``       which of the two ends the node is
+    ``end``    which of the two ends the node is
     ``known``  the messages it receives, and those that nobody else may send
 
     Reports on standard error whose frames are accepted, and at the end the refused ones and the
-    messages that somebody else has sent too. Raises
-    SettingsError for a key file that cannot be used and a recording that would stay empty, and the
-    exceptions of ``run_node``.
+    messages that somebody else has sent too. Raises SettingsError for a key file that cannot be
+    used and a recording that would stay empty, and the exceptions of ``run_node``.
     """
     can_ids = {CAN_IDS[message_type] for message_type in known}
     if options.key_file is None:

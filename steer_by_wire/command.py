@@ -68,7 +68,7 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "paper": _tool("reproduce_paper", "the paper's figures and tables, reproduced"),
             "delay-study": _tool("delay_estimation_study", "the delay estimated without an echo"),
             "response-times": _tool(
-                "response_times", "bounds to each message's delay on a CAN bus"
+                "response_times", "bounds on each message's delay on a CAN bus"
             ),
         },
         "Stress and faults": {
