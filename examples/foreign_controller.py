@@ -37,6 +37,7 @@ class ForeignController:
             database.get_message_by_name(name) for name in ("LATERAL_ERROR", "STEERING_COMMAND")
         )
         self.errors_m: list[float] = []
+        self.counter = -1
         self.derivative_m_s, self.sent = 0.0, 0
 
     def on_message(self, message: can.Message) -> can.Message | None:
@@ -44,9 +45,13 @@ class ForeignController:
         if message.arbitration_id != self.error.frame_id or not self.is_intact(message.data):
             return None
         decoded: Any = self.error.decode(bytes(message.data))
-        error_m = decoded["LATERAL_ERROR_LATERAL_ERROR"]
-        if not isinstance(error_m, float):  # NOT_AVAILABLE is a word
+        error_m, counter = (
+            decoded[f"LATERAL_ERROR_{name}"] for name in ("LATERAL_ERROR", "COUNTER")
+        )
+        # NOT_AVAILABLE is a word; a counter that does not step is a repetition.
+        if not isinstance(error_m, float) or counter == self.counter:
             return None
+        self.counter = counter
         change_m = error_m - (self.errors_m[-1] if self.errors_m else error_m)
         decay = 1.0 / (1.0 + FILTER_RAD_S * PERIOD_S)
         self.derivative_m_s = decay * (self.derivative_m_s + FILTER_RAD_S * change_m)

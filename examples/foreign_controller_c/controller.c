@@ -1,12 +1,13 @@
 /* A controller in C from the DBC alone: it answers every LATERAL_ERROR with a STEERING_COMMAND.
  *
  *   python -m cantools generate_c_source dbc/steer_by_wire.dbc
- *   cc -std=c11 -o controller examples/foreign_controller_c/controller.c steer_by_wire.c -lm -I.
+ *   cc -std=c99 -o controller examples/foreign_controller_c/controller.c steer_by_wire.c -lm -I.
  *   ./controller vcan0        until the plant has been silent for two seconds
  *   ./controller -            the same on lines "ID#DATA" from standard input to standard output
  *
  * steer_by_wire.c and .h, which cantools writes, know where each signal is. What they do not know:
  * the CRC of AUTOSAR E2E profile 5, and the Data IDs it covers, an attribute of the DBC.
+ * With -DWITHOUT_COUNTER it has a deliberate error, for test_controller.py to find.
  */
 #define _DEFAULT_SOURCE
 #include <math.h>
@@ -32,6 +33,7 @@ static const double PERIOD_S = 0.01, STEER_RAD_MAX = 0.6, STEER_RESOLUTION_RAD =
 
 struct controller {
     double error_m, derivative_m_s;
+    uint8_t counter;
     unsigned long sent;
 };
 
@@ -75,8 +77,10 @@ static int on_frame(struct controller *x, const struct can_frame *frame, struct 
         || frame->can_dlc != STEER_BY_WIRE_LATERAL_ERROR_LENGTH
         || steer_by_wire_lateral_error_unpack(&error, frame->data, frame->can_dlc) != 0
         || error.lateral_error_crc != crc_of(frame->data, frame->can_dlc, ERROR_DATA_ID)
-        || error.lateral_error_lateral_error == NOT_AVAILABLE_RAW)
+        || error.lateral_error_lateral_error == NOT_AVAILABLE_RAW
+        || (x->sent > 0 && error.lateral_error_counter == x->counter)) /* repeated */
         return 0;
+    x->counter = error.lateral_error_counter;
     double error_m = steer_by_wire_lateral_error_lateral_error_lateral_error_decode(
         error.lateral_error_lateral_error);
     double steer_rad = decide(x, error_m);
@@ -84,7 +88,9 @@ static int on_frame(struct controller *x, const struct can_frame *frame, struct 
     /* The generated encoder truncates. */
     command.steer = (int32_t)lrint(steer_rad / STEER_RESOLUTION_RAD);
     command.command_counter = (uint16_t)x->sent;
+#ifndef WITHOUT_COUNTER
     command.steering_command_counter = (uint8_t)x->sent;
+#endif
     command.steering_command_mode = MODE_ACTIVE;
     memset(answer, 0, sizeof *answer);
     answer->can_id = STEER_BY_WIRE_STEERING_COMMAND_FRAME_ID;

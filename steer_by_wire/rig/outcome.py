@@ -49,7 +49,7 @@ class Outcome(NamedTuple):
         return float(np.max(np.abs(errors_m))) if len(errors_m) else float("nan")
 
     def assert_holds(self, *, rms_m: float | None = None, peak_m: float | None = None) -> None:
-        """Demand that the whole motion was driven, within these limits [m]."""
+        """Demand that the whole motion was driven, without a fallback, within these limits [m]."""
         failures = list(self._incomplete())
         for name, value_m, limit_m in (
             ("RMS lateral error", self.lateral_error_rms_m, rms_m),
@@ -130,6 +130,9 @@ class Outcome(NamedTuple):
             yield "the plant was never driven: no valid STEERING_COMMAND arrived"
         elif self.report["motion_s"] < self.settings.duration_s - 1e-3:
             yield f"the motion ended after {self.report['motion_s']:.2f} s"
+        if self.report["safety"]["fallbacks"]:
+            silence_s = self.report["safety"]["longest_silence_s"]
+            yield f"the plant fell back: for {silence_s:.2f} s it believed no command"
         if self.report["failure"]:
             yield f"the plant is in its safe state: {self.report['failure']}"
 

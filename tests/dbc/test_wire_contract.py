@@ -22,8 +22,10 @@ from steer_by_wire.dbc.messages import (
     DisturbanceConfig,
     LatencyConfig,
     LatencyModel,
+    LateralError,
     Law,
     Message,
+    Mode,
     SteeringCommand,
     decode,
     encode,
@@ -299,6 +301,25 @@ def test_the_documented_cansend_line_is_the_frame_it_says() -> None:
         frame = Frame(definition.frame_id, bytes.fromhex(example[1]))
         assert frame in found.values()
         assert decode(frame) != decode(frame._replace(data=bytes(7)))
+
+
+def test_the_documented_frames_of_a_controller_hold_what_they_say() -> None:
+    lines = re.findall(r"^(1\d\d)#(\w+) ", DOCUMENT, re.MULTILINE)
+    frames = [Frame(int(can_id, 16), bytes.fromhex(data)) for can_id, data in lines]
+    assert frames == [
+        encode(LateralError(0.05, -0.01), 7),
+        encode(SteeringCommand(-0.075, 0, Mode.ACTIVE), 0),
+    ]
+
+
+def test_the_document_names_the_limits_of_a_steer() -> None:
+    limits_of_plant = PlantSettings().safety
+    assert (
+        f"The plant limits {limits_of_plant.angle_rad_max} rad, "
+        f"{limits_of_plant.angle_rate_rad_s_max} rad/s, "
+        f"{limits_of_plant.lateral_acceleration_m_s2_max:g} m/s² and "
+        f"{limits_of_plant.lateral_jerk_m_s3_max:g} m/s³"
+    ) in DOCUMENT
 
 
 def test_every_law_on_the_wire_is_a_module_but_the_one_of_other_packages() -> None:

@@ -24,6 +24,8 @@ from steer_by_wire.runtime.node import NEVER_NS
 from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
 from tests.support.running_program import PATIENCE_S, RunningProgram, running
 
+pytest_plugins = ["pytester"]
+
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
 DBC = ROOT / "dbc" / "steer_by_wire.dbc"
@@ -103,9 +105,10 @@ CHECKS: dict[str, Callable[[Any], None]] = {
 @pytest.fixture(autouse=True)
 def _examples(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     monkeypatch.syspath_prepend(str(EXAMPLES))
+    monkeypatch.syspath_prepend(str(EXAMPLES / "foreign_controller_c"))
     monkeypatch.chdir(tmp_path)
     yield
-    for file in EXAMPLES.glob("*.py"):
+    for file in EXAMPLES.rglob("*.py"):
         sys.modules.pop(file.stem, None)
 
 
@@ -212,35 +215,34 @@ def judge_live(plant: RunningProgram, printed: str) -> None:
     assert not set(report["node"]["rejected"]) & {"bad_crc", "wrong_length", "out_of_range"}
 
 
-@pytest.fixture(scope="module")
-def c_controller(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    compiler = shutil.which("cc") or shutil.which("gcc")
-    if compiler is None or sys.platform != "linux":
-        pytest.skip("no C compiler, or no SocketCAN: the controller in C was not compiled")
-    folder = tmp_path_factory.mktemp("foreign_controller_c")
-    generate = (sys.executable, "-m", "cantools", "generate_c_source", str(DBC))
-    subprocess.run(generate, cwd=folder, check=True, capture_output=True)
-    source = EXAMPLES / "foreign_controller_c" / "controller.c"
-    options = ("-std=c11", "-O1", "-Wall", "-Wextra", "-Werror", "-I.", "-o", "controller")
-    command = (compiler, *options, str(source), "steer_by_wire.c", "-lm")
-    compiled = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert compiled.returncode == 0, compiled.stderr
-    return folder / "controller"
+needs_a_c_compiler = pytest.mark.skipif(
+    shutil.which("cc") is None or sys.platform != "linux",
+    reason="no C compiler, or no SocketCAN: the controller in C was not compiled",
+)
 
 
-def test_the_controller_in_c_sends_the_same_bytes(c_controller: Path) -> None:
+@needs_a_c_compiler
+def test_the_controller_in_c_sends_the_same_bytes(tmp_path: Path) -> None:
+    tests: Any = import_module("test_controller")
     _, node = foreign_run()
     lines = "".join(f"110#{data.hex()}\n" for data in node.heard)
     spoilt = f"110#{bytes(8).hex()}\n100#{node.said[0].hex()}\n110#00\n"
+    repeated = f"110#{node.heard[-1].hex()}\n"
     result = subprocess.run(
-        [c_controller, "-"], input=spoilt + lines, capture_output=True, text=True, check=True
+        [tests.build(tmp_path), "-"],
+        input=spoilt + lines + repeated,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert result.stdout.splitlines() == [f"100#{data.hex().upper()}" for data in node.said]
 
 
+@needs_a_c_compiler
 @pytest.mark.vcan
-def test_the_controller_in_c_drives_a_plant_on_vcan0(c_controller: Path, tmp_path: Path) -> None:
-    options = ["-i", "socketcan", "-c", "vcan0", *LIVE]
-    with running("steer_by_wire.plant_emulator", options, tmp_path / "plant.json") as plant:
-        plant.wait_for("ready")
-        judge_live(plant, run_foreign([str(c_controller), "vcan0"]))
+def test_the_rig_drives_the_controller_in_c_and_finds_the_broken_one(
+    pytester: pytest.Pytester,
+) -> None:
+    file = EXAMPLES / "foreign_controller_c" / "test_controller.py"
+    result = pytester.runpytest_inprocess(str(file), "-p", "no:xdist", "-p", "no:cacheprovider")
+    result.assert_outcomes(passed=2)
