@@ -13,11 +13,11 @@ from pathlib import Path
 from ..command_line import command_parser
 from ..dbc.secured_frame import CONTROLLER
 from ..dbc.secured_program import add_key_file_argument, run_secured_node
-from ..runtime.program import ExitStatus, run_main, say
+from ..runtime.program import fail_status, run_main, say
 from ..runtime.program_options import add_settings_arguments, load_program_settings, make_parser
 from ..runtime.report import json_text
 from ..runtime.settings import SettingsError
-from ..runtime.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument, failures
+from ..runtime.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument
 from .analysis.check import check_text
 from .analysis.check_figures import check_figures
 from .analysis.check_verdict import QUANTITIES as CHECK_QUANTITIES
@@ -121,10 +121,7 @@ def _check(name: str, options: argparse.Namespace) -> int:
         print(json_text(content), end="")
     else:
         print(check_text(settings, figures), end="")
-    failed = failures(options.fail_if, CHECK_QUANTITIES, found_in(figures)._asdict())
-    for line in failed:
-        say(name, line, sys.stderr)
-    return ExitStatus.CONDITION if failed else ExitStatus.OK
+    return fail_status(name, options.fail_if, CHECK_QUANTITIES, found_in(figures)._asdict())
 
 
 def _settings(name: str, options: argparse.Namespace) -> ControllerSettings:

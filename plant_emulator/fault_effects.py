@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from statistics import NormalDist
 from types import MappingProxyType
 
+from ..dbc.generated_layout import LAYOUTS
+from ..dbc.layout import MessageLayout
 from ..dbc.messages import (
     CAN_IDS,
     DATA_IDS,
@@ -55,19 +57,26 @@ _MOVED_TO: Mapping[int, int] = MappingProxyType(
 )
 """The identifier that replaces that of a message, as a wrong one."""
 
-_RAW_OUTSIDE: Mapping[type[Message], tuple[int, int, int]] = MappingProxyType(
-    {
-        SteeringCommand: (58, 3, 7),
-        LateralError: (24, 25, 1 << 24),  # NOT_AVAILABLE is refused as outside the range
-        SteeringStatus: (58, 3, 7),
-        VehicleState: (38, 13, 1 << 12),
-        ControllerStatus: (24, 3, 7),
-        ControllerSafety: (48, 2, 3),
-        DelayStatus: (48, 2, 3),
-        PlantStatus: (59, 3, 7),
-    }
+
+def _raws_outside(layout: MessageLayout) -> Iterator[tuple[int, int, int]]:
+    """Yield first bit, length and a raw value outside its range of each signal that has one.
+
+    Enumerations and counts first: outside its range, a measured value may be "not available".
+    """
+    for signal in sorted(layout.signals, key=lambda signal: signal.scale != 1):
+        if signal.is_signed:
+            raw = 1 << signal.length - 1
+            is_outside = -raw * signal.scale < signal.minimum
+        else:
+            raw = (1 << signal.length) - 1
+            is_outside = raw * signal.scale > signal.maximum
+        if is_outside:
+            yield signal.start, signal.length, raw
+
+
+_RAW_OUTSIDE = MappingProxyType(
+    {layout.can_id: next(_raws_outside(layout)) for layout in LAYOUTS if layout.data_id is not None}
 )
-"""First bit and length of a signal, and a raw value outside its range."""
 _TYPES_BY_ID: Mapping[int, type[Message]] = MappingProxyType(
     {can_id: message_type for message_type, can_id in CAN_IDS.items()}
 )
@@ -184,13 +193,12 @@ def _replay(p: FaultSettings, x: FaultMemory, frame: Frame, ns: int, _s: float) 
 def _out_of_range(
     p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float
 ) -> Sequence[Frame]:
-    message_type = _TYPES_BY_ID[frame.can_id]
+    first, bits, raw = _RAW_OUTSIDE[frame.can_id]
     if not x.happens(p.magnitude) or not isinstance(decode(frame), Decoded):
         return (frame,)
-    first, bits, raw = _RAW_OUTSIDE[message_type]
     word = int.from_bytes(frame.data, "little") & ~((1 << bits) - 1 << first) | raw << first
     payload = bytearray(word.to_bytes(len(frame.data), "little"))
-    protect(payload, DATA_IDS[message_type])
+    protect(payload, DATA_IDS[_TYPES_BY_ID[frame.can_id]])
     return (frame._replace(data=bytes(payload)),)
 
 

@@ -60,5 +60,7 @@ spin_us = whole_number(0, SPIN_US_MAX)
 """Reads how long to spin before a deadline [us]."""
 priority = whole_number(0, PRIORITY_MAX)
 """Reads a priority of SCHED_FIFO, or 0."""
-bit_rate = whole_number(10_000, 8_000_000)
-"""Reads a bit rate [bit/s]."""
+bit_rate = whole_number(10_000, 1_000_000)
+"""Reads a bit rate as ISO 11898 allows it, of CAN FD the one of the arbitration [bit/s]."""
+data_bit_rate = whole_number(10_000, 8_000_000)
+"""Reads the bit rate of the data phase of CAN FD [bit/s]."""

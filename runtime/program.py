@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from enum import IntEnum
 from types import FrameType
@@ -31,7 +31,7 @@ from .report import connection_report, host_report, run_report, write_json
 from .screen import Observer, Screen
 from .settings import Settings, SettingsError
 from .summary import summary_lines
-from .thresholds import Ending, failures
+from .thresholds import Condition, Ending, Quantity, failures
 
 FINISHED = "finished"
 """``ended_by`` of a run that the node itself has ended."""
@@ -167,18 +167,17 @@ def run_node(
         if recorded is not None and recorded.failure:
             say(name, f"error: {recorded.file}: {recorded.failure}", sys.stderr)
         conclude(node)
-        failed = [] if ending is None else failures(options.fail_if, ending.quantities, report)
-        for line in failed:
-            say(name, line, sys.stderr)
+        status = ExitStatus.OK
         if ending is not None:
+            status = fail_status(name, options.fail_if, ending.quantities, report)
             say(name, f"verdict: {ending.verdict(report)}")
     if run.failure:
         return run.status
     if fault:
         return ExitStatus.SAFE_STATE
-    if failed:
-        return ExitStatus.CONDITION
-    return ExitStatus.OUTPUT if recorded is not None and recorded.failure else ExitStatus.OK
+    if status is ExitStatus.OK and recorded is not None and recorded.failure:
+        return ExitStatus.OUTPUT
+    return status
 
 
 def _start_recording(options: argparse.Namespace, channel: str) -> Recording | None:
@@ -270,6 +269,19 @@ def run_main(name: str, main: Callable[[], int]) -> int:
     for line in lines:
         say(name, f"error: {line}", sys.stderr)
     return status
+
+
+def fail_status(
+    name: str,
+    conditions: Sequence[Condition],
+    quantities: Mapping[str, Quantity],
+    report: Mapping[str, Any],
+) -> ExitStatus:
+    """Print a line for each ``--fail-if`` that a run meets; returns CONDITION if there is one."""
+    lines = failures(conditions, quantities, report)
+    for line in lines:
+        say(name, line, sys.stderr)
+    return ExitStatus.CONDITION if lines else ExitStatus.OK
 
 
 def say(name: str, text: str, stream: TextIO | None = None) -> None:

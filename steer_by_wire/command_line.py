@@ -79,15 +79,27 @@ def whole_number(low: int, high: int) -> Callable[[str], int]:
     return read
 
 
-def seconds(text: str) -> float:
-    """Read a duration [s]."""
-    try:
-        value_s = float(text)
-    except ValueError:
-        value_s = math.nan
-    if not 0.0 < value_s < DURATION_S_MAX:
-        raise argparse.ArgumentTypeError(f"allowed is above 0 to {DURATION_S_MAX:g}, not {text!r}")
-    return value_s
+def number(
+    low: float, high: float, unit: str = "", *, excludes_low: bool = False
+) -> Callable[[str], float]:
+    """Return the type of an option that takes a number from ``low`` to ``high``."""
+    above = "above " if excludes_low else ""
+    allowed = f"{above}{low:g} to {high:g} {unit}".rstrip()
+
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high or (excludes_low and value == low):
+            raise argparse.ArgumentTypeError(f"allowed is {allowed}, not {text[:60]!r}")
+        return value
+
+    return read
+
+
+seconds = number(0.0, DURATION_S_MAX, "s", excludes_low=True)
+"""Reads a duration [s]."""
 
 
 def start_program(module: str, arguments: Sequence[str] | None, name: str) -> int:

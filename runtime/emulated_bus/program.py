@@ -18,7 +18,7 @@ from functools import partial
 
 from ...command_line import command_parser
 from ..host import RealTimeRequest, real_time
-from ..option_types import output_file, priority
+from ..option_types import bit_rate, data_bit_rate, output_file, priority
 from .address import (
     Address,
     AddressError,
@@ -135,14 +135,14 @@ def _parser(name: str) -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--bitrate",
-        type=_nominal_bit_rate,
+        type=bit_rate,
         default=500_000,
         metavar="BIT_S",
         help="bit rate of every channel (default: %(default)s)",
     )
     parser.add_argument(
         "--data-bitrate",
-        type=_data_bit_rate,
+        type=data_bit_rate,
         metavar="BIT_S",
         help="bit rate of the data phase; allows CAN FD",
     )
@@ -176,18 +176,3 @@ def _parser(name: str) -> argparse.ArgumentParser:
         "--verbose", action="store_true", help="also print clients that join and leave in order"
     )
     return parser
-
-
-def _nominal_bit_rate(text: str) -> int:
-    return _bit_rate(text, 1_000_000)
-
-
-def _data_bit_rate(text: str) -> int:
-    return _bit_rate(text, 8_000_000)
-
-
-def _bit_rate(text: str, highest_bit_s: int) -> int:
-    """Read a bit rate as ISO 11898 allows it, from 10 kbit/s; raises ArgumentTypeError."""
-    if not text.isdecimal() or not 10_000 <= int(text) <= highest_bit_s:
-        raise argparse.ArgumentTypeError(f"{text!r} is not between 10000 and {highest_bit_s} bit/s")
-    return int(text)

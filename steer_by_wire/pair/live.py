@@ -8,6 +8,9 @@ from typing import Any, NamedTuple, Self
 
 import can
 
+from ..controller.settings import ControllerSettings
+from ..plant_emulator.settings import PlantSettings
+from ..runtime.toml_text import dump_toml
 from .processes import ProcessError, Processes
 from .trace import Trace
 
@@ -30,6 +33,12 @@ class PairFiles(NamedTuple):
     def settings(self, program: str) -> Path:
         """The settings one program is run with, TOML."""
         return self.folder / f"{program}.toml"
+
+    def write_settings(self, plant: PlantSettings, controller: ControllerSettings) -> None:
+        """Write the settings of both programs; makes the folder."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.settings("plant_emulator").write_text(dump_toml(plant), encoding="utf-8")
+        self.settings("controller").write_text(dump_toml(controller), encoding="utf-8")
 
     def report(self, program: str) -> Path:
         """The report of one program, JSON."""
@@ -103,13 +112,15 @@ class LivePair:
     def __init__(
         self,
         bus: Bus,
-        plant_options: Sequence[str],
-        controller_options: Sequence[str],
         files: PairFiles,
+        plant_options: Sequence[str] = (),
+        controller_options: Sequence[str] = (),
     ) -> None:
+        """Without options each program takes its settings from ``files``."""
+        plant_options = plant_options or [str(files.settings("plant_emulator"))]
         self._bus = bus
         self._options = {
-            "controller": list(controller_options),
+            "controller": controller_options or [str(files.settings("controller"))],
             "plant_emulator": ["--trace", str(files.plant_trace), *plant_options],
         }
         self._files = files

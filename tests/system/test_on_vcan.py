@@ -127,9 +127,9 @@ def run(folder: Path) -> Run:
 
     pair = LivePair(
         Bus("socketcan", CHANNEL, {}),
+        PairFiles(folder / "pair"),
         PLANT_OPTIONS,
         [*CONTROLLER_OPTIONS, "--fd"],
-        PairFiles(folder / "pair"),
     )
     with candump(log):
         with pair:

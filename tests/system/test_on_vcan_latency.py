@@ -20,7 +20,6 @@ from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import load_settings, read_preset
-from steer_by_wire.runtime.toml_text import dump_toml
 from steer_by_wire.vcan.request import program_path
 from tests.support.running_program import PATIENCE_S, UNSUPERVISED
 
@@ -88,17 +87,8 @@ def drive(folder: Path, delay_s: float) -> Pairs:
     with ExitStack() as stack:
         for channel, latency_s in ((OWN_CHANNEL, delay_s), (NETEM_CHANNEL, 0.0)):
             files = PairFiles(folder / channel)
-            files.folder.mkdir(parents=True)
-            files.settings("plant_emulator").write_text(
-                dump_toml(plant_settings(latency_s)), encoding="utf-8"
-            )
-            files.settings("controller").write_text(dump_toml(CONTROLLER), encoding="utf-8")
-            pair = LivePair(
-                Bus("socketcan", channel, {}),
-                [str(files.settings("plant_emulator"))],
-                [str(files.settings("controller"))],
-                files,
-            )
+            files.write_settings(plant_settings(latency_s), CONTROLLER)
+            pair = LivePair(Bus("socketcan", channel, {}), files)
             pairs.append(stack.enter_context(pair))
         until_s = time.monotonic() + PATIENCE_S
         while sum(pair.plant_is_running for pair in pairs):

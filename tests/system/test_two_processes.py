@@ -36,7 +36,6 @@ from steer_by_wire.runtime.candump import CandumpReader
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.overruns import OverrunSettings
 from steer_by_wire.runtime.settings import load_settings, read_preset
-from steer_by_wire.runtime.toml_text import dump_toml
 from tests.support.running_program import PATIENCE_S
 
 DURATION_S = 6.0
@@ -63,17 +62,9 @@ CONTROLLER = load_settings(
 
 def drive(folder: Path) -> PairResult:
     files = PairFiles(folder)
-    folder.mkdir()
-    files.settings("plant_emulator").write_text(dump_toml(PLANT), encoding="utf-8")
-    files.settings("controller").write_text(dump_toml(CONTROLLER), encoding="utf-8")
+    files.write_settings(PLANT, CONTROLLER)
     with launched_broker() as address:
-        pair = LivePair(
-            Bus("emulated", "can0", {"address": address}),
-            [str(files.settings("plant_emulator"))],
-            [str(files.settings("controller"))],
-            files,
-        )
-        with pair:
+        with LivePair(Bus("emulated", "can0", {"address": address}), files) as pair:
             until_s = time.monotonic() + PATIENCE_S
             while pair.plant_is_running:
                 assert time.monotonic() < until_s, "the plant does not come to its end"

@@ -114,7 +114,7 @@ def test_an_interrupt_ends_a_run_with_what_there_is(tmp_path: Path) -> None:
         (["--plant-preset", "none"], 2, "preset none"),
         (["--controller-preset", "practical_pd", "--controller-set", "rate_hz=1"], 2, "rate_hz"),
         (["--controller", "missing.toml"], 2, "missing.toml"),
-        (["--bitrate", "1000"], 3, "1000 bit/s are too few"),
+        (["--bitrate", "10000"], 3, "10000 bit/s are too few"),
     ],
 )
 def test_a_mistake_is_one_line_and_a_status(
@@ -132,7 +132,7 @@ def test_an_impossible_bit_rate_is_refused(
 ) -> None:
     with pytest.raises(SystemExit, match="2"):
         closed_loop.main([f"--bitrate={bitrate}"])
-    assert "1 to 1000000" in capsys.readouterr().err
+    assert "10000 to 1000000" in capsys.readouterr().err
 
 
 def test_a_condition_that_is_met_ends_with_a_status_of_its_own(

@@ -26,7 +26,7 @@ from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
-from steer_by_wire.command_line import add_out_argument, command_parser
+from steer_by_wire.command_line import add_out_argument, command_parser, number
 from steer_by_wire.plant_emulator import quantities
 from steer_by_wire.plant_emulator.verdict import VerdictRules
 from steer_by_wire.plant_emulator.verdict_text import verdict_text
@@ -39,14 +39,13 @@ from steer_by_wire.recordings.signal_table import (
     MissingLibraryError,
     ParquetTable,
 )
-from steer_by_wire.runtime.program import ExitStatus, run_main
+from steer_by_wire.runtime.program import ExitStatus, fail_status, run_main
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.runtime.thresholds import (
     Condition,
     Quantity,
     add_fail_if_argument,
-    failures,
 )
 from steer_by_wire.tools.analyze_log.html_report import milliseconds, report_html
 from steer_by_wire.tools.analyze_log.mcap_export import McapFile
@@ -96,7 +95,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--preview-m",
-        type=_preview_m,
+        type=number(0.0, 100.0, "m"),
         default=PREVIEW_M,
         metavar="M",
         help="of the plant's preview point, ahead of the centre of gravity (default: %(default)g)",
@@ -122,17 +121,6 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _preview_m(text: str) -> float:
-    """Read a distance; argparse turns the error into one line."""
-    try:
-        preview_m = float(text)
-    except ValueError:
-        preview_m = -1.0
-    if not 0.0 <= preview_m <= 100.0:
-        raise argparse.ArgumentTypeError(f"allowed is 0 to 100 m, not {text!r}")
-    return preview_m
-
-
 def _run(options: argparse.Namespace) -> int:
     # python-can's readers report every line that they skip, on the terminal.
     logging.getLogger("can").addHandler(logging.NullHandler())
@@ -150,23 +138,21 @@ def _run(options: argparse.Namespace) -> int:
         raise SettingsError(str(error)) from error
     if results:
         _print_results(results)
-    failed = _judge(results, options.fail_if)
+    status = _judge(results, options.fail_if)
     if mistakes:
         raise SettingsError(*mistakes)
-    return ExitStatus.CONDITION if failed else ExitStatus.OK
+    return status
 
 
-def _judge(results: Sequence[Result], conditions: Sequence[Condition]) -> bool:
-    """Print the verdict on each log, last; returns whether one meets a condition."""
-    has_failed = False
+def _judge(results: Sequence[Result], conditions: Sequence[Condition]) -> ExitStatus:
+    """Print the verdict on each log, last; returns the worst exit status."""
+    status = ExitStatus.OK
     for result in results:
         report = {"node": result.figures["held_path"], "log": result.figures}
-        log = f"{result.folder.name}: " if len(results) > 1 else ""
-        for line in failures(conditions, QUANTITIES, report):
-            print(f"{NAME}: {log}{line}", file=sys.stderr)
-            has_failed = True
-        print(f"{log}verdict: {verdict_text(report['node'])}")
-    return has_failed
+        log = f": {result.folder.name}" if len(results) > 1 else ""
+        status = max(status, fail_status(f"{NAME}{log}", conditions, QUANTITIES, report))
+        print(f"{log}: verdict: {verdict_text(report['node'])}".removeprefix(": "))
+    return status
 
 
 def _folders(logs: Sequence[Sequence[Path]], out: Path) -> list[Path]:

@@ -19,7 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from steer_by_wire.command_line import add_overrides_argument, command_parser, whole_number
+from steer_by_wire.command_line import add_overrides_argument, command_parser
 from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, sparse_measurements
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
@@ -34,11 +34,18 @@ from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.bus_model import BusModel, BusOverflowError
 from steer_by_wire.runtime.host import RealTimeRequest, StealClock, real_time
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.program import FINISHED, ExitStatus, StopRequest, run_main, say
+from steer_by_wire.runtime.option_types import bit_rate
+from steer_by_wire.runtime.program import (
+    FINISHED,
+    ExitStatus,
+    StopRequest,
+    fail_status,
+    run_main,
+    say,
+)
 from steer_by_wire.runtime.report import host_report, loop_report, write_json
 from steer_by_wire.runtime.settings import Settings, load_settings, preset_names, read_preset
-from steer_by_wire.runtime.thresholds import add_fail_if_argument, failures
-from steer_by_wire.runtime.toml_text import dump_toml
+from steer_by_wire.runtime.thresholds import add_fail_if_argument
 from steer_by_wire.tools.closed_loop.bus_options import (
     add_bus_arguments,
     bus_words,
@@ -47,7 +54,6 @@ from steer_by_wire.tools.closed_loop.bus_options import (
 from steer_by_wire.tools.closed_loop.result import (
     CONTROLLER,
     PLANT,
-    PROGRAMS,
     QUANTITIES,
     Run,
     summary,
@@ -56,8 +62,6 @@ from steer_by_wire.tools.closed_loop.result import (
 from steer_by_wire.tools.closed_loop.threaded import run_threaded_nodes
 
 NAME = "steer-by-wire run"
-BITRATE_BIT_S_MAX = 1_000_000
-"""The highest bit rate of classic CAN."""
 PLANT_PRESETS = "steer_by_wire.plant_emulator.presets"
 CONTROLLER_PRESETS = "steer_by_wire.controller.presets"
 CONTROLLER_PRESET = "practical_pd_ddob"
@@ -109,7 +113,7 @@ def _parser() -> argparse.ArgumentParser:
     wire = parser.add_mutually_exclusive_group()
     wire.add_argument(
         "--bitrate",
-        type=whole_number(1, BITRATE_BIT_S_MAX),
+        type=bit_rate,
         default=BITRATE_BIT_S,
         metavar="BIT/S",
         help="bit rate of the bus in virtual time (default: %(default)s)",
@@ -135,9 +139,7 @@ def _run(options: argparse.Namespace) -> int:
         say(NAME, warning, sys.stderr)
     files = None if options.out is None else PairFiles(options.out)
     if files is not None:
-        files.folder.mkdir(parents=True, exist_ok=True)
-        for program, settings in zip(PROGRAMS, (plant_settings, controller_settings), strict=True):
-            files.settings(program).write_text(dump_toml(settings), encoding="utf-8")
+        files.write_settings(plant_settings, controller_settings)
     run_nodes = _run_in_real_time if options.interface else _run_in_virtual_time
     run = run_nodes(options, plant_settings, controller_settings, files and files.candump_log)
     reports = {
@@ -151,16 +153,14 @@ def _run(options: argparse.Namespace) -> int:
         rig = run.plant.node if isinstance(run.plant, FaultyNode) else run.plant
         write_trace(files.plant_trace, rig.path, rig.samples)
         lines += [("files", str(files.folder)), ("again", _command(options, files))]
-    failed = failures(options.fail_if, QUANTITIES, reports)
-    for line in failed:
-        print(f"{NAME}: {line}", file=sys.stderr)
+    status = fail_status(NAME, options.fail_if, QUANTITIES, reports)
     lines.append(("verdict", verdict(reports)))
     width = max(len(heading) for heading, _ in lines)
     for heading, text in lines:
         print(f"{heading:{width}}  {text}")
     if any(report["node"]["failure"] for report in reports.values()):
         return ExitStatus.SAFE_STATE
-    return ExitStatus.CONDITION if failed else ExitStatus.OK
+    return status
 
 
 def _plant_settings(options: argparse.Namespace) -> PlantSettings:

@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from ...command_line import number
 from ...dbc.message_set import read_message_set
 from ...pair.shared_bus import SharedBus, rest_of
 from ...runtime.bus_errors import BusErrors
@@ -22,12 +23,12 @@ def add_bus_arguments(parser: argparse.ArgumentParser) -> None:
         help="send the periodic messages of a database too; repeatable",
     )  # fmt: skip
     group.add_argument(
-        "--load", type=_load, metavar="SHARE",
+        "--load", type=number(0.0, LOAD_MAX, excludes_low=True), metavar="SHARE",
         help=f"of the bus that these messages take: above 0, to {LOAD_MAX:g} "
         "(default: their own cycle times)",
     )  # fmt: skip
     group.add_argument(
-        "--bit-error-rate", type=_bit_error_rate, metavar="RATE",
+        "--bit-error-rate", type=number(0.0, 0.01), metavar="RATE",
         help="share of the bits that are wrong: 0 to 0.01",
     )  # fmt: skip
 
@@ -88,21 +89,3 @@ def bus_words(options: argparse.Namespace) -> list[str]:
     if options.bit_error_rate is not None:
         words += ["--bit-error-rate", f"{options.bit_error_rate:g}"]
     return words
-
-
-def _load(text: str) -> float:
-    return _number(text, 0.0, LOAD_MAX)
-
-
-def _bit_error_rate(text: str) -> float:
-    return _number(text, -1e-300, 0.01)
-
-
-def _number(text: str, above: float, maximum: float) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not above < value <= maximum:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number above {above:g} to {maximum:g}")
-    return value

@@ -9,7 +9,6 @@ each pair, its candump log, reports, trace and settings.
 """
 
 import argparse
-import math
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -20,17 +19,16 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from steer_by_wire.command_line import add_out_argument, command_parser
+from steer_by_wire.command_line import add_out_argument, command_parser, number
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.pair.channels import Channels, open_channels
 from steer_by_wire.pair.live import LivePair, PairFiles, PairResult
 from steer_by_wire.pair.processes import ProcessError
 from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.program import ExitStatus, run_main
+from steer_by_wire.runtime.program import fail_status, run_main
 from steer_by_wire.runtime.report import write_json
-from steer_by_wire.runtime.thresholds import add_fail_if_argument, failures
-from steer_by_wire.runtime.toml_text import dump_toml
+from steer_by_wire.runtime.thresholds import add_fail_if_argument
 from steer_by_wire.tools.demo.pictures import draw_all
 from steer_by_wire.tools.demo.story import LAWS, DemoLaw, LawResult, law_result, phases_of
 from steer_by_wire.tools.demo.summary import (
@@ -70,23 +68,11 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         default="auto",
         help="default: vcan0 if there is one, otherwise emulated",
     )
-    parser.add_argument("--duration", type=_duration, metavar="SECONDS", help="default: 32")
+    duration = number(DURATION_S_MIN, DURATION_S_MAX, "s")
+    parser.add_argument("--duration", type=duration, metavar="SECONDS", help="default: 32")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the latency; default: 1086")
     add_fail_if_argument(parser, QUANTITIES)
     return parser.parse_args(arguments)
-
-
-def _duration(text: str) -> float:
-    """Read the length of the run; argparse turns the error into one line."""
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
-    if not DURATION_S_MIN <= seconds <= DURATION_S_MAX:
-        raise argparse.ArgumentTypeError(
-            f"allowed is {DURATION_S_MIN:g} to {DURATION_S_MAX:g} s, not {text!r}"
-        )
-    return seconds
 
 
 def _demo(options: argparse.Namespace) -> int:
@@ -97,12 +83,7 @@ def _demo(options: argparse.Namespace) -> int:
     controllers = {law: law.controller() for law in LAWS}
     files = {law: PairFiles(options.out / law.folder) for law in LAWS}
     for law in LAWS:
-        files[law].folder.mkdir(parents=True, exist_ok=True)
-        for program, settings in (
-            ("controller", controllers[law]),
-            ("plant_emulator", plants[law]),
-        ):
-            files[law].settings(program).write_text(dump_toml(settings), encoding="utf-8")
+        files[law].write_settings(plants[law], controllers[law])
     names = [law.folder for law in LAWS]
     duration_s = plants[LAWS[0]].duration_s
     with open_channels(options.bus, names, options.out / "bus.txt", BITRATE_BIT_S) as channels:
@@ -119,14 +100,7 @@ def _run_live(
     """Run all pairs side by side until their plants have finished."""
     with ExitStack() as stack:
         pairs = {
-            law: stack.enter_context(
-                LivePair(
-                    bus,
-                    [str(pair_files.settings("plant_emulator"))],
-                    [str(pair_files.settings("controller"))],
-                    pair_files,
-                )
-            )
+            law: stack.enter_context(LivePair(bus, pair_files))
             for bus, (law, pair_files) in zip(channels.buses, files.items(), strict=True)
         }
         _wait(list(pairs.values()), duration_s, console)
@@ -203,11 +177,9 @@ def _present(
         console.print(line)
     console.print(f"pictures: {', '.join(str(path) for path in pictures)}", soft_wrap=True)
     console.print(f"all figures: {out / 'summary.json'}", soft_wrap=True)
-    failed = failures(options.fail_if, QUANTITIES, summary)
-    for line in failed:
-        print(f"{NAME}: {line}", file=sys.stderr)
+    status = fail_status(NAME, options.fail_if, QUANTITIES, summary)
     console.print(verdict_line(results), soft_wrap=True)
-    return ExitStatus.CONDITION if failed else ExitStatus.OK
+    return status
 
 
 def _remarks(live: Sequence[PairResult]) -> list[str]:

@@ -1,6 +1,7 @@
 """Figures of the demo, on the bus and in virtual time: tables, what they show, and JSON."""
 
 from collections.abc import Mapping, Sequence
+from operator import itemgetter
 from types import MappingProxyType
 from typing import Any
 
@@ -87,11 +88,14 @@ def rms_difference_m(results: Sequence[LawResult]) -> float:
 
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     {
-        "differing_phases": Quantity(lambda summary: float(summary["differing_phases"])),
-        "rms_difference_m": Quantity(lambda summary: float(summary["rms_difference_m"])),
-        "lateness_p99_s": Quantity(lambda summary: float(summary["lateness_p99_s"])),
-        "skipped_ticks": Quantity(lambda summary: float(summary["skipped_ticks"])),
-        "frames_rejected": Quantity(lambda summary: float(summary["frames_rejected"])),
+        name: Quantity(itemgetter(name))
+        for name in (
+            "differing_phases",
+            "rms_difference_m",
+            "lateness_p99_s",
+            "skipped_ticks",
+            "frames_rejected",
+        )
     }
 )
 """What ``--fail-if`` may name; lateness, ticks and frames are the worst of all pairs."""

@@ -19,7 +19,7 @@ from steer_by_wire.recordings.log_file import LogError, open_log
 from steer_by_wire.runtime.candump import parse_entry
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame_on_wire import frame_on_wire
-from steer_by_wire.runtime.option_types import bit_rate, output_file
+from steer_by_wire.runtime.option_types import bit_rate, data_bit_rate, output_file
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.wire.vcd import BitRates, write_vcd
@@ -41,7 +41,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--bitrate", type=bit_rate, default=500_000, metavar="BIT_S", help="default: %(default)s"
     )
     parser.add_argument(
-        "--data-bitrate", type=bit_rate, default=2_000_000, metavar="BIT_S",
+        "--data-bitrate", type=data_bit_rate, default=2_000_000, metavar="BIT_S",
         help="of CAN FD's data phase (default: %(default)s)",
     )  # fmt: skip
     return parser.parse_args(arguments)

@@ -16,7 +16,7 @@ from pathlib import Path
 from rich.console import Console
 
 from steer_by_wire.command_line import command_parser
-from steer_by_wire.runtime.option_types import bit_rate, output_file
+from steer_by_wire.runtime.option_types import bit_rate, data_bit_rate, output_file
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.tools.response_times.message_set import (
@@ -44,7 +44,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--bitrate", type=bit_rate, default=500_000, metavar="BIT_S", help="default: %(default)s"
     )
     parser.add_argument(
-        "--data-bitrate", type=bit_rate, default=2_000_000, metavar="BIT_S",
+        "--data-bitrate", type=data_bit_rate, default=2_000_000, metavar="BIT_S",
         help="of CAN FD's data phase (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(

@@ -22,7 +22,6 @@ from ...pair.trace import Trace
 from ...plant_emulator.verdict import RUN_ENDS, RunEnd
 from ...runtime.bus import socketcan_obstacle
 from ...runtime.settings import SettingsError
-from ...runtime.toml_text import dump_toml
 from ...studies.compute import Computer
 from ...studies.figures import COLUMNS, figures_of
 from ...studies.scenario import Pair
@@ -86,9 +85,7 @@ def run_live(
     for run in ids:
         pair = computer.scenarios.pair(run)
         files = PairFiles(folder / str(run))
-        files.folder.mkdir(parents=True, exist_ok=True)
-        files.settings("plant_emulator").write_text(dump_toml(pair.plant), encoding="utf-8")
-        files.settings("controller").write_text(dump_toml(pair.controller), encoding="utf-8")
+        files.write_settings(pair.plant, pair.controller)
         row = np.full(len(COLUMNS), np.nan)
         end = computer.one(pair.plant, pair.controller, row)
         if end is RunEnd.NO_START or not _drive(pair, bus, files, should_stop):
@@ -138,9 +135,7 @@ def live_line(one: LiveRun) -> str:
 
 def _drive(pair: Pair, bus: Bus, files: PairFiles, should_stop: Callable[[], bool]) -> bool:
     """Run both programs to the end; returns whether they reached it."""
-    plant, controller = (str(files.settings(name)) for name in ("plant_emulator", "controller"))
-    live = LivePair(bus, [plant], [controller], files)
-    with live:
+    with LivePair(bus, files) as live:
         end_s = time.monotonic() + pair.plant.duration_s + GRACE_S
         while live.plant_is_running:
             if should_stop():

@@ -16,7 +16,6 @@ from ...pair.trace import Trace
 from ...pair.virtual import make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.verdict import RUN_ENDS, RunEnd
 from ...runtime.settings import SettingsError
-from ...runtime.toml_text import dump_toml
 from ...studies.compute import Computer
 from ...studies.figures import COLUMNS, COUNTS, Figures, figures_of
 from ...studies.scenario import Pair
@@ -64,9 +63,7 @@ def replay(store: Store, computer: Computer, run: int) -> Replay:
         raise SettingsError(f"--replay {run}: the study has runs 0 to {study.runs - 1}")
     pair = scenarios.pair(run)
     files = PairFiles(store.folder / "replay" / str(run))
-    files.folder.mkdir(parents=True, exist_ok=True)
-    files.settings("plant_emulator").write_text(dump_toml(pair.plant), encoding="utf-8")
-    files.settings("controller").write_text(dump_toml(pair.controller), encoding="utf-8")
+    files.write_settings(pair.plant, pair.controller)
     row = np.full(len(COLUMNS), np.nan)
     end = computer.one(pair.plant, pair.controller, row)
     compiled = _named(row.tolist(), end)
