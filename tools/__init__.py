@@ -1,8 +1,8 @@
 """Programs around the two nodes.
 
-``python -m tools.NAME`` reads this package before the program, whose own imports take up to two
-seconds. Ctrl-C meanwhile, and a library that is not installed, are no reason for a traceback: the
-only thing that a package of ours does when it is imported, and only where it is being started.
+Importing a program takes up to two seconds. Ctrl-C during that time, or a library that is not
+installed, ends it in one line instead of a traceback. This package is imported before the program,
+so it installs the handler, but only if it is being started with ``python -m``.
 """
 
 import sys

@@ -6,8 +6,8 @@
 Reads the formats .log .asc .blf .csv .db .trc .mf4 of python-can, and what candump prints or logs.
 For each FILE it writes a folder below --out: report.html, figures.json and signals.csv;
 signals.parquet where pyarrow is installed; signals.mcap (Foxglove, PlotJuggler) with --mcap. A FILE
-that is no log leaves nothing, the others are still analysed, and the exit status is then 2. The
-last line is the verdict on how the path was held, by the measured error.
+that cannot be read as a log is reported and skipped; the exit status is then 2. The last line is
+the verdict on how the path was held, by the measured error.
 """
 
 import argparse
@@ -158,8 +158,8 @@ def _judge(results: Sequence[Result], conditions: Sequence[Condition]) -> ExitSt
 def _folders(logs: Sequence[Sequence[Path]], out: Path) -> list[Path]:
     """Return a folder for each log, named after its first file.
 
-    Where names collide, the file's folder is put before or its suffix behind, and a number is added
-    if neither is enough.
+    If two names are equal, the name of the file's folder or its suffix is added; if that is not
+    enough, a number.
     """
     firsts = [paths[0] for paths in logs]
     stems = [first.name.split(".")[0] or first.name for first in firsts]

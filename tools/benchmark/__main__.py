@@ -2,11 +2,11 @@
 
     steer-by-wire benchmark [--json FILE] [--against SAVED]
 
-Prints the median of several repetitions with the least and the most, the target where there is
-one, and the ratio of the time behind each figure to that of a fixed loop of arithmetic. A start is
-timed to the program's first frame on an emulated bus. A wide spread shows other work on the
-machine; a target missed in such a run means little. ``--against`` lists what got slower than in a
-file that ``--json`` wrote.
+Prints the median of several repetitions with the least and the most, the target where there is one,
+and the ratio of the time behind each figure to that of a fixed loop of arithmetic. A start is timed
+to the program's first frame on an emulated bus. A wide spread means that other programs used the
+machine; a missed target then means little. ``--against`` lists what has become slower since a file
+written by ``--json``.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Compares a benchmark with one that was saved before: what got slower, machine set aside.
+"""Compares a benchmark with a saved one, and lists what has become slower.
 
 Each figure is compared as its ratio to the calibration loop of the same run, so that another
 machine, or a busy one, has less influence. A change within SLOWER is taken for noise.

@@ -1,9 +1,9 @@
-"""Measure how fast compiled runs are: against C, in threads, from a cold start, and other tools.
+"""Measure how fast compiled runs are, compared with C, threads, a cold start and other tools.
 
     steer-by-wire benchmark-batch [--json FILE] [--chart FILE.png]
 
 Everything compared is timed in turn in one process; the results are medians. The C program does the
-same arithmetic: it has to give the same bits, and is rejected otherwise.
+same arithmetic; a result that differs in any bit is an error.
 """
 
 import argparse

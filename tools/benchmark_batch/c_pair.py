@@ -77,7 +77,7 @@ class _Guard(ctypes.Structure):
 
 
 class CResult(NamedTuple):
-    """What the C run leaves, as ``BatchRun`` names it; all samples and ticks of the run."""
+    """Results of a C run, named as in ``BatchRun``; all samples and ticks of the run."""
 
     lateral_error_m: FloatArray
     wheel_angle_rad: FloatArray
@@ -99,7 +99,7 @@ def compile_pair(folder: Path, compiler: str = "gcc") -> ctypes.CDLL:
 
 
 class CPair:
-    """One run prepared for C; ``run`` makes it, as often as one likes."""
+    """One run prepared for C; ``run`` may be called any number of times."""
 
     def __init__(
         self,

@@ -118,7 +118,7 @@ def line_of_threads() -> Line:
 
 
 def lines_beside_others() -> list[Line]:
-    """Time the nodes in virtual time, and what other tools make of the loop, against batch runs."""
+    """Time the nodes in virtual time and the loop in other tools, relative to batch runs."""
     plant, controller = pair_settings(NETWORKS["80 ms"])
     virtual, virtual_us = _ratios(
         lambda: run_virtual_pair(plant, controller, None), plant, controller

@@ -8,8 +8,8 @@
     θ   the ellipse's parameter, κ its curvature, q = ds/dθ: the path in closed form
 
 The law is continuous, so it differs from a sampled one by about half a period of delay. jitcdde is
-not a dependency of the project, not even an optional one: only this comparison uses it, and it
-needs the machine's C compiler. Where it is installed, the benchmark runs it.
+no dependency of the project. It needs a C compiler, and only this comparison uses it, if it is
+installed.
 """
 
 import importlib
@@ -29,7 +29,7 @@ SAME_WITHIN = 0.02
 
 
 class JitcddeLoop:
-    """The loop compiled; ``run`` integrates it, as often as one likes."""
+    """The compiled loop; ``run`` may be called any number of times."""
 
     def __init__(
         self, plant: PlantSettings, controller: ControllerSettings, delay_s: float

@@ -1,7 +1,7 @@
-"""What the interpreter's memory does in a tick of the controller, without a bus.
+"""Memory that the interpreter allocates in a tick of the controller, without a bus.
 
-Live, the collector is off (``runtime.host``), so that a live run cannot show what it would do: here
-it is left on, as Python starts, and its collections are counted.
+In a live run the garbage collector is off (``runtime.host``). Here it is left on with Python's
+usual thresholds, and its collections are counted.
 """
 
 import gc
@@ -79,7 +79,7 @@ def _bytes(settings: ControllerSettings, ticks: int) -> tuple[float, float]:
 
 
 class _Loop:
-    """A controller that is fed, past its first ticks."""
+    """A controller that receives measurements, after its first ticks."""
 
     def __init__(self, settings: ControllerSettings) -> None:
         self._node = ControllerNode(settings, 0)

@@ -34,7 +34,7 @@ _RATIOS = (
 
 
 def answer_lines(runs: Mapping[str, Sequence[AnswerRun]]) -> list[Line]:
-    """Return the turn-around of everyone who answers, and ratios; the runs are in repetitions."""
+    """Return the turn-around of each answering program, and ratios; the runs are in repetitions."""
     figures = {
         (who, quantile): [_quantile_ns(run.answers.durations, quantile) for run in repetitions]
         for who, repetitions in runs.items()

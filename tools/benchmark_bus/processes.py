@@ -21,7 +21,7 @@ ABOVE, BELOW = 10, -5
 """Priorities of the C loop and the requester, relative to the requested one."""
 PRIORITY_MIN, PRIORITY_MAX = 1 - BELOW, 99 - ABOVE
 GRACE_S = 60.0
-"""How much longer than its duration a program may take; it is killed then."""
+"""A program is killed when it takes this much longer than its duration."""
 
 
 class ProcessError(Exception):

@@ -1,4 +1,4 @@
-"""Answers every frame with its payload: the least that Python can do on ``socket.AF_CAN``.
+"""Answers every frame with its payload, with as little Python as possible on ``socket.AF_CAN``.
 
     python -m steer_by_wire.tools.benchmark_bus.python_echo CHANNEL REQUEST_ID REPLY_ID bare|select
 

@@ -1,4 +1,4 @@
-"""The two kinds of run of the benchmark: one that answers at once, one that ticks at its rate."""
+"""The two kinds of run: a program that answers at once, and one that ticks at its rate."""
 
 import json
 import os
@@ -26,8 +26,8 @@ C_ECHO, BARE_PYTHON, PYTHON_WITH_TIMEOUT, NODE = (
 )
 """The program that answers."""
 SETTLE_S = 0.5
-"""Time from "ready" of our own program to a run. "ready" means only that it receives from the bus:
-it still has to lock its memory and design its law."""
+"""Time from "ready" of our own program to a run. "ready" means that it receives from the bus; it
+still has to lock its memory and design its law."""
 DRIFT = 1.01
 """Period of the measurements in controller periods where the controller ticks at its own rate. The
 time a measurement waits for its tick then takes every value, instead of one set by chance."""

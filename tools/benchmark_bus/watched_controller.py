@@ -1,4 +1,4 @@
-"""The controller program, which records when each tick ran and may tick for other reasons.
+"""The controller program, which records when each tick ran, and may also tick on a measurement.
 
     python -m steer_by_wire.tools.benchmark_bus.watched_controller --answer WHEN --ticks FILE ...
 
@@ -109,11 +109,11 @@ class AtOnce(Wrapper[ControllerNode]):
 
     @property
     def deadline_ns(self) -> int:
-        """Never: only a measurement makes it tick."""
+        """Never: only a measurement causes a tick."""
         return NEVER_NS
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
-        """Take a frame; a measurement is answered by the command that it leads to."""
+        """Process a frame; returns the command that a measurement leads to."""
         due_ns = self.node.deadline_ns
         self.node.on_frame(frame, due_ns)
         if frame.can_id != _MEASUREMENT_ID:

@@ -1,7 +1,7 @@
 """The figures of the comparison: worst RMS over delay.
 
-One has a panel for each network; of the six places of the grid the last is the legend's. The other
-has some laws at a constant delay only, with the delay at which each breaks.
+One has a panel for each network, and the legend in the last place of the grid. The other shows some
+laws at a constant delay, and the delay at which each breaks.
 """
 
 from collections.abc import Sequence

@@ -41,7 +41,7 @@ _THREADS = 2
 
 
 class Contestant(NamedTuple):
-    """A law of the comparison: a preset, and what is changed of it.
+    """A law of the comparison: a preset and the settings that differ from it.
 
     ``with_lag``       further changes where the actuator lags, if the law can allow for the lag
     ``is_continuous``  written for continuous time: 1 kHz, sensors too, and a constant delay only

@@ -3,8 +3,8 @@
     steer-by-wire delay-study --out out/delay_estimation
 
 Runs the true nodes in virtual time on two processes and prints tables of the estimate's error
-against the truth that only the rig knows (module ``runs``). Leaves ``runs.csv`` with every run and
- ``delay_estimation.png`` in the folder. The same every time: seeded, no clock.
+against the truth that only the rig knows (module ``runs``). Writes ``runs.csv`` with every run and
+``delay_estimation.png`` to the folder. The results are the same every time.
 """
 
 import argparse

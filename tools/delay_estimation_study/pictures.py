@@ -22,7 +22,7 @@ _ROWS = (
 )
 """The cases shown, where they were requested; all of them would be too many for one picture."""
 _SPAN_MS = 25.0
-"""Range that is shown on either side of the truth."""
+"""Range shown on either side of the truth."""
 
 
 def shown(cases: Sequence[Case]) -> list[list[Case]]:

@@ -1,11 +1,11 @@
-"""The main job in one command: four laws, a network that gets worse, real processes on a CAN bus.
+"""Run four laws as real processes on a CAN bus while the latency of the network grows.
 
     steer-by-wire demo [--out DIR] [--bus auto|socketcan|emulated] [--duration SECONDS] [--seed N]
 
 Runs plant emulator and controller as separate processes, one pair a law, the pairs side by side in
 real time, through the same phases of latency; then the same settings and seed in virtual time.
-Prints who holds the path in which phase, and leaves in DIR the pictures, ``summary.json`` and, for
-each pair, its candump log, reports, trace and settings.
+Prints which law holds the path in which phase. Writes to DIR the pictures, ``summary.json`` and,
+for each pair, its candump log, reports, trace and settings.
 """
 
 import argparse

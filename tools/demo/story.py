@@ -14,7 +14,7 @@ from ...plant_emulator.verdict import Verdict, judge
 from ...runtime.settings import load_settings, read_preset
 
 UNSUPERVISED = ("overruns.overruns_max=off", "overruns.missed_periods_max=off")
-"""A busy machine is seen in the lateness, and does not end the demo."""
+"""A busy machine shows in the lateness; it does not end the demo."""
 
 
 class DemoLaw(NamedTuple):

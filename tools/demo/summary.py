@@ -29,7 +29,7 @@ def story_table(results: Sequence[LawResult], phases: Sequence[Phase]) -> Table:
 
 
 def machine_table(results: Sequence[LawResult]) -> Table:
-    """Return what became of ticks and frames, a row a law."""
+    """Return rate, lateness, skipped ticks and rejected frames, a row a law."""
     table = _table()
     table.add_column("on the bus")
     for heading in ("rate\n[Hz]", "lateness [ms]\np50/p99", "skipped\nticks", "frames\nrejected"):
@@ -48,7 +48,7 @@ def machine_table(results: Sequence[LawResult]) -> Table:
 
 
 def what_to_see(results: Sequence[LawResult], phases: Sequence[Phase]) -> list[str]:
-    """Return the story of the table, a line a law, from its figures."""
+    """Return a sentence for each law that says in which phase it breaks."""
     return [f"{result.label}: {_fate(result.live_phases, phases)}" for result in results]
 
 

@@ -1,4 +1,4 @@
-"""What is searched for: the free parameters of a law, on a lattice of numbers that can be read.
+"""The free parameters of a law, which the search varies, on a lattice of short numbers.
 
 A parameter is 1.00, 1.02, 1.04, ..., 2.0, 2.05, ..., 5.0, 5.1, ..., 9.9 times a power of ten: steps
 of 1 to 2.5 %. The search ends on this lattice, so that the judged values are exactly those of the
@@ -92,10 +92,10 @@ def _between(place: float) -> float:
 
 
 def bounds(law: str, vehicle: NominalVehicle, rate_hz: float) -> list[tuple[int, int]]:
-    """Return between which places each parameter is searched.
+    """Return the places between which each parameter is searched.
 
-    The gains go by the vehicle's: below its own dynamics it answers as k/s², so that K_p = ω²/k
-    makes a loop of about ω.
+    The gains are relative to the vehicle's. Below its own dynamics its response is k/s², so that
+    K_p = ω²/k makes a loop of about ω.
     """
     (zeros,), (poles,) = (
         steer_to_lateral_error(vehicle).numerator,

@@ -1,4 +1,4 @@
-"""Designs one law: search, confirmation, reasons and jitter; what is printed and drawn of it."""
+"""Designs one law: search, confirmation, reasons, and its figures to print and draw."""
 
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
@@ -111,8 +111,8 @@ def _why_no_design(
     found: Found,
     progress: Callable[[float, float], None],
 ) -> str:
-    """Return which demands the best law fails, and what would let one through: one demand less, or
-    the box in two halves with gains of their own.
+    """Return which demands the best law fails, and whether a design exists without one of the
+    demands, or with separate gains for two halves of the box.
     """
     best = ", ".join(
         f"{SETTINGS_KEYS[key]} = {value:g}" for key, value in found.candidate.values().items()

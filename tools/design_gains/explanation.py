@@ -1,4 +1,4 @@
-"""Why each value: the demands that hold it where it is, and what moving it does."""
+"""Explains each value: the demands that limit it, and the effect of changing it."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -66,7 +66,7 @@ def failed(judgement: Judgement) -> list[str]:
 
 
 def outcome(judgement: Judgement, now: float) -> str:
-    """Return what a moved parameter does to the objective, and which demands it breaks."""
+    """Return the effect of a moved parameter on the objective, and the demands it violates."""
     breaks = "; ".join(failed(judgement))
     if judgement.objective == float("inf"):
         return breaks

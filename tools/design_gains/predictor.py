@@ -1,4 +1,4 @@
-"""Designs the predictor: what its filter takes for noise, and what its feedback takes for large.
+"""Designs the predictor: the noise that its filter assumes, and the weight in its feedback's cost.
 
 The gains of filter and feedback follow from these for every speed. The law itself is judged in
 compiled runs, with limits, quantisation and counters: for every path, corner and delay the RMS of

@@ -1,4 +1,4 @@
-"""Regions of the gains for a vehicle's box: where the PD alone may lie, and why there is none.
+"""Regions of the gains for all corners of a vehicle's box, and the reason if a region is empty.
 
 The boundaries are computed by boundary crossing (``loop_theory.parameter_space``).
 """
@@ -59,7 +59,7 @@ def settled_region(
 
 
 def why_no_gains(spec: Specification, vehicle: VehicleFile) -> str | None:
-    """Return why no gains of a PD alone are as D-stable as specified; None if there are some.
+    """Return why no gains make the PD alone as D-stable as specified; None if some do.
 
     Some derivative filters are tried over the range that is searched; then σ, θ, R and the delays
     are dropped one at a time.

@@ -1,10 +1,10 @@
 """Finds the parameters of a law: an evolution strategy, then descent on the lattice.
 
-Demands that are not met count before the objective, by how far they are from being met, so that
-the search finds its way into the feasible set first and down in it afterwards. It judges by the
-coarse study, in the logarithms of the parameters; what it ends with is put on the lattice, where it
-goes to better neighbours until there is none, first judged by the coarse study, then by the fine
-one. The best on the lattice whose stability the eigenvalues confirm is what is returned.
+While a demand is not met, the cost is how far it is from being met. So the search first finds the
+feasible set, and then minimises the objective in it. The evolution works on the logarithms of the
+parameters and is judged by the coarse study. Its result is moved to the lattice. From there the
+search goes to better neighbours until there is none, judged first by the coarse study, then by the
+fine one. The result is the best point of the lattice whose stability the eigenvalues confirm.
 """
 
 from collections.abc import Callable, Iterator
@@ -111,7 +111,7 @@ def find_any(study: Study, law: str, progress: Progress) -> bool:
 
 
 def _evolved(study: Study, law: str, start: int, progress: Progress) -> tuple[FloatArray, int]:
-    """Return where on the lattice, between its places, an evolution ends, and what it took."""
+    """Return the point between places of the lattice at which an evolution ends, and its effort."""
     *_, last = _evolution(study, law, start, progress)
     return last.best, last.judged
 
@@ -152,7 +152,7 @@ def descend(cost_of: Callable[[Candidate], float], start: Candidate) -> Candidat
 
 
 def neighbours(candidate: Candidate) -> Iterator[Candidate]:
-    """Yield what differs by a step in one parameter or in two."""
+    """Yield the candidates that differ by a step in one parameter or in two."""
     indices = range(len(candidate.places))
     for index in indices:
         yield from (candidate.moved(index, steps) for steps in (-1, 1))

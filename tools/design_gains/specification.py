@@ -1,4 +1,4 @@
-"""SPEC.toml: what the loop has to do, for which delays, on which paths.
+"""SPEC.toml: the demands on the loop, the delays, and the paths.
 
 Demands are of two kinds. Those in [d_stability] are of the PD loop and bound the region of the
 gains, as in the paper; all others are of the whole law, for every corner of the vehicle's box and
@@ -25,7 +25,7 @@ DelayMs = Annotated[float, Field(ge=0.0, le=2000.0)]
 
 
 class DelayTable(Settings):
-    """`[delay]`: the constant delays from command to wheel angle that the loop has to live with.
+    """`[delay]`: the constant delays from command to wheel angle for which the loop is designed.
 
     ``ms_max``     the range begins at 0
     ``step_ms``    from one delay that is tested to the next

@@ -1,8 +1,8 @@
 """Judges a law by all demands of a specification, over all corners and delays.
 
-What does not depend on the law, the plants' responses and the paths, is computed once. A study is
-coarse, for the search, or fine, for what is kept: they differ in how many delays the RMS is taken
-at and in the points of the frequency axis.
+The plants' responses and the paths do not depend on the law, and are computed once. A study is
+coarse, for the search, or fine, for the result. They differ in the number of delays at which the
+RMS is computed and of points on the frequency axis.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""What a machine has for CAN and for real time: one function a question, none of which fails."""
+"""Checks what a machine has for CAN and real time: a function for each question; none raises."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""Whether a campaign shows what it is meant to show: a table of findings, each with its figure."""
+"""What a campaign must show: a table of findings, each with its figure."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -134,7 +134,7 @@ def _is_back(one: Result) -> bool:
 
 
 def _smooth(faulty: Sequence[Result]) -> Finding:
-    """Nothing jumps: only runs in which a node came back can show it."""
+    """Command and wheel do not jump when a node recovers."""
     command = [one.command_return_rad for one in faulty if one.command_return_rad is not None]
     wheel = [one.wheel_return_rad for one in faulty if one.wheel_return_rad is not None]
     jumped = [one for one in faulty if one.jumps]

@@ -1,4 +1,4 @@
-"""Which fault is detectable, and by which mechanism: decided by what a fault is, before any run.
+"""Which fault is detectable, and by which mechanism: decided before any run, from the fault alone.
 
 Each mechanism observes one thing, and can detect nothing else:
 

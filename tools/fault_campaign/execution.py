@@ -2,8 +2,8 @@
 
 Results are one JSON object a line. A campaign that is run again with the same specification
 continues where it stopped, as long as no program has changed since. A folder with results of
-another campaign is rejected, so that none are lost. An incomplete line, as a killed run leaves it,
-is skipped.
+another campaign is rejected, so that none are lost. A truncated line, from a killed run, is
+skipped.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Whether the two nodes keep more the longer they run: bytes of all they hold, late against early.
+"""Checks that the memory held by the two nodes does not grow with the length of a run.
 
 One pair runs in virtual time, with faults of every kind that makes a stage or a node store
 something, for ten times the warm-up. Counted are the bytes of every object that can be reached from

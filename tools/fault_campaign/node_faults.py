@@ -13,7 +13,7 @@ SOCKET_FRAMES_MAX = 1000
 
 
 class NodeFault(NamedTuple):
-    """What happens to which node; times of the run, magnitude by kind."""
+    """A fault of a node, its times in the run, and its magnitude by kind."""
 
     kind: NodeFaultKind
     node: str

@@ -1,4 +1,4 @@
-"""How soon the receiver of a fault detected it, acted upon it and reported it."""
+"""How soon the receiver of a fault detected it, reacted to it and reported it."""
 
 import math
 from collections.abc import Sequence

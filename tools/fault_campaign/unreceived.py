@@ -1,8 +1,8 @@
 """Faults on messages that no node receives: the run has to be the golden one, bit for bit.
 
-Such messages are for monitoring alone. No node in the loop can detect what happens to them, and
-none may react to it: every sample of the plant and every command must be the same as in the run of
-the same seed without a fault.
+Such messages are for monitoring alone. No node in the loop may react to a fault on them: every
+sample of the plant and every command must be the same as in the run of the same seed without a
+fault.
 """
 
 from functools import lru_cache

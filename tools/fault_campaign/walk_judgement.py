@@ -1,4 +1,4 @@
-"""What must hold for any walk of faults, however its faults interact.
+"""Conditions that every walk of faults must meet, however its faults interact.
 
 1. The run does not raise.
 2. No node sends what does not decode, or is beyond its limits.

@@ -2,9 +2,8 @@
 
 A walk draws two to six faults of the specification, of the stage at the plant's edge and of whole
 nodes, when each begins and how long it lasts. ``walk_judgement`` defines what must hold for all of
-them. Of a walk that fails, every part is tried, the smaller ones first, until one fails too; then
-there is none shorter. Each fault draws from a stream of its own, so those that are left do the same
-as before.
+them. Of a failing walk every part is tried, smaller ones first, until one fails too. Each fault
+draws from its own random stream, so that the remaining ones do the same as before.
 """
 
 import json

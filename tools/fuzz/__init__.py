@@ -1,1 +1,1 @@
-"""Feed any bytes to everything that reads, and raise where a promise is broken."""
+"""Feed random bytes to all code that reads bytes, and raise where a promise is broken."""

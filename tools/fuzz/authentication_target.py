@@ -1,4 +1,4 @@
-"""Any traffic into a node behind authentication, from a peer with the key and from one without.
+"""Random traffic to a node behind authentication, from a peer with the key and from one without.
 
 No exception escapes; every frame under an identifier of the contract is counted once.
 Only what the peer has secured reaches the node, unchanged, and once: no frame that was changed by a

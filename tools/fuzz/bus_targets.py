@@ -1,4 +1,4 @@
-"""Any bytes to the broker of the emulated bus, and from something that poses as one.
+"""Random bytes to the broker of the emulated bus, and from a process that poses as a broker.
 
 The broker raises nothing and keeps serving. Every frame between two orderly clients on the same
 channel arrives, once, in order, unchanged, whatever the others do.
@@ -74,7 +74,7 @@ def fuzz_protocol(data: bytes) -> None:
 
 
 def fuzz_broker(data: bytes) -> None:
-    """Let intruders do what they like to a broker, beside two orderly clients."""
+    """Let intruders send anything to a broker that also serves two orderly clients."""
     choices = Choices(data)
     with FuzzedBus() as bus:
         intruders: list[socket.socket] = []

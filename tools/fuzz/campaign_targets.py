@@ -1,4 +1,4 @@
-"""Any specification of a fault campaign, and any bytes as the results of an earlier one.
+"""Random specifications of a fault campaign, and random bytes as the results of an earlier one.
 
 A specification is rejected as settings are, or every run of it can be made and begins.
 Complete results are read, and all tables, pages and comparisons can be made of them. They read the
@@ -93,7 +93,7 @@ def fuzz_specification(data: bytes) -> None:
 
 
 def fuzz_results(data: bytes) -> None:
-    """Read results, and do with them whatever a campaign does."""
+    """Read results, and use them in every way a campaign does."""
     choices = Choices(data)
     with TemporaryDirectory() as inside:
         earlier, now = Path(inside) / "earlier", Path(inside) / "now"

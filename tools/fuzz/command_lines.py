@@ -1,4 +1,4 @@
-"""Any command line to every program, up to where its work would begin.
+"""Random command lines to every program, up to the start of its work.
 
     A program returns a status, or ends by argparse with 0 or 2; no exception escapes, and no
     traceback is printed. Where it rejects the arguments, standard error contains the reason.

@@ -1,4 +1,4 @@
-"""Any text as the DBC.
+"""Random text as the DBC.
 
 A DBC that does not fit the messages raises a ContractError of one line.
 With any other the codecs stay within the contract: what they unpack is finite and within the DBC's

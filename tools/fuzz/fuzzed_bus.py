@@ -28,7 +28,7 @@ _TURNS_MAX = 20_000
 
 
 class FuzzedBus:
-    """A broker in a time of our own, and two orderly clients of it."""
+    """A broker in simulated time, and two orderly clients of it."""
 
     def __init__(self) -> None:
         self._stack = ExitStack()
@@ -65,7 +65,7 @@ class FuzzedBus:
         return connection
 
     def turn(self, elapsed_ns: int) -> None:
-        """Let the broker do what there is to do."""
+        """Let the broker process what is pending."""
         self._now_ns += elapsed_ns
         promise(self._broker.serve(0.0), "the broker has ended")
         promise(self._broker.figures.connected <= CLIENTS_MAX, "too many clients")

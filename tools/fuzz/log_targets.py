@@ -1,8 +1,8 @@
-"""Any bytes as a log: candump's text, and every format that python-can reads.
+"""Random bytes as a log: candump's text, and every format that python-can reads.
 
-A log that cannot be read at all raises a LogError of one line; any other has figures.
-Every frame is counted once: accepted, late, refused, foreign, or an error frame.
-What candump writes and what we write of it is the same frame at the same microsecond.
+A log that cannot be read at all raises a LogError of one line; any other has figures. Every frame
+is counted once: accepted, late, refused, foreign, or an error frame. A line of candump that is read
+and written again is the same frame at the same microsecond.
 """
 
 import gzip

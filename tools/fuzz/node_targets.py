@@ -1,4 +1,4 @@
-"""Any traffic at any times into the two nodes.
+"""Random traffic at random times to the two nodes.
 
 A node does not raise, and moves its deadline beyond now within a few ticks.
 What leaves is a message of the contract, finite and within its limits; the counters of what

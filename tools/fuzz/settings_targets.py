@@ -1,4 +1,4 @@
-"""Any settings: TOML files, ``--set``, and the CSV files that settings name.
+"""Random settings: TOML files, ``--set``, and the CSV files that settings name.
 
 A mistake raises a SettingsError: one line for each mistake, which begins with where it is.
 Accepted settings can be run: the node is made, steps, and sends only what it may send.

@@ -1,4 +1,4 @@
-"""What each kind of fault puts on the bus: a frame for each place in its sequence, seeded.
+"""The frames of each kind of fault: some for each place in its sequence, seeded.
 
 The same fault, seed and place give the same frames. Nothing here knows the time: the caller passes
 it to ``FrameSource``, which returns when its next frame is due [ns].
@@ -166,7 +166,7 @@ def _nothing(_index: int) -> Sequence[Frame]:
 
 
 def _next_of(fault: LiveFault, frame: Frame) -> Sequence[Frame]:
-    """Forge what the sender would send next; the true one then arrives as a repetition."""
+    """Forge the next frame of the sender; the true one then arrives as a repetition."""
     if frame.can_id != _COMMAND_ID:
         return ()
     forged = with_value(frame, "steer_rad", lambda _value: fault.magnitude, steps=1)

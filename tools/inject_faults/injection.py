@@ -31,7 +31,7 @@ class Action(NamedTuple):
 
 
 class Deed(Protocol):
-    """A fault that is not a frame: a process is stopped, a CAN controller is off the bus."""
+    """A fault that is not a frame, such as a stopped process or a CAN controller in bus-off."""
 
     fault: LiveFault
 

@@ -1,4 +1,4 @@
-"""Which controller rate a machine can keep, by a rule."""
+"""The rule for the controller rate that a machine can keep."""
 
 from collections.abc import Sequence
 

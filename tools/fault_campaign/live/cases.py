@@ -1,8 +1,8 @@
-"""The faults of the live campaign, and who must notice what: by what each fault is.
+"""The faults of the live campaign, and which program must detect each of them.
 
-A receiver checks a frame's length, CRC, identifier and counter, and detects that nothing arrives.
-So a counter that does not fit is detected, but a forged one that fits is accepted: the true frame
-then comes second, and that is detected.
+A receiver checks length, CRC, identifier and counter of a frame, and detects silence. A forged
+frame with the counter that is due is accepted; the true frame, which follows with the same counter,
+is then refused.
 """
 
 from collections.abc import Mapping

@@ -1,9 +1,9 @@
-"""What a live run shows: who detected the fault, by what, when, and what the vehicle did.
+"""Judges a live run: which program detected the fault, how and when, and how the vehicle moved.
 
-The three sources do not depend on each other: the counters in both reports; what each program sent
-on the bus, by the bus's time stamps; what it handed to the bus, by its own recording, which also
-covers times when the bus lets nothing through. A frame counts as a program's own only if its own
-recording has it: an intruder may have sent the same identifier.
+Three independent sources are read: the counters in both reports; the frames on the bus with the
+bus's time stamps; and each program's own recording, which also covers times at which the bus
+carries nothing. A frame counts as a program's own only if its own recording has it: an intruder may
+have sent the same identifier.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
