@@ -45,7 +45,7 @@ from cantools.database.can.formats.arxml.secoc_properties import AutosarSecOCPro
 from ..runtime.frame import BITRATE_SWITCH, FD, Frame
 from .challenges import Challenges
 from .dbc_file import load_database
-from .messages import CAN_IDS
+from .messages import CAN_IDS, frame_of
 from .secured_frame import (
     CHALLENGE_LENGTH,
     COUNTER_BITS,
@@ -127,7 +127,7 @@ class Authentication:
         return self._is_synchronised
 
     def secure(self, frame: Frame) -> Frame:
-        """The secured form of a classic ``frame``; KeyError for what a tool sends."""
+        """The secured form of a plain ``frame``; KeyError for what a tool sends."""
         can_id, payload, _ = frame
         layout = LAYOUTS[can_id]
         counter = self._counter
@@ -144,7 +144,7 @@ class Authentication:
         return Frame(can_id, data + mac[: layout.mac_length], FD | BITRATE_SWITCH)
 
     def verify(self, frame: Frame) -> Frame | Refused:
-        """The classic frame in an authentic new frame of the peer, or why that is refused.
+        """The plain frame in an authentic new frame of the peer, or why that is refused.
 
         Never raises. A refused frame changes nothing but which challenges we answer, see rule 4.
         """
@@ -170,7 +170,7 @@ class Authentication:
             return Refused.REPLAYED
         self._newest[can_id] = counter
         self._peer_counter = max(self._peer_counter, counter)
-        return Frame(can_id, payload)
+        return frame_of(can_id, payload)
 
     def _verify_status(self, frame: Frame) -> Frame | Refused:
         can_id, data, _ = frame

@@ -9,6 +9,7 @@ from enum import StrEnum
 from typing import Any, Generic, TypeVar, get_type_hints
 
 from ..runtime.error_text import one_line
+from ..runtime.frame import BITRATE_SWITCH, CLASSIC_LENGTH_MAX, FD
 from .layout import MessageLayout
 from .packing import packing_of
 from .protection import COUNTERS, protect
@@ -35,7 +36,7 @@ class Rejection(StrEnum):
     UNKNOWN_ID = "unknown_id"
     """No message of ours has this identifier."""
     WRONG_FORMAT = "wrong_format"
-    """An extended, remote, error or FD frame; all our messages are classic data frames."""
+    """An extended, remote or error frame, or CAN FD where the message is classic or vice versa."""
     WRONG_LENGTH = "wrong_length"
     BAD_CRC = "bad_crc"
     """Corrupted: the CRC is not that of the content under this identifier."""
@@ -64,6 +65,7 @@ class MessageCodec(Generic[MessageT]):
         self.name = message.name
         self.can_id = message.can_id
         self.length = message.length
+        self.flags = FD | BITRATE_SWITCH if message.length > CLASSIC_LENGTH_MAX else 0
         self.cycle_time_ms = message.cycle_time_ms
         self.data_id = message.data_id
         signals = {signal.field: signal for signal in message.signals}

@@ -64,12 +64,14 @@ __all__ = [
     "SecondSender",
     "SignalRange",
     "SteeringCommand",
+    "SteeringPlan",
     "SteeringStatus",
     "SteeringStatusCode",
     "VehicleState",
     "decode",
     "encode",
     "encode_not_available",
+    "frame_of",
     "limits",
     "rejection_of",
     "resolutions",
@@ -83,6 +85,38 @@ class SteeringCommand(NamedTuple):
     steer_rad: float
     command_counter: int
     mode: Mode
+
+
+class SteeringPlan(NamedTuple):
+    """Controller to plant, in place of SteeringCommand: commands for the coming time.
+
+    ``plan_number``   the command_counter of its period
+    ``first_sample``  E2E counter of the sample of the plant at which ``steer_0_rad`` is to act
+    ``spacing``       samples from one value to the next
+    """
+
+    plan_number: int
+    mode: Mode
+    first_sample: int
+    spacing: int
+    steer_0_rad: float
+    steer_1_rad: float
+    steer_2_rad: float
+    steer_3_rad: float
+    steer_4_rad: float
+    steer_5_rad: float
+    steer_6_rad: float
+    steer_7_rad: float
+    steer_8_rad: float
+    steer_9_rad: float
+    steer_10_rad: float
+    steer_11_rad: float
+    steer_12_rad: float
+    steer_13_rad: float
+    steer_14_rad: float
+    steer_15_rad: float
+    steer_16_rad: float
+    steer_17_rad: float
 
 
 class LateralError(NamedTuple):
@@ -178,6 +212,7 @@ class DisturbanceConfig(NamedTuple):
 
 Message: TypeAlias = (
     SteeringCommand
+    | SteeringPlan
     | LateralError
     | SteeringStatus
     | VehicleState
@@ -204,7 +239,7 @@ class Decoded(NamedTuple):
 
 _CODECS = codecs_of(LAYOUTS, MESSAGE_TYPES.items())
 _CODECS_BY_ID = {codec.can_id: codec for codec in _CODECS.values()}
-_PACK = {kind: (codec.can_id, codec.pack) for kind, codec in _CODECS.items()}
+_PACK = {kind: (codec.can_id, codec.pack, codec.flags) for kind, codec in _CODECS.items()}
 
 CAN_IDS: Mapping[type[Message], int] = MappingProxyType(
     {message_type: codec.can_id for message_type, codec in _CODECS.items()}
@@ -219,7 +254,8 @@ DATA_IDS: Mapping[type[Message], int] = MappingProxyType(
 CYCLE_TIMES_MS: Mapping[type[Message], int] = MappingProxyType(
     {message_type: codec.cycle_time_ms for message_type, codec in _CODECS.items()}
 )
-"""How often each message is sent at the default rates [ms]; 0 for one sent when needed.
+"""How often each message is sent at the default rates [ms]; 0 for one sent when needed, and for
+SteeringPlan, which takes the place of SteeringCommand.
 
 One that is sent cyclically and spontaneously comes in between as well, at changes.
 """
@@ -240,16 +276,17 @@ COMMAND_COUNTERS = int(limits(SteeringCommand)["command_counter"].maximum) + 1
 
 
 class Unpacking(NamedTuple):
-    """How to read the payload of one message: its length, and ``MessageCodec.unpack``."""
+    """How to read a frame of one message: length, flags, and ``MessageCodec.unpack``."""
 
     length: int
+    flags: int
     unpack: Callable[[bytes], tuple[Message, int] | Rejection]
 
 
 def unpacking(message_type: type[Message]) -> Unpacking:
     """Return how to read the payload of a message, for a receiver of many frames."""
     codec = _CODECS[message_type]
-    return Unpacking(codec.length, codec.unpack)
+    return Unpacking(codec.length, codec.flags, codec.unpack)
 
 
 def encode(message: Message, counter: int) -> Frame:
@@ -259,8 +296,13 @@ def encode(message: Message, counter: int) -> Frame:
     protection ignores it. Raises EncodeError for a value outside its signal's range, a value that
     is not finite, and a member of the wrong enum.
     """
-    can_id, pack = _PACK[type(message)]
-    return new_record(Frame, (can_id, pack(message, counter), 0))
+    can_id, pack, flags = _PACK[type(message)]
+    return new_record(Frame, (can_id, pack(message, counter), flags))
+
+
+def frame_of(can_id: int, payload: bytes) -> Frame:
+    """Return the frame that carries the payload of one of our messages, in its format."""
+    return Frame(can_id, payload, _CODECS_BY_ID[can_id].flags)
 
 
 def encode_not_available(message: Message, counter: int) -> Frame:
@@ -277,7 +319,7 @@ def decode(frame: Frame) -> Decoded | Rejection:
     """The message in ``frame``, or why there is none; never raises."""
     can_id, data, flags = frame
     codec = _CODECS_BY_ID.get(can_id)
-    if codec is None or flags or len(data) != codec.length:
+    if codec is None or flags != codec.flags or len(data) != codec.length:
         return rejection_of(frame)
     unpacked = codec.unpack(data)
     if isinstance(unpacked, Rejection):
@@ -298,7 +340,7 @@ def rejection_of(frame: Frame) -> Rejection:
     if len(data) != codec.length:
         return Rejection.WRONG_LENGTH
     unpacked = codec.unpack(data)
-    if flags or not isinstance(unpacked, Rejection):  # FD, and the length happens to fit
+    if flags != codec.flags or not isinstance(unpacked, Rejection):  # the length happens to fit
         return Rejection.WRONG_FORMAT
     if unpacked is Rejection.BAD_CRC and any(is_intact(data, other) for other in DATA_IDS.values()):
         return Rejection.MASQUERADED

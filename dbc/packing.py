@@ -211,7 +211,7 @@ def _value_of(name: str, signal: PackedSignal) -> str:
     """Return the value of a raw that is in its range."""
     if issubclass(signal.kind, IntEnum):
         return f"of_{name}[{name}]"
-    return f"{name} * {signal.resolution!r}" if signal.kind is float else name
+    return f"{name} * {float(signal.resolution)!r}" if signal.kind is float else name
 
 
 def _joined(parts: Sequence[str], operator: str, depth: int) -> list[str]:

@@ -20,6 +20,7 @@ from .messages import (
     Message,
     Rejection,
     SecondSender,
+    SteeringCommand,
     rejection_of,
     unpacking,
 )
@@ -57,7 +58,11 @@ class Reception:
         self._checks = {
             CAN_IDS[message_type]: None
             if message_type not in DATA_IDS  # sent by hand, so it has no counter
-            else SequenceCheck(rule, CYCLE_TIMES_MS[message_type] * NS_PER_MS)
+            # STEERING_PLAN comes as often as the command whose place it takes.
+            else SequenceCheck(
+                rule,
+                (CYCLE_TIMES_MS[message_type] or CYCLE_TIMES_MS[SteeringCommand]) * NS_PER_MS,
+            )
             for message_type in message_types
         }
         self._received = {
@@ -130,8 +135,8 @@ class Reception:
         received = self._received.get(can_id)
         if received is None:
             return self._notice_own(can_id, now_ns) if can_id in self._sent_ids else None
-        length, unpack, check = received
-        if flags or len(data) != length:
+        length, wanted_flags, unpack, check = received
+        if flags != wanted_flags or len(data) != length:
             return self._refuse_unread(frame)
         unpacked = unpack(data)
         if type(unpacked) is not tuple:

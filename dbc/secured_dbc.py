@@ -11,10 +11,11 @@ import importlib.resources
 import re
 import sys
 
-from .secured_frame import DATA, LAYOUTS, PAYLOAD_LENGTH, SYNC, Layout
+from .secured_frame import DATA, LAYOUTS, PLAN, SYNC, Layout
 
 _TRAILERS = {
     DATA: (("MAC_COUNTER", 32), ("MAC", 64)),
+    PLAN: (("MAC_COUNTER", 32), ("MAC_HIGH", 64), ("MAC_LOW", 32)),
     SYNC: (
         ("CHALLENGE", 64),
         ("ECHO", 64),
@@ -24,10 +25,9 @@ _TRAILERS = {
     ),
 }
 """The signals after the payload, without their message's name, and their bits: at most 64."""
-_FORMATS = ",".join(f'"{name}"' for name in ("StandardCAN", "ExtendedCAN", *["reserved"] * 12))
 _FD_FORMAT = 14
 """StandardCAN_FD in the list of formats that every tool knows by number."""
-_MESSAGE = re.compile(r"^BO_ (\d+) (\w+): 8 (\w+)$((?:\n SG_ .*)+)", re.MULTILINE)
+_MESSAGE = re.compile(r"^BO_ (\d+) (\w+): (?:8|48) (\w+)$((?:\n SG_ .*)+)", re.MULTILINE)
 
 
 def secured_dbc() -> str:
@@ -38,20 +38,10 @@ def secured_dbc() -> str:
         .read_text("ascii")
     )
     text = _MESSAGE.sub(lambda found: _longer(found), text)
-    text = text.replace('BA_ "BusType" "CAN";', 'BA_ "BusType" "CAN FD";')
-    first_default = text.index("BA_DEF_DEF_ ", text.index("BA_DEF_ "))
-    definition = f'BA_DEF_ BO_ "VFrameFormat" ENUM {_FORMATS},"StandardCAN_FD","ExtendedCAN_FD";\n'
-    default = 'BA_DEF_DEF_ "VFrameFormat" "StandardCAN";\n'
-    values = "".join(f'BA_ "VFrameFormat" BO_ {can_id} {_FD_FORMAT};\n' for can_id in LAYOUTS)
+    formats = {can_id: f'BA_ "VFrameFormat" BO_ {can_id} {_FD_FORMAT};\n' for can_id in LAYOUTS}
+    values = "".join(line for line in formats.values() if line not in text)
     first_value = text.index("\nVAL_ ")
-    return (
-        text[:first_default]
-        + definition
-        + default
-        + text[first_default:first_value]
-        + values
-        + text[first_value:]
-    )
+    return text[:first_value] + values + text[first_value:]
 
 
 def _longer(found: re.Match[str]) -> str:
@@ -64,7 +54,7 @@ def _longer(found: re.Match[str]) -> str:
 
 def _trailer(layout: Layout, message: str, receivers: str) -> str:
     """Return the lines of the signals after the payload, high byte first."""
-    lines, start = "", 8 * PAYLOAD_LENGTH
+    lines, start = "", 8 * layout.payload_length
     for name, bits in _TRAILERS[layout]:
         # In this byte order a DBC counts from the highest bit of the first byte.
         place = f"{start + 7}|{bits}@0+ (1,0) [0|{2**bits - 1}]"

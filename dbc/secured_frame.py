@@ -1,10 +1,16 @@
-"""The authenticated form of our messages: CAN FD frames with the classic payload in front.
+"""The authenticated form of our messages: CAN FD frames with the message's own payload in front.
 
-    every message of the nodes but the two below, 20 bytes
+    every message of the nodes but the three below, 20 bytes
 
         bytes 0 to 7    payload, as in the classic frame: E2E header and signals
         bytes 8 to 11   freshness counter, its lowest 32 bits
         bytes 12 to 19  CMAC, its highest 64 bits
+
+    STEERING_PLAN, 64 bytes
+
+        bytes 0 to 47   payload
+        bytes 48 to 51  freshness counter, its lowest 32 bits
+        bytes 52 to 63  CMAC, its highest 96 bits
 
     CONTROLLER_STATUS and PLANT_STATUS, which synchronise the freshness, 48 bytes
 
@@ -25,7 +31,16 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ..runtime.frame import BITRATE_SWITCH, FD, Frame
-from .messages import CAN_IDS, DATA_IDS, ControllerStatus, Message, PlantStatus
+from .messages import (
+    CAN_IDS,
+    DATA_IDS,
+    ControllerStatus,
+    Message,
+    PlantStatus,
+    SteeringPlan,
+    frame_of,
+    unpacking,
+)
 
 PAYLOAD_LENGTH = 8
 CHALLENGE_LENGTH = 8
@@ -36,11 +51,13 @@ COUNTER_BITS = 64
 class Layout(NamedTuple):
     """Places of the parts of a secured frame.
 
+    ``payload_length``  of the message itself [bytes]
     ``secured_length``  bytes covered by the CMAC, from the first up to the freshness [bytes]
     ``counter_length``  of the freshness counter on the wire [bytes]
     ``mac_length``      of the CMAC on the wire [bytes]
     """
 
+    payload_length: int
     secured_length: int
     counter_length: int
     mac_length: int
@@ -56,14 +73,18 @@ class Layout(NamedTuple):
         return self.mac_start + self.mac_length
 
 
-DATA = Layout(PAYLOAD_LENGTH, 4, 8)
-SYNC = Layout(PAYLOAD_LENGTH + 2 * CHALLENGE_LENGTH, 8, 16)
+DATA = Layout(PAYLOAD_LENGTH, PAYLOAD_LENGTH, 4, 8)
+SYNC = Layout(PAYLOAD_LENGTH, PAYLOAD_LENGTH + 2 * CHALLENGE_LENGTH, 8, 16)
+_PLAN_LENGTH = unpacking(SteeringPlan).length
+PLAN = Layout(_PLAN_LENGTH, _PLAN_LENGTH, 4, 12)
+"""Its CMAC is longer, because CAN FD has no frame between 48 and 64 bytes."""
 
 SYNC_TYPES: tuple[type[Message], ...] = (ControllerStatus, PlantStatus)
 """Sent ten times a second by both programs, whatever they are doing."""
+_LONGER = {**dict.fromkeys(SYNC_TYPES, SYNC), SteeringPlan: PLAN}
 LAYOUTS: Mapping[int, Layout] = MappingProxyType(
     {
-        can_id: SYNC if message_type in SYNC_TYPES else DATA
+        can_id: _LONGER.get(message_type, DATA)
         for message_type, can_id in CAN_IDS.items()
         if message_type in DATA_IDS
     }
@@ -107,8 +128,10 @@ def is_secured(frame: Frame) -> bool:
 
 
 def plain(frame: Frame) -> Frame:
-    """The classic frame in a secured one, which is NOT verified; any other frame as it is.
+    """The plain frame in a secured one, which is NOT verified; any other frame as it is.
 
     For passive receivers: recordings, the monitor.
     """
-    return Frame(frame.can_id, frame.data[:PAYLOAD_LENGTH]) if is_secured(frame) else frame
+    if not is_secured(frame):
+        return frame
+    return frame_of(frame.can_id, frame.data[: LAYOUTS[frame.can_id].payload_length])

@@ -2,7 +2,7 @@
 
 import math
 
-from ..dbc.messages import Direction, LatencyConfig, SteeringCommand
+from ..dbc.messages import Direction, LatencyConfig, SteeringCommand, SteeringPlan
 from ..runtime.frame import Frame
 from .latency import Distribution
 from .latency_line import LatencyLine
@@ -19,7 +19,7 @@ class Network:
 
     def __init__(self, settings: PlantSettings) -> None:
         seed, latency = settings.seed, settings.latency
-        self.downlink: LatencyLine[SteeringCommand] = LatencyLine(
+        self.downlink: LatencyLine[SteeringCommand | SteeringPlan] = LatencyLine(
             latency.downlink,
             uniforms(seed, Channel.DOWNLINK),
             uniforms(seed, Channel.DOWNLINK_DUPLICATES),

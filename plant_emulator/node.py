@@ -5,7 +5,8 @@ each at its exact time and not at that of the tick, in this order at one instant
 
 1. commands leave the downlink for the steering's control unit, which sets the wheel's target
 2. the control unit reacts to missing commands (``plant_emulator.steering_guard``)
-3. the sensors sample, and their messages enter the uplink
+3. a plan of commands gives the one for this sample (``plant_emulator.plan_buffer``), the sensors
+   sample, and their messages enter the uplink
 4. messages leave the uplink for the bus
 5. PLANT_STATUS is sent by the rig itself, without the uplink's latency
 6. disturbances that a tool has set begin to act
@@ -34,6 +35,7 @@ from ..dbc.messages import (
     PlantStatus,
     Rejection,
     SteeringCommand,
+    SteeringPlan,
     SteeringStatus,
     VehicleState,
     limits,
@@ -51,6 +53,7 @@ from .motion_design import MotionParams, design_motion
 from .network import Network
 from .own_motion import make_motion
 from .path import Path
+from .plan_buffer import PlanBuffer
 from .plant_messages import PlantMessages
 from .plant_report import line_report, motion_report
 from .plant_samples import PlantSample, RunningFigures, RunRecord
@@ -59,12 +62,14 @@ from .self_supervision import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfSuperv
 from .sensors import Readings
 from .settings import PlantSettings
 from .status_timing import StatusTiming
+from .steering_guard import GuardMode
 from .steering_unit import SteeringUnit
 from .streams import Channel, uniforms
 from .verdict import samples_judged
 from .view import plant_view
 
-RECEIVED: tuple[type[Message], ...] = (SteeringCommand, LatencyConfig, DisturbanceConfig)
+_STEERING = (SteeringCommand, SteeringPlan)
+RECEIVED: tuple[type[Message], ...] = (*_STEERING, LatencyConfig, DisturbanceConfig)
 """What the plant receives."""
 SENT: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState, PlantStatus)
 """What the plant alone sends."""
@@ -72,6 +77,7 @@ VEHICLE_STATE_PERIOD_NS = 20_000_000
 SAMPLES_MAX = 1_000_000
 """Samples stored for a trace: nearly three hours at 100 Hz."""
 _COMMAND_ID = CAN_IDS[SteeringCommand]
+_STEERING_TYPES = {CAN_IDS[message_type]: message_type for message_type in _STEERING}
 _LOST_COUNTERS = int(limits(PlantStatus)["lost"].maximum) + 1
 _REJECTED_COUNTERS = int(limits(PlantStatus)["rejected"].maximum) + 1
 
@@ -122,10 +128,10 @@ class PlantNode:
         self.deadline_ns = start_ns
         self._network = Network(settings)
         self._reception = Reception(RECEIVED, settings.counters, SENT)
-        self._commands = self._reception.newest(SteeringCommand)
-        self._disputes = 0
+        self._disputes = dict.fromkeys(_STEERING_TYPES, 0)
         self._unauthenticated = 0
         self._command: Passage[SteeringCommand] | None = None
+        self._plans = PlanBuffer()
         noise = settings.sensor_noise
         self._messages = PlantMessages(
             Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s),
@@ -155,14 +161,13 @@ class PlantNode:
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Check a frame; a command enters the downlink."""
         received = self._reception.take(frame, now_ns)
-        if received is SequenceResult.DISPUTED and self._commands.disputes > self._disputes:
-            # What is held from now on is not to be the second sender's.
-            self._disputes = self._commands.disputes
-            received = self._reception.undisputed(SteeringCommand)
-        if isinstance(received, SteeringCommand):
+        if received is SequenceResult.DISPUTED and frame.can_id in _STEERING_TYPES:
+            received = self._undisputed(frame.can_id)
+        if isinstance(received, _STEERING):
             if self._motion_start_ns == NEVER_NS:
                 self._motion_start_ns = now_ns
-            self._network.downlink.push(frame.can_id, received, now_ns, self._motion_ns(now_ns))
+            # A plan and a command take each other's place, so they are one stream of frames.
+            self._network.downlink.push(_COMMAND_ID, received, now_ns, self._motion_ns(now_ns))
             due_ns = self._network.downlink.next_due_ns
             if due_ns < self.deadline_ns:
                 self.deadline_ns = due_ns
@@ -171,7 +176,7 @@ class PlantNode:
         elif isinstance(received, DisturbanceConfig):
             self._disturbing.ask(received)
             self.deadline_ns = min(self.deadline_ns, now_ns)
-        elif isinstance(received, Rejection) and frame.can_id == _COMMAND_ID:
+        elif isinstance(received, Rejection) and frame.can_id in _STEERING_TYPES:
             self._unit.on_rejection()
         return ()
 
@@ -254,6 +259,15 @@ class PlantNode:
             "safety": self._unit.report(),
         }
 
+    def _undisputed(self, can_id: int) -> Message | None:
+        """Return what is to be held if a dispute has just begun: not the second sender's."""
+        message_type = _STEERING_TYPES[can_id]
+        disputes = self._reception.newest(message_type).disputes
+        if disputes == self._disputes[can_id]:
+            return None
+        self._disputes[can_id] = disputes
+        return self._reception.undisputed(message_type)
+
     def _motion_ns(self, time_ns: int) -> int:
         """Return the time since the start of motion [ns], 0 before."""
         motion_ns = time_ns - self._motion_start_ns
@@ -276,13 +290,18 @@ class PlantNode:
     def _apply(self, due_ns: int) -> None:
         """Apply the commands that are due."""
         for released in self._network.downlink.pop_due(due_ns):
-            motion_ns = self._advance(due_ns)
-            steer_rad = released.item.steer_rad
-            if not math.isfinite(steer_rad):
-                self._fail(NOT_FINITE_COMMAND, due_ns)
-            elif self._unit.on_command(steer_rad, motion_ns):
-                self._motion.command(self._unit.target_rad)
-                self._command = released
+            command = self._plans.take(released)
+            if command is not None:  # a plan acts from the next sample on
+                self._follow(command, due_ns, self._advance(due_ns))
+
+    def _follow(self, command: Passage[SteeringCommand], due_ns: int, motion_ns: int) -> None:
+        """Process a command, with the vehicle at ``due_ns``."""
+        steer_rad = command.item.steer_rad
+        if not math.isfinite(steer_rad):
+            self._fail(NOT_FINITE_COMMAND, due_ns)
+        elif self._unit.on_command(steer_rad, motion_ns):
+            self._motion.command(self._unit.target_rad)
+            self._command = command
 
     def _guard(self, due_ns: int) -> None:
         """Let the control unit react to missing commands."""
@@ -296,6 +315,11 @@ class PlantNode:
         self._own.on_sample(self._sensor_timer, time_ns)
         if self._own.failure:
             self._fail(self._own.failure, time_ns)
+        if self._plans.is_filled:
+            is_followed = self._unit.mode is GuardMode.FOLLOWING
+            command = self._plans.play(self._messages.next_sample, is_followed=is_followed)
+            if command is not None:
+                self._follow(command, time_ns, motion_ns)
         motion, messages, push = self._motion, self._messages, self._network.uplink.push
         z, is_finite = motion.linear, motion.is_finite
         self._unit.on_wheel(z.wheel_rad, motion_ns)

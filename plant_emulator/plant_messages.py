@@ -45,6 +45,11 @@ class PlantMessages:
         self.not_available = 0
         self.clamped = 0
 
+    @property
+    def next_sample(self) -> int:
+        """E2E counter of the next LATERAL_ERROR, the number of its sample on the wire."""
+        return self._sent[LateralError]
+
     def measured(self, true: Readings) -> Readings:
         """Return a sample with noise."""
         return true if self._noise is None else with_noise(true, self._noise, self._uniforms)

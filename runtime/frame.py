@@ -16,6 +16,8 @@ FD = 8
 """CAN FD frame (ISO 11898-1:2015)."""
 BITRATE_SWITCH = 16
 """CAN FD frame whose data phase runs at the data bit rate."""
+CLASSIC_LENGTH_MAX = 8
+"""Longest payload of a frame without FD [bytes]."""
 
 
 class Frame(NamedTuple):

@@ -19,6 +19,8 @@ from steer_by_wire.dbc.messages import (
     DisturbanceConfig,
     LatencyConfig,
     LatencyModel,
+    Mode,
+    SteeringPlan,
     decode,
     encode,
 )
@@ -26,6 +28,7 @@ from steer_by_wire.dbc.secured_frame import (
     DATA,
     LAYOUTS,
     PAYLOAD_LENGTH,
+    PLAN,
     SYNC,
     Refused,
     is_secured,
@@ -116,14 +119,15 @@ def test_every_protected_message_has_a_secured_form_of_a_length_can_fd_has() -> 
     lengths = {
         message.length for message in load_database().messages if message.frame_id in LAYOUTS
     }
-    assert lengths == {PAYLOAD_LENGTH}
+    assert lengths == {PAYLOAD_LENGTH, PLAN.payload_length}
     assert set(CAN_IDS.values()) - set(LAYOUTS) == {
         CAN_IDS[LatencyConfig],
         CAN_IDS[DisturbanceConfig],
     }
-    assert (DATA.length, SYNC.length) == (20, 48)
+    assert (DATA.length, SYNC.length, PLAN.length) == (20, 48, 64)
     ends = met()
-    for frame in (*FROM_PLANT, PLANT_STATUS, CONTROLLER_STATUS, COMMAND):
+    plan = encode(SteeringPlan(7, Mode.ACTIVE, 200, 5, *(0.01 * step for step in range(18))), 7)
+    for frame in (*FROM_PLANT, PLANT_STATUS, CONTROLLER_STATUS, COMMAND, plan):
         secured = ends[0].secure(frame)
         assert is_secured(secured)
         assert not is_secured(frame)

@@ -27,10 +27,12 @@ from steer_by_wire.dbc.messages import (
     Rejection,
     SafetyState,
     SteeringCommand,
+    SteeringPlan,
     SteeringStatus,
     SteeringStatusCode,
     VehicleState,
     decode,
+    frame_of,
 )
 from steer_by_wire.dbc.protection import protect
 from steer_by_wire.pair.virtual import BITRATE_BIT_S
@@ -59,7 +61,7 @@ def start_frame(definition: Definition) -> Frame:
     message_type = MESSAGE_TYPES[definition.name]
     if message_type in DATA_IDS:
         protect(payload, DATA_IDS[message_type])
-    return Frame(definition.frame_id, bytes(payload))
+    return frame_of(definition.frame_id, bytes(payload))
 
 
 def test_an_interaction_layer_starts_with_nothing_that_anybody_would_act_on() -> None:
@@ -68,7 +70,7 @@ def test_an_interaction_layer_starts_with_nothing_that_anybody_would_act_on() ->
         for definition in DATABASE.messages
     }
     refused = {kind.__name__ for kind, got in started.items() if got is Rejection.NOT_AVAILABLE}
-    assert refused == {"SteeringCommand", "LateralError"}
+    assert refused == {"SteeringCommand", "SteeringPlan", "LateralError"}
     said = [got.message for got in started.values() if isinstance(got, Decoded)]
     assert len(said) + len(refused) == len(MESSAGE_TYPES)
     for message in said:
@@ -96,7 +98,7 @@ def test_an_interaction_layer_starts_with_nothing_that_anybody_would_act_on() ->
 def test_the_bit_rate_is_the_one_that_loads_and_tests_are_computed_with() -> None:
     assert DATABASE.dbc is not None
     values = {name: attribute.value for name, attribute in DATABASE.dbc.attributes.items()}
-    assert values == {"BusType": "CAN", "Baudrate": BITRATE_BIT_S}
+    assert values == {"BusType": "CAN FD", "Baudrate": BITRATE_BIT_S}
 
 
 def test_a_message_that_is_sent_at_changes_says_at_those_of_which_signals() -> None:
@@ -142,6 +144,7 @@ def test_a_receiver_times_out_when_our_nodes_do() -> None:
     limits = age_limits_of(CONTROLLER)
     expected_ns = {
         ("PLANT", CAN_IDS[SteeringCommand]): guard.silence_ns,
+        ("PLANT", CAN_IDS[SteeringPlan]): guard.silence_ns,
         ("CONTROLLER", 0x110): limits.lateral_error_ns,
         ("CONTROLLER", 0x120): limits.steering_status_ns,
         ("CONTROLLER", 0x130): limits.vehicle_state_ns,
@@ -177,7 +180,8 @@ def test_the_e2e_parameters_are_those_both_receivers_check_with() -> None:
             assert found["E2EDataLength"] == 8 * definition.length
             is_received = message_type in CONTROLLER_RECEIVES
             rule = counters_of(CONTROLLER) if is_received else PlantSettings().counters
-            period_ns = CYCLE_TIMES_MS[message_type] * NS_PER_MS
+            sent_as = SteeringCommand if message_type is SteeringPlan else message_type
+            period_ns = CYCLE_TIMES_MS[sent_as] * NS_PER_MS
             assert found["E2EMaxDeltaCounter"] == rule.step_before_silence(period_ns)
         else:
             assert not any(name.startswith("E2E") for name in found)

@@ -15,7 +15,7 @@ from cantools.database.can.signal import Signal
 
 from steer_by_wire import dbc
 from steer_by_wire.dbc.dbc_file import load_database
-from steer_by_wire.dbc.messages import Decoded, decode, encode
+from steer_by_wire.dbc.messages import Decoded, decode, encode, frame_of
 from steer_by_wire.dbc.protection import header_bits, protect
 from steer_by_wire.runtime.frame import Frame
 
@@ -34,9 +34,9 @@ MAIN = """
 int main(void)
 {
     unsigned int can_id;
-    char text[17];
-    while (scanf("%x %16s", &can_id, text) == 2) {
-        uint8_t bytes[8];
+    char text[97];
+    while (scanf("%x %96s", &can_id, text) == 2) {
+        uint8_t bytes[48];
         size_t size = strlen(text) / 2;
         for (size_t i = 0; i < size; i++) {
             unsigned int byte;
@@ -63,7 +63,7 @@ def case(definition: Definition) -> str:
             struct {message}_t m;
             if ({message}_unpack(&m, bytes, size) != 0) return 3;
             double value;
-            char values[400] = "";
+            char values[800] = "";
 {signals}
             memset(bytes, 0xFF, sizeof bytes);
             if ({message}_pack(bytes, &m, size) != (int)size) return 5;
@@ -95,7 +95,7 @@ def random_frame(definition: Definition, source: random.Random) -> Frame:
     if header_bits(definition.name).keys() <= raws.keys():
         assert definition.dbc is not None
         protect(payload, int(definition.dbc.attributes["E2EDataId"].value))
-    return Frame(definition.frame_id, bytes(payload))
+    return frame_of(definition.frame_id, bytes(payload))
 
 
 @pytest.fixture(scope="module")

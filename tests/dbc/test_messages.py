@@ -36,16 +36,17 @@ from steer_by_wire.dbc.messages import (
     SafetyState,
     SecondSender,
     SteeringCommand,
+    SteeringPlan,
     SteeringStatus,
     SteeringStatusCode,
     VehicleState,
     decode,
     encode,
     encode_not_available,
+    frame_of,
     limits,
 )
 from steer_by_wire.dbc.protection import header_bits
-from steer_by_wire.runtime.frame import Frame
 
 DATABASE = load_database()
 NAMES = {message_type: name for name, message_type in MESSAGE_TYPES.items()}
@@ -84,6 +85,12 @@ GOLDEN: list[tuple[Message, str, str]] = [
     (COMMAND, "100", "c1ae 07 3930481304"),
     # -50000 = 0x33CB0 in 18 bits; 65535 << 18 = 0x3_FFFC_0000; 3 << 34; sum 0x0F_FFFF_3CB0
     (SteeringCommand(-0.5, 65535, Mode.SAFE_STOP), "100", "d457 07 b03cffff0f"),
+    # 1234 = 0x04D2; 1 << 16; 200 << 19 = 0x640_0000; 5 << 27; 1000 << 31, -1000 << 49, 0 to 17 more
+    (
+        SteeringPlan(1234, Mode.ACTIVE, 200, 5, 0.01, -0.01, *[0.0] * 16),
+        "101",
+        "fe02 07 d204412ef40130f807" + 36 * "00",
+    ),
     # -2000 = 0x1FF_F830 in 25 bits; 100 << 25 = 0xC800_0000; sum 0x00_C9FF_F830
     (LateralError(-0.01, 0.02), "110", "8e60 07 30f8ffc900"),
     # 10000 = 0x2710; 1200 << 18 = 0x12C0_0000; 1 << 34; sum 0x04_12C0_2710
@@ -134,7 +141,7 @@ def test_a_message_has_the_bytes_worked_out_by_hand(
     message: Message, can_id: str, payload: str
 ) -> None:
     frame = encode(message, 7)
-    assert frame == Frame(int(can_id, 16), bytes.fromhex(payload))
+    assert frame == frame_of(int(can_id, 16), bytes.fromhex(payload))
     decoded = decode(frame)
     assert isinstance(decoded, Decoded)
     assert decoded.message == pytest.approx(message, abs=1e-12)

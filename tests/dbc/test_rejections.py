@@ -15,9 +15,11 @@ from steer_by_wire.dbc.messages import (
     Mode,
     Rejection,
     SteeringCommand,
+    SteeringPlan,
     decode,
     encode,
     encode_not_available,
+    frame_of,
 )
 from steer_by_wire.dbc.protection import header_bits, protect
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
@@ -41,7 +43,7 @@ def frame_of_raws(definition: Definition, raws: dict[str, int]) -> Frame:
     if definition in PROTECTED:
         assert definition.dbc is not None
         protect(payload, int(definition.dbc.attributes["E2EDataId"].value))
-    return Frame(definition.frame_id, bytes(payload))
+    return frame_of(definition.frame_id, bytes(payload))
 
 
 @given(message_frames | all_frames)
@@ -63,15 +65,15 @@ def test_a_good_crc_does_not_make_any_payload_a_message(
         assert definition.dbc is not None
         protect(payload, int(definition.dbc.attributes["E2EDataId"].value))
     expected = {Rejection.OUT_OF_RANGE, Rejection.NOT_AVAILABLE}
-    decoded = decode(Frame(definition.frame_id, bytes(payload)))
+    decoded = decode(frame_of(definition.frame_id, bytes(payload)))
     assert isinstance(decoded, Decoded) or decoded in expected
 
 
 @pytest.mark.parametrize(
     ("frame", "cause"),
     [
-        (Frame(0x101, PAYLOAD), Rejection.UNKNOWN_ID),
-        (Frame(0x101, PAYLOAD, EXTENDED), Rejection.UNKNOWN_ID),
+        (Frame(0x102, PAYLOAD), Rejection.UNKNOWN_ID),
+        (Frame(0x102, PAYLOAD, EXTENDED), Rejection.UNKNOWN_ID),
         (Frame(0x100, PAYLOAD, EXTENDED), Rejection.WRONG_FORMAT),
         (Frame(0x100, b"", REMOTE), Rejection.WRONG_FORMAT),
         (Frame(0x100, PAYLOAD, ERROR), Rejection.WRONG_FORMAT),
@@ -81,6 +83,9 @@ def test_a_good_crc_does_not_make_any_payload_a_message(
         (Frame(0x100, PAYLOAD + bytes(4), FD), Rejection.WRONG_LENGTH),
         (Frame(0x100, PAYLOAD[:7]), Rejection.WRONG_LENGTH),
         (Frame(0x100, b""), Rejection.WRONG_LENGTH),
+        (Frame(0x101, bytes(48)), Rejection.WRONG_FORMAT),
+        (Frame(0x101, bytes(48), FD | BITRATE_SWITCH), Rejection.BAD_CRC),
+        (Frame(0x101, PAYLOAD), Rejection.WRONG_LENGTH),
         (Frame(0x100, bytes(8)), Rejection.BAD_CRC),
         (Frame(0x320, bytes.fromhex("23 2003 2c01 1127")), Rejection.OUT_OF_RANGE),  # loss 1.0001
         (Frame(0x320, bytes.fromhex("20 2003 2c01 6400")), Rejection.OUT_OF_RANGE),  # direction 0
@@ -129,7 +134,7 @@ def test_one_or_two_flipped_bits_of_a_protected_frame_are_always_found(
     frame = frame_of_raws(definition, {})
     assert isinstance(decode(frame), Decoded)
     for count in (1, 2):
-        for bits in combinations(range(64), count):
+        for bits in combinations(range(8 * len(frame.data)), count):
             assert decode(frame._replace(data=flip(frame.data, bits))) in NOT_INTACT
 
 
@@ -146,5 +151,8 @@ def test_three_flipped_bits_are_always_found() -> None:
 @pytest.mark.parametrize("definition", PROTECTED, ids=lambda message: str(message.name))
 def test_a_protected_payload_under_another_identifier_is_found(definition: Definition) -> None:
     frame = frame_of_raws(definition, {})
+    plan_id = CAN_IDS[SteeringPlan]
     for can_id in {CAN_IDS[kind] for kind in DATA_IDS} - {frame.can_id}:
-        assert decode(frame._replace(can_id=can_id)) is Rejection.MASQUERADED
+        is_as_long = plan_id not in (can_id, frame.can_id)
+        cause = Rejection.MASQUERADED if is_as_long else Rejection.WRONG_LENGTH
+        assert decode(frame._replace(can_id=can_id)) is cause

@@ -29,6 +29,7 @@ from steer_by_wire.dbc.messages import (
     SteeringCommand,
     decode,
     encode,
+    frame_of,
     limits,
 )
 from steer_by_wire.dbc.protection import header_bits, protect
@@ -139,6 +140,7 @@ def test_every_resolution_is_named_in_the_comment_that_says_why() -> None:
     ("name", "can_id", "sender", "receivers", "cycle_ms"),
     [
         ("STEERING_COMMAND", 0x100, "CONTROLLER", {"PLANT"}, 10),
+        ("STEERING_PLAN", 0x101, "CONTROLLER", {"PLANT"}, None),
         ("LATERAL_ERROR", 0x110, "PLANT", {"CONTROLLER"}, 10),
         ("STEERING_STATUS", 0x120, "PLANT", {"CONTROLLER"}, 10),
         ("VEHICLE_STATE", 0x130, "PLANT", {"CONTROLLER"}, 20),
@@ -159,7 +161,8 @@ def test_a_message_is_sent_by_whom_to_whom_and_how_often(
     assert definition.senders == [sender]
     assert definition.cycle_time == cycle_ms
     # Messages also sent on change declare that at the signals that change (test_dbc_attributes).
-    assert definition.send_type == ("NoMsgSendType" if cycle_ms is None else "Cyclic")
+    unsent = "IfActive" if name == "STEERING_PLAN" else "NoMsgSendType"
+    assert definition.send_type == (unsent if cycle_ms is None else "Cyclic")
     for signal in definition.signals:
         assert set(signal.receivers) == receivers, signal.name
 
@@ -226,7 +229,7 @@ def test_the_document_describes_every_signal_as_the_dbc_does(definition: Definit
     heading = f"### {definition.name} 0x{definition.frame_id:X}\n"
     assert heading in DOCUMENT
     section = DOCUMENT.split(heading)[1].split("\n#")[0]
-    rows = [line for line in section.splitlines() if re.match(r"\| [A-Z_]{3,} \|", line)]
+    rows = [line for line in section.splitlines() if re.match(r"\| [A-Z_0-9]{3,} \|", line)]
     expected = [document_row(signal) for signal in payload_signals(definition)]
     assert [row[: len(start)] for row, start in zip(rows, expected, strict=True)] == expected
 
@@ -257,9 +260,9 @@ def test_the_document_names_the_bits_that_nobody_uses_and_they_are_ignored() -> 
         if message_type in DATA_IDS:
             protect(payload, DATA_IDS[message_type])
             protect(filled, DATA_IDS[message_type])
-        sent = decode(Frame(definition.frame_id, bytes(payload)))
+        sent = decode(frame_of(definition.frame_id, bytes(payload)))
         assert isinstance(sent, Decoded)
-        assert decode(Frame(definition.frame_id, bytes(filled))) == sent
+        assert decode(frame_of(definition.frame_id, bytes(filled))) == sent
         assert encode(*sent).data == bytes(payload)
     assert f"The CRC covers them. {', '.join(texts)} |".lower() in DOCUMENT.lower()
 

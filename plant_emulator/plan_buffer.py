@@ -1,0 +1,77 @@
+"""Plan buffer: plays the newest STEERING_PLAN by the plant's own clock, its samples.
+
+A plan says which angle is to act at which sample, by the E2E counter of that sample. At every
+sample the buffer gives the steering's guard the value for now, as if a command had just arrived:
+
+    u[k] = u_i + (u_{i+1} - u_i) · part        i, part = quotient, rest of (k - first) / spacing
+
+A plan that has run out gives nothing more, so that the guard reacts as when commands stop. While
+the guard does not follow, only a plan that has just arrived counts: recovery takes frames, not the
+values of one of them. Single commands end a plan.
+"""
+
+from collections.abc import Sequence
+from typing import cast
+
+from ..dbc.messages import SteeringCommand, SteeringPlan
+from ..dbc.protection import COUNTERS
+from .latency_line import Passage
+
+PLAN_VALUES = 18
+_FIRST_VALUE = len(SteeringPlan._fields) - PLAN_VALUES
+
+
+def has_run_out(age: int, spacing: int) -> bool:
+    """Whether a plan has no value for a sample ``age`` samples after its first."""
+    return age > (PLAN_VALUES - 1) * spacing
+
+
+def planned_rad(age: int, spacing: int, steers_rad: Sequence[float]) -> float:
+    """Return the angle of a plan ``age`` samples after its first, before it has run out [rad]."""
+    index, rest = age // spacing, age % spacing
+    if rest == 0:
+        return steers_rad[index]
+    before_rad = steers_rad[index]
+    return before_rad + (steers_rad[index + 1] - before_rad) * (rest / spacing)
+
+
+class PlanBuffer:
+    """Holds the newest plan; ``is_filled`` says whether there is one."""
+
+    def __init__(self) -> None:
+        self._plan: Passage[SteeringPlan] | None = None
+        self._is_new = False
+
+    @property
+    def is_filled(self) -> bool:
+        """Whether there is a plan to play."""
+        return self._plan is not None
+
+    def take(
+        self, arrived: Passage[SteeringCommand | SteeringPlan]
+    ) -> Passage[SteeringCommand] | None:
+        """Keep a plan in place of the one before; return a single command, which ends it."""
+        if isinstance(arrived.item, SteeringPlan):
+            self._plan, self._is_new = cast("Passage[SteeringPlan]", arrived), True
+            return None
+        self._plan = None
+        return cast("Passage[SteeringCommand]", arrived)
+
+    def play(self, sample: int, *, is_followed: bool) -> Passage[SteeringCommand] | None:
+        """Return the command for a sample, by its E2E counter; None if there is none.
+
+        ``is_followed``  whether the guard follows commands now
+        """
+        passage, is_new = self._plan, self._is_new
+        if passage is None or not (is_new or is_followed):
+            return None
+        self._is_new = False
+        plan = passage.item
+        age = (sample - plan.first_sample) % COUNTERS
+        if has_run_out(age, plan.spacing):
+            self._plan = None
+            return None
+        steer_rad = planned_rad(age, plan.spacing, plan[_FIRST_VALUE:])
+        command = SteeringCommand(steer_rad, plan.plan_number, plan.mode)
+        due_ns, sequence, came_ns, key, _ = passage
+        return Passage(due_ns, sequence, came_ns, key, command)
