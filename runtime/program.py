@@ -7,6 +7,7 @@ are refused before the run.
 
 import argparse
 import os
+import select
 import signal
 import sys
 import threading
@@ -35,6 +36,8 @@ from .thresholds import Condition, Ending, Quantity, failures
 
 FINISHED = "finished"
 """``ended_by`` of a run that the node itself has ended."""
+BLOCKED_S = 2.0
+"""How long a line waits for a full pipe; then this line and all later ones are dropped."""
 
 
 class ExitStatus(IntEnum):
@@ -287,13 +290,30 @@ def fail_status(
 def say(name: str, text: str, stream: TextIO | None = None) -> None:
     """Print one line to ``stream``, standard output unless given, at once.
 
-    A closed pipe or a full disk must neither end a run nor cost its report.
+    A closed pipe, a full disk or a reader that reads no further must neither keep a run from its
+    end nor cost its report.
     """
     stream = stream or sys.stdout
     try:
+        if not _takes_a_line(stream):
+            raise BlockingIOError
         print(f"{name}: {text}", file=stream, flush=True)
     except OSError:
         _silence(stream)
+
+
+def _takes_a_line(stream: TextIO) -> bool:
+    """Whether ``stream`` takes a line without blocking, now or within BLOCKED_S.
+
+    A terminal that somebody has stopped is waited for: they see it, and can let it go on.
+    """
+    try:
+        descriptor = stream.fileno()
+    except OSError:  # in memory
+        return True
+    if stream.isatty() or os.name != "posix":  # elsewhere select knows sockets only
+        return True
+    return bool(select.select([], [descriptor], [], BLOCKED_S)[1])
 
 
 def _silence(stream: TextIO) -> None:

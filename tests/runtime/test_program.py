@@ -5,12 +5,14 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 
 import can
 import pytest
 
+from steer_by_wire.runtime import program
 from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.option_types import output_file
@@ -181,6 +183,23 @@ def test_a_reader_that_is_gone_costs_neither_the_run_nor_its_report(
         os.close(writer)
     assert (result.stderr, result.returncode) == ("", ExitStatus.OK)
     assert json.loads(file.read_text())["ended_by"] == "finished"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes of other platforms cannot be asked")
+def test_a_pipe_that_nobody_reads_does_not_keep_a_program_from_its_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(program, "BLOCKED_S", 0.01)
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(writer, bytes(4096))
+    os.set_blocking(writer, True)
+    with open(reader, "rb"), open(writer, "w", encoding="utf-8") as full:
+        for _ in range(2):
+            program.say("p", "error: the last word", full)
+        assert os.fstat(full.fileno()).st_rdev == os.stat(os.devnull).st_rdev
 
 
 # The command line

@@ -23,6 +23,32 @@ COMMANDS = [line for block in BLOCKS for line in block.splitlines() if "steer-by
 OURS = [line for line in COMMANDS if line.startswith("steer-by-wire ")]
 
 
+BARE = """
+import re
+import sys
+from importlib.metadata import requires
+
+from steer_by_wire.command import PROGRAMS, main
+from steer_by_wire.command_line import DISTRIBUTION
+
+OPTIONAL = [re.match("[a-z0-9-]+", it)[0] for it in requires(DISTRIBUTION) if "extra ==" in it]
+
+class OnlyWhatIsRequired:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in OPTIONAL:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, OnlyWhatIsRequired())
+for name in PROGRAMS:
+    try:
+        status = main([name, "--help"])
+    except SystemExit as end:
+        status = end.code
+    print(name, status, file=sys.stderr)
+"""
+"""Starts every program as if no extra were installed, and prints the status of each."""
+
+
 def block_with(line: str) -> str:
     """Return the one block of commands with a line."""
     (block,) = [block for block in BLOCKS if line in block.splitlines()]
@@ -109,6 +135,19 @@ def test_what_follows_the_installation_runs_as_printed(tmp_path: Path) -> None:
         text=True,
     )
     assert result.stdout.splitlines()[-1].startswith("complete ")
+
+
+def test_the_installation_without_extras_starts_the_programs_that_it_names() -> None:
+    (line,) = [line for line in README.splitlines() if "without [tools]:" in line]
+    named = set(re.findall(r"[\w-]+", line.partition("[tools]:")[2]))
+    run = [sys.executable, "-c", BARE]
+    printed = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, check=True).stderr
+    for name in PROGRAMS:
+        is_started = f"{name} 0\n" in printed
+        says_what_it_needs = f"{name}: error: " in printed and f"{name} 2\n" in printed
+        assert is_started if name in named else is_started or says_what_it_needs
+    assert named <= set(PROGRAMS)
+    assert "Traceback" not in printed
 
 
 @pytest.mark.skipif(os.name != "posix", reason="ends programs with SIGINT")
