@@ -1,9 +1,10 @@
-"""The two descriptions of continuous integration are well formed and run the README's command."""
+"""What runs on other machines: workflows, action, image and script. Their steps are run here."""
 
 import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,24 +15,55 @@ from tests.support import vcan_session
 
 ROOT = Path(__file__).resolve().parents[2]
 RUN = ROOT / ".ci" / "run"
-WORKFLOW = ROOT / ".github" / "workflows" / "ci.yml"
+WORKFLOWS = ROOT / ".github" / "workflows"
+ACTION = ROOT / "action.yml"
 PACKAGES = {"user-mode-linux", "kmod", "can-utils", "iproute2"}
+
+
+def content_of(file: Path) -> dict[str, Any]:
+    yaml = pytest.importorskip("yaml", reason="PyYAML is not installed")
+    content: dict[str, Any] = yaml.safe_load(file.read_text(encoding="utf-8"))
+    return content
 
 
 @pytest.fixture(scope="module")
 def jobs() -> dict[str, Any]:
-    yaml = pytest.importorskip("yaml", reason="PyYAML is not installed")
-    content = yaml.safe_load(WORKFLOW.read_text(encoding="utf-8"))
-    assert content.keys() == {"name", True, "permissions", "concurrency", "jobs"}  # YAML's "on"
-    found: dict[str, Any] = content["jobs"]
+    found: dict[str, Any] = content_of(WORKFLOWS / "ci.yml")["jobs"]
+    return found
+
+
+@pytest.fixture(scope="module")
+def vcan_jobs() -> dict[str, Any]:
+    found: dict[str, Any] = content_of(WORKFLOWS / "vcan.yml")["jobs"]
     return found
 
 
 @pytest.fixture(scope="module")
 def action() -> dict[str, Any]:
-    yaml = pytest.importorskip("yaml", reason="PyYAML is not installed")
-    content: dict[str, Any] = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))
-    return content
+    return content_of(ACTION)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("check_jsonschema", "--builtin-schema", "vendor.github-workflows", "ci.yml", "vcan.yml"),
+        ("check_jsonschema", "--builtin-schema", "vendor.github-actions", str(ACTION)),
+        ("yamllint", "--strict", "--config-file", "../yamllint.yml", ".", str(ACTION)),
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_workflows_and_action_pass_their_linters(arguments: tuple[str, ...]) -> None:
+    result = subprocess.run(
+        [sys.executable, "-m", *arguments], cwd=WORKFLOWS, capture_output=True, text=True
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+def bash() -> str:
+    found = shutil.which("bash")
+    if found is None:
+        pytest.skip("bash is not installed")
+    return found
 
 
 def commands(job: dict[str, Any]) -> str:
@@ -54,20 +86,63 @@ def test_the_workflow_makes_the_interfaces_that_the_tests_want(jobs: dict[str, A
     assert f"--interfaces vcan0,{vcan_session.NETEM_CHANNEL}" in text
 
 
-def test_every_command_of_the_workflow_is_well_formed(jobs: dict[str, Any]) -> None:
-    bash = shutil.which("bash")
-    if bash is None:
-        pytest.skip("bash is not installed")
-    for job in jobs.values():
+def test_every_command_of_the_workflows_is_well_formed(
+    jobs: dict[str, Any], vcan_jobs: dict[str, Any]
+) -> None:
+    for job in (*jobs.values(), *vcan_jobs.values()):
         text = re.sub(r"\$\{\{.*?\}\}", "x", commands(job))
-        checked = subprocess.run([bash, "-n"], input=text.encode(), capture_output=True)
+        checked = subprocess.run([bash(), "-n"], input=text.encode(), capture_output=True)
         assert checked.returncode == 0, checked.stderr
 
 
-def test_every_action_of_the_workflow_is_pinned_to_a_version(jobs: dict[str, Any]) -> None:
-    used = [step["uses"] for job in jobs.values() for step in job["steps"] if "uses" in step]
-    assert used
-    assert all(re.fullmatch(r"actions/[a-z-]+@v\d+", name) for name in used)
+def test_every_action_of_the_workflows_is_ours_or_pinned_to_a_version(
+    jobs: dict[str, Any], vcan_jobs: dict[str, Any]
+) -> None:
+    every = [step for job in (*jobs.values(), *vcan_jobs.values()) for step in job["steps"]]
+    used = [step["uses"] for step in every if "uses" in step]
+    assert used.count("./") == 2
+    assert all(re.fullmatch(r"\./|actions/[a-z-]+@v\d+", name) for name in used)
+
+
+DOCKER = """#!/bin/sh
+[ "$1" = build ] && exit
+until [ "$1" = steer-by-wire ]; do shift; done
+exec "$@"
+"""
+"""Runs the image's command here."""
+
+
+def run_steps(steps: list[str], folder: Path) -> None:
+    """Run steps of a workflow one after another, as a runner does."""
+    (folder / "docker").write_text(DOCKER, encoding="ascii")
+    (folder / "docker").chmod(0o755)
+    path = f"{folder}:{Path(sys.executable).parent}:{os.environ['PATH']}"
+    for step in steps:
+        result = subprocess.run(
+            [bash(), "-euo", "pipefail", "-c", step],
+            cwd=folder,
+            env={**os.environ, "PATH": path},
+            capture_output=True,
+            text=True,
+        )
+        assert result.returncode == 0, f"{step}: {result.stdout}{result.stderr}"
+
+
+def test_the_images_loop_runs(vcan_jobs: dict[str, Any], tmp_path: Path) -> None:
+    steps = [step["run"] for step in vcan_jobs["image"]["steps"] if "run" in step]
+    run_steps([step for step in steps if "vcan" not in step], tmp_path)
+
+
+@pytest.mark.vcan
+def test_the_steps_that_want_a_vcan0_run_on_it(vcan_jobs: dict[str, Any], tmp_path: Path) -> None:
+    steps = [
+        step["with"]["run"] for step in vcan_jobs["action"]["steps"] if step.get("uses") == "./"
+    ]
+    steps += [step["run"] for step in vcan_jobs["image"]["steps"] if "vcan" in step.get("run", "")]
+    assert len(steps) == 4
+    if not Path("/sys/class/net", vcan_session.NETEM_CHANNEL).exists():
+        del steps[1]  # as on a host whose kernel has no netem
+    run_steps(steps, tmp_path)
 
 
 def test_the_script_installs_what_vcan0_needs_and_runs_the_readmes_command() -> None:
@@ -94,9 +169,6 @@ def test_the_action_uses_every_input_and_names_what_vcan0_needs(action: dict[str
 def test_the_commands_of_the_action_reach_with_vcan_and_their_status_comes_back(
     action: dict[str, Any], command: str, status: int, tmp_path: Path
 ) -> None:
-    bash = shutil.which("bash")
-    if bash is None:
-        pytest.skip("bash is not installed")
     instead = tmp_path / "with_vcan"  # prints its options and runs the command
     instead.write_text(
         '#!/bin/sh\nwhile [ "$1" != bash ]; do echo "$1"; shift; done\nexec "$@"\n',
@@ -113,7 +185,7 @@ def test_the_commands_of_the_action_reach_with_vcan_and_their_status_comes_back(
         "SECONDS_MAX": "60",
     }
     result = subprocess.run(
-        [bash, "-e", "-c", run["run"]], env=environment, capture_output=True, text=True
+        [bash(), "-e", "-c", run["run"]], env=environment, capture_output=True, text=True
     )
     assert result.returncode == status
     options = ["--interfaces", "vcan0,vcan1", "--timeout", "60", "--netem", "delay 40ms"]
