@@ -219,9 +219,10 @@ class EmulatedBus(can.BusABC):
 
     def shutdown(self) -> None:
         """Leave the bus. Frames sent before still go out."""
-        if self._is_shutdown:
-            return
+        was_open = not self._is_shutdown
         super().shutdown()
+        if not was_open:
+            return
         # The broker closes its side after it has read everything. Closing first could discard data.
         with suppress(OSError):
             self._socket.shutdown(socket.SHUT_WR)

@@ -12,6 +12,7 @@ from typing import NoReturn
 
 from .guard import execute, exit_status
 from .host import run_as_child
+from .links import LinkError, make_links
 from .request import BackendError, Request, link_commands, missing_programs, program_path
 from .system_calls import (
     CLONE_NEWNET,
@@ -81,11 +82,10 @@ def _enter(request: Request) -> None:
         mount("sysfs", "/sys", MS_NOSUID | MS_NODEV | MS_NOEXEC)
     except OSError as error:
         raise BackendError(f"no private network namespace: {error.strerror}") from error
-    environment = {**os.environ, "PATH": program_path(), "LC_ALL": "C"}
-    for command in link_commands(request):
-        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-        if done.returncode:
-            raise BackendError(_explain(command, done.stderr))
+    try:
+        make_links(link_commands(request), program_path())
+    except LinkError as error:
+        raise BackendError(_explain(error)) from error
     if request.netem and _ECHO.read_text().strip() not in "Y1":
         raise BackendError(
             "the module vcan is loaded without echo=1, so that frames pass the latency by "
@@ -112,12 +112,11 @@ def _load_vcan(request: Request) -> None:
         subprocess.run(command, capture_output=True, check=False, env=environment)
 
 
-def _explain(command: list[str], complaint: str) -> str:
-    """Return why one of ``link_commands`` has failed."""
-    why = (complaint.strip().splitlines() or ["no reason given"])[0]  # tc's usage may follow
-    if "vcan" in command and ("Unknown device type" in why or "not supported" in why):
+def _explain(error: LinkError) -> str:
+    unknown = "Unknown device type" in error.complaint or "not supported" in error.complaint
+    if "vcan" in error.command and unknown:
         return (
             "this kernel has no vcan (sudo modprobe vcan; on Ubuntu first: sudo apt-get install "
             "linux-modules-extra-$(uname -r))"
         )
-    return f"{' '.join(command)}: {why}"
+    return str(error)

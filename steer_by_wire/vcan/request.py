@@ -14,6 +14,8 @@ FD_MTU = 72
 QUEUE_FRAMES = "100000"
 """Netem's queue by default: it holds every frame that is under way."""
 
+MULTICAST = "224.0.0.0/4"
+"""Of IP version 4; python-can's udp_multicast joins groups, which needs a route to them."""
 SYSTEM_FOLDERS = "/usr/sbin:/sbin"
 """Where ip and tc are; not on every user's PATH."""
 
@@ -92,7 +94,7 @@ def netem_of(
 
 def link_commands(request: Request) -> list[list[str]]:
     """Return the commands that make the request's interfaces in a private network."""
-    commands = [["ip", "link", "set", "lo", "up"]]
+    commands = [["ip", "link", "set", "lo", "up"], ["ip", "route", "add", MULTICAST, "dev", "lo"]]
     for name in request.interfaces:
         commands += [
             ["ip", "link", "add", "dev", name, "type", "vcan"],

@@ -29,7 +29,7 @@ PROGRAM = "linux.uml"
 CPUS = Path("/proc/cpuinfo")
 MODULE_FOLDERS = Path("/usr/lib/uml/modules")
 MODULES = (
-    "can", "can-raw", "can-bcm", "can-gw", "vcan", "vxcan", "slcan",
+    "can", "can-raw", "can-bcm", "can-gw", "can-isotp", "can-j1939", "vcan", "vxcan", "slcan",
     "sch_netem", "sch_prio", "cls_basic", "em_canid",
 )  # fmt: skip
 """Kernel modules to load, if they exist, with their dependencies."""

@@ -6,7 +6,6 @@ import os
 import resource
 import selectors
 import signal
-import subprocess
 import sys
 import termios
 import tty
@@ -16,6 +15,7 @@ from typing import Any, NamedTuple, NoReturn
 
 from .frames import Kind, Unpacker, pack
 from .guard import execute, exit_status
+from .links import make_links
 from .system_calls import (
     MS_NODEV,
     MS_NOEXEC,
@@ -188,13 +188,7 @@ def _open_line(path: str) -> int:
 def _make_links(job: dict[str, Any]) -> None:
     for path, parameters in job["modules"]:
         insert_module(path, parameters)
-    for command in job["links"]:
-        done = subprocess.run(
-            command, capture_output=True, text=True, check=False, env={"PATH": PATH}
-        )
-        if done.returncode:
-            why = (done.stderr.strip().splitlines() or ["no reason given"])[0]  # then tc's usage
-            raise OSError(f"{' '.join(command)}: {why}")
+    make_links(job["links"], PATH)
 
 
 def _start(job: dict[str, Any]) -> tuple[int, _Ends]:
