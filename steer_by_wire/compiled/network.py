@@ -67,7 +67,9 @@ def passages(
     count = len(frames.came_ns)
     network = _network(settings, frames)
     draws = (
-        first_uniforms(seed, channel, 2 * count) if _is_random(settings) else np.zeros(2 * count)
+        first_uniforms(seed, channel, 2 * count)
+        if _has_jitter(settings) or _is_lossy(settings)
+        else np.zeros(2 * count)
     )
     is_lost = _losses(settings, network.loss, draws[0::2])
     u = draws[1::2]
@@ -91,11 +93,6 @@ def passages(
         newest = np.maximum.accumulate(leaving)
         leaving = leaving[leaving == newest]
     return Passages(due_ns[leaving], index[leaving], (due_ns - came_ns)[leaving])
-
-
-def _is_random(settings: LatencySettings) -> bool:
-    """Whether random draws affect the result."""
-    return _has_jitter(settings) or _is_lossy(settings)
 
 
 def _is_lossy(settings: LatencySettings) -> bool:

@@ -18,8 +18,8 @@ from steer_by_wire.controller.nominal_model import (
     paper_eq19,
     steer_to_lateral_error,
 )
-from steer_by_wire.controller.transfer_function import Factor, TransferFunction
-from steer_by_wire.loop_theory.d_stability import DStability, d_stability, paper_d_stability
+from steer_by_wire.controller.transfer_function import TransferFunction
+from steer_by_wire.loop_theory.d_stability import DStability, d_stability
 from steer_by_wire.loop_theory.gain_boundaries import (
     Bound,
     RootKind,
@@ -35,29 +35,21 @@ from steer_by_wire.loop_theory.parameter_space import (
 )
 from steer_by_wire.loop_theory.uncertainty import paper_box
 from steer_by_wire.runtime.node import NS_PER_MS
+from tests.support.gain_loops import (
+    CORNERS,
+    DOUBLE_INTEGRATOR,
+    EVERY_LOOP,
+    LEAD,
+    LOOPS,
+    PERIOD_NS,
+    PUBLISHED,
+    SPEC,
+    STRICT,
+    WINDOW,
+    Loop,
+)
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-PERIOD_NS = 10 * NS_PER_MS
-SPEC = paper_d_stability()
-STRICT = SPEC._replace(every_root_in_cone=True)
-WINDOW = Window(-0.5, 3.5, -0.6, 2.4)
-PUBLISHED = (1.0596, 0.939)
-INTEGRATOR = TransferFunction(-1, (Factor(0.0, 0.0, 1.0),), ())
-DOUBLE_INTEGRATOR = TransferFunction(-2, (Factor(0.0, 0.0, 1.0),), ())
-LEAD = TransferFunction(0, (Factor(0.0, 1.0, 2.0),), (Factor(1.0, 1.0, 1.0),))  # (s+2)/(s²+s+1)
-CORNERS = tuple(steer_to_lateral_error(vehicle) for vehicle in paper_box().vertices())
-
-Loop = ContinuousGainLoop | SampledGainLoop
-LOOPS: dict[str, Loop] = {
-    "continuous": ContinuousGainLoop(paper_eq19()),
-    "continuous, filtered": ContinuousGainLoop(CORNERS[3], 5.0),
-    "relative degree 1": ContinuousGainLoop(LEAD),
-    "sampled integrator": SampledGainLoop(INTEGRATOR, PERIOD_NS, 0),
-    "sampled": SampledGainLoop(paper_eq19(), PERIOD_NS, 0),
-    "sampled, filtered, 80 ms": SampledGainLoop(CORNERS[0], PERIOD_NS, 80 * NS_PER_MS, 20.0),
-    "sampled, filtered, 163 ms": SampledGainLoop(paper_eq19(), PERIOD_NS, 163 * NS_PER_MS, 5.0),
-}
-EVERY_LOOP = pytest.mark.parametrize("loop", LOOPS.values(), ids=LOOPS.keys())
 
 
 def sampled(delay_ms: int, filter_rad_s: float | None) -> SampledGainLoop:

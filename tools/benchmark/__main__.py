@@ -10,7 +10,6 @@ written by ``--json``.
 """
 
 import argparse
-import json
 import os
 import platform
 import sys
@@ -28,6 +27,7 @@ from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.host import StealClock
 from steer_by_wire.runtime.option_types import output_file
 from steer_by_wire.runtime.program import ExitStatus, run_main
+from steer_by_wire.runtime.report import write_json
 from steer_by_wire.tools.benchmark.comparison import comparison_text, ratios_of, read_ratios
 from steer_by_wire.tools.benchmark.loop import (
     controller_node_line,
@@ -98,7 +98,7 @@ def _benchmark(json_file: Path | None) -> dict[str, float]:
             "lines": records,
             "heavy_modules": heavy,
         }
-        json_file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        write_json(json_file, content)
     return ratios_of(records)
 
 

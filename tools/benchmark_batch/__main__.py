@@ -7,7 +7,6 @@ same arithmetic; a result that differs in any bit is an error.
 """
 
 import argparse
-import json
 import os
 import subprocess
 import sys
@@ -27,6 +26,7 @@ from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.host import StealClock
 from steer_by_wire.runtime.option_types import output_file
 from steer_by_wire.runtime.program import ExitStatus, run_main
+from steer_by_wire.runtime.report import write_json
 from steer_by_wire.tools.benchmark_batch.c_pair import MissingCompilerError
 from steer_by_wire.tools.benchmark_batch.comparison import (
     line_of_threads,
@@ -92,7 +92,7 @@ def _benchmark(json_file: Path | None, chart: Path | None) -> None:
             **seconds,
             "steal_fraction": stolen,
         }
-        json_file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        write_json(json_file, content)
     if chart is not None:
         draw_chart(seconds).savefig(chart, dpi=100)
 

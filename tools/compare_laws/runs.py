@@ -102,18 +102,6 @@ def _jittery(delay_s: float) -> list[str]:
     ]
 
 
-def _jittery_in_order(delay_s: float) -> list[str]:
-    return [*_jittery(delay_s), "latency.downlink.order=in_order"]
-
-
-def _lossy(delay_s: float) -> list[str]:
-    return [*_constant(delay_s), "latency.downlink.loss=0.05", "latency.uplink.loss=0.05"]
-
-
-def _lagging(delay_s: float) -> list[str]:
-    return [*_constant(delay_s), f"actuator.lag_s={LAG_S}"]
-
-
 NETWORKS: Mapping[str, Network] = MappingProxyType(
     {
         "constant": Network("constant delay", "constant", _constant),
@@ -123,14 +111,23 @@ NETWORKS: Mapping[str, Network] = MappingProxyType(
         "in_order": Network(
             "standard deviation 30 %, in order",
             "± 30 %, in order",
-            _jittery_in_order,
+            lambda delay_s: [*_jittery(delay_s), "latency.downlink.order=in_order"],
             is_random=True,
         ),
-        "loss": Network("5 % lost, both ways", "5 % lost", _lossy, is_random=True),
+        "loss": Network(
+            "5 % lost, both ways",
+            "5 % lost",
+            lambda delay_s: [
+                *_constant(delay_s),
+                "latency.downlink.loss=0.05",
+                "latency.uplink.loss=0.05",
+            ],
+            is_random=True,
+        ),
         "lag": Network(
             f"constant, behind an actuator lag of {LAG_S:g} s",
             f"lag {LAG_S:g} s",
-            _lagging,
+            lambda delay_s: [*_constant(delay_s), f"actuator.lag_s={LAG_S}"],
             has_lag=True,
         ),
     }

@@ -43,7 +43,7 @@ from steer_by_wire.tools.design_gains.preset_text import (
 from steer_by_wire.tools.design_gains.progress_lines import ProgressLines
 from steer_by_wire.tools.design_gains.specification import Specification
 from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
-from steer_by_wire.tools.design_gains.verification import Verification, verification_line, verify
+from steer_by_wire.tools.design_gains.verification import verification_line, verify
 from steer_by_wire.tools.design_gains.virtual_check import (
     plant_text,
     refuse_what_the_rig_does_not_drive,
@@ -146,7 +146,7 @@ def _run(options: argparse.Namespace) -> int:
             if options.verify:
                 verification = verify(pool, spec, vehicle, design)
                 print(verification_line(spec, design, verification))
-                status = _status_of(verification, status)
+                status = status if verification.held else NO_DESIGN
             if design.law == FALLBACK:
                 fallback = design.settings
     if "predictor" in spec.laws and spec.predictor is not None:
@@ -203,10 +203,6 @@ def _design_predictor(
     print(f"  -> {options.out / name}.toml")
     held = bool(np.isfinite(design.steer_noise_rad)) and float(design.rms_m.max()) < 1.0
     return int(ExitStatus.OK) if held else NO_DESIGN
-
-
-def _status_of(verification: Verification, status: int) -> int:
-    return status if verification.held else NO_DESIGN
 
 
 def _print_demands(spec: Specification, vehicle: VehicleFile) -> None:

@@ -7,8 +7,6 @@ corner's loop is stable beyond what is demanded, and to which the RMS stays belo
 from typing import NamedTuple
 
 from ...controller.analysis.sampled_loop import SampledLoop
-from ...controller.design import LawDesign
-from ...controller.transfer_function import TransferFunction
 from ...loop_theory.responses import behind_lag
 from ...runtime.node import NS_PER_MS
 from .candidate import Candidate, controller_settings, designs
@@ -53,7 +51,10 @@ def confirm(study: Study, candidate: Candidate) -> Confirmation:
         failures += _failures(loops, beyond_ns)
     with_lag_ns = None
     if spec.actuator is not None:
-        lagged = _lagged(design, study.models, spec.actuator.lag_s, spec.period_ns)
+        lag_s = spec.actuator.lag_s
+        lagged = [
+            SampledLoop(design, behind_lag(model, lag_s), spec.period_ns) for model in study.models
+        ]
         if "actuator lag" in study.stability:
             failures += _failures(lagged, spec.lag_delays_ns)
         with_lag_ns = stable_up_to_ns(lagged, step_ns)
@@ -73,9 +74,3 @@ def stable_up_to_ns(loops: list[SampledLoop], step_ns: int) -> int:
 
 def _failures(loops: list[SampledLoop], delays_ns: tuple[int, ...]) -> int:
     return sum(not loop.is_stable(delay_ns) for loop in loops for delay_ns in delays_ns)
-
-
-def _lagged(
-    design: LawDesign, models: tuple[TransferFunction, ...], lag_s: float, period_ns: int
-) -> list[SampledLoop]:
-    return [SampledLoop(design, behind_lag(model, lag_s), period_ns) for model in models]

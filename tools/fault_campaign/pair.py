@@ -79,7 +79,9 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
 
     sent_by_plant: set[Any] = set()
     controller_watch = watched(ControllerNode(controller, 0), CONTROLLER, sent_by_plant)
-    node = PlantNode(plant, 0, _motion_params(_fixed(plant)))
+    # Neither seed nor faults affect the motion, so runs share it.
+    motion = _motion_params(plant.model_copy(update={"seed": 1, "faults": ()}))
+    node = PlantNode(plant, 0, motion)
     plant_watch = watched(node, PLANT, controller_watch.sent)
     plant_watch.sent = sent_by_plant
     start_ns, stop_ns = NEVER_NS, NEVER_NS
@@ -126,8 +128,3 @@ def _within(settings: ControllerSettings, ftti_ms: float) -> ControllerSettings:
 @lru_cache(maxsize=_PARAMS_KEPT)
 def _motion_params(settings: PlantSettings) -> MotionParams:
     return motion_params(settings)
-
-
-def _fixed(settings: PlantSettings) -> PlantSettings:
-    """Return the settings without those that do not affect the motion, so that runs share it."""
-    return settings.model_copy(update={"seed": 1, "faults": ()})

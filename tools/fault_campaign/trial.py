@@ -146,7 +146,7 @@ def _result(scenario: Scenario, pair: Pair) -> Result:
     unsafe = "; ".join(dict.fromkeys([*pair.plant.invalid, *pair.controller.invalid]))
     as_golden = is_as_golden(scenario, pair) if is_received_by_nobody(case) else None
     is_idle = case.kind != GOLDEN and case.node_fault is None and not any(changed)
-    samples = _after(pair.plant_node.samples, effect_ns)
+    samples = [one for one in pair.plant_node.samples if one.time_s >= effect_ns / NS_PER_S]
     result = Result(
         name=scenario.name,
         kind=case.kind,
@@ -278,10 +278,6 @@ def _recovery_s(pair: Pair, effect_ns: int, end_ns: int) -> float | None:
         if states:
             recovered_ns = max(recovered_ns, states[-1][0])
     return (recovered_ns - end_ns) / NS_PER_S
-
-
-def _after(samples: Sequence[PlantSample], effect_ns: int) -> list[PlantSample]:
-    return [one for one in samples if one.time_s >= effect_ns / NS_PER_S]
 
 
 def _steer_rate_peak(samples: Sequence[PlantSample]) -> float:

@@ -8,7 +8,6 @@ A client reports a broker that breaks the protocol as a BusError, or as an error
 
 import socket
 from contextlib import ExitStack, suppress
-from struct import Struct
 from tempfile import TemporaryDirectory
 from threading import Thread
 
@@ -53,7 +52,7 @@ _RECORDS = (CLASSIC_RECORD, FD_RECORD)
 def fuzz_protocol(data: bytes) -> None:
     """Unpack any bytes as every part of the protocol, and pack what came out again."""
     for part, unpack in ((HELLO, unpack_hello), (ANSWER, unpack_answer)):
-        for raw in (data[: part.size].ljust(part.size, b"\0"), _with_magic(data, part)):
+        for raw in (piece[: part.size].ljust(part.size, b"\0") for piece in (data, MAGIC + data)):
             with suppress(ProtocolError):
                 unpack(raw)
     for record in _RECORDS:
@@ -177,10 +176,6 @@ def _records(choices: Choices) -> bytes:
     else:
         raw = choices.raw(choices.integer(0, 200))
     return raw[: choices.integer(0, len(raw))] if choices.chance(16) else raw
-
-
-def _with_magic(data: bytes, part: Struct) -> bytes:
-    return (MAGIC + data)[: part.size].ljust(part.size, b"\0")
 
 
 def _pose_as_broker(listener: socket.socket, said: bytes) -> None:

@@ -49,14 +49,6 @@ def _moved(value: float, step: float, maximum: float) -> float:
     return round(min(max(value + step, 0.0), maximum), 4)
 
 
-def _next_model(choice: LatencyChoice) -> LatencyChoice:
-    return choice._replace(model=LatencyModel((choice.model + 1) % len(LatencyModel)))
-
-
-def _next_direction(choice: LatencyChoice) -> LatencyChoice:
-    return choice._replace(direction=Direction(choice.direction % len(Direction) + 1))
-
-
 _CHANGES: Mapping[str, Callable[[LatencyChoice], LatencyChoice]] = {
     "+": _mean(STEP_S),
     "=": _mean(STEP_S),  # + without the shift key
@@ -71,7 +63,7 @@ _CHANGES: Mapping[str, Callable[[LatencyChoice], LatencyChoice]] = {
     ".": _loss(LOSS_STEP),
     "<": _loss(-LOSS_STEP),
     ",": _loss(-LOSS_STEP),
-    "m": _next_model,
-    "d": _next_direction,
+    "m": lambda choice: choice._replace(model=LatencyModel((choice.model + 1) % len(LatencyModel))),
+    "d": lambda choice: choice._replace(direction=Direction(choice.direction % len(Direction) + 1)),
     "0": lambda choice: choice._replace(mean_s=0.0, spread_s=0.0, loss=0.0),
 }

@@ -119,20 +119,18 @@ def step_picture(name: str, plant: PlantSettings) -> Picture:
 
 def step_comparisons(plant: PlantSettings) -> tuple[Comparison, ...]:
     """Return the RMS error in the last seconds of a reference step, and the RMS steer."""
+    begin_s = _STEP_DURATION_S - _TAIL_S
     return tuple(
         Comparison(
             f"reference step of {_REFERENCE_M:g} m, straight road, 80 ms, N = 30 rad/s, {label}",
             "",
-            f"RMS error of the last {_TAIL_S:g} of {_STEP_DURATION_S:g} s: {_tail(step):.4f} m; "
+            f"RMS error of the last {_TAIL_S:g} of {_STEP_DURATION_S:g} s: "
+            f"{rms(step.error_m[step.time_s >= begin_s]):.4f} m; "
             f"RMS steer {rms(step.steer_rad):.4f} rad",
             None,
         )
         for label, step in _steps(plant).items()
     )
-
-
-def _tail(step: Step) -> float:
-    return rms(step.error_m[step.time_s >= _STEP_DURATION_S - _TAIL_S])
 
 
 def _steps(plant: PlantSettings) -> dict[str, Step]:

@@ -21,7 +21,7 @@ from steer_by_wire.bus_faults.babbling import GAPS, HIGHEST_PRIORITY_IDS, LOWEST
 from steer_by_wire.command_line import add_out_argument, command_parser, seconds
 from steer_by_wire.runtime.host import StealClock
 from steer_by_wire.runtime.option_types import priority
-from steer_by_wire.runtime.program import ExitStatus, run_main
+from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.tools.soak.live import LiveSoak, Plan, run_live_soak
 from steer_by_wire.tools.soak.presentation import (
@@ -104,7 +104,7 @@ def _run(options: argparse.Namespace) -> int:
     records, holds, steal = {}, True, StealClock()
     begin_s = time.monotonic()
     for name, (plan, judge) in parts.items():
-        run = run_live_soak(plan, options.out / name, _print_step)
+        run = run_live_soak(plan, options.out / name, partial(say, NAME, stream=sys.stderr))
         findings = list(judge(run))
         holds = holds and all(finding.holds for finding in findings)
         records[name] = record_of(run, findings)
@@ -119,10 +119,6 @@ def _run(options: argparse.Namespace) -> int:
     if stolen:
         console.print(f"{100 * stolen:.1f} % of the processor time went to other guests")
     return ExitStatus.OK if holds else NOT_SHOWN
-
-
-def _print_step(line: str) -> None:
-    print(f"{NAME}: {line}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":
