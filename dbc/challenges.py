@@ -1,4 +1,4 @@
-"""Challenges that have arrived without a proof that their sender is there now.
+"""Challenges whose sender has not yet proved that it is present.
 
 Anybody can send a recorded status message again: it is authentic, and its challenge is an old one.
 Whether it is new shows only when the peer echoes this end's own challenge. Until then each

@@ -77,7 +77,7 @@ class ControllerFault(IntEnum):
 
 
 class SecondSender(IntEnum):
-    """Whose messages somebody else has sent too, as noticed within the last second."""
+    """Which node's messages have had a second sender within the last second."""
 
     NONE = 0
     OWN = 1

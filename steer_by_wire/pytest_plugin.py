@@ -104,7 +104,7 @@ _RIG = pytest.StashKey["Rig"]()
 def pytest_runtest_makereport(
     item: pytest.Item, call: "pytest.CallInfo[None]"
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Name what the runs of a failed test left."""
+    """Name the files of a failed test's runs."""
     report = yield
     made = item.stash.get(_RIG, None)
     if call.when == "call" and made is not None:

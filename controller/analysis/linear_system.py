@@ -55,7 +55,7 @@ class HeldPlant(NamedTuple):
 
 
 _PLANTS_KEPT = 256
-"""A search asks for the same plants and delays with every law that it judges."""
+"""A search judges many laws with the same plants and delays."""
 _UNIT = 2.0**-20
 """So small that a difference that fades by a step per period is gone after one period. Scaling by a
 power of two is exact in a linear system."""

@@ -196,6 +196,6 @@ def list_lines() -> list[str]:
     """Return a line for each kind: its magnitude, range and default, and the keys it takes."""
     lines = []
     for kind, (what, low, high, default, _) in MAGNITUDES.items():
-        size = "" if what == "none" else f"{what}, {low:g} to {high:g}, {default:g} unsaid"
+        size = "" if what == "none" else f"{what}, {low:g} to {high:g}, default {default:g}"
         lines.append(f"{kind:17}{size:63}{', '.join(_keys_of(kind))}")
     return lines

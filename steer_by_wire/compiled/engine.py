@@ -1,4 +1,4 @@
-"""Runs plant and controller compiled: what ``run_virtual_pair`` computes on an ideal wire, faster.
+"""Runs plant and controller compiled: the results of ``run_virtual_pair`` on an ideal wire, faster.
 
 Every number is the same to the last bit, unless fastmath is asked for: the input is the settings of
 the two programs, and the arithmetic is theirs (``compiled.steps``). A run ends early on an error

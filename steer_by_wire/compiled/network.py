@@ -215,7 +215,7 @@ def normal_scores(u: FloatArray) -> FloatArray:
 
 
 def _lognormal_quantiles(u: FloatArray, mean_s: float, spread_s: float) -> FloatArray:
-    """Return ``lognormal_quantile`` of an array; what does not depend on u is computed once.
+    """Return ``lognormal_quantile`` of an array; terms without u are computed once.
 
     numpy's exp rounds differently from the plant's, and differently on different processors.
     """

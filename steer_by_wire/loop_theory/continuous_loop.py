@@ -116,7 +116,7 @@ def reference_response(
 
 
 def closed_loop_roots(law: ContinuousLaw, plant: TransferFunction, delay_s: float) -> RootCount:
-    """Return where all roots of law and plant lie, those included that cancel in L.
+    """Return all roots of law and plant, including those that cancel in L.
 
     Raises ValueError where the loop is not strictly proper.
     """

@@ -1,4 +1,4 @@
-"""Loops with a controller affine in its two gains, as the parameter space method needs them.
+"""Loops with a controller affine in its two gains, for the parameter space method.
 
     1 + P (K_p + K_d q) = 0      hence at a root s     K_p + K_d q(s) = -1/P(s)
 

@@ -1,4 +1,4 @@
-"""The best bus this machine has, with a channel of its own for every pair."""
+"""Opens the best bus of this machine, with a channel for every pair."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -46,7 +46,7 @@ class PairFiles(NamedTuple):
 
 
 class PairResult(NamedTuple):
-    """What one run of a pair left: the two reports and the plant's time histories."""
+    """Results of one run of a pair: the two reports and the plant's time histories."""
 
     plant: dict[str, Any]
     controller: dict[str, Any]

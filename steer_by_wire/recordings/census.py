@@ -49,7 +49,7 @@ class BusLog(NamedTuple):
 
 
 class MessageCount(NamedTuple):
-    """What became of one message.
+    """The frames of one message at sender, bus and receiver.
 
     ``sent``       by its node's own recording; ``on_bus`` by the recorder's
     ``is_same``    whether the two are the same payloads in the same order

@@ -15,7 +15,7 @@ PROGRESS_FRAMES = 5_000
 
 
 class AnalysedLog(NamedTuple):
-    """The figures of a log, ready for JSON, and what its pictures are drawn from."""
+    """The figures of a log, ready for JSON, and the data of its pictures."""
 
     figures: dict[str, Any]
     analysis: LogAnalysis

@@ -1,4 +1,4 @@
-"""A plant under test with any controller: starts both, keeps what they leave, judges it.
+"""Drives a plant with any controller: starts both, keeps their files, and judges the run.
 
 Admission rule: what a test of somebody's controller needs, with or without pytest.
 """

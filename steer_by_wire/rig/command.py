@@ -1,4 +1,5 @@
-"""Runs somebody's program, and passes the end on: ``python -m steer_by_wire.rig.command WORDS...``
+"""Runs another program and returns its exit status: ``python -m steer_by_wire.rig.command
+WORDS...``
 
 The program is in a process group of its own, so that nothing of it stays when it has to end: SIGINT
 and SIGTERM reach the whole group, and SIGKILL if it does not end within GRACE_S.

@@ -1,4 +1,4 @@
-"""What one run of a rig left, and what a test demands of it.
+"""The results of one run of a rig, and the assertions of a test on them.
 
 A demand that is not met raises AssertionError: a line for each figure, the bus, the seed and the
 folder with log, trace and settings.

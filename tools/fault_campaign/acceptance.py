@@ -13,9 +13,9 @@ _IDLE = (Verdict.NO_EFFECT, Verdict.NO_CHANCE)
 
 
 class Finding(NamedTuple):
-    """One thing to be shown, whether it was, and the figure.
+    """A property to be shown, whether it holds, and its figure.
 
-    ``holds``  None where no run bears on it: then it is not shown, and does not hold
+    ``holds``  None if no run can show it; it then counts as not holding
     """
 
     what: str

@@ -2,8 +2,8 @@
 
     steer-by-wire paper [--figure N ...] [--table N ...] [--all] [--out DIR]
 
-Leaves in DIR, as they come, a PNG and a CSV per picture and a JSON per figure, and at the end
-``index.html``, which shows everything in DIR: published against reproduced values, and a verdict.
+Writes to DIR a PNG and a CSV for each picture and a JSON for each figure. ``index.html``, written
+last, shows published and reproduced values side by side, with a verdict.
 """
 
 import argparse

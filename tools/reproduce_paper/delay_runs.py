@@ -1,4 +1,4 @@
-"""Runs with delay for figures 21 to 24: which laws, on what, and the numbers of a run.
+"""Runs with delay for figures 21 to 24: laws, plant, and the figures of a run.
 
 The paper's text gives the delay, 80 ms, and the cut-offs; all runs keep them. Two things are added,
 one after the other, and named wherever they are:

@@ -1,4 +1,4 @@
-"""Beside Figure 21: which derivative filter, and the response to a step of the reference."""
+"""Additions to Figure 21: the effect of the derivative filter, and a step of the reference."""
 
 import numpy as np
 from matplotlib.figure import Figure

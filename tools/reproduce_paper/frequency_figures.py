@@ -60,7 +60,7 @@ class CornerResponses(NamedTuple):
 
 
 class Spreads(NamedTuple):
-    """The closed loop and what it is closed around."""
+    """Responses of the closed loop and of the system inside it."""
 
     closed_loop: CornerResponses  # y/r
     regulated: CornerResponses  # y/u_new

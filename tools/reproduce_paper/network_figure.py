@@ -129,7 +129,7 @@ def _closed_nominal(settings: ControllerSettings, omega_rad_s: Array) -> Array:
 def _network_comparisons(
     settings: ControllerSettings, name: str, published: str
 ) -> tuple[Comparison, ...]:
-    """Return condition and exact answer at 80 ms; ``published`` is "" where the paper is silent."""
+    """Return condition and exact result at 80 ms; ``published`` is "" if the paper has none."""
     verdict = network_verdict(settings, DELAY_S)
     at_delay = f"T = {1e3 * DELAY_S:.0f} ms, {name}"
     return (

@@ -1,4 +1,4 @@
-"""Figures 7 and 8: D-stability boundaries and region of (K_p, K_d), and what the paper leaves out.
+"""Figures 7 and 8: D-stability boundaries and region of (K_p, K_d), and a figure beyond the paper.
 
 The paper designs for the continuous nominal loop alone. Beyond it: all four corners of the
 uncertainty box at once, and the loop as it runs, sampled, held and delayed.
@@ -45,7 +45,7 @@ _READING = (
 
 
 class _Case(NamedTuple):
-    """A loop or several, and how they are called."""
+    """One or several loops with a name."""
 
     name: str
     loops: tuple[GainLoop, ...]

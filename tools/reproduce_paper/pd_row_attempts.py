@@ -1,4 +1,4 @@
-"""What else could give Table II's PD row: readings tried, with what they show.
+"""Other readings of the text that could explain Table II's PD row, and their results.
 
 initial offset   no path at all: the vehicle starts beside a straight road. One free number,
                  the offset, at the best fit

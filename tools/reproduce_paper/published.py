@@ -1,4 +1,4 @@
-"""What SAE 2018-01-1086 prints about its runs: Table II, and its text on figures 14 to 24.
+"""Printed results of SAE 2018-01-1086: Table II, and the text on figures 14 to 24.
 
 Nothing here is computed. The paper shows the runs themselves only as pictures: its text gives
 neither the axes of the ellipse, nor the duration, nor a value of any curve.

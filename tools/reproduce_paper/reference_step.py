@@ -38,7 +38,7 @@ def reference_step(
     delay_s: float,
     duration_s: float,
 ) -> Step:
-    """Return the answer to a reference of ``reference_m`` from time 0 on, on a straight road.
+    """Return the response to a reference of ``reference_m`` from time 0 on, on a straight road.
 
     ``delay_s``  of the command, rounded to whole control periods
     """

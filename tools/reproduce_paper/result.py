@@ -1,4 +1,4 @@
-"""What the reproduction of one figure or table yields; pictures, data, and a verdict."""
+"""The reproduction of one figure or table: pictures, data, and a verdict."""
 
 from collections.abc import Mapping, Sequence
 from enum import StrEnum

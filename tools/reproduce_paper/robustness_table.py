@@ -1,4 +1,4 @@
-"""What every law tolerates at every corner of the box: margins, stable delays, jitter.
+"""Margins, stable delays and tolerated jitter of every law at every corner of the box.
 
 The laws are the published ones, with the ideal derivative at 1 kHz and at 100 Hz, and at 100 Hz
 with a filtered one (N = 20 rad/s) and a washout in the CDOB (ω_h = 3 rad/s); and the practical
@@ -120,7 +120,7 @@ def table_rows(variants: Sequence[Variant], laws: Sequence[str]) -> tuple[Row, .
 
 
 def robustness(settings: ControllerSettings, plant: TransferFunction) -> Robustness:
-    """Return what a law tolerates around a plant; jitter only where some delay is stable."""
+    """Return what a law tolerates around a plant; jitter only if some delay is stable."""
     loop = SampledLoop(design_law(settings), plant, settings.period_ns)
     stable = stable_delays(loop)
     spreads: tuple[SpreadInterval, ...] | None = None

@@ -1,4 +1,4 @@
-"""Table II: RMS tracking errors of PD and PD+DOB in the four corners, and what was tried for them.
+"""Table II: RMS tracking errors of PD and PD+DOB in the four corners, and attempts to explain them.
 
 Values are compared as printed, with four digits. The PD row is reproduced within 0.0002 m once C_r
 has its zero back. The PD+DOB row is not: (11) with Q of (20) at 5 rad/s leaves a thirtieth of the
@@ -138,7 +138,7 @@ def _against(theirs: Row, ours: Row) -> Comparison:
 
 
 def _mass_trend(label: str, theirs: Row, ours: Row) -> Comparison:
-    """Compare what 3400 kg more do to the PD's error, at either speed."""
+    """Compare the effect of 3400 kg more on the PD's error, at either speed."""
     return Comparison(
         f"PD, what 1600 → 5000 kg change at 4 and 7 km/h, {label}",
         " ".join(f"{change_m:+.4f}" for change_m in _mass_changes_m(theirs)) + " m",

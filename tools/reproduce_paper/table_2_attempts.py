@@ -1,4 +1,4 @@
-"""What could explain Table II's PD+DOB row: attempts, none of them adopted.
+"""Attempts to explain Table II's PD+DOB row, none of them adopted.
 
 Each is one thing that the authors may have done otherwise. Where it has a free number, the number
 is the one that comes closest to the published row (least squares over the four corners).

@@ -3,10 +3,11 @@
     steer-by-wire soak [--duration-s 600] [--between-s 10] [--starve-s 10] [--out FOLDER]
 
 First the babbling node has the lowest priority: the pair must lose, reorder and miss nothing, the
-recorder must have every frame, and memory must not grow. Then its priority is between those of each
-two messages of the pair: the higher of them must not wait behind the lower. Then it has the
-highest: no frame of the pair gets through, which both nodes have to detect. Exit status: 0 when all
-of these hold, 1 when not, 3 when a process failed, 4 when a file cannot be written.
+recorder must have every frame, and memory must not grow. Then its priority lies between those of
+two messages of the pair, for each such two: the message of higher priority must not wait behind it.
+Then it has the highest: no frame of the pair gets through, which both nodes have to detect. Exit
+status: 0 when all of these hold, 1 when not, 3 when a process failed, 4 when a file cannot be
+written.
 """
 
 import argparse

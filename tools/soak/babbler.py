@@ -2,7 +2,7 @@
 
 python -m steer_by_wire.tools.soak.babbler ADDRESS CHANNEL REPORT PRIORITY ID...
 
-Each identifier has a connection of its own, so that as many queues at the broker are kept full.
+Each identifier has its own connection, which keeps one queue at the broker full.
 """
 
 import os
@@ -48,7 +48,7 @@ def main() -> int:
 
 
 def _silent_bus(address: str, channel: str, can_id: int) -> can.BusABC:
-    """Join the bus, and receive nothing: a node that listens and never reads is disconnected."""
+    """Join the bus without receiving: a node that receives and never reads is disconnected."""
     nothing = {"can_id": can_id, "can_mask": 0x7FF, "extended": False}  # but what only we send
     bus = can.Bus(interface="emulated", channel=channel, address=address, can_filters=[nothing])
     _deepen(bus)

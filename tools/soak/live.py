@@ -1,4 +1,4 @@
-"""One soak of real processes: the pair settles, the node babbles, the pair goes on without it."""
+"""One soak of real processes: the pair settles, the babbling node starts, then stops again."""
 
 import tempfile
 import time

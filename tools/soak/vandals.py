@@ -1,4 +1,4 @@
-"""What clients that behave badly cost one that does not, on the emulated bus.
+"""Measures how much badly behaved clients of the emulated bus disturb a well-behaved one.
 
     python -m steer_by_wire.tools.soak.vandals [--seconds 15] [--json FILE]
 

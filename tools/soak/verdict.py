@@ -1,4 +1,4 @@
-"""Whether a soak shows what it is meant to show: a table of findings, each with its figure."""
+"""What a soak must show: a table of findings, each with its figure."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -18,7 +18,7 @@ STARVED_S_MIN = 0.001
 
 
 class Finding(NamedTuple):
-    """One thing to be shown, whether it was, and the figure."""
+    """A property to be shown, whether it holds, and its figure."""
 
     what: str
     holds: bool

@@ -5,8 +5,8 @@
     steer-by-wire stress STUDY --replay ID [--live BUS]
     steer-by-wire stress STUDY --live BUS --subset N
 
-Ctrl-C ends it and keeps all that has been computed; the same command continues from there. The
-results are the same bytes however often it was interrupted and whatever computed them.
+Ctrl-C ends it and keeps the computed runs; the same command continues from there. The bytes of the
+results do not depend on interruptions, threads or machines.
 """
 
 import argparse

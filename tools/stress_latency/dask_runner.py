@@ -63,7 +63,8 @@ class DaskWorkers:
                 yield self._result(future)
 
     def _result(self, future: Any) -> Computed:
-        """Return what came back; raises the worker's own error, OSError where nothing came."""
+        """Return the result of a block; raises the worker's error, OSError if there is no
+        result."""
         if future.status == "finished":
             return Computed(*future.result())
         error = future.exception() if future.status == "error" else None

@@ -1,4 +1,4 @@
-"""Runs a study from where it is to its end, or until it is stopped."""
+"""Runs the missing part of a study, until it is complete or stopped."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -14,7 +14,7 @@ from .workers import Block, ShouldStop, Workers
 BLOCK_RUNS = 64
 """Runs handed to a worker at once: some tens of milliseconds."""
 FLUSH_S = 10.0
-"""Interval at which an incomplete chunk is written, which limits the loss in a crash."""
+"""Interval at which an incomplete chunk is written: the most that a crash can lose."""
 KINDS_OF = 200
 """Controllers searched for kinds of laws that an estimate has not compiled yet."""
 TRIALS_MAX, TRIAL_RUNS, TRIALS_S = 16, 160, 3.0
@@ -42,7 +42,7 @@ def run_study(
 
     ``on_progress``  called with how many further runs are done
 
-    Whatever ends it, what has been computed is stored.
+    Computed runs are stored however it ends.
     """
     if store.is_complete:
         return True

@@ -2,12 +2,12 @@
 
 At one jitter, a law holds a mean latency with a seed if it holds the path under the GROUPS_MAX of
 all other conditions in the study (corners, paths, ...) in which it breaks first. These are found by
-a search with the first seed under CANDIDATES_MAX of them: a large error does not mean that it
-breaks first. If there are more conditions, the candidates are those in which most runs of the study
-do not hold, or with the largest errors. The break-point with that seed is the largest multiple of
-STEP_NS that holds, found by galloping from that of the seed before and bisecting. This assumes that
-a law that holds a latency holds shorter ones, which the heat maps confirm. One seed draws the same
-uniforms for every latency and every law.
+a search with the first seed, because the condition with the largest error need not break first. The
+search covers CANDIDATES_MAX conditions. If there are more, it takes those in which most runs of the
+study do not hold, then those with the largest errors. The break-point with that seed is the largest
+multiple of STEP_NS that holds, found by galloping from that of the seed before and bisecting. This
+assumes that a law that holds a latency holds shorter ones, which the heat maps confirm. One seed
+draws the same uniforms for every latency and every law.
 
 Bounds over seeds are order statistics (``tools.stress_report.order_statistics``).
 """

@@ -1,7 +1,7 @@
 """Expected cost by covariance propagation beside the mean of many runs, for cells of a study.
 
-The two methods share nothing but the law's and vehicle's numbers; where they differ by more than a
-few standard errors, one of them is wrong. They are compared on the grid, where the propagation is
+The two methods share only the numbers of law and vehicle. If they differ by more than a few
+standard errors, one of them is wrong. They are compared on the grid, where the propagation is
 exact; the runs off the grid show the effect of rounding up.
 """
 

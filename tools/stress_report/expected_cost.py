@@ -1,4 +1,4 @@
-"""Expected quadratic cost under random latency, without running anything (as Jitterbug does).
+"""Expected quadratic cost under random latency, computed without runs (as Jitterbug does).
 
     J = (y[1]² + ... + y[N]²)/N        of one run: the mean square of its lateral error
 
@@ -177,7 +177,7 @@ class _Moments:
         )
 
     def cost(self) -> ExpectedCost:
-        """Go through the run twice: for the means, then for all else."""
+        """Compute the means over the run, then the second moments."""
         periods, y, total, one = self._loop.periods, LATERAL_ERROR, self._order - 2, self._order - 1
         mean = np.zeros((self._modes, self._order, 1))
         mean[-1, one] = 1.0

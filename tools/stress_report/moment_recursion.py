@@ -70,7 +70,7 @@ def move_second(r: Any, x: Any, driven: Any, noise: Any) -> None:
 
 @compiled
 def _decide_rows(r: Any, x: Any, work: Any) -> None:
-    """Let the law decide: its command in front, all others one older."""
+    """Apply the law's decision: its command comes first, all others get one period older."""
     start, end, last = r.plant_end, r.law_end, x.shape[0] - 3
     for i in range(last, end, -1):
         x[i] = x[i - 1]

@@ -3,8 +3,8 @@
     study.json        what the results follow from
     results.parquet   the rows; of a study that is not complete yet, the files in chunks/
 
-Only the requested columns are read; texts are read as places in a list. A hundred thousand rows are
-a few tens of megabytes.
+Only the requested columns are read, and texts as places in a list: a hundred thousand rows take a
+few tens of megabytes.
 """
 
 import json

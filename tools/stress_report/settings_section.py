@@ -1,4 +1,4 @@
-"""The first section of the page: what was run, and how the runs ended."""
+"""The first section of the page: the settings of the study, and how its runs ended."""
 
 import json
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ _DURATION = "plant.duration_s"
 
 
 def study_section(study: StudyRecord, rows: Rows) -> Section:
-    """Return what was run, and how the runs ended."""
+    """Return the settings of the study, and how its runs ended."""
     sampling, runs = study.sampling, len(rows.id)
     size = f"{runs:,} runs" if runs == study.runs else f"{runs:,} of {study.runs:,} runs so far"
     texts = {
@@ -79,7 +79,7 @@ def _texts(values: list[tuple[str, Any]]) -> str:
 
 
 def _warnings(study: StudyRecord, rows: Rows) -> list[str]:
-    """Return what the verdicts of short runs do not cover."""
+    """Return warnings about verdicts of short runs."""
     durations_s = [float(study.plant["duration_s"])]
     for factor in study.factors:
         if _DURATION in factor.keys:
