@@ -197,5 +197,5 @@ def list_lines() -> list[str]:
     lines = []
     for kind, (what, low, high, default, _) in MAGNITUDES.items():
         size = "" if what == "none" else f"{what}, {low:g} to {high:g}, default {default:g}"
-        lines.append(f"{kind:17}{size:63}{', '.join(_keys_of(kind))}")
+        lines.append(f"{kind:17}{size:65}{', '.join(_keys_of(kind))}")
     return lines
