@@ -11,6 +11,7 @@ from steer_by_wire.controller.nominal_model import paper_eq19, steer_to_lateral_
 from steer_by_wire.loop_theory.uncertainty import paper_box
 from steer_by_wire.pair.trace import rms
 from steer_by_wire.tools.reproduce_paper import published
+from steer_by_wire.tools.reproduce_paper.both_rows_attempts import CURVATURE, error_answers
 from steer_by_wire.tools.reproduce_paper.continuous_runs import PD as NO_OBSERVER
 from steer_by_wire.tools.reproduce_paper.continuous_runs import (
     DrivenEllipse,
@@ -40,6 +41,17 @@ from steer_by_wire.tools.reproduce_paper.table_2_attempts import PATH
 
 PD_ROW_M = tuple(column.pd_m for column in published.TABLE_2)
 PD_DOB_ROW_M = tuple(column.pd_dob_m for column in published.TABLE_2)
+
+
+@pytest.mark.parametrize("observer", [NO_OBSERVER, order_2(5.0)])
+def test_the_loop_of_the_readings_is_the_one_that_the_table_is_compared_with(
+    observer: Observer,
+) -> None:
+    with_dob = observer is not NO_OBSERVER
+    vehicles = paper_box().vertices()
+    answers = [error_answers(one, with_dob=with_dob, wavelength_m=40.0) for one in vehicles]
+    row_m = [rms(answer[:, CURVATURE]) for answer in answers]
+    assert row_m == pytest.approx(table_2_row(observer, PATH), rel=1e-9)
 
 
 def test_the_pd_row_comes_out_with_the_zero_restored() -> None:
