@@ -6,7 +6,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test benchmark lock clean
+.PHONY: demo test docs benchmark lock clean
 
 demo: $(STAMP)
 	$(BIN)/steer-by-wire demo --out out/demo
@@ -15,6 +15,10 @@ demo: $(STAMP)
 # so that what Python compiles is kept, also where the environment says otherwise.
 test: $(STAMP)
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 3 --dist loadfile
+
+# The site, in docs/_build; a warning is an error.
+docs: $(STAMP)
+	$(BIN)/python -m sphinx -q -n -W --keep-going docs docs/_build
 
 benchmark: $(STAMP)
 	$(BIN)/steer-by-wire benchmark
@@ -27,7 +31,7 @@ $(STAMP): requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
-LOCKED_EXTRAS := tools multicast serial secoc parquet cluster cockpit mcap dev
+LOCKED_EXTRAS := tools multicast serial secoc parquet cluster cockpit mcap docs dev
 
 # Rewrites the lock from the ranges in pyproject.toml (needs uv on the path).
 lock:
@@ -35,4 +39,4 @@ lock:
 	    --no-emit-index-url --no-emit-find-links --quiet --output-file requirements.lock pyproject.toml
 
 clean:
-	rm -rf $(VENV) out build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) out docs/_build docs/gallery docs/generated build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,6 +1,11 @@
-"""A first loop: PD with both disturbance observers behind a jittery latency of 80 ms.
+"""A first loop: PD with both observers behind a jittery latency
+=============================================================
 
-python examples/first_loop.py
+Its mean is 80 ms; a steering offset sets in after 10 s.
+
+::
+
+    python examples/first_loop.py
 """
 
 from pathlib import Path

@@ -1,9 +1,14 @@
-"""A controller from another house: the DBC file, cantools and python-can are all it has.
+"""A controller from another house, on cantools and python-can
+===========================================================
+
+The DBC file is all it has of this project.
 
 It answers every LATERAL_ERROR with a STEERING_COMMAND: PD with a filtered derivative.
 
-plant-emulator -i socketcan -c vcan0 --set duration_s=20
-python examples/foreign_controller.py dbc/steer_by_wire.dbc -i socketcan -c vcan0
+::
+
+    plant-emulator -i socketcan -c vcan0 --set duration_s=20
+    python examples/foreign_controller.py dbc/steer_by_wire.dbc -i socketcan -c vcan0
 """
 
 import argparse

@@ -1,7 +1,10 @@
-"""A disturbance of your own: gusts of side wind, drawn from a seed.
+"""A disturbance of your own: gusts of side wind, drawn from a seed
+================================================================
 
-python examples/own_disturbance.py
-PYTHONPATH=examples plant-emulator --set disturbance.model=own_disturbance:GUSTS
+::
+
+    python examples/own_disturbance.py
+    PYTHONPATH=examples plant-emulator --set disturbance.model=own_disturbance:GUSTS
 """
 
 from collections.abc import Iterator
@@ -37,7 +40,7 @@ GUSTS = DisturbanceModel(gusts, settings=Wind)
 
 def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     wind = {
-        "plant.disturbance.model": f"{Path(__file__).stem}:GUSTS",
+        "plant.disturbance.model": "own_disturbance:GUSTS",
         "plant.path.kind": "straight",
     }
     figure = Figure(figsize=(8.0, 4.0), layout="constrained", dpi=110)

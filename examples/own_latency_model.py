@@ -1,7 +1,12 @@
-"""A latency model of your own: two routes, of which the slow one takes a share of the frames.
+"""A latency model of your own: two routes, one of them slow
+=========================================================
 
-python examples/own_latency_model.py
-PYTHONPATH=examples plant-emulator --set latency.downlink.model=own_latency_model:TWO_ROUTES
+The slow one takes a share of the frames.
+
+::
+
+    python examples/own_latency_model.py
+    PYTHONPATH=examples plant-emulator --set latency.downlink.model=own_latency_model:TWO_ROUTES
 """
 
 from pathlib import Path
@@ -29,7 +34,7 @@ TWO_ROUTES = LatencyModel(two_routes, settings=Routes)
 
 
 def main(folder: Path = Path("out/examples")) -> list[Run]:
-    name = f"{Path(__file__).stem}:TWO_ROUTES"
+    name = "own_latency_model:TWO_ROUTES"
     figure = Figure(figsize=(9.0, 4.0), layout="constrained", dpi=110)
     error, latency = figure.subplots(1, 2, width_ratios=(2.0, 1.0))
     runs = []

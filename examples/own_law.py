@@ -1,9 +1,16 @@
-"""A law of your own, PD with an integral that does not wind up, in virtual time beside plain PD.
+"""A law of your own: PD with an integral that does not wind up
+============================================================
 
-u = C(0 - y) - I,     dI/dt = K_i y + (u - u_sent)/T_t
+In virtual time, beside plain PD:
 
-python examples/own_law.py
-PYTHONPATH=examples steering-controller --law own_law:LAW --check
+::
+
+    u = C(0 - y) - I,     dI/dt = K_i y + (u - u_sent)/T_t
+
+::
+
+    python examples/own_law.py
+    PYTHONPATH=examples steering-controller --law own_law:LAW --check
 """
 
 from pathlib import Path
@@ -66,7 +73,7 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     figure = Figure(figsize=(8.0, 4.0), layout="constrained", dpi=110)
     axes = figure.subplots()
     runs = {}
-    for law in ("pd", f"{Path(__file__).stem}:LAW"):
+    for law in ("pd", "own_law:LAW"):
         run = simulate(controller="practical_pd", law=law, overrides=network)
         axes.plot(run.plant.time_s, 1e3 * run.plant.lateral_error_m, label=law)
         runs[law] = run

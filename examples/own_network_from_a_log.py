@@ -1,9 +1,14 @@
-"""A network of your own, from what ``ping -D -i 0.25 HOST > ping.log`` has measured.
+"""A network of your own, from the log of a ping
+=============================================
+
+``ping -D -i 0.25 HOST > ping.log`` has measured it.
 
 Half of each round trip delays the commands, the other half the measurements. (The log beside this
 file is made up: a vehicle changes to a slower radio cell after 27 s.)
 
-python examples/own_network_from_a_log.py
+::
+
+    python examples/own_network_from_a_log.py
 """
 
 import re
@@ -13,7 +18,6 @@ from matplotlib.figure import Figure
 
 from steer_by_wire import Run, simulate
 
-LOG = Path(__file__).with_name("ping.log")
 LAWS = ("practical_pd", "practical_pd_ddob", "practical_predictor")
 
 
@@ -31,7 +35,8 @@ def write_trace(log: Path, file: Path) -> None:
 def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
     folder.mkdir(parents=True, exist_ok=True)
     trace = folder / "ping.csv"
-    write_trace(LOG, trace)
+    log = Path(main.__code__.co_filename).with_name("ping.log")  # also in a notebook: no __file__
+    write_trace(log, trace)
     network = {f"plant.latency.{way}.trace_file": trace for way in ("downlink", "uplink")}
     runs = {law: simulate(controller=law, duration_s=60.0, overrides=network) for law in LAWS}
     figure = Figure(figsize=(9.0, 6.0), layout="constrained", dpi=110)

@@ -1,7 +1,10 @@
-"""A path of your own: a slalom, written as curvature over arc length.
+"""A path of your own: a slalom, written as curvature over arc length
+==================================================================
 
-python examples/own_path.py
-PYTHONPATH=examples plant-emulator --set path.kind=own --set path.model=own_path:SLALOM
+::
+
+    python examples/own_path.py
+    PYTHONPATH=examples plant-emulator --set path.kind=own --set path.model=own_path:SLALOM
 """
 
 from pathlib import Path
@@ -36,7 +39,7 @@ SLALOM = PathModel(slalom, settings=Slalom)
 
 
 def main(folder: Path = Path("out/examples")) -> Run:
-    path = {"kind": "own", "model": f"{Path(__file__).stem}:SLALOM", "own": {"bends": 7}}
+    path = {"kind": "own", "model": "own_path:SLALOM", "own": {"bends": 7}}
     run = simulate(
         duration_s=40.0, overrides={"plant.path": path, "plant.latency.downlink.mean_s": 0.15}
     )

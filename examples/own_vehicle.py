@@ -1,7 +1,12 @@
-"""A vehicle of your own: tyres whose side force saturates, beside the linear ones of the rig.
+"""A vehicle of your own: tyres whose side force saturates
+=======================================================
 
-python examples/own_vehicle.py
-PYTHONPATH=examples plant-emulator --set vehicle.model=own_vehicle:SATURATING
+Beside the linear ones of the rig.
+
+::
+
+    python examples/own_vehicle.py
+    PYTHONPATH=examples plant-emulator --set vehicle.model=own_vehicle:SATURATING
 """
 
 from math import tanh
@@ -54,7 +59,7 @@ def main(folder: Path = Path("out/examples")) -> dict[str, Run]:
         "plant.safety.lateral_jerk_m_s3_max": "off",
         "plant.path": {"kind": "single_lane_change", "start_m": 20.0, "length_m": 30.0},
     }
-    own: dict[str, Any] = {"plant.vehicle.model": f"{Path(__file__).stem}:SATURATING"}
+    own: dict[str, Any] = {"plant.vehicle.model": "own_vehicle:SATURATING"}
     kinds = {
         "linear": {},
         "saturating at 5 kN": own,

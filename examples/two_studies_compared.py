@@ -1,9 +1,12 @@
-"""Two studies compared: what does a network cost that keeps its frames in order?
+"""Two studies compared: what does a network in order cost?
+========================================================
 
 Both run the same laws, latencies and seeds; in one a newer command overtakes a late one, in the
 other it waits behind it.
 
-python examples/two_studies_compared.py
+::
+
+    python examples/two_studies_compared.py
 """
 
 from collections.abc import Mapping

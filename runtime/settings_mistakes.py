@@ -87,6 +87,11 @@ def _is_consequence(mistake: ErrorDetails) -> bool:
     return is_list and len(value) >= context["min_length"]
 
 
+def allowed(schema: Schema, path: KeyPath) -> str:
+    """Return what the setting at ``path`` may be, in words; empty for anything."""
+    return " or ".join(_texts(_schemas_at(schema, path, {})))
+
+
 def _explain_one(
     mistake: ErrorDetails,
     schema: Schema,
@@ -99,7 +104,8 @@ def _explain_one(
     if "discriminator" in context:
         # pydantic reports the table, but the mistake is in the key that selects its kind.
         path, value = (*path, context["discriminator"].strip("'")), context.get("tag")
-    key, allowed = dotted(path), _allowed(_schemas_at(schema, path, data))
+    key, texts = dotted(path), _texts(_schemas_at(schema, path, data))
+    may_be = f" (allowed: {' or '.join(texts)})" if texts else ""
     where = f"{_source(sources, path)}: {key}"
     match mistake["type"]:
         case "extra_forbidden":
@@ -108,7 +114,7 @@ def _explain_one(
             meant = hint(str(path[-1]), sorted(siblings), prefix)
             return f"{where} is not a known key ({meant})"
         case "missing" | "union_tag_not_found":
-            return f"{where} is missing{allowed}"
+            return f"{where} is missing{may_be}"
         case "value_error" if isinstance(value, dict):
             # A whole table: its content would hide the message.
             return f"{where.removesuffix(': ')}: {context['error']}"
@@ -116,9 +122,9 @@ def _explain_one(
             return f"{where} = {_shown(value)}: {context['error']}"
         case "union_tag_invalid" | "enum" | "literal_error":
             # pydantic's message would repeat the allowed values.
-            return f"{where} = {_shown(value)} is not a known one{allowed}"
+            return f"{where} = {_shown(value)} is not a known one{may_be}"
         case _:
-            return f"{where} = {_shown(value)} {mistake['msg'].removeprefix('Input ')}{allowed}"
+            return f"{where} = {_shown(value)} {mistake['msg'].removeprefix('Input ')}{may_be}"
 
 
 def _path_in(data: Mapping[str, Any], location: KeyPath, kind: str) -> KeyPath:
@@ -211,10 +217,9 @@ def _keys(schema: Schema) -> Iterable[str]:
     return keys
 
 
-def _allowed(schemas: Sequence[Schema]) -> str:
-    """Return ``schemas`` in words, in parentheses; empty if they have no limits."""
-    texts = dict.fromkeys(filter(None, map(_in_words, schemas)))
-    return f" (allowed: {' or '.join(texts)})" if texts else ""
+def _texts(schemas: Sequence[Schema]) -> Iterable[str]:
+    """Return each of ``schemas`` that has limits, in words."""
+    return dict.fromkeys(filter(None, map(_in_words, schemas)))
 
 
 def _in_words(schema: Schema) -> str:

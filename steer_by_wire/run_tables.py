@@ -26,18 +26,18 @@ class PlantTable(NamedTuple):
     Compiled runs have no ``uplink_latency_s`` and no ``side_slip_rad``: NaN.
     """
 
-    time_s: FloatArray  # since the start of motion
-    arc_length_m: FloatArray  # of the path, beside the preview point
-    lateral_error_m: FloatArray  # at the preview point, without noise, to the left positive
+    time_s: FloatArray  #: since the start of motion
+    arc_length_m: FloatArray  #: of the path, beside the preview point
+    lateral_error_m: FloatArray  #: at the preview point, without noise, to the left positive
     heading_error_rad: FloatArray
     yaw_rate_rad_s: FloatArray
-    command_rad: FloatArray  # in effect, as it was on the wire
+    command_rad: FloatArray  #: in effect, as it was on the wire
     wheel_angle_rad: FloatArray
-    downlink_latency_s: FloatArray  # of the command in effect
-    uplink_latency_s: FloatArray  # of the measurement that left last
-    curvature_1_m: FloatArray  # of the path, beside the preview point
+    downlink_latency_s: FloatArray  #: of the command in effect
+    uplink_latency_s: FloatArray  #: of the measurement that left last
+    curvature_1_m: FloatArray  #: of the path, beside the preview point
     side_slip_rad: FloatArray
-    cg_deviation_m: FloatArray  # of the centre of gravity from the path, to the left positive
+    cg_deviation_m: FloatArray  #: of the centre of gravity from the path, to the left positive
 
     @classmethod
     def of_samples(cls, samples: Sequence[PlantSample]) -> "PlantTable":
@@ -57,15 +57,15 @@ class ControllerTable(NamedTuple):
     Compiled runs have no ``measured_m`` and no ``sample_age_s``: NaN.
     """
 
-    time_s: FloatArray  # since the start of motion
-    mode: IntArray  # Mode: 1 is ACTIVE
-    measured_m: FloatArray  # the newest lateral error that has arrived
-    sample_age_s: FloatArray  # since that error arrived
-    law_rad: FloatArray  # what the law asked for, before limits
-    sent_rad: FloatArray  # the command, after limits
-    disturbance_rad: FloatArray  # d̂ of the DOB
-    network_disturbance_rad: FloatArray  # d̂_n of the CDOB
-    compensated_error_m: FloatArray  # y_fb: the error the law steers by
+    time_s: FloatArray  #: since the start of motion
+    mode: IntArray  #: Mode: 1 is ACTIVE
+    measured_m: FloatArray  #: the newest lateral error that has arrived
+    sample_age_s: FloatArray  #: since that error arrived
+    law_rad: FloatArray  #: what the law asked for, before limits
+    sent_rad: FloatArray  #: the command, after limits
+    disturbance_rad: FloatArray  #: d̂ of the DOB
+    network_disturbance_rad: FloatArray  #: d̂_n of the CDOB
+    compensated_error_m: FloatArray  #: y_fb: the error the law steers by
 
     @classmethod
     def of_samples(

@@ -66,13 +66,6 @@ def test_it_points_at_files_that_exist(target: str) -> None:
     assert (ROOT / target).is_file()
 
 
-@pytest.mark.parametrize(
-    "document", sorted((ROOT / "docs").glob("*.md")), ids=lambda path: path.name
-)
-def test_it_leads_to_every_document(document: Path) -> None:
-    assert f"](docs/{document.name})" in README
-
-
 @pytest.mark.parametrize("target", re.findall(r"^make (\w+)", README, re.MULTILINE))
 def test_it_names_make_targets_that_exist(target: str) -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")

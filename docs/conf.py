@@ -1,0 +1,68 @@
+"""Sphinx makes the site from this folder: ``make docs``."""
+
+import re
+import sys
+from importlib.metadata import version as version_of
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+DOCS = Path(__file__).parent
+sys.path.insert(0, str(DOCS))
+
+from reference_pages import write_pages  # noqa: E402
+
+project = "Steer-by-wire emulator"
+version = release = version_of("steer-by-wire-emulator")
+html_title = f"{project} {version}"
+html_theme = "furo"
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_gallery.gen_gallery"]
+exclude_patterns = ["_build", "gallery/**/*.ipynb"]
+
+myst_heading_anchors = 4
+highlight_language = "text"
+
+autodoc_member_order = "bysource"
+autodoc_default_options = {"exclude-members": "model_config"}
+autodoc_typehints_format = "short"
+python_use_unqualified_type_names = True
+# Types in signatures are not all documented; in the text every name must be.
+nitpick_ignore_regex = [("py:.*", r".*")]
+
+
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"/(?!foreign_)\w+\.py$",
+    "image_scrapers": ("gallery_pictures.take_pictures",),
+    "download_all_examples": False,
+    "show_memory": False,
+    "write_computation_times": False,
+}
+
+
+def name_lists(_app: Any, what: str, _name: str, _of: Any, _options: Any, lines: list[str]) -> None:
+    """Make of lines with a name and its meaning the definition list of reStructuredText."""
+    written: list[str] = []
+    inside = False
+    for before, line in pairwise(["", *lines]):
+        entry = re.match(r"(``[^`]+``(?:, ``[^`]+``)*) +(.*)", line)
+        inside = bool(line.strip()) and (inside or (entry is not None and not before.strip()))
+        if inside:
+            written += [entry[1], f"    {entry[2]}"] if entry else [f"    {line.strip()}"]
+        else:
+            written.append(line)
+    is_field = what == "attribute" and lines[0].startswith("Alias for field")
+    lines[:] = [] if is_field else written
+
+
+def without_fields(_app: Any, what: str, *_: Any) -> tuple[str, None] | None:
+    """Leave out the signatures of classes: their fields follow one by one."""
+    return ("", None) if what == "class" else None
+
+
+def setup(app: Any) -> None:
+    """Write the generated pages before Sphinx looks for pages."""
+    write_pages(DOCS / "generated")
+    app.connect("autodoc-process-docstring", name_lists)
+    app.connect("autodoc-process-signature", without_fields)

@@ -1,0 +1,101 @@
+"""The generated pages of the reference: every command's help, every setting with its range.
+
+``docs/conf.py`` calls ``write_pages``; they go to ``docs/generated``, which git ignores.
+"""
+
+import contextlib
+import inspect
+import io
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import get_args
+
+from sphinx.pycode import ModuleAnalyzer
+
+from steer_by_wire.command import GROUPS, NAME, start
+from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.settings import Settings
+from steer_by_wire.runtime.settings_mistakes import allowed
+
+HELP_COLUMNS = "88"
+
+
+def write_pages(folder: Path) -> None:
+    """Write all generated pages; a file that stays the same is left alone."""
+    folder.mkdir(exist_ok=True)
+    pages = {
+        "commands": commands_page(),
+        "plant_settings": settings_page("plant emulator", PlantSettings),
+        "controller_settings": settings_page("controller", ControllerSettings),
+    }
+    for name, text in pages.items():
+        file = folder / f"{name}.md"
+        if not file.exists() or file.read_text(encoding="utf-8") != text:
+            file.write_text(text, encoding="utf-8")
+
+
+def commands_page() -> str:
+    """Return the help of every program, in the order of ``steer-by-wire --help``."""
+    parts = ["# Commands\n\nWhat each command prints with `--help`.\n"]
+    for group, programs in GROUPS.items():
+        parts.append(f"## {group}\n")
+        for name, program in programs.items():
+            help_text = _help(name).rstrip()
+            parts.append(f"### {NAME} {name}\n\n{program.summary}\n\n```text\n{help_text}\n```\n")
+    return "\n".join(parts)
+
+
+def _help(name: str) -> str:
+    printed = io.StringIO()
+    os.environ["COLUMNS"] = HELP_COLUMNS
+    with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
+        start(name, ["--help"])
+    return printed.getvalue()
+
+
+def settings_page(program: str, model: type[Settings]) -> str:
+    """Return every table of a program's settings, each key with its range and default."""
+    intro = (
+        f"# Settings of the {program}\n\nEvery key of a settings file, and of"
+        " `--set table.key=value`. The unit is the last part of a name.\n"
+    )
+    return "\n".join([intro, "## Keys outside a table\n", *_table(model, "")])
+
+
+def _table(model: type[Settings], place: str) -> Iterator[str]:
+    """Return the text of one table, then of the tables in it."""
+    schema, rows, inner = model.model_json_schema(), [], []
+    comments = ModuleAnalyzer.for_module(model.__module__).find_attr_docs()
+    for key, field in model.model_fields.items():
+        tables = list(_tables_in(field.annotation))
+        inner += [(f"{place}.{key}".removeprefix("."), table) for table in tables]
+        if not tables:
+            default = "required" if field.is_required() else _shown(field.default)
+            comment = " ".join(comments.get((model.__name__, key), ()))
+            rows.append(f"| `{key}` | {allowed(schema, (key,))} | {default} | {comment} |")
+    if model.__doc__ and place:
+        yield f"```text\n{inspect.cleandoc(model.__doc__)}\n```\n"
+    if rows:
+        yield "\n".join(["| Key | Allowed | Default | |", "|---|---|---|---|", *rows, ""])
+    for key, table in inner:
+        kind = (
+            get_args(table.model_fields["kind"].annotation) if "kind" in table.model_fields else ()
+        )
+        yield f"## `[{key}]`{f' with kind = {kind[0]}' if kind else ''}\n"
+        yield from _table(table, key)
+
+
+def _tables_in(annotation: object) -> Iterator[type[Settings]]:
+    """Return the settings models in a field's type."""
+    if isinstance(annotation, type) and issubclass(annotation, Settings):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _tables_in(part)
+
+
+def _shown(default: object) -> str:
+    """Return a default as a settings file has it; nothing for none."""
+    return "" if default is None else f"`{json.dumps(default, default=str)}`"
