@@ -39,4 +39,4 @@ lock:
 	    --no-emit-index-url --no-emit-find-links --quiet --output-file requirements.lock pyproject.toml
 
 clean:
-	rm -rf $(VENV) out docs/_build docs/gallery docs/generated build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) out docs/_build docs/gallery docs/generated examples/out build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
