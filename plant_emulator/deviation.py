@@ -6,8 +6,9 @@ beside the preview point, x along it, the CG is at
 
     (-d cos Δψ, y - d sin Δψ)
 
-The path is followed back by d, which ends close beside the CG: at (e, w) in the frame of that end,
-with e some centimetres. The deviation is then w - ρ e²/(2 (1 - ρ w)), to the third order of e.
+The path is followed back by d, across whole pieces by its stored poses. That ends close beside the
+CG: at (e, w) in the frame of that end, with e some centimetres. The deviation is then
+w - ρ e²/(2 (1 - ρ w)), to the third order of e.
 """
 
 from math import cos, sin
@@ -62,24 +63,14 @@ def deviation_behind_m(
     preview_m: float,
 ) -> float:
     """Return the same for a preview point beside ``along_m`` of a piece of the path."""
-    end = Pose(0.0, 0.0, 0.0)
-    left_m, curvature_1_m = preview_m, 0.0
-    while True:
-        slope_1_m2 = path.curvature_slope_1_m2[piece]
-        curvature_1_m = path.curvature_1_m[piece] + slope_1_m2 * along_m
-        part_m = min(left_m, along_m)
-        end = along_short(end, curvature_1_m, slope_1_m2, -part_m)
-        curvature_1_m -= slope_1_m2 * part_m
-        left_m -= part_m
-        if left_m <= 0.0:
-            break
-        if piece == 0 and not path.closed:
-            end = along_clothoid(end, 0.0, 0.0, -left_m)
-            curvature_1_m = 0.0
-            break
-        piece = (piece if piece > 0 else len(path.start_m)) - 1
-        next_m = path.start_m[piece + 1] if piece + 1 < len(path.start_m) else path.length_m
-        along_m = next_m - path.start_m[piece]
+    slope_1_m2 = path.curvature_slope_1_m2[piece]
+    curvature_1_m = path.curvature_1_m[piece] + slope_1_m2 * along_m
+    part_m = min(preview_m, along_m)
+    end = along_short(Pose(0.0, 0.0, 0.0), curvature_1_m, slope_1_m2, -part_m)
+    curvature_1_m -= slope_1_m2 * part_m
+    if preview_m > along_m:
+        behind_m = path.start_m[piece] + along_m - preview_m
+        end, curvature_1_m = _before_piece(path, piece, behind_m, end)
     x_m = -preview_m * cos(heading_error_rad) - end.x_m
     y_m = lateral_error_m - preview_m * sin(heading_error_rad) - end.y_m
     cos_end, sin_end = cos(end.heading_rad), sin(end.heading_rad)
@@ -89,3 +80,31 @@ def deviation_behind_m(
     ahead_m = min(max(ahead_m, -preview_m), preview_m)
     nearness = max(1.0 - curvature_1_m * aside_m, 0.5)
     return aside_m - 0.5 * curvature_1_m * ahead_m * ahead_m / nearness
+
+
+def _before_piece(path: Path, piece: int, behind_m: float, end: Pose) -> tuple[Pose, float]:
+    """Return pose and curvature of the path at an arc length before the start of a piece.
+
+    ``behind_m``  negative: on the lap before, or before an open path
+    ``end``       the pose of the piece's start in the frame of the result
+    """
+    start = path.pose[piece]
+    if behind_m < 0.0 and path.closed:
+        behind_m %= path.length_m
+        piece = len(path.start_m) - 1
+    while piece > 0 and path.start_m[piece] > behind_m:
+        piece -= 1
+    curvature_1_m, slope_1_m2 = path.curvature_1_m[piece], path.curvature_slope_1_m2[piece]
+    if behind_m < 0.0:
+        curvature_1_m = slope_1_m2 = 0.0
+    along_m = behind_m - path.start_m[piece]
+    there = along_short(path.pose[piece], curvature_1_m, slope_1_m2, along_m)
+    turn_rad = end.heading_rad - start.heading_rad
+    x_m, y_m = there.x_m - start.x_m, there.y_m - start.y_m
+    cos_turn, sin_turn = cos(turn_rad), sin(turn_rad)
+    pose = Pose(
+        end.x_m + x_m * cos_turn - y_m * sin_turn,
+        end.y_m + y_m * cos_turn + x_m * sin_turn,
+        there.heading_rad + turn_rad,
+    )
+    return pose, curvature_1_m + slope_1_m2 * along_m

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..plant_emulator.disturbance import DisturbanceInterval
 from ..plant_emulator.motion_design import MotionParams, design_motion_arrays
-from ..plant_emulator.path import Path
+from ..plant_emulator.path import Path, Pose
 from ..plant_emulator.path_shapes import build_path
 from ..plant_emulator.rig_settings import (
     ActuatorSettings,
@@ -25,6 +25,7 @@ _INTERVAL = np.dtype(
         *((name, np.float64) for name in DisturbanceInterval._fields[1:]),
     ]
 )
+_POSE = np.dtype([(name, np.float64) for name in Pose._fields])
 
 
 def compiled_motion(plant: PlantSettings) -> MotionParams:
@@ -47,10 +48,11 @@ def _designed(
 
 @lru_cache(maxsize=_KEPT)
 def _road(settings: PathSettings) -> Path:
-    """Return a path as arrays, without the poses, which serve pictures and do not compile."""
+    """Return a path as arrays."""
     path = build_path(settings)
     arrays: dict[str, Any] = {
         name: np.array(getattr(path, name))
         for name in ("start_m", "curvature_1_m", "curvature_slope_1_m2")
     }
-    return path._replace(**arrays, pose=())
+    arrays["pose"] = np.array([tuple(pose) for pose in path.pose], dtype=_POSE)
+    return path._replace(**arrays)

@@ -23,7 +23,7 @@ from ..controller.limits import limit_step, ramp_step
 from ..controller.link_memory import command_step, echo_step, error_step, history_of, link_at
 from ..controller.own_law import numbers_or_none
 from ..dbc.messages import Law as LawNumber
-from ..plant_emulator.deviation import along_short, deviation_behind_m
+from ..plant_emulator.deviation import deviation_behind_m
 from ..plant_emulator.loss import loss_step
 from ..plant_emulator.motion import advance_motion, command_motion, start_motion
 from ..plant_emulator.steering_guard import guard_command, guard_timer, guard_wheel, start_guard
@@ -48,7 +48,6 @@ _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
     guard_timer,
     guard_wheel,
     status_of,
-    along_short,
     deviation_behind_m,
 )
 _AROUND: dict[type, Callable[..., Any]] = {
