@@ -26,9 +26,8 @@ from ..dbc.messages import (
     SteeringStatus,
     SteeringStatusCode,
     VehicleState,
-    encode,
 )
-from ..dbc.protection import COUNTERS
+from ..dbc.sending import Sender
 from ..runtime.frame import Frame
 from ..runtime.node import NS_PER_S
 from ..runtime.overruns import OverrunSupervision
@@ -87,7 +86,7 @@ class ControllerNode:
         self._supervisor = Supervisor(supervision_of(settings), start_ns)
         self._law = LawRunner(settings, self._ramp_step_rad)
         self._sent_steer_rad = 0.0
-        self._commands = SentCommands()
+        self._commands, self._sender = SentCommands(), Sender(SteeringCommand)
         self._delay = delay_watch_of(settings)
         self._statuses = StatusFrames(law)
         self._facts = SafetyFacts(0, *self._received.freshness(start_ns), _NO_FAULT, _NO_OTHER)
@@ -257,7 +256,7 @@ class ControllerNode:
             self._sent_steer_rad,
             self._supervisor.mode,
         )
-        frame = encode(new_record(SteeringCommand, (steer_rad, counter, mode)), counter % COUNTERS)
+        frame = self._sender.frame(new_record(SteeringCommand, (steer_rad, counter, mode)))
         self._commands.on_sent(now_ns)
         if self._law.memory is not None:
             self._law.memory.on_command(period, steer_rad)

@@ -19,10 +19,9 @@ from ..dbc.messages import (
     ControllerSafety,
     Freshness,
     SecondSender,
-    encode,
     limits,
 )
-from ..dbc.protection import COUNTERS
+from ..dbc.sending import Sender
 from ..runtime.frame import Frame
 
 INTERVAL_NS = 20_000_000
@@ -61,7 +60,7 @@ class SafetyStatus:
         self._went_stale = dict.fromkeys(_AGES, 0)
         self._reported: SafetyFacts | None = None
         self._reported_ns = 0
-        self._sent = 0
+        self._sender = Sender(ControllerSafety)
 
     @property
     def went_stale(self) -> Mapping[str, int]:
@@ -94,6 +93,4 @@ class SafetyStatus:
             facts.fault,
             facts.second_sender,
         )
-        counter = self._sent % COUNTERS
-        self._sent += 1
-        return encode(message, counter)
+        return self._sender.frame(message)

@@ -1,7 +1,7 @@
 """The frames that report the controller's state, for monitoring."""
 
-from ..dbc.messages import ControllerStatus, DelayStatus, Law, Mode, SignalRange, encode, limits
-from ..dbc.protection import COUNTERS
+from ..dbc.messages import ControllerStatus, DelayStatus, Law, Mode, SignalRange, limits
+from ..dbc.sending import Sender
 from ..runtime.frame import Frame
 from .law_interface import LawOutput
 from .safety_status import SafetyStatus
@@ -16,7 +16,7 @@ class StatusFrames:
     def __init__(self, law: Law) -> None:
         self.safety = SafetyStatus()
         self._law = law
-        self._sent = 0
+        self._statuses, self._delays = Sender(ControllerStatus), Sender(DelayStatus)
 
     def status(self, mode: Mode, output: LawOutput, skipped: int) -> Frame:
         """Return the status; an estimate is clamped to the range of its signal."""
@@ -27,13 +27,11 @@ class StatusFrames:
             _clamp(output.network_disturbance_rad, _LIMITS["network_disturbance_rad"]),
             skipped % _SKIPPED_COUNTERS,
         )
-        return encode(status, self._sent % COUNTERS)
+        return self._statuses.frame(status)
 
     def delay(self, status: DelayStatus) -> Frame:
-        """Return the delay's frame, with the counter of the status that it follows."""
-        frame = encode(status, self._sent % COUNTERS)
-        self._sent += 1
-        return frame
+        """Return the frame of the delay."""
+        return self._delays.frame(status)
 
 
 def _clamp(value: float, allowed: SignalRange) -> float:

@@ -73,6 +73,7 @@ __all__ = [
     "encode_not_available",
     "frame_of",
     "limits",
+    "packing",
     "rejection_of",
     "resolutions",
     "unpacking",
@@ -239,7 +240,6 @@ class Decoded(NamedTuple):
 
 _CODECS = codecs_of(LAYOUTS, MESSAGE_TYPES.items())
 _CODECS_BY_ID = {codec.can_id: codec for codec in _CODECS.values()}
-_PACK = {kind: (codec.can_id, codec.pack, codec.flags) for kind, codec in _CODECS.items()}
 
 CAN_IDS: Mapping[type[Message], int] = MappingProxyType(
     {message_type: codec.can_id for message_type, codec in _CODECS.items()}
@@ -289,6 +289,20 @@ def unpacking(message_type: type[Message]) -> Unpacking:
     return Unpacking(codec.length, codec.flags, codec.unpack)
 
 
+class Packing(NamedTuple):
+    """How to send one message: identifier, ``MessageCodec.pack``, format as in ``Frame``."""
+
+    can_id: int
+    pack: Callable[[Message, int], bytes]
+    flags: int
+
+
+def packing(message_type: type[Message]) -> Packing:
+    """Return how to send a message, for a sender of many frames."""
+    codec = _CODECS[message_type]
+    return Packing(codec.can_id, codec.pack, codec.flags)
+
+
 def encode(message: Message, counter: int) -> Frame:
     """The frame for ``message``; a value is rounded to the signal's resolution.
 
@@ -296,8 +310,8 @@ def encode(message: Message, counter: int) -> Frame:
     protection ignores it. Raises EncodeError for a value outside its signal's range, a value that
     is not finite, and a member of the wrong enum.
     """
-    can_id, pack, flags = _PACK[type(message)]
-    return new_record(Frame, (can_id, pack(message, counter), flags))
+    codec = _CODECS[type(message)]
+    return new_record(Frame, (codec.can_id, codec.pack(message, counter), codec.flags))
 
 
 def frame_of(can_id: int, payload: bytes) -> Frame:

@@ -37,6 +37,9 @@ class WheelPhase(IntEnum):
     SETTLING = 2
 
 
+_HELD, _RAMPING, _SETTLING = WheelPhase
+
+
 class WheelSegment(NamedTuple):
     """Motion of the wheel from its start until ``end_ns``."""
 
@@ -54,7 +57,7 @@ class WheelSegment(NamedTuple):
 
 def at_rest(wheel_rad: float) -> WheelSegment:
     """Return the segment of a wheel at rest."""
-    return WheelSegment(wheel_rad, 0.0, WheelPhase.HELD, wheel_rad, False, NEVER_NS)
+    return WheelSegment(wheel_rad, 0.0, _HELD, wheel_rad, False, NEVER_NS)
 
 
 def command_wheel(
@@ -75,7 +78,7 @@ def command_wheel(
     ramp_s = distance_rad / p.rate_limit_rad_s - p.lag_s
     rate = math.copysign(p.rate_limit_rad_s, goal - wheel_rad)
     end_ns = now_ns + math.ceil(ramp_s * NS_PER_S)
-    return WheelSegment(wheel_rad, rate, WheelPhase.RAMPING, goal, clipped, end_ns)
+    return WheelSegment(wheel_rad, rate, _RAMPING, goal, clipped, end_ns)
 
 
 def end_ramp(p: ActuatorParams, segment: WheelSegment, wheel_rad: float) -> WheelSegment:
@@ -88,11 +91,11 @@ def _after_ramp(
 ) -> WheelSegment:
     if p.lag_s > 0.0:
         rate = (goal_rad - wheel_rad) / p.lag_s
-        return WheelSegment(wheel_rad, rate, WheelPhase.SETTLING, goal_rad, clipped, NEVER_NS)
-    held = (goal_rad, 0.0, WheelPhase.HELD, goal_rad, clipped, NEVER_NS)
+        return WheelSegment(wheel_rad, rate, _SETTLING, goal_rad, clipped, NEVER_NS)
+    held = (goal_rad, 0.0, _HELD, goal_rad, clipped, NEVER_NS)
     return new_record(WheelSegment, held)
 
 
 def is_limited(segment: WheelSegment) -> bool:
     """Return whether the angle limit or the rate limit shapes the wheel's motion now."""
-    return segment.clipped or segment.phase == WheelPhase.RAMPING
+    return segment.clipped or segment.phase == _RAMPING

@@ -226,8 +226,11 @@ class Motion:
 
     def advance(self, to_ns: int) -> None:
         """Advance to ``to_ns``. Raises ValueError if that is in the past."""
-        if to_ns < self.time_ns:
-            raise ValueError(f"cannot move from {self.time_ns} ns back to {to_ns} ns")
+        if to_ns <= self.time_ns:
+            if to_ns < self.time_ns:
+                raise ValueError(f"cannot move from {self.time_ns} ns back to {to_ns} ns")
+            if self._state.course.event_ns > to_ns:
+                return
         state = self._advance(self._params, self._state, to_ns) if self.is_finite else None
         if state is None or not has_finite_vehicle(state.linear):
             self.is_finite = False

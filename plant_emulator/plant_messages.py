@@ -5,16 +5,13 @@ from math import remainder, tau
 
 from ..dbc.messages import (
     LateralError,
-    Message,
     PlantStatus,
     SteeringStatus,
     SteeringStatusCode,
     VehicleState,
-    encode,
-    encode_not_available,
     limits,
 )
-from ..dbc.protection import COUNTERS
+from ..dbc.sending import Sender
 from ..runtime.frame import Frame
 from ..runtime.record import new_record
 from .sensors import Readings, with_noise
@@ -39,9 +36,8 @@ class PlantMessages:
     def __init__(self, noise: Readings, uniforms: Iterator[float]) -> None:
         self._noise = noise if any(noise) else None
         self._uniforms = uniforms
-        self._sent: dict[type[Message], int] = dict.fromkeys(
-            (LateralError, SteeringStatus, VehicleState, PlantStatus), 0
-        )
+        self._errors, self._statuses = Sender(LateralError), Sender(SteeringStatus)
+        self._states, self._rig = Sender(VehicleState), Sender(PlantStatus)
         self.not_available = 0
         self.clamped = 0
 
@@ -60,19 +56,19 @@ class PlantMessages:
         if is_finite and _ERROR_LOW_M <= error_m <= _ERROR_HIGH_M:
             # The sensor reports an angle within one turn.
             heading_rad = remainder(readings.heading_error_rad, tau)
-            return self._encode(new_record(LateralError, (error_m, heading_rad)))
+            return self._errors.frame(new_record(LateralError, (error_m, heading_rad)))
         self.not_available += 1
-        return encode_not_available(_NO_ERROR, self._next_counter(LateralError))
+        return self._errors.not_available(_NO_ERROR)
 
     def steering_status(self, wheel_rad: float, applied: int, code: SteeringStatusCode) -> Frame:
         """Return STEERING_STATUS; ``applied`` is the counter of the command in effect."""
         if not _WHEEL_LOW_RAD <= wheel_rad <= _WHEEL_HIGH_RAD:
             wheel_rad = self._clamp(wheel_rad, _WHEEL_LOW_RAD, _WHEEL_HIGH_RAD)
-        return self._encode(new_record(SteeringStatus, (wheel_rad, applied, code)))
+        return self._statuses.frame(new_record(SteeringStatus, (wheel_rad, applied, code)))
 
     def vehicle_state(self, speed_m_s: float, readings: Readings, curvature_1_m: float) -> Frame:
         """Return VEHICLE_STATE."""
-        return self._encode(
+        return self._states.frame(
             VehicleState(
                 self._clamp(speed_m_s, *_SPEED_RANGE),
                 self._clamp(readings.yaw_rate_rad_s, *_YAW_RATE_RANGE),
@@ -84,20 +80,9 @@ class PlantMessages:
         """Return PLANT_STATUS."""
         downlink_s = self._clamp(status.downlink_latency_s, *_LATENCY_RANGE)
         uplink_s = self._clamp(status.uplink_latency_s, *_LATENCY_RANGE)
-        return self._encode(
+        return self._rig.frame(
             status._replace(downlink_latency_s=downlink_s, uplink_latency_s=uplink_s)
         )
-
-    def _encode(self, message: Message) -> Frame:
-        message_type = type(message)
-        counter = self._sent[message_type]
-        self._sent[message_type] = (counter + 1) % COUNTERS
-        return encode(message, counter)
-
-    def _next_counter(self, message_type: type[Message]) -> int:
-        counter = self._sent[message_type]
-        self._sent[message_type] = (counter + 1) % COUNTERS
-        return counter
 
     def _clamp(self, value: float, low: float, high: float) -> float:
         """Return the nearest value within the signal's range; the value is finite."""

@@ -76,10 +76,15 @@ class RunningFigures:
         self._deviation_squares_m2 += cg_deviation_m * cg_deviation_m
         self.lateral_error_final_m = lateral_error_m
         self.newest_m.append(lateral_error_m)
-        distance_m, angle_rad = abs(lateral_error_m), abs(wheel_angle_rad)
+        distance_m, cg_m, angle_rad = (
+            abs(lateral_error_m),
+            abs(cg_deviation_m),
+            abs(wheel_angle_rad),
+        )
         if distance_m > self.lateral_error_peak_m:
             self.lateral_error_peak_m = distance_m
-        self.cg_deviation_peak_m = max(self.cg_deviation_peak_m, abs(cg_deviation_m))
+        if cg_m > self.cg_deviation_peak_m:
+            self.cg_deviation_peak_m = cg_m
         if distance_m > self._band_m:
             self.settled_at = self.samples
         if angle_rad > self.wheel_angle_peak_rad:
@@ -120,8 +125,9 @@ class RunRecord:
         limit: str,
     ) -> None:
         """Take a sample of the motion, of the command in effect, and of what limits the wheel."""
-        z, cg_m = motion.linear, motion.cg_deviation_m
-        self.figures.take(z.lateral_error_m, cg_m, z.wheel_rad, limit)
+        side_slip_rad, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, rho, _, _, _ = motion.linear
+        cg_m = motion.cg_deviation_m
+        self.figures.take(error_m, cg_m, wheel_rad, limit)
         if len(self.samples) >= self._samples_max:
             return
         command_rad = downlink_latency_s = math.nan
@@ -135,15 +141,15 @@ class RunRecord:
                 (
                     motion.time_ns * 1e-9,
                     motion.arc_length_m,
-                    z.lateral_error_m,
-                    z.heading_error_rad,
-                    z.yaw_rate_rad_s,
+                    error_m,
+                    heading_rad,
+                    yaw_rate_rad_s,
                     command_rad,
-                    z.wheel_rad,
+                    wheel_rad,
                     downlink_latency_s,
                     uplink_latency_s,
-                    z.curvature_1_m,
-                    z.side_slip_rad,
+                    rho,
+                    side_slip_rad,
                     cg_m,
                 ),
             )

@@ -1,0 +1,26 @@
+"""The frames that a node sends: those of one type have counters in turn."""
+
+from ..runtime.frame import Frame
+from ..runtime.record import new_record
+from .messages import Message, encode_not_available, packing
+from .protection import COUNTERS
+
+
+class Sender:
+    """Makes the frames of one type of message."""
+
+    def __init__(self, message_type: type[Message]) -> None:
+        self._can_id, self._pack, self._flags = packing(message_type)
+        self._counter = 0
+
+    def frame(self, message: Message) -> Frame:
+        """Return the next frame; raises EncodeError as ``encode`` does."""
+        counter = self._counter
+        self._counter = (counter + 1) % COUNTERS
+        return new_record(Frame, (self._can_id, self._pack(message, counter), self._flags))
+
+    def not_available(self, message: Message) -> Frame:
+        """Return the next frame, as ``encode_not_available`` does."""
+        counter = self._counter
+        self._counter = (counter + 1) % COUNTERS
+        return encode_not_available(message, counter)
