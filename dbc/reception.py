@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import TypeVar
 
 from ..runtime.frame import FD, Frame
-from ..runtime.node import NS_PER_MS
+from ..runtime.node import NEVER_NS, NS_PER_MS
 from .messages import (
     CAN_IDS,
     CYCLE_TIMES_MS,
@@ -29,6 +29,8 @@ from .secured_frame import Refused, is_secured
 
 _Cause = TypeVar("_Cause", Rejection, SequenceResult, Refused)
 _ACCEPTED = SequenceResult.ACCEPTED
+_OWN, _PEER = int(SecondSender.OWN), int(SecondSender.PEER)
+_SECOND_SENDERS = tuple(SecondSender)
 NOTICE_NS = 1_000_000_000
 """How long a second sender is reported after its last frame [ns]."""
 
@@ -71,7 +73,7 @@ class Reception:
         }
         self._sent_ids = {CAN_IDS[message_type] for message_type in sent_types}
         self._own_seen: set[int] = set()
-        self._own_ns: int | None = None
+        self._own_ns = -NEVER_NS
         self._rejected: Counter[str] = Counter()
         self.accepted = 0
         self.refused = 0
@@ -104,12 +106,12 @@ class Reception:
 
     def second_sender(self, now_ns: int) -> SecondSender:
         """Return whose messages have come from a second sender in the last NOTICE_NS."""
-        checks = self._checks.values()
-        peer = (check.second_sender_ns for check in checks if check is not None)
-        return SecondSender(
-            SecondSender.OWN * _is_recent(self._own_ns, now_ns)
-            + SecondSender.PEER * any(_is_recent(noticed_ns, now_ns) for noticed_ns in peer)
-        )
+        number = _OWN if now_ns - self._own_ns < NOTICE_NS else 0
+        for check in self._checks.values():
+            noticed_ns = None if check is None else check.second_sender_ns
+            if noticed_ns is not None and now_ns - noticed_ns < NOTICE_NS:
+                number |= _PEER
+        return _SECOND_SENDERS[number]
 
     def undisputed(self, message_type: type[Message]) -> Message | None:
         """Return the last message from before a dispute that has just begun, None if unknown."""
@@ -165,7 +167,3 @@ class Reception:
         self._rejected[cause.value] += 1
         self.refused += 1
         return cause
-
-
-def _is_recent(noticed_ns: int | None, now_ns: int) -> bool:
-    return noticed_ns is not None and now_ns - noticed_ns < NOTICE_NS

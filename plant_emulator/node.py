@@ -321,27 +321,26 @@ class PlantNode:
             if command is not None:
                 self._follow(command, time_ns, motion_ns)
         motion, messages, push = self._motion, self._messages, self._network.uplink.push
-        z, is_finite = motion.linear, motion.is_finite
-        self._unit.on_wheel(z.wheel_rad, motion_ns)
+        z, is_finite, is_limited = motion.linear, motion.is_finite, motion.is_limited
+        _, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, curvature_1_m, _, _, _ = z
+        self._unit.on_wheel(wheel_rad, motion_ns)
         if time_ns >= self._motion_start_ns:
             if is_finite:
-                limit = self._unit.limit or ("actuator" if motion.is_limited else "")
+                limit = self._unit.limit or ("actuator" if is_limited else "")
                 self._record.take(motion, self._command, self._network.measured_latency_s, limit)
             self.finished = motion_ns >= self._duration_ns
         if self._own.is_reported(time_ns) and self._unit.has_fallen_back:
             self.finished = True
-        readings = messages.measured(
-            new_record(Readings, (z.lateral_error_m, z.heading_error_rad, z.yaw_rate_rad_s))
-        )
+        readings = messages.measured(new_record(Readings, (error_m, heading_rad, yaw_rate_rad_s)))
         applied = 0 if self._command is None else self._command.item.command_counter
-        code = self._unit.status_code(actuator_is_limited=motion.is_limited)
+        code = self._unit.status_code(actuator_is_limited=is_limited)
         frame = messages.lateral_error(readings, is_finite=is_finite)
         push(frame.can_id, frame, time_ns, motion_ns)
-        frame = messages.steering_status(z.wheel_rad, applied, code)
+        frame = messages.steering_status(wheel_rad, applied, code)
         push(frame.can_id, frame, time_ns, motion_ns)
         if time_ns >= self._state_timer.deadline_ns:  # also after a skipped sample
             self._state_timer.advance(time_ns)
-            frame = messages.vehicle_state(motion.speed_m_s, readings, z.curvature_1_m)
+            frame = messages.vehicle_state(motion.speed_m_s, readings, curvature_1_m)
             push(frame.can_id, frame, time_ns, motion_ns)
 
     def _status(self, now_ns: int) -> PlantStatus:

@@ -6,6 +6,7 @@ from math import remainder, tau
 from ..dbc.messages import (
     LateralError,
     PlantStatus,
+    SignalRange,
     SteeringStatus,
     SteeringStatusCode,
     VehicleState,
@@ -17,7 +18,7 @@ from ..runtime.record import new_record
 from .sensors import Readings, with_noise
 
 _ERROR_LOW_M, _ERROR_HIGH_M = limits(LateralError)["lateral_error_m"]
-_WHEEL_LOW_RAD, _WHEEL_HIGH_RAD = limits(SteeringStatus)["wheel_angle_rad"]
+_WHEEL_RANGE = limits(SteeringStatus)["wheel_angle_rad"]
 _SPEED_RANGE, _YAW_RATE_RANGE, _CURVATURE_RANGE = limits(VehicleState).values()
 _LATENCY_RANGE = limits(PlantStatus)["downlink_latency_s"]
 _NO_ERROR = LateralError(0.0, 0.0)
@@ -62,30 +63,29 @@ class PlantMessages:
 
     def steering_status(self, wheel_rad: float, applied: int, code: SteeringStatusCode) -> Frame:
         """Return STEERING_STATUS; ``applied`` is the counter of the command in effect."""
-        if not _WHEEL_LOW_RAD <= wheel_rad <= _WHEEL_HIGH_RAD:
-            wheel_rad = self._clamp(wheel_rad, _WHEEL_LOW_RAD, _WHEEL_HIGH_RAD)
+        wheel_rad = self._clamp(wheel_rad, _WHEEL_RANGE)
         return self._statuses.frame(new_record(SteeringStatus, (wheel_rad, applied, code)))
 
     def vehicle_state(self, speed_m_s: float, readings: Readings, curvature_1_m: float) -> Frame:
         """Return VEHICLE_STATE."""
-        return self._states.frame(
-            VehicleState(
-                self._clamp(speed_m_s, *_SPEED_RANGE),
-                self._clamp(readings.yaw_rate_rad_s, *_YAW_RATE_RANGE),
-                self._clamp(curvature_1_m, *_CURVATURE_RANGE),
-            )
+        state = (
+            self._clamp(speed_m_s, _SPEED_RANGE),
+            self._clamp(readings.yaw_rate_rad_s, _YAW_RATE_RANGE),
+            self._clamp(curvature_1_m, _CURVATURE_RANGE),
         )
+        return self._states.frame(new_record(VehicleState, state))
 
     def plant_status(self, status: PlantStatus) -> Frame:
         """Return PLANT_STATUS."""
-        downlink_s = self._clamp(status.downlink_latency_s, *_LATENCY_RANGE)
-        uplink_s = self._clamp(status.uplink_latency_s, *_LATENCY_RANGE)
+        downlink_s = self._clamp(status.downlink_latency_s, _LATENCY_RANGE)
+        uplink_s = self._clamp(status.uplink_latency_s, _LATENCY_RANGE)
         return self._rig.frame(
             status._replace(downlink_latency_s=downlink_s, uplink_latency_s=uplink_s)
         )
 
-    def _clamp(self, value: float, low: float, high: float) -> float:
+    def _clamp(self, value: float, allowed: SignalRange) -> float:
         """Return the nearest value within the signal's range; the value is finite."""
+        low, high = allowed
         if low <= value <= high:
             return value
         self.clamped += 1

@@ -125,8 +125,19 @@ class RunRecord:
         limit: str,
     ) -> None:
         """Take a sample of the motion, of the command in effect, and of what limits the wheel."""
-        side_slip_rad, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, rho, _, _, _ = motion.linear
-        cg_m = motion.cg_deviation_m
+        z, cg_m = motion.linear, motion.cg_deviation_m
+        (
+            side_slip_rad,
+            yaw_rate_rad_s,
+            heading_rad,
+            error_m,
+            wheel_rad,
+            _,
+            curvature_1_m,
+            _,
+            _,
+            _,
+        ) = z
         self.figures.take(error_m, cg_m, wheel_rad, limit)
         if len(self.samples) >= self._samples_max:
             return
@@ -148,7 +159,7 @@ class RunRecord:
                     wheel_rad,
                     downlink_latency_s,
                     uplink_latency_s,
-                    rho,
+                    curvature_1_m,
                     side_slip_rad,
                     cg_m,
                 ),

@@ -21,17 +21,15 @@ NOT_FINITE_COMMAND = "a command that came through was not finite"
 
 
 class SelfSupervision:
-    """Keeps the first fault that the plant has detected in itself, and when [ns]."""
+    """Keeps the first fault that the plant has detected in itself, and when [ns].
+
+    ``failure``  that fault, for good; empty while there is none
+    """
 
     def __init__(self, overruns: OverrunSettings) -> None:
         self._overruns = OverrunSupervision.of(overruns)
-        self._failure = ""
+        self.failure = ""
         self._since_ns = NEVER_NS
-
-    @property
-    def failure(self) -> str:
-        """The first fault, for good; empty while there is none."""
-        return self._failure
 
     def on_sample(self, timer: PeriodicTimer, time_ns: int) -> None:
         """Process the sample for which the sensors' ``timer`` has advanced."""
@@ -40,9 +38,9 @@ class SelfSupervision:
 
     def on_fault(self, failure: str, time_ns: int) -> None:
         """Record a fault; only the first one counts."""
-        if not self._failure:
-            self._failure, self._since_ns = failure, time_ns
+        if not self.failure:
+            self.failure, self._since_ns = failure, time_ns
 
     def is_reported(self, time_ns: int) -> bool:
         """Whether there is a fault that has been reported for long enough."""
-        return bool(self._failure) and time_ns - self._since_ns >= REPORTING_NS
+        return bool(self.failure) and time_ns - self._since_ns >= REPORTING_NS

@@ -124,8 +124,11 @@ class SteeringUnit:
         """Compare the measured wheel with the target."""
         state = guard_wheel(self._params, self._state, wheel_rad, now_ns)
         self._note_silence(now_ns)  # one that lasts is known as far as the wheel is
-        self._note_mode(state, now_ns, "the wheel does not follow")
-        self._enter(state)
+        if state.mode == self._state.mode:
+            self._state = state
+        else:
+            self._note_mode(state, now_ns, "the wheel does not follow")
+            self._enter(state)
 
     def on_own_fault(self, cause: str, now_ns: int) -> None:
         """Go to SAFE_STATE for good, because the plant is no longer reliable."""
