@@ -7,20 +7,20 @@ from .protection import COUNTERS
 
 
 class Sender:
-    """Makes the frames of one type of message."""
+    """Makes the frames of one type of message; ``counter`` is that of the next one."""
 
     def __init__(self, message_type: type[Message]) -> None:
         self._can_id, self._pack, self._flags = packing(message_type)
-        self._counter = 0
+        self.counter = 0
 
     def frame(self, message: Message) -> Frame:
         """Return the next frame; raises EncodeError as ``encode`` does."""
-        counter = self._counter
-        self._counter = (counter + 1) % COUNTERS
+        counter = self.counter
+        self.counter = (counter + 1) % COUNTERS
         return new_record(Frame, (self._can_id, self._pack(message, counter), self._flags))
 
     def not_available(self, message: Message) -> Frame:
         """Return the next frame, as ``encode_not_available`` does."""
-        counter = self._counter
-        self._counter = (counter + 1) % COUNTERS
+        counter = self.counter
+        self.counter = (counter + 1) % COUNTERS
         return encode_not_available(message, counter)

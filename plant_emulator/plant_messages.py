@@ -45,7 +45,7 @@ class PlantMessages:
     @property
     def next_sample(self) -> int:
         """E2E counter of the next LATERAL_ERROR, the number of its sample on the wire."""
-        return self._sent[LateralError]
+        return self._errors.counter
 
     def measured(self, true: Readings) -> Readings:
         """Return a sample with noise."""
