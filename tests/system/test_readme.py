@@ -1,4 +1,4 @@
-"""README is correct: its links, its names, and the commands that need no root or hardware."""
+"""README, Start and How to: their names, and the commands that need no root or hardware."""
 
 import argparse
 import os
@@ -17,8 +17,11 @@ from steer_by_wire.command import PROGRAMS, main
 from tests.support.running_program import ORDINARY, PATIENCE_S, UNSUPERVISED
 
 ROOT = Path(__file__).resolve().parents[2]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"^```\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
+README, START, HOW_TO = (
+    (ROOT / page).read_text(encoding="utf-8")
+    for page in ("README.md", "docs/start.md", "docs/how_to.md")
+)
+BLOCKS = re.findall(r"^```\w*\n(.*?)^```", README + START, re.DOTALL | re.MULTILINE)
 COMMANDS = [line for block in BLOCKS for line in block.splitlines() if "steer-by-wire " in line]
 OURS = [line for line in COMMANDS if line.startswith("steer-by-wire ")]
 
@@ -66,19 +69,19 @@ def test_it_points_at_files_that_exist(target: str) -> None:
     assert (ROOT / target).is_file()
 
 
-@pytest.mark.parametrize("target", re.findall(r"^make (\w+)", README, re.MULTILINE))
+@pytest.mark.parametrize("target", re.findall(r"^make (\w+)", README + START, re.MULTILINE))
 def test_it_names_make_targets_that_exist(target: str) -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     assert re.search(rf"^{target}:", makefile, re.MULTILINE)
 
 
-@pytest.mark.parametrize("preset", sorted(set(re.findall(r"--preset (\w+)", README))))
+@pytest.mark.parametrize("preset", sorted(set(re.findall(r"--preset (\w+)", START))))
 def test_it_names_presets_that_exist(preset: str) -> None:
     assert list(ROOT.glob(f"*/presets/{preset}.toml"))
 
 
 def test_it_lists_every_program_of_the_one_command() -> None:
-    _, _, table = README.partition("| `steer-by-wire ...` | |")
+    _, _, table = HOW_TO.partition("| `steer-by-wire ...` | |")
     cells = re.findall(r"^\| (`[^|]*`) \|", table.partition("\n\n")[0], re.MULTILINE)
     named = [words.split()[0] for cell in cells for words in re.findall(r"`([^`]+)`", cell)]
     assert sorted(named) == sorted(PROGRAMS)
@@ -131,7 +134,7 @@ def test_what_follows_the_installation_runs_as_printed(tmp_path: Path) -> None:
 
 
 def test_the_installation_without_extras_starts_the_programs_that_it_names() -> None:
-    (line,) = [line for line in README.splitlines() if "without [tools]:" in line]
+    (line,) = [line for line in START.splitlines() if "without [tools]:" in line]
     named = set(re.findall(r"[\w-]+", line.partition("[tools]:")[2]))
     run = [sys.executable, "-c", BARE]
     printed = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, check=True).stderr
