@@ -29,16 +29,12 @@ from .loop import (
     COMPLETE,
     LAW_FAILED,
     LEFT_RANGE,
-    Constants,
-    Control,
-    Records,
-    Schedule,
-    empty_records,
     run_only_segment,
     run_segment,
     run_to_first_tick,
     start_run,
 )
+from .loop_records import Constants, Control, Records, Schedule, empty_records
 from .motion import compiled_motion
 from .network import FloatArray, IntArray
 from .own_law import LawRaisedError, own_functions

@@ -27,7 +27,7 @@ from ..plant_emulator.node import samples_per_vehicle_state
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.streams import Channel, first_uniforms
 from ..runtime.node import NEVER_NS, NS_PER_MS
-from .loop import Segment
+from .loop_records import Segment
 from .network import FloatArray, Frames, IntArray, normal_scores, passages
 from .steps import register_steps
 from .wire import Uplink
@@ -42,7 +42,7 @@ SAMPLES_WITHOUT_ARRIVAL_MAX = 100_000
 
 
 class Plan(NamedTuple):
-    """The instants of a run; ``loop.Schedule`` describes the first arrays.
+    """The instants of a run; ``loop_records.Schedule`` describes the first arrays.
 
     ``motion_ns``  time of motion at each sample, 0 before it
     ``time_s``     the same since the motion's start, shape (samples since then,)

@@ -15,28 +15,16 @@ from typing import Any, NamedTuple
 
 from ..controller.laws import LAWS
 from ..controller.own_law import place_of
-from ..controller.settings import ControllerSettings
-from ..controller.settings import shared_vehicle as nominal_vehicle
-from ..plant_emulator.settings import PlantSettings
-from ..plant_emulator.settings import shared_vehicle as plant_vehicle
 from ..plant_emulator.verdict import VerdictRules
 from ..runtime.settings import (
-    COMMAND_LINE,
-    Settings,
     SettingsError,
-    SharedTable,
-    load_settings,
-    read_preset,
 )
-from .factors import Factor, make_factors, named_path
+from .base_tables import Tables, controller_tables, plant_tables
+from .factors import Factor, make_factors
 from .figures import COLUMNS
 from .sampling import Design, make_design
-from .study_file import BaseSettings, SamplingKind, StudySettings, read_study
+from .study_file import SamplingKind, StudySettings, read_study
 
-PLANT_PRESETS, CONTROLLER_PRESETS = (
-    "steer_by_wire.plant_emulator.presets",
-    "steer_by_wire.controller.presets",
-)
 RUNS_MAX = 2**40
 MOTION_TABLES = ("plant.vehicle", "plant.actuator", "plant.path", "plant.disturbance")
 MOTIONS_KEPT = 24
@@ -50,8 +38,6 @@ COLUMNS_TAKEN = (
     *("id", "point", "replicate", "seed", "controller", "law", "overrides", "verdict", "ended_by"),
     *COLUMNS,
 )
-
-Tables = Mapping[str, Any]
 
 
 class Study(NamedTuple):
@@ -122,9 +108,9 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
     study = Study(
         file=file,
         settings=settings,
-        plant=_plant(settings.base, file, folder),
+        plant=plant_tables(settings.base, file, folder),
         controllers={
-            name: _controller(settings.base, name, file, folder)
+            name: controller_tables(settings.base, name, file, folder)
             for name in settings.base.controllers
         },
         design=make_design(factors, settings.sampling),
@@ -236,94 +222,3 @@ def study_factors(settings: StudySettings, file: str) -> tuple[Factor, ...]:
 
 def _sets_motion(factor: Factor) -> bool:
     return any(key.startswith(MOTION_TABLES) for key in factor.keys)
-
-
-def _plant(base: BaseSettings, file: str, folder: Path) -> Tables:
-    preset = read_preset(PLANT_PRESETS, base.plant_preset) if base.plant_preset else None
-    below = None if base.plant_file is None else folder / base.plant_file
-    vehicle = _vehicle_file(base, folder)
-    if _is_missing(below) or _is_missing(vehicle):
-        stored = _stored(folder).get("plant")
-        if stored is not None:
-            return dict(stored)
-    tables = dict(base.plant)
-    if "path" in tables:
-        tables["path"] = named_path(tables["path"])
-    shared = plant_vehicle(vehicle)
-    return _checked(PlantSettings, preset, below, tables, f"{file}: base.plant", shared)
-
-
-def _controller(base: BaseSettings, name: str, file: str, folder: Path) -> Tables:
-    is_file = name.endswith(".toml")
-    preset = None if is_file else read_preset(CONTROLLER_PRESETS, name)
-    below = folder / name if is_file else None
-    vehicle = _vehicle_file(base, folder)
-    if _is_missing(below) or _is_missing(vehicle):
-        stored = _stored(folder).get("controllers", {}).get(name)
-        if stored is not None:
-            return dict(stored)
-    shared = nominal_vehicle(vehicle)
-    where = f"{file}: base.controller"
-    return _checked(ControllerSettings, preset, below, base.controller, where, shared)
-
-
-def _vehicle_file(base: BaseSettings, folder: Path) -> Path | None:
-    return None if base.vehicle is None else folder / base.vehicle
-
-
-def _is_missing(file: Path | None) -> bool:
-    return file is not None and not file.exists()
-
-
-def _stored(folder: Path) -> Mapping[str, Any]:
-    """Return the content of study.json if the study file lies beside its results: the files that
-    it names have stayed at their old places.
-    """
-    try:
-        stored = json.loads((folder / "study.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return stored if isinstance(stored, dict) else {}
-
-
-def _checked(
-    model: type[Settings],
-    preset: Any,
-    below: Path | None,
-    tables: Tables,
-    where: str,
-    shared: SharedTable | None,
-) -> Tables:
-    """Return settings with ``tables`` on top, as tables again, with all keys that have a value."""
-    overrides = [f"{key}={_toml(value)}" for key, value in leaves(tables)]
-    try:
-        settings = load_settings(model, preset, below, overrides, shared)
-    except SettingsError as error:
-        raise SettingsError(
-            *(
-                f"{where}{line.removeprefix(COMMAND_LINE)}"
-                if line.startswith(COMMAND_LINE)
-                else line
-                for line in error.mistakes
-            )
-        ) from error
-    dumped: dict[str, Any] = settings.model_dump(mode="json", exclude_none=True)
-    return dumped
-
-
-def leaves(tables: Tables, path: str = "") -> list[tuple[str, Any]]:
-    """Return the values of nested tables by dotted key."""
-    found: list[tuple[str, Any]] = []
-    for key, value in tables.items():
-        dotted = f"{path}.{key}" if path else key
-        found += leaves(value, dotted) if isinstance(value, dict) else [(dotted, value)]
-    return found
-
-
-def _toml(value: Any) -> str:
-    """Return a value as TOML; JSON is valid TOML, except for tables inside lists."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return json.dumps(value)

@@ -1,10 +1,12 @@
 """The monitor: what it makes of frames, what it shows of them, and what its keys ask for."""
 
 import re
+from collections.abc import Sequence
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.text import Text
 
 from steer_by_wire.bus_view.recent import SPAN_S, STRIP_LENGTH, strip_of
 from steer_by_wire.bus_view.watch import BusWatch, View
@@ -34,7 +36,6 @@ from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.monitor.latency_keys import LatencyChoice, pressed
 from steer_by_wire.tools.monitor.screen import (
-    as_text,
     one_line,
     scaled_strip,
     screen_lines,
@@ -220,6 +221,10 @@ def test_no_frame_makes_the_monitor_raise(frames: list[tuple[int, Frame]]) -> No
 
 
 # From a view to text
+
+
+def as_text(lines: Sequence[Text]) -> str:
+    return "\n".join(line.plain for line in lines)
 
 
 def text_of(view: View, width: int = 80, choice: LatencyChoice | None = None) -> str:

@@ -19,12 +19,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
-from rich.text import Text
 
 from steer_by_wire.command_line import add_out_argument, command_parser, number
 from steer_by_wire.plant_emulator import quantities
@@ -42,36 +40,27 @@ from steer_by_wire.recordings.signal_table import (
 from steer_by_wire.runtime.program import ExitStatus, fail_status, run_main
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.runtime.settings import SettingsError, load_settings
-from steer_by_wire.runtime.thresholds import (
-    Condition,
-    Quantity,
-    add_fail_if_argument,
-)
-from steer_by_wire.tools.analyze_log.html_report import milliseconds, report_html
+from steer_by_wire.runtime.thresholds import Condition, Quantity, add_fail_if_argument, of_part
+from steer_by_wire.tools.analyze_log.html_report import report_html
 from steer_by_wire.tools.analyze_log.mcap_export import McapFile
+from steer_by_wire.tools.analyze_log.result import Result, print_results
 
 NAME = "steer-by-wire analyze"
 
 
-def _log(read: Callable[[dict[str, Any]], float | None]) -> Quantity:
-    return Quantity(lambda report: read(report["log"]))
-
-
 QUANTITIES: Mapping[str, Quantity] = {
     **quantities.QUANTITIES,
-    "round_trip_p99_s": _log(lambda figures: figures["latency"]["round_trip"]["p99_s"]),
-    "missing": _log(lambda figures: sum(m["missing"] for m in figures["messages"].values())),
-    "refused": _log(lambda figures: sum(figures["refused"].values())),
-    "gaps": _log(lambda figures: sum(m["gaps"] for m in figures["messages"].values())),
+    **of_part(
+        {
+            "round_trip_p99_s": Quantity(lambda log: log["latency"]["round_trip"]["p99_s"]),
+            "missing": Quantity(lambda log: sum(m["missing"] for m in log["messages"].values())),
+            "refused": Quantity(lambda log: sum(log["refused"].values())),
+            "gaps": Quantity(lambda log: sum(m["gaps"] for m in log["messages"].values())),
+        },
+        "log",
+    ),
 }
 """What ``--fail-if`` may name."""
-
-
-class Result(NamedTuple):
-    """The result of one log, and the folder with its files."""
-
-    figures: dict[str, Any]
-    folder: Path
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -137,7 +126,7 @@ def _run(options: argparse.Namespace) -> int:
     except MissingLibraryError as error:
         raise SettingsError(str(error)) from error
     if results:
-        _print_results(results)
+        print_results(results)
     status = _judge(results, options.fail_if)
     if mistakes:
         raise SettingsError(*mistakes)
@@ -254,62 +243,6 @@ def _progress() -> Iterator[Callable[[str, float | None], None]]:
             progress.update(tasks[name], completed=fraction)
 
         yield advance
-
-
-def _print_results(results: Sequence[Result]) -> None:
-    """Print the most important figures, one column for each log."""
-    table = Table(box=None, pad_edge=False)
-    table.add_column("")
-    for result in results:
-        table.add_column(result.folder.name, justify="right", overflow="fold")
-    for label, read in _ROWS.items():  # their units are in brackets, as markup would be
-        table.add_row(Text(label), *(read(result.figures) for result in results))
-    console = Console(width=None if sys.stdout.isatty() else 100)
-    console.print(table)
-    for result in results:
-        figures = result.figures
-        if figures["unreadable"]:
-            print(f"{figures['unreadable']} lines not read, the first: ", end="")
-            print(figures["first_unreadable"])
-        if len(figures["channels"]) > 1 and figures["messages"]["STEERING_COMMAND"]["accepted"]:
-            print(f"several channels ({', '.join(figures['channels'])}): choose with --channel")
-        print(f"report: {result.folder / 'report.html'}")
-
-
-def _signal(name: str, key: str, digits: int) -> Callable[[dict[str, Any]], str]:
-    return lambda figures: milliseconds(figures["signals"][name][key], digits)
-
-
-def _latency(name: str) -> Callable[[dict[str, Any]], str]:
-    def read(figures: dict[str, Any]) -> str:
-        report = figures["latency"][name]
-        return "/".join(milliseconds(report[key], 1) for key in ("p50_s", "p99_s", "jitter_s"))
-
-    return read
-
-
-def _missing(figures: dict[str, Any]) -> str:
-    messages = figures["messages"].values()
-    return f"{sum(m['missing'] for m in messages)}/{sum(m['late'] for m in messages)}"
-
-
-_ROWS: dict[str, Callable[[dict[str, Any]], str]] = {
-    "frames": lambda figures: str(figures["frames"]),
-    "duration [s]": lambda f: "no times" if f["duration_s"] is None else f"{f['duration_s']:.2f}",
-    "preview point, RMS [mm]": _signal("lateral_error_m", "rms", 2),
-    "preview point, peak [mm]": _signal("lateral_error_m", "peak", 2),
-    "centre of gravity, RMS [mm]": _signal("cg_deviation_m", "rms", 2),
-    "centre of gravity, peak [mm]": _signal("cg_deviation_m", "peak", 2),
-    "steer, RMS [mrad]": _signal("steer_rad", "rms", 2),
-    "steer, peak [mrad]": _signal("steer_rad", "peak", 2),
-    "round trip, p50/p99/jitter [ms]": _latency("round_trip"),
-    "downlink, p50/p99/jitter [ms]": _latency("downlink"),
-    "uplink, p50/p99/jitter [ms]": _latency("uplink"),
-    "counters missing/of them late": _missing,
-    "refused": lambda figures: str(sum(figures["refused"].values())),
-    "foreign": lambda figures: str(figures["foreign_frames"]),
-    "gaps": lambda figures: str(sum(m["gaps"] for m in figures["messages"].values())),
-}
 
 
 if __name__ == "__main__":

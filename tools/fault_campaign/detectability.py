@@ -62,28 +62,18 @@ class Mechanism(StrEnum):
     SELF_SUPERVISION = "self-supervision"
 
 
-MECHANISM_OF: Mapping[str, Mechanism] = MappingProxyType(
+_COUNTS: Mapping[Mechanism, str] = MappingProxyType(
     {
-        "bad_crc": Mechanism.E2E,
-        "masqueraded": Mechanism.E2E,
-        "wrong_length": Mechanism.E2E,
-        "wrong_format": Mechanism.E2E,
-        "repeated": Mechanism.E2E,
-        "out_of_order": Mechanism.E2E,
-        "too_far": Mechanism.E2E,
-        "disputed": Mechanism.E2E,
-        "own_identifier": Mechanism.E2E,
-        "lost": Mechanism.E2E,
-        "out_of_range": Mechanism.RANGE,
-        "not_available": Mechanism.RANGE,
-        "silence": Mechanism.FRESHNESS,
-        "stale": Mechanism.FRESHNESS,
-        "intervention": Mechanism.LIMITER,
-        "skipped_ticks": Mechanism.SELF_SUPERVISION,
-        "law_failures": Mechanism.SELF_SUPERVISION,
-        "failure": Mechanism.SELF_SUPERVISION,
-        "safe_state": Mechanism.SELF_SUPERVISION,
+        Mechanism.E2E: "bad_crc masqueraded wrong_length wrong_format repeated out_of_order "
+        "too_far disputed own_identifier lost",
+        Mechanism.RANGE: "out_of_range not_available",
+        Mechanism.FRESHNESS: "silence stale",
+        Mechanism.LIMITER: "intervention",
+        Mechanism.SELF_SUPERVISION: "skipped_ticks law_failures failure safe_state",
     }
+)
+MECHANISM_OF: Mapping[str, Mechanism] = MappingProxyType(
+    {name: mechanism for mechanism, names in _COUNTS.items() for name in names.split()}
 )
 """Which mechanism a count in a node's report belongs to."""
 

@@ -1,6 +1,6 @@
 """From a view to lines of text: 24 of them, as wide as the terminal, 80 columns at least."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from rich.text import Text
 
@@ -305,8 +305,3 @@ def _ms(value_s: float) -> str:
     """Return a time in ms with four digits or so."""
     value_ms = _ONE_MS * value_s
     return f"{value_ms:.{2 if value_ms < 10 else 1 if value_ms < 1000 else 0}f}"
-
-
-def as_text(lines: Sequence[Text]) -> str:
-    """Return lines as plain text, for a test or a file."""
-    return "\n".join(line.plain for line in lines)

@@ -10,20 +10,20 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ...controller.nominal_model import NominalVehicle, paper_eq19, steer_to_lateral_error
 from ...loop_theory.d_stability import DStability, judge, paper_d_stability
-from ...loop_theory.gain_boundaries import Bound, BoundaryCurve, RootKind, Window
+from ...loop_theory.gain_boundaries import Window
 from ...loop_theory.gain_loops import ContinuousGainLoop, GainLoop, SampledGainLoop
 from ...loop_theory.parameter_space import GainRegion, d_stable_region, verified
 from ...loop_theory.uncertainty import paper_box
 from ...reports.gain_drawing import GAIN_LABELS, draw_curves, draw_gamma, fill_region
 from ...reports.plot_style import COLOURS
 from ...runtime.node import NS_PER_MS
+from .parameter_space_columns import curve_columns, region_columns
 from .result import Comparison, Picture, Reproduction, Verdict
 
 PUBLISHED_K_P_RAD_M = 1.0596
@@ -74,7 +74,7 @@ def figure_7() -> Reproduction:
         "figure_07",
         "D-stability boundaries",
         "Plant (19), continuous, C = K_p + K_d s; σ = 0.3 1/s, θ = 135°, R = 1.3 rad/s.",
-        (Picture("figure_07", figure, _curve_columns(region.curves)),),
+        (Picture("figure_07", figure, curve_columns(region.curves)),),
         (
             Comparison("dominant roots at the published gains", "", _pair(pair), None),
             Comparison(
@@ -127,7 +127,7 @@ def figure_8() -> Reproduction:
         "Plant (19), continuous, C = K_p + K_d s; σ = 0.3 1/s, θ = 135°, R = 1.3 rad/s; published"
         f" gains K_p = {PUBLISHED_K_P_RAD_M}, K_d = {PUBLISHED_K_D_RAD_S_M}. The region goes on"
         " above the picture.",
-        (Picture("figure_08", figure, _region_columns([region])),),
+        (Picture("figure_08", figure, region_columns([region])),),
         (
             Comparison("published gains", "in the region", _inside(inside), inside),
             *_margin_comparisons(region),
@@ -166,7 +166,7 @@ def figure_8_beyond() -> Reproduction:
         "As Figure 8. Corners: continuous, V = 4 and 7 km/h, virtual mass 1600 and 5000 kg,"
         " C_r = 500,000 N/rad. Sampled: hold, delay and controller as they run, exact. Areas within"
         " the picture [rad² s/m²].",
-        (Picture("figure_08_beyond", figure, _region_columns(regions)),),
+        (Picture("figure_08_beyond", figure, region_columns(regions)),),
         tuple(comparisons),
         Verdict.BEYOND,
         "Not in the paper: its region is that of one continuous loop without delay. The robustness"
@@ -253,41 +253,6 @@ def _checked(region: GainRegion, loops: Sequence[GainLoop], spec: DStability) ->
     inside, outside, wrong = verified(region, loops, spec, CHECKED_GAINS, _SEED)
     text = f"{inside} inside and {outside} outside, {len(wrong)} of them judged otherwise"
     return Comparison("gains at which the roots were computed again", "", text, None)
-
-
-def _curve_columns(curves: Sequence[BoundaryCurve]) -> dict[str, NDArray[np.float64]]:
-    """Return every boundary, point by point; bound and root count the legend's from 1."""
-    bounds, kinds = list(Bound), list(RootKind)
-    labels = [(i, bounds.index(c.bound) + 1, kinds.index(c.kind) + 1) for i, c in enumerate(curves)]
-    each = np.repeat(np.array(labels, dtype=np.float64), [len(c.gains) for c in curves], axis=0)
-    gains = np.concatenate([curve.gains for curve in curves])
-    s_rad_s = np.concatenate([curve.s_rad_s for curve in curves])
-    return {
-        "curve": each[:, 0],
-        "bound_sigma_theta_r": each[:, 1],
-        "root_complex_real_infinite": each[:, 2],
-        "k_p_rad_m": gains[:, 0],
-        "k_d_rad_s_m": gains[:, 1],
-        "s_real_rad_s": s_rad_s.real,
-        "s_imag_rad_s": s_rad_s.imag,
-    }
-
-
-def _region_columns(regions: Sequence[GainRegion]) -> dict[str, NDArray[np.float64]]:
-    """Return the edge of every region, ring by ring."""
-    rings = [
-        (index, np.asarray(ring.coords))
-        for index, region in enumerate(regions)
-        for part in shapely.get_parts(region.polygon)
-        for ring in (part.exterior, *part.interiors)
-    ]
-    gains = np.concatenate([ring for _, ring in rings])
-    return {
-        "region": np.concatenate([np.full(len(ring), float(index)) for index, ring in rings]),
-        "ring": np.concatenate([np.full(len(ring), float(i)) for i, (_, ring) in enumerate(rings)]),
-        "k_p_rad_m": gains[:, 0],
-        "k_d_rad_s_m": gains[:, 1],
-    }
 
 
 def _pair(root: complex) -> str:

@@ -1,0 +1,115 @@
+"""What a compiled run reads, keeps and leaves: the records of ``compiled.loop``."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..controller.limits import SteerLimits
+from ..plant_emulator.motion import MotionState
+from ..plant_emulator.steering_guard import GuardParams, GuardState
+from .wire import Known
+
+
+class Constants(NamedTuple):
+    """Numbers of a run.
+
+    ``ramp_step_rad``     of SAFE_STOP and of the fade after a recovery, per control period
+    ``*_resolution_*``    of the signals on the wire (DBC)
+    ``motion_start_ns``   when the vehicle starts to move
+    """
+
+    guard: GuardParams
+    limits: SteerLimits
+    ramp_step_rad: float
+    lateral_error_resolution_m: float
+    lateral_error_m_max: float
+    steer_resolution_rad: float
+    motion_start_ns: int
+
+
+class Schedule(NamedTuple):
+    """When everything happens, in ns; independent of how the vehicle moves.
+
+    ``tick_ns``         control ticks from the first command on
+    ``tick_sample``     the sample whose measurement is in use at each tick
+    ``command_due_ns``  when each command that comes through reaches the actuator, in order
+    ``command_tick``    which tick it was sent at
+    ``sample_ns``       when the sensors sample
+    ``noise_m``         the sensor noise of each sample's lateral error
+    """
+
+    tick_ns: NDArray[np.int64]
+    tick_sample: NDArray[np.int64]
+    command_due_ns: NDArray[np.int64]
+    command_tick: NDArray[np.int64]
+    sample_ns: NDArray[np.int64]
+    noise_m: NDArray[np.float64]
+
+
+class Records(NamedTuple):
+    """The records of a run: the first seven per sample, the last two per control tick.
+
+    ``command``     index into the schedule's commands of the one in effect, -1 before the first
+    ``law_output``  (ticks, 4), in the order of ``LawOutput``
+    """
+
+    lateral_error_m: NDArray[np.float64]
+    heading_error_rad: NDArray[np.float64]
+    yaw_rate_rad_s: NDArray[np.float64]
+    wheel_angle_rad: NDArray[np.float64]
+    curvature_1_m: NDArray[np.float64]
+    measured_m: NDArray[np.float64]
+    command: NDArray[np.int64]
+    sent_rad: NDArray[np.float64]
+    law_output: NDArray[np.float64]
+
+
+def empty_records(samples: int, ticks: int) -> Records:
+    """Return empty records: errors and commands are NaN at first, the others uninitialised."""
+    return Records(
+        np.full(samples, np.nan),
+        np.empty(samples),
+        np.empty(samples),
+        np.empty(samples),
+        np.empty(samples),
+        np.empty(samples),
+        np.empty(samples, dtype=np.int64),
+        np.full(ticks, np.nan),
+        np.empty((ticks, 4)),
+    )
+
+
+class Progress(NamedTuple):
+    """State of the plant: its motion, the steering's guard, the next sample to take, the next
+    command to arrive, and the one in effect.
+    """
+
+    motion: MotionState
+    guard: GuardState
+    sample: int
+    command: int
+    in_effect: int
+
+
+class Control(NamedTuple):
+    """State of the controller: the law's state, the command last sent, the rest of the fade [rad],
+    and what it knows of the wire; None for a law that does not look back.
+    """
+
+    law_state: Any
+    sent_rad: float
+    fade_rad: float
+    known: Known | None
+
+
+class Segment(NamedTuple):
+    """Ticks that the controller spends in one mode, as ``range(first_tick, last_tick)``.
+
+    ``is_recovery``  whether the law has just restarted while a command was being held
+    """
+
+    mode: int
+    first_tick: int
+    last_tick: int
+    is_recovery: bool
