@@ -25,12 +25,11 @@ from .analysis.check_verdict import found_in
 from .laws import LAWS
 from .node import RECEIVED, SENT, ControllerNode
 from .quantities import QUANTITIES, verdict_text
-from .settings import ControllerSettings, shared_vehicle, sparse_measurements
+from .settings import PRESETS, ControllerSettings, shared_vehicle, sparse_measurements
 from .summary import controller_summary
 
 NAME = "steering-controller"
 CHECK_NAME = "steer-by-wire check"
-PRESETS = "steer_by_wire.controller.presets"
 ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, verdict_text)
 DEFAULT_PRESET = "practical_pd_ddob"
 """Used if neither a preset nor a file is given, because no law works without suitable values."""

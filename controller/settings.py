@@ -4,6 +4,7 @@ Times a user sets are in milliseconds; ``period_ns``, ``supervision_of`` and ``l
 them for the node and the step functions.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Self
 
@@ -14,13 +15,23 @@ from ..dbc.messages import limits as signal_limits
 from ..dbc.protection import SequenceRule
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.overruns import OverrunSettings
-from ..runtime.settings import NUMBER_OR_WORD, OffWord, Settings, SharedTable, read_table
+from ..runtime.settings import (
+    NUMBER_OR_WORD,
+    OffWord,
+    Settings,
+    SharedTable,
+    load_settings,
+    read_preset,
+    read_table,
+)
 from .delay_settings import DelayEstimationSettings
 from .freshness import NO_LIMIT_NS, AgeLimits
 from .law_settings import LawSettings
 from .limits import SteerLimits
 from .modes import Supervision
 
+PRESETS = "steer_by_wire.controller.presets"
+"""The package with the presets that are shipped."""
 REPORTING_MS = 5.0
 """Part of the fault tolerant time for reporting on the bus: a late tick, and the wire."""
 
@@ -130,6 +141,14 @@ def sparse_measurements(settings: ControllerSettings, sensor_period_s: float) ->
         f" {1e3 * period_s:.3g} ms make this another law, as its derivative has no filter; set the"
         f" plant's sensor_period_ms = {1e3 * period_s:.3g}"
     )
+
+
+def controller_preset(name: str, overrides: Sequence[str] = ()) -> ControllerSettings:
+    """Return the settings of a preset, with ``overrides`` as for ``load_settings`` on top.
+
+    Raises SettingsError.
+    """
+    return load_settings(ControllerSettings, read_preset(PRESETS, name), overrides=overrides)
 
 
 def shared_vehicle(file: Path | None) -> SharedTable | None:

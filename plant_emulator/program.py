@@ -19,12 +19,11 @@ from .faults import FaultyNode, with_faults
 from .node import RECEIVED, SAMPLES_MAX, SENT, PlantNode, motion_params
 from .plant_samples import write_trace
 from .quantities import QUANTITIES
-from .settings import PlantSettings, shared_vehicle
+from .settings import PRESETS, PlantSettings, shared_vehicle
 from .summary import plant_summary
 from .verdict_text import verdict_text
 
 NAME = "plant-emulator"
-PRESETS = "steer_by_wire.plant_emulator.presets"
 ENDING = Ending({**QUANTITIES, **LOOP_QUANTITIES}, lambda report: verdict_text(report["node"]))
 
 

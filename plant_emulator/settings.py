@@ -1,5 +1,6 @@
 """The settings of the plant emulator."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -8,7 +9,7 @@ from pydantic import Field
 from ..dbc.protection import SequenceRule
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.overruns import OverrunSettings
-from ..runtime.settings import Settings, SharedTable, read_table
+from ..runtime.settings import Settings, SharedTable, load_settings, read_preset, read_table
 from .fault_settings import FAULTS_MAX, FaultSettings
 from .latency_settings import BothLatencySettings
 from .rig_settings import (
@@ -21,6 +22,9 @@ from .rig_settings import (
 )
 from .safety_settings import SafetySettings, resync_ns_of
 from .verdict import VerdictRules
+
+PRESETS = "steer_by_wire.plant_emulator.presets"
+"""The package with the presets that are shipped."""
 
 
 def shared_vehicle(file: Path | None) -> SharedTable | None:
@@ -74,3 +78,11 @@ class PlantSettings(Settings):
     def sensor_period_ns(self) -> int:
         """Period of the sensors [ns]."""
         return round(self.sensor_period_ms * NS_PER_MS)
+
+
+def plant_preset(name: str, overrides: Sequence[str] = ()) -> PlantSettings:
+    """Return the settings of a preset, with ``overrides`` as for ``load_settings`` on top.
+
+    Raises SettingsError.
+    """
+    return load_settings(PlantSettings, read_preset(PRESETS, name), overrides=overrides)

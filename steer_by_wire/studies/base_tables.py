@@ -5,8 +5,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ..controller.settings import PRESETS as CONTROLLER_PRESETS
 from ..controller.settings import ControllerSettings
 from ..controller.settings import shared_vehicle as nominal_vehicle
+from ..plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.settings import shared_vehicle as plant_vehicle
 from ..runtime.settings import (
@@ -19,9 +21,6 @@ from ..runtime.settings import (
 )
 from .factors import named_path
 from .study_file import BaseSettings
-
-PLANT_PRESETS = "steer_by_wire.plant_emulator.presets"
-CONTROLLER_PRESETS = "steer_by_wire.controller.presets"
 
 Tables = Mapping[str, Any]
 
@@ -78,7 +77,7 @@ def _checked(
     shared: SharedTable | None,
 ) -> Tables:
     """Return settings with ``tables`` on top; a mistake in these names ``where`` they stand."""
-    overrides = [f"{key}={_toml(value)}" for key, value in _leaves(tables)]
+    overrides = [f"{key}={_toml(value)}" for key, value in leaves(tables)]
     try:
         settings = load_settings(model, preset, below, overrides, shared)
     except SettingsError as error:
@@ -92,12 +91,12 @@ def _checked(
     return dumped
 
 
-def _leaves(tables: Tables, path: str = "") -> list[tuple[str, Any]]:
+def leaves(tables: Tables, path: str = "") -> list[tuple[str, Any]]:
     """Return the values of nested tables by dotted key."""
     found: list[tuple[str, Any]] = []
     for key, value in tables.items():
         dotted = f"{path}.{key}" if path else key
-        found += _leaves(value, dotted) if isinstance(value, dict) else [(dotted, value)]
+        found += leaves(value, dotted) if isinstance(value, dict) else [(dotted, value)]
     return found
 
 

@@ -15,13 +15,13 @@ from steer_by_wire.compiled.loop import run_only_segment
 from steer_by_wire.compiled.plan import NothingArrivesError, plan_run
 from steer_by_wire.compiled.steps import step_functions
 from steer_by_wire.controller.design import design_law
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import Mode
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset
+from steer_by_wire.plant_emulator.settings import plant_preset
+from steer_by_wire.runtime.settings import preset_names
 from tests.support.compiled_runs import (
     NETWORKS,
     assert_same_as_nodes,
-    controller_settings,
     plant_settings,
 )
 
@@ -64,32 +64,27 @@ RIGS: dict[str, Sequence[str]] = {
 def test_a_compiled_run_equals_the_nodes_on_any_network(law: str, network: str) -> None:
     overrides = [f"latency.{override}" for override in NETWORKS[network]]
     plant = plant_settings(overrides, 8.0 if network in SLOW_NETWORKS else 4.0)
-    run = assert_same_as_nodes(plant, controller_settings(f"practical_{law}"))
+    run = assert_same_as_nodes(plant, controller_preset(f"practical_{law}"))
     assert len(run.tick_s) > 0
 
 
 @pytest.mark.parametrize("rig", RIGS)
 def test_a_compiled_run_equals_the_nodes_with_any_rig(rig: str) -> None:
-    run = assert_same_as_nodes(plant_settings(RIGS[rig]), controller_settings("practical_pd_ddob"))
+    run = assert_same_as_nodes(plant_settings(RIGS[rig]), controller_preset("practical_pd_ddob"))
     assert len(run.tick_s) > 0
 
 
 @pytest.mark.parametrize("preset", preset_names("steer_by_wire.controller.presets"))
 def test_a_compiled_run_equals_the_nodes_with_every_preset(preset: str) -> None:
     overrides = ("sensor_period_ms=1", "latency.downlink.mean_s=0.004")
-    run = assert_same_as_nodes(plant_settings(overrides, 2.0), controller_settings(preset))
+    run = assert_same_as_nodes(plant_settings(overrides, 2.0), controller_preset(preset))
     assert len(run.tick_s) > 0
 
 
 @pytest.mark.parametrize("preset", preset_names("steer_by_wire.plant_emulator.presets"))
 def test_a_compiled_run_equals_the_nodes_with_every_plant_preset(preset: str) -> None:
-    plant = load_settings(
-        PlantSettings,
-        read_preset("steer_by_wire.plant_emulator.presets", preset),
-        None,
-        ["duration_s=5"],
-    )
-    run = assert_same_as_nodes(plant, controller_settings("practical_pd_dob"))
+    plant = plant_preset(preset, ["duration_s=5"])
+    run = assert_same_as_nodes(plant, controller_preset("practical_pd_dob"))
     assert len(run.tick_s) > 0
 
 
@@ -110,7 +105,7 @@ def test_a_compiled_run_equals_the_nodes_with_any_settings(seed: int) -> None:
         ],
         rng.choice([0.001, 0.5, 1.7350001]),
     )
-    controller = controller_settings(
+    controller = controller_preset(
         f"practical_{rng.choice(LAWS)}",
         [
             f"rate_hz={rng.choice([20, 77.7, 100, 143, 1000])}",
@@ -144,7 +139,7 @@ def test_a_law_that_looks_back_equals_the_nodes_with_any_settings(seed: int) -> 
         rng.choice([0.5, 3.0]),
     )
     preset, *law = rng.choice(LOOKING_BACK)
-    controller = controller_settings(
+    controller = controller_preset(
         preset,
         [
             *law,
@@ -177,7 +172,7 @@ def random_line(rng: random.Random, direction: str) -> list[str]:
 
 def test_a_run_that_ends_before_the_first_measurement_arrives_drives_on_uncontrolled() -> None:
     plant = plant_settings(["start_on_first_command=false", "latency.uplink.mean_s=9.0"])
-    batch = assert_same_as_nodes(plant, controller_settings("practical_pd_ddob"))
+    batch = assert_same_as_nodes(plant, controller_preset("practical_pd_ddob"))
     assert len(batch.time_s) == 801
     assert len(batch.tick_s) == 0
     assert batch.lateral_error_rms_m > 0.1
@@ -194,14 +189,14 @@ def test_a_recorded_network_is_met_as_the_nodes_meet_it(tmp_path: Path) -> None:
         "latency.downlink.duplicates=0.3",
         "latency.downlink.correlation_time_s=0.5",
     ]
-    assert_same_as_nodes(plant_settings(overrides, 3.0), controller_settings("practical_pd_cdob"))
+    assert_same_as_nodes(plant_settings(overrides, 3.0), controller_preset("practical_pd_cdob"))
 
 
 def test_a_compiled_run_goes_through_every_mode_as_the_node_does() -> None:
     plant = plant_settings(
         ["latency.uplink.loss=0.5", "latency.uplink.burst_frames=120"], duration_s=30.0
     )
-    controller = controller_settings("practical_pd_ddob", ["supervision.hold_ms=100"])
+    controller = controller_preset("practical_pd_ddob", ["supervision.hold_ms=100"])
     modes = {segment.mode for segment in plan_run(plant, controller).segments}
     assert modes == {Mode.ACTIVE, Mode.HOLDING, Mode.SAFE_STOP}
     assert_same_as_nodes(plant, controller)
@@ -211,7 +206,7 @@ def test_a_run_that_leaves_the_sensors_range_ends_there_and_says_so() -> None:
     plant = plant_settings(
         ["start_on_first_command=false", "vehicle.speed_m_s=27.77777777777778"], 60.0
     )
-    controller = controller_settings("practical_pd", ["limits.steer_rad_max=0.001"])
+    controller = controller_preset("practical_pd", ["limits.steer_rad_max=0.001"])
     run = run_batch(plant, controller)
     assert run.outcome is Outcome.LEFT_RANGE
     assert abs(run.lateral_error_m[-1]) > 83.88
@@ -222,7 +217,7 @@ def test_a_run_that_leaves_the_sensors_range_ends_there_and_says_so() -> None:
 def test_a_network_that_lets_nothing_through_is_refused() -> None:
     plant = plant_settings(["latency.uplink.loss=1.0"])
     with pytest.raises(NothingArrivesError, match="no measurement arrived"):
-        run_batch(plant, controller_settings("practical_pd"))
+        run_batch(plant, controller_preset("practical_pd"))
 
 
 def test_compiled_code_is_forgotten_when_any_step_function_changes() -> None:
@@ -235,7 +230,7 @@ def test_compiled_code_is_forgotten_when_any_step_function_changes() -> None:
 @pytest.mark.parametrize("law", ["practical_pd", "practical_smith"])
 def test_a_run_counts_no_references(law: str) -> None:
     """One array that is not borrowed, counted at every step of the plant, doubles the time."""
-    controller = controller_settings(law)
+    controller = controller_preset(law)
     run_batch(plant_settings((), 1.0), controller)
     params = type(design_law(controller).params).__name__
     made: Any = next(
@@ -257,7 +252,7 @@ def test_a_run_counts_no_references(law: str) -> None:
 
 @pytest.mark.parametrize("rig", ["noise", "actuator"])
 def test_fastmath_is_close_and_leaves_exact_runs_exact(rig: str) -> None:
-    plant, controller = plant_settings(RIGS[rig]), controller_settings("practical_pd")
+    plant, controller = plant_settings(RIGS[rig]), controller_preset("practical_pd")
     fast, exact = run_batch(plant, controller, fastmath=True), run_batch(plant, controller)
     np.testing.assert_allclose(fast.lateral_error_m, exact.lateral_error_m, atol=1e-6)
     assert (fast.lateral_error_m != exact.lateral_error_m).any()
@@ -268,7 +263,7 @@ def test_fastmath_sees_what_is_no_number() -> None:
     plant = plant_settings(
         ["start_on_first_command=false", "vehicle.speed_m_s=27.77777777777778"], 60.0
     )
-    controller = controller_settings("practical_pd", ["limits.steer_rad_max=0.001"])
+    controller = controller_preset("practical_pd", ["limits.steer_rad_max=0.001"])
     run, exact = run_batch(plant, controller, fastmath=True), run_batch(plant, controller)
     assert run.outcome is exact.outcome is Outcome.LEFT_RANGE
     assert len(run.time_s) == len(exact.time_s)

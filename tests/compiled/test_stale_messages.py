@@ -16,12 +16,12 @@ from steer_by_wire.controller.design import FADE_RAD_S, design_law
 from steer_by_wire.controller.law_interface import LawInput, VehicleReading
 from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, age_limits_of
+from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.dbc.messages import CAN_IDS, Mode, VehicleState
 from steer_by_wire.pair.virtual import run_virtual_nodes
 from steer_by_wire.plant_emulator.node import PlantNode
 from steer_by_wire.runtime.frame import Frame
 from tests.support.compiled_runs import assert_same_as_nodes
-from tests.support.compiled_runs import controller_settings as preset
 from tests.support.compiled_runs import plant_settings as plant
 
 CIRCLE = ('path={kind="circle", radius_m=30.0}',)

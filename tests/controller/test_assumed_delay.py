@@ -11,12 +11,11 @@ import pytest
 from steer_by_wire.controller.law_interface import Link
 from steer_by_wire.controller.link_memory import RING_SIZE, LinkMemory
 from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import LateralError, SteeringStatus
 from steer_by_wire.pair.virtual import run_virtual_nodes
 from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.plant_emulator.settings import plant_preset
 
 ASSUMED_NS = 300_000_000
 JITTERY = (
@@ -52,14 +51,8 @@ class AssumingMemory(LinkMemory):
 
 def settled_rms_m(overrides: tuple[str, ...], corner: str) -> float:
     ellipse = 'path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0}'
-    plant = load_settings(
-        PlantSettings,
-        read_preset("steer_by_wire.plant_emulator.presets", f"paper_corner_{corner}"),
-        None,
-        ["duration_s=25", ellipse, *overrides],
-    )
-    preset = read_preset("steer_by_wire.controller.presets", "practical_predictor")
-    controller = load_settings(ControllerSettings, preset)
+    plant = plant_preset(f"paper_corner_{corner}", ["duration_s=25", ellipse, *overrides])
+    controller = controller_preset("practical_predictor")
     plant_node = PlantNode(plant, 0)
     run_virtual_nodes(plant_node, ControllerNode(controller, 0), None, None, lambda: False)
     errors_m = np.array([sample.lateral_error_m for sample in plant_node.samples])

@@ -13,11 +13,11 @@ from steer_by_wire.controller.analysis.linear_system import NotLinearError, law_
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
 from steer_by_wire.controller.design import design_law
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.controller.settings import controller_preset as preset
+from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
+from steer_by_wire.runtime.settings import SettingsError, read_preset
 from tests.support.baseline_runs import FEED_FORWARD, SET_POINT, run_nodes, vehicle_of
 from tests.support.compiled_runs import NETWORKS, assert_same_as_nodes
-from tests.support.compiled_runs import controller_settings as preset
 from tests.support.compiled_runs import plant_settings as rig
 
 PERIOD_NS, PERIOD_S = 10_000_000, 0.01
@@ -50,12 +50,7 @@ def test_a_compiled_run_equals_the_nodes(name: str, overrides: Sequence[str], ne
 
 def corner(name: str, delay_ms: int) -> PlantSettings:
     overrides = ["duration_s=60", *ELLIPSE, f"latency.downlink.mean_s={delay_ms * 1e-3}"]
-    return load_settings(
-        PlantSettings,
-        read_preset("steer_by_wire.plant_emulator.presets", f"paper_corner_{name}"),
-        None,
-        overrides,
-    )
+    return plant_preset(f"paper_corner_{name}", overrides)
 
 
 @pytest.mark.parametrize("law", ["smith", "delayed_set_point"])

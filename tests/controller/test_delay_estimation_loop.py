@@ -10,14 +10,13 @@ from steer_by_wire.controller.delay_settings import DelayEstimationSettings, del
 from steer_by_wire.controller.delay_watch import DelayWatch, EchoDelay
 from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.received import Received
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.controller.shared_settings import PaperEq19Settings
 from steer_by_wire.dbc.messages import Decoded, DelayStatus, EchoState, EstimateState, decode
 from steer_by_wire.plant_emulator.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
 
 PERIOD_NS = 10_000_000
@@ -37,8 +36,7 @@ def plant_settings(path: dict[str, Any], corner: tuple[float, float], delay_s: f
 
 
 def controller_settings(law: str, *overrides: str) -> ControllerSettings:
-    preset = read_preset("steer_by_wire.controller.presets", f"practical_{law}")
-    return load_settings(ControllerSettings, preset, None, overrides)
+    return controller_preset(f"practical_{law}", overrides)
 
 
 class Run:

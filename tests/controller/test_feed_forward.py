@@ -8,9 +8,9 @@ from steer_by_wire.controller.design import design_law, steady_steer
 from steer_by_wire.controller.fading import NOTHING
 from steer_by_wire.controller.feed_forward import curve_steer
 from steer_by_wire.controller.law_interface import LawInput, VehicleReading
+from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.plant_emulator.vehicle import VehicleParams, state_matrices
 from tests.support.baseline_runs import FEED_FORWARD, on_a_circle, vehicle_of
-from tests.support.compiled_runs import controller_settings as preset
 from tests.support.own_vehicle import transition
 
 PERIOD_NS, PERIOD_S = 10_000_000, 0.01

@@ -12,13 +12,13 @@ from steer_by_wire.controller.followed_point import set_point_of, steady_set_poi
 from steer_by_wire.controller.law_interface import LawInput, VehicleReading
 from steer_by_wire.controller.laws.predictor import steer_for
 from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.controller.shared_settings import FollowedPoint
 from steer_by_wire.pair.virtual import run_virtual_nodes
 from steer_by_wire.plant_emulator.node import PlantNode
 from steer_by_wire.plant_emulator.vehicle import VehicleParams, state_matrices
 from steer_by_wire.runtime.settings import SettingsError
 from tests.support.baseline_runs import vehicle_of
-from tests.support.compiled_runs import controller_settings as preset
 from tests.support.compiled_runs import plant_settings as rig
 
 CG = "followed_point=centre_of_gravity"

@@ -23,12 +23,11 @@ from steer_by_wire.controller.analysis.linear_system import held_plant, law_syst
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.design import design_law
 from steer_by_wire.controller.law_settings import LawSettings
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.controller.transfer_function import Factor, TransferFunction
 from steer_by_wire.pair.trace import FloatArray
 from steer_by_wire.plant_emulator.latency import gamma_quantile, uniform_quantile
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.plant_emulator.settings import plant_preset
 from tests.support.wide_stretches import MODEL, PLANT
 
 MS_NS = 1_000_000
@@ -40,9 +39,8 @@ CDOB = ("pd.derivative_filter_rad_s=20", "cdob.q_cutoff_rad_s=50", "cdob.washout
 
 
 def law(preset: str, *overrides: str) -> ControllerSettings:
-    chosen = read_preset("steer_by_wire.controller.presets", preset)
     every = [*PAPER_GAINS, *MODEL, *WIDE_LIMITS, *overrides]
-    return load_settings(ControllerSettings, chosen, overrides=every)
+    return controller_preset(preset, every)
 
 
 PD = law("practical_pd", "pd.derivative_filter_rad_s=20")
@@ -218,10 +216,9 @@ def test_the_mean_square_can_grow_although_nearly_every_run_settles() -> None:
 def steer_envelope_rad(chosen: ControllerSettings, mean_ms: int, spread_ms: int) -> FloatArray:
     """Return the largest wheel angle of each second of 40 [rad], after a push from the side."""
     downlink = f"{{model='gamma',mean_s={mean_ms / 1e3},spread_s={spread_ms / 1e3},loss=0.01}}"
-    plant = load_settings(
-        PlantSettings,
-        read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal"),
-        overrides=[
+    plant = plant_preset(
+        "paper_nominal",
+        [
             *PLANT,
             "path={kind='straight'}",
             "duration_s=40",

@@ -10,12 +10,12 @@ from steer_by_wire.controller.estimator import EstimatorState
 from steer_by_wire.controller.kalman_derivative import KalmanParams, error_rate_m_s
 from steer_by_wire.controller.laws import LAWS
 from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, SteeringStatus
 from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
 from tests.support.compiled_runs import assert_same_as_nodes
 
@@ -23,15 +23,13 @@ KALMAN = "pd.derivative=kalman"
 
 
 def controller(*overrides: str, preset: str = "practical_pd_ddob") -> ControllerSettings:
-    text = read_preset("steer_by_wire.controller.presets", preset)
-    return load_settings(ControllerSettings, text, None, overrides)
+    return controller_preset(preset, overrides)
 
 
 def plant(*overrides: str) -> PlantSettings:
     path = 'path={kind="ellipse", semi_major_axis_m=30, semi_minor_axis_m=15}'
     settings = ("duration_s=8", path, "latency.downlink.mean_s=0.1", *overrides)
-    preset = read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal")
-    return load_settings(PlantSettings, preset, None, settings)
+    return plant_preset("paper_nominal", settings)
 
 
 def steers(

@@ -21,11 +21,10 @@ from steer_by_wire.controller.predictor_design import (
     noise_covariances,
     sampled_vehicles,
 )
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.controller.shared_settings import EstimatorSettings, VehicleModelSettings
 from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
 from tests.support.kalman_reference import (
     NotSettledError,
@@ -47,9 +46,8 @@ NOISES: dict[str, EstimatorSettings] = {
 
 
 def controller_settings(*overrides: str) -> ControllerSettings:
-    preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
     settings = ("law=predictor", "predictor.horizon_s_max=1.0", *overrides)
-    return load_settings(ControllerSettings, preset, None, settings)
+    return controller_preset("practical_pd_ddob", settings)
 
 
 def vehicle() -> VehicleModelSettings:
@@ -122,10 +120,9 @@ def test_the_estimates_are_filterpys_with_each_measurement_at_its_own_sample(
     network: str, lag_s: float
 ) -> None:
     settings = controller_settings(f"estimator.actuator_lag_s={lag_s}")
-    preset = read_preset("steer_by_wire.plant_emulator.presets", "paper_corner_d")
     path = 'path={kind="ellipse", semi_major_axis_m=30, semi_minor_axis_m=15}'
     rig = ("duration_s=12", path, f"actuator.lag_s={lag_s}", "sensor_noise.lateral_error_m=0.01")
-    plant = load_settings(PlantSettings, preset, None, (*rig, *NETWORKS[network]))
+    plant = plant_preset("paper_corner_d", (*rig, *NETWORKS[network]))
     node = Listening(settings)
     VirtualTimeExecutor((PlantNode(plant, 0), node), None, None).run(12_000_000_000)
     estimates = {estimate.sample: estimate for estimate in node.estimates if estimate.sample >= 0}

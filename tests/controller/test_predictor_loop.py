@@ -15,9 +15,8 @@ from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
 from steer_by_wire.controller.design import design_law, link_of
 from steer_by_wire.controller.nominal_model import NominalVehicle, steer_to_lateral_error
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.loop_theory.uncertainty import paper_box
-from steer_by_wire.runtime.settings import load_settings, read_preset
 from tests.support.straight_runs import PUSH, decay_1_s, run_straight
 
 MS = 1_000_000
@@ -27,8 +26,7 @@ CORNERS = dict(zip("abcd", paper_box().vertices(), strict=True))
 
 
 def controller(*overrides: str) -> ControllerSettings:
-    preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
-    return load_settings(ControllerSettings, preset, None, overrides)
+    return controller_preset("practical_pd_ddob", overrides)
 
 
 @cache

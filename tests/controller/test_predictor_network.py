@@ -14,9 +14,8 @@ from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings, age_limits_of
 from steer_by_wire.dbc.messages import CAN_IDS, Mode, SteeringStatus
 from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.runtime.frame import Frame
-from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
 from tests.support.predictor_law import controller, history
 
@@ -27,8 +26,7 @@ MS = 1_000_000
 
 
 def plant(*overrides: str) -> PlantSettings:
-    preset = read_preset("steer_by_wire.plant_emulator.presets", "paper_corner_d")
-    return load_settings(PlantSettings, preset, None, overrides)
+    return plant_preset("paper_corner_d", overrides)
 
 
 def run(

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.pair.virtual import make_virtual_pair, run_virtual_nodes
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.plant_emulator.settings import plant_preset
 
 ONSET_S, END_S = 3.0, 9.0
 NO_ECHOES = (
@@ -24,10 +23,8 @@ SHORTER_DELAYS = (  # the pd_ddob of practical_pd_ddob
 
 def without_echoes(delay_s: float, overrides: tuple[str, ...] = ()) -> tuple[float, float]:
     """Return the largest error [m] and step of the steer [rad] from the loss on, at corner d."""
-    plant = load_settings(
-        PlantSettings,
-        read_preset("steer_by_wire.plant_emulator.presets", "paper_corner_d"),
-        None,
+    plant = plant_preset(
+        "paper_corner_d",
         (
             f"duration_s={END_S}",
             'path={kind="ellipse", semi_major_axis_m=60.0, semi_minor_axis_m=30.0}',
@@ -35,8 +32,7 @@ def without_echoes(delay_s: float, overrides: tuple[str, ...] = ()) -> tuple[flo
             NO_ECHOES,
         ),
     )
-    preset = read_preset("steer_by_wire.controller.presets", "practical_predictor")
-    controller = load_settings(ControllerSettings, preset, None, overrides)
+    controller = controller_preset("practical_predictor", overrides)
     pair = make_virtual_pair(plant, controller, controller_samples_max=1000)
     run_virtual_nodes(pair.edge, pair.controller, None, None, lambda: False)
     assert pair.controller.report()["stale"]["steering_status"] == 1

@@ -8,9 +8,10 @@ import pytest
 from steer_by_wire.controller import program
 from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.sensor_rate import NO_RATE, RateState, rate_step
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.pair.virtual import run_virtual_nodes
 from steer_by_wire.plant_emulator.node import PlantNode
-from tests.support.compiled_runs import assert_same_as_nodes, controller_settings, plant_settings
+from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
 
 MS = 1_000_000
 
@@ -113,7 +114,7 @@ def driven(overrides: Sequence[str], law: Sequence[str] = ()) -> tuple[PlantNode
         ["path.kind=ellipse", "path.semi_major_axis_m=60", "path.semi_minor_axis_m=30", *overrides],
         duration_s=15.0,
     )
-    nodes = PlantNode(plant, 0), ControllerNode(controller_settings("practical_predictor", law), 0)
+    nodes = PlantNode(plant, 0), ControllerNode(controller_preset("practical_predictor", law), 0)
     run_virtual_nodes(*nodes, None, None, lambda: False)
     return nodes
 
@@ -136,7 +137,7 @@ def test_the_predictor_does_without_a_delay_that_is_counted_in_wrong_periods() -
 
 
 def test_laws_that_do_not_ask_for_the_period_are_not_told() -> None:
-    node = ControllerNode(controller_settings("practical_pd"), 0)
+    node = ControllerNode(controller_preset("practical_pd"), 0)
     assert node.report()["sensor_period"] is None
 
 
@@ -147,7 +148,7 @@ def test_laws_that_do_not_ask_for_the_period_are_not_told() -> None:
 def test_measurements_too_rare_for_an_unfiltered_derivative_are_warned_of(
     law: str, period_ms: str, is_warned: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    settings = controller_settings(law)
+    settings = controller_preset(law)
     plant = PlantNode(plant_settings([f"sensor_period_ms={period_ms}"], 1.0), 0)
     node = ControllerNode(settings, 0)
     run_virtual_nodes(plant, node, None, None, lambda: False)
@@ -161,12 +162,12 @@ def test_a_wrong_period_is_said_in_a_line(capsys: pytest.CaptureFixture[str]) ->
     for period, lines in (("20", 1), ("10", 0)):
         _, controller = driven([f"sensor_period_ms={period}"])
         program.conclude(
-            "steering-controller", controller_settings("practical_predictor"), controller
+            "steering-controller", controller_preset("practical_predictor"), controller
         )
         told = capsys.readouterr().err.splitlines()
         assert len(told) == lines
     _, controller = driven(["sensor_period_ms=20"])
-    program.conclude("steering-controller", controller_settings("practical_predictor"), controller)
+    program.conclude("steering-controller", controller_preset("practical_predictor"), controller)
     assert (
         "sensor period was about 20 ms, but link.sensor_period_ms = 10" in capsys.readouterr().err
     )
@@ -187,4 +188,4 @@ def test_a_wrong_period_is_said_in_a_line(capsys: pytest.CaptureFixture[str]) ->
 )
 def test_a_compiled_run_notices_it_at_the_same_tick(overrides: Sequence[str]) -> None:
     plant = plant_settings(overrides, duration_s=8.0)
-    assert_same_as_nodes(plant, controller_settings("practical_predictor"))
+    assert_same_as_nodes(plant, controller_preset("practical_predictor"))

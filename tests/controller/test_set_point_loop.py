@@ -12,8 +12,8 @@ from steer_by_wire.controller.analysis.predictor_loop import PredictorLoop
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.design import design_law, link_of
 from steer_by_wire.controller.nominal_model import NominalVehicle, steer_to_lateral_error
+from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.loop_theory.uncertainty import paper_box
-from tests.support.compiled_runs import controller_settings as preset
 from tests.support.straight_runs import decay_1_s, run_straight
 
 MS = 1_000_000

@@ -12,7 +12,7 @@ from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.analysis.stable_delays import stable_delays
 from steer_by_wire.controller.design import design_law
 from steer_by_wire.controller.law_interface import NO_HISTORY, NO_LINK, LawInput
-from tests.support.compiled_runs import controller_settings as preset
+from steer_by_wire.controller.settings import controller_preset as preset
 from tests.support.compiled_runs import plant_settings as rig
 from tests.support.own_vehicle import transition
 

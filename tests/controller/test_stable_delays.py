@@ -21,12 +21,11 @@ from steer_by_wire.controller.analysis.stable_delays import (
 )
 from steer_by_wire.controller.design import design_law, required
 from steer_by_wire.controller.law_settings import LawSettings
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.controller.transfer_function import Factor, TransferFunction
 from steer_by_wire.pair.trace import FloatArray
 from steer_by_wire.plant_emulator.safety_settings import UNGUARDED
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.plant_emulator.settings import plant_preset
 from tests.support.wide_stretches import MODEL, PLANT
 
 MS_NS = 1_000_000
@@ -36,8 +35,7 @@ WIDE_LIMITS = ("limits.steer_rad_max=1.3", "limits.steer_rate_rad_s_max=1000")
 
 
 def law(preset: str, *overrides: str) -> ControllerSettings:
-    chosen = read_preset("steer_by_wire.controller.presets", preset)
-    return load_settings(ControllerSettings, chosen, overrides=[*PAPER_GAINS, *MODEL, *overrides])
+    return controller_preset(preset, [*PAPER_GAINS, *MODEL, *overrides])
 
 
 def loop_of(chosen: ControllerSettings) -> SampledLoop:
@@ -157,11 +155,7 @@ def test_the_modes_counted_are_those_of_the_eigenvalues(
 
 @pytest.mark.parametrize("preset", ["paper_pd", "paper_pd_dob", "practical_pd_ddob"])
 def test_at_1_khz_the_boundary_is_where_the_eigenvalues_have_it(preset: str) -> None:
-    chosen = load_settings(
-        ControllerSettings,
-        read_preset("steer_by_wire.controller.presets", preset),
-        overrides=["rate_hz=1000"],
-    )
+    chosen = controller_preset(preset, ["rate_hz=1000"])
     loop = loop_of(chosen)
     modes = GrowingModes(loop, DELAY_NS_MAX)
     margin_ns = delay_margin_ns(stable_delays(loop))
@@ -225,10 +219,9 @@ def boundaries(chosen: ControllerSettings) -> list[Boundary]:
 
 def steer_rad(boundary: Boundary) -> tuple[FloatArray, FloatArray]:
     """Return times [s] and wheel angles [rad] of a run with a push of half a second."""
-    plant = load_settings(
-        PlantSettings,
-        read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal"),
-        overrides=[
+    plant = plant_preset(
+        "paper_nominal",
+        [
             *PLANT,
             "path={kind='straight'}",
             "duration_s=60",

@@ -6,7 +6,11 @@ The names are those of Vector's interaction layer; the E2E parameters' are those
 from cantools.database.can import Message as Definition
 
 from steer_by_wire.controller.received import RECEIVED as CONTROLLER_RECEIVES
-from steer_by_wire.controller.settings import ControllerSettings, age_limits_of, counters_of
+from steer_by_wire.controller.settings import (
+    age_limits_of,
+    controller_preset,
+    counters_of,
+)
 from steer_by_wire.dbc.dbc_file import load_database
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
@@ -40,12 +44,9 @@ from steer_by_wire.plant_emulator.safety_settings import design_guard
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS
-from steer_by_wire.runtime.settings import load_settings, read_preset
 
 DATABASE = load_database()
-CONTROLLER = load_settings(
-    ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd")
-)
+CONTROLLER = controller_preset("practical_pd")
 
 
 def attributes(definition: Definition) -> dict[str, object]:

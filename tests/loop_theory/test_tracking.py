@@ -15,7 +15,7 @@ from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.law_settings import LawSettings
 from steer_by_wire.controller.laws import PAPER_LAWS
 from steer_by_wire.controller.nominal_model import NominalVehicle, steer_to_lateral_error
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.controller.transfer_function import TransferFunction
 from steer_by_wire.loop_theory.loop_figures import (
     frequency_grid,
@@ -45,7 +45,6 @@ from steer_by_wire.plant_emulator.rig_settings import (
     VehicleSettings,
 )
 from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import load_settings, read_preset
 
 MS_NS = 1_000_000
 PERIOD_NS = 10 * MS_NS
@@ -58,9 +57,7 @@ LANE_CHANGE = SingleLaneChangeSettings(start_m=5.0, offset_m=2.0, length_m=15.0)
 
 
 def preset(law: str) -> ControllerSettings:
-    return load_settings(
-        ControllerSettings, read_preset("steer_by_wire.controller.presets", f"practical_{law}")
-    )
+    return controller_preset(f"practical_{law}")
 
 
 def unsteered_m(path: PathSettings, vehicle: NominalVehicle, ticks: int) -> NDArray[np.float64]:

@@ -6,12 +6,11 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.bus_faults.babbling import LOWEST_PRIORITY_IDS
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.pair.virtual import make_virtual_pair, run_virtual_nodes, run_virtual_pair
 from steer_by_wire.plant_emulator.fault_settings import FaultKind, FaultSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.runtime.toml_text import dump_toml
 from steer_by_wire.tools.closed_loop.__main__ import main as closed_loop
 from tests.support.virtual_soak import run_virtual_soak
@@ -36,9 +35,7 @@ def plant() -> PlantSettings:
 
 @pytest.fixture(scope="module")
 def controller() -> ControllerSettings:
-    return load_settings(
-        ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd")
-    )
+    return controller_preset("practical_pd")
 
 
 def test_no_tool_but_those_with_a_reason_makes_a_plant_of_its_own() -> None:

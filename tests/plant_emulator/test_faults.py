@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire.compiled.engine import FaultsNotCompiledError, run_batch
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
@@ -26,7 +26,7 @@ from steer_by_wire.plant_emulator.node import PlantNode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
-from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.runtime.view import View
 
 MS = 1_000_000
@@ -235,8 +235,7 @@ def test_faults_of_other_messages_and_of_none_pass_everything() -> None:
 
 
 def controller_settings() -> ControllerSettings:
-    preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
-    return load_settings(ControllerSettings, preset, None, [])
+    return controller_preset("practical_pd_ddob")
 
 
 def test_a_run_is_the_same_to_the_last_bit_until_a_fault_begins() -> None:

@@ -7,8 +7,7 @@ import pytest
 from steer_by_wire.plant_emulator.latency import Distribution
 from steer_by_wire.plant_emulator.latency_settings import LatencySettings, Order
 from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.program import PRESETS
-from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
 from steer_by_wire.runtime.settings import (
     Preset,
     SettingsError,

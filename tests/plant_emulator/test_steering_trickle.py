@@ -8,7 +8,7 @@ import pytest
 
 from steer_by_wire.compiled.plan import plan_run
 from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
     Mode,
     SafetyState,
@@ -23,8 +23,8 @@ from steer_by_wire.plant_emulator.node import PlantNode
 from steer_by_wire.plant_emulator.safety_settings import design_guard
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.steering_guard import GuardMode
-from steer_by_wire.runtime.settings import load_settings, read_preset
-from tests.support.compiled_runs import assert_same_as_nodes, controller_settings, plant_settings
+from steer_by_wire.runtime.settings import load_settings
+from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
 from tests.support.driven_guard import answers_to
 from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 
@@ -137,10 +137,9 @@ def pair(outage: str, *overrides: str) -> PlantNode:
         None,
         ["vehicle.speed_m_s=1.9444444444444444", f"faults=[{{{drop}, {outage}}}]", *overrides],
     )
-    preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
     node = PlantNode(plant, 0)
     edge = with_faults(node, plant.faults, plant.seed)
-    controller = ControllerNode(load_settings(ControllerSettings, preset), 0)
+    controller = ControllerNode(controller_preset("practical_pd_ddob"), 0)
     run_virtual_nodes(edge, controller, None, None, lambda: False)
     return node
 
@@ -181,7 +180,7 @@ def normal(mean_s: float, spread_s: float, loss: float) -> list[str]:
 def entered(overrides: Sequence[str]) -> dict[GuardMode, int]:
     """How often each mode is found after a command and was not after the one before, in 60 s."""
     plant = plant_settings(overrides, 60.0)
-    plan = plan_run(plant, controller_settings("practical_predictor"))
+    plan = plan_run(plant, controller_preset("practical_predictor"))
     arrivals_ns = (plan.command_due_ns - plan.motion_start_ns).tolist()
     params = design_guard(plant.safety, plant.vehicle, plant.actuator)
     modes = [answer.mode for answer in answers_to(params, ((ns, False) for ns in arrivals_ns))]
@@ -220,7 +219,7 @@ def test_loss_alone_falls_back_where_little_comes_through(loss: float, falls_bac
     ids=["jitter", "trickle"],
 )
 def test_a_compiled_run_with_a_trickle_equals_the_nodes(overrides: Sequence[str]) -> None:
-    law = controller_settings("practical_predictor")
+    law = controller_preset("practical_predictor")
     run = assert_same_as_nodes(plant_settings(overrides), law)
     assert np.abs(run.wheel_angle_rad - run.command_rad)[200:].max() > 1e-3
 

@@ -9,7 +9,7 @@ import pytest
 
 from steer_by_wire.compiled.engine import run_batch
 from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
     Direction,
     LatencyConfig,
@@ -25,8 +25,7 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.pair.virtual import run_virtual_nodes
 from steer_by_wire.plant_emulator.node import PlantNode
 from steer_by_wire.plant_emulator.plant_samples import PlantSample
-from steer_by_wire.plant_emulator.program import PRESETS
-from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.settings import PRESETS, PlantSettings
 from steer_by_wire.runtime.settings import SettingsError, load_settings, preset_names, read_preset
 from tests.support.driven_guard import Guarded, answers_to
 from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
@@ -269,9 +268,7 @@ def preset_pair(name: str, law: str, *overrides: str) -> list[tuple[PlantSetting
     """A preset's runs at 80 ms of latency: guarded by default, and with everything off."""
     off = [f"safety.{key}={value}" for key, value in OFF.items()]
     common = ["latency.downlink.mean_s=0.08", *overrides]
-    controller = load_settings(
-        ControllerSettings, read_preset("steer_by_wire.controller.presets", law)
-    )
+    controller = controller_preset(law)
     return [
         (load_settings(PlantSettings, read_preset(PRESETS, name), None, common + more), controller)
         for more in ([], off)

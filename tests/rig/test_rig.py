@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.enumerations import Mode
 from steer_by_wire.dbc.messages import Decoded, LateralError, Rejection, SteeringCommand
 from steer_by_wire.rig import Outcome, Rig
 from steer_by_wire.rig.detection import Detection, first_reaction
-from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.runtime.settings import SettingsError
 
 FOREIGN = Path(__file__).parents[2] / "examples" / "foreign_controller.py"
 DBC = Path(__file__).parents[2] / "dbc" / "steer_by_wire.dbc"
@@ -30,9 +30,7 @@ def test_a_preset_holds_the_path_in_virtual_time(tmp_path: Path) -> None:
 
 
 def test_the_same_rig_gives_each_controller_the_same_network(tmp_path: Path) -> None:
-    settings = load_settings(
-        ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
-    )
+    settings = controller_preset("practical_pd_ddob")
     rig = Rig(tmp_path, overrides=SHORT)
     by_name = rig.run("practical_pd_ddob")
     by_node = rig.run(lambda start_ns: ControllerNode(settings, start_ns))
@@ -61,9 +59,7 @@ def test_a_silent_controller_never_drives_the_plant(tmp_path: Path) -> None:
             super().on_tick(now_ns)
             return ()
 
-    settings = load_settings(
-        ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd")
-    )
+    settings = controller_preset("practical_pd")
     outcome = Rig(tmp_path, overrides=SHORT).run(lambda start_ns: Silent(settings, start_ns))
     assert failure_of(outcome)[0] == (
         "the plant was never driven: no valid STEERING_COMMAND arrived"

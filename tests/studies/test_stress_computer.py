@@ -7,10 +7,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from steer_by_wire.compiled.engine import Outcome, run_batch
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.pair.virtual import make_virtual_pair, run_virtual_nodes
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.plant_emulator.settings import plant_preset
+from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.studies import compute, scenario
 from steer_by_wire.studies.compute import Computer
 from steer_by_wire.studies.figures import COLUMNS
@@ -94,18 +94,15 @@ def test_a_study_in_which_the_wheel_is_lost_is_whole_replays_and_is_reported(
 
 
 def test_a_run_that_leaves_the_sensors_range_is_that_of_the_nodes_up_to_there() -> None:
-    plant = load_settings(
-        PlantSettings,
-        read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal"),
-        None,
+    plant = plant_preset(
+        "paper_nominal",
         [
             "duration_s=30",
             "vehicle.speed_m_s=27.77777777777778",
             "sensor_noise.lateral_error_m=0.02",
         ],
     )
-    law = read_preset("steer_by_wire.controller.presets", "practical_predictor")
-    controller = load_settings(ControllerSettings, law, None, ["limits.steer_rad_max=0.001"])
+    controller = controller_preset("practical_predictor", ["limits.steer_rad_max=0.001"])
     run = run_batch(plant, controller)
     assert run.outcome is Outcome.LEFT_RANGE
     nodes = make_virtual_pair(plant, controller, controller_samples_max=10_000)

@@ -12,13 +12,13 @@ import pytest
 from steer_by_wire.compiled.engine import run_batch
 from steer_by_wire.compiled.plan import plan_run
 from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.pair.virtual import run_virtual_nodes
 from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.plant_emulator.verdict import RunEnd
 from steer_by_wire.runtime.program import ExitStatus
-from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.runtime.toml_text import dump_toml
 from steer_by_wire.studies.compute import Computed, Computer
 from steer_by_wire.studies.figures import COLUMNS
@@ -185,9 +185,8 @@ def test_a_row_holds_what_makes_the_run_again(whole: Store) -> None:
 def test_the_study_beside_its_results_is_enough_though_its_controller_lies_elsewhere(
     tmp_path: Path,
 ) -> None:
-    mine = read_preset("steer_by_wire.controller.presets", "practical_pd")
     (tmp_path / "mine.toml").write_text(
-        dump_toml(load_settings(ControllerSettings, mine)), encoding="utf-8"
+        dump_toml(controller_preset("practical_pd")), encoding="utf-8"
     )
     text = STUDY.replace('"practical_pd", "practical_pd_ddob"', '"mine.toml"')
     scenarios = make_scenarios(tmp_path, text)
@@ -269,10 +268,8 @@ def test_a_network_that_lets_nothing_through_is_a_result_too(tmp_path: Path) -> 
 
 
 def test_lost_frames_are_counted_as_the_plant_counts_them() -> None:
-    plant = load_settings(
-        PlantSettings,
-        read_preset("steer_by_wire.plant_emulator.presets", "paper_corner_a"),
-        None,
+    plant = plant_preset(
+        "paper_corner_a",
         [
             "duration_s=5",
             "latency.downlink.loss=0.2",
@@ -283,9 +280,7 @@ def test_lost_frames_are_counted_as_the_plant_counts_them() -> None:
             "latency.uplink.schedule=[{time_s=0.0, mean_s=0.0},{time_s=2.0, mean_s=0.1, loss=0.3}]",
         ],
     )
-    law = load_settings(
-        ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd")
-    )
+    law = controller_preset("practical_pd")
     node = PlantNode(plant, 0)
     run_virtual_nodes(node, ControllerNode(law, 0), None, None, never)
     plan = plan_run(plant, law)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from steer_by_wire.plant_emulator.rig_settings import EllipseSettings
-from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.plant_emulator.verdict import Verdict, VerdictRules
-from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.runtime.settings import SettingsError, read_preset
 from steer_by_wire.studies.factors import Factor, Level, make_factors, quantile_of, range_values
 from steer_by_wire.studies.figures import COLUMNS
 from steer_by_wire.studies.sampling import make_design, replicate_seed
@@ -129,8 +129,7 @@ values = [0.0, 0.5]
 def test_the_corners_are_those_of_the_presets(tmp_path: Path) -> None:
     made = scenarios(tmp_path, '[[factors]]\nuse = "paper_corners"\n')
     for place, corner in enumerate("abcd"):
-        preset = read_preset("steer_by_wire.plant_emulator.presets", f"paper_corner_{corner}")
-        expected = load_settings(PlantSettings, preset).vehicle
+        expected = plant_preset(f"paper_corner_{corner}").vehicle
         assert made.case(place).labels == (corner,)
         assert made.pair(2 * place).plant.vehicle == expected
 

@@ -9,7 +9,7 @@ from steer_by_wire.compiled.engine import run_batch
 from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.design import design_law
 from steer_by_wire.controller.nominal_model import NominalVehicle, steer_to_lateral_error
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.verdict import RunEnd, Verdict, VerdictRules
 from steer_by_wire.runtime.settings import load_settings, read_preset
@@ -129,7 +129,7 @@ def test_verdicts_agree_with_the_linear_loop_on_which_delays_are_stable(preset: 
     A mode that takes longer than half a minute to change by e is not asked about: a run of two
     minutes cannot distinguish it from a lasting one.
     """
-    law = load_settings(ControllerSettings, read_preset("steer_by_wire.controller.presets", preset))
+    law = controller_preset(preset)
     corner = read_preset("steer_by_wire.plant_emulator.presets", "paper_corner_d")
     rig = load_settings(PlantSettings, corner).vehicle
     vehicle = NominalVehicle(

@@ -2,13 +2,12 @@
 
 from pathlib import Path
 
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.path_shapes import build_path
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.candump import CandumpReader
-from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.cockpit.sampler import Sampler
 
 NS = 1_000_000_000
@@ -21,8 +20,7 @@ PLANT = PlantSettings(
 def recorded_run(folder: Path) -> Path:
     """Record 12 s with 80 ms down in ``folder``; returns the log."""
     file = folder / "run.log"
-    preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
-    run_virtual_pair(PLANT, load_settings(ControllerSettings, preset), candump_log=file)
+    run_virtual_pair(PLANT, controller_preset("practical_pd_ddob"), candump_log=file)
     return file
 
 

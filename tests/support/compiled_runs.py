@@ -9,8 +9,7 @@ from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.pair.virtual import run_virtual_nodes
 from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 
 NETWORKS: dict[str, Sequence[str]] = {
     "none": (),
@@ -66,14 +65,7 @@ NETWORKS: dict[str, Sequence[str]] = {
 
 
 def plant_settings(overrides: Sequence[str], duration_s: float = 8.0) -> PlantSettings:
-    preset = read_preset("steer_by_wire.plant_emulator.presets", "paper_corner_d")
-    return load_settings(PlantSettings, preset, None, [f"duration_s={duration_s}", *overrides])
-
-
-def controller_settings(preset: str, overrides: Sequence[str] = ()) -> ControllerSettings:
-    return load_settings(
-        ControllerSettings, read_preset("steer_by_wire.controller.presets", preset), None, overrides
-    )
+    return plant_preset("paper_corner_d", [f"duration_s={duration_s}", *overrides])
 
 
 def assert_same_as_nodes(plant: PlantSettings, controller: ControllerSettings) -> BatchRun:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import can
 import pytest
 
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.pair.live import PairResult
 from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, LatencySettings
@@ -17,7 +17,6 @@ from steer_by_wire.recordings.file_analysis import analyse_files
 from steer_by_wire.runtime.candump import CandumpReader, LogEntry, format_entry
 from steer_by_wire.runtime.message import message_of
 from steer_by_wire.runtime.program import ExitStatus
-from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.analyze_log.__main__ import main
 
 DURATION_S = 12.0
@@ -28,9 +27,7 @@ START_NS = 1_700_000_000_123_456_000
 """Where virtual time begins, for formats that need a date."""
 ON_THE_WIRE_S = 1.5e-3
 """More than the frames of one instant take on the bus of virtual time."""
-CONTROLLER = load_settings(
-    ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd")
-)
+CONTROLLER = controller_preset("practical_pd")
 
 
 class Run(NamedTuple):

@@ -5,8 +5,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from steer_by_wire.controller.law_interface import History
-from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 
 SENT = [0.1 * tick for tick in range(64)]
 
@@ -30,6 +29,5 @@ def history(
 
 
 def controller(*overrides: str) -> ControllerSettings:
-    preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
     settings = ("law=predictor", "predictor.horizon_s_max=1.0", *overrides)
-    return load_settings(ControllerSettings, preset, None, settings)
+    return controller_preset("practical_pd_ddob", settings)

@@ -6,8 +6,7 @@ from steer_by_wire.compiled.engine import BatchRun, Outcome, run_batch
 from steer_by_wire.controller.nominal_model import NominalVehicle
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.safety_settings import UNGUARDED
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.plant_emulator.settings import plant_preset
 
 PUSH = (
     "disturbance.steps=[{at_s=0.5, steering_offset_rad=0.05}, {at_s=1.5, steering_offset_rad=0.0}]"
@@ -28,8 +27,7 @@ def run_straight(
         f"latency.downlink.mean_s={delay_ns * 1e-9!r}",
         *more,
     )
-    preset = read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal")
-    plant = load_settings(PlantSettings, preset, None, overrides)
+    plant = plant_preset("paper_nominal", overrides)
     done = run_batch(plant.model_copy(update={"safety": UNGUARDED}), settings)
     assert done.outcome is Outcome.COMPLETE
     return done

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.authenticated_node import AuthenticatedNode
 from steer_by_wire.dbc.authentication import Authentication
 from steer_by_wire.dbc.key_file import cmac_maker
@@ -40,7 +40,6 @@ from steer_by_wire.recordings.bus_listener import BusListener
 from steer_by_wire.runtime.bus_model import BusModel
 from steer_by_wire.runtime.frame import FD, Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node
-from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
 
 KEY, OTHER_KEY = bytes(range(16)), bytes(range(1, 17))
@@ -60,9 +59,7 @@ PLANT_SETTINGS = PlantSettings(
     path=EllipseSettings(semi_major_axis_m=20.0, semi_minor_axis_m=10.0),
     latency=BothLatencySettings(downlink=ROUGH, uplink=ROUGH),
 )
-CONTROLLER_SETTINGS = load_settings(
-    ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
-)
+CONTROLLER_SETTINGS = controller_preset("practical_pd_ddob")
 
 
 class ReceivedMessage(NamedTuple):

@@ -14,7 +14,7 @@ from steer_by_wire.compiled.engine import Outcome, run_batch
 from steer_by_wire.controller.design import design_law
 from steer_by_wire.controller.law_interface import LawInput
 from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
     Decoded,
     Direction,
@@ -42,7 +42,6 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, Node
-from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
 
 MS_NS = 1_000_000
@@ -55,11 +54,7 @@ STEER_RESOLUTION_RAD = 1e-5
 
 
 def preset(name: str, *overrides: str) -> ControllerSettings:
-    return load_settings(
-        ControllerSettings,
-        read_preset("steer_by_wire.controller.presets", name),
-        overrides=overrides,
-    )
+    return controller_preset(name, overrides)
 
 
 def plant_settings(

@@ -7,12 +7,11 @@ import pytest
 
 from steer_by_wire.controller.program import check_main
 from steer_by_wire.controller.program import main as controller_main
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.program import main as plant_main
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.program import ExitStatus
-from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.analyze_log.__main__ import main as analyze_main
 from tests.support.running_program import ORDINARY, UNSUPERVISED
 
@@ -48,8 +47,7 @@ def test_a_controller_that_measures_nothing_says_so(capsys: Capture) -> None:
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("log") / "candump.log"
-    preset = read_preset("steer_by_wire.controller.presets", "practical_pd")
-    controller = load_settings(ControllerSettings, preset)
+    controller = controller_preset("practical_pd")
     run_virtual_pair(PlantSettings(duration_s=4.0), controller, candump_log=file)
     return file
 

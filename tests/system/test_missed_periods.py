@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import ControllerFault, ControllerSafety, LateralError, encode
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
@@ -116,9 +116,7 @@ def test_the_verdict_is_that_of_the_last_periods_one_by_one(
 
 
 def test_a_starved_controller_stops_steering_for_good_and_says_why() -> None:
-    settings = load_settings(
-        ControllerSettings, read_preset("steer_by_wire.controller.presets", PRESET)
-    )
+    settings = controller_preset(PRESET)
     node = ControllerNode(settings, 0)
     frames: list[Frame] = []
     for cycle in range(100):

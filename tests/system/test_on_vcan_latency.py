@@ -14,12 +14,11 @@ from typing import NamedTuple
 
 import pytest
 
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.pair.live import Bus, LivePair, PairFiles, PairResult
 from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, LatencySettings
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
 from steer_by_wire.vcan.request import program_path
 from tests.support.running_program import PATIENCE_S, UNSUPERVISED
 
@@ -31,11 +30,7 @@ ATTEMPTS = 3
 RMS_TOLERANCE = 0.1
 LATENCY_EFFECT_MIN = 0.15
 """How much of RMS the latency adds at least: else the comparison would prove nothing."""
-CONTROLLER = load_settings(
-    ControllerSettings,
-    read_preset("steer_by_wire.controller.presets", "practical_pd"),
-    overrides=UNSUPERVISED[1::2],
-)
+CONTROLLER = controller_preset("practical_pd", UNSUPERVISED[1::2])
 
 
 class Pairs(NamedTuple):
@@ -55,9 +50,8 @@ def plant_settings(latency_s: float) -> PlantSettings:
         "vehicle.speed_m_s=4.166666666666667",
         "disturbance.steps=[{at_s=3,steering_offset_rad=0.05},{at_s=3.3,steering_offset_rad=0}]",
     ]
-    preset = read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal")
     line = LatencySettings(mean_s=latency_s)
-    return load_settings(PlantSettings, preset, None, overrides).model_copy(
+    return plant_preset("paper_nominal", overrides).model_copy(
         update={"latency": BothLatencySettings(downlink=line, uplink=line)}
     )
 

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import SteeringStatus, SteeringStatusCode
 from steer_by_wire.pair.virtual import run_virtual_nodes
 from steer_by_wire.plant_emulator.faults import with_faults
 from steer_by_wire.plant_emulator.node import PlantNode
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import load_settings, read_preset
-from tests.support.compiled_runs import assert_same_as_nodes, controller_settings, plant_settings
+from steer_by_wire.plant_emulator.settings import plant_preset
+from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
 from tests.support.fed_memory import MS, PERIOD_NS, Wire, driven
 from tests.support.plant_link import START_NS, link
 
@@ -29,10 +28,8 @@ class Outage:
     def __init__(self, outage_s: float, delay_s: float, extra: Sequence[str] = ()) -> None:
         drop = 'kind="drop", direction="downlink", message="STEERING_COMMAND", magnitude=1.0'
         fault = f"faults=[{{{drop}, onset_s={ONSET_S}, duration_s={outage_s}}}]"
-        plant = load_settings(
-            PlantSettings,
-            read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal"),
-            None,
+        plant = plant_preset(
+            "paper_nominal",
             [
                 "path.semi_major_axis_m=60",
                 "path.semi_minor_axis_m=30",
@@ -42,10 +39,7 @@ class Outage:
                 *extra,
             ],
         )
-        law = load_settings(
-            ControllerSettings,
-            read_preset("steer_by_wire.controller.presets", "practical_predictor"),
-        )
+        law = controller_preset("practical_predictor")
         self.plant, controller = PlantNode(plant, 0), ControllerNode(law, 0, 10_000)
         edge = with_faults(self.plant, plant.faults, plant.seed)
         run_virtual_nodes(edge, controller, None, None, lambda: False)
@@ -154,11 +148,11 @@ def test_the_fade_after_a_fallback_is_told_as_long_as_it_lasts() -> None:
 )
 def test_a_compiled_run_with_outages_equals_the_nodes(overrides: Sequence[str]) -> None:
     period = ["link.sensor_period_ms=7"] if "sensor_period_ms=7" in overrides else []
-    law = controller_settings("practical_predictor", period)
+    law = controller_preset("practical_predictor", period)
     run = assert_same_as_nodes(plant_settings(overrides), law)
     assert np.abs(run.wheel_angle_rad - run.command_rad)[200:].max() > 1e-3
 
 
 def test_a_filtered_derivative_with_outages_is_compiled_as_it_is_in_the_nodes() -> None:
-    law = controller_settings("practical_pd_ddob", ["pd.derivative=kalman"])
+    law = controller_preset("practical_pd_ddob", ["pd.derivative=kalman"])
     assert_same_as_nodes(plant_settings(OUTAGES), law)

@@ -17,7 +17,7 @@ from steer_by_wire.controller import own_law, program
 from steer_by_wire.controller.design import design_law
 from steer_by_wire.controller.laws import LawInput
 from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import ControllerStatus, Law, Mode, Rejection, decode
 from steer_by_wire.pair.virtual import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.plant_emulator.node import PlantNode
@@ -32,7 +32,7 @@ from steer_by_wire.tools.compare_laws import __main__ as compare_laws
 from steer_by_wire.tools.compare_laws import runs
 from steer_by_wire.tools.compare_laws.picture import draw_comparison
 from steer_by_wire.tools.compare_laws.tables import markdown_lines, table_lines
-from tests.support.compiled_runs import assert_same_as_nodes, controller_settings, plant_settings
+from tests.support.compiled_runs import assert_same_as_nodes, plant_settings
 from tests.support.small_study import make_scenarios, never
 
 OWN = "own_law:LAW"
@@ -45,7 +45,7 @@ def _examples(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def controller(law: str, *overrides: str) -> ControllerSettings:
-    return controller_settings("practical_pd", [f"law={law}", *overrides])
+    return controller_preset("practical_pd", [f"law={law}", *overrides])
 
 
 def run_nodes(

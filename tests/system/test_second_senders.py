@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from steer_by_wire.controller.settings import ControllerSettings, counters_of
+from steer_by_wire.controller.settings import controller_preset, counters_of
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     ControllerSafety,
@@ -25,13 +25,10 @@ from steer_by_wire.pair.virtual import make_virtual_pair
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS, NS_PER_MS, NS_PER_S
-from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
 
 PERIOD_NS = 10 * NS_PER_MS
-CONTROLLER = load_settings(
-    ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
-)
+CONTROLLER = controller_preset("practical_pd_ddob")
 PLANT = PlantSettings(duration_s=6.0)
 COMMANDS, MEASUREMENTS = PLANT.counters, counters_of(CONTROLLER)
 WARM_UP, ATTACK = 300, 200

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     Decoded,
@@ -297,9 +297,7 @@ def test_the_fastest_lag_that_is_allowed_is_computed() -> None:
 
 def test_in_virtual_time_no_sample_is_late() -> None:
     plant = PlantNode(PlantSettings.model_validate({"overruns": {"overruns_max": 0}}), 0)
-    controller = load_settings(
-        ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
-    )
+    controller = controller_preset("practical_pd_ddob")
     VirtualTimeExecutor((plant, ControllerNode(controller, 0))).run(2_000 * MS_NS)
     report = plant.report()
     assert (report["failure"], report["skipped_samples"]) == ("", 0)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
     ControllerSafety,
     ControllerStatus,
@@ -35,7 +35,6 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.candump import CandumpReader
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.overruns import OverrunSettings
-from steer_by_wire.runtime.settings import load_settings, read_preset
 from tests.support.running_program import PATIENCE_S
 
 DURATION_S = 6.0
@@ -55,9 +54,7 @@ PLANT = PlantSettings(
     ),
     overruns=BEAR_ALL,
 )
-CONTROLLER = load_settings(
-    ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
-).model_copy(update={"overruns": BEAR_ALL})
+CONTROLLER = controller_preset("practical_pd_ddob").model_copy(update={"overruns": BEAR_ALL})
 
 
 def drive(folder: Path) -> PairResult:

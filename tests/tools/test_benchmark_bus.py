@@ -14,11 +14,10 @@ import pytest
 from steer_by_wire.benchmarking.measurement import Line
 from steer_by_wire.benchmarking.wake_ups import measurements
 from steer_by_wire.controller.node import ControllerNode
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, LateralError, SteeringCommand, encode
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
-from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.runtime.statistics import DurationSummary
 from steer_by_wire.tools.benchmark_bus import __main__ as benchmark_bus
 from steer_by_wire.tools.benchmark_bus.allocations import TickMemory, tick_memory
@@ -76,8 +75,7 @@ def programs(tmp_path_factory: pytest.TempPathFactory) -> CPrograms:
 
 
 def controller() -> ControllerNode:
-    preset = read_preset("steer_by_wire.controller.presets", PRESET)
-    return ControllerNode(load_settings(ControllerSettings, preset), 0)
+    return ControllerNode(controller_preset(PRESET), 0)
 
 
 def measurement(counter: int) -> Frame:

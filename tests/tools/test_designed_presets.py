@@ -11,7 +11,7 @@ from steer_by_wire.controller.analysis.sampled_loop import SampledLoop
 from steer_by_wire.controller.design import design_law
 from steer_by_wire.controller.laws import PAPER_LAWS
 from steer_by_wire.controller.nominal_model import steer_to_lateral_error
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.loop_theory.tracking import rms_m, tracking_grid
 from steer_by_wire.loop_theory.uncertainty import paper_box
 from steer_by_wire.runtime.settings import load_settings, read_preset
@@ -41,7 +41,7 @@ FAST_HEAVY = paper_box().vertices()[3]
 
 
 def shipped_preset(name: str = "practical_pd_ddob") -> ControllerSettings:
-    return load_settings(ControllerSettings, read_preset("steer_by_wire.controller.presets", name))
+    return controller_preset(name)
 
 
 def shipped_candidate(name: str, law: str) -> Candidate:

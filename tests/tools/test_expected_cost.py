@@ -5,11 +5,11 @@ import pytest
 
 from steer_by_wire.compiled.engine import run_batch
 from steer_by_wire.compiled.plan import plan_run
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.plant_emulator.latency import QUANTILES, Distribution
 from steer_by_wire.plant_emulator.latency_settings import LatencySettings
-from steer_by_wire.plant_emulator.settings import PlantSettings
-from steer_by_wire.runtime.settings import SettingsError, load_settings, read_preset
+from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
+from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.stress_report.expected_cost import Rounding, expected_cost, latency_cdf
 from steer_by_wire.tools.stress_report.monte_carlo import monte_carlo_costs, on_grid, seeds
 
@@ -22,21 +22,13 @@ PERIOD_NS = 10_000_000
 
 def plant_settings(*overrides: str, duration_s: float = 10.0) -> PlantSettings:
     ellipse = "path={kind='ellipse',semi_major_axis_m=60,semi_minor_axis_m=30}"
-    preset = read_preset("steer_by_wire.plant_emulator.presets", "paper_nominal")
-    return load_settings(
-        PlantSettings, preset, None, [ellipse, f"duration_s={duration_s}", *overrides]
-    )
+    return plant_preset("paper_nominal", [ellipse, f"duration_s={duration_s}", *overrides])
 
 
 def controller_settings(law: str) -> ControllerSettings:
     """A law whose limits are never met: only then is a run linear."""
     wide = ("limits.steer_rad_max=1.3", "limits.steer_rate_rad_s_max=1000")
-    return load_settings(
-        ControllerSettings,
-        read_preset("steer_by_wire.controller.presets", f"practical_{law}"),
-        None,
-        wide,
-    )
+    return controller_preset(f"practical_{law}", wide)
 
 
 PD, DDOB = controller_settings("pd"), controller_settings("pd_ddob")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.codec import ContractError, codecs_of
 from steer_by_wire.dbc.dbc_file import layouts_of, parse_database
 from steer_by_wire.dbc.messages import MESSAGE_TYPES
@@ -21,7 +21,7 @@ from steer_by_wire.recordings.file_analysis import analyse_files
 from steer_by_wire.recordings.log_file import LogError
 from steer_by_wire.runtime.emulated_bus.address import AddressError, parse_address
 from steer_by_wire.runtime.option_types import output_file
-from steer_by_wire.runtime.settings import Settings, SettingsError, load_settings, read_preset
+from steer_by_wire.runtime.settings import SettingsError, load_settings
 from steer_by_wire.tools.fuzz.__main__ import main as fuzz_main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -86,11 +86,7 @@ def test_an_override_of_any_bytes_is_refused(override: str) -> None:
 def test_a_value_that_would_overflow_on_the_way_to_a_filter_is_refused_with_its_range(
     key: str, value: str, allowed: str
 ) -> None:
-    preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
-    load: Callable[[], Settings] = lambda: load_settings(  # noqa: E731 one argument of refusal
-        ControllerSettings, preset, overrides=[f"{key}={value}"]
-    )
-    text = refusal(load)
+    text = refusal(lambda: controller_preset("practical_pd_ddob", [f"{key}={value}"]))
     assert text.startswith(f"command line: {key} = {float(value)}")
     assert allowed in text
 

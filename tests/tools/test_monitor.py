@@ -10,7 +10,7 @@ from rich.text import Text
 
 from steer_by_wire.bus_view.recent import SPAN_S, STRIP_LENGTH, strip_of
 from steer_by_wire.bus_view.watch import BusWatch, View
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
     Decoded,
     Direction,
@@ -33,7 +33,6 @@ from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, L
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.candump import CandumpReader, LogEntry
 from steer_by_wire.runtime.frame import ERROR, Frame
-from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.monitor.latency_keys import LatencyChoice, pressed
 from steer_by_wire.tools.monitor.screen import (
     one_line,
@@ -58,8 +57,7 @@ def entries(tmp_path_factory: pytest.TempPathFactory) -> list[LogEntry]:
             downlink=LatencySettings(mean_s=0.08), uplink=LatencySettings(mean_s=0.02)
         ),
     )
-    preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
-    run_virtual_pair(plant, load_settings(ControllerSettings, preset), candump_log=log)
+    run_virtual_pair(plant, controller_preset("practical_pd_ddob"), candump_log=log)
     with log.open(encoding="ascii") as lines:
         return list(CandumpReader(lines))
 

@@ -8,6 +8,7 @@ from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.special import ellipe
 
 from steer_by_wire.controller.nominal_model import paper_eq19, steer_to_lateral_error
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.loop_theory.uncertainty import paper_box
 from steer_by_wire.pair.trace import rms
 from steer_by_wire.tools.reproduce_paper import published
@@ -35,7 +36,7 @@ from steer_by_wire.tools.reproduce_paper.delay_runs import (
 )
 from steer_by_wire.tools.reproduce_paper.delay_steps import largest_filter_rad_s
 from steer_by_wire.tools.reproduce_paper.reference_step import reference_step
-from steer_by_wire.tools.reproduce_paper.simulation import paper_controller, thinned
+from steer_by_wire.tools.reproduce_paper.simulation import thinned
 from steer_by_wire.tools.reproduce_paper.table_2 import CORRECTED, PRINTED, corner_run
 from steer_by_wire.tools.reproduce_paper.table_2_attempts import PATH
 
@@ -144,13 +145,13 @@ def test_ddob_as_published_drifts_and_with_washout_and_type_2_q_does_not() -> No
 def test_a_reference_step_of_the_cdob_ends_where_the_gains_at_rest_say() -> None:
     """At rest (18) is C G/(1 + C G_n), the two integrators leave G/G_n: the models' ratio."""
     plant = delayed_plant(1.0)
-    controller = paper_controller("paper_pd_cdob", FILTER)
+    controller = controller_preset("paper_pd_cdob", FILTER)
     step = reference_step(plant, controller, 0.1, 0.08, 20.0)
     assert step.error_m[-1] == pytest.approx(0.1 * (gain_ratio_at_rest() - 1.0), abs=2e-4)
 
 
 def test_a_reference_step_without_delay_is_followed_by_pd() -> None:
-    step = reference_step(delayed_plant(1.0), paper_controller("paper_pd"), 0.1, 0.0, 15.0)
+    step = reference_step(delayed_plant(1.0), controller_preset("paper_pd"), 0.1, 0.0, 15.0)
     assert step.error_m[0] == -0.1
     assert abs(step.error_m[-1]) < 1e-3
     assert step.time_s[-1] == pytest.approx(14.999)

@@ -10,11 +10,10 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.host import HostAnswer, StealClock
 from steer_by_wire.runtime.node import NS_PER_S
-from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.runtime.statistics import DurationSummary
 from steer_by_wire.tools.probe_host.presentation import record_of, sentences
 from steer_by_wire.tools.probe_host.probe import ORDINARY, RATES_HZ, REAL_TIME, Measured, Probe
@@ -106,8 +105,7 @@ def test_without_samples_there_is_nothing() -> None:
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
 def test_the_working_node_works_each_period_and_sends_nothing(rate_hz: int) -> None:
-    preset = read_preset("steer_by_wire.controller.presets", PRESET)
-    settings = load_settings(ControllerSettings, preset, None, [f"rate_hz={rate_hz}"])
+    settings = controller_preset(PRESET, [f"rate_hz={rate_hz}"])
     period_ns, clock = NS_PER_S // rate_hz, Clock()
     node = WorkingNode(settings, 0, 20 * period_ns, clock)
     assert node.on_frame(Frame(0x110, bytes(8)), 0) == ()

@@ -13,7 +13,7 @@ from steer_by_wire.bus_faults.babbling import (
     BabbledBus,
     babble,
 )
-from steer_by_wire.controller.settings import ControllerSettings, supervision_of
+from steer_by_wire.controller.settings import controller_preset, supervision_of
 from steer_by_wire.dbc.messages import CAN_IDS, DelayStatus, Mode, PlantStatus, SteeringCommand
 from steer_by_wire.pair.processes import children_of
 from steer_by_wire.plant_emulator.settings import PlantSettings
@@ -24,7 +24,6 @@ from steer_by_wire.runtime.emulated_bus.channel import BUFFER_FULL
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame_length import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
-from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.soak.bounds import delay_bounds_ns, longest_frame_ns
 from steer_by_wire.tools.soak.process_memory import GROWTH_KIB_MAX, figures_of, resident_kib
 from tests.support.virtual_soak import VirtualSoak, run_virtual_soak
@@ -36,9 +35,7 @@ BETWEEN_NS = (NS_PER_S, 5 * NS_PER_S)
 """Time enough for 120 frames of status, more than one queue for all messages would take."""
 COMMAND_ID = CAN_IDS[SteeringCommand]
 LOWEST_PRIORITY_ID, HIGHEST_PRIORITY_ID = max(LOWEST_PRIORITY_IDS), min(HIGHEST_PRIORITY_IDS)
-CONTROLLER = load_settings(
-    ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
-)
+CONTROLLER = controller_preset("practical_pd_ddob")
 
 
 def run(can_id: int) -> VirtualSoak:

@@ -6,14 +6,13 @@ from typing import Any
 
 import pytest
 
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.fault_settings import FaultKind, FaultSettings
 from steer_by_wire.plant_emulator.faults import FaultStage
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.recordings.file_analysis import analyse_files
 from steer_by_wire.runtime.candump import CandumpReader, LogEntry, format_entry
-from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.fault_campaign.detectability import UNRECEIVED
 from steer_by_wire.tools.fault_campaign.specification import direction_of
 
@@ -25,9 +24,7 @@ FIRST_S, LAST_S = 0.95, 1.55
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run without faults: those of the downlink act behind the bus, where no log is written."""
     file = tmp_path_factory.mktemp("log") / "run.log"
-    controller = load_settings(
-        ControllerSettings, read_preset("steer_by_wire.controller.presets", "practical_pd")
-    )
+    controller = controller_preset("practical_pd")
     run_virtual_pair(PlantSettings(duration_s=2.5), controller, candump_log=file)
     return file
 

@@ -10,7 +10,7 @@ from ...controller.design import LawDesign, design_law
 from ...controller.law_interface import LawInput
 from ...controller.laws import LAWS
 from ...controller.node import ControllerNode
-from ...controller.settings import ControllerSettings
+from ...controller.settings import PRESETS, controller_preset
 from ...dbc.messages import (
     ControllerStatus,
     Direction,
@@ -33,10 +33,9 @@ from ...pair.virtual import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model import BusModel
 from ...runtime.frame import Frame
-from ...runtime.settings import load_settings, preset_names, read_preset
+from ...runtime.settings import preset_names
 
 STEPS = 10_000
-PRESETS = "steer_by_wire.controller.presets"
 JUDGED_LAW = "pd_ddob"
 CONTROL_STEP_TARGET_US = 5.0
 SPEED_TARGET = 200.0
@@ -61,7 +60,7 @@ def law_lines() -> list[Line]:
     return [
         timed(
             f"control step {law}",
-            partial(_control_often, design_law(_controller_settings(law)), errors_m),
+            partial(_control_often, design_law(controller_preset(f"practical_{law}")), errors_m),
             STEPS,
             CONTROL_STEP_TARGET_US if law == JUDGED_LAW else None,
         )
@@ -82,7 +81,7 @@ def frame_lines() -> list[Line]:
 
 def controller_node_line() -> Line:
     """Time a LATERAL_ERROR frame in, a tick, and its STEERING_COMMAND frame out, with pd_ddob."""
-    node = ControllerNode(_controller_settings(JUDGED_LAW), 0)
+    node = ControllerNode(controller_preset(f"practical_{JUDGED_LAW}"), 0)
     frames = [
         encode(LateralError(0.01 * math.sin(0.1 * counter), 0.0), counter)
         for counter in range(COUNTERS)
@@ -107,7 +106,7 @@ def _virtual_time_line(wire: str, bitrate_bit_s: int | None) -> Line:
     factors, work_us = [], []
     for _ in range(VIRTUAL_REPETITIONS):
         pair = make_virtual_pair(
-            PlantSettings(duration_s=MOTION_S), _controller_settings(JUDGED_LAW)
+            PlantSettings(duration_s=MOTION_S), controller_preset(f"practical_{JUDGED_LAW}")
         )
         bus = None if bitrate_bit_s is None else BusModel(bitrate_bit_s)
         begin_s = time.perf_counter()
@@ -142,7 +141,3 @@ def _answer_often(node: ControllerNode, frames: Sequence[Frame]) -> None:
         now_ns = node.deadline_ns
         node.on_frame(frames[now_ns // PERIOD_NS % COUNTERS], now_ns)
         node.on_tick(now_ns)
-
-
-def _controller_settings(law: str) -> ControllerSettings:
-    return load_settings(ControllerSettings, read_preset(PRESETS, f"practical_{law}"))

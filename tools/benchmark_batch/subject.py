@@ -2,9 +2,8 @@
 
 from collections.abc import Sequence
 
-from ...controller.settings import ControllerSettings
-from ...plant_emulator.settings import PlantSettings
-from ...runtime.settings import load_settings, read_preset
+from ...controller.settings import ControllerSettings, controller_preset
+from ...plant_emulator.settings import PlantSettings, plant_preset
 
 DURATION_S = 60.0
 NETWORKS = {
@@ -18,11 +17,8 @@ def pair_settings(
     network: Sequence[str], duration_s: float = DURATION_S
 ) -> tuple[PlantSettings, ControllerSettings]:
     """Return a run of practical_pd_ddob at 100 Hz on a network."""
-    plant = load_settings(
-        PlantSettings,
-        read_preset("steer_by_wire.plant_emulator.presets", "paper_corner_d"),
-        None,
+    plant = plant_preset(
+        "paper_corner_d",
         [f"duration_s={duration_s}", *(f"latency.downlink.{setting}" for setting in network)],
     )
-    preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
-    return plant, load_settings(ControllerSettings, preset, None, [])
+    return plant, controller_preset("practical_pd_ddob")

@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 from ...benchmarking.wake_ups import measurements
 from ...controller.node import ControllerNode
-from ...controller.settings import ControllerSettings
-from ...runtime.settings import load_settings, read_preset
+from ...controller.settings import ControllerSettings, controller_preset
 
 WARM_UP_TICKS = 300
 
@@ -34,9 +33,7 @@ class TickMemory(NamedTuple):
 
 def tick_memory(preset: str, ticks: int) -> TickMemory:
     """Let a controller tick ``ticks`` times, twice: for the collections and for the bytes."""
-    settings = load_settings(
-        ControllerSettings, read_preset("steer_by_wire.controller.presets", preset)
-    )
+    settings = controller_preset(preset)
     return TickMemory(ticks, _collections(settings, ticks), *_bytes(settings, ticks))
 
 

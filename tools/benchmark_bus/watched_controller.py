@@ -24,7 +24,7 @@ from typing import Any
 
 from ...benchmarking.wake_ups import measurements
 from ...controller.node import RECEIVED, ControllerNode
-from ...controller.settings import ControllerSettings
+from ...controller.settings import PRESETS, ControllerSettings
 from ...dbc.messages import CAN_IDS, LateralError
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, Wrapper
@@ -33,7 +33,6 @@ from ...runtime.program import run_main, run_node
 from ...runtime.program_options import load_program_settings, make_parser
 
 NAME = "watched-controller"
-PRESETS = "steer_by_wire.controller.presets"
 WARM_UP_TICKS = 100
 """By this tick all caches and all bins of the statistics that a quiet run needs exist."""
 _MEASUREMENT_ID = CAN_IDS[LateralError]

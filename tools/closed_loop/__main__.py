@@ -21,6 +21,7 @@ from typing import Any
 
 from steer_by_wire.command_line import add_overrides_argument, command_parser
 from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings, sparse_measurements
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
 from steer_by_wire.pair.live import PairFiles
@@ -28,6 +29,7 @@ from steer_by_wire.pair.virtual import BITRATE_BIT_S, make_virtual_pair, run_vir
 from steer_by_wire.plant_emulator.faults import FaultyNode, with_faults
 from steer_by_wire.plant_emulator.node import PlantNode, motion_params
 from steer_by_wire.plant_emulator.plant_samples import write_trace
+from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle
 from steer_by_wire.runtime.bus import BusError
@@ -62,8 +64,6 @@ from steer_by_wire.tools.closed_loop.result import (
 from steer_by_wire.tools.closed_loop.threaded import run_threaded_nodes
 
 NAME = "steer-by-wire run"
-PLANT_PRESETS = "steer_by_wire.plant_emulator.presets"
-CONTROLLER_PRESETS = "steer_by_wire.controller.presets"
 CONTROLLER_PRESET = "practical_pd_ddob"
 """The controller's settings unless others are given."""
 

@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field, field_validator
 
-from ...controller.settings import ControllerSettings
+from ...controller.settings import ControllerSettings, controller_preset
 from ...dbc.messages import LatencyModel
 from ...plant_emulator.latency import Distribution
-from ...plant_emulator.settings import PlantSettings
-from ...runtime.settings import Settings, load_settings, preset_names, read_preset, with_values
+from ...plant_emulator.settings import PlantSettings, plant_preset
+from ...runtime.settings import Settings, preset_names, with_values
 
 CONTROLLER_PRESETS = "steer_by_wire.controller.presets"
 PLANT_PRESETS = "steer_by_wire.plant_emulator.presets"
@@ -103,7 +103,7 @@ def lane_settings(scenario: Scenario) -> Sequence[LaneSettings]:
         LaneSettings(
             name.replace("_", " "),
             plant,
-            load_settings(ControllerSettings, read_preset(CONTROLLER_PRESETS, name)),
+            controller_preset(name),
         )
         for name in scenario.controllers
     ]
@@ -138,7 +138,7 @@ def _plant_settings(scenario: Scenario) -> PlantSettings:
         values["path"] = path
     if scenario.speed_km_h is not None:
         values["vehicle.speed_m_s"] = scenario.speed_km_h / 3.6
-    preset = load_settings(PlantSettings, read_preset(PLANT_PRESETS, scenario.plant))
+    preset = plant_preset(scenario.plant)
     return with_values(preset, values, scenario.title or _PAGE)
 
 

@@ -20,11 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...compiled.engine import Outcome, run_batch
-from ...controller.settings import ControllerSettings
+from ...controller.settings import ControllerSettings, controller_preset
 from ...pair.trace import rms
 from ...plant_emulator.safety_settings import UNGUARDED
-from ...plant_emulator.settings import PlantSettings
-from ...runtime.settings import load_settings, read_preset
+from ...plant_emulator.settings import PlantSettings, plant_preset
 
 FloatArray = NDArray[np.float64]
 
@@ -206,8 +205,7 @@ def compare(
 def controller_settings(one: Contestant, *, has_lag: bool) -> ControllerSettings:
     """Return the settings of a contestant."""
     overrides = (*one.overrides, *(one.with_lag if has_lag else ()))
-    preset = read_preset("steer_by_wire.controller.presets", one.preset)
-    return load_settings(ControllerSettings, preset, None, overrides)
+    return controller_preset(one.preset, overrides)
 
 
 def plant_settings(
@@ -222,8 +220,7 @@ def plant_settings(
     overrides = [f"seed={seed}", f"duration_s={duration_s}", PATH, *network.overrides(delay_s)]
     if is_continuous:
         overrides.append("sensor_period_ms=1")
-    preset = read_preset("steer_by_wire.plant_emulator.presets", f"paper_corner_{corner}")
-    settings = load_settings(PlantSettings, preset, None, overrides)
+    settings = plant_preset(f"paper_corner_{corner}", overrides)
     return settings.model_copy(update={"safety": UNGUARDED})
 
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...controller.settings import ControllerSettings
+from ...controller.settings import controller_preset
 from ...dbc.messages import (
     Decoded,
     DelayStatus,
@@ -31,7 +31,6 @@ from ...pair.virtual import make_virtual_pair
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
-from ...runtime.settings import load_settings, read_preset
 from ...runtime.virtual_time import VirtualTimeExecutor
 
 DURATION_S = 60.0
@@ -100,7 +99,7 @@ class Result(NamedTuple):
 
 def run_case(case: Case) -> tuple[Result, History]:
     """Run the pair; returns the figures and what they come from."""
-    pair = make_virtual_pair(_plant_settings(case), _controller_settings(case.law), 0)
+    pair = make_virtual_pair(_plant_settings(case), controller_preset(f"practical_{case.law}"), 0)
     listener = _Listener()
     executor = VirtualTimeExecutor((pair.edge, pair.controller), None, listener.on_wire)
     until_ns = NS_PER_S
@@ -124,11 +123,6 @@ def _plant_settings(case: Case) -> PlantSettings:
             "latency": {"downlink": way, "uplink": way},
         }
     )
-
-
-def _controller_settings(law: str) -> ControllerSettings:
-    preset = read_preset("steer_by_wire.controller.presets", f"practical_{law}")
-    return load_settings(ControllerSettings, preset, None, ())
 
 
 def _configured_s(case: Case) -> float | None:

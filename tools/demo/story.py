@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...controller.settings import ControllerSettings
+from ...controller.settings import ControllerSettings, controller_preset
 from ...pair.live import PairResult
 from ...pair.trace import Trace, rms
 from ...plant_emulator.latency_settings import SchedulePoint
@@ -31,8 +31,7 @@ class DemoLaw(NamedTuple):
 
     def controller(self) -> ControllerSettings:
         """Return the settings of its controller."""
-        preset = read_preset("steer_by_wire.controller.presets", self.preset)
-        return load_settings(ControllerSettings, preset, overrides=UNSUPERVISED)
+        return controller_preset(self.preset, UNSUPERVISED)
 
     def plant(self, overrides: Sequence[str]) -> PlantSettings:
         """Return what it drives: the demo's file, below ``overrides``; raises SettingsError."""

@@ -26,10 +26,10 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 
 from steer_by_wire.command_line import add_out_argument, add_overrides_argument, command_parser
 from steer_by_wire.controller.laws.predictor import FALLBACK
-from steer_by_wire.controller.settings import ControllerSettings
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.runtime.option_types import settings_file
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
-from steer_by_wire.runtime.settings import load_settings, preset_names, read_preset
+from steer_by_wire.runtime.settings import load_settings, preset_names
 from steer_by_wire.terminal import plain_console, progress_bars
 from steer_by_wire.tools.design_gains.candidate import KEYS, any_settings
 from steer_by_wire.tools.design_gains.design import Design, NoDesignError
@@ -174,8 +174,7 @@ def _design_predictor(
     if table is None:
         raise ValueError("the specification has no table [predictor]")
     if table.fallback is not None:
-        preset = read_preset("steer_by_wire.controller.presets", table.fallback)
-        fallback = load_settings(ControllerSettings, preset)
+        fallback = controller_preset(table.fallback)
     if fallback is None:
         say(NAME, "error: predictor: there is no pd_ddob for it to fall back to", sys.stderr)
         return NO_DESIGN

@@ -25,6 +25,7 @@ from typing import TypeVar
 from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 
 from steer_by_wire.command_line import command_parser, whole_number
+from steer_by_wire.controller.settings import PRESETS
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.runtime.settings import Preset, SettingsError, load_settings, preset_names
@@ -118,7 +119,7 @@ def _run(options: argparse.Namespace) -> int:
     )
     default = Preset("default", text) if options.spec is None else None
     spec = load_settings(CampaignSettings, default, options.spec, options.overrides)
-    known = preset_names("steer_by_wire.controller.presets")
+    known = preset_names(PRESETS)
     for law in (*spec.laws, *(law for point in spec.points for law in point.laws)):
         if law not in known:
             raise SettingsError(f"laws: {law!r} is no preset; known: {', '.join(known)}")

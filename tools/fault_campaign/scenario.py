@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
-from ...controller.settings import ControllerSettings
+from ...controller.settings import ControllerSettings, controller_preset
 from ...plant_emulator.fault_settings import FaultSettings
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.settings import load_settings, read_preset
+from ...runtime.settings import load_settings
 from .detectability import (
     Expectation,
     Sight,
@@ -190,8 +190,7 @@ def controller_settings_of(law: str, ftti_ms: float | None = None) -> Controller
                  open; None: the preset's
     """
     overrides = [] if ftti_ms is None else [f"supervision.fault_tolerant_time_ms={ftti_ms}"]
-    preset = read_preset("steer_by_wire.controller.presets", law)
-    return load_settings(ControllerSettings, preset, None, overrides)
+    return controller_preset(law, overrides)
 
 
 def _onset_s(spec: CampaignSettings, sight: Sight, seed: int) -> float:

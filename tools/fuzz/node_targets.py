@@ -16,7 +16,7 @@ from functools import lru_cache
 from ...controller.node import RECEIVED as CONTROLLER_RECEIVES
 from ...controller.node import SENT as CONTROLLER_SENDS
 from ...controller.node import ControllerNode
-from ...controller.settings import ControllerSettings
+from ...controller.settings import ControllerSettings, controller_preset
 from ...dbc.messages import (
     CAN_IDS,
     ControllerSafety,
@@ -41,7 +41,7 @@ from ...plant_emulator.node import PlantNode, motion_params
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S, Node, ReportingNode
-from ...runtime.settings import load_settings, read_preset
+from ...runtime.settings import load_settings
 from .choices import Choices
 from .promises import promise
 from .traffic import wake_ups
@@ -110,11 +110,7 @@ def fuzz_plant(data: bytes) -> None:
 def controller_settings(number: int) -> ControllerSettings:
     """Return the settings of one of CONTROLLERS."""
     preset, overrides = CONTROLLERS[number]
-    return load_settings(
-        ControllerSettings,
-        read_preset("steer_by_wire.controller.presets", preset),
-        overrides=overrides,
-    )
+    return controller_preset(preset, overrides)
 
 
 @lru_cache

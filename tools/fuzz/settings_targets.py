@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from ...controller.node import ControllerNode
+from ...controller.settings import PRESETS as CONTROLLER_PRESETS
 from ...controller.settings import ControllerSettings
 from ...dbc.messages import (
     ControllerSafety,
@@ -29,6 +30,7 @@ from ...dbc.messages import (
 )
 from ...plant_emulator.latency_profile import read_trace
 from ...plant_emulator.node import PlantNode
+from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.waypoints import waypoint_path
 from ...runtime.node import NS_PER_MS, Node
@@ -143,8 +145,8 @@ def settled(read: Callable[[], Any], begins: Sequence[str]) -> Any:
 def subjects() -> Sequence[Subject]:
     """Return all kinds of settings."""
     return (
-        Subject(ControllerSettings, "steer_by_wire.controller.presets", _run_controller),
-        Subject(PlantSettings, "steer_by_wire.plant_emulator.presets", _run_plant),
+        Subject(ControllerSettings, CONTROLLER_PRESETS, _run_controller),
+        Subject(PlantSettings, PLANT_PRESETS, _run_plant),
         Subject(StudySettings, None, lambda _settings: None),
         Subject(VehicleFile, None, lambda settings: settings.box),
         Subject(Specification, None, lambda _settings: None),

@@ -11,11 +11,10 @@ from typing import NamedTuple
 
 from ...benchmarking.wake_ups import measurements
 from ...controller.node import ControllerNode
-from ...controller.settings import ControllerSettings
+from ...controller.settings import ControllerSettings, controller_preset
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from ...runtime.real_time import Port, RealTimeExecutor
-from ...runtime.settings import load_settings, read_preset
 from ...runtime.statistics import DurationStatistics, DurationSummary
 from .steal import Sliced, Slices
 
@@ -98,8 +97,7 @@ class WorkingNode:
 
 def measure_wake_ups(port: Port, rate_hz: int, seconds: float, spin_ns: int) -> WakeUps:
     """Work ``rate_hz`` times a second for ``seconds``; raises BusError."""
-    preset = read_preset("steer_by_wire.controller.presets", PRESET)
-    settings = load_settings(ControllerSettings, preset, None, [f"rate_hz={rate_hz}"])
+    settings = controller_preset(PRESET, [f"rate_hz={rate_hz}"])
     start_ns = time.monotonic_ns() + NS_PER_S // 10  # the design of the law takes milliseconds
     node = WorkingNode(settings, start_ns, start_ns + round(seconds * NS_PER_S))
     RealTimeExecutor(node, port, spin_ns=spin_ns).run(lambda: False)

@@ -4,10 +4,9 @@ Lettered a to d in the order of Table II, which the paper's text does not contra
 """
 
 from ...controller.nominal_model import steer_to_lateral_error
-from ...controller.settings import ControllerSettings
+from ...controller.settings import ControllerSettings, controller_preset
 from ...controller.transfer_function import TransferFunction
 from ...loop_theory.uncertainty import paper_box
-from ...runtime.settings import load_settings, read_preset
 
 CORNERS = ("a", "b", "c", "d")
 
@@ -27,5 +26,4 @@ def corner_labels() -> tuple[str, ...]:
 
 def published_law(law: str, *overrides: str) -> ControllerSettings:
     """Return the preset paper_``law`` with settings overridden, each ``table.key=value``."""
-    preset = read_preset("steer_by_wire.controller.presets", f"paper_{law}")
-    return load_settings(ControllerSettings, preset, None, overrides)
+    return controller_preset(f"paper_{law}", overrides)

@@ -16,10 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...controller.settings import controller_preset
 from ...pair.trace import FloatArray, rms
 from ...plant_emulator.path_shapes import build_path
 from ...plant_emulator.settings import PlantSettings
-from .simulation import PAPER_DELAY_S, History, paper_controller, paper_plant, simulate
+from .simulation import PAPER_DELAY_S, History, paper_plant, simulate
 
 STEER_RAD_MAX = 0.6
 """Limit on every command, not in the paper: what a road vehicle's wheels can do."""
@@ -94,7 +95,9 @@ def delayed_plant(duration_s: float, *overrides: str) -> PlantSettings:
 
 def drive(laws: Sequence[Law], plant: PlantSettings) -> dict[str, History]:
     """Return a run of each law."""
-    return {law.label: simulate(plant, paper_controller(law.preset, law.overrides)) for law in laws}
+    return {
+        law.label: simulate(plant, controller_preset(law.preset, law.overrides)) for law in laws
+    }
 
 
 def lap_s(plant: PlantSettings) -> float:

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.design import design_law
 from ...controller.nominal_model import steer_to_lateral_error
-from ...controller.settings import ControllerSettings
+from ...controller.settings import ControllerSettings, controller_preset
 from ...controller.shared_settings import VehicleModelSettings
 from ...loop_theory.uncertainty import paper_box
 from ...pair.trace import FloatArray, rms
@@ -16,7 +16,7 @@ from ...runtime.node import NS_PER_S
 from .delay_runs import CDOB, FILTER, PD, Law, delayed_plant, drive
 from .reference_step import Step, reference_step
 from .result import Comparison, Picture
-from .simulation import PAPER_DELAY_S, paper_controller
+from .simulation import PAPER_DELAY_S
 
 _FILTERS_RAD_S = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0)
 _WASHOUTS_RAD_S = (1.0, 3.0)
@@ -82,7 +82,7 @@ def largest_filter_rad_s(law: Law) -> float:
     while high_rad_s - low_rad_s > 0.05:
         middle_rad_s = 0.5 * (low_rad_s + high_rad_s)
         changed = law.changed(f"pd.derivative_filter_rad_s={middle_rad_s}")
-        if _is_stable(paper_controller(changed.preset, changed.overrides)):
+        if _is_stable(controller_preset(changed.preset, changed.overrides)):
             low_rad_s = middle_rad_s
         else:
             high_rad_s = middle_rad_s
@@ -134,8 +134,8 @@ def step_comparisons(plant: PlantSettings) -> tuple[Comparison, ...]:
 
 
 def _steps(plant: PlantSettings) -> dict[str, Step]:
-    pd = paper_controller(PD.preset, FILTER)
-    cdob = paper_controller(CDOB.preset, FILTER)
+    pd = controller_preset(PD.preset, FILTER)
+    cdob = controller_preset(CDOB.preset, FILTER)
     own = cdob.model_copy(update={"nominal_model": _model_of(plant)})
     laws = {"PD": pd, "PD+CDOB, G_n of (19)": cdob, "PD+CDOB, G_n of the vehicle": own}
     return {

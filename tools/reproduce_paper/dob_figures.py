@@ -11,11 +11,12 @@ from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
+from ...controller.settings import controller_preset
 from ...pair.trace import FloatArray, rms
 from ...reports.plot_style import COLOURS
 from . import published
 from .result import CLAIM, NUMBER, Comparison, Picture, Reproduction, verdict_of
-from .simulation import History, paper_controller, paper_plant, simulate, thinned
+from .simulation import History, paper_plant, simulate, thinned
 from .table_2 import CORRECTED, DURATION_S, PRINTED, TOLERANCE_M
 
 _LAWS = {"PD": "paper_pd", "PD+DOB": "paper_pd_dob"}
@@ -109,7 +110,7 @@ def _run(preset: str, rear_cornering_stiffness_n_rad: float) -> _Runs:
         f"duration_s={DURATION_S}",
         f"vehicle.rear_cornering_stiffness_n_rad={rear_cornering_stiffness_n_rad}",
     )
-    pd, pd_dob = (simulate(plant, paper_controller(name)) for name in _LAWS.values())
+    pd, pd_dob = (simulate(plant, controller_preset(name)) for name in _LAWS.values())
     return _Runs(rear_cornering_stiffness_n_rad, pd, pd_dob)
 
 

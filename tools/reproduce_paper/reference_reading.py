@@ -10,12 +10,13 @@ from functools import cache
 
 from matplotlib.figure import Figure
 
+from ...controller.settings import controller_preset
 from ...pair.trace import FloatArray, rms
 from ...reports.plot_style import COLOURS
 from .delay_runs import CDOB, DDOB, PD, Law
 from .reference_runs import AMPLITUDE_M, DURATION_S, WAVELENGTH_M, Followed, follow
 from .result import CLAIM, Comparison, Picture
-from .simulation import PAPER_DELAY_S, paper_controller
+from .simulation import PAPER_DELAY_S
 
 READING = "path as the reference"
 FILTERS_RAD_S = (15.0, 30.0)
@@ -117,7 +118,7 @@ def _comparison(
 @cache
 def _run(law: Law, filter_rad_s: float) -> Followed:
     override = f"pd.derivative_filter_rad_s={filter_rad_s}"
-    return follow(paper_controller(law.preset, (override,)), PAPER_DELAY_S)
+    return follow(controller_preset(law.preset, (override,)), PAPER_DELAY_S)
 
 
 PD_TO_CDOB = (PD, CDOB)

@@ -24,11 +24,10 @@ from ...controller.analysis.stable_delays import (
     stable_delays,
 )
 from ...controller.design import design_law
-from ...controller.settings import ControllerSettings
+from ...controller.settings import ControllerSettings, controller_preset
 from ...controller.transfer_function import TransferFunction
 from ...reports.plot_style import COLOURS, plot_style
 from ...runtime.node import NS_PER_MS
-from ...runtime.settings import load_settings, read_preset
 from .corners import CORNERS, corner_labels, corner_plants
 from .result import Comparison, Picture, Reproduction, Verdict
 
@@ -111,9 +110,8 @@ def table_rows(variants: Sequence[Variant], laws: Sequence[str]) -> tuple[Row, .
     rows = []
     for variant in variants:
         for law in laws:
-            preset = read_preset("steer_by_wire.controller.presets", f"{variant.family}_{law}")
             overrides = variant.overrides + (variant.with_cdob if law in _WITH_CDOB else ())
-            settings = load_settings(ControllerSettings, preset, overrides=overrides)
+            settings = controller_preset(f"{variant.family}_{law}", overrides)
             corners = tuple(robustness(settings, plant) for plant in corner_plants())
             rows.append(Row(f"{LAWS[law]}, {variant.label}", corners))
     return tuple(rows)

@@ -5,15 +5,13 @@ simulation is of what runs on a bus. The paper's laws are continuous; 1 kHz come
 then measures at 1 kHz too: the ideal derivative of a value held for longer is another law.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from ...compiled.engine import Outcome, run_batch
 from ...controller.settings import ControllerSettings
 from ...pair.trace import FloatArray
 from ...pair.virtual import run_virtual_pair
-from ...plant_emulator.settings import PlantSettings
-from ...runtime.settings import load_settings, read_preset
+from ...plant_emulator.settings import PlantSettings, plant_preset
 
 PAPER_DELAY_S = 0.08
 AT_1_KHZ = "sensor_period_ms=1"
@@ -42,19 +40,7 @@ def simulate(plant_settings: PlantSettings, controller_settings: ControllerSetti
 
 def paper_plant(preset: str, *overrides: str) -> PlantSettings:
     """Return a preset of the plant, measuring at 1 kHz, below ``table.key=value`` overrides."""
-    return load_settings(
-        PlantSettings,
-        read_preset("steer_by_wire.plant_emulator.presets", preset),
-        None,
-        [AT_1_KHZ, *overrides],
-    )
-
-
-def paper_controller(preset: str, overrides: Sequence[str] = ()) -> ControllerSettings:
-    """Return a preset of the controller, below ``table.key=value`` overrides."""
-    return load_settings(
-        ControllerSettings, read_preset("steer_by_wire.controller.presets", preset), None, overrides
-    )
+    return plant_preset(preset, [AT_1_KHZ, *overrides])
 
 
 def thinned(trace: History, step_s: float) -> History:

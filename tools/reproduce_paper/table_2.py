@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from ...controller.settings import controller_preset
 from ...pair.trace import FloatArray, rms
 from ...reports.plot_style import COLOURS
 from . import published
@@ -19,7 +20,7 @@ from .both_rows_attempts import BothRows, both_rows_attempts
 from .continuous_runs import PD, order_2, table_2_row
 from .pd_row_attempts import pd_row_attempts
 from .result import CLAIM, NUMBER, Comparison, Picture, Reproduction, verdict_of
-from .simulation import History, paper_controller, paper_plant, simulate
+from .simulation import History, paper_plant, simulate
 from .table_2_attempts import PATH, attempts
 
 DURATION_S = PATH.duration_s
@@ -53,7 +54,7 @@ def corner_run(corner: str, preset: str, rear_cornering_stiffness_n_rad: float) 
         f"duration_s={DURATION_S}",
         f"vehicle.rear_cornering_stiffness_n_rad={rear_cornering_stiffness_n_rad}",
     )
-    return simulate(plant, paper_controller(preset))
+    return simulate(plant, controller_preset(preset))
 
 
 def simulated_row(label: str, preset: str, rear_cornering_stiffness_n_rad: float) -> Row:

@@ -6,8 +6,8 @@ from typing import NamedTuple
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.analysis.stable_delays import delay_margin_ns, stable_delays
 from ...controller.design import design_law
-from ...controller.settings import ControllerSettings
-from ...runtime.settings import SettingsError, load_settings, read_preset
+from ...controller.settings import controller_preset
+from ...runtime.settings import SettingsError
 from ...wire.response_times import Traffic, load, worst_response_ns
 from .message_set import BusSettings, SentMessage
 
@@ -75,7 +75,7 @@ def _round_trip_ns(traffic: Sequence[Traffic], bus: BusSettings) -> int | None:
 
 
 def _tolerance(preset: str, traffic: Sequence[Traffic], bus: BusSettings) -> Tolerance:
-    settings = load_settings(ControllerSettings, read_preset(PRESETS, preset))
+    settings = controller_preset(preset)
     design = design_law(settings)
     if settings.model is None or design.looking_back is not None:
         raise SettingsError(

@@ -10,7 +10,7 @@ from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.verdict import VerdictRules
 from ...reports.page import Cell, Section, Table, number
 from ...runtime.settings import Settings
-from ...studies.study import leaves
+from ...studies.base_tables import leaves
 from ...studies.verdict import short_windows
 from .results import VERDICTS, FactorRecord, Rows, StudyRecord
 
