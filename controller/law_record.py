@@ -54,6 +54,7 @@ class Law(NamedTuple):
     ``number``    its code on the bus
     ``settings``  model of the law's own table, which is named after the law
     ``needs``     other tables that the law requires
+    ``schedules_demand`` whether its gains follow the speed beyond [validity] too
     ``needs_vehicle``    whether [nominal_model] has to be of kind 'vehicle'
     ``cutoffs``          keys of its own table that have to be below the Nyquist frequency
     ``looks_back``       whether the law reads more than the first two fields of its ``LawInput``;
@@ -74,6 +75,7 @@ class Law(NamedTuple):
     number: LawNumber = LawNumber.CUSTOM
     settings: type[Settings] | None = None
     needs: tuple[str, ...] = ()
+    schedules_demand: bool = False
     needs_vehicle: bool = False
     cutoffs: tuple[str, ...] = ()
     looks_back: bool = False

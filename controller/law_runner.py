@@ -16,6 +16,7 @@ from .limits import ramp_step
 from .link_memory import LinkMemory
 from .received import Received
 from .settings import ControllerSettings, age_limits_of
+from .validity import share_of_demand
 
 FAILURES_MAX = 1
 """Restarts of a law after an output that is not finite; one more failure stops it for good."""
@@ -42,14 +43,19 @@ class LawRunner:
         self.failures = 0
         self.is_distrusted = False
         self._params, self._speed_m_s = self.design.params, NO_VEHICLE.speed_m_s
+        self._validity = None if settings.law_record.schedules_demand else settings.validity
+        self._share = 1.0
         self._state: Any = None
         self._fade_rad: float | None = 0.0  # None: to be taken from the next output
         self._ramp_step_rad = ramp_step_rad
 
     def on_speed(self, speed_m_s: float) -> None:
-        """Set the law's parameters for a speed."""
-        if self.design.params_at is not None and speed_m_s != self._speed_m_s:
-            self._speed_m_s = speed_m_s
+        """Set the law's parameters for a speed, and the share of its steer."""
+        if speed_m_s == self._speed_m_s:
+            return
+        self._speed_m_s = speed_m_s
+        self._share = share_of_demand(self._validity, speed_m_s)
+        if self.design.params_at is not None:
             self._params = self.design.params_at(speed_m_s)
 
     def start(self, before: Mode, lateral_error_m: float) -> None:
@@ -70,7 +76,7 @@ class LawRunner:
         vehicle = received.vehicle_at(now_ns)
         seen = new_record(LawInput, (received.lateral_error_m, sent_rad, vehicle, link, history))
         state, output = self.design.step(self._params, self._state, seen)
-        steer_rad = output.steer_rad
+        steer_rad = self._share * output.steer_rad
         if isfinite(steer_rad):
             self._state, self.output = state, output
             if self._fade_rad is None:

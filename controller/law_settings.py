@@ -36,6 +36,7 @@ from .shared_settings import (
     VehicleModelSettings,
 )
 from .transfer_function import TransferFunction
+from .validity import ValiditySettings
 
 _OwnTable = TypeVar("_OwnTable", bound=Settings)
 
@@ -117,6 +118,8 @@ class LawSettings(_TablesOfLaws):
     estimator: EstimatorSettings = EstimatorSettings()
     link: LinkSettings = LinkSettings()
     nominal_model: NominalModelSettings | None = None
+    validity: ValiditySettings | None = None
+    """What the preset was designed for; None: unknown."""
 
     @property
     def law_record(self) -> Law:

@@ -8,9 +8,9 @@
 
 ``TRANSITIONS`` defines the whole behaviour: in each mode the first row with a true guard decides,
 and without a true guard the mode stays. Guards depend on the age of the newest measurement, the
-number of good ones without a gap, a failure of the law, and a fault that the controller has
-detected in itself, which leads to SAFE_STOP for good. The law itself never branches on any of
-these.
+number of good ones without a gap, a failure of the law, a vehicle that stands or reverses, and a
+fault that the controller has detected in itself, which leads to SAFE_STOP for good. The law itself
+never branches on any of these.
 """
 
 from collections.abc import Callable, Mapping
@@ -47,12 +47,14 @@ class Evidence(NamedTuple):
     ``good_run``     good measurements without a gap, less the damaged ones among them
     ``law_failed``   whether the law's output at this tick was not a finite number
     ``own_fault``    whether the controller has detected a fault in itself
+    ``goes_forward`` whether the vehicle does, as far as is known
     """
 
     arrival_ns: int | None
     good_run: int
     law_failed: bool = False
     own_fault: bool = False
+    goes_forward: bool = True
 
 
 Guard = Callable[[Supervision, ModeState, Evidence, int], bool]
@@ -69,9 +71,14 @@ def is_stale(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> b
 
 
 def is_trusted(p: Supervision, state: ModeState, seen: Evidence, now_ns: int) -> bool:
-    """Whether measurements are fresh again, enough of them good, without an own fault."""
+    """Whether measurements are fresh again, enough of them good, and nothing else is wrong."""
     is_back = seen.good_run >= p.recovery_frames and is_fresh(p, state, seen, now_ns)
-    return is_back and not seen.own_fault
+    return is_back and seen.goes_forward and not seen.own_fault
+
+
+def is_not_forward(_p: Supervision, _state: ModeState, seen: Evidence, _now_ns: int) -> bool:
+    """Whether the vehicle stands or reverses, which no law is for."""
+    return not seen.goes_forward
 
 
 def is_at_fault(_p: Supervision, _state: ModeState, seen: Evidence, _now_ns: int) -> bool:
@@ -95,6 +102,7 @@ TRANSITIONS: Mapping[Mode, tuple[tuple[Guard, Mode], ...]] = {
         (is_at_fault, Mode.SAFE_STOP),
         (is_law_failed, Mode.HOLDING),
         (is_stale, Mode.HOLDING),
+        (is_not_forward, Mode.HOLDING),
     ),
     Mode.HOLDING: (
         (is_at_fault, Mode.SAFE_STOP),
@@ -122,6 +130,7 @@ class Supervisor:
     ``start_ns``  when WAITING begins [ns]
 
     ``mode``      the present mode
+    ``goes_forward``  whether the vehicle does, as far as is known
     """
 
     def __init__(self, supervision: Supervision, start_ns: int) -> None:
@@ -130,6 +139,7 @@ class Supervisor:
         self.mode = Mode.WAITING
         self._good_run = 0
         self._own_fault = False
+        self.goes_forward = True
 
     def on_measurement(self, before_ns: int | None, now_ns: int) -> None:
         """Record a good measurement; one after a gap starts a new run.
@@ -156,12 +166,12 @@ class Supervisor:
         ``arrival_ns``  when the newest good measurement arrived, None before the first [ns]
         """
         before = self._state.mode
-        if before is _ACTIVE and not law_failed and not self._own_fault:
+        if before is _ACTIVE and self.goes_forward and not law_failed and not self._own_fault:
             # The usual case: only is_stale could be true of the table's guards.
             timeout_ns = self._supervision.measurement_timeout_ns
             if arrival_ns is not None and now_ns - arrival_ns <= timeout_ns:
                 return None
-        seen = Evidence(arrival_ns, self._good_run, law_failed, self._own_fault)
+        seen = Evidence(arrival_ns, self._good_run, law_failed, self._own_fault, self.goes_forward)
         self._state = mode_step(self._supervision, self._state, seen, now_ns)
         self.mode = self._state.mode
         if self.mode is before:

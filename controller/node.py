@@ -20,6 +20,7 @@ from ..dbc.messages import (
     Freshness,
     LateralError,
     Mode,
+    MotionRequest,
     Rejection,
     SecondSender,
     SteeringCommand,
@@ -45,6 +46,7 @@ from .safety_status import SafetyFacts
 from .sent_commands import SentCommands
 from .settings import ControllerSettings, limits_of, supervision_of
 from .status_frames import StatusFrames
+from .validity import NOT_FORWARD_M_S, request_of, validity_of
 from .view import controller_view
 
 __all__ = ["RECEIVED", "SENT", "STATUS_PERIOD_NS", "ControllerNode"]
@@ -53,6 +55,7 @@ _WAITING, _ACTIVE = Mode.WAITING, Mode.ACTIVE
 _NO_FAULT = ControllerFault.NONE
 _NO_OTHER = SecondSender.NONE
 _NO_COMMAND = SteeringStatusCode.NO_COMMAND
+_NOBODY_STEERS_FROM = SteeringStatusCode.FALLBACK
 _ERROR_ID = CAN_IDS[LateralError]
 
 STATUS_PERIOD_NS = 100_000_000
@@ -89,7 +92,17 @@ class ControllerNode:
         self._commands, self._sender = SentCommands(), Sender(SteeringCommand)
         self._delay = delay_watch_of(settings)
         self._statuses = StatusFrames(law)
-        self._facts = SafetyFacts(0, *self._received.freshness(start_ns), _NO_FAULT, _NO_OTHER)
+        self._steering_acts = True
+        self._validity_table = settings.validity
+        self._validity = validity_of(settings.validity, None, None)
+        self._facts = SafetyFacts(
+            0,
+            *self._received.freshness(start_ns),
+            _NO_FAULT,
+            _NO_OTHER,
+            self._validity,
+            MotionRequest.NONE,
+        )
         self._fresh_until_ns = -1
         """End of the facts' validity, if no frame is refused and no fault is detected [ns]."""
         self._figures = RunFigures(start_ns, samples_max)
@@ -114,6 +127,7 @@ class ControllerNode:
                 memory.on_echo(message, received.statuses.counter, now_ns)
         elif isinstance(message, VehicleState):
             self._law.on_speed(message.speed_m_s)
+            self._supervisor.goes_forward = message.speed_m_s >= NOT_FORWARD_M_S
             if memory is not None:
                 memory.on_vehicle(now_ns)
         elif isinstance(message, Rejection) and frame.can_id == _ERROR_ID:
@@ -149,6 +163,7 @@ class ControllerNode:
         if self._status_timer.deadline_ns <= now_ns:
             self._status_timer.advance(now_ns)
             skipped = self._control_timer.skipped
+            self._judge_validity(now_ns)
             frames.append(self._statuses.status(self._supervisor.mode, self._law.output, skipped))
             frames.append(self._safety_frame(now_ns))
             frames.append(self._statuses.delay(self._delay.status(now_ns)))
@@ -172,6 +187,7 @@ class ControllerNode:
             counts,
             self._sent_steer_rad,
             self._delay.echo_s(now_ns),
+            self._facts,
         )
 
     def report(self) -> Mapping[str, Any]:
@@ -215,7 +231,8 @@ class ControllerNode:
         return self._overruns.failure
 
     def _on_echo(self, status: SteeringStatus, now_ns: int) -> None:
-        """Process the counter of the command that is applied now."""
+        """Process the counter of the command that is applied now, and whether the steering acts."""
+        self._steering_acts = status.status < _NOBODY_STEERS_FROM
         if status.status is _NO_COMMAND:
             return
         echo = self._commands.on_echo(status.applied_counter)
@@ -268,6 +285,14 @@ class ControllerNode:
             self._figures.samples.append(sample)
         return frame
 
+    def _judge_validity(self, now_ns: int) -> None:
+        """Compare speed and delay with what the settings were designed for."""
+        received = self._received
+        speed_m_s = None if received.states.arrival_ns is None else received.vehicle.speed_m_s
+        delay_s = self._delay.echo_s(now_ns)
+        self._validity = validity_of(self._validity_table, speed_m_s, delay_s)
+        self._figures.on_validity(self._validity)
+
     def _safety_facts(self, now_ns: int) -> SafetyFacts:
         """Return the facts that CONTROLLER_SAFETY must report in time."""
         fault, received, facts = _NO_FAULT, self._received, self._facts
@@ -275,12 +300,22 @@ class ControllerNode:
             fault = ControllerFault.LAW_FAILED
         elif self._overruns.failure:
             fault = ControllerFault.OVERRUNS
-        is_as_before = fault is facts.fault and received.refused == facts.rejected
+        supervisor = self._supervisor
+        is_stopping = supervisor.mode is Mode.SAFE_STOP or not supervisor.goes_forward
+        request = request_of(self._validity, must_stop=is_stopping or not self._steering_acts)
+        is_as_before = (
+            fault is facts.fault
+            and received.refused == facts.rejected
+            and request is facts.motion_request
+            and self._validity is facts.validity
+        )
         if is_as_before and now_ns <= self._fresh_until_ns:
             return facts
         freshness = received.freshness(now_ns)
         second_sender = received.reception.second_sender(now_ns)
-        self._facts = SafetyFacts(received.refused, *freshness, fault, second_sender)
+        self._facts = SafetyFacts(
+            received.refused, *freshness, fault, second_sender, self._validity, request
+        )
         # A stale message may return at any time, and a second sender is forgotten after a while.
         is_calm = freshness == (Freshness.FRESH,) * len(freshness) and second_sender is _NO_OTHER
         self._fresh_until_ns = received.fresh_until_ns() if is_calm else -1

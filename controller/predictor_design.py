@@ -12,8 +12,11 @@ on β', r' and the two random walks, and for the noise of the two measurements. 
 minimises the cost (k y_p)² + (u - u_ss)², with the weight k in steer per metre and the deviation
 y_p of the followed point, d behind the preview point:
 
-    y_p = y - d Δψ - d² ρ/2 The gains are
-tabulated over speed in geometric steps, and interpolated linearly.
+    y_p = y - d Δψ - d² ρ/2
+
+The gains are tabulated over speed in geometric steps, and interpolated linearly. Beyond the largest
+speed of the settings, V_max, the table continues with the weight k (V_max/V)²: the vehicle's gain
+from steer to lateral acceleration goes with V², and nothing is known of the loop there.
 """
 
 from bisect import bisect_right
@@ -32,6 +35,8 @@ from .shared_settings import EstimatorSettings, VehicleModelSettings
 
 BETA, R, PSI, Y, RHO, D, DELTA = range(7)
 _SPEEDS_PER_DOUBLING = 8
+SPEED_M_S_MAX = 82.0
+"""Just beyond what VEHICLE_STATE can carry."""
 _MEASURED = (Y, PSI)
 _FREE = (BETA, R, PSI, Y)
 _FILTERED = (BETA, R, PSI, Y, RHO, D)
@@ -50,11 +55,13 @@ class Feedback(NamedTuple):
     """What the feedback minimises.
 
     ``steer_per_error_rad_m``  weight k of the followed point's deviation
+    ``speed_m_s_max``          up to which that weight holds
     ``behind_m``               d, of the followed point behind the preview point
     """
 
     steer_per_error_rad_m: float
     behind_m: float
+    speed_m_s_max: float = SPEED_M_S_MAX
 
 
 class GainSchedule(NamedTuple):
@@ -83,7 +90,7 @@ def design_schedule(
     sensor_period_s: float,
     feedback: Feedback | None,
 ) -> GainSchedule:
-    """Return the gains over the settings' range of speeds; ``period_s`` is the controller's.
+    """Return the gains from the settings' least speed on; ``period_s`` is the controller's.
 
     ``feedback``  None for a filter without feedback
 
@@ -91,7 +98,8 @@ def design_schedule(
     """
     low, high = settings.speed_m_s_min, settings.speed_m_s_max
     steps = max(1, round(_SPEEDS_PER_DOUBLING * log(high / low, 2.0)))
-    speeds = [low * (high / low) ** (step / steps) for step in range(steps + 1)]
+    beyond = max(0, round(_SPEEDS_PER_DOUBLING * log(SPEED_M_S_MAX / high, 2.0)))
+    speeds = [low * (high / low) ** (step / steps) for step in range(steps + beyond + 1)]
     try:
         gains = _gains(settings, vehicle, speeds, period_s, sensor_period_s, feedback)
     except UnsolvableError as error:
@@ -167,13 +175,17 @@ def _feedback(
     feedback: Feedback,
 ) -> Matrix:
     """Return the feedback of β, r, Δψ, y and δ, and the feed-forward of ρ and d, (speeds, 7)."""
-    steer_per_error_rad_m, behind_m = feedback
+    steer_per_error_rad_m, behind_m, speed_m_s_max = feedback
     f, g = sampled_vehicles(settings, vehicle, speeds_m_s, period_s)
     has_lag = settings.actuator_lag_s > 0.0
     states = [*_FREE, DELTA] if has_lag else list(_FREE)
     deviation = np.zeros(len(states))
     deviation[Y], deviation[PSI] = 1.0, -behind_m
-    weight = np.outer(deviation, deviation) * (steer_per_error_rad_m * steer_per_error_rad_m)
+    ratios = np.minimum(1.0, speed_m_s_max / np.array(speeds_m_s))
+    # The table's speeds are rounded: the last one of the settings may lie above it.
+    ratios[ratios > 1.0 - 1e-9] = 1.0
+    weights_rad_m = steer_per_error_rad_m * ratios * ratios
+    weight = np.outer(deviation, deviation) * (weights_rad_m * weights_rad_m)[:, None, None]
     system = f[:, states][:, :, states]
     k = feedback_gain(system, g[:, states, np.newaxis], weight, np.eye(1))[:, 0]
     held = np.array([_steady_state(vehicle, speed_m_s, behind_m) for speed_m_s in speeds_m_s])

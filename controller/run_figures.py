@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from ..dbc.messages import Mode
+from ..dbc.messages import Mode, Validity
 from ..runtime.node import NS_PER_S
 from ..runtime.statistics import DurationStatistics, durations_report
 from .control_sample import ControlSample
@@ -36,6 +36,7 @@ class RunFigures:
         self._squares_m2 = 0.0
         self._measured_peak_m = 0.0
         self._limited: Counter[str] = Counter()
+        self._validity: Counter[Validity] = Counter()
 
     def on_mode(self, entered: Mode) -> None:
         """Add the time up to this tick to the mode that ends with it."""
@@ -58,6 +59,10 @@ class RunFigures:
         if limit:
             self._limited[limit] += 1
 
+    def on_validity(self, validity: Validity) -> None:
+        """Record a status period in which the settings held, or did not."""
+        self._validity[validity] += 1
+
     @property
     def wants_sample(self) -> bool:
         """Whether there is room for one more control period."""
@@ -70,6 +75,7 @@ class RunFigures:
         ``active_share``   of the time since the first measurement in which the law steered
         ``measured_*``     of the lateral error that the law used
         ``limited_share``  of the law's commands that ``[limits]`` changed, and by which limit
+        ``validity_share``  of the run's time in each state of VALIDITY
         ``holds``       how often measurements stopped, or the law failed
         ``mode_s``      time spent in each mode up to the last tick
         ``round_trip``  from sending a command to the first echo of its counter
@@ -86,6 +92,10 @@ class RunFigures:
             "measured_peak_m": self._measured_peak_m,
             "limited_share": sum(self._limited.values()) / ticks,
             "limited_share_by": {name: n / ticks for name, n in self._limited.most_common()},
+            "validity_share": {
+                state.name.lower(): count / self._validity.total()
+                for state, count in sorted(self._validity.items())
+            },
             "holds": self._holds,
             "mode_s": {mode.name.lower(): ns / NS_PER_S for mode, ns in mode_ns.items()},
             "round_trip": durations_report(self.round_trip.summary()),

@@ -1,6 +1,7 @@
 """Content of CONTROLLER_SAFETY, and when it is sent between its cycles.
 
-    at the next tick   a message becomes stale or a fault is detected. This must be on the bus
+    at the next tick   a message becomes stale, a fault is detected, or more is asked of the
+                       vehicle's drive. This must be on the bus
                        within the fault tolerant time, of which the age limit leaves one period
     at intervals       any other change since the last report, such as a refused frame or a
                        message that is back: at the first tick INTERVAL_NS after the last report.
@@ -18,7 +19,9 @@ from ..dbc.messages import (
     ControllerFault,
     ControllerSafety,
     Freshness,
+    MotionRequest,
     SecondSender,
+    Validity,
     limits,
 )
 from ..dbc.sending import Sender
@@ -40,12 +43,18 @@ class SafetyFacts(NamedTuple):
     vehicle_state: Freshness
     fault: ControllerFault
     second_sender: SecondSender
+    validity: Validity
+    motion_request: MotionRequest
 
     def is_worse_than(self, reported: "SafetyFacts") -> bool:
-        """Whether a message has become stale or a fault was detected since the last report."""
+        """Whether more went wrong since the last report, or more is asked of the vehicle's drive.
+
+        More went wrong where a message has become stale or a fault was detected.
+        """
         stale = Freshness.STALE
         return (
             self.fault is not reported.fault
+            or self.motion_request > reported.motion_request
             or (self.lateral_error is stale and reported.lateral_error is not stale)
             or (self.steering_status is stale and reported.steering_status is not stale)
             or (self.vehicle_state is stale and reported.vehicle_state is not stale)
@@ -92,5 +101,7 @@ class SafetyStatus:
             facts.vehicle_state,
             facts.fault,
             facts.second_sender,
+            facts.validity,
+            facts.motion_request,
         )
         return self._sender.frame(message)

@@ -16,5 +16,11 @@ def controller_summary(node: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             f"{node['mode_s'][mode]:.2f} s {mode.upper()}" for mode in ("holding", "safe_stop")
         )
         yield "holds", f"{node['holds']}, {lasted}"
+    for state in ("speed_low", "speed_high", "delay_long"):
+        if share := node["validity_share"].get(state):
+            text = (
+                f"{state.replace('_', ' too ')} for the settings, {100.0 * share:.0f} % of the time"
+            )
+            yield "validity", text
     if node["rejected"]:
         yield "controller rejected", causes_line(node["rejected"])

@@ -2,16 +2,23 @@
 
 from collections.abc import Mapping
 
-from ..dbc.messages import Freshness, Mode
+from ..dbc.messages import Freshness, Mode, MotionRequest
 from ..dbc.reception import second_sender_line
 from ..runtime.view import View
 from .received import Received
+from .safety_status import SafetyFacts
+from .validity import in_words
 
 _MODES: Mapping[Mode, str] = {
     Mode.WAITING: "WAITING for the plant's first LATERAL_ERROR",
     Mode.ACTIVE: "ACTIVE: the law steers",
     Mode.HOLDING: "HOLDING the last command: measurements have stopped, or the law has failed",
     Mode.SAFE_STOP: "SAFE_STOP: the command ramps to zero",
+}
+_REQUESTS: Mapping[MotionRequest, str] = {
+    MotionRequest.NONE: "",
+    MotionRequest.SLOW_DOWN: "asks the vehicle to slow down",
+    MotionRequest.STOP: "asks the vehicle to stop",
 }
 _MESSAGES = ("LATERAL_ERROR", "STEERING_STATUS", "VEHICLE_STATE")
 
@@ -24,12 +31,14 @@ def controller_view(
     counts: Mapping[str, int],
     steer_rad: float,
     delay_s: float | None,
+    facts: SafetyFacts,
 ) -> View:
     """Return the view.
 
     ``failure``    the fault it has detected in itself, empty for none
     ``counts``     what else has happened, beside what was received
     ``steer_rad``  the command sent last [rad]
+    ``facts``      validity of the settings, and what is asked of the vehicle's drive
     ``delay_s``    from command to measurement, by the echo [s]; None while unknown
     """
     reception = received.reception
@@ -37,6 +46,8 @@ def controller_view(
         "mode": _MODES[mode],
         "plant": _plant(received.freshness(now_ns)),
         "second sender": second_sender_line(reception),
+        "validity": in_words(facts.validity),
+        "request": _REQUESTS[facts.motion_request],
         "failure": failure and f"fault of this program: {failure}",
     }
     events = {

@@ -87,6 +87,27 @@ class SecondSender(IntEnum):
     BOTH = 3
 
 
+class Validity(IntEnum):
+    """Whether speed and delay are within what the controller's settings were designed for."""
+
+    UNKNOWN = 0
+    """The settings do not state it."""
+    VALID = 1
+    SPEED_LOW = 2
+    SPEED_HIGH = 3
+    DELAY_LONG = 4
+
+
+class MotionRequest(IntEnum):
+    """What the controller asks of the vehicle's drive."""
+
+    NONE = 0
+    SLOW_DOWN = 1
+    """Speed or delay are beyond what its settings were designed for."""
+    STOP = 2
+    """The vehicle does not go forward, or nobody steers."""
+
+
 class EchoState(IntEnum):
     """Whether the echo of the command counter gives the delay."""
 

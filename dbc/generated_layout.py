@@ -159,6 +159,12 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         SignalLayout("CONTROLLER_SAFETY_SECOND_SENDER", "second_sender", unit="",
             start=57, length=2, is_signed=False, scale=1,
             minimum=0, maximum=3, not_available=None),
+        SignalLayout("VALIDITY", "validity", unit="",
+            start=59, length=3, is_signed=False, scale=1,
+            minimum=0, maximum=4, not_available=None),
+        SignalLayout("MOTION_REQUEST", "motion_request", unit="",
+            start=62, length=2, is_signed=False, scale=1,
+            minimum=0, maximum=2, not_available=None),
     )),
     MessageLayout("DELAY_STATUS", can_id=0x308, length=8, cycle_time_ms=100, data_id=0x5308,
         signals=(

@@ -27,9 +27,11 @@ from .enumerations import (
     LatencyModel,
     Law,
     Mode,
+    MotionRequest,
     SafetyState,
     SecondSender,
     SteeringStatusCode,
+    Validity,
 )
 from .generated_layout import LAYOUTS
 from .protection import is_intact
@@ -58,6 +60,7 @@ __all__ = [
     "Law",
     "Message",
     "Mode",
+    "MotionRequest",
     "PlantStatus",
     "Rejection",
     "SafetyState",
@@ -67,6 +70,7 @@ __all__ = [
     "SteeringPlan",
     "SteeringStatus",
     "SteeringStatusCode",
+    "Validity",
     "VehicleState",
     "decode",
     "encode",
@@ -166,6 +170,8 @@ class ControllerSafety(NamedTuple):
     vehicle_state_freshness: Freshness
     fault: ControllerFault
     second_sender: SecondSender = SecondSender.NONE
+    validity: Validity = Validity.UNKNOWN
+    motion_request: MotionRequest = MotionRequest.NONE
 
 
 class DelayStatus(NamedTuple):

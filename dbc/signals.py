@@ -81,7 +81,7 @@ def packed_signal(signal: SignalLayout, kind: type) -> PackedSignal:
     allowed = f"{minimum} to {maximum} {signal.unit}".rstrip()
     resolution = signal.scale
     if kind is float:
-        pass
+        resolution = float(signal.scale)
     elif issubclass(kind, IntEnum):
         if not min(kind) <= minimum <= maximum <= max(kind):
             raise ValueError(f"{signal.name}: {allowed} are more than {kind.__name__} has")

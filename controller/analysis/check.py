@@ -10,7 +10,7 @@ from typing import Any
 from ...runtime.toml_text import dump_toml
 from ..settings import ControllerSettings
 from .check_figures import check_figures
-from .check_verdict import found_in
+from .check_verdict import found_in, in_words
 from .sampled_loop import SLOWEST_DECAY_1_S
 
 _MODULUS_SHOWN_MIN = 1e-3
@@ -48,6 +48,7 @@ def _unused(settings: ControllerSettings) -> list[str]:
 def _analysis(settings: ControllerSettings, figures: Figures) -> Iterator[str]:
     if "opening" in figures:
         yield from _looking_back(figures)
+        yield from _corners(figures["corners"])
         return
     if settings.feed_forward is not None:
         yield "The feed-forward of the curve is outside the loop: it changes none of what follows."
@@ -83,6 +84,17 @@ def _analysis(settings: ControllerSettings, figures: Figures) -> Iterator[str]:
             f" {100.0 * figures['jitter'][0]['loss']:g} % lost), standard deviation:"
         )
         yield from _jitter(figures["jitter"])
+    yield from _corners(figures["corners"])
+
+
+def _corners(corners: Sequence[Figures]) -> Iterator[str]:
+    """Return how much delay each corner of [validity] bears."""
+    if corners:
+        yield ""
+        searched_ms = _PER_MS * corners[0]["stable_delays"]["searched_s"]
+        yield f"Delay margin at the corners of [validity], judged up to {searched_ms:g} ms:"
+    for corner in corners:
+        yield f"  {_margin(corner['stable_delays']):>14}  {in_words(corner['vehicle'])}"
 
 
 def _looking_back(figures: Figures) -> Iterator[str]:
@@ -160,20 +172,23 @@ def _margins(margins: Figures) -> Iterator[str]:
 def _delays(delays: Figures) -> Iterator[str]:
     """Return the delay margin and the set of stable delays."""
     limit_ms = round(_PER_MS * delays["searched_s"])
-    match delays["margin_s"]:
-        case None:
-            margin = f"above {limit_ms} ms"
-        case 0:
-            margin = "none"
-        case margin_s:
-            margin = f"{_ms(margin_s, math.floor)} ms"
-    yield f"  delay margin  {margin}"
+    yield f"  delay margin  {_margin(delays)}"
     ranges = [
         f"{_ms(first, math.ceil)} to {_ms(last, math.floor)} ms"
         for first, last in delays["intervals_s"]
     ]
     yield from _wrapped("  stable at     ", ranges or ["no delay"])
     yield f"                (searched from 0 to {limit_ms} ms)"
+
+
+def _margin(delays: Figures) -> str:
+    match delays["margin_s"]:
+        case None:
+            return f"above {round(_PER_MS * delays['searched_s'])} ms"
+        case 0:
+            return "none"
+        case margin_s:
+            return f"{_ms(margin_s, math.floor)} ms"
 
 
 def _jitter(means: Sequence[Figures]) -> Iterator[str]:

@@ -11,6 +11,8 @@ delays                 of a law that looks back: sensitivity and noise at some c
 stable_delays          the constant delays at which the loop is stable: ``margin_s`` (null:
                        beyond the search), ``intervals_s``, ``searched_s``
 jitter                 for some mean latencies, the standard deviations that are tolerated
+corners                of [validity]: each vehicle, the delay up to which it is judged and its
+                       ``stable_delays``; empty without [validity]
 fallback               law and ``stable_delays`` of what takes over without echoes; or null
 """
 
@@ -24,8 +26,10 @@ from numpy.typing import NDArray
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ..design import LawDesign, design_law, link_of, vehicle_of
 from ..law_record import LookingBack
-from ..nominal_model import NominalVehicle
+from ..nominal_model import NominalVehicle, steer_to_lateral_error
 from ..settings import ControllerSettings
+from ..shared_settings import VehicleModelSettings
+from .check_verdict import in_words
 from .linear_system import NotLinearError, law_system
 from .looking_back import Rig
 from .predictor_loop import PredictorLoop, stable_constant_delays
@@ -45,6 +49,43 @@ Progress = Callable[[str], None]
 
 
 def check_figures(settings: ControllerSettings, progress: Progress) -> Figures:
+    """Return the analysis of the loop around the nominal plant, and at the corners of [validity].
+
+    At a corner, only the delays up to that of [validity] are judged.
+    """
+    figures = _nominal_figures(settings, progress)
+    model, validity = settings.nominal_model, settings.validity
+    corners = []
+    is_analysed = "stable_delays" in figures
+    if validity is not None and is_analysed and isinstance(model, VehicleModelSettings):
+        limit_ns = min(DELAY_NS_MAX, round(validity.delay_ms_max * NS_PER_MS))
+        for vehicle in validity.corners(NominalVehicle(**model.model_dump(exclude={"kind"}))):
+            changed = {key: getattr(vehicle, key) for key in validity.given()}
+            progress(f"stable delays at {in_words(changed)}")
+            stable = _stable_delays_of(settings, vehicle, limit_ns)
+            corners.append({"vehicle": changed, "stable_delays": _delays(stable, limit_ns)})
+    return figures | {"corners": corners}
+
+
+def _stable_delays_of(
+    settings: ControllerSettings, vehicle: NominalVehicle, limit_ns: int
+) -> tuple[DelayInterval, ...]:
+    """Return the stable delays of a law around another vehicle than its nominal one."""
+    design = design_law(settings)
+    law = design.looking_back
+    if law is None:
+        design = design_law(settings.model_copy(update={"followed_point": "preview"}))
+        loop = SampledLoop(design, steer_to_lateral_error(vehicle), settings.period_ns)
+        return stable_delays(loop, limit_ns)
+    return stable_constant_delays(
+        PredictorLoop(
+            design, link_of(settings), Rig(vehicle), law.state_period_ns, law.request_periods
+        ),
+        limit_ns,
+    )
+
+
+def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figures:
     """Return the analysis of the loop around the nominal plant."""
     figures: Figures = {
         "law": settings.law,

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from enum import StrEnum
+from operator import itemgetter
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -10,7 +11,7 @@ from ...runtime.thresholds import Quantity
 
 
 class CheckVerdict(StrEnum):
-    """The verdict on the loop around the nominal plant."""
+    """The verdict on the loop around the nominal plant and the corners of [validity]."""
 
     STABLE = "stable"
     NOT_STABLE = "not stable"
@@ -20,12 +21,14 @@ class CheckVerdict(StrEnum):
 class Found(NamedTuple):
     """What the analysis found.
 
+    ``where``           around what the margin was found
     ``delay_margin_s``  where stability is first lost, 0 if the loop is not stable without delay,
                         infinite beyond the search; None where there is no analysis
     """
 
     verdict: CheckVerdict
     delay_margin_s: float | None
+    where: str = "around the nominal plant"
 
     def __str__(self) -> str:
         """Return verdict and reason."""
@@ -33,11 +36,11 @@ class Found(NamedTuple):
             case None:
                 reason = "see above for the reason"
             case 0.0:
-                reason = "around the nominal plant, even without delay"
+                reason = f"{self.where}, even without delay"
             case math.inf:
-                reason = "around the nominal plant, at every constant delay of the search"
+                reason = f"{self.where}, at every constant delay of the search"
             case margin_s:
-                reason = f"around the nominal plant, up to a delay of {1e3 * margin_s:.2f} ms"
+                reason = f"{self.where}, up to a delay of {1e3 * margin_s:.2f} ms"
         return f"{self.verdict}: {reason}"
 
 
@@ -56,7 +59,19 @@ def found_in(figures: Mapping[str, Any]) -> Found:
     stable = figures.get("stable_delays")
     if stable is None:
         return NOT_ANALYSED
-    margin_s = stable["margin_s"]
-    if margin_s == 0.0:
-        return Found(CheckVerdict.NOT_STABLE, 0.0)
-    return Found(CheckVerdict.STABLE, math.inf if margin_s is None else margin_s)
+    nominal = Found._field_defaults["where"]
+    margins_s = {nominal: stable["margin_s"]}
+    for corner in figures["corners"]:
+        margins_s[f"at {in_words(corner['vehicle'])}"] = corner["stable_delays"]["margin_s"]
+    bounds_s = {where: margin_s for where, margin_s in margins_s.items() if margin_s is not None}
+    if not bounds_s:
+        beside = " and all corners" if figures["corners"] else ""
+        return Found(CheckVerdict.STABLE, math.inf, f"{nominal}{beside}")
+    where, margin_s = min(bounds_s.items(), key=itemgetter(1))
+    verdict = CheckVerdict.STABLE if margin_s > 0.0 else CheckVerdict.NOT_STABLE
+    return Found(verdict, margin_s, where)
+
+
+def in_words(vehicle: Mapping[str, float]) -> str:
+    """Return the parameters of a corner."""
+    return ", ".join(f"{key} = {value:.4g}" for key, value in vehicle.items())

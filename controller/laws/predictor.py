@@ -201,7 +201,7 @@ def design_predictor(settings: "LawSettings") -> Schedule:
         vehicle,
         period_s,
         sensor_period_s,
-        Feedback(table.steer_per_error_rad_m, behind_m),
+        Feedback(table.steer_per_error_rad_m, behind_m, settings.estimator.speed_m_s_max),
     )
     link = link_of(settings)
     fallback = design_ddob(settings)
@@ -237,6 +237,7 @@ LAW = Law(
     LawNumber.PREDICTOR,
     settings=PredictorSettings,
     needs=("pd", "dob", "cdob", "nominal_model"),
+    schedules_demand=True,
     needs_vehicle=True,
     looks_back=True,
     feed_forward_refusal=(

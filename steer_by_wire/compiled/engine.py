@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..controller.design import LawDesign, design_law
-from ..controller.settings import ControllerSettings, limits_of
+from ..controller.settings import ControllerSettings, counters_of, limits_of
+from ..controller.validity import share_of_demand
 from ..dbc.messages import LateralError, Mode, SteeringCommand, limits, resolutions
 from ..dbc.messages import Law as LawNumber
 from ..plant_emulator.motion_design import MotionParams
@@ -21,7 +22,7 @@ from ..plant_emulator.rig_settings import ActuatorSettings, VehicleSettings
 from ..plant_emulator.safety_settings import SafetySettings, design_guard
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.steering_guard import GuardParams
-from ..runtime.node import NS_PER_S
+from ..runtime.node import NEVER_NS, NS_PER_S
 from ..runtime.settings import SettingsError
 from .compilation import compiled_fastmath
 from .deviation import cg_deviations_m
@@ -38,9 +39,9 @@ from .loop_records import Constants, Control, Records, Schedule, empty_records
 from .motion import compiled_motion
 from .network import FloatArray, IntArray
 from .own_law import LawRaisedError, own_functions
-from .plan import Plan, plan_run
+from .plan import Plan, arrivals_of, plan_run
 from .steps import register_law, register_steps
-from .wire import NOTHING_KNOWN, Known, Wire
+from .wire import NOTHING_KNOWN, Known, Uplink, Wire
 from .wire_plan import plan_wire, speed_on_wire
 
 _DESIGNS_KEPT = 256
@@ -274,6 +275,8 @@ def _guard(
 
 
 def _constants(plant: PlantSettings, controller: ControllerSettings, plan: Plan) -> Constants:
+    table = None if controller.law_record.schedules_demand else controller.validity
+    share = share_of_demand(table, speed_on_wire(plant.vehicle.speed_m_s))
     return Constants(
         guard=_guard(plant.safety, plant.vehicle, plant.actuator),
         limits=limits_of(controller),
@@ -282,7 +285,17 @@ def _constants(plant: PlantSettings, controller: ControllerSettings, plan: Plan)
         lateral_error_m_max=limits(LateralError)["lateral_error_m"].maximum,
         steer_resolution_rad=resolutions(SteeringCommand)["steer_rad"],
         motion_start_ns=plan.motion_start_ns,
+        share=share,
+        share_from_ns=0 if share == 1.0 else _speed_known_ns(plant, controller, plan),
     )
+
+
+def _speed_known_ns(plant: PlantSettings, controller: ControllerSettings, plan: Plan) -> int:
+    """Return when the first VEHICLE_STATE reaches the controller [ns]."""
+    rule = counters_of(controller)
+    samples, start_ns = len(plan.sample_ns), plan.motion_start_ns
+    arrivals = arrivals_of(Uplink.VEHICLE_STATE, plant, rule, samples, start_ns).arrival_ns
+    return int(arrivals.min(initial=NEVER_NS))
 
 
 def _collected(

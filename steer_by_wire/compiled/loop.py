@@ -195,13 +195,14 @@ def _run_ticks(
             error_m = r.measured_m[np.uintp(s.tick_sample[now])]
             seen = law_input(wire, known, r, tick, to_ns, error_m, sent_rad)
             law_state, output = law_step(law_params, law_state, seen)
-            if not math.isfinite(output.steer_rad):
+            asked_rad = (c.share if to_ns >= c.share_from_ns else 1.0) * output.steer_rad
+            if not math.isfinite(asked_rad):
                 return x, Control(law_state, sent_rad, fade_rad, known), tick, LAW_FAILED
             if is_recovery and tick == first_tick:
-                fade_rad = sent_rad - output.steer_rad
+                fade_rad = sent_rad - asked_rad
             else:
                 fade_rad = ramp_step(c.ramp_step_rad, fade_rad)
-            wanted_rad = output.steer_rad + fade_rad
+            wanted_rad = asked_rad + fade_rad
             r.law_output[now, 0] = output.steer_rad
             r.law_output[now, 1] = output.disturbance_rad
             r.law_output[now, 2] = output.network_disturbance_rad

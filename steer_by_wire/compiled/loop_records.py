@@ -17,6 +17,8 @@ class Constants(NamedTuple):
     ``ramp_step_rad``     of SAFE_STOP and of the fade after a recovery, per control period
     ``*_resolution_*``    of the signals on the wire (DBC)
     ``motion_start_ns``   when the vehicle starts to move
+    ``share``             of its steer that the law may ask for at this speed
+    ``share_from_ns``     when the controller first knows the speed
     """
 
     guard: GuardParams
@@ -26,6 +28,8 @@ class Constants(NamedTuple):
     lateral_error_m_max: float
     steer_resolution_rad: float
     motion_start_ns: int
+    share: float
+    share_from_ns: int
 
 
 class Schedule(NamedTuple):

@@ -26,9 +26,14 @@ def after(mode: Mode, seen: Evidence, entered_ms_ago: int = 0) -> Mode:
 
 
 def measured(
-    ms_ago: int, run: int = 1, *, law_failed: bool = False, own_fault: bool = False
+    ms_ago: int,
+    run: int = 1,
+    *,
+    law_failed: bool = False,
+    own_fault: bool = False,
+    goes_forward: bool = True,
 ) -> Evidence:
-    return Evidence(NOW_NS - ms_ago * MS_NS, run, law_failed, own_fault)
+    return Evidence(NOW_NS - ms_ago * MS_NS, run, law_failed, own_fault, goes_forward)
 
 
 NOTHING = Evidence(None, 0)
@@ -40,6 +45,7 @@ TAKEN = [
     (Mode.ACTIVE, measured(0, law_failed=True, own_fault=True), 0, Mode.SAFE_STOP),
     (Mode.ACTIVE, measured(0, law_failed=True), 0, Mode.HOLDING),
     (Mode.ACTIVE, measured(301), 0, Mode.HOLDING),
+    (Mode.ACTIVE, measured(0, goes_forward=False), 0, Mode.HOLDING),
     (Mode.HOLDING, measured(300, run=5, own_fault=True), 0, Mode.SAFE_STOP),
     (Mode.HOLDING, measured(300, run=5), 0, Mode.ACTIVE),
     (Mode.HOLDING, measured(301), 500, Mode.SAFE_STOP),
@@ -56,6 +62,8 @@ NOT_TAKEN = [
     (Mode.SAFE_STOP, measured(0, run=4), 10_000),
     (Mode.SAFE_STOP, measured(301, run=5), 10_000),
     (Mode.SAFE_STOP, measured(0, run=5, own_fault=True), 10_000),
+    (Mode.HOLDING, measured(0, run=5, goes_forward=False), 499),
+    (Mode.SAFE_STOP, measured(0, run=5, goes_forward=False), 10_000),
 ]
 
 

@@ -170,12 +170,30 @@ def test_gains_between_two_speeds_of_the_table_are_between_theirs() -> None:
 
 def test_half_way_between_two_speeds_of_the_table_no_gain_is_off_by_more_than_3_percent() -> None:
     """That much only where one crosses zero; of the larger of its two neighbours."""
-    schedule = design_schedule(EstimatorSettings(), VEHICLE, 0.01, 0.01, Feedback(1.0, 0.0))
-    for low, high in pairwise(schedule.speeds_m_s):
+    settings = EstimatorSettings()
+    schedule = design_schedule(settings, VEHICLE, 0.01, 0.01, Feedback(1.0, 0.0))
+    of_settings = [v for v in schedule.speeds_m_s if v < 1.01 * settings.speed_m_s_max]
+    assert len(of_settings) > 40
+    for low, high in pairwise(of_settings):
         speed_m_s = 0.5 * (low + high)
         off = np.abs(np.subtract(schedule.at(speed_m_s), gains(speed_m_s)))
         larger = np.maximum(np.abs(schedule.at(low)), np.abs(schedule.at(high)))
         assert (off <= 0.03 * larger).all()
+
+
+def test_beyond_the_speeds_of_the_settings_the_weight_falls_with_the_square_of_the_speed() -> None:
+    settings, feedback = EstimatorSettings(), Feedback(1.0, 0.0)
+    limited = feedback._replace(speed_m_s_max=settings.speed_m_s_max)
+    schedule = design_schedule(settings, VEHICLE, 0.01, 0.01, limited)
+    unlimited = design_schedule(settings, VEHICLE, 0.01, 0.01, feedback)
+    at = [speed <= 1.01 * settings.speed_m_s_max for speed in schedule.speeds_m_s]
+    assert schedule.gains[: sum(at)] == unlimited.gains[: sum(at)]
+    assert schedule.speeds_m_s[-1] > 3.0 * settings.speed_m_s_max
+    last = schedule.speeds_m_s[-1]
+    weight = (settings.speed_m_s_max / last) ** 2
+    beyond = settings.model_copy(update={"speed_m_s_min": last, "speed_m_s_max": 2.0 * last})
+    expected = design_schedule(beyond, VEHICLE, 0.01, 0.01, Feedback(weight, 0.0, last)).gains[0]
+    np.testing.assert_allclose(schedule.gains[-1], expected, rtol=1e-6)
 
 
 def test_the_sampled_model_over_two_periods_is_that_of_one_twice() -> None:

@@ -118,7 +118,9 @@ def test_a_message_that_is_sent_at_changes_says_at_those_of_which_signals() -> N
             "CONTROLLER_SAFETY_REJECTED",
             "CONTROLLER_SAFETY_SECOND_SENDER",
             "FAULT",
+            "MOTION_REQUEST",
             "SAFETY",
+            "VALIDITY",
             *(f"{name}_FRESHNESS" for name in freshness),
         },
         "OnWrite": {

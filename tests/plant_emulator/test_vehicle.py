@@ -211,6 +211,5 @@ def test_presets_differ_from_the_nominal_vehicle_in_what_they_are_named_for(name
     elif name == "paper_nominal_as_printed":
         assert changed == {"front_cornering_stiffness_n_rad", "rear_cornering_stiffness_n_rad"}
     else:
-        own = {"front_cornering_stiffness_n_rad", "preview_distance_m"}
         mass = set() if name == "highway_nominal" else {"virtual_mass_kg"}
-        assert changed == {"speed_m_s"} | mass | (own if name.startswith("highway") else set())
+        assert changed == {"speed_m_s"} | mass

@@ -20,6 +20,7 @@ from steer_by_wire.tools.compare_laws.picture import draw_break_points, draw_com
 from steer_by_wire.tools.compare_laws.runs import OFF_PATH_M, Cell, breaks_at_s, compare
 from steer_by_wire.tools.compare_laws.tables import markdown_lines, table_lines
 from steer_by_wire.tools.design_gains.predictor import describe_predictor
+from steer_by_wire.tools.design_gains.predictor_runs import Task
 from steer_by_wire.tools.design_gains.preset_text import predictor_figures
 from steer_by_wire.tools.design_gains.specification import Specification
 from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
@@ -43,9 +44,11 @@ def test_a_designed_predictor_says_what_is_measured_anew(
     box = load_settings(VehicleFile, None, GAIN_DESIGN / f"{vehicle}.toml")
     assert spec.predictor is not None
     with ThreadPoolExecutor(2) as pool:
-        design = describe_predictor(pool, spec, spec.predictor, box, settings)
+        design = describe_predictor(Task(pool, spec, spec.predictor, box), settings)
     said = re.findall(
-        r"^#   (RMS error|jitter|noise|without echoes) +(.*)$", text.text, re.MULTILINE
+        r"^#   (RMS error|jitter|noise|peak sensitivity|largest error|without echoes) +(.*)$",
+        text.text,
+        re.MULTILINE,
     )
     assert said == list(predictor_figures(spec, spec.predictor, design))
 

@@ -15,6 +15,7 @@ from ...controller.design import LawDesign, design_law
 from ...controller.nominal_model import NominalVehicle, steer_to_lateral_error
 from ...controller.settings import ControllerSettings
 from ...controller.shared_settings import CdobSettings, DobSettings, PdSettings
+from ...controller.validity import ValiditySettings
 from .specification import Specification
 from .vehicle_file import VehicleFile
 
@@ -133,7 +134,13 @@ def controller_settings(
         else CdobSettings(q_cutoff_rad_s=cdob, washout_rad_s=values["washout"]),
         nominal_model=vehicle.vehicle.nominal_model,
         limits=spec.limits,
+        validity=validity(vehicle, spec.delay.ms_max),
     )
+
+
+def validity(vehicle: VehicleFile, delay_ms_max: float) -> ValiditySettings:
+    """Return what a design for a box and a delay holds for."""
+    return ValiditySettings(**vehicle.uncertainty.given(), delay_ms_max=delay_ms_max)
 
 
 def any_settings(spec: Specification, vehicle: VehicleFile) -> ControllerSettings:

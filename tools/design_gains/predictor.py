@@ -1,37 +1,41 @@
 """Designs the predictor: the noise that its filter assumes, and the weight in its feedback's cost.
 
-The gains of filter and feedback follow from these for every speed. The law itself is judged in
-compiled runs, with limits, quantisation and counters: for every path, corner and delay the RMS of
-the lateral error once it has settled, and how much of the sensors' noise reaches the steer. The
-evolution strategy is the same as for the other laws.
+The gains of filter and feedback follow from these for every speed. Minimised is the RMS of the
+lateral error once it has settled, the worst of every path, vehicle and delay. Limited are the
+peak sensitivity, how much of the sensors' noise reaches the steer, and the largest error under each
+of the specification's conditions. The evolution strategy is the same as for the other laws.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from ...compiled.engine import Outcome, run_batch
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.analysis.stable_delays import DELAY_NS_MAX, delay_margin_ns, stable_delays
 from ...controller.design import design_law
 from ...controller.laws.predictor import FALLBACK, PredictorSettings
 from ...controller.nominal_model import steer_to_lateral_error
 from ...controller.settings import ControllerSettings
-from ...controller.shared_settings import EstimatorSettings
-from ...plant_emulator.latency_settings import LatencySettings
-from ...plant_emulator.rig_settings import SensorNoiseSettings
-from ...plant_emulator.settings import PlantSettings
-from ...runtime.node import NS_PER_MS
+from ...controller.shared_settings import EstimatorSettings, LinkSettings
+from .candidate import validity
 from .evolution import evolve
+from .predictor_runs import (
+    LEFT_M,
+    Task,
+    constant,
+    largest_error_m,
+    peak_sensitivity,
+    runs,
+    steer_noise_rad,
+)
 from .specification import PredictorTable, Specification
 from .vehicle_file import VehicleFile
-from .virtual_check import Drive, jittered, plant_settings
+from .virtual_check import jittered
 
 FloatArray = NDArray[np.float64]
 
@@ -44,36 +48,33 @@ _START = {
 }
 """What is searched, in logarithms, and from where."""
 _DECADE = math.log(10.0)
-_LEFT_M = 1e3
-"""Cost of a run that leaves the range of the sensor [m]."""
 _DIGITS = 2
 
 
 class PredictorDesign(NamedTuple):
     """A predictor, and its figures.
 
-    ``rms_m``            worst path and corner at each of ``delays_ns``, from the start
+    ``rms_m``            worst path and vehicle at each of ``delays_ns``, from the start
     ``settled_rms_m``    the same without the first seconds
     ``steer_noise_rad``  standard deviation of what the noise adds to the steer
-    ``jitter_rms_m``     worst path and corner of each jitter of the specification, settled
+    ``peak_sensitivity``  worst vehicle and delay
+    ``jitter_rms_m``     worst path and vehicle of each jitter of the specification, settled
+    ``conditions_m``     largest error under each of the specification's conditions
     ``fallback_up_to_ns``  constant delay up to which every corner is stable with the pd_ddob that
                          takes over without echoes; at most DELAY_NS_MAX of the analysis
     """
 
     settings: ControllerSettings
     judged: int
+    vehicles: int
     delays_ns: tuple[int, ...]
     rms_m: FloatArray
     settled_rms_m: FloatArray
     steer_noise_rad: float
+    peak_sensitivity: float
     jitter_rms_m: tuple[float, ...]
+    conditions_m: tuple[float, ...]
     fallback_up_to_ns: int
-
-
-class _Run(NamedTuple):
-    rms_m: float
-    settled_rms_m: float
-    sent_rad: FloatArray
 
 
 def design_predictor(
@@ -92,13 +93,14 @@ def design_predictor(
     points = spec.search.points_per_parameter * len(start)
     best, judged = start, 0
     with ThreadPoolExecutor(_THREADS) as pool:
+        task = Task(pool, spec, table, vehicle)
 
         def cost(values: FloatArray) -> float:
             try:
                 settings = _settings(table, vehicle, fallback, values)
             except ValidationError:
-                return _LEFT_M
-            return _cost(pool, spec, table, vehicle, settings)
+                return LEFT_M * LEFT_M
+            return _cost(task, settings)
 
         for generation in evolve(cost, start, np.full(len(start), 0.3 * _DECADE), points, random):
             best, judged = generation.best, generation.judged
@@ -106,29 +108,26 @@ def design_predictor(
             if generation.number >= table.generations:
                 break
         settings = _settings(table, vehicle, fallback, best)
-        return describe_predictor(pool, spec, table, vehicle, settings)._replace(judged=judged)
+        return describe_predictor(task, settings)._replace(judged=judged)
 
 
-def describe_predictor(
-    pool: ThreadPoolExecutor,
-    spec: Specification,
-    table: PredictorTable,
-    vehicle: VehicleFile,
-    settings: ControllerSettings,
-) -> PredictorDesign:
+def describe_predictor(task: Task, settings: ControllerSettings) -> PredictorDesign:
     """Return the figures of a predictor."""
-    latencies = [_constant(delay_ns) for delay_ns in table.delays_ns]
-    runs = _runs(pool, spec, table, vehicle, settings, latencies)
-    jitters = _runs(pool, spec, table, vehicle, settings, [jittered(one) for one in spec.jitter])
+    spec, delays_ns = task.spec, task.table.delays_ns
+    columns = runs(task, settings, [constant(delay_ns) for delay_ns in delays_ns])
+    jitters = runs(task, settings, [jittered(one) for one in spec.jitter])
     return PredictorDesign(
         settings,
         0,
-        table.delays_ns,
-        np.array([max(run.rms_m for run in column) for column in runs]),
-        np.array([max(run.settled_rms_m for run in column) for column in runs]),
-        _steer_noise_rad(pool, spec, table, vehicle, settings, runs[-1]),
+        len(task.vehicles),
+        delays_ns,
+        np.array([max(run.rms_m for run in column) for column in columns]),
+        np.array([max(run.settled_rms_m for run in column) for column in columns]),
+        steer_noise_rad(task, settings, columns[-1]),
+        peak_sensitivity(task, settings, delays_ns),
         tuple(max(run.settled_rms_m for run in column) for column in jitters),
-        _fallback_up_to_ns(vehicle, settings),
+        tuple(largest_error_m(task, settings, met) for met in task.table.conditions),
+        _fallback_up_to_ns(task.vehicle, settings),
     )
 
 
@@ -144,20 +143,19 @@ def _fallback_up_to_ns(vehicle: VehicleFile, settings: ControllerSettings) -> in
     return min(DELAY_NS_MAX if margin is None else margin for margin in margins)
 
 
-def _cost(
-    pool: ThreadPoolExecutor,
-    spec: Specification,
-    table: PredictorTable,
-    vehicle: VehicleFile,
-    settings: ControllerSettings,
-) -> float:
-    """Return the worst RMS at both ends of the delays and half-way; more for too much noise."""
-    ends = (0, table.delays_ns[-1] // 2, table.delays_ns[-1])
-    runs = _runs(pool, spec, table, vehicle, settings, [_constant(delay) for delay in ends])
-    worst_m = max(run.settled_rms_m for column in runs for run in column)
-    noise_rad = _steer_noise_rad(pool, spec, table, vehicle, settings, runs[-1])
-    excess = noise_rad / table.steer_noise_rad_max
-    return worst_m if excess <= 1.0 else _LEFT_M * excess
+def _cost(task: Task, settings: ControllerSettings) -> float:
+    """Return the worst RMS at both ends of the delays and half-way; more for what is exceeded."""
+    spec, table = task.spec, task.table
+    last_ns = table.delays_ns[-1]
+    columns = runs(task, settings, [constant(delay) for delay in (0, last_ns // 2, last_ns)])
+    worst_m = max(run.settled_rms_m for column in columns for run in column)
+    excess = max(
+        steer_noise_rad(task, settings, columns[-1]) / table.steer_noise_rad_max,
+        # It grows with the delay.
+        peak_sensitivity(task, settings, [last_ns]) / spec.peak_sensitivity_max,
+        *(largest_error_m(task, settings, met) / met.error_m_max for met in table.conditions),
+    )
+    return worst_m if excess <= 1.0 else LEFT_M * excess
 
 
 def _settings(
@@ -174,7 +172,7 @@ def _settings(
     box = {name: (low, high) for name, low, high in vehicle.box.ranges}
     speed = vehicle.vehicle.speed_m_s
     low, high = box.get("speed_m_s", (speed, speed))
-    tables = fallback.model_dump(exclude={"law", "estimator"})
+    tables = fallback.model_dump(exclude={"law", "link", "estimator", "validity"})
     tables["predictor"] = PredictorSettings(
         steer_per_error_rad_m=values.pop("steer_per_error_rad_m"),
         horizon_s_max=table.horizon_s_max,
@@ -182,6 +180,8 @@ def _settings(
     return ControllerSettings(
         **tables,
         law="predictor",
+        validity=validity(vehicle, table.delay_ms_max),
+        link=LinkSettings(delay_averaging_s=table.delay_averaging_s),
         estimator=EstimatorSettings(
             lateral_error_noise_m=table.lateral_error_noise_m,
             heading_error_noise_rad=table.heading_error_noise_rad,
@@ -189,65 +189,4 @@ def _settings(
             speed_m_s_max=round(1.5 * high, 2),
             **values,
         ),
-    )
-
-
-def _constant(delay_ns: int) -> LatencySettings:
-    return LatencySettings(mean_s=delay_ns * 1e-9)
-
-
-def _runs(
-    pool: ThreadPoolExecutor,
-    spec: Specification,
-    table: PredictorTable,
-    vehicle: VehicleFile,
-    settings: ControllerSettings,
-    latencies: Sequence[LatencySettings],
-    noise: SensorNoiseSettings | None = None,
-) -> list[list[_Run]]:
-    """Return the runs of each latency: every path and corner."""
-    cells = [
-        Drive(settings, corner, path, spec.course.duration_s, latency)
-        for latency, path, corner in product(latencies, spec.course.paths, vehicle.box.vertices())
-    ]
-    quiet = SensorNoiseSettings() if noise is None else noise
-    plants = [plant_settings(cell).model_copy(update={"sensor_noise": quiet}) for cell in cells]
-    done = list(pool.map(lambda plant: _run(plant, settings, table.ignore_s), plants))
-    count = len(done) // max(1, len(latencies))
-    return [done[first : first + count] for first in range(0, len(done), max(1, count))]
-
-
-def _run(plant: PlantSettings, settings: ControllerSettings, ignore_s: float) -> _Run:
-    run = run_batch(plant, settings)
-    if run.outcome is not Outcome.COMPLETE:
-        return _Run(_LEFT_M, _LEFT_M, run.sent_rad)
-    squares = np.square(run.lateral_error_m)
-    return _Run(
-        float(np.sqrt(squares.mean())),
-        float(np.sqrt(squares[run.time_s >= ignore_s].mean())),
-        run.sent_rad,
-    )
-
-
-def _steer_noise_rad(
-    pool: ThreadPoolExecutor,
-    spec: Specification,
-    table: PredictorTable,
-    vehicle: VehicleFile,
-    settings: ControllerSettings,
-    without: Sequence[_Run],
-) -> float:
-    """Return the standard deviation of the steer with noise less that without, the worst run's.
-
-    ``without``  the runs without noise, at the longest delay
-    """
-    noise = SensorNoiseSettings(lateral_error_m=table.lateral_error_noise_m)
-    longest = [_constant(table.delays_ns[-1])]
-    with_noise = _runs(pool, spec, table, vehicle, settings, longest, noise)[0]
-    first = round(table.ignore_s * 1e3 * NS_PER_MS / spec.period_ns)
-    return max(
-        float(np.std(noisy.sent_rad[first:] - clean.sent_rad[first:]))
-        if len(noisy.sent_rad) == len(clean.sent_rad)
-        else math.inf
-        for noisy, clean in zip(with_noise, without, strict=True)
     )

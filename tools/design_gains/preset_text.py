@@ -3,13 +3,14 @@
 from collections.abc import Iterator, Sequence
 
 from ...controller.settings import ControllerSettings
+from ...plant_emulator.latency_settings import Order
 from ...plant_emulator.rig_settings import PathSettings
 from ...runtime.node import NS_PER_MS
 from ...runtime.settings import Settings
 from ...runtime.toml_text import dump_toml
 from .design import Design
 from .predictor import PredictorDesign
-from .specification import PredictorTable, Specification
+from .specification import ConditionsTable, PredictorTable, Specification
 from .study import Demand
 from .vehicle_file import VehicleFile
 
@@ -41,7 +42,7 @@ def preset_text(
         f" {spec.delay.ms_max:g} ms.",
         f"Written by tools.design_gains from {sources[0]} and {sources[1]}; do not edit.",
         "",
-        *_conditions(spec, vehicle),
+        *_conditions(spec, vehicle, f"{len(vehicle.box.vertices())} corners"),
         "",
         *(f"  {label:{_LABEL_WIDTH}}{text}" for label, text in _figures(spec, design)),
     ]
@@ -61,7 +62,7 @@ def predictor_preset_text(
         f" {table.delay_ms_max:g} ms, measured by the echo.",
         f"Written by tools.design_gains from {sources[0]} and {sources[1]}; do not edit.",
         "",
-        *_conditions(spec, vehicle),
+        *_conditions(spec, vehicle, f"{design.vehicles} vehicles"),
         "",
         *(
             f"  {label:{_LABEL_WIDTH}}{text}"
@@ -95,9 +96,35 @@ def predictor_figures(
         f" limit {table.steer_noise_rad_max:g}",
     )
     yield (
+        "peak sensitivity",
+        f"{design.peak_sensitivity:.3g}, limit {spec.peak_sensitivity_max:g}",
+    )
+    for met, largest_m in zip(table.conditions, design.conditions_m, strict=True):
+        yield (
+            "largest error",
+            f"{largest_m:.2f} m, limit {met.error_m_max:g}, at {conditions_in_words(met)}",
+        )
+    yield (
         "without echoes",
         f"pd_ddob, stable up to a constant delay of {design.fallback_up_to_ns // NS_PER_MS} ms",
     )
+
+
+def conditions_in_words(met: ConditionsTable) -> str:
+    """Return the network and the steering of a demand."""
+    words = [f"{met.mean_ms:g} ms"]
+    if met.spread_ms > 0.0:
+        words = [f"{met.mean_ms:g} ± {met.spread_ms:g} ms (gamma)"]
+    if met.correlation_ms > 0.0:
+        words.append(f"correlated over {met.correlation_ms:g} ms")
+    if met.order is not Order.NEWEST_WINS:
+        words.append(met.order.value.replace("_", " "))
+    if met.loss > 0.0:
+        burst = "" if met.burst_frames is None else f" in bursts of {met.burst_frames:g}"
+        words.append(f"{100.0 * met.loss:g} % lost{burst}")
+    if met.lag_ms > 0.0:
+        words.append(f"an unknown steering lag of {met.lag_ms:g} ms")
+    return ", ".join(words)
 
 
 def _commented(comments: Sequence[str], settings: ControllerSettings) -> str:
@@ -116,10 +143,9 @@ def _untouched(settings: ControllerSettings) -> list[str]:
     ]
 
 
-def _conditions(spec: Specification, vehicle: VehicleFile) -> Iterator[str]:
-    box = vehicle.box
-    yield f"Worst of {len(box.vertices())} corners and, where none is given, of all delays:"
-    for field, minimum, maximum in box.ranges:
+def _conditions(spec: Specification, vehicle: VehicleFile, judged: str) -> Iterator[str]:
+    yield f"Worst of {judged} and, where none is given, of all delays:"
+    for field, minimum, maximum in vehicle.box.ranges:
         yield f"  {field} {minimum:.6g} to {maximum:.6g}"
     for path in spec.course.paths:
         yield f"  {path_in_words(path)}, {spec.course.duration_s:g} s"

@@ -15,6 +15,7 @@ from ...controller.laws import PAPER_LAWS
 from ...controller.laws.predictor import FALLBACK
 from ...controller.settings import LimitSettings
 from ...loop_theory.d_stability import DStability, d_stability
+from ...plant_emulator.latency_settings import Order
 from ...plant_emulator.rig_settings import PathSettings
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ...runtime.settings import Settings
@@ -97,9 +98,32 @@ class JitterTable(Settings):
     loss: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
 
 
-class PredictorTable(Settings):
-    """`[predictor]`: how the predictor is judged, which the other demands do not apply to.
+class ConditionsTable(Settings):
+    """`[[predictor.conditions]]`: a network and a steering with which no run may leave the path.
 
+    ``correlation_ms``  of the latencies, an AR(1) process; 0: each frame's is independent
+    ``burst_frames``    mean length of a burst of loss; none: losses are independent
+    ``order``           as in the plant's [latency.downlink]
+    ``lag_ms``          of the steering, which the law does not know
+    ``error_m_max``     largest lateral error of any run
+    """
+
+    mean_ms: DelayMs
+    spread_ms: DelayMs = 0.0
+    correlation_ms: Annotated[float, Field(ge=0.0, le=1e5)] = 0.0
+    loss: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    burst_frames: Annotated[float, Field(ge=1.0, le=1e4)] | None = None
+    order: Order = Order.NEWEST_WINS
+    lag_ms: DelayMs = 0.0
+    error_m_max: PositiveFloat
+
+
+class PredictorTable(Settings):
+    """`[predictor]`: how the predictor is judged; of the other demands, the peak sensitivity holds.
+
+    ``conditions``              judged with the seeds 1 to ``seeds``
+    ``values_per_range``        2: the corners of the box; more: also between them
+    ``delay_averaging_s``       becomes the preset's [link]
     ``fallback``                the pd_ddob it falls back to, a preset of the controller; none: the
                                 one designed in the same run
     ``ignore_s``                left out of each run: no law can react before a command acts
@@ -107,6 +131,10 @@ class PredictorTable(Settings):
     ``steer_noise_rad_max``     standard deviation of what that noise may add to the steer
     """
 
+    conditions: tuple[ConditionsTable, ...] = ()
+    seeds: Annotated[int, Field(ge=1, le=100)] = 2
+    values_per_range: Annotated[int, Field(ge=2, le=9)] = 2
+    delay_averaging_s: Annotated[float, Field(gt=0.0, le=60.0)] = 0.5
     fallback: str | None = None
     delay_ms_max: DelayMs = 500.0
     delay_step_ms: Annotated[float, Field(ge=1.0, le=1000.0)] = 50.0

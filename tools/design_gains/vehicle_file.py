@@ -21,6 +21,7 @@ from ...controller.shared_settings import (
     VehicleModelSettings,
     YawInertiaKgM2,
 )
+from ...controller.validity import VehicleRanges
 from ...loop_theory.uncertainty import ParameterRange, UncertaintyBox
 from ...runtime.settings import Settings
 
@@ -56,39 +57,24 @@ class VehicleTable(Settings):
         return self
 
 
-class UncertaintyTable(Settings):
-    """`[uncertainty]`: [minimum, maximum] of any of the vehicle's parameters."""
-
-    virtual_mass_kg: tuple[MassKg, MassKg] | None = None
-    yaw_inertia_kg_m2: tuple[YawInertiaKgM2, YawInertiaKgM2] | None = None
-    front_cornering_stiffness_n_rad: tuple[StiffnessNRad, StiffnessNRad] | None = None
-    rear_cornering_stiffness_n_rad: tuple[StiffnessNRad, StiffnessNRad] | None = None
-    front_axle_distance_m: tuple[AxleDistanceM, AxleDistanceM] | None = None
-    rear_axle_distance_m: tuple[AxleDistanceM, AxleDistanceM] | None = None
-    preview_distance_m: tuple[PreviewDistanceM, PreviewDistanceM] | None = None
-    speed_m_s: tuple[SpeedMS, SpeedMS] | None = None
-
-    def ranges(self) -> tuple[ParameterRange, ...]:
-        """Return those that are given; speed first, so that corners are in the paper's order."""
-        given = {key: bounds for key, bounds in self if bounds is not None}
-        order = sorted(given, key=lambda key: key != "speed_m_s")
-        return tuple(ParameterRange(key, *given[key]) for key in order)
-
-
 class VehicleFile(Settings):
     """All of VEHICLE.toml."""
 
     vehicle: VehicleTable
-    uncertainty: UncertaintyTable = UncertaintyTable()
+    uncertainty: VehicleRanges = VehicleRanges()
+    """[minimum, maximum] of any of the vehicle's parameters."""
 
     @property
     def box(self) -> UncertaintyBox:
         """Return the vehicles between the bounds."""
-        return UncertaintyBox(self.vehicle.vehicle, self.uncertainty.ranges())
+        ranges = self.uncertainty.given().items()
+        return UncertaintyBox(
+            self.vehicle.vehicle, tuple(ParameterRange(key, *bounds) for key, bounds in ranges)
+        )
 
     @model_validator(mode="after")
     def _refuse_ranges_without_the_nominal_value(self) -> Self:
-        ranges = self.uncertainty.ranges()
+        ranges = self.box.ranges
         if len(ranges) > _RANGES_MAX:
             raise ValueError(
                 f"[uncertainty] has {len(ranges)} ranges; at most {_RANGES_MAX} are possible,"

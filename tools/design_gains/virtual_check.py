@@ -16,7 +16,7 @@ from ...pair.virtual import run_virtual_pair
 from ...plant_emulator.latency import Distribution
 from ...plant_emulator.latency_settings import BothLatencySettings, LatencySettings
 from ...plant_emulator.path_shapes import build_path
-from ...plant_emulator.rig_settings import PathSettings, VehicleSettings
+from ...plant_emulator.rig_settings import ActuatorSettings, PathSettings, VehicleSettings
 from ...plant_emulator.safety_settings import UNGUARDED
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.node import NS_PER_MS, NS_PER_S
@@ -29,13 +29,18 @@ _MS_PER_S = 1e3
 
 
 class Drive(NamedTuple):
-    """One run: a law, a corner of the box, a path, and the latency of the commands."""
+    """One run: a law, a vehicle of the box, a path, and the latency of the commands.
+
+    ``lag_s``  of the steering
+    """
 
     settings: ControllerSettings
     corner: NominalVehicle
     path: PathSettings
     duration_s: float
     latency: LatencySettings
+    lag_s: float = 0.0
+    seed: int = 1
 
 
 class Driven(NamedTuple):
@@ -58,9 +63,11 @@ def plant_settings(asked: Drive) -> PlantSettings:
     """Return the rig's settings; raises pydantic's ValidationError for what it does not drive."""
     return PlantSettings(
         duration_s=asked.duration_s,
+        seed=asked.seed,
         sensor_period_ms=asked.settings.period_ns / NS_PER_MS,
         vehicle=VehicleSettings(**asked.corner._asdict()),
         path=asked.path,
+        actuator=ActuatorSettings(lag_s=asked.lag_s),
         latency=BothLatencySettings(downlink=asked.latency),
         safety=UNGUARDED,
     )
