@@ -23,6 +23,7 @@ from steer_by_wire.dbc.messages import (
     Message,
     Mode,
     MotionRequest,
+    SteeringCommand,
     SteeringStatus,
     SteeringStatusCode,
     Validity,
@@ -100,7 +101,7 @@ def drive(
 
 
 def mode_of(link: Link) -> Mode:
-    return next(m.mode for _, m, _ in reversed(link.sent) if hasattr(m, "mode"))
+    return next(m.mode for _, m, _ in reversed(link.sent) if isinstance(m, SteeringCommand))
 
 
 def test_a_vehicle_that_is_too_fast_is_reported_and_asked_to_slow_down() -> None:
