@@ -123,10 +123,13 @@ class Server:
                 generation = desk.generation
                 await socket.send_str(json.dumps(desk.hello()))
                 indexes = [0] * len(desk.lanes)
+            parts = []
             for number, lane in enumerate(desk.lanes[: len(indexes)]):
                 indexes[number], rows = lane.rows_since(indexes[number])
                 if rows:
-                    await socket.send_bytes(packed_rows(number, rows))
+                    parts.append(packed_rows(number, rows))
+            if parts:
+                await socket.send_bytes(b"".join(parts))
             if batch % _STATUS_BATCHES == 0:
                 await socket.send_str(json.dumps(desk.status()))
             batch += 1

@@ -1,4 +1,4 @@
-"""The binary form in which rows go to a page: little-endian, one record a row.
+"""The binary form in which rows go to a page: little-endian, a batch for each lane in one message.
 
 header   kind (1) u8, lane u8, columns u16, rows u32
 row      time [s] f64, columns f32

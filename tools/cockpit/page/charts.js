@@ -10,6 +10,7 @@ const SIGNAL_STYLES = {
   wheel_angle_rad: ["applied", []],
   uplink_s: ["lane-1", [5, 3]],
 };
+const STEP_PIXELS = 2; // to draw them anew for less would show nothing more
 const FONT = "11px system-ui, sans-serif";
 
 export class Charts {
@@ -19,6 +20,7 @@ export class Charts {
     this.box = byId("charts");
     this.spanIndex = 1;
     this.zoom = null; // [from, to] of a part that was selected
+    this.drawnS = 0;
     this.plots = [];
     byId("span-less").onclick = () => this.changeSpan(-1);
     byId("span-more").onclick = () => this.changeSpan(1);
@@ -119,7 +121,14 @@ export class Charts {
     this.app.touch();
   }
 
+  // Whether the charts have moved on by enough to be seen.
+  isDue(nowS) {
+    const width = Math.max(...this.plots.map(({ plot }) => plot.bbox.width)) / devicePixelRatio;
+    return Math.abs(nowS - this.drawnS) * width >= STEP_PIXELS * this.spanS;
+  }
+
   draw(nowS) {
+    this.drawnS = nowS;
     const [from, to] = this.zoom ?? [nowS - this.spanS, nowS];
     const times = timesOf(this.app.lanes[0], from, to);
     for (const { plot, lines, values } of this.plots) {

@@ -1,5 +1,7 @@
 // The connection to the server: it comes back by itself when it was lost.
 
+import { batchBytes } from "cockpit/rows.js";
+
 const RETRY_MS = 1000;
 
 export class Link {
@@ -19,8 +21,11 @@ export class Link {
     };
     this.socket.onmessage = ({ data }) => {
       if (data instanceof ArrayBuffer) {
-        const batch = new DataView(data);
-        this.on.rows(batch.getUint8(1), batch);
+        for (let offset = 0; offset < data.byteLength; ) {
+          const batch = new DataView(data, offset);
+          offset += batchBytes(batch);
+          this.on.rows(batch.getUint8(1), batch);
+        }
         return;
       }
       const message = JSON.parse(data);

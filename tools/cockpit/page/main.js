@@ -14,12 +14,14 @@ import { startTheme } from "cockpit/theme.js";
 import { byId, element, pressed, setText } from "cockpit/words.js";
 
 const TOAST_MS = 6000;
+const READ_S = 0.1; // nobody reads figures that change more often
 
 // What all parts of the page share.
 const app = {
   head: null, signals: {}, lanes: [], lane: 0, status: null, player: null,
-  heldS: null, isTouched: true, drawn: 0, link: null,
-  touch() { this.isTouched = true; },
+  heldS: null, isTouched: true, hasMoved: true, drawn: 0, link: null,
+  touch() { this.isTouched = this.hasMoved = true; },
+  moveOn() { this.hasMoved = true; }, // nothing but the time is another
   wish(wish) { this.link?.wish(wish); },
   get nowS() { return this.player?.nowS ?? this.heldS ?? Math.max(0, ...this.lanes.map((rows) => rows.endS)); },
   selectLane(lane) {
@@ -73,18 +75,21 @@ function replayedStatus() {
   return { lanes: [{ lights: lit, frames: list, failure: "" }], programs: [], recording_s: null, recorded: [] };
 }
 
-let last = performance.now();
+let last = performance.now(), readS = 0;
 function frame(now) {
   const elapsedS = Math.min((now - last) / 1000, 0.25);
   last = now;
   app.player?.advance(elapsedS);
-  if (app.isTouched && app.lanes.length) {
-    app.isTouched = false;
-    const { nowS } = app;
+  if (app.hasMoved && app.lanes.length) {
+    const { nowS, isTouched } = app;
+    app.hasMoved = app.isTouched = false;
     scene.draw(nowS);
-    if (!byId("charts").hidden) charts.draw(nowS);
-    figures.draw(nowS);
-    setText(byId("clock"), `${nowS.toFixed(1)} s`);
+    if (!byId("charts").hidden && (isTouched || charts.isDue(nowS))) charts.draw(nowS);
+    if (isTouched || Math.abs(nowS - readS) >= READ_S) {
+      readS = nowS;
+      figures.draw(nowS);
+      setText(byId("clock"), `${nowS.toFixed(1)} s`);
+    }
     if (app.player) {
       app.player.draw();
       app.status = replayedStatus();
@@ -113,7 +118,7 @@ function startLive() {
     },
     rows(lane, batch) {
       app.lanes[lane]?.take(batch);
-      if (app.heldS === null) app.touch();
+      if (app.heldS === null) app.moveOn();
     },
     status(status) {
       app.status = status;

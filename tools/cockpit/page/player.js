@@ -29,11 +29,17 @@ export class Player {
     if (!this.isRunning && this.nowS >= this.durationS) this.nowS = 0;
     this.isRunning = !this.isRunning;
     setText(this.button, this.isRunning ? "Pause" : "Play");
+    this.app.touch();
   }
 
   seek(timeS) {
-    this.nowS = Math.min(Math.max(timeS, 0), this.durationS);
+    this.moveTo(timeS);
     this.app.touch();
+  }
+
+  moveTo(timeS) {
+    this.nowS = Math.min(Math.max(timeS, 0), this.durationS);
+    this.app.moveOn();
   }
 
   step(direction) {
@@ -43,7 +49,7 @@ export class Player {
   // Let some real time pass.
   advance(elapsedS) {
     if (!this.isRunning) return;
-    this.seek(this.nowS + this.speed * elapsedS);
+    this.moveTo(this.nowS + this.speed * elapsedS);
     if (this.nowS >= this.durationS) this.toggle();
   }
 

@@ -2,6 +2,15 @@
 
 const KEPT_S = 120; // of a live lane: twice the longest span of a chart
 
+function rowBytes(batch) {
+  return 8 + 4 * batch.getUint16(2, true);
+}
+
+// How long a batch of rows is.
+export function batchBytes(batch) {
+  return 8 + batch.getUint32(4, true) * rowBytes(batch);
+}
+
 export class Rows {
   // names: of the columns; capacity: rows that are kept at least
   constructor(names, capacity) {
@@ -16,13 +25,10 @@ export class Rows {
     return new Rows(names, Math.ceil(KEPT_S / periodS));
   }
 
-  // Append the rows of a batch; returns how many there were.
+  // Append the rows of a batch.
   take(batch) {
-    const columns = batch.getUint16(2, true);
-    const count = batch.getUint32(4, true);
-    const size = 8 + 4 * columns;
-    for (let row = 0; row < count; row++) this.append(batch, 8 + row * size);
-    return count;
+    const end = batchBytes(batch);
+    for (let offset = 8; offset < end; offset += rowBytes(batch)) this.append(batch, offset);
   }
 
   append(batch, offset) {

@@ -5,7 +5,8 @@ import { byId, fixed, pressed, setText } from "cockpit/words.js";
 import { drawSteer, drawVehicle } from "cockpit/vehicle.js";
 
 const ROAD_M = 3.5;
-const TRAIL_S = 15;
+const PATH_DASH_M = [0.8, 0.6];
+const TRAIL_S = 15, TRAIL_ROWS = 4;
 const ZOOM_MIN = 3, ZOOM_MAX = 120, ZOOM_STEP = 1.3;
 
 export class Scene {
@@ -77,16 +78,16 @@ export class Scene {
     const facts = this.app.head.lanes[lane];
     const state = stateAt(rows, at, this.factor, facts.preview_m);
     const camera = this.isWhole ? wholeCamera(place, facts, rows) : this.camera(place, state);
-    const trail = trailOf(rows, at, nowS - TRAIL_S, this.factor);
     const world = () => pen.translate(camera.x, camera.y);
     pen.save();
     world();
     pen.scale(camera.scale, -camera.scale);
     pen.rotate(-camera.turn);
     pen.translate(-camera.atX, -camera.atY);
-    if (!this.isWhole) drawGrid(pen, camera, place);
-    drawPath(pen, camera, facts, rows, at);
-    drawLine(pen, trail, colour(`lane-${lane}`), 2 / camera.scale);
+    if (!this.isWhole) drawGrid(pen, camera, this.reach(camera, place));
+    drawPath(pen, camera, this.reach(camera, place), facts, rows, at);
+    drawTrail(pen, rows, at, nowS - TRAIL_S, this.factor);
+    ink(pen, colour(`lane-${lane}`), 2 / camera.scale);
     drawVehicle(pen, facts, state, this.isWhole ? 3 : 1);
     drawDeviation(pen, camera, state);
     pen.restore();
@@ -97,6 +98,11 @@ export class Scene {
     const scale = this.pixelsPerM * (this.app.lanes.length > 1 ? 0.62 : 1);
     // The vehicle is left of the middle: what is ahead says more.
     return { x: 0.42 * place.width, y: 0.5 * place.height, scale, turn: state.pathHeading, atX: state.x, atY: state.y };
+  }
+
+  // How far from the camera something may be seen [m].
+  reach(camera, place) {
+    return this.isWhole ? Infinity : Math.hypot(place.width, place.height) / camera.scale;
   }
 
   drawLabels(pen, place, camera, lane, state) {
@@ -147,15 +153,15 @@ function stateAt(rows, at, factor, previewM) {
   };
 }
 
-function trailOf(rows, at, fromS, factor) {
+function drawTrail(pen, rows, at, fromS, factor) {
   const { foot_x_m: x, foot_y_m: y, path_heading_rad: heading, lateral_error_m: error } = rows.columns;
-  const points = [];
-  for (let index = Math.max(rows.indexAt(fromS), 0); index <= at; index += 2) {
+  const first = Math.max(rows.indexAt(fromS), 0);
+  pen.beginPath();
+  for (let index = first - (first % TRAIL_ROWS); index <= at; index += TRAIL_ROWS) {
     if (!Number.isFinite(error[index])) continue;
     const off = factor * error[index];
-    points.push([x[index] - off * Math.sin(heading[index]), y[index] + off * Math.cos(heading[index])]);
+    pen.lineTo(x[index] - off * Math.sin(heading[index]), y[index] + off * Math.cos(heading[index]));
   }
-  return points;
 }
 
 function wholeCamera(place, facts, rows) {
@@ -172,9 +178,8 @@ function pathSoFar(rows, at, step) {
   return points;
 }
 
-function drawGrid(pen, camera, place) {
+function drawGrid(pen, camera, reach) {
   const step = camera.scale > 12 ? 5 : 20;
-  const reach = Math.hypot(place.width, place.height) / camera.scale;
   pen.strokeStyle = colour("grid");
   pen.lineWidth = 1 / camera.scale;
   pen.beginPath();
@@ -190,30 +195,52 @@ function drawGrid(pen, camera, place) {
   pen.stroke();
 }
 
-function drawPath(pen, camera, facts, rows, at) {
+function drawPath(pen, camera, reach, facts, rows, at) {
   const points = facts.path_m.length ? facts.path_m : pathSoFar(rows, rows.isWhole ? rows.length - 1 : at, 3);
-  const isClosed = facts.path_is_closed;
   pen.lineJoin = "round";
-  drawLine(pen, points, colour("road-edge"), ROAD_M + 2 / camera.scale, [], isClosed);
-  drawLine(pen, points, colour("road"), ROAD_M, [], isClosed);
-  drawLine(pen, points, colour("path"), 1.2 / camera.scale, [0.8, 0.6], isClosed);
+  for (const piece of piecesWithin(points, facts.path_is_closed, camera, reach)) {
+    trace(pen, piece.points);
+    ink(pen, colour("road-edge"), ROAD_M + 2 / camera.scale);
+    ink(pen, colour("road"), ROAD_M);
+    pen.setLineDash(PATH_DASH_M);
+    pen.lineDashOffset = piece.fromM;
+    ink(pen, colour("path"), 1.2 / camera.scale);
+    pen.setLineDash([]);
+  }
 }
 
-function drawLine(pen, points, ink, width, dash = [], isClosed = false) {
-  if (points.length < 2) return;
+// The pieces of a path that may be seen, each with its distance along the path.
+function piecesWithin(points, isClosed, camera, reach) {
+  const pieces = [];
+  let piece = null, alongM = 0;
+  const count = points.length + (isClosed ? 1 : 0);
+  for (let index = 1; index < count; index++) {
+    const from = points[index - 1], to = points[index % points.length];
+    const lengthM = Math.hypot(to[0] - from[0], to[1] - from[1]);
+    const isNear = Math.hypot(from[0] - camera.atX, from[1] - camera.atY) < reach + lengthM;
+    if (isNear && !piece) pieces.push((piece = { points: [from], fromM: alongM }));
+    if (isNear) piece.points.push(to);
+    else piece = null;
+    alongM += lengthM;
+  }
+  return pieces;
+}
+
+function trace(pen, points) {
   pen.beginPath();
-  points.forEach(([x, y], index) => (index ? pen.lineTo(x, y) : pen.moveTo(x, y)));
-  if (isClosed) pen.closePath();
-  pen.setLineDash(dash);
-  pen.strokeStyle = ink;
+  for (const [x, y] of points) pen.lineTo(x, y);
+}
+
+function ink(pen, style, width) {
+  pen.strokeStyle = style;
   pen.lineWidth = width;
   pen.stroke();
-  pen.setLineDash([]);
 }
 
 function drawDeviation(pen, camera, state) {
   const size = 4.5 / camera.scale;
-  drawLine(pen, [[state.footX, state.footY], [state.previewX, state.previewY]], colour("bad"), 2 / camera.scale);
+  trace(pen, [[state.footX, state.footY], [state.previewX, state.previewY]]);
+  ink(pen, colour("bad"), 2 / camera.scale);
   pen.fillStyle = colour("path");
   pen.fillRect(state.footX - size / 2, state.footY - size / 2, size, size);
   pen.beginPath();
