@@ -4,6 +4,8 @@ Ratios of one run: the machine is the same and just as loaded for both. Prints o
 """
 # ruff: noqa: T201 it reports to whoever starts it
 
+import gc
+import os
 import re
 import statistics
 import subprocess
@@ -14,12 +16,25 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.pair.processes import Processes
+from steer_by_wire.plant_emulator.node import PlantNode
+from steer_by_wire.plant_emulator.path_shapes import build_path
+from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.node import NEVER_NS, NS_PER_S
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+from steer_by_wire.tools.cockpit.sampler import Sampler
+from steer_by_wire.tools.cockpit.signals import ROW_PERIOD_S
 from tests.support.browser import Browser, chromium, open_browser
 
 ROUNDS = 3
 PAGES = 3
+PRESETS = "steer_by_wire.controller.presets"
+PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 1e6
 _TICKS_PER_S = 100
 """Of the processor times in /proc."""
 FEED = """
@@ -52,6 +67,7 @@ def main() -> None:
         measure_four_lanes(browser, seconds)
         measure_one_lane(browser, seconds)
         measure_memory(browser)
+    measure_server_memory()
     measure_lateness(program, seconds)
 
 
@@ -130,6 +146,33 @@ def measure_memory(browser: Browser) -> None:
             browser.call("HeapProfiler.collectGarbage")
             used.append(browser.read("performance.memory.usedJSHeapSize") / 1e6)
         print(f"memory of the page after 5 and 35 min: {used[0]:.1f}, {used[1]:.1f} MB")
+
+
+def measure_server_memory() -> None:
+    """Print how a lane's memory grows from five minutes to three hours of frames."""
+    settings = PlantSettings(duration_s=60.0)
+    law = load_settings(ControllerSettings, read_preset(PRESETS, "practical_pd_ddob"))
+    plant, controller = PlantNode(settings, 0), ControllerNode(law, 0)
+    minute: list[tuple[int, Frame]] = []
+    executor = VirtualTimeExecutor(
+        (plant, controller), on_wire=lambda time_ns, _, frame: minute.append((time_ns, frame))
+    )
+    executor.run(NEVER_NS)
+    lane = Sampler(0, build_path(settings.path))
+    used = []
+    for number in range(180):
+        start_ns = row_ns = 2 * number * NS_PER_S + number * minute[-1][0]
+        for time_ns, frame in minute:
+            lane.on_frame(frame, start_ns + time_ns)
+            if start_ns + time_ns >= row_ns:
+                lane.row(row_ns)
+                row_ns += round(ROW_PERIOD_S * NS_PER_S)
+        lane.lights(row_ns)
+        lane.frames(row_ns)
+        if number + 1 in (5, 180):
+            gc.collect()
+            used.append(int(Path("/proc/self/statm").read_text().split()[1]) * PAGE_MB)
+    print(f"memory of the server's lane after 5 and 180 min: {used[0]:.1f}, {used[1]:.1f} MB")
 
 
 def measure_lateness(program: str, seconds: float) -> None:

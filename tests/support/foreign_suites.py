@@ -96,8 +96,12 @@ def fetched(folder: Path, isotp: str) -> list[Suite]:
 
 
 def isotp_version(repository: Path) -> str:
-    command = ["git", "-C", str(repository), "describe", "--tags", "--always"]
-    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+    command = ["git", "-C", str(repository), "describe", "--tags"]
+    return (
+        subprocess.run(command, check=True, capture_output=True, text=True)
+        .stdout.strip()
+        .removeprefix("v")
+    )
 
 
 def distribution(name: str, folder: Path) -> tuple[str, Path]:
