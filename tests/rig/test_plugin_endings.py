@@ -58,7 +58,7 @@ def test_three_rigs_at_once_have_a_bus_each_and_leave_nothing_when_they_are_kill
         try:
             wait_until(lambda: ready() == 3, "three plants are ready")
             assert len(list(temporary.glob("*"))) >= 3, "each bus has a folder"
-            assert len(started(mark)) >= 1 + 3 * 4, "workers with bus, plant and command each"
+            wait_until(lambda: len(started(mark)) >= 1 + 3 * 4, "each has bus, plant and command")
         finally:
             process.kill()
     wait_until(lambda: started(mark) == [], "all processes have ended")
