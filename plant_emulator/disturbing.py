@@ -4,12 +4,9 @@ A friction that the run has not met yet costs the plant its transition tables, s
 milliseconds in which it senses nothing. One that a step of the settings names costs nothing.
 """
 
-import numpy as np
-
 from ..dbc.messages import DisturbanceConfig
 from .disturbance import DisturbanceInterval, Load, disturbance_interval
 from .motion_design import MotionParams, transitions, vehicle_params
-from .propagation import table_rows
 from .settings import PlantSettings
 
 
@@ -58,8 +55,7 @@ class Disturbing:
             if known.friction == interval.friction:
                 self._first_rows = rows
                 return
-        tables, first_rows = transitions(self._vehicle, designed.actuator, [interval])
+        table, (first_rows,) = transitions(self._vehicle, designed.actuator, [interval])
         start = len(designed.table)
-        table = [*designed.table, *table_rows(np.asarray(tables))]
-        self._params = self._params._replace(table=table)
-        self._first_rows = [start + row for row in first_rows[0].tolist()]
+        self._params = self._params._replace(table=[*designed.table, *table])
+        self._first_rows = [start + row for row in first_rows]

@@ -2,18 +2,21 @@
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .actuator import ActuatorParams, WheelPhase
 from .disturbance import DisturbanceInterval, disturbance_intervals
 from .path import Path
 from .path_shapes import build_path
-from .propagation import TABLE_ROWS, Table, augmented_matrix, table_rows, transition_table
+from .propagation import TABLE_ROWS, Row, Table, augmented_matrix, table_rows, transition_table
 from .rig_settings import ActuatorSettings, DisturbanceSettings, PathSettings, VehicleSettings
 from .vehicle import VehicleParams, on_friction
+
+_KEPT = 4
+"""Tables cached for the next run with the same vehicle: about 10 MB each."""
 
 
 class MotionParams(NamedTuple):
@@ -35,13 +38,13 @@ def design_motion(
     path: PathSettings,
     disturbance: DisturbanceSettings,
 ) -> MotionParams:
-    """Return the motion's parameters; computes the transition tables (about 20 ms each).
+    """Return the motion's parameters; computes the transition tables (about 40 ms each).
 
     Raises SettingsError for a bad waypoint file, ValueError for a vehicle that cannot be computed.
     """
-    arrays = design_motion_arrays(vehicle, actuator, build_path(path), disturbance)
-    table, first_rows = table_rows(np.asarray(arrays.table)), np.asarray(arrays.first_rows).tolist()
-    return arrays._replace(table=table, first_rows=first_rows)
+    params = _params(vehicle, actuator, build_path(path), disturbance)
+    table, first_rows = transitions(vehicle_params(vehicle), params.actuator, params.intervals)
+    return params._replace(table=table, first_rows=first_rows)
 
 
 def design_motion_arrays(
@@ -51,6 +54,20 @@ def design_motion_arrays(
     disturbance: DisturbanceSettings,
 ) -> MotionParams:
     """Return the same on a path that is built, with arrays for ``table`` and ``first_rows``."""
+    params = _params(vehicle, actuator, path, disturbance)
+    needed, rows = _needed(vehicle_params(vehicle), params.actuator, params.intervals)
+    table: Any = np.concatenate([transition_table(augmented_matrix(*one)) for one in needed])
+    first_rows: Any = np.array(rows, dtype=np.int64)
+    return params._replace(table=table, first_rows=first_rows)
+
+
+def _params(
+    vehicle: VehicleSettings,
+    actuator: ActuatorSettings,
+    path: Path,
+    disturbance: DisturbanceSettings,
+) -> MotionParams:
+    """Return the parameters without tables."""
     params = vehicle_params(vehicle)
     actuator_params = ActuatorParams(
         actuator.lag_s,
@@ -58,18 +75,14 @@ def design_motion_arrays(
         math.inf if actuator.rate_limit_rad_s is None else actuator.rate_limit_rad_s,
         actuator.dead_band_rad,
     )
-    intervals = disturbance_intervals(disturbance, params)
-    table: Any
-    first_rows: Any
-    table, first_rows = transitions(params, actuator_params, intervals)
     return MotionParams(
         params.speed_m_s,
         params.preview_distance_m,
         actuator_params,
         path,
-        intervals,
-        table,
-        first_rows,
+        disturbance_intervals(disturbance, params),
+        table=(),
+        first_rows=(),
     )
 
 
@@ -89,8 +102,21 @@ def vehicle_params(settings: VehicleSettings) -> VehicleParams:
 
 def transitions(
     vehicle: VehicleParams, actuator: ActuatorParams, intervals: Sequence[DisturbanceInterval]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+) -> tuple[list[Row], list[tuple[int, ...]]]:
     """Return the tables of every friction and wheel phase, end to end, and `first_rows`."""
+    needed, first_rows = _needed(vehicle, actuator, intervals)
+    return [row for one in needed for row in _rows(*one)], first_rows
+
+
+@lru_cache(maxsize=_KEPT)
+def _rows(vehicle: VehicleParams, settling_1_s: float) -> Sequence[Row]:
+    return tuple(table_rows(transition_table(augmented_matrix(vehicle, settling_1_s))))
+
+
+def _needed(
+    vehicle: VehicleParams, actuator: ActuatorParams, intervals: Sequence[DisturbanceInterval]
+) -> tuple[list[tuple[VehicleParams, float]], list[tuple[int, ...]]]:
+    """Return what each table is made from, and `first_rows` of the tables end to end."""
     settling_1_s = 1.0 / actuator.lag_s if actuator.lag_s > 0.0 else 0.0
     # A wheel at rest needs no table of its own, nor does a ramp without a rate limit.
     ramping_1_s = 0.0 if actuator.rate_limit_rad_s < math.inf else settling_1_s
@@ -99,14 +125,13 @@ def transitions(
         WheelPhase.RAMPING: ramping_1_s,
         WheelPhase.SETTLING: settling_1_s,
     }
-    tables: list[NDArray[np.float64]] = []
+    needed: list[tuple[VehicleParams, float]] = []
     starts: dict[tuple[float, float], int] = {}
     first_rows = []
     for interval in intervals:
         for settling in {settling_1_s, ramping_1_s}:
             if (interval.friction, settling) not in starts:
-                starts[interval.friction, settling] = TABLE_ROWS * len(tables)
-                on_road = on_friction(vehicle, interval.friction)
-                tables.append(transition_table(augmented_matrix(on_road, settling)))
+                starts[interval.friction, settling] = TABLE_ROWS * len(needed)
+                needed.append((on_friction(vehicle, interval.friction), settling))
         first_rows.append(tuple(starts[interval.friction, by_phase[phase]] for phase in WheelPhase))
-    return np.concatenate(tables), np.array(first_rows, dtype=np.int64)
+    return needed, first_rows
