@@ -12,11 +12,12 @@ from .followed_point import (
     FollowedPointParams,
     followed_point_after_hold,
     followed_point_at_rest,
+    followed_point_plan,
     followed_point_step,
     set_point_of,
 )
 from .kalman_derivative import DerivativeParams, KalmanParams, kalman_at_rest, kalman_step
-from .law_record import Law, LawStep, LookingBack, Schedule
+from .law_record import Law, LawPlan, LawStep, LookingBack, Schedule
 from .link import LinkParams
 from .own_law import Guard
 from .predictor_design import design_schedule
@@ -51,6 +52,7 @@ class LawDesign(NamedTuple):
     ``commands_read``  number of its last commands that a law reads if it is linear in these and
                        the lateral error alone; None for all other laws
     ``looking_back``   analysis of a law that is linear at a constant latency only
+    ``plan``           as in the law's record
     ``mistake``        the last exception of a law from another package; empty for none
     """
 
@@ -62,6 +64,7 @@ class LawDesign(NamedTuple):
     commands_read: int | None = 1
     recovered_state: Callable[[Any, float], Any] | None = None
     looking_back: LookingBack | None = None
+    plan: LawPlan | None = None
     mistake: Callable[[], str] = str
 
 
@@ -95,6 +98,7 @@ def _alone(law: Law, settings: "LawSettings") -> LawDesign:
         None if law.commands_read is None else law.commands_read(params),
         None if law.after_hold is None else partial(law.after_hold, params),
         None if law.looking_back is None else law.looking_back(settings, params),
+        law.plan,
     )
 
 
@@ -156,6 +160,7 @@ def _with_followed_point(law: LawDesign, settings: "LawSettings") -> LawDesign:
         recovered_state=(
             None if recovered is None else partial(followed_point_after_hold, recovered)
         ),
+        plan=None if law.plan is None else partial(followed_point_plan, law.plan),
     )
 
 

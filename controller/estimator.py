@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 from .law_interface import History, Link
 from .link import LinkParams
+from .plan import value_at
 
 STARTS_ANEW_AFTER = 256
 """Samples without an echo and a measurement after which the estimate is discarded."""
@@ -162,6 +163,8 @@ def _acting_at(history: History, index: int) -> float:
 
 def command_from(p: LinkParams, link: Link, history: History, sample: int) -> float:
     """Return the mean command from ``sample`` to the next, as echoed or as expected [rad]."""
+    if history.plan_mask:
+        return _planned_from(p, link, history, sample)
     mask = history.sample_mask
     if sample < link.echo_sample:
         before, after = sample & mask, (sample + 1) & mask
@@ -175,6 +178,39 @@ def command_from(p: LinkParams, link: Link, history: History, sample: int) -> fl
     earliest = history.applied_tick[link.echo_sample & mask] if link.echo_sample >= 0 else -1
     begin = (sample * p.sensor_period_ns - link.delay_ns) / p.period_ns
     return _mean_command(history, begin, p.sensor_period_ns / p.period_ns, earliest, link.tick - 1)
+
+
+def _planned_from(p: LinkParams, link: Link, history: History, sample: int) -> float:
+    """Return the same where plans are sent: they are played from sample to sample."""
+    mask = history.sample_mask
+    if sample < link.echo_sample:
+        before, after = sample & mask, (sample + 1) & mask
+        if history.is_overruled[before] or history.is_overruled[after]:
+            return 0.5 * (
+                _played_or_measured(history, before, sample)
+                + _played_or_measured(history, after, sample + 1)
+            )
+        tick, tick_after = history.applied_tick[before], history.applied_tick[after]
+        played_rad = _played_at(history, tick, sample)
+        if tick == tick_after or history.plans[tick_after & history.plan_mask][1] != 0.0:
+            return played_rad
+        # A single command acts at once, not from the next sample on.
+        return 0.5 * (played_rad + _played_at(history, tick_after, sample))
+    earliest = history.applied_tick[link.echo_sample & mask] if link.echo_sample >= 0 else -1
+    tick = int((sample * p.sensor_period_ns - link.delay_ns) / p.period_ns // 1.0)
+    return _played_at(history, min(max(tick, earliest), link.tick - 1), sample)
+
+
+def _played_at(history: History, tick: int, sample: int) -> float:
+    """Return what the plan or command of a tick lets act at a sample [rad]; 0 before the first."""
+    return value_at(history.plans[tick & history.plan_mask], sample) if tick >= 0 else 0.0
+
+
+def _played_or_measured(history: History, index: int, sample: int) -> float:
+    """Return the wheel's input at a sample [rad]; ``index`` is the sample's, masked."""
+    if history.is_overruled[index]:
+        return history.wheel_rad[index]
+    return _played_at(history, history.applied_tick[index], sample)
 
 
 def _mean_command(

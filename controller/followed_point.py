@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 
 from .fading import NOTHING, Fading, fading_step
 from .law_interface import LawInput, LawOutput, VehicleReading
-from .law_record import LawStep
+from .law_record import LawPlan, LawStep
 from .shared_settings import FollowedPoint, VehicleModelSettings
 
 
@@ -111,6 +111,13 @@ def followed_point_after_hold(
     return FollowedPointState(
         recovered(x.law, lateral_error_m - x.seen.value), x.set_point_m, x.seen
     )
+
+
+def followed_point_plan(
+    law_plan: LawPlan, p: FollowedPointParams, x: FollowedPointState, seen: LawInput
+) -> int:
+    """Let the inner law write its plan, which knows no set point: its gains hold the point."""
+    return law_plan(p.law, x.law, seen)
 
 
 def followed_point_step(

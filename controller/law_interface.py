@@ -9,7 +9,7 @@ frames arrived. All values are plain floats and integers: lists in a live run, a
 Most laws use only the first two fields of ``LawInput``.
 """
 
-from collections.abc import Sequence
+from collections.abc import MutableSequence, Sequence
 from typing import NamedTuple
 
 
@@ -53,6 +53,8 @@ class History(NamedTuple):
     ``applied_tick``     the tick whose command was in effect at a sample, -1 for none
     ``is_overruled``     whether the steering overruled the command at a sample
     ``wheel_rad``        wheel angle at that sample; valid only where ``is_overruled`` is true [rad]
+    ``plans``            of a law that plans, by tick: rows of ``controller.plan``; its mask is 0
+                         for a law that does not
     """
 
     tick_mask: int
@@ -64,6 +66,8 @@ class History(NamedTuple):
     applied_tick: Sequence[int]
     is_overruled: Sequence[bool]
     wheel_rad: Sequence[float]
+    plan_mask: int = 0
+    plans: Sequence[MutableSequence[float]] = ()
 
 
 NO_VEHICLE = VehicleReading(0.0, 0.0, 0.0)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .law_settings import LawSettings
 
 LawStep = Callable[[Any, Any, LawInput], tuple[Any, LawOutput]]
+LawPlan = Callable[[Any, Any, LawInput], int]
 
 
 class Schedule(NamedTuple):
@@ -67,6 +68,10 @@ class Law(NamedTuple):
     ``looking_back``     analysis of a law that is linear at a constant latency only
     ``after_hold``       state after a hold, from the params, the state before the hold and the
                          lateral error now [m]; None: the law starts anew
+    ``plan``             for a law that plans: writes the plan of this period into the history's
+                         ``plans``, from the params, the state after the step and its input, and
+                         returns the index of the value that acts first, -1 for no plan
+    ``single_commands``  the law in place of one that plans, on classic CAN
     """
 
     step: LawStep
@@ -82,8 +87,10 @@ class Law(NamedTuple):
     takes_derivative: bool = False
     feed_forward_refusal: str = ""
     commands_read: Callable[[Any], int] | None = None
-    looking_back: Callable[["LawSettings", Any], LookingBack] | None = None
+    looking_back: Callable[["LawSettings", Any], LookingBack | None] | None = None
     after_hold: Callable[[Any, Any, float], Any] | None = None
+    plan: LawPlan | None = None
+    single_commands: str = ""
 
 
 def last_command(_params: Any) -> int:

@@ -28,6 +28,7 @@ class LawRunner:
     ``design``    the law
     ``memory``    commands, measurements and echoes for a law that looks back; None for others
     ``output``    newest finite output
+    ``acting``    index of the value of the newest plan that acts first; -1 for no plan
     ``failures``  how often its output was not finite
     ``is_distrusted``  whether it has failed again after its restart
     """
@@ -35,12 +36,17 @@ class LawRunner:
     def __init__(self, settings: ControllerSettings, ramp_step_rad: float) -> None:
         self.design = design_law(settings)
         self.memory = (
-            LinkMemory(link_of(settings), age_limits_of(settings))
+            LinkMemory(
+                link_of(settings),
+                age_limits_of(settings),
+                keeps_plans=self.design.plan is not None,
+            )
             if self.design.looks_back
             else None
         )
         self.output = LawOutput(0.0, 0.0, 0.0, 0.0)
         self.failures = 0
+        self.acting = -1
         self.is_distrusted = False
         self._params, self._speed_m_s = self.design.params, NO_VEHICLE.speed_m_s
         self._validity = None if settings.law_record.schedules_demand else settings.validity
@@ -77,12 +83,15 @@ class LawRunner:
         seen = new_record(LawInput, (received.lateral_error_m, sent_rad, vehicle, link, history))
         state, output = self.design.step(self._params, self._state, seen)
         steer_rad = self._share * output.steer_rad
+        self.acting = -1
         if isfinite(steer_rad):
             self._state, self.output = state, output
             if self._fade_rad is None:
                 self._fade_rad = sent_rad - steer_rad
             elif self._fade_rad != 0.0:
                 self._fade_rad = ramp_step(self._ramp_step_rad, self._fade_rad)
+            if self.design.plan is not None and self._fade_rad == 0.0:
+                self.acting = self.design.plan(self._params, state, seen)
             command_rad = steer_rad + self._fade_rad
             if isfinite(command_rad):
                 return command_rad

@@ -17,6 +17,7 @@ from ..runtime.node import NS_PER_S
 from .freshness import AgeLimits
 from .law_interface import History, Link
 from .link import NO_DELAY, DelayState, LinkParams, delay_of, delay_step, unwrapped
+from .plan import ROW_LENGTH, copy_row, hold
 from .sensor_rate import NO_RATE, RateState, rate_step
 
 RING_SIZE = 4096
@@ -45,6 +46,7 @@ class Rings(NamedTuple):
     """The value of a number is at ``number % RING_SIZE``; see ``History`` for the first seven.
 
     ``command_tick``  the tick that sent a command, by the command's number
+    ``plans``         by tick, as in ``History``; one row if none are kept
     """
 
     sent_rad: list[float]
@@ -55,6 +57,7 @@ class Rings(NamedTuple):
     is_overruled: list[bool]
     wheel_rad: list[float]
     command_tick: list[int]
+    plans: list[list[float]]
 
 
 class Errors(NamedTuple):
@@ -97,6 +100,8 @@ def history_of(rings: Rings) -> History:
         rings.applied_tick,
         rings.is_overruled,
         rings.wheel_rad,
+        len(rings.plans) - 1,
+        rings.plans,
     )
 
 
@@ -162,10 +167,20 @@ def echo_step(
     return Echoes(sample, now_ns, delay)
 
 
-def command_step(rings: Rings, x: Commands, tick: int, sent_rad: float) -> Commands:
-    """Store the command of a tick; the last command stays in effect over skipped ticks."""
+def command_step(
+    rings: Rings, x: Commands, tick: int, sent_rad: float, is_planned: bool
+) -> Commands:
+    """Store the command of a tick; the last command stays in effect over skipped ticks.
+
+    ``is_planned``  whether it is part of a plan, which is in its row already
+    """
+    plan_mask = len(rings.plans) - 1
     for skipped in range(max(x.newest_tick + 1, tick - RING_SIZE), tick):
         rings.sent_rad[skipped & _MASK] = rings.sent_rad[x.newest_tick & _MASK]
+        if plan_mask:
+            copy_row(rings.plans[x.newest_tick & plan_mask], rings.plans[skipped & plan_mask])
+    if plan_mask and not is_planned:
+        hold(rings.plans[tick & plan_mask], sent_rad)
     rings.sent_rad[tick & _MASK] = sent_rad
     rings.command_tick[x.sent & _MASK] = tick
     return Commands(x.sent + 1, tick)
@@ -222,9 +237,10 @@ class LinkMemory:
 
     ``params``  periods and averaging
     ``limits``  age limits of the delay and of the vehicle's speed
+    ``keeps_plans``  whether the law plans
     """
 
-    def __init__(self, params: LinkParams, limits: AgeLimits) -> None:
+    def __init__(self, params: LinkParams, limits: AgeLimits, *, keeps_plans: bool = False) -> None:
         self._params = MemoryParams(params, limits)
         size = RING_SIZE
         self._rings = Rings(
@@ -236,6 +252,7 @@ class LinkMemory:
             is_overruled=[False] * size,
             wheel_rad=[0.0] * size,
             command_tick=[-1] * size,
+            plans=[[0.0] * ROW_LENGTH for _ in range(size if keeps_plans else 1)],
         )
         self._errors = NO_ERRORS
         self._echoes = NO_ECHOES
@@ -270,11 +287,17 @@ class LinkMemory:
             now_ns,
         )
 
-    def on_command(self, period: int, sent_rad: float) -> None:
-        """Store the command of a control period."""
+    def on_command(self, period: int, sent_rad: float, *, is_planned: bool = False) -> None:
+        """Store the command of a control period, ``is_planned`` if its plan is stored already."""
         if self._first_period is None:
             self._first_period = period
-        self._commands = command_step(self._rings, self._commands, self._tick(period), sent_rad)
+        self._commands = command_step(
+            self._rings, self._commands, self._tick(period), sent_rad, is_planned
+        )
+
+    def plan_of(self, period: int) -> list[float]:
+        """Return the row of a control period, where its plan is."""
+        return self._rings.plans[self._tick(period) & (len(self._rings.plans) - 1)]
 
     def link(self, period: int, now_ns: int) -> Link:
         """Return the link in a control period."""

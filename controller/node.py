@@ -24,6 +24,7 @@ from ..dbc.messages import (
     Rejection,
     SecondSender,
     SteeringCommand,
+    SteeringPlan,
     SteeringStatus,
     SteeringStatusCode,
     VehicleState,
@@ -40,6 +41,7 @@ from .delay_watch import delay_watch_of
 from .law_runner import LawRunner
 from .limits import limit_name, limit_step, ramp_step
 from .modes import Supervisor
+from .plan import limit_plan, plan_message
 from .received import RECEIVED, SENT, Received
 from .run_figures import RunFigures
 from .safety_status import SafetyFacts
@@ -90,6 +92,9 @@ class ControllerNode:
         self._law = LawRunner(settings, self._ramp_step_rad)
         self._sent_steer_rad = 0.0
         self._commands, self._sender = SentCommands(), Sender(SteeringCommand)
+        self._plans = Sender(SteeringPlan)
+        self._plans_sent = 0
+        self._periods_per_sample = settings.link.sensor_period_s / self._period_s
         self._delay = delay_watch_of(settings)
         self._statuses = StatusFrames(law)
         self._steering_acts = True
@@ -150,13 +155,14 @@ class ControllerNode:
             if self._commands.count:
                 self._delay.on_tick(now_ns, period, self._sent_steer_rad, self._received)
             wanted_rad = self._wanted_rad(now_ns, period)
-            sent_rad = limit_step(self._limits, self._sent_steer_rad, wanted_rad)
+            before_rad = self._sent_steer_rad
+            sent_rad = limit_step(self._limits, before_rad, wanted_rad)
             self._sent_steer_rad = sent_rad
             if self._supervisor.mode is _ACTIVE:
                 limit = "" if sent_rad == wanted_rad else limit_name(self._limits, sent_rad)
                 self._figures.on_law(self._received.lateral_error_m, limit)
             if self._supervisor.mode is not _WAITING:
-                frames.append(self._command_frame(now_ns, period))
+                frames.append(self._command_frame(now_ns, period, before_rad))
             facts = self._safety_facts(now_ns)
             is_safety_due = self._statuses.safety.on_tick(facts, now_ns)
             self.finished = facts.fault is not _NO_FAULT and self._sent_steer_rad == 0.0
@@ -207,6 +213,7 @@ class ControllerNode:
             "skipped_ticks": timer.skipped,
             "failure": self._failure,
             "commands_sent": self._commands.count,
+            "plans_sent": self._plans_sent,
             "peak_steer_rad": self._figures.peak_steer_rad,
             "law_failures": law.failures,
             **self._figures.report(self._failure),
@@ -266,17 +273,28 @@ class ControllerNode:
         if entered is Mode.ACTIVE:
             self._law.start(before, self._received.lateral_error_m)
 
-    def _command_frame(self, now_ns: int, period: int) -> Frame:
-        """Return the command of this period, and record that it was sent."""
+    def _command_frame(self, now_ns: int, period: int, before_rad: float) -> Frame:
+        """Return the command of this period or its plan, and record that it was sent.
+
+        ``before_rad``  the command of the period before
+        """
         counter, steer_rad, mode = (
             self._commands.next_counter,
             self._sent_steer_rad,
             self._supervisor.mode,
         )
-        frame = self._sender.frame(new_record(SteeringCommand, (steer_rad, counter, mode)))
+        memory, acting = self._law.memory, self._law.acting
+        is_planned = acting >= 0 and mode is _ACTIVE
+        if is_planned and memory is not None:
+            row = memory.plan_of(period)
+            limit_plan(self._limits, self._periods_per_sample, before_rad, acting, row)
+            frame = self._plans.frame(plan_message(row, counter, mode))
+            self._plans_sent += 1
+        else:
+            frame = self._sender.frame(new_record(SteeringCommand, (steer_rad, counter, mode)))
         self._commands.on_sent(now_ns)
-        if self._law.memory is not None:
-            self._law.memory.on_command(period, steer_rad)
+        if memory is not None:
+            memory.on_command(period, steer_rad, is_planned=is_planned)
         self._figures.on_command(steer_rad)
         arrival_ns = self._received.errors.arrival_ns
         if self._figures.wants_sample and arrival_ns is not None:

@@ -25,7 +25,13 @@ from .analysis.check_verdict import found_in
 from .laws import LAWS
 from .node import RECEIVED, SENT, ControllerNode
 from .quantities import QUANTITIES, verdict_text
-from .settings import PRESETS, ControllerSettings, shared_vehicle, sparse_measurements
+from .settings import (
+    PRESETS,
+    ControllerSettings,
+    on_bus,
+    shared_vehicle,
+    sparse_measurements,
+)
 from .summary import controller_summary
 
 NAME = "steering-controller"
@@ -95,7 +101,11 @@ def _run(name: str, options: argparse.Namespace) -> int:
         if options.fail_if:
             raise SettingsError(f"--fail-if of --check: use {CHECK_NAME} --fail-if")
         return _check(name, options)
-    settings = _settings(name, options)
+    asked = _settings(name, options)
+    settings = on_bus(asked, takes_fd=bool(options.fd or options.key_file))
+    if settings.law != asked.law:
+        why = f"law {asked.law} needs CAN FD on controller and plant (--fd)"
+        say(name, f"single commands, law {settings.law}: {why}", sys.stderr)
     return run_secured_node(
         name,
         options,

@@ -13,6 +13,7 @@ from ..dbc.messages import (
     Message,
     Rejection,
     SteeringCommand,
+    SteeringPlan,
     SteeringStatus,
     VehicleState,
 )
@@ -27,7 +28,13 @@ from .settings import ControllerSettings, age_limits_of, counters_of
 
 RECEIVED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState)
 """The messages that the controller receives."""
-SENT: tuple[type[Message], ...] = (SteeringCommand, ControllerStatus, ControllerSafety, DelayStatus)
+SENT: tuple[type[Message], ...] = (
+    SteeringCommand,
+    SteeringPlan,
+    ControllerStatus,
+    ControllerSafety,
+    DelayStatus,
+)
 """The messages that the controller alone sends."""
 
 

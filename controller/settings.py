@@ -162,6 +162,12 @@ def shared_vehicle(file: Path | None) -> SharedTable | None:
     return SharedTable(str(file), {"nominal_model": {"kind": "vehicle", **table}})
 
 
+def on_bus(settings: ControllerSettings, *, takes_fd: bool) -> ControllerSettings:
+    """Return the settings for a bus: without CAN FD, a law that plans sends single commands."""
+    single = settings.law_record.single_commands
+    return settings if takes_fd or not single else settings.model_copy(update={"law": single})
+
+
 def supervision_of(settings: ControllerSettings) -> Supervision:
     """Return the parameters of the mode table."""
     table = settings.supervision

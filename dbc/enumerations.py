@@ -27,6 +27,7 @@ class Law(IntEnum):
     DELAYED_SET_POINT = 6
     CUSTOM = 7
     """A law from another package."""
+    PACKET = 8
 
 
 class SteeringStatusCode(IntEnum):

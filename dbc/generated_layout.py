@@ -125,7 +125,7 @@ LAYOUTS: tuple[MessageLayout, ...] = (
             minimum=0, maximum=3, not_available=None),
         SignalLayout("LAW", "law", unit="",
             start=27, length=5, is_signed=False, scale=1,
-            minimum=0, maximum=7, not_available=None),
+            minimum=0, maximum=8, not_available=None),
         SignalLayout("DISTURBANCE", "disturbance_rad", unit="rad",
             start=32, length=12, is_signed=True, scale=0.001,
             minimum=-2.047, maximum=2.047, not_available=None),

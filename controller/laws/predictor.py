@@ -102,7 +102,7 @@ def predictor_step(
         known = min(link.error_sample, link.echo_sample)
         estimate = estimate_to(p.link, p.gains, estimate, link, history, known)
         newest = estimate_to(p.link, p.gains, estimate, link, history, link.error_sample)
-        horizon = _horizon(p.link, link, newest.sample)
+        horizon = horizon_samples(p.link, link, newest.sample)
         is_settled = estimate.sample >= settled_sample
         is_predicting = link.is_measured and is_settled and horizon <= p.horizon_samples_max
         if is_predicting:
@@ -181,7 +181,7 @@ def predictor_after_hold(
     return PredictorState(x.estimate, x.settled_sample, fallback, x.is_predicting, x.steer_rad, 0.0)
 
 
-def _horizon(p: LinkParams, link: Link, sample: int) -> float:
+def horizon_samples(p: LinkParams, link: Link, sample: int) -> float:
     """Return the number of samples from ``sample`` until the command of this tick acts."""
     acts_ns = link.tick * p.period_ns + link.delay_ns
     return acts_ns / p.sensor_period_ns - sample

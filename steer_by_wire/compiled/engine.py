@@ -90,7 +90,8 @@ class BatchRun(NamedTuple):
     Arrays of shape (samples,), as ``plant_emulator.plant_samples.PlantSample``. Of shape (ticks,)
     or (ticks, 4): ``tick_s``, in seconds of the run, ``sent_rad`` and ``law_output`` in the order
     of ``controller.laws.LawOutput``. ``command`` is the plan's index of the command in effect, -1
-    before the first.
+    before the first. ``played_rad`` is what a plan of the law lets act from a sample on, NaN
+    where none does; None for a law that does not plan.
     """
 
     outcome: Outcome
@@ -104,6 +105,7 @@ class BatchRun(NamedTuple):
     tick_s: FloatArray
     sent_rad: FloatArray
     law_output: FloatArray
+    played_rad: FloatArray | None
     plan: Plan
     motion: MotionParams
 
@@ -134,6 +136,12 @@ class BatchRun(NamedTuple):
         on_wire_rad = np.full(len(self.command), np.nan)
         raw = np.rint(self.sent_rad[sent_at] / resolution_rad)
         on_wire_rad[self.command >= 0] = raw * resolution_rad
+        if self.played_rad is not None:
+            # The last value played stays in effect until another command does.
+            is_played = np.isfinite(self.played_rad)
+            last = np.maximum.accumulate(np.where(is_played, np.arange(len(is_played)), 0))
+            is_planned = is_played[last] & (self.command[last] == self.command)
+            on_wire_rad[is_planned] = self.played_rad[last][is_planned]
         return on_wire_rad
 
     @property
@@ -200,7 +208,8 @@ def run_batch(
     except LawRaisedError:  # as an output without numbers: the run ends at that tick
         samples, ticks = _filled(records.lateral_error_m), _filled(records.sent_rad)
         code = LAW_FAILED
-    return _collected(plan, motion, records, samples, ticks, _OUTCOMES[code])
+    played_rad = None if wire is None or law.plan is None else wire.played_rad
+    return _collected(plan, motion, records, played_rad, samples, ticks, _OUTCOMES[code])
 
 
 def _run(
@@ -299,7 +308,13 @@ def _speed_known_ns(plant: PlantSettings, controller: ControllerSettings, plan: 
 
 
 def _collected(
-    plan: Plan, motion: MotionParams, r: Records, samples: int, ticks: int, outcome: Outcome
+    plan: Plan,
+    motion: MotionParams,
+    r: Records,
+    played_rad: FloatArray | None,
+    samples: int,
+    ticks: int,
+    outcome: Outcome,
 ) -> BatchRun:
     """Return the samples since the motion's start and the ticks done."""
     first = len(plan.sample_ns) - len(plan.time_s)
@@ -316,6 +331,7 @@ def _collected(
         tick_s=plan.tick_s[:ticks],
         sent_rad=r.sent_rad[:ticks],
         law_output=r.law_output[:ticks],
+        played_rad=None if played_rad is None else played_rad[window],
         plan=plan,
         motion=motion,
     )

@@ -22,6 +22,7 @@ from ..controller.limits import limit_step, ramp_step
 from ..dbc.messages import Mode
 from ..plant_emulator.motion import advance_motion, command_motion, start_motion
 from ..plant_emulator.steering_guard import (
+    GuardMode,
     guard_command,
     guard_timer,
     guard_wheel,
@@ -30,14 +31,24 @@ from ..plant_emulator.steering_guard import (
 from .borrowing import borrowed
 from .compilation import compiled, compiled_inline
 from .loop_records import Constants, Control, Progress, Records, Schedule, Segment
-from .steps import law_step
-from .wire import law_input, on_wire, record_wire, take_arrivals, take_command
+from .steps import law_plan, law_step
+from .wire import (
+    carries_plan,
+    law_input,
+    on_wire,
+    play,
+    record_wire,
+    take_arrivals,
+    take_command,
+    write_plan,
+)
 
 COMPLETE, LEFT_RANGE, LAW_FAILED = range(3)
 """How a segment ended: complete; with an error that LATERAL_ERROR cannot carry; with a command that
 is not finite."""
 
 _ACTIVE, _SAFE_STOP = int(Mode.ACTIVE), int(Mode.SAFE_STOP)
+_FOLLOWING = int(GuardMode.FOLLOWING)
 
 
 @compiled_inline
@@ -52,7 +63,7 @@ def _plant_until(
     to_ns: int,
 ) -> tuple[Progress, int]:
     """Apply the commands of the ticks done, and take samples, up to and at ``to_ns``."""
-    z, guard, sample, command, in_effect = x
+    z, guard, sample, command, in_effect, plan, is_new, played = x
     while True:
         command_ns = sample_ns = to_ns + 1
         # An unsigned index needs no test for negative values, which would cost a twentieth.
@@ -63,17 +74,33 @@ def _plant_until(
             sample_ns = s.sample_ns[at]
         guard_ns = c.motion_start_ns + guard.deadline_ns
         if command_ns > to_ns and sample_ns > to_ns and guard_ns > to_ns:
-            return Progress(z, guard, sample, command, in_effect), COMPLETE
-        if command_ns <= sample_ns and command_ns <= guard_ns:
-            motion_ns = max(command_ns - c.motion_start_ns, 0)
+            x = Progress(z, guard, sample, command, in_effect, plan, is_new, played)
+            return x, COMPLETE
+        arrives = command_ns <= sample_ns and command_ns <= guard_ns
+        plays = plan >= 0 and not arrives and sample_ns < guard_ns and played != sample
+        if arrives or (plays and (is_new or guard.mode == _FOLLOWING)):
+            if arrives:
+                at_ns, by = command_ns, command
+                command += 1
+                tick = s.command_tick[of]
+                plan, is_new = -1, False
+                if carries_plan(wire, tick):
+                    plan, is_new = by, True
+                    continue
+                on_wire_rad = on_wire(r.sent_rad[np.uintp(tick)], c.steer_resolution_rad)
+            else:
+                at_ns, by = sample_ns, plan
+                is_new, played = False, sample
+                on_wire_rad = play(wire, sample)
+                if not math.isfinite(on_wire_rad):
+                    plan = -1
+                    continue
+            motion_ns = max(at_ns - c.motion_start_ns, 0)
             z = advance_motion(p, z, motion_ns)
-            steer_rad = r.sent_rad[np.uintp(s.command_tick[of])]
-            on_wire_rad = on_wire(steer_rad, c.steer_resolution_rad)
             guard, is_followed = guard_command(c.guard, guard, on_wire_rad, motion_ns)
             if is_followed:
                 z = command_motion(p, z, guard.limiter.steer_rad)
-                in_effect = command
-            command += 1
+                in_effect = by
         elif guard_ns <= sample_ns:
             motion_ns = guard.deadline_ns
             guard, is_set = guard_timer(c.guard, guard, motion_ns)
@@ -94,7 +121,8 @@ def _plant_until(
             record_wire(wire, sample, z.linear, guard)
             sample += 1
             if not abs(reading_m) <= c.lateral_error_m_max:
-                return Progress(z, guard, sample, command, in_effect), LEFT_RANGE
+                x = Progress(z, guard, sample, command, in_effect, plan, is_new, played)
+                return x, LEFT_RANGE
             r.measured_m[at] = on_wire(reading_m, c.lateral_error_resolution_m)
 
 
@@ -116,7 +144,7 @@ def start_run(p: Any, c: Constants) -> Any:
 
 @compiled_inline
 def _start(p: Any, c: Constants) -> Progress:
-    return Progress(start_motion(p), start_guard(c.guard), 0, 0, -1)
+    return Progress(start_motion(p), start_guard(c.guard), 0, 0, -1, -1, False, -1)
 
 
 @compiled
@@ -190,7 +218,7 @@ def _run_ticks(
         if outcome != COMPLETE or tick == last_tick:
             return x, Control(law_state, sent_rad, fade_rad, known), tick, outcome
         known = take_arrivals(wire, known, s, r, to_ns)
-        wanted_rad = sent_rad
+        wanted_rad, before_rad, acting = sent_rad, sent_rad, -1
         if mode == _ACTIVE:
             error_m = r.measured_m[np.uintp(s.tick_sample[now])]
             seen = law_input(wire, known, r, tick, to_ns, error_m, sent_rad)
@@ -202,6 +230,8 @@ def _run_ticks(
                 fade_rad = sent_rad - asked_rad
             else:
                 fade_rad = ramp_step(c.ramp_step_rad, fade_rad)
+            if fade_rad == 0.0:
+                acting = law_plan(law_params, law_state, seen)
             wanted_rad = asked_rad + fade_rad
             r.law_output[now, 0] = output.steer_rad
             r.law_output[now, 1] = output.disturbance_rad
@@ -214,5 +244,6 @@ def _run_ticks(
                 wanted_rad = ramp_step(c.ramp_step_rad, wanted_rad)
         sent_rad = limit_step(c.limits, sent_rad, wanted_rad)
         r.sent_rad[now] = sent_rad
-        known = take_command(wire, known, tick, sent_rad)
+        write_plan(wire, c.limits, acting, tick, before_rad)
+        known = take_command(wire, known, tick, sent_rad, acting >= 0)
     return x, Control(law_state, sent_rad, fade_rad, known), last_tick, COMPLETE

@@ -87,6 +87,10 @@ def empty_records(samples: int, ticks: int) -> Records:
 class Progress(NamedTuple):
     """State of the plant: its motion, the steering's guard, the next sample to take, the next
     command to arrive, and the one in effect.
+
+    ``plan``       the command that has brought the plan in the buffer, -1 for none
+    ``is_new``     whether no value of it has been played yet
+    ``played``     the newest sample for which a value was played
     """
 
     motion: MotionState
@@ -94,6 +98,9 @@ class Progress(NamedTuple):
     sample: int
     command: int
     in_effect: int
+    plan: int
+    is_new: bool
+    played: int
 
 
 class Control(NamedTuple):

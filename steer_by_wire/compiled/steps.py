@@ -14,7 +14,11 @@ from typing import Any
 from numba.extending import overload, register_jitable
 
 from ..controller.feed_forward import FeedForwardParams, feed_forward_step
-from ..controller.followed_point import FollowedPointParams, followed_point_step
+from ..controller.followed_point import (
+    FollowedPointParams,
+    followed_point_plan,
+    followed_point_step,
+)
 from ..controller.kalman_derivative import KalmanParams, kalman_step
 from ..controller.law_interface import LawInput
 from ..controller.law_record import Law
@@ -22,10 +26,12 @@ from ..controller.laws import LAWS
 from ..controller.limits import limit_step, ramp_step
 from ..controller.link_memory import command_step, echo_step, error_step, history_of, link_at
 from ..controller.own_law import numbers_or_none
+from ..controller.plan import limit_plan
 from ..dbc.messages import Law as LawNumber
 from ..plant_emulator.deviation import deviation_behind_m
 from ..plant_emulator.loss import loss_step
 from ..plant_emulator.motion import advance_motion, command_motion, start_motion
+from ..plant_emulator.plan_buffer import has_run_out, planned_rad
 from ..plant_emulator.steering_guard import guard_command, guard_timer, guard_wheel, start_guard
 from ..plant_emulator.steering_unit import status_of
 from ..runtime.settings import SettingsError
@@ -33,6 +39,9 @@ from .records import register_records
 
 _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
     limit_step,
+    limit_plan,
+    has_run_out,
+    planned_rad,
     ramp_step,
     history_of,
     error_step,
@@ -69,7 +78,9 @@ class ForeignParamsError(SettingsError):
 def step_functions() -> tuple[Callable[..., Any], ...]:
     """Return what ``register_steps`` registers."""
     laws = (law.step for law in LAWS.values())
-    return tuple(_reached((*_CALLED_BY_LOOPS, *_AROUND.values(), *laws)))
+    plans = (law.plan for law in LAWS.values() if law.plan is not None)
+    around = (*_AROUND.values(), followed_point_plan)
+    return tuple(_reached((*_CALLED_BY_LOOPS, *around, *laws, *plans)))
 
 
 @cache
@@ -138,6 +149,34 @@ def _law_step_of_type(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG00
         return after, numbers_or_none(output)
 
     return of_another_package if _laws[kind].number is LawNumber.CUSTOM else of_type
+
+
+def law_plan(params: Any, state: Any, seen: LawInput) -> int:
+    """Let the law that ``params`` belong to write its plan; -1 for one that does not plan."""
+    if type(params) is FollowedPointParams:
+        return followed_point_plan(law_plan, params, state, seen)
+    plan = None if type(params) in _AROUND else _laws[type(params)].plan
+    return -1 if plan is None else plan(params, state, seen)
+
+
+@overload(law_plan)
+def _law_plan_of_type(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG001
+    """Choose the plan by type, at compile time."""
+    kind = params.instance_class
+    plan: Any = None if kind in _AROUND else _laws[kind].plan
+
+    def inside(params: Any, state: Any, seen: Any) -> Any:
+        return followed_point_plan(law_plan, params, state, seen)
+
+    def none(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG001
+        return -1
+
+    def of_type(params: Any, state: Any, seen: Any) -> Any:
+        return plan(params, state, seen)
+
+    if kind is FollowedPointParams:
+        return inside
+    return none if plan is None else of_type
 
 
 def _reached(functions: Iterable[Callable[..., Any]]) -> dict[Callable[..., Any], None]:

@@ -17,6 +17,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from ..controller.law_interface import History, LawInput, Link, VehicleReading
+from ..controller.limits import SteerLimits
 from ..controller.link_memory import (
     NO_COMMANDS,
     NO_ECHOES,
@@ -32,8 +33,10 @@ from ..controller.link_memory import (
     history_of,
     link_at,
 )
+from ..controller.plan import ROW_LENGTH, limit_plan
 from ..dbc.messages import COMMAND_COUNTERS
 from ..dbc.protection import COUNTERS
+from ..plant_emulator.plan_buffer import has_run_out, planned_rad
 from ..plant_emulator.propagation import LinearState
 from ..plant_emulator.steering_guard import GuardState
 from ..plant_emulator.steering_unit import status_of
@@ -58,6 +61,8 @@ class Wire(NamedTuple):
     ``measured_*``      as on the wire, like ``wheel_rad``; written during the run
     ``status``          code of STEERING_STATUS, with APPLYING for LIMITED; written during the run
     ``*_resolution_*``  of the signals, and the ranges they are clamped to
+    ``buffer``          the plan that the plant plays, as on the wire: values of its row
+    ``played_rad``      what a plan has let act at a sample, else NaN; written during the run
     """
 
     params: MemoryParams
@@ -80,6 +85,10 @@ class Wire(NamedTuple):
     curvature_1_m_max: float
     wheel_resolution_rad: float
     wheel_rad_max: float
+    steer_resolution_rad: float
+    periods_per_sample: float
+    buffer: NDArray[np.float64]
+    played_rad: NDArray[np.float64]
 
 
 class Known(NamedTuple):
@@ -189,9 +198,46 @@ def _take_arrivals(w: Wire, x: Known, s: Any, r: Any, now_ns: int) -> Known:
     return Known(arrivals, errors, echoes, commands, vehicle_sample, vehicle_ns)
 
 
-def _take_command(w: Wire, x: Known, tick: int, sent_rad: float) -> Known:
-    commands = command_step(w.rings, x.commands, tick, sent_rad)
+def _take_command(w: Wire, x: Known, tick: int, sent_rad: float, is_planned: bool) -> Known:
+    commands = command_step(w.rings, x.commands, tick, sent_rad, is_planned)
     return Known(x.arrivals, x.errors, x.echoes, commands, x.vehicle_sample, x.vehicle_ns)
+
+
+def _write_plan(w: Wire, limits: SteerLimits, acting: int, tick: int, before_rad: float) -> None:
+    if acting >= 0:
+        row = w.rings.plans[tick & (len(w.rings.plans) - 1)]
+        limit_plan(limits, w.periods_per_sample, before_rad, acting, row)
+
+
+def _carries_plan(w: Wire, tick: int) -> bool:
+    """Whether a tick has sent a plan, which is then the one in the buffer."""
+    plan_mask = len(w.rings.plans) - 1
+    if plan_mask == 0 or w.rings.plans[tick & plan_mask][1] == 0.0:
+        return False
+    row = w.rings.plans[tick & plan_mask]
+    w.buffer[0], w.buffer[1] = row[0], row[1]
+    for index in range(2, ROW_LENGTH):
+        w.buffer[index] = on_wire(row[index], w.steer_resolution_rad)
+    return True
+
+
+def _play(w: Wire, sample: int) -> float:
+    """Return what the buffer has for a sample, NaN if it has run out [rad]."""
+    age, spacing = (sample - int(w.buffer[0])) % COUNTERS, int(w.buffer[1])
+    if has_run_out(age, spacing):
+        return math.nan
+    values_rad: Any = w.buffer[2:]
+    steer_rad = planned_rad(age, spacing, values_rad)
+    w.played_rad[sample] = steer_rad
+    return steer_rad
+
+
+def _no_plan(_wire: None, _tick: int) -> bool:
+    return False
+
+
+def _plays_nothing(_wire: None, _sample: int) -> float:
+    return math.nan
 
 
 def _newest_only(
@@ -202,7 +248,19 @@ def _newest_only(
         last_sent_rad,
         VehicleReading(0.0, 0.0, 0.0, False),
         Link(tick, -1, -1, 0.0, False),
-        History(-1, -1, r.sent_rad, r.measured_m, r.measured_m, (False,), (-1,), (False,), (0.0,)),
+        History(
+            -1,
+            -1,
+            r.sent_rad,
+            r.measured_m,
+            r.measured_m,
+            (False,),
+            (-1,),
+            (False,),
+            (0.0,),
+            0,
+            r.law_output,
+        ),
     )
 
 
@@ -230,6 +288,12 @@ record_wire = _choosing(_record, _nothing)
 take_arrivals = _choosing(_take_arrivals, _nothing)
 """(wire, known, schedule, records, now_ns): returns the knowledge with all arrivals up to now."""
 take_command = _choosing(_take_command, _nothing)
-"""(wire, known, tick, sent_rad): returns the knowledge with the command sent at a tick."""
+"""(wire, known, tick, sent_rad, is_planned): returns the knowledge with a tick's command."""
+write_plan = _choosing(_write_plan, _nothing)
+"""(wire, limits, acting, tick, before_rad): limits the plan of a tick, if there is one."""
+carries_plan = _choosing(_carries_plan, _no_plan)
+"""(wire, tick): whether a tick has sent a plan, which the plant's buffer then holds."""
+play = _choosing(_play, _plays_nothing)
+"""(wire, sample): returns what the buffer lets act at a sample, NaN for nothing [rad]."""
 law_input = _choosing(_all_of_it, _newest_only)
 """(wire, known, records, tick, now_ns, error_m, last_sent_rad): returns the law's input."""

@@ -7,11 +7,20 @@ import numpy as np
 
 from ..controller.design import link_of
 from ..controller.link_memory import RING_SIZE, MemoryParams, Rings
+from ..controller.plan import ROW_LENGTH
 from ..controller.settings import ControllerSettings, age_limits_of, counters_of
-from ..dbc.messages import LateralError, SteeringStatus, VehicleState, limits, resolutions
+from ..dbc.messages import (
+    LateralError,
+    SteeringPlan,
+    SteeringStatus,
+    VehicleState,
+    limits,
+    resolutions,
+)
 from ..dbc.protection import SequenceRule
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.streams import Channel, first_uniforms
+from ..runtime.node import NS_PER_S
 from .network import FloatArray, IntArray, normal_scores
 from .plan import Plan, arrivals_of
 from .wire import Uplink, Wire, on_wire
@@ -41,7 +50,7 @@ def plan_wire(
     ranges = limits(VehicleState)
     return Wire(
         MemoryParams(link_of(controller), age_limits_of(controller)),
-        _empty_rings(),
+        _empty_rings(keeps_plans=controller.law_record.plan is not None),
         *received,
         measured_heading_rad=np.empty(samples),
         measured_yaw_rate_rad_s=np.empty(samples),
@@ -56,6 +65,10 @@ def plan_wire(
         curvature_1_m_max=ranges["preview_curvature_1_m"].maximum,
         wheel_resolution_rad=resolutions(SteeringStatus)["wheel_angle_rad"],
         wheel_rad_max=limits(SteeringStatus)["wheel_angle_rad"].maximum,
+        steer_resolution_rad=resolutions(SteeringPlan)["steer_0_rad"],
+        periods_per_sample=controller.link.sensor_period_s / (controller.period_ns / NS_PER_S),
+        buffer=np.zeros(ROW_LENGTH),
+        played_rad=np.full(samples if controller.law_record.plan is not None else 0, np.nan),
     )
 
 
@@ -77,9 +90,10 @@ def plant_network(plant: PlantSettings) -> PlantSettings:
     )
 
 
-def _empty_rings() -> Rings:
+def _empty_rings(*, keeps_plans: bool) -> Rings:
     """Return the initial rings of ``LinkMemory``, as arrays."""
     arrays: dict[str, Any] = {name: np.zeros(RING_SIZE) for name in Rings._fields}
+    arrays["plans"] = np.zeros((RING_SIZE if keeps_plans else 1, ROW_LENGTH))
     for name in ("has_error", "is_overruled"):
         arrays[name] = np.zeros(RING_SIZE, dtype=np.bool_)
     for name in ("applied_tick", "command_tick"):

@@ -33,6 +33,8 @@ LOOKING_BACK = (
     ("practical_pd", "feed_forward={}"),
     ("practical_pd_ddob", "followed_point=rear_axle", "feed_forward={}"),
     ("practical_predictor", "followed_point=centre_of_gravity"),
+    ("practical_packet",),
+    ("practical_packet", "followed_point=centre_of_gravity"),
 )
 LOST_WHEEL = (
     "safety={follow_tolerance_rad=0.03, follow_time_ms=50.0}",

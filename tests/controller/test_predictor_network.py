@@ -83,12 +83,12 @@ def test_another_delay_than_that_measured_does_not_hold_it(
     share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """So the tests above would notice a delay of the wrong sign, or one that is left out."""
-    acts = predictor_module._horizon
+    acts = predictor_module.horizon_samples
 
     def another(p: LinkParams, link: Link, sample: int) -> float:
         return share * acts(p, link, sample)
 
-    monkeypatch.setattr(predictor_module, "_horizon", another)
+    monkeypatch.setattr(predictor_module, "horizon_samples", another)
     assert rms_after_5_s(plant("duration_s=20", ELLIPSE, *VARYING), controller(SHARP)) > 0.004
 
 

@@ -22,7 +22,7 @@ from typing import Any
 from steer_by_wire.command_line import add_overrides_argument, command_parser
 from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
-from steer_by_wire.controller.settings import ControllerSettings, sparse_measurements
+from steer_by_wire.controller.settings import ControllerSettings, on_bus, sparse_measurements
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
 from steer_by_wire.pair.live import PairFiles
 from steer_by_wire.pair.virtual import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
@@ -228,7 +228,7 @@ def _run_in_real_time(
                 plant_settings.faults,
                 plant_settings.seed,
             ),
-            lambda start_ns: ControllerNode(controller_settings, start_ns),
+            lambda start_ns: ControllerNode(on_bus(controller_settings, takes_fd=False), start_ns),
             candump_log,
             stop,
         )

@@ -1,0 +1,149 @@
+"""Law ``packet``: the predictor's commands for the coming time, in one frame that the plant plays.
+
+Every period the predictor's own model runs on beyond the time at which this period's command acts,
+with the loop closed by the predictor's own feedback:
+
+    x[k+1] = F x[k] + G u[k],   u[k] = the commands in transit, then u_ss - K (x[k] - x_ss)
+
+u at every ``spacing`` samples is the plan (``controller.plan``). The plant plays the newest plan
+by its own clock, so that a late or lost frame costs only what the plan before did not foresee. The
+controller knows that clock without comparing clocks: it is the number of the sample, which the
+counter of each measurement shows.
+
+The plan reaches back to the newest measurement, so that a frame faster than expected has a value
+for now. It reaches forward by ``reserve_s`` beyond the time at which it is expected to act: the
+deeper the measured delay, the wider the spacing. Packetised predictive control, not in SAE
+2018-01-1086.
+
+Where the predictor gives way to its fallback, and while one fades into the other, single commands
+are sent.
+"""
+
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+from pydantic import Field
+
+from ...dbc.messages import Law as LawNumber
+from ...runtime.settings import Settings
+from ..estimator import command_from, estimate_to, model_step
+from ..law_interface import LawInput, LawOutput
+from ..law_record import Law, LookingBack, Schedule
+from ..plan import SPACING_MAX, VALUES
+from . import predictor
+from .predictor import (
+    PredictorParams,
+    PredictorState,
+    design_predictor,
+    horizon_samples,
+    predictor_after_hold,
+    predictor_at_rest,
+    predictor_step,
+    steer_for,
+)
+
+if TYPE_CHECKING:
+    from ..law_settings import LawSettings
+
+SINGLE_COMMANDS = "predictor"
+"""The law on classic CAN, which has no frame for a plan."""
+
+
+class PacketSettings(Settings):
+    """[packet]: how far the plan reaches."""
+
+    reserve_s: Annotated[float, Field(gt=0.0, le=2.0)] = 0.6
+    """Beyond the time at which a plan is expected to act; what the wire cannot carry is cut off."""
+
+
+class PacketParams(NamedTuple):
+    """Parameters of the law at one speed; ``reserve_samples`` of the plant."""
+
+    predictor: PredictorParams
+    reserve_samples: int
+
+
+def packet_step(
+    p: PacketParams, x: PredictorState, seen: LawInput
+) -> tuple[PredictorState, LawOutput]:
+    """Advance one control period: the predictor's."""
+    return predictor_step(p.predictor, x, seen)
+
+
+def packet_plan(p: PacketParams, x: PredictorState, seen: LawInput) -> int:
+    """Write the plan of this period into the history; returns the index of the value acting first.
+
+    -1: there is no plan, and the command is sent alone. ``x`` is the state after the step.
+    """
+    link, history = seen.link, seen.history
+    inside = p.predictor
+    if not x.is_predicting or x.fade_rad != 0.0:
+        return -1
+    z = estimate_to(inside.link, inside.gains, x.estimate, link, history, link.error_sample)
+    ahead = horizon_samples(inside.link, link, z.sample)
+    lead = max(-int(-ahead // 1.0), 0)
+    acts = z.sample + lead
+    spacing = min(max(-(-(lead + p.reserve_samples) // (VALUES - 1)), 1), SPACING_MAX)
+    acting = lead // spacing
+    if acting >= VALUES - 1:
+        return -1
+    first = acts - acting * spacing
+    row = history.plans[link.tick & history.plan_mask]
+    row[0], row[1] = float(first), float(spacing)
+    last = first + (VALUES - 1) * spacing
+    while True:
+        if z.sample < acts:
+            steer_rad = command_from(inside.link, link, history, z.sample)
+        else:
+            steer_rad = steer_for(inside.gains, z)
+        age = z.sample - first
+        if age >= 0 and age % spacing == 0:
+            row[2 + age // spacing] = steer_rad
+        if z.sample >= last:
+            return acting
+        z = model_step(inside.gains, z, steer_rad)
+
+
+def packet_at_rest(p: PacketParams, lateral_error_m: float) -> PredictorState:
+    """Return the state after a constant lateral error [m] and no steering."""
+    return predictor_at_rest(p.predictor, lateral_error_m)
+
+
+def packet_after_hold(p: PacketParams, x: PredictorState, lateral_error_m: float) -> PredictorState:
+    """Return the state after a hold: the predictor's."""
+    return predictor_after_hold(p.predictor, x, lateral_error_m)
+
+
+def design_packet(settings: "LawSettings") -> Schedule:
+    """Return the parameters as a function of the speed; raises what the predictor's design does."""
+    reserve_s = settings.table_of(PacketSettings).reserve_s
+    reserve_samples = round(reserve_s / settings.link.sensor_period_s)
+    inside = design_predictor(_single_commands(settings))
+    return Schedule(lambda speed_m_s: PacketParams(inside.at(speed_m_s), reserve_samples))
+
+
+def _single_commands(settings: "LawSettings") -> "LawSettings":
+    return settings.model_copy(update={"law": SINGLE_COMMANDS})
+
+
+def _looking_back(settings: "LawSettings", params: PacketParams) -> LookingBack | None:
+    """At a constant latency one value of each plan acts, the predictor's command."""
+    analyse = predictor.LAW.looking_back
+    return analyse and analyse(_single_commands(settings), params.predictor)
+
+
+LAW = Law(
+    packet_step,
+    packet_at_rest,
+    design_packet,
+    LawNumber.PACKET,
+    settings=PacketSettings,
+    needs=(SINGLE_COMMANDS, *predictor.LAW.needs),
+    needs_vehicle=True,
+    looks_back=True,
+    schedules_demand=predictor.LAW.schedules_demand,
+    feed_forward_refusal=predictor.LAW.feed_forward_refusal,
+    looking_back=_looking_back,
+    after_hold=packet_after_hold,
+    plan=packet_plan,
+    single_commands=SINGLE_COMMANDS,
+)

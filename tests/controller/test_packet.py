@@ -1,0 +1,119 @@
+"""Law ``packet``: the plans it sends, and what they are good for on networks that lose frames."""
+
+from typing import Any
+
+import pytest
+
+from steer_by_wire.controller.limits import SteerLimits
+from steer_by_wire.controller.plan import ROW_LENGTH, SPACING_MAX, VALUES, limit_plan, value_at
+from steer_by_wire.controller.settings import ControllerSettings, on_bus
+from steer_by_wire.dbc.messages import (
+    Decoded,
+    SteeringCommand,
+    SteeringPlan,
+    decode,
+)
+from steer_by_wire.pair.virtual import make_virtual_pair
+from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.frame import Frame
+from steer_by_wire.runtime.settings import load_settings, read_preset
+from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor
+
+RAMP = [0.0, 4.0, *(0.01 * index for index in range(VALUES))]
+
+
+def test_a_row_is_read_as_the_plant_plays_it() -> None:
+    assert [value_at(RAMP, sample) for sample in (-5, 0, 4, 6, 68, 69, 500)] == pytest.approx(
+        [0.0, 0.0, 0.01, 0.015, 0.17, 0.17, 0.17]
+    )
+
+
+def test_a_single_command_acts_at_every_sample() -> None:
+    assert {value_at([7.0, 0.0, 0.3, 0.9], sample) for sample in (0, 7, 500)} == {0.3}
+
+
+def test_a_plan_is_limited_from_the_command_before_on() -> None:
+    row = [0.0, 5.0, *[1.0] * VALUES]
+    limit_plan(SteerLimits(0.5, 0.02), 0.5, 0.1, 2, row)
+    # A spacing is 2.5 periods: 0.05 rad; the first may be a step and two spacings away.
+    assert row[2:10] == pytest.approx([0.22, 0.27, 0.32, 0.37, 0.42, 0.47, 0.5, 0.5])
+
+
+def controller(*overrides: str) -> ControllerSettings:
+    preset = read_preset("steer_by_wire.controller.presets", "highway_packet")
+    return load_settings(ControllerSettings, preset, None, overrides)
+
+
+def run(
+    settings: ControllerSettings, *overrides: str, duration_s: float = 6.0
+) -> tuple[list[SteeringPlan], list[SteeringCommand], dict[str, Any]]:
+    """Return the plans and commands sent in a run on a bend, and the plant's report."""
+    preset = read_preset("steer_by_wire.plant_emulator.presets", "highway_nominal")
+    bend = 'path={kind="circle", radius_m=200.0}'
+    plant = load_settings(
+        PlantSettings, preset, None, [bend, f"duration_s={duration_s}", *overrides]
+    )
+    pair = make_virtual_pair(plant, settings)
+    sent: list[Frame] = []
+    executor = VirtualTimeExecutor(
+        (pair.plant, pair.controller), None, lambda _time, _sender, frame: sent.append(frame)
+    )
+    executor.run(round((duration_s + 1.0) * 1e9))
+    decoded = [one.message for one in map(decode, sent) if isinstance(one, Decoded)]
+    plans = [message for message in decoded if isinstance(message, SteeringPlan)]
+    commands = [message for message in decoded if isinstance(message, SteeringCommand)]
+    return plans, commands, dict(pair.plant.report())
+
+
+@pytest.mark.parametrize(("delay_s", "spacing"), [(0.0, 4), (0.15, 5), (0.4, 6)])
+def test_the_plan_is_as_deep_as_the_delay_asks(delay_s: float, spacing: int) -> None:
+    plans, _, _ = run(controller(), f"latency.downlink.mean_s={delay_s}", duration_s=3.0)
+    assert plans[-1].spacing == spacing
+    assert plans[-1].spacing * (VALUES - 1) * 0.01 >= delay_s + 0.6
+
+
+def test_what_the_wire_cannot_carry_is_cut_off() -> None:
+    plans, _, _ = run(controller("packet.reserve_s=2.0"), "latency.downlink.mean_s=0.9")
+    assert plans[-1].spacing == SPACING_MAX
+
+
+def test_an_outage_of_half_a_second_in_a_bend_costs_nothing() -> None:
+    lost = (
+        "latency.downlink.schedule_shape=step",
+        "latency.downlink.schedule=[{time_s=0.0, mean_s=0.1}, {time_s=4.0, mean_s=0.1, loss=1.0},"
+        " {time_s=4.5, mean_s=0.1}]",
+    )
+    planned = run(controller(), *lost)[2]
+    single = run(on_bus(controller(), takes_fd=False), *lost)[2]
+    assert planned["safety"]["holdings"] == 0
+    assert single["safety"]["holdings"] == 1
+    whole = run(controller(), "latency.downlink.mean_s=0.1")[2]
+    assert planned["lateral_error_peak_m"] == pytest.approx(
+        whole["lateral_error_peak_m"], abs=0.003
+    )
+
+
+def test_without_echoes_single_commands_are_sent_and_both_kinds_are_accepted() -> None:
+    plans, commands, report = run(
+        controller(),
+        "latency.uplink.schedule_shape=step",
+        "latency.uplink.schedule=[{time_s=0.0, mean_s=0.0},"
+        " {time_s=3.0, mean_s=0.0, loss=1.0}, {time_s=3.3, mean_s=0.0}]",
+    )
+    assert len(commands) > 10
+    assert len(plans) > 300
+    assert report["rejected"] == {}
+    assert report["lost_on_the_bus"] == 0
+
+
+def test_on_classic_can_the_law_is_the_predictor() -> None:
+    settings = on_bus(controller(), takes_fd=False)
+    assert settings.law == "predictor"
+    plans, commands, _ = run(settings, duration_s=1.0)
+    assert (plans, len(commands)) == ([], 101)
+    assert on_bus(controller(), takes_fd=True).law == "packet"
+
+
+def test_a_row_is_two_numbers_and_the_values_of_the_message() -> None:
+    assert ROW_LENGTH == 2 + VALUES
+    assert sum(name.startswith("steer_") for name in SteeringPlan._fields) == VALUES
