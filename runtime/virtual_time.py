@@ -112,6 +112,7 @@ class VirtualTimeExecutor:
         bus raises when it cannot take a frame.
         """
         wire, nodes, on_wire = self._wire, self._nodes, self._on_wire
+        listeners_of = self._listeners_of.get
         # Read again only after a call of the node: nothing else changes them.
         deadlines_ns = [node.deadline_ns for _, node in nodes]
         finished = self.finished
@@ -123,29 +124,28 @@ class VirtualTimeExecutor:
                     events += 1
                     if on_wire is not None:
                         on_wire(end_ns, busy_index, frame)
-                    for index, node in self._listeners_of.get(busy_index, nodes):
+                    for index, node in listeners_of(busy_index, nodes):
                         for answer in node.on_frame(frame, now_ns):
                             wire.submit(answer, index, now_ns)
                         deadlines_ns[index] = node.deadline_ns
                         finished = finished or node.finished
                 continue
-            for deadline_ns in deadlines_ns:
-                if deadline_ns < next_ns:
-                    next_ns = deadline_ns
-            if next_ns > now_ns:  # Nothing is left to do at this instant.
-                if finished or next_ns >= until_ns:
-                    return
-                self._now_ns = now_ns = next_ns
-                events = 0
-                continue
             for busy_index, node in nodes:
-                if deadlines_ns[busy_index] <= now_ns:
+                deadline_ns = deadlines_ns[busy_index]
+                if deadline_ns <= now_ns:
                     events += 1
                     for frame in node.on_tick(now_ns):
                         wire.submit(frame, busy_index, now_ns)
                     deadlines_ns[busy_index] = node.deadline_ns
                     finished = finished or node.finished
                     break
+                if deadline_ns < next_ns:
+                    next_ns = deadline_ns
+            else:  # Nothing is left to do at this instant.
+                if finished or next_ns >= until_ns:
+                    return
+                self._now_ns = now_ns = next_ns
+                events = 0
         raise RuntimeError(
             f"node {busy_index} is still busy after {events} events at {now_ns} ns: "
             "its deadline does not move on, or its frames are answered without end"
