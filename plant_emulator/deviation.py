@@ -32,9 +32,17 @@ def cg_deviation_m(
     ``arc_length_m``, ``heading_error_rad`` and ``lateral_error_m`` belong to the preview point.
     Before its start an open path is straight.
     """
-    place, along_m = locate(path, arc_length_m)
+    (_, piece), along_m = locate(path, arc_length_m)
+    (_, end_piece), end_along_m = locate(path, arc_length_m - preview_m)
     return deviation_behind_m(
-        path, place.piece, along_m, heading_error_rad, lateral_error_m, preview_m
+        path,
+        piece,
+        along_m,
+        end_piece,
+        end_along_m,
+        heading_error_rad,
+        lateral_error_m,
+        preview_m,
     )
 
 
@@ -58,19 +66,27 @@ def deviation_behind_m(
     path: Path,
     piece: int,
     along_m: float,
+    end_piece: int,
+    end_along_m: float,
     heading_error_rad: float,
     lateral_error_m: float,
     preview_m: float,
 ) -> float:
-    """Return the same for a preview point beside ``along_m`` of a piece of the path."""
+    """Return the same for a preview point beside ``along_m`` of a piece of the path.
+
+    ``end_piece``, ``end_along_m``  of the point ``preview_m`` before; negative before an open path
+    """
     slope_1_m2 = path.curvature_slope_1_m2[piece]
     curvature_1_m = path.curvature_1_m[piece] + slope_1_m2 * along_m
     part_m = min(preview_m, along_m)
     end = along_short(Pose(0.0, 0.0, 0.0), curvature_1_m, slope_1_m2, -part_m)
     curvature_1_m -= slope_1_m2 * part_m
     if preview_m > along_m:
-        behind_m = path.start_m[piece] + along_m - preview_m
-        end, curvature_1_m = _before_piece(path, piece, behind_m, end)
+        slope_1_m2 = path.curvature_slope_1_m2[end_piece] if end_along_m >= 0.0 else 0.0
+        start_1_m = path.curvature_1_m[end_piece] if end_along_m >= 0.0 else 0.0
+        curvature_1_m = start_1_m + slope_1_m2 * end_along_m
+        there = along_short(path.pose[end_piece], start_1_m, slope_1_m2, end_along_m)
+        end = _seen_from(path.pose[piece], end, there)
     x_m = -preview_m * cos(heading_error_rad) - end.x_m
     y_m = lateral_error_m - preview_m * sin(heading_error_rad) - end.y_m
     cos_end, sin_end = cos(end.heading_rad), sin(end.heading_rad)
@@ -82,29 +98,13 @@ def deviation_behind_m(
     return aside_m - 0.5 * curvature_1_m * ahead_m * ahead_m / nearness
 
 
-def _before_piece(path: Path, piece: int, behind_m: float, end: Pose) -> tuple[Pose, float]:
-    """Return pose and curvature of the path at an arc length before the start of a piece.
-
-    ``behind_m``  negative: on the lap before, or before an open path
-    ``end``       the pose of the piece's start in the frame of the result
-    """
-    start = path.pose[piece]
-    if behind_m < 0.0 and path.closed:
-        behind_m %= path.length_m
-        piece = len(path.start_m) - 1
-    while piece > 0 and path.start_m[piece] > behind_m:
-        piece -= 1
-    curvature_1_m, slope_1_m2 = path.curvature_1_m[piece], path.curvature_slope_1_m2[piece]
-    if behind_m < 0.0:
-        curvature_1_m = slope_1_m2 = 0.0
-    along_m = behind_m - path.start_m[piece]
-    there = along_short(path.pose[piece], curvature_1_m, slope_1_m2, along_m)
-    turn_rad = end.heading_rad - start.heading_rad
-    x_m, y_m = there.x_m - start.x_m, there.y_m - start.y_m
+def _seen_from(start: Pose, seen: Pose, other: Pose) -> Pose:
+    """Return another pose in the frame in which the pose ``start`` is ``seen``."""
+    turn_rad = seen.heading_rad - start.heading_rad
+    x_m, y_m = other.x_m - start.x_m, other.y_m - start.y_m
     cos_turn, sin_turn = cos(turn_rad), sin(turn_rad)
-    pose = Pose(
-        end.x_m + x_m * cos_turn - y_m * sin_turn,
-        end.y_m + y_m * cos_turn + x_m * sin_turn,
-        there.heading_rad + turn_rad,
+    return Pose(
+        seen.x_m + x_m * cos_turn - y_m * sin_turn,
+        seen.y_m + y_m * cos_turn + x_m * sin_turn,
+        other.heading_rad + turn_rad,
     )
-    return pose, curvature_1_m + slope_1_m2 * along_m

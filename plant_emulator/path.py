@@ -15,6 +15,8 @@ from collections.abc import Sequence
 from math import ceil, cos, sin
 from typing import NamedTuple
 
+from ..runtime.record import new_record
+
 GAUSS = (
     (0.04691007703066800, 0.11846344252809454),
     (0.23076534494715845, 0.23931433524968324),
@@ -84,7 +86,7 @@ def locate(path: Path, arc_length_m: float) -> tuple[Place, float]:
     lap = int(arc_length_m // path.length_m) if path.closed else 0
     in_lap_m = arc_length_m - lap * path.length_m
     piece = max(bisect_right(path.start_m, in_lap_m) - 1, 0)
-    return Place(lap, piece), in_lap_m - path.start_m[piece]
+    return new_record(Place, (lap, piece)), in_lap_m - path.start_m[piece]
 
 
 def curvature(path: Path, arc_length_m: float) -> float:

@@ -15,15 +15,25 @@ def cg_deviations_m(
     """Return ``plant_emulator.deviation.cg_deviation_m`` of every sample, shape (samples,)."""
     deviations_m = np.empty(len(arc_length_m))
     for sample in range(len(arc_length_m)):
-        lap = arc_length_m[sample] // path.length_m if path.closed else 0.0
-        in_lap_m = arc_length_m[sample] - lap * path.length_m
-        piece = max(np.searchsorted(path.start_m, in_lap_m, "right") - 1, 0)
+        piece, along_m = _located(path, arc_length_m[sample])
+        end_piece, end_along_m = _located(path, arc_length_m[sample] - preview_m)
         deviations_m[sample] = deviation_behind_m(
             path,
             piece,
-            in_lap_m - path.start_m[piece],
+            along_m,
+            end_piece,
+            end_along_m,
             heading_error_rad[sample],
             lateral_error_m[sample],
             preview_m,
         )
     return deviations_m
+
+
+@compiled
+def _located(path: Any, arc_length_m: Any) -> Any:
+    """Return the piece that holds a point, and the point's distance from the piece's start [m]."""
+    lap = arc_length_m // path.length_m if path.closed else 0.0
+    in_lap_m = arc_length_m - lap * path.length_m
+    piece = max(np.searchsorted(path.start_m, in_lap_m, "right") - 1, 0)
+    return piece, in_lap_m - path.start_m[piece]
