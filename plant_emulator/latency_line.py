@@ -123,22 +123,20 @@ class LatencyLine(Generic[Item]):
         """Return the frames due up to ``now_ns``, in order."""
         released: list[Passage[Item]] = []
         waiting, newest = self._waiting, self._newest_released
-        while self.next_due_ns <= now_ns:
-            passage = heappop(waiting)
-            due_ns, sequence, came_ns, key, _ = passage
-            self.latency.record(due_ns - came_ns)
-            released.append(passage)
-            if self._newest_wins:
-                newest[key] = sequence
-            self.next_due_ns = NEVER_NS
-            while waiting:
-                due_ns, sequence, _, key, _ = waiting[0]
-                if not self._newest_wins or sequence >= newest.get(key, -1):
-                    self.next_due_ns = due_ns
-                    break
-                # Older than what has left: nobody waits for it.
-                heappop(waiting)
+        self.next_due_ns = NEVER_NS
+        while waiting:
+            due_ns, sequence, came_ns, key, _ = passage = waiting[0]
+            if sequence < newest.get(key, -1):  # older than what has left: nobody waits for it
                 self._superseded += 1
+            elif due_ns > now_ns:
+                self.next_due_ns = due_ns
+                break
+            else:
+                self.latency.record(due_ns - came_ns)
+                released.append(passage)
+                if self._newest_wins:
+                    newest[key] = sequence
+            heappop(waiting)
         self._released += len(released)
         return released
 

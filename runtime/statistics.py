@@ -54,8 +54,9 @@ class DurationStatistics:
         """Add one duration [ns]. Raises ValueError for a negative one: a clock ran backwards."""
         if duration_ns < 0:
             raise ValueError(f"a duration cannot be negative: {duration_ns} ns")
-        self._waiting.append(duration_ns)
-        if len(self._waiting) >= _BLOCK:
+        waiting = self._waiting
+        waiting.append(duration_ns)
+        if len(waiting) >= _BLOCK:
             self._count_waiting()
 
     def _count_waiting(self) -> None:
