@@ -8,6 +8,7 @@ time is up, 126 and 127 for a command that cannot be run or is not found.
 
 import argparse
 import os
+import platform
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -60,10 +61,18 @@ def choose(wanted: str, request: Request) -> Backend:
             if not obstacle:
                 return backend
             obstacles.append(f"{backend.name}: {obstacle}")
-    advice = f"; on Debian and Ubuntu, apt-get install {PACKAGES}" if wanted == "auto" else ""
+    advice = f"; {_advice()}" if wanted == "auto" else ""
     raise BackendError(
         f"no way to {', '.join(request.interfaces)}{advice} ({'; '.join(obstacles)})"
     )
+
+
+def _advice() -> str:
+    from steer_by_wire.vcan.system_calls import FINIT_MODULE
+
+    if platform.machine() in FINIT_MODULE:
+        return f"on Debian and Ubuntu, apt-get install {PACKAGES}"
+    return "on this processor it takes a kernel with vcan, the host's or that of a virtual machine"
 
 
 def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:

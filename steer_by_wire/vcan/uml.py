@@ -39,14 +39,14 @@ BOOT_S_MAX = 120.0
 
 def obstacle(request: Request) -> str:
     """Why User Mode Linux is not available; empty when it is."""
+    if platform.machine() not in FINIT_MODULE:
+        return f"User Mode Linux is for x86, not {platform.machine()}"
     needed = {PROGRAM: "user-mode-linux", "ip": "iproute2"}
     if request.netem:
         needed["tc"] = "iproute2"
     if missing := missing_programs(list(needed)):
         packages = " ".join(dict.fromkeys(needed[name] for name in missing))
         return f"no program {', '.join(missing)} (apt-get install {packages})"
-    if platform.machine() not in FINIT_MODULE:
-        return f"there is none for {platform.machine()}"
     if "User Mode Linux" in cpuinfo():
         return "this is one"
     if xstate.is_needed(cpuinfo()) and (why := xstate.obstacle()):

@@ -85,6 +85,18 @@ def test_where_there_is_no_way_the_packages_to_install_are_named(
         assert word in line
 
 
+def test_on_another_processor_no_package_is_named_that_does_not_exist_for_it(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("platform.machine", lambda: "aarch64")
+    monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.setattr(request_module, "SYSTEM_FOLDERS", "/nowhere")
+    assert main(["--interfaces", "nocan0", "true"]) == 3
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "uml: User Mode Linux is for x86, not aarch64" in line
+    assert "user-mode-linux" not in line
+
+
 def test_one_file_is_all_it_takes(tmp_path: Path) -> None:
     file, again = tmp_path / "with-vcan", tmp_path / "again"
     assert main(["--write-single-file", str(file)]) == 0
