@@ -114,7 +114,7 @@ def test_the_set_point_of_an_old_curve_fades_out() -> None:
 
 
 def test_it_is_outside_the_loop() -> None:
-    plain, told = (check_text(preset("practical_pd_ddob", each)) for each in ((), (CG,)))
+    plain, told = (check_text(preset("practical_pd", each)) for each in ((), (CG,)))
     assert "The set point of the followed point is outside the loop" in told
     stable = re.compile(r"stable at .*")
     assert stable.findall(plain) == stable.findall(told) != []
