@@ -19,12 +19,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import Progress
 
 from steer_by_wire.command_line import add_out_argument, command_parser, number
+from steer_by_wire.controller.shared_settings import VehicleModelSettings
 from steer_by_wire.plant_emulator import quantities
 from steer_by_wire.plant_emulator.verdict import VerdictRules
 from steer_by_wire.plant_emulator.verdict_text import verdict_text
@@ -39,11 +40,19 @@ from steer_by_wire.recordings.signal_table import (
 )
 from steer_by_wire.runtime.program import ExitStatus, fail_status, run_main
 from steer_by_wire.runtime.report import write_json
-from steer_by_wire.runtime.settings import SettingsError, load_settings
+from steer_by_wire.runtime.settings import (
+    SettingsError,
+    SharedTable,
+    load_settings,
+    read_table,
+)
 from steer_by_wire.runtime.thresholds import Condition, Quantity, add_fail_if_argument, of_part
 from steer_by_wire.tools.analyze_log.html_report import report_html
 from steer_by_wire.tools.analyze_log.mcap_export import McapFile
 from steer_by_wire.tools.analyze_log.result import Result, print_results
+
+if TYPE_CHECKING:
+    from steer_by_wire.tools.analyze_log.smoothed import SmoothedTable
 
 NAME = "steer-by-wire analyze"
 
@@ -98,6 +107,13 @@ def _parser() -> argparse.ArgumentParser:
         action=argparse.BooleanOptionalAction,
         default=None,
         help="also write signals.parquet (default: if pyarrow is installed)",
+    )
+    parser.add_argument(
+        "--smooth",
+        type=Path,
+        metavar="VEHICLE.toml",
+        help="also write smoothed.csv: vehicle state, disturbance, delay and steering lag, with"
+        " deviations, by the model of a file with [vehicle]",
     )
     parser.add_argument(
         "--verdict-set",
@@ -180,6 +196,8 @@ def _analyse(
     with _all_or_nothing(folder) as partial:
         with ExitStack() as stack:
             exports = _exports(partial, options)
+            smoothed = _smoothed(partial, options)
+            exports += smoothed
             for export in exports:
                 stack.callback(export.close)
             figures, analysis = analyse_files(
@@ -188,6 +206,8 @@ def _analyse(
         # Only a report needs matplotlib, and an error in the file should be reported before that.
         from steer_by_wire.tools.analyze_log.pictures import draw_pictures
 
+        if smoothed:
+            figures["smoothed"] = smoothed[0].figures
         write_json(partial / "figures.json", figures)
         title = f"Log of the bus: {', '.join(path.name for path in paths)}"
         page = report_html(title, figures, draw_pictures(analysis, figures))
@@ -211,6 +231,18 @@ def _all_or_nothing(folder: Path) -> Iterator[Path]:
         for place in missing:
             with suppress(OSError):  # it holds something
                 place.rmdir()
+
+
+def _smoothed(folder: Path, options: argparse.Namespace) -> "list[SmoothedTable]":
+    """Return the smoother, if it is asked for."""
+    if options.smooth is None:
+        return []
+    table = {"kind": "vehicle", **read_table(options.smooth, "vehicle")}
+    vehicle = load_settings(VehicleModelSettings, shared=SharedTable(str(options.smooth), table))
+    # Only a smoother needs filterpy, which imports most of scipy.
+    from steer_by_wire.tools.analyze_log.smoothed import SmoothedTable
+
+    return [SmoothedTable(folder / "smoothed.csv", vehicle)]
 
 
 def _exports(folder: Path, options: argparse.Namespace) -> list[Export]:

@@ -36,7 +36,17 @@ def print_results(results: Sequence[Result]) -> None:
             print(figures["first_unreadable"])
         if len(figures["channels"]) > 1 and figures["messages"]["STEERING_COMMAND"]["accepted"]:
             print(f"several channels ({', '.join(figures['channels'])}): choose with --channel")
+        if smoothed := figures.get("smoothed"):
+            for name in ("delay_s", "steering_lag_s", "steering_offset_rad"):
+                print(f"smoothed {_smoothed_line(name, **smoothed[name])}")
         print(f"report: {result.folder / 'report.html'}")
+
+
+def _smoothed_line(name: str, mean: float | None, mean_std: float | None) -> str:
+    label, _, unit = name.replace("_", " ").rpartition(" ")
+    if mean is None or mean_std is None:
+        return f"{label}: not known"
+    return f"{label}: {1e3 * mean:.2f} ± {1e3 * mean_std:.2f} m{unit}"
 
 
 def _signal(name: str, key: str, digits: int) -> Callable[[dict[str, Any]], str]:
