@@ -104,7 +104,7 @@ def test_a_steering_without_lag_shows_none_and_one_that_never_moves_nothing() ->
 
 def test_a_delay_that_walks_is_followed_with_errors_as_large_as_stated() -> None:
     random = np.random.default_rng(3)
-    time_s = np.arange(3000) * PERIOD_S
+    time_s = np.arange(3000, dtype=np.float64) * PERIOD_S
     truth_s = 0.15 + np.cumsum(random.standard_normal(3000)) * 0.02 * np.sqrt(PERIOD_S)
     smoothed = smooth_delay(time_s, truth_s + 0.03 * random.standard_normal(3000))
     normalised = (smoothed.values - truth_s) / smoothed.deviations

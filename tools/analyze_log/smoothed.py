@@ -102,10 +102,10 @@ class SmoothedTable:
                 f" {_SAMPLES_MIN} LATERAL_ERROR and STEERING_STATUS"
             )
         first, last = self._errors[0], self._errors[-1]
-        period_s = (last.at_s - first.at_s) / (last.sample - first.sample)
+        period_s: float = (last.at_s - first.at_s) / (last.sample - first.sample)
         count = last.sample - first.sample + 1
         measured, wheel_rad, command_rad = self._by_sample(first.sample, count)
-        time_s = first.at_s + period_s * np.arange(count)
+        time_s = first.at_s + period_s * np.arange(count, dtype=np.float64)
         states = smooth_vehicle(self._vehicle, speed_m_s, period_s, measured, wheel_rad)
         lag = smooth_lag(period_s, wheel_rad, command_rad)
         delay = self._delay_at(time_s)
