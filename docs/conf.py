@@ -16,6 +16,7 @@ project = "Steer-by-wire emulator"
 version = release = version_of("steer-by-wire-emulator")
 html_title = f"{project} {version}"
 html_theme = "furo"
+html_show_copyright = False
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_gallery.gen_gallery"]
 exclude_patterns = ["_build", "gallery/**/*.ipynb"]
 
