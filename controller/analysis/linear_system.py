@@ -56,6 +56,8 @@ class HeldPlant(NamedTuple):
 
 _PLANTS_KEPT = 256
 """A search judges many laws with the same plants and delays."""
+_LAWS_KEPT = 16
+"""A law is judged by several demands, one after the other."""
 _UNIT = 2.0**-20
 """So small that a difference that fades by a step per period is gone after one period. Scaling by a
 power of two is exact in a linear system."""
@@ -65,8 +67,11 @@ class NotLinearError(ValueError):
     """The law is not a linear system from lateral error to steer."""
 
 
+@lru_cache(maxsize=_LAWS_KEPT)
 def law_system(design: LawDesign) -> LinearSystem:
     """Return the law from lateral error [m] to steer [rad], its own command fed back as sent.
+
+    Its matrices are read-only.
 
     Each column is the response of one step to a small unit of a single state or input. The last
     states are the commands of the previous periods, as many as the law reads, the newest first;
@@ -92,6 +97,7 @@ def law_system(design: LawDesign) -> LinearSystem:
     rows = np.array(columns).T / _UNIT
     if not np.isfinite(rows).all():
         raise NotLinearError("the law has no finite answer to a small error")
+    rows.flags.writeable = False
     a, b = rows[:, :-1], rows[:, -1]
     return LinearSystem(a, b, a[order], float(b[order]))
 

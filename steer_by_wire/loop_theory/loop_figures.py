@@ -21,11 +21,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..controller.analysis.linear_system import LinearSystem, held_plant, law_system
+from ..controller.analysis.linear_system import held_plant
 from ..controller.design import LawDesign
 from ..controller.transfer_function import TransferFunction
 from ..runtime.node import NS_PER_S
-from .responses import ComplexArray, law_response, plant_responses
+from .responses import ComplexArray, law_response, plant_responses, triangular
 
 FloatArray = NDArray[np.float64]
 
@@ -84,17 +84,17 @@ def frequency_grid(
 
 def slow_poles(grid: StabilityGrid, design: LawDesign) -> NDArray[np.int64]:
     """Return how many modes of each loop decay no faster than σ, shape (corners, delays)."""
-    system = law_system(design)
-    distance = 1.0 - grid.plants * law_response(system, grid.z)
+    distance = 1.0 - grid.plants * law_response(design, grid.z)
     # From ω = 0 to π; the lower half of the circle adds as many turns again.
     turns = np.angle(distance[..., 1:] / distance[..., :-1]).sum(axis=-1) / math.pi
-    open_loop = grid.poles_outside[:, None] + _outside(system.a, grid.radius)
+    poles = np.abs(np.diagonal(triangular(design).triangle))
+    open_loop = grid.poles_outside[:, None] + int(np.count_nonzero(poles > grid.radius))
     return np.asarray(open_loop - np.rint(turns), dtype=np.int64)
 
 
 def loop_figures(grid: FrequencyGrid, design: LawDesign) -> LoopFigures:
     """Return the figures of a law around every plant of the grid; meaningless if unstable."""
-    law = law_response(law_system(design), grid.z)
+    law = law_response(design, grid.z)
     sensitivity = sensitivity_size(grid, law)
     power = np.square(sensitivity * np.abs(law))
     mean = 0.5 * (power[..., 1:] + power[..., :-1]) @ np.diff(grid.angle_rad) / math.pi
@@ -141,7 +141,6 @@ def _spread(last: float, scale: float, points: int) -> FloatArray:
 
 __all__ = [
     "FrequencyGrid",
-    "LinearSystem",
     "LoopFigures",
     "StabilityGrid",
     "frequency_grid",

@@ -9,31 +9,48 @@ z = 1 in its coefficients, and a linear solve for each z would take longer.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import matrix_balance, schur
 
-from ..controller.analysis.linear_system import LinearSystem, held_plant, without_idle_states
+from ..controller.analysis.linear_system import held_plant, law_system, without_idle_states
+from ..controller.design import LawDesign
 from ..controller.transfer_function import Factor, TransferFunction
 
 ComplexArray = NDArray[np.complex128]
 
 
-def law_response(system: LinearSystem, z: ComplexArray) -> ComplexArray:
-    """Return the response of a linear system at each of ``z``, shape (Z,), none of them a pole."""
-    needed = without_idle_states(system)
+class TriangularLaw(NamedTuple):
+    """C (zI - A)⁻¹ B + D with A upper triangular, complex."""
+
+    triangle: ComplexArray
+    inputs: ComplexArray
+    outputs: ComplexArray
+    d: float
+
+
+def law_response(design: LawDesign, z: ComplexArray) -> ComplexArray:
+    """Return the response of a linear law at each of ``z``, shape (Z,), none of them a pole."""
+    triangle, inputs, outputs, d = triangular(design)
+    states = np.empty((len(inputs), len(z)), dtype=np.complex128)
+    for row in range(len(inputs) - 1, -1, -1):
+        later = triangle[row, row + 1 :] @ states[row + 1 :]
+        states[row] = (inputs[row] + later) / (z - triangle[row, row])
+    return np.asarray(outputs @ states + d, dtype=np.complex128)
+
+
+@lru_cache(maxsize=1)
+def triangular(design: LawDesign) -> TriangularLaw:
+    """Return a law in Schur form; the newest is kept, as demand after demand asks for it."""
+    needed = without_idle_states(law_system(design))
     # Balancing costs no rounding and saves two digits: the states differ by orders of magnitude.
     balanced, (scale, _) = matrix_balance(needed.a, permute=False, separate=True)
     triangle, basis = schur(balanced, output="complex")
     inputs = basis.conj().T @ (needed.b / scale)
-    outputs = (needed.c * scale) @ basis
-    order = len(inputs)
-    states = np.empty((order, len(z)), dtype=np.complex128)
-    for row in range(order - 1, -1, -1):
-        later = triangle[row, row + 1 :] @ states[row + 1 :]
-        states[row] = (inputs[row] + later) / (z - triangle[row, row])
-    return np.asarray(outputs @ states + system.d, dtype=np.complex128)
+    return TriangularLaw(triangle, inputs, (needed.c * scale) @ basis, needed.d)
 
 
 def plant_responses(

@@ -27,7 +27,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
-from ..controller.analysis.linear_system import law_system
 from ..controller.design import LawDesign
 from ..controller.transfer_function import TransferFunction
 from ..runtime.node import NS_PER_S
@@ -113,7 +112,7 @@ def track(grid: TrackingGrid, design: LawDesign) -> Tracking:
 
     The result is meaningless where the loop is unstable.
     """
-    law = law_response(law_system(design), grid.z)
+    law = law_response(design, grid.z)
     sensitivity = 1.0 / (1.0 - grid.plants * law)
     by_path = [_track_path(grid, law, path[:, None] * sensitivity) for path in grid.unsteered]
     return Tracking(*(np.stack(figures) for figures in zip(*by_path, strict=True)))
@@ -121,13 +120,13 @@ def track(grid: TrackingGrid, design: LawDesign) -> Tracking:
 
 def rms_m(grid: TrackingGrid, design: LawDesign) -> FloatArray:
     """Return the RMS alone, in half the time; shape (paths, corners, delays) [m]."""
-    sensitivity = 1.0 / (1.0 - grid.plants * law_response(law_system(design), grid.z))
+    sensitivity = 1.0 / (1.0 - grid.plants * law_response(design, grid.z))
     return np.stack([_rms(_in_time(grid, p[:, None] * sensitivity)) for p in grid.unsteered])
 
 
 def lateral_error_m(grid: TrackingGrid, design: LawDesign) -> FloatArray:
     """Return the lateral error at every tick, shape (paths, corners, delays, ticks) [m]."""
-    sensitivity = 1.0 / (1.0 - grid.plants * law_response(law_system(design), grid.z))
+    sensitivity = 1.0 / (1.0 - grid.plants * law_response(design, grid.z))
     return np.stack([_in_time(grid, path[:, None] * sensitivity) for path in grid.unsteered])
 
 

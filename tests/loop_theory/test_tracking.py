@@ -106,9 +106,9 @@ def test_on_a_clothoid_the_unsteered_error_is_cubic_whatever_the_stride() -> Non
 
 @pytest.mark.parametrize("law", PAPER_LAWS)
 def test_a_law_s_response_is_the_one_of_its_matrices(law: str) -> None:
-    system = law_system(design_law(preset(law)))
+    design = design_law(preset(law))
     z = 1.01 * np.exp(1j * np.linspace(0.0, math.pi, 50))
-    assert law_response(system, z) == pytest.approx(system.response(z), rel=1e-6)
+    assert law_response(design, z) == pytest.approx(law_system(design).response(z), rel=1e-6)
 
 
 @settings(deadline=None, max_examples=20)

@@ -7,7 +7,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...controller.analysis.linear_system import law_system
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.design import design_law, required
 from ...controller.nominal_model import NominalVehicle, steer_to_lateral_error
@@ -86,7 +85,7 @@ def _draw_sensitivity(
     ends_ns = (0, spec.delays_ns[-1])
     models = [steer_to_lateral_error(corner) for corner in vehicle.box.vertices()]
     grid = frequency_grid(models, ends_ns, spec.period_ns, _POINTS)
-    law = law_response(law_system(design_law(design.settings)), grid.z)
+    law = law_response(design_law(design.settings), grid.z)
     size = sensitivity_size(grid, law)
     omega_rad_s = grid.angle_rad * NS_PER_S / spec.period_ns
     for index, colour in enumerate(_colours(vehicle)):

@@ -7,7 +7,7 @@ search goes to better neighbours until there is none, judged first by the coarse
 fine one. The result is the best point of the lattice whose stability the eigenvalues confirm.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from itertools import combinations, product
 from typing import NamedTuple
 
@@ -29,6 +29,11 @@ _SPREAD_MIN = 0.3
 """Steps of the lattice; an evolution that varies less has ended."""
 _FIRST_SPREAD = 0.25
 """Standard deviation of the first generation, of the range that is searched."""
+
+_COARSE_SHARE = 0.75
+"""How much of a search is by the coarse study, at most."""
+_HALVED_AFTER = 150.0
+"""Candidates of the fine study after which half of the rest of the progress has been shown."""
 
 Progress = Callable[[float, float], None]
 """Called with the share of the search that is done at most, and the best cost so far."""
@@ -55,15 +60,17 @@ class Found(NamedTuple):
 
 
 class _Lattice:
-    """Judges each candidate of the lattice once."""
+    """Judges each candidate of the lattice once; ``show`` is called with the costs so far."""
 
-    def __init__(self, study: Study) -> None:
+    def __init__(self, study: Study, show: Callable[[Collection[float]], None]) -> None:
         self._study = study
+        self._show = show
         self.known: dict[Candidate, float] = {}
 
     def cost(self, candidate: Candidate) -> float:
         if candidate not in self.known:
             self.known[candidate] = cost(judge_candidate(self._study, candidate))
+            self._show(self.known.values())
         return self.known[candidate]
 
     def best(self) -> list[Candidate]:
@@ -79,7 +86,12 @@ def cost(judgement: Judgement) -> float:
 
 def find(coarse: Study, fine: Study, law: str, progress: Progress) -> Found:
     """Search the parameters of a law; deterministic for the seed of the specification."""
-    lattice, judged = _Lattice(coarse), 0
+
+    def show_fine(costs: Collection[float]) -> None:
+        left = 0.5 ** (len(costs) / _HALVED_AFTER)
+        progress(1.0 - (1.0 - _COARSE_SHARE) * left, min(costs))
+
+    lattice, judged = _Lattice(coarse, lambda _costs: None), 0
     starts = coarse.spec.search.starts
     for start in range(starts):
         places, count = _evolved(coarse, law, start, progress)
@@ -88,7 +100,7 @@ def find(coarse: Study, fine: Study, law: str, progress: Progress) -> Found:
         nearest = min((Candidate(law, corner) for corner in rounded), key=lattice.cost)
         descend(lattice.cost, nearest)
     judged += len(lattice.known)
-    finely = _Lattice(fine)
+    finely = _Lattice(fine, show_fine)
     for candidate in lattice.best()[:_KEPT]:
         if finely.cost(candidate) < _INFEASIBLE:
             break
@@ -132,7 +144,7 @@ def _evolution(study: Study, law: str, start: int, progress: Progress) -> Iterat
     middle, spread = 0.5 * (low + high), _FIRST_SPREAD * (high - low)
     for generation in evolve(cost_at, middle, spread, points, random):
         done = (start + generation.number / table.generations) / table.starts
-        progress(done, generation.best_cost)
+        progress(_COARSE_SHARE * done, generation.best_cost)
         yield generation
         if generation.spread < _SPREAD_MIN or generation.number >= table.generations:
             return
