@@ -12,7 +12,7 @@ import numpy as np
 
 from ..dbc.messages import LateralError, Rejection, SteeringCommand, decode
 from ..pair.live import PairFiles
-from ..pair.trace import Trace
+from ..pair.trace import FloatArray, Trace, rms
 from ..plant_emulator.settings import PlantSettings
 from ..recordings.file_analysis import analyse_files
 from ..recordings.log_file import open_log
@@ -39,21 +39,42 @@ class Outcome(NamedTuple):
     @property
     def lateral_error_rms_m(self) -> float:
         """RMS of the true lateral error at the preview point [m]; NaN without motion."""
-        errors_m = self.trace.lateral_error_m
-        return float(np.sqrt(np.mean(errors_m**2))) if len(errors_m) else float("nan")
+        return _rms(self.trace.lateral_error_m)
 
     @property
     def lateral_error_peak_m(self) -> float:
-        """Largest lateral error [m]; NaN without motion."""
-        errors_m = self.trace.lateral_error_m
-        return float(np.max(np.abs(errors_m))) if len(errors_m) else float("nan")
+        """Largest lateral error at the preview point [m]; NaN without motion."""
+        return _peak(self.trace.lateral_error_m)
 
-    def assert_holds(self, *, rms_m: float | None = None, peak_m: float | None = None) -> None:
-        """Demand that the whole motion was driven, without a fallback, within these limits [m]."""
+    @property
+    def cg_deviation_rms_m(self) -> float:
+        """RMS of the deviation of the centre of gravity [m]; NaN without motion."""
+        return _rms(self.trace.cg_deviation_m)
+
+    @property
+    def cg_deviation_peak_m(self) -> float:
+        """Largest deviation of the centre of gravity [m]; NaN without motion."""
+        return _peak(self.trace.cg_deviation_m)
+
+    def assert_holds(
+        self,
+        *,
+        rms_m: float | None = None,
+        peak_m: float | None = None,
+        cg_rms_m: float | None = None,
+        cg_peak_m: float | None = None,
+    ) -> None:
+        """Demand that the whole motion was driven, without a fallback, within these limits [m].
+
+        ``rms_m``, ``peak_m``        of the lateral error at the preview point
+        ``cg_rms_m``, ``cg_peak_m``  of the deviation of the centre of gravity
+        """
         failures = list(self._incomplete())
         for name, value_m, limit_m in (
             ("RMS lateral error", self.lateral_error_rms_m, rms_m),
             ("peak lateral error", self.lateral_error_peak_m, peak_m),
+            ("RMS deviation of the centre of gravity", self.cg_deviation_rms_m, cg_rms_m),
+            ("peak deviation of the centre of gravity", self.cg_deviation_peak_m, cg_peak_m),
         ):
             if limit_m is not None and not value_m <= limit_m:
                 failures.append(f"{name} {value_m:.4g} m is above {limit_m:g} m")
@@ -112,14 +133,17 @@ class Outcome(NamedTuple):
         return first_reaction(measurements_and_commands, self.settings.sensor_period_ns)
 
     def draw(self) -> Path:
-        """Draw lateral error and wheel angle over time into the run's folder; returns the file."""
+        """Draw both deviations and the wheel angle into the run's folder; returns the file."""
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(9.0, 4.5), layout="constrained", dpi=100)
         error, wheel = figure.subplots(2, 1, sharex=True)
-        error.plot(self.trace.time_s, 1e3 * self.trace.lateral_error_m)
-        error.set(ylabel="lateral error [mm]", title=f"{self.bus}, seed {self.settings.seed}")
-        wheel.plot(self.trace.time_s, self.trace.wheel_angle_rad)
+        trace = self.trace
+        error.plot(trace.time_s, 1e3 * trace.lateral_error_m, label="preview point")
+        error.plot(trace.time_s, 1e3 * trace.cg_deviation_m, label="centre of gravity")
+        error.legend()
+        error.set(ylabel="off the path [mm]", title=f"{self.bus}, seed {self.settings.seed}")
+        wheel.plot(trace.time_s, trace.wheel_angle_rad)
         wheel.set(ylabel="wheel angle [rad]", xlabel="time since the start of motion [s]")
         file = self.files.folder / "run.png"
         figure.savefig(file)
@@ -149,3 +173,11 @@ class Outcome(NamedTuple):
                     ]
                 )
             )
+
+
+def _rms(deviations_m: FloatArray) -> float:
+    return rms(deviations_m) if len(deviations_m) else float("nan")
+
+
+def _peak(deviations_m: FloatArray) -> float:
+    return float(np.max(np.abs(deviations_m))) if len(deviations_m) else float("nan")

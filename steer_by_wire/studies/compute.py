@@ -19,7 +19,14 @@ from ..controller.settings import ControllerSettings
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.verdict import RUN_ENDS, RunEnd
 from ..runtime.settings import SettingsError
-from .figures import COLUMNS, COUNTS, LatencyFigures, latency_figures, take_figures
+from .figures import (
+    CG_STRIDE,
+    COLUMNS,
+    COUNTS,
+    LatencyFigures,
+    latency_figures,
+    take_figures,
+)
 from .losses import Losses, losses_of
 from .scenario import Scenarios
 from .verdict import rules_of
@@ -110,9 +117,8 @@ class Computer:
         if known is None:
             known = network.latency[in_effect] = latency_figures(run.downlink_latency_s)
         rules = rules_of(self.scenarios.study.settings.verdict, plant, controller)
-        take_figures(
-            rules, run.time_s, run.lateral_error_m, run.sent_rad, known, row[: -len(COUNTS)]
-        )
+        cg_m, figures = run.cg_deviation_at_every_m(CG_STRIDE), row[: -len(COUNTS)]
+        take_figures(rules, run.time_s, run.lateral_error_m, cg_m, run.sent_rad, known, figures)
         samples, ticks = len(run.time_s), len(run.tick_s)
         plan = network.plan
         taken = samples + _samples_before_motion(plant, plan)

@@ -1,11 +1,12 @@
 """Figures of one run, in one pass of compiled code over its samples.
 
-    y    lateral error, once a sensor period      [m]
-    δ    command sent, once a control period      [rad]
+    y    lateral error of the preview point, once a sensor period      [m]
+    w    deviation of the centre of gravity, every CG_STRIDE periods   [m]
+    δ    command sent, once a control period                           [rad]
 
-Over the whole run: RMS and peak of y, RMS and peak of δ, RMS of δ̇ (the control effort), the
-settling time of y in its band, the share of control periods in which a command was at its limits,
-and the latency of the commands in effect.
+Over the whole run: RMS and peak of y and of w, RMS and peak of δ, RMS of δ̇ (the control effort),
+the settling time of y in its band, the share of control periods in which a command was at its
+limits, and the latency of the commands in effect.
 
 At its end: the figures of ``plant_emulator.error_windows``.
 """
@@ -26,6 +27,8 @@ from ..runtime.node import NS_PER_S
 FloatArray = NDArray[np.floating[Any]]
 """The type that numpy's stubs give the product of two arrays of float64."""
 
+CG_STRIDE = 10
+"""The centre of gravity hardly moves in a sensor period; its deviation takes long to compute."""
 _TOLERANCE = 1e-9
 """Tolerance for a command at its limit: the difference of two commands is rounded."""
 
@@ -53,6 +56,9 @@ class Figures(NamedTuple):
     steer_peak_rad: float
     steer_rate_rms_rad_s: float
     limited_share: float
+    cg_rms_m: float
+    """Of the centre of gravity; all other figures of an error are the preview point's."""
+    cg_peak_m: float
     latency_mean_s: float
     """Of the command in effect, over the samples."""
     latency_p99_s: float
@@ -109,6 +115,7 @@ def take_figures(
     rules: FigureRules,
     time_s: FloatArray,
     lateral_error_m: FloatArray,
+    cg_deviation_m: FloatArray,
     sent_rad: FloatArray,
     latency: LatencyFigures,
     row: FloatArray,
@@ -116,11 +123,14 @@ def take_figures(
     """Write the figures of a run into ``row``, shape (len(Figures._fields),).
 
     ``time_s``, ``lateral_error_m``  one per sensor period
+    ``cg_deviation_m``               one per CG_STRIDE of them
     ``sent_rad``                     one command per control period
     """
     row[:] = math.nan
     row[-2:] = latency
     if len(time_s):
+        row[-4] = np.sqrt(np.mean(np.square(cg_deviation_m)))
+        row[-3] = np.max(np.abs(cg_deviation_m))
         _figures(rules, time_s, lateral_error_m, sent_rad, row)
 
 
@@ -143,12 +153,14 @@ def figures_of(
     rules: FigureRules,
     time_s: FloatArray,
     lateral_error_m: FloatArray,
+    cg_deviation_m: FloatArray,
     sent_rad: FloatArray,
     latency_s: FloatArray,
 ) -> Figures:
     """Return the figures of one run."""
     row = np.empty(len(Figures._fields))
-    take_figures(rules, time_s, lateral_error_m, sent_rad, latency_figures(latency_s), row)
+    latency = latency_figures(latency_s)
+    take_figures(rules, time_s, lateral_error_m, cg_deviation_m, sent_rad, latency, row)
     return Figures(*row.tolist())
 
 

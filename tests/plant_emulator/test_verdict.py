@@ -103,6 +103,7 @@ def test_the_plant_judges_a_run_as_a_study_does(delay_s: float) -> None:
         rules_of(plant.verdict, plant, controller),
         run.plant.time_s,
         error_m,
+        run.plant.cg_deviation_m,
         run.controller.sent_rad,
         run.plant.downlink_latency_s,
     )

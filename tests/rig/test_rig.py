@@ -46,7 +46,8 @@ def failure_of(outcome: Outcome, **limits: float) -> list[str]:
 
 def test_a_failure_names_figure_seed_and_folder(tmp_path: Path) -> None:
     outcome = Rig(tmp_path, overrides=SHORT, seed=5).run("practical_pd")
-    rms, where, folder = failure_of(outcome, rms_m=1e-6)
+    rms, cg, where, folder = failure_of(outcome, rms_m=1e-6, cg_peak_m=1e-6)
+    assert cg.startswith("peak deviation of the centre of gravity 0.")
     assert rms.startswith("RMS lateral error 0.")
     assert rms.endswith("m is above 1e-06 m")
     assert "seed 5" in where

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steer_by_wire.plant_emulator.verdict import RUN_ENDS, RunEnd, Verdict, VerdictRules
-from steer_by_wire.studies.figures import FigureRules, Figures, figures_of
+from steer_by_wire.studies.figures import CG_STRIDE, FigureRules, Figures, figures_of
 from steer_by_wire.studies.verdict import verdicts
 
 FloatArray = NDArray[np.floating[Any]]
@@ -16,7 +16,9 @@ NO_COMMANDS: FloatArray = np.zeros(0)
 
 
 def figures(error_m: FloatArray, sent_rad: FloatArray = NO_COMMANDS) -> Figures:
-    return figures_of(RULES, TIME_S[: len(error_m)], error_m, sent_rad, np.zeros(len(error_m)))
+    """Return the figures of a lateral error; the centre of gravity stays on the path."""
+    no_latency_s, cg_m = np.zeros(len(error_m)), np.zeros_like(error_m[::CG_STRIDE])
+    return figures_of(RULES, TIME_S[: len(error_m)], error_m, cg_m, sent_rad, no_latency_s)
 
 
 def verdict(found: Figures, end: RunEnd = RunEnd.COMPLETE) -> Verdict:

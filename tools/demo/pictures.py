@@ -34,23 +34,27 @@ def draw_all(results: Sequence[LawResult], phases: Sequence[Phase], folder: Path
 
 
 def draw_lateral_error(results: Sequence[LawResult], phases: Sequence[Phase]) -> Figure:
-    """Running RMS of the error over time, and below it the latency that all laws meet."""
-    figure = Figure(figsize=(9.0, 6.0))
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3.0, 1.0))
+    """Running RMS of both deviations over time, and below the latency that all laws meet."""
+    figure = Figure(figsize=(9.0, 8.0))
+    preview, cg, latency = figure.subplots(3, 1, sharex=True, height_ratios=(3.0, 2.0, 1.0))
     for colour, result in zip(COLOURS, results, strict=False):
-        trace = result.live.trace
-        upper.plot(trace.time_s, running_rms_mm(trace), color=colour, lw=2.0, label=result.label)
-        virtual = result.virtual.trace
-        upper.plot(virtual.time_s, running_rms_mm(virtual), color="black", lw=0.8, ls=":")
-    upper.plot([], [], color="black", lw=0.8, ls=":", label="the same in virtual time")
-    upper.set(yscale="log", ylabel=f"lateral error, RMS over {RUNNING_S:g} s [mm]")
-    upper.set_ylim(bottom=FLOOR_MM)
-    upper.set_title("Who holds the path when the commands come late", pad=22.0)
+        for trace, style in (
+            (result.live.trace, {"color": colour, "lw": 2.0}),
+            (result.virtual.trace, {"color": "black", "lw": 0.8, "ls": ":"}),
+        ):
+            preview.plot(trace.time_s, running_rms_mm(trace, trace.lateral_error_m), **style)
+            cg.plot(trace.time_s, running_rms_mm(trace, trace.cg_deviation_m), **style)
+        preview.plot([], [], color=colour, lw=2.0, label=result.label)
+    preview.plot([], [], color="black", lw=0.8, ls=":", label="the same in virtual time")
+    for axes, what in ((preview, "preview point"), (cg, "centre of gravity")):
+        axes.set(yscale="log", ylabel=f"{what},\nRMS over {RUNNING_S:g} s [mm]")
+        axes.set_ylim(bottom=FLOOR_MM)
+    preview.set_title("Who holds the path when the commands come late", pad=22.0)
     trace = results[-1].live.trace
-    lower.plot(trace.time_s, 1e3 * trace.downlink_latency_s, ".", ms=2.0, color="0.25")
-    lower.set(xlabel="time [s]", ylabel="latency [ms]", ylim=(0.0, None))
-    for axes in (upper, lower):
-        mark_phases(axes, phases, is_named=axes is upper)
+    latency.plot(trace.time_s, 1e3 * trace.downlink_latency_s, ".", ms=2.0, color="0.25")
+    latency.set(xlabel="time [s]", ylabel="latency [ms]", ylim=(0.0, None))
+    for axes in (preview, cg, latency):
+        mark_phases(axes, phases, is_named=axes is preview)
     figure.legend(loc="outside lower center", ncols=3)
     return figure
 
@@ -103,7 +107,7 @@ def draw_path(results: Sequence[LawResult]) -> Figure:
     axes.margins(0.05)
     axes.set(xlabel="x [m]", ylabel="y [m]")
     magnified = "" if factor == 1 else f", deviations drawn {factor:g} times as large"
-    axes.set_title(f"The path from above{magnified}")
+    axes.set_title(f"The path and the preview points from above{magnified}")
     figure.legend(loc="outside lower center", ncols=5)
     return figure
 
@@ -126,9 +130,9 @@ def mark_phases(axes: Axes, phases: Sequence[Phase], *, is_named: bool) -> None:
     axes.set_xlim(phases[0].from_s, phases[-1].to_s)
 
 
-def running_rms_mm(trace: Trace) -> FloatArray:
-    """Return the RMS of the error over the last RUNNING_S, or since the start [mm]."""
-    squares = np.concatenate(([0.0], np.cumsum(np.square(1e3 * trace.lateral_error_m))))
+def running_rms_mm(trace: Trace, deviation_m: FloatArray) -> FloatArray:
+    """Return the RMS of a deviation over the last RUNNING_S, or since the start [mm]."""
+    squares = np.concatenate(([0.0], np.cumsum(np.square(1e3 * deviation_m))))
     last = np.arange(1, len(squares))
     first = np.searchsorted(trace.time_s, trace.time_s - RUNNING_S)
     mean = (squares[last] - squares[first]) / (last - first)

@@ -23,14 +23,22 @@ from ...plant_emulator.verdict import RUN_ENDS, RunEnd
 from ...runtime.bus import socketcan_obstacle
 from ...runtime.settings import SettingsError
 from ...studies.compute import Computer
-from ...studies.figures import COLUMNS, figures_of
+from ...studies.figures import CG_STRIDE, COLUMNS, figures_of
 from ...studies.scenario import Pair
 from ...studies.verdict import rules_of, verdicts
 
 GRACE_S = 30.0
 """How much longer than its motion a run may take on a stalled machine."""
 POLL_S = 0.1
-COMPARED = ("verdict", "rms_m", "peak_m", "amplitude_m", "latency_mean_s", "latency_p99_s")
+COMPARED = (
+    "verdict",
+    "rms_m",
+    "peak_m",
+    "cg_rms_m",
+    "amplitude_m",
+    "latency_mean_s",
+    "latency_p99_s",
+)
 """Figures that are compared; a plant's trace does not contain the commands' limits."""
 
 
@@ -112,6 +120,7 @@ def live_figures(computer: Computer, pair: Pair, trace: Trace) -> dict[str, Any]
         rules,
         np.ascontiguousarray(trace.time_s[:samples]),
         np.ascontiguousarray(trace.lateral_error_m[:samples]),
+        trace.cg_deviation_m[:samples:CG_STRIDE],
         np.zeros(0),
         trace.downlink_latency_s[:samples],
     )

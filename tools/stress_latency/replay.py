@@ -17,7 +17,7 @@ from ...pair.virtual import make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.verdict import RUN_ENDS, RunEnd
 from ...runtime.settings import SettingsError
 from ...studies.compute import Computer
-from ...studies.figures import COLUMNS, COUNTS, Figures, figures_of
+from ...studies.figures import CG_STRIDE, COLUMNS, COUNTS, Figures, figures_of
 from ...studies.scenario import Pair
 from ...studies.store import Store
 from ...studies.verdict import rules_of, verdicts
@@ -104,7 +104,8 @@ def _virtual(
     rules = rules_of(computer.scenarios.study.settings.verdict, pair.plant, pair.controller)
     columns = (trace.time_s, trace.lateral_error_m, trace.downlink_latency_s)
     time_s, error_m, latency_s = (np.ascontiguousarray(column[:samples]) for column in columns)
-    figures = figures_of(rules, time_s, error_m, sent_rad, latency_s)
+    cg_m = trace.cg_deviation_m[:samples:CG_STRIDE]
+    figures = figures_of(rules, time_s, error_m, cg_m, sent_rad, latency_s)
     found: dict[str, Any] = figures._asdict()
     if is_complete:
         report = plant.report()

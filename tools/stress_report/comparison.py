@@ -40,6 +40,7 @@ class Comparison(NamedTuple):
     better: float
     rms_median_m: float
     rms_worst_held_m: float
+    cg_rms_median_m: float
     effort: Effort
 
 
@@ -74,6 +75,7 @@ def _comparison(study: StudyRecord, rows: Rows, place: int) -> Comparison:
         better=float(np.mean(ratios < 1.0)) if len(ratios) else math.nan,
         rms_median_m=float(np.median(held_m)) if len(held_m) else math.nan,
         rms_worst_held_m=float(held_m.max()) if len(held_m) else math.nan,
+        cg_rms_median_m=median(rows.cg_rms_m[it][rows.holds[it]]),
         effort=effort(rows, it),
     )
 

@@ -32,7 +32,7 @@ VERDICTS = tuple(Verdict)
 HOLDS = VERDICTS.index(Verdict.HOLDS)
 _CAUSE_LENGTH_MAX = 160
 _NUMBERS = (
-    *("rms_m", "peak_m", "duration_s", "latency_mean_s"),
+    *("rms_m", "peak_m", "cg_rms_m", "duration_s", "latency_mean_s"),
     *("steer_rms_rad", "steer_rate_rms_rad_s", "limited_share"),
 )
 
@@ -87,6 +87,7 @@ class Rows(NamedTuple):
     """Columns of the results, one element a run; ``factors`` are numbers or places in a list.
 
     ``controller``, ``verdict``  places in ``StudyRecord.names`` and in ``VERDICTS``
+    ``rms_m``, ``peak_m``, ``cg_rms_m``  of the preview point, but for the last: centre of gravity
     ``case``                     the same for runs that differ in the controller only
     """
 
@@ -96,6 +97,7 @@ class Rows(NamedTuple):
     verdict: IntArray
     rms_m: FloatArray
     peak_m: FloatArray
+    cg_rms_m: FloatArray
     duration_s: FloatArray
     latency_mean_s: FloatArray
     steer_rms_rad: FloatArray

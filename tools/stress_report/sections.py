@@ -103,6 +103,7 @@ def comparison_section(study: StudyRecord, found: Sequence[Comparison]) -> Secti
             number("-" if math.isnan(one.better) else f"{100 * one.better:.1f} %"),
             number(millimetres(one.rms_median_m)),
             number(millimetres(one.rms_worst_held_m)),
+            number(millimetres(one.cg_rms_median_m)),
             *effort_cells(one.effort),
         )
         for one in found
@@ -117,6 +118,7 @@ def comparison_section(study: StudyRecord, found: Sequence[Comparison]) -> Secti
         "better in",
         "RMS held, median [mm]",
         "RMS held, largest [mm]",
+        "centre of gravity, median [mm]",
         *EFFORT_HEADINGS,
     )
     return Section(
@@ -124,7 +126,9 @@ def comparison_section(study: StudyRecord, found: Sequence[Comparison]) -> Secti
         (
             f"Each run is compared with the run of {reference} under the same conditions and on "
             "the same network (common random numbers). Ratios are of those pairs in which both "
-            "hold the path: below 1 the law is better. The steer's columns are medians over all "
+            "hold the path: below 1 the law is better. Errors are those of the preview point, but "
+            "for the column of the centre of gravity, of the runs held too. The steer's columns "
+            "are medians over all "
             "runs of a law, those that do not hold too.",
         ),
         tables=(Table(headings, rows),),
