@@ -4,7 +4,7 @@ import inspect
 import random
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from steer_by_wire.compiled.plan import NothingArrivesError, plan_run
 from steer_by_wire.compiled.steps import step_functions
 from steer_by_wire.controller.design import design_law
 from steer_by_wire.controller.settings import controller_preset
+from steer_by_wire.controller.shared_settings import FollowedPoint
 from steer_by_wire.dbc.messages import Mode
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.runtime.settings import preset_names
@@ -67,6 +68,16 @@ def test_a_compiled_run_equals_the_nodes_on_any_network(law: str, network: str) 
     overrides = [f"latency.{override}" for override in NETWORKS[network]]
     plant = plant_settings(overrides, 8.0 if network in SLOW_NETWORKS else 4.0)
     run = assert_same_as_nodes(plant, controller_preset(f"practical_{law}"))
+    assert len(run.tick_s) > 0
+
+
+@pytest.mark.parametrize("point", get_args(FollowedPoint))
+@pytest.mark.parametrize("law", ["pd_ddob", "predictor"])
+def test_a_compiled_run_equals_the_nodes_whatever_point_is_followed(law: str, point: str) -> None:
+    plant = plant_settings(["latency.downlink.mean_s=0.1"], 2.0)
+    run = assert_same_as_nodes(
+        plant, controller_preset(f"practical_{law}", [f"followed_point={point}"])
+    )
     assert len(run.tick_s) > 0
 
 

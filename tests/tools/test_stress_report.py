@@ -171,6 +171,7 @@ def made_rows(rms_m: list[float], verdicts: list[Verdict], controllers: int) -> 
         verdict=np.array([VERDICTS.index(verdict) for verdict in verdicts]),
         rms_m=np.array(rms_m),
         peak_m=np.array(rms_m),
+        cg_rms_m=2.0 * np.array(rms_m),
         duration_s=np.ones(count),
         latency_mean_s=np.zeros(count),
         steer_rms_rad=np.array(rms_m) / 10.0,

@@ -18,15 +18,22 @@ from pathlib import Path
 
 from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 
-from steer_by_wire.command_line import add_out_argument, add_overrides_argument, command_parser
+from steer_by_wire.command_line import (
+    add_out_argument,
+    add_overrides_argument,
+    command_parser,
+    whole_number,
+)
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
 from steer_by_wire.terminal import plain_console, progress_bars
+from steer_by_wire.tools.compare_laws.interior import interior_line, interior_points
 from steer_by_wire.tools.compare_laws.picture import draw_break_points, draw_comparison
 from steer_by_wire.tools.compare_laws.runs import Cell, compare, controller_settings, own_contestant
 from steer_by_wire.tools.compare_laws.tables import markdown_lines, table_lines
 
 NAME = "steer-by-wire compare"
 DELAY_MS_MAX = 600
+INTERIOR_MAX = 10_000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -55,6 +62,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         choices=(20.0, 60.0, 120.0),
         metavar="S",
         help="duration of each run: 20, 60 or 120 (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--interior",
+        type=whole_number(0, INTERIOR_MAX),
+        default=0,
+        metavar="POINTS",
+        help="also the centre of gravity at so many points inside the box (default: %(default)s)",
     )
     parser.add_argument(
         "--law",
@@ -103,6 +117,8 @@ def _run(options: argparse.Namespace) -> int:
     (options.out / "comparison.md").write_text(markdown, encoding="utf-8")
     for line in table_lines(cells, further):
         print(line)
+    if options.interior:
+        print(interior_line(interior_points(options.interior, options.duration_s)))
     elapsed_s = time.perf_counter() - begin_s
     print(f"\n{elapsed_s:.0f} s; tables and pictures are in {options.out}")
     return ExitStatus.OK

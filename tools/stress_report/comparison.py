@@ -60,7 +60,7 @@ def _comparison(study: StudyRecord, rows: Rows, place: int) -> Comparison:
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = rows.rms_m[one][both] / rows.rms_m[other][both]
     ratios = ratios[np.isfinite(ratios)]
-    low, median, high = np.quantile(ratios, [0.1, 0.5, 0.9]) if len(ratios) else [math.nan] * 3
+    low, middle, high = np.quantile(ratios, [0.1, 0.5, 0.9]) if len(ratios) else [math.nan] * 3
     held_m = rows.rms_m[it][rows.holds[it]]
     return Comparison(
         controller=place,
@@ -70,7 +70,7 @@ def _comparison(study: StudyRecord, rows: Rows, place: int) -> Comparison:
         only_it=int(np.count_nonzero(rows.holds[one] & ~rows.holds[other])),
         only_reference=int(np.count_nonzero(~rows.holds[one] & rows.holds[other])),
         low=float(low),
-        median=float(median),
+        median=float(middle),
         high=float(high),
         better=float(np.mean(ratios < 1.0)) if len(ratios) else math.nan,
         rms_median_m=float(np.median(held_m)) if len(held_m) else math.nan,
