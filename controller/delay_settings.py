@@ -7,7 +7,6 @@ from pydantic import Field
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from ..runtime.settings import Settings
 from .delay_estimation import DelayEstimationParams
-from .nominal_model import NominalVehicle
 from .shared_settings import NominalModelSettings, VehicleModelSettings
 
 
@@ -34,7 +33,7 @@ def delay_estimation_of(
     """Return the estimation's parameters, None if it is off or there is no nominal vehicle."""
     if not table.enabled or not isinstance(model, VehicleModelSettings):
         return None
-    vehicle = NominalVehicle(**model.model_dump(exclude={"kind"}))
+    vehicle = model.vehicle
     return DelayEstimationParams(
         period_s=period_ns / NS_PER_S,
         vehicle=vehicle._replace(virtual_mass_kg=vehicle.virtual_mass_kg * table.mass_over_nominal),

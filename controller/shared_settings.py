@@ -78,9 +78,14 @@ class VehicleModelSettings(Settings):
     speed_m_s: SpeedMS
 
     @property
+    def vehicle(self) -> NominalVehicle:
+        """Return the vehicle."""
+        return NominalVehicle(**self.model_dump(exclude={"kind"}))
+
+    @property
     def model(self) -> TransferFunction:
         """Return G_n."""
-        return vehicle_model(NominalVehicle(**self.model_dump(exclude={"kind"})))
+        return vehicle_model(self.vehicle)
 
     @model_validator(mode="after")
     def _refuse_a_model_without_stable_inverse(self) -> Self:

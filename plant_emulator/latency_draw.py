@@ -15,7 +15,7 @@ from itertools import islice
 
 from ..runtime.node import NS_PER_S
 from .latency import QUANTILES, Distribution, correlated_score, uniform_of_score
-from .latency_profile import ProfilePoint, profile_at, read_trace
+from .latency_profile import profile_at, read_trace
 from .latency_settings import LatencySettings
 from .loss import LossParams, bernoulli, gilbert_elliott, loss_step
 
@@ -42,10 +42,7 @@ class LatencyDraw:
         self._uniforms = uniforms
         self._duplicate_uniforms = duplicate_uniforms
         self._quantile = settings.quantile
-        self._schedule = tuple(
-            ProfilePoint(point.time_s, point.mean_s, point.spread_s, point.loss)
-            for point in settings.schedule
-        )
+        self._schedule = settings.profile
         self._trace = None if settings.trace_file is None else read_trace(settings.trace_file)
         self._mean_s = settings.mean_s
         self._spread_s = settings.spread_s

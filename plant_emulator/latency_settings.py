@@ -10,7 +10,7 @@ from pydantic_core import PydanticKnownError
 
 from ..runtime.settings import Settings
 from .latency import QUANTILES, Distribution, Quantile
-from .latency_profile import LATENCY_S_MAX, Shape, read_trace
+from .latency_profile import LATENCY_S_MAX, ProfilePoint, Shape, read_trace
 from .own_parts import OWN_TABLE, LatencyTable, find_latency_model, own_quantile
 
 LatencySeconds = Annotated[float, Field(ge=0.0, le=LATENCY_S_MAX)]
@@ -101,6 +101,14 @@ class LatencySettings(Settings):
             for u in _TRIED:
                 self.quantile(u, self.mean_s, self.spread_s)
         return self
+
+    @property
+    def profile(self) -> tuple[ProfilePoint, ...]:
+        """The points of the schedule."""
+        return tuple(
+            ProfilePoint(point.time_s, point.mean_s, point.spread_s, point.loss)
+            for point in self.schedule
+        )
 
     @property
     def quantile(self) -> Quantile:

@@ -32,6 +32,13 @@ def output_file(text: str) -> Path:
     return path
 
 
+def add_json_argument(parser: argparse.ArgumentParser) -> None:
+    """Add ``--json``, a file for the figures that are also printed."""
+    parser.add_argument(
+        "--json", type=output_file, metavar="FILE", help="also write the figures to a file"
+    )
+
+
 def recording_file(text: str) -> Path:
     """Read the name of a recording."""
     path = output_file(text)

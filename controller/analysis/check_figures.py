@@ -128,8 +128,7 @@ def _looking_back(
     settings: ControllerSettings, design: LawDesign, law: LookingBack, progress: Progress
 ) -> Figures:
     """Return the analysis of a law that is linear at a constant latency only."""
-    link, model = link_of(settings), vehicle_of(settings)
-    vehicle = NominalVehicle(**model.model_dump(exclude={"kind"}))
+    link, rig = link_of(settings), Rig(vehicle_of(settings).vehicle)
     figures: Figures = {"opening": law.opening, "closing": law.closing, "fallback": None}
     if law.fallback is not None and settings.model is not None:
         name, when = law.fallback
@@ -138,7 +137,7 @@ def _looking_back(
         stable = stable_delays(SampledLoop(fallback, settings.model, settings.period_ns))
         figures["fallback"] = {"law": name, "when": when, "stable_delays": _delays(stable)}
     try:
-        loop = PredictorLoop(design, link, Rig(vehicle), law.state_period_ns, law.request_periods)
+        loop = PredictorLoop(design, link, rig, law.state_period_ns, law.request_periods)
     except ValueError as error:
         return figures | {"not_analysed": f"{error}"}
     progress("poles and sensitivity")

@@ -47,3 +47,8 @@ def line_record(line: Line) -> dict[str, Any]:
 def _short(figure: float) -> str:
     """Return a figure with three significant digits."""
     return f"{figure:.3g}" if figure < 1000.0 else f"{figure:.0f}"
+
+
+def steal_text(fraction: float | None) -> str:
+    """Return how much processor time the host gave to other guests; None: it is not reported."""
+    return "steal unknown" if fraction is None else f"{100 * fraction:.1f} % stolen by the host"

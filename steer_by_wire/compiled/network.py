@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..plant_emulator.latency import RESOLUTION_S, Distribution, uniform_of_score
-from ..plant_emulator.latency_profile import ProfilePoint, profile_at, read_trace
+from ..plant_emulator.latency_profile import profile_at, read_trace
 from ..plant_emulator.latency_settings import LatencySettings, Order
 from ..plant_emulator.loss import LossParams, bernoulli, gilbert_elliott, loss_step
 from ..plant_emulator.streams import Channel, first_uniforms
@@ -114,13 +114,9 @@ def _network(settings: LatencySettings, frames: Frames) -> _Network:
         return _Network(
             np.array([settings.mean_s]), np.array([settings.spread_s]), np.array([settings.loss])
         )
-    points = tuple(
-        ProfilePoint(point.time_s, point.mean_s, point.spread_s, point.loss)
-        for point in settings.schedule
-    )
     instants, of_frame = np.unique(frames.motion_ns, return_inverse=True)
     rows = [
-        profile_at(points, settings.schedule_shape, motion_ns / NS_PER_S)[1:]
+        profile_at(settings.profile, settings.schedule_shape, motion_ns / NS_PER_S)[1:]
         for motion_ns in instants.tolist()
     ]
     return _Network(*np.array(rows, dtype=np.float64).reshape(-1, 3)[of_frame].T)

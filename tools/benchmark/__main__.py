@@ -21,11 +21,11 @@ from typing import Any
 from rich.console import Console
 
 from steer_by_wire.benchmarking.measurement import Line, calibration
-from steer_by_wire.benchmarking.table import line_record, lines_table
+from steer_by_wire.benchmarking.table import line_record, lines_table, steal_text
 from steer_by_wire.command_line import command_parser
 from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.host import StealClock
-from steer_by_wire.runtime.option_types import output_file
+from steer_by_wire.runtime.option_types import add_json_argument
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.tools.benchmark.comparison import comparison_text, ratios_of, read_ratios
@@ -45,9 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = command_parser(
         NAME, __doc__, f"{NAME} --json before.json\n{NAME} --against before.json"
     )
-    parser.add_argument(
-        "--json", type=output_file, metavar="FILE", help="also write the figures to a file"
-    )
+    add_json_argument(parser)
     parser.add_argument(
         "--against", type=Path, metavar="SAVED", help="list what is slower than in a saved file"
     )
@@ -77,19 +75,18 @@ def _benchmark(json_file: Path | None) -> dict[str, float]:
         *virtual_time_lines(),
         *startup_lines(),
     ]
-    heavy = heavy_modules()
+    heavy, stolen = heavy_modules(), steal.fraction()
     machine = {
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "platform": platform.platform(),
         "processors": os.cpu_count(),
-        "steal_fraction": steal.fraction(),
+        "steal_fraction": stolen,
     }
     console.print(lines_table([loop, *lines], loop.median))
     for program, modules in heavy.items():
         console.print(f"heavy modules {program} imports (target: none): {_listed(modules)}")
-    stolen = machine["steal_fraction"]
     console.print(f"{machine['python']}, {machine['processors']} processors, ", end="")
-    console.print("steal unknown" if stolen is None else f"{100 * stolen:.1f} % stolen by the host")
+    console.print(steal_text(stolen))
     records = [_as_json(line, loop.median) for line in lines]
     if json_file is not None:
         content = {

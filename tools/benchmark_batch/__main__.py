@@ -20,11 +20,11 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from steer_by_wire.benchmarking.measurement import Line, Target
-from steer_by_wire.benchmarking.table import line_record, lines_table
+from steer_by_wire.benchmarking.table import line_record, lines_table, steal_text
 from steer_by_wire.command_line import command_parser
 from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.host import StealClock
-from steer_by_wire.runtime.option_types import output_file
+from steer_by_wire.runtime.option_types import add_json_argument, output_file
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.tools.benchmark_batch.c_pair import MissingCompilerError
@@ -49,9 +49,7 @@ _FIRST_RESULT = (
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark; returns the exit status, which does not depend on the figures."""
     parser = command_parser(NAME, __doc__, f"{NAME} --chart batch.png")
-    parser.add_argument(
-        "--json", type=output_file, metavar="FILE", help="also write the figures to a file"
-    )
+    add_json_argument(parser)
     parser.add_argument(
         "--chart",
         type=output_file,
@@ -83,7 +81,7 @@ def _benchmark(json_file: Path | None, chart: Path | None) -> None:
     seconds = seconds_of_runs(COUNTS, LENGTHS_S)
     console.print(lines_table(lines))
     stolen = steal.fraction()
-    console.print("steal unknown" if stolen is None else f"{100 * stolen:.1f} % stolen by the host")
+    console.print(steal_text(stolen))
     if json_file is not None:
         content = {
             "lines": [line_record(line) for line in lines],

@@ -23,12 +23,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from steer_by_wire.benchmarking.measurement import Line
-from steer_by_wire.benchmarking.table import line_record, lines_table
+from steer_by_wire.benchmarking.table import line_record, lines_table, steal_text
 from steer_by_wire.command_line import command_parser, seconds, whole_number
 from steer_by_wire.runtime.bus import BusError, socketcan_obstacle
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.host import StealClock
-from steer_by_wire.runtime.option_types import output_file
+from steer_by_wire.runtime.option_types import add_json_argument
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.tools.benchmark_bus.allocations import tick_memory
@@ -127,9 +127,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         metavar=f"0|{PRIORITY_MIN}..{PRIORITY_MAX}",
         help="SCHED_FIFO priority of all programs; 0: none (default: %(default)s)",
     )
-    parser.add_argument(
-        "--json", type=output_file, metavar="FILE", help="also write the figures to a file"
-    )
+    add_json_argument(parser)
     return parser.parse_args(arguments)
 
 
@@ -221,7 +219,7 @@ def _machine_lines(machine: Mapping[str, Any], *, refused: bool) -> list[str]:
     if backend == "uml":
         steal = "what the host took cannot be seen in User Mode Linux"
     else:
-        steal = "steal unknown" if stolen is None else f"{100 * stolen:.1f} % stolen by the host"
+        steal = steal_text(stolen)
     fifo = f"SCHED_FIFO {priority}" if priority else "ordinary priority"
     return [
         f"{machine['python']}, {machine['processors']} processors, {steal}",

@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 from ...controller.design import LawDesign, design_law
 from ...controller.nominal_model import NominalVehicle, steer_to_lateral_error
 from ...controller.settings import ControllerSettings
-from ...controller.shared_settings import CdobSettings, DobSettings, PdSettings
+from ...controller.shared_settings import (
+    CdobSettings,
+    DobSettings,
+    PdSettings,
+    VehicleModelSettings,
+)
 from ...controller.validity import ValiditySettings
 from .specification import Specification
 from .vehicle_file import VehicleFile
@@ -132,7 +137,7 @@ def controller_settings(
         cdob=None
         if cdob is None
         else CdobSettings(q_cutoff_rad_s=cdob, washout_rad_s=values["washout"]),
-        nominal_model=vehicle.vehicle.nominal_model,
+        nominal_model=VehicleModelSettings(**vehicle.vehicle.model_dump()),
         limits=spec.limits,
         validity=validity(vehicle, spec.delay.ms_max),
     )

@@ -7,19 +7,12 @@ virtual_mass_kg = 2000
 virtual_mass_kg = [1600, 5000]
 """
 
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import model_validator
 
-from ...controller.nominal_model import NominalVehicle, vehicle_model
 from ...controller.shared_settings import (
-    AxleDistanceM,
-    MassKg,
-    PreviewDistanceM,
-    SpeedMS,
-    StiffnessNRad,
     VehicleModelSettings,
-    YawInertiaKgM2,
 )
 from ...controller.validity import VehicleRanges
 from ...loop_theory.uncertainty import ParameterRange, UncertaintyBox
@@ -29,32 +22,10 @@ _RANGES_MAX = 6
 """2^6 corners; more would take too long."""
 
 
-class VehicleTable(Settings):
-    """`[vehicle]`: parameters of the single-track model; see ``NominalVehicle``."""
+class VehicleTable(VehicleModelSettings):
+    """`[vehicle]`: parameters of the single-track model, as in [nominal_model]."""
 
-    virtual_mass_kg: MassKg
-    yaw_inertia_kg_m2: YawInertiaKgM2
-    front_cornering_stiffness_n_rad: StiffnessNRad
-    rear_cornering_stiffness_n_rad: StiffnessNRad
-    front_axle_distance_m: AxleDistanceM
-    rear_axle_distance_m: AxleDistanceM
-    preview_distance_m: PreviewDistanceM
-    speed_m_s: SpeedMS
-
-    @property
-    def vehicle(self) -> NominalVehicle:
-        """Return the nominal vehicle."""
-        return NominalVehicle(**self.model_dump())
-
-    @property
-    def nominal_model(self) -> VehicleModelSettings:
-        """Return the controller's table [nominal_model]."""
-        return VehicleModelSettings(kind="vehicle", **self.model_dump())
-
-    @model_validator(mode="after")
-    def _refuse_a_model_without_stable_inverse(self) -> Self:
-        vehicle_model(self.vehicle)
-        return self
+    kind: Literal["vehicle"] = "vehicle"
 
 
 class VehicleFile(Settings):

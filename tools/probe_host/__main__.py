@@ -19,7 +19,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from steer_by_wire.command_line import command_parser, seconds
 from steer_by_wire.runtime.bus import add_bus_arguments
-from steer_by_wire.runtime.option_types import output_file
+from steer_by_wire.runtime.option_types import add_json_argument
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.program_options import add_real_time_arguments
 from steer_by_wire.runtime.report import write_json
@@ -44,9 +44,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         default=1.0,
         help="duration of each measurement (default: %(default)g)",
     )
-    parser.add_argument(
-        "--json", type=output_file, metavar="FILE", help="also write the figures to a file"
-    )
+    add_json_argument(parser)
     add_real_time_arguments(parser)
     add_bus_arguments(parser)
     parser.add_argument(
