@@ -221,7 +221,7 @@ def test_the_program_leaves_a_preset_and_a_picture_and_says_why(
     assert printed.out.count("10 % less: ") == printed.out.count("10 % more: ") == 3
     assert "12 runs: RMS at most" in printed.out
     rig = load_settings(PlantSettings, None, pictures / "small_plant.toml")
-    assert rig.vehicle == VehicleSettings(**shipped_vehicle().vehicle.model_dump())
+    assert rig.vehicle == VehicleSettings(**shipped_vehicle().vehicle.vehicle._asdict())
     assert rig.duration_s == 10.0
     assert "held" in printed.out
 
