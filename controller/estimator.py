@@ -131,6 +131,22 @@ def model_step(g: VehicleGains, x: EstimatorState, command_rad: float) -> Estima
     )
 
 
+def step_on_path(
+    g: VehicleGains, link: Link, history: History, x: EstimatorState, command_rad: float
+) -> EstimatorState:
+    """Return the same where the path ahead may be known: its curvature then changes as that does.
+
+    Only the change is taken, so that the estimate still contains what looks like a curvature.
+    """
+    after = model_step(g, x, command_rad)
+    if after.sample > link.path_end:
+        return after
+    mask = history.sample_mask
+    change_1_m = history.curvature_1_m[after.sample & mask] - history.curvature_1_m[x.sample & mask]
+    sample, beta, r, psi, y, rho, d, delta = after
+    return EstimatorState(sample, beta, r, psi, y, rho + change_1_m, d, delta)
+
+
 def correction_step(
     g: VehicleGains, x: EstimatorState, lateral_error_m: float, heading_error_rad: float
 ) -> EstimatorState:
@@ -233,7 +249,7 @@ def estimate_to(
 ) -> EstimatorState:
     """Return the estimate at ``sample``, using the measurements up to it."""
     while x.sample < sample:
-        x = model_step(g, x, command_from(p, link, history, x.sample))
+        x = step_on_path(g, link, history, x, command_from(p, link, history, x.sample))
         index = x.sample & history.sample_mask
         if history.has_error[index]:
             x = correction_step(
@@ -256,7 +272,7 @@ def start_estimate(x: EstimatorState, link: Link, history: History) -> Estimator
         0.0,
         history.heading_error_rad[index],
         history.lateral_error_m[index],
-        0.0,
+        history.curvature_1_m[index] if known <= link.path_end else 0.0,
         0.0,
         0.0,
     )

@@ -32,6 +32,7 @@ class Link(NamedTuple):
     ``error_sample``   number of the newest lateral error, -1 before the first
     ``echo_sample``    number of the newest sample with an echo, -1 before the first
     ``delay_ns``       from a tick to the sample at which its command acts, each by its clock [ns]
+    ``path_end``       up to which sample the path's curvature is known, -1 for none
     ``is_measured``    whether STEERING_STATUS and VEHICLE_STATE are both fresh
     """
 
@@ -40,6 +41,7 @@ class Link(NamedTuple):
     echo_sample: int
     delay_ns: float
     is_measured: bool
+    path_end: int = -1
 
 
 class History(NamedTuple):
@@ -53,6 +55,8 @@ class History(NamedTuple):
     ``applied_tick``     the tick whose command was in effect at a sample, -1 for none
     ``is_overruled``     whether the steering overruled the command at a sample
     ``wheel_rad``        wheel angle at that sample; valid only where ``is_overruled`` is true [rad]
+    ``curvature_1_m``    of the path at the preview point of a sample, past or to come; valid up to
+                         ``Link.path_end``
     ``plans``            of a law that plans, by tick: rows of ``controller.plan``; its mask is 0
                          for a law that does not
     """
@@ -66,6 +70,7 @@ class History(NamedTuple):
     applied_tick: Sequence[int]
     is_overruled: Sequence[bool]
     wheel_rad: Sequence[float]
+    curvature_1_m: Sequence[float] = ()
     plan_mask: int = 0
     plans: Sequence[MutableSequence[float]] = ()
 

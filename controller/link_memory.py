@@ -8,10 +8,16 @@ batches), and ``link_at`` derives the link of a control period. ``LinkMemory`` k
 a node.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ..dbc.messages import COMMAND_COUNTERS, LateralError, SteeringStatus, SteeringStatusCode
+from ..dbc.messages import (
+    COMMAND_COUNTERS,
+    LateralError,
+    PathAhead,
+    SteeringStatus,
+    SteeringStatusCode,
+)
 from ..dbc.protection import COUNTERS
 from ..runtime.node import NS_PER_S
 from .freshness import AgeLimits
@@ -57,6 +63,7 @@ class Rings(NamedTuple):
     is_overruled: list[bool]
     wheel_rad: list[float]
     command_tick: list[int]
+    curvature_1_m: list[float]
     plans: list[list[float]]
 
 
@@ -100,6 +107,7 @@ def history_of(rings: Rings) -> History:
         rings.applied_tick,
         rings.is_overruled,
         rings.wheel_rad,
+        rings.curvature_1_m,
         len(rings.plans) - 1,
         rings.plans,
     )
@@ -186,21 +194,57 @@ def command_step(
     return Commands(x.sent + 1, tick)
 
 
+def path_step(
+    p: MemoryParams,
+    rings: Rings,
+    path_end: int,
+    errors: Errors,
+    counter: int,
+    spacing_m: float,
+    ahead_1_m: Sequence[float],
+    speed_m_s: float,
+) -> int:
+    """Store the path ahead by the samples at which the preview point will be there.
+
+    Returns up to which sample it is known now, at the present speed.
+    """
+    if errors.sample < 0 or speed_m_s <= 0.0:
+        return path_end
+    sample = unwrapped(counter, errors.sample, COUNTERS)
+    for unknown in range(max(path_end + 1, sample - RING_SIZE // 2), sample):
+        rings.curvature_1_m[unknown & _MASK] = ahead_1_m[0]
+    step = speed_m_s * (p.link.sensor_period_ns * 1e-9) / spacing_m
+    last = min(int((len(ahead_1_m) - 1) / step), RING_SIZE // 2)
+    for ahead in range(last + 1):
+        position = ahead * step
+        index = min(int(position), len(ahead_1_m) - 2)
+        before_1_m = ahead_1_m[index]
+        change_1_m = ahead_1_m[index + 1] - before_1_m
+        rings.curvature_1_m[(sample + ahead) & _MASK] = before_1_m + change_1_m * (position - index)
+    return sample + last
+
+
 def link_at(
-    p: MemoryParams, errors: Errors, echoes: Echoes, vehicle_ns: int, tick: int, now_ns: int
+    p: MemoryParams,
+    errors: Errors,
+    echoes: Echoes,
+    path_end: int,
+    vehicle_ns: int,
+    tick: int,
+    now_ns: int,
 ) -> Link:
     """Return the link at a tick; without the vehicle's speed all of it is unknown.
 
     ``vehicle_ns``  when the newest VEHICLE_STATE arrived, -1 for none
     """
     if vehicle_ns < 0:
-        return Link(tick, -1, -1, 0.0, False)
+        return Link(tick, -1, -1, 0.0, False, path_end)
     if echoes.sample < 0:
-        return Link(tick, errors.sample, -1, 0.0, False)
+        return Link(tick, errors.sample, -1, 0.0, False, path_end)
     is_recent = now_ns - vehicle_ns <= p.limits.vehicle_state_ns
     is_measured = is_recent and not _is_late(p, echoes, now_ns) and not errors.rate.is_wrong
     delay_ns = delay_of(p.link, echoes.delay, echoes.sample)
-    return Link(tick, errors.sample, echoes.sample, delay_ns, is_measured)
+    return Link(tick, errors.sample, echoes.sample, delay_ns, is_measured, path_end)
 
 
 def _sample_of(
@@ -252,18 +296,34 @@ class LinkMemory:
             is_overruled=[False] * size,
             wheel_rad=[0.0] * size,
             command_tick=[-1] * size,
+            curvature_1_m=[0.0] * size,
             plans=[[0.0] * ROW_LENGTH for _ in range(size if keeps_plans else 1)],
         )
         self._errors = NO_ERRORS
         self._echoes = NO_ECHOES
         self._commands = NO_COMMANDS
         self._vehicle_ns = -1
+        self._path_end = -1
         self._first_period: int | None = None
         self.history = history_of(self._rings)
 
     def on_vehicle(self, now_ns: int) -> None:
         """Record that the vehicle's speed is known."""
         self._vehicle_ns = now_ns
+
+    def on_path(self, path: PathAhead, speed_m_s: float) -> None:
+        """Store the path ahead, at the vehicle's speed."""
+        counter, spacing_m, *ahead_1_m = path
+        self._path_end = path_step(
+            self._params,
+            self._rings,
+            self._path_end,
+            self._errors,
+            counter,
+            spacing_m,
+            ahead_1_m,
+            speed_m_s,
+        )
 
     def on_error(self, error: LateralError, counter: int, now_ns: int) -> None:
         """Store a measurement."""
@@ -302,7 +362,15 @@ class LinkMemory:
     def link(self, period: int, now_ns: int) -> Link:
         """Return the link in a control period."""
         tick = self._tick(period)
-        return link_at(self._params, self._errors, self._echoes, self._vehicle_ns, tick, now_ns)
+        return link_at(
+            self._params,
+            self._errors,
+            self._echoes,
+            self._path_end,
+            self._vehicle_ns,
+            tick,
+            now_ns,
+        )
 
     def sensor_period(self) -> Mapping[str, Any]:
         """Return whether the sensors' period agrees with its setting, ready for JSON.

@@ -21,6 +21,7 @@ from ..dbc.messages import (
     LateralError,
     Mode,
     MotionRequest,
+    PathAhead,
     Rejection,
     SecondSender,
     SteeringCommand,
@@ -135,6 +136,9 @@ class ControllerNode:
             self._supervisor.goes_forward = message.speed_m_s >= NOT_FORWARD_M_S
             if memory is not None:
                 memory.on_vehicle(now_ns)
+        elif isinstance(message, PathAhead):
+            if memory is not None:
+                memory.on_path(message, received.vehicle.speed_m_s)
         elif isinstance(message, Rejection) and frame.can_id == _ERROR_ID:
             self._supervisor.on_rejection()
         return ()

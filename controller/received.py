@@ -11,6 +11,7 @@ from ..dbc.messages import (
     Freshness,
     LateralError,
     Message,
+    PathAhead,
     Rejection,
     SteeringCommand,
     SteeringPlan,
@@ -26,7 +27,9 @@ from .freshness import freshness
 from .law_interface import NO_VEHICLE, VehicleReading
 from .settings import ControllerSettings, age_limits_of, counters_of
 
-RECEIVED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState)
+SUPERVISED: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState)
+"""The messages without which the controller falls back."""
+RECEIVED: tuple[type[Message], ...] = (*SUPERVISED, PathAhead)
 """The messages that the controller receives."""
 SENT: tuple[type[Message], ...] = (
     SteeringCommand,
@@ -48,7 +51,7 @@ class Received:
 
     def __init__(self, settings: ControllerSettings) -> None:
         self.reception = Reception(RECEIVED, counters_of(settings), SENT)
-        self.errors, self.statuses, self.states = map(self.reception.newest, RECEIVED)
+        self.errors, self.statuses, self.states = map(self.reception.newest, SUPERVISED)
         self._limits = age_limits_of(settings)
         self.lateral_error_m = 0.0
         self.vehicle = NO_VEHICLE
@@ -78,7 +81,7 @@ class Received:
         return self.vehicle
 
     def freshness(self, now_ns: int) -> tuple[Freshness, Freshness, Freshness]:
-        """Return the freshness of each message of RECEIVED."""
+        """Return the freshness of each message of SUPERVISED."""
         limits = self._limits
         return (
             freshness(self.errors.arrival_ns, limits.lateral_error_ns, now_ns),
@@ -87,7 +90,7 @@ class Received:
         )
 
     def fresh_until_ns(self) -> int:
-        """Return until when all of RECEIVED, fresh now, stay fresh without new frames [ns]."""
+        """Return until when all of SUPERVISED, fresh now, stay fresh without new frames [ns]."""
         checks = (self.errors, self.statuses, self.states)
         return min(
             (check.arrival_ns or 0) + limit_ns

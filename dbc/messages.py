@@ -34,6 +34,7 @@ from .enumerations import (
     Validity,
 )
 from .generated_layout import LAYOUTS
+from .long_messages import PathAhead, SteeringPlan
 from .protection import is_intact
 from .signals import SignalRange
 
@@ -61,6 +62,7 @@ __all__ = [
     "Message",
     "Mode",
     "MotionRequest",
+    "PathAhead",
     "PlantStatus",
     "Rejection",
     "SafetyState",
@@ -90,38 +92,6 @@ class SteeringCommand(NamedTuple):
     steer_rad: float
     command_counter: int
     mode: Mode
-
-
-class SteeringPlan(NamedTuple):
-    """Controller to plant, in place of SteeringCommand: commands for the coming time.
-
-    ``plan_number``   the command_counter of its period
-    ``first_sample``  E2E counter of the sample of the plant at which ``steer_0_rad`` is to act
-    ``spacing``       samples from one value to the next
-    """
-
-    plan_number: int
-    mode: Mode
-    first_sample: int
-    spacing: int
-    steer_0_rad: float
-    steer_1_rad: float
-    steer_2_rad: float
-    steer_3_rad: float
-    steer_4_rad: float
-    steer_5_rad: float
-    steer_6_rad: float
-    steer_7_rad: float
-    steer_8_rad: float
-    steer_9_rad: float
-    steer_10_rad: float
-    steer_11_rad: float
-    steer_12_rad: float
-    steer_13_rad: float
-    steer_14_rad: float
-    steer_15_rad: float
-    steer_16_rad: float
-    steer_17_rad: float
 
 
 class LateralError(NamedTuple):
@@ -223,6 +193,7 @@ Message: TypeAlias = (
     | LateralError
     | SteeringStatus
     | VehicleState
+    | PathAhead
     | ControllerStatus
     | ControllerSafety
     | DelayStatus

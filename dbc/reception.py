@@ -18,9 +18,12 @@ from .messages import (
     DATA_IDS,
     MESSAGE_TYPES,
     Message,
+    PathAhead,
     Rejection,
     SecondSender,
     SteeringCommand,
+    SteeringPlan,
+    VehicleState,
     rejection_of,
     unpacking,
 )
@@ -28,6 +31,10 @@ from .protection import SequenceCheck, SequenceResult, SequenceRule
 from .secured_frame import Refused, is_secured
 
 _Cause = TypeVar("_Cause", Rejection, SequenceResult, Refused)
+_COMES_WITH: Mapping[type[Message], type[Message]] = {
+    SteeringPlan: SteeringCommand,
+    PathAhead: VehicleState,
+}
 _ACCEPTED = SequenceResult.ACCEPTED
 _OWN, _PEER = int(SecondSender.OWN), int(SecondSender.PEER)
 _SECOND_SENDERS = tuple(SecondSender)
@@ -39,6 +46,11 @@ def second_sender_line(reception: "Reception") -> str:
     """Return in words whose messages have a second sender; empty without any."""
     names = ", ".join(reception.second_senders)
     return f"second sender on the bus: {names}" if names else ""
+
+
+def cycle_ns(message_type: type[Message]) -> int:
+    """Return how often a message comes while it does; an optional one as the one it goes with."""
+    return CYCLE_TIMES_MS[_COMES_WITH.get(message_type, message_type)] * NS_PER_MS
 
 
 class Reception:
@@ -60,11 +72,7 @@ class Reception:
         self._checks = {
             CAN_IDS[message_type]: None
             if message_type not in DATA_IDS  # sent by hand, so it has no counter
-            # STEERING_PLAN comes as often as the command whose place it takes.
-            else SequenceCheck(
-                rule,
-                (CYCLE_TIMES_MS[message_type] or CYCLE_TIMES_MS[SteeringCommand]) * NS_PER_MS,
-            )
+            else SequenceCheck(rule, cycle_ns(message_type))
             for message_type in message_types
         }
         self._received = {

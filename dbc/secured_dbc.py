@@ -11,11 +11,11 @@ import importlib.resources
 import re
 import sys
 
-from .secured_frame import DATA, LAYOUTS, PLAN, SYNC, Layout
+from .secured_frame import DATA, LAYOUTS, LONG, SYNC, Layout
 
 _TRAILERS = {
     DATA: (("MAC_COUNTER", 32), ("MAC", 64)),
-    PLAN: (("MAC_COUNTER", 32), ("MAC_HIGH", 64), ("MAC_LOW", 32)),
+    LONG: (("MAC_COUNTER", 32), ("MAC_HIGH", 64), ("MAC_LOW", 32)),
     SYNC: (
         ("CHALLENGE", 64),
         ("ECHO", 64),

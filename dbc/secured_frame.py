@@ -1,12 +1,12 @@
 """The authenticated form of our messages: CAN FD frames with the message's own payload in front.
 
-    every message of the nodes but the three below, 20 bytes
+    every message of the nodes but the four below, 20 bytes
 
         bytes 0 to 7    payload, as in the classic frame: E2E header and signals
         bytes 8 to 11   freshness counter, its lowest 32 bits
         bytes 12 to 19  CMAC, its highest 64 bits
 
-    STEERING_PLAN, 64 bytes
+    STEERING_PLAN and PATH_AHEAD, 64 bytes
 
         bytes 0 to 47   payload
         bytes 48 to 51  freshness counter, its lowest 32 bits
@@ -36,6 +36,7 @@ from .messages import (
     DATA_IDS,
     ControllerStatus,
     Message,
+    PathAhead,
     PlantStatus,
     SteeringPlan,
     frame_of,
@@ -75,13 +76,13 @@ class Layout(NamedTuple):
 
 DATA = Layout(PAYLOAD_LENGTH, PAYLOAD_LENGTH, 4, 8)
 SYNC = Layout(PAYLOAD_LENGTH, PAYLOAD_LENGTH + 2 * CHALLENGE_LENGTH, 8, 16)
-_PLAN_LENGTH = unpacking(SteeringPlan).length
-PLAN = Layout(_PLAN_LENGTH, _PLAN_LENGTH, 4, 12)
+_LONG_LENGTH = unpacking(SteeringPlan).length
+LONG = Layout(_LONG_LENGTH, _LONG_LENGTH, 4, 12)
 """Its CMAC is longer, because CAN FD has no frame between 48 and 64 bytes."""
 
 SYNC_TYPES: tuple[type[Message], ...] = (ControllerStatus, PlantStatus)
 """Sent ten times a second by both programs, whatever they are doing."""
-_LONGER = {**dict.fromkeys(SYNC_TYPES, SYNC), SteeringPlan: PLAN}
+_LONGER = {**dict.fromkeys(SYNC_TYPES, SYNC), SteeringPlan: LONG, PathAhead: LONG}
 LAYOUTS: Mapping[int, Layout] = MappingProxyType(
     {
         can_id: _LONGER.get(message_type, DATA)

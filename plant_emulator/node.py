@@ -32,6 +32,7 @@ from ..dbc.messages import (
     LatencyConfig,
     LateralError,
     Message,
+    PathAhead,
     PlantStatus,
     Rejection,
     SteeringCommand,
@@ -53,6 +54,7 @@ from .motion_design import MotionParams, design_motion
 from .network import Network
 from .own_motion import make_motion
 from .path import Path
+from .path_ahead import curvatures_ahead_1_m, spacing_m
 from .plan_buffer import PlanBuffer
 from .plant_messages import PlantMessages
 from .plant_report import line_report, motion_report
@@ -71,7 +73,13 @@ from .view import plant_view
 _STEERING = (SteeringCommand, SteeringPlan)
 RECEIVED: tuple[type[Message], ...] = (*_STEERING, LatencyConfig, DisturbanceConfig)
 """What the plant receives."""
-SENT: tuple[type[Message], ...] = (LateralError, SteeringStatus, VehicleState, PlantStatus)
+SENT: tuple[type[Message], ...] = (
+    LateralError,
+    SteeringStatus,
+    VehicleState,
+    PathAhead,
+    PlantStatus,
+)
 """What the plant alone sends."""
 VEHICLE_STATE_PERIOD_NS = 20_000_000
 SAMPLES_MAX = 1_000_000
@@ -132,6 +140,10 @@ class PlantNode:
         self._unauthenticated = 0
         self._command: Passage[SteeringCommand] | None = None
         self._plans = PlanBuffer()
+        ahead = settings.path_ahead
+        self._ahead_m = (
+            None if ahead is None else spacing_m(settings.vehicle.speed_m_s, ahead.reach_s)
+        )
         noise = settings.sensor_noise
         self._messages = PlantMessages(
             Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s),
@@ -342,6 +354,11 @@ class PlantNode:
             self._state_timer.advance(time_ns)
             frame = messages.vehicle_state(motion.speed_m_s, readings, curvature_1_m)
             push(frame.can_id, frame, time_ns, motion_ns)
+            if self._ahead_m is not None:
+                at_m = motion.speed_m_s * (motion_ns / NS_PER_S)
+                ahead_1_m = curvatures_ahead_1_m(motion.path, at_m, self._ahead_m)
+                frame = messages.path_ahead(self._ahead_m, ahead_1_m)
+                push(frame.can_id, frame, time_ns, motion_ns)
 
     def _status(self, now_ns: int) -> PlantStatus:
         """Return the content of PLANT_STATUS, with latencies not clamped."""

@@ -1,10 +1,11 @@
 """The rig's readings as messages, clamped to the range of their signals."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import remainder, tau
 
 from ..dbc.messages import (
     LateralError,
+    PathAhead,
     PlantStatus,
     SignalRange,
     SteeringStatus,
@@ -12,6 +13,7 @@ from ..dbc.messages import (
     VehicleState,
     limits,
 )
+from ..dbc.protection import COUNTERS
 from ..dbc.sending import Sender
 from ..runtime.frame import Frame
 from ..runtime.record import new_record
@@ -39,6 +41,7 @@ class PlantMessages:
         self._uniforms = uniforms
         self._errors, self._statuses = Sender(LateralError), Sender(SteeringStatus)
         self._states, self._rig = Sender(VehicleState), Sender(PlantStatus)
+        self._paths = Sender(PathAhead)
         self.not_available = 0
         self.clamped = 0
 
@@ -74,6 +77,11 @@ class PlantMessages:
             self._clamp(curvature_1_m, _CURVATURE_RANGE),
         )
         return self._states.frame(new_record(VehicleState, state))
+
+    def path_ahead(self, spacing_m: float, curvatures_1_m: Sequence[float]) -> Frame:
+        """Return PATH_AHEAD of the sample whose LATERAL_ERROR was made last."""
+        sample = (self.next_sample - 1) % COUNTERS
+        return self._paths.frame(PathAhead(sample, spacing_m, *curvatures_1_m))
 
     def plant_status(self, status: PlantStatus) -> Frame:
         """Return PLANT_STATUS."""

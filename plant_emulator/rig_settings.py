@@ -215,6 +215,13 @@ class DisturbanceSettings(Settings):
             raise PartError(f"{what} gives {where or 'steps'}: {mistake['msg']}") from error
 
 
+class PathAheadSettings(Settings):
+    """[path_ahead]: the path ahead on the bus, as a map would know it."""
+
+    reach_s: Annotated[float, Field(gt=0.0, le=10.0)] = 1.5
+    """Time at the vehicle's speed that the message reaches ahead; at most 319 m."""
+
+
 class SensorNoiseSettings(Settings):
     """`[sensor_noise]`: standard deviations of white Gaussian noise on each sample."""
 

@@ -16,6 +16,7 @@ from .rig_settings import (
     ActuatorSettings,
     DisturbanceSettings,
     EllipseSettings,
+    PathAheadSettings,
     PathSettings,
     SensorNoiseSettings,
     VehicleSettings,
@@ -54,6 +55,8 @@ class PlantSettings(Settings):
     path: PathSettings = EllipseSettings()
     disturbance: DisturbanceSettings = DisturbanceSettings()
     sensor_noise: SensorNoiseSettings = SensorNoiseSettings()
+    path_ahead: PathAheadSettings | None = None
+    """Send PATH_AHEAD, which needs CAN FD; if omitted, the controller sees the curve it is in."""
     latency: BothLatencySettings = BothLatencySettings()
     safety: SafetySettings = SafetySettings()
     verdict: VerdictRules = VerdictRules()

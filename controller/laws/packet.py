@@ -25,7 +25,7 @@ from pydantic import Field
 
 from ...dbc.messages import Law as LawNumber
 from ...runtime.settings import Settings
-from ..estimator import command_from, estimate_to, model_step
+from ..estimator import command_from, estimate_to, step_on_path
 from ..law_interface import LawInput, LawOutput
 from ..law_record import Law, LookingBack, Schedule
 from ..plan import SPACING_MAX, VALUES
@@ -100,7 +100,7 @@ def packet_plan(p: PacketParams, x: PredictorState, seen: LawInput) -> int:
             row[2 + age // spacing] = steer_rad
         if z.sample >= last:
             return acting
-        z = model_step(inside.gains, z, steer_rad)
+        z = step_on_path(inside.gains, link, history, z, steer_rad)
 
 
 def packet_at_rest(p: PacketParams, lateral_error_m: float) -> PredictorState:

@@ -27,8 +27,8 @@ from ..estimator import (
     command_from,
     estimate_to,
     estimator_at_rest,
-    model_step,
     start_estimate,
+    step_on_path,
 )
 from ..followed_point import ahead_of_cg_m
 from ..law_interface import History, LawInput, LawOutput, Link
@@ -133,7 +133,8 @@ def predict(
     last = x.sample + int(max(horizon, 0.0))
     while after.sample <= last:
         x = after
-        after = model_step(p.gains, x, command_from(p.link, link, history, x.sample))
+        command_rad = command_from(p.link, link, history, x.sample)
+        after = step_on_path(p.gains, link, history, x, command_rad)
     part = max(horizon, 0.0) % 1.0
     return EstimatorState(
         x.sample,
@@ -141,7 +142,7 @@ def predict(
         x.yaw_rate_rad_s + part * (after.yaw_rate_rad_s - x.yaw_rate_rad_s),
         x.heading_error_rad + part * (after.heading_error_rad - x.heading_error_rad),
         x.lateral_error_m + part * (after.lateral_error_m - x.lateral_error_m),
-        x.curvature_1_m,
+        x.curvature_1_m + part * (after.curvature_1_m - x.curvature_1_m),
         x.offset_rad,
         x.wheel_rad + part * (after.wheel_rad - x.wheel_rad),
     )

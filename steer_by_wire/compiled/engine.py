@@ -197,7 +197,7 @@ def run_batch(
     wire: Wire | None = None
     known: Known | None = None
     if law.looks_back:
-        known, wire = NOTHING_KNOWN, plan_wire(plant, controller, plan, motion.speed_m_s)
+        known, wire = NOTHING_KNOWN, plan_wire(plant, controller, plan, motion)
     params = law.params
     if law.params_at is not None:
         params = law.params_at(speed_on_wire(motion.speed_m_s))

@@ -15,18 +15,19 @@ from numpy.typing import NDArray
 from ..controller.modes import Supervisor
 from ..controller.settings import ControllerSettings, counters_of, supervision_of
 from ..dbc.messages import (
-    CYCLE_TIMES_MS,
     LateralError,
     Message,
     Mode,
+    PathAhead,
     SteeringStatus,
     VehicleState,
 )
 from ..dbc.protection import COUNTERS, HALF, SequenceCheck, SequenceResult, SequenceRule
+from ..dbc.reception import cycle_ns
 from ..plant_emulator.node import samples_per_vehicle_state
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.streams import Channel, first_uniforms
-from ..runtime.node import NEVER_NS, NS_PER_MS
+from ..runtime.node import NEVER_NS
 from .loop_records import Segment
 from .network import FloatArray, Frames, IntArray, normal_scores, passages
 from .steps import register_steps
@@ -36,6 +37,7 @@ _MESSAGES: dict[Uplink, type[Message]] = {
     Uplink.LATERAL_ERROR: LateralError,
     Uplink.STEERING_STATUS: SteeringStatus,
     Uplink.VEHICLE_STATE: VehicleState,
+    Uplink.PATH_AHEAD: PathAhead,
 }
 SAMPLES_WITHOUT_ARRIVAL_MAX = 100_000
 """A network that delivers none of this many samples counts as one that loses every frame."""
@@ -146,9 +148,9 @@ def arrivals_of(
 ) -> Arrivals:
     """Return the arrivals of one message of the first samples."""
     every = samples_per_vehicle_state(plant.sensor_period_ns)
-    # LATERAL_ERROR and STEERING_STATUS of every sample, VEHICLE_STATE of some: all draw.
+    # LATERAL_ERROR and STEERING_STATUS of every sample, others of some: all draw.
     messages = np.full(samples, 2)
-    messages[::every] = 3
+    messages[::every] = 3 if plant.path_ahead is None else 4
     sample = np.repeat(np.arange(samples), messages)
     came_ns = sample * plant.sensor_period_ns
     is_wanted = np.arange(len(sample)) - np.searchsorted(sample, sample) == message
@@ -156,8 +158,8 @@ def arrivals_of(
     up = passages(
         plant.latency.uplink, plant.seed, Channel.UPLINK, Channel.UPLINK_DUPLICATES, frames
     )
-    number = sample[up.frame] // (every if message is Uplink.VEHICLE_STATE else 1)
-    period_ns = CYCLE_TIMES_MS[_MESSAGES[message]] * NS_PER_MS
+    number = sample[up.frame] // (every if message >= Uplink.VEHICLE_STATE else 1)
+    period_ns = cycle_ns(_MESSAGES[message])
     believed = _believed(rule, period_ns, number, up.due_ns)
     return Arrivals(up.due_ns[believed], sample[up.frame][believed])
 

@@ -24,7 +24,14 @@ from ..controller.law_interface import LawInput
 from ..controller.law_record import Law
 from ..controller.laws import LAWS
 from ..controller.limits import limit_step, ramp_step
-from ..controller.link_memory import command_step, echo_step, error_step, history_of, link_at
+from ..controller.link_memory import (
+    command_step,
+    echo_step,
+    error_step,
+    history_of,
+    link_at,
+    path_step,
+)
 from ..controller.own_law import numbers_or_none
 from ..controller.plan import limit_plan
 from ..dbc.messages import Law as LawNumber
@@ -47,6 +54,7 @@ _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
     error_step,
     echo_step,
     command_step,
+    path_step,
     link_at,
     loss_step,
     start_motion,

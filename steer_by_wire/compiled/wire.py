@@ -32,6 +32,7 @@ from ..controller.link_memory import (
     error_step,
     history_of,
     link_at,
+    path_step,
 )
 from ..controller.plan import ROW_LENGTH, limit_plan
 from ..dbc.messages import COMMAND_COUNTERS
@@ -49,9 +50,10 @@ class Uplink(IntEnum):
     LATERAL_ERROR = 0
     STEERING_STATUS = 1
     VEHICLE_STATE = 2
+    PATH_AHEAD = 3
 
 
-_LATERAL_ERROR, _STEERING_STATUS, _ = map(int, Uplink)
+_LATERAL_ERROR, _STEERING_STATUS, _VEHICLE_STATE, _ = map(int, Uplink)
 
 
 class Wire(NamedTuple):
@@ -62,6 +64,7 @@ class Wire(NamedTuple):
     ``status``          code of STEERING_STATUS, with APPLYING for LIMITED; written during the run
     ``*_resolution_*``  of the signals, and the ranges they are clamped to
     ``buffer``          the plan that the plant plays, as on the wire: values of its row
+    ``path_ahead_1_m``  values of each PATH_AHEAD, as on the wire; one of every ``samples_per_path``
     ``played_rad``      what a plan has let act at a sample, else NaN; written during the run
     """
 
@@ -89,6 +92,9 @@ class Wire(NamedTuple):
     periods_per_sample: float
     buffer: NDArray[np.float64]
     played_rad: NDArray[np.float64]
+    samples_per_path: int
+    path_spacing_m: float
+    path_ahead_1_m: NDArray[np.float64]
 
 
 class Known(NamedTuple):
@@ -96,6 +102,7 @@ class Known(NamedTuple):
 
     ``arrivals``    messages that have arrived so far
     ``vehicle_*``   sample and arrival of the newest VEHICLE_STATE, -1 for none
+    ``path_end``    as in ``Link``
     """
 
     arrivals: int
@@ -104,9 +111,10 @@ class Known(NamedTuple):
     commands: Commands
     vehicle_sample: int
     vehicle_ns: int
+    path_end: int
 
 
-NOTHING_KNOWN = Known(0, NO_ERRORS, NO_ECHOES, NO_COMMANDS, -1, -1)
+NOTHING_KNOWN = Known(0, NO_ERRORS, NO_ECHOES, NO_COMMANDS, -1, -1, -1)
 
 
 @compiled_inline
@@ -163,7 +171,7 @@ def _record(w: Wire, sample: int, z: LinearState, guard: GuardState) -> None:
 
 
 def _take_arrivals(w: Wire, x: Known, s: Any, r: Any, now_ns: int) -> Known:
-    arrivals, errors, echoes, commands, vehicle_sample, vehicle_ns = x
+    arrivals, errors, echoes, commands, vehicle_sample, vehicle_ns, path_end = x
     while arrivals < len(w.arrival_ns) and w.arrival_ns[arrivals] <= now_ns:
         arrival_ns, sample = w.arrival_ns[arrivals], w.arrival_sample[arrivals]
         message = w.arrival_message[arrivals]
@@ -192,15 +200,28 @@ def _take_arrivals(w: Wire, x: Known, s: Any, r: Any, now_ns: int) -> Known:
                 w.wheel_rad[sample],
                 arrival_ns,
             )
-        else:
+        elif message == _VEHICLE_STATE:
             vehicle_sample, vehicle_ns = sample, arrival_ns
+        else:
+            path_end = path_step(
+                w.params,
+                w.rings,
+                path_end,
+                errors,
+                sample % COUNTERS,
+                w.path_spacing_m,
+                w.path_ahead_1_m[sample // w.samples_per_path],
+                w.speed_m_s if vehicle_sample >= 0 else 0.0,
+            )
         arrivals += 1
-    return Known(arrivals, errors, echoes, commands, vehicle_sample, vehicle_ns)
+    return Known(arrivals, errors, echoes, commands, vehicle_sample, vehicle_ns, path_end)
 
 
 def _take_command(w: Wire, x: Known, tick: int, sent_rad: float, is_planned: bool) -> Known:
     commands = command_step(w.rings, x.commands, tick, sent_rad, is_planned)
-    return Known(x.arrivals, x.errors, x.echoes, commands, x.vehicle_sample, x.vehicle_ns)
+    return Known(
+        x.arrivals, x.errors, x.echoes, commands, x.vehicle_sample, x.vehicle_ns, x.path_end
+    )
 
 
 def _write_plan(w: Wire, limits: SteerLimits, acting: int, tick: int, before_rad: float) -> None:
@@ -247,7 +268,7 @@ def _newest_only(
         error_m,
         last_sent_rad,
         VehicleReading(0.0, 0.0, 0.0, False),
-        Link(tick, -1, -1, 0.0, False),
+        Link(tick, -1, -1, 0.0, False, -1),
         History(
             -1,
             -1,
@@ -257,6 +278,7 @@ def _newest_only(
             (False,),
             (-1,),
             (False,),
+            (0.0,),
             (0.0,),
             0,
             r.law_output,
@@ -278,7 +300,7 @@ def _all_of_it(
         error_m,
         last_sent_rad,
         VehicleReading(speed_m_s, yaw_rate_rad_s, curvature_1_m, is_stale),
-        link_at(w.params, x.errors, x.echoes, x.vehicle_ns, tick, now_ns),
+        link_at(w.params, x.errors, x.echoes, x.path_end, x.vehicle_ns, tick, now_ns),
         history_of(w.rings),
     )
 

@@ -11,6 +11,7 @@ from ..controller.plan import ROW_LENGTH
 from ..controller.settings import ControllerSettings, age_limits_of, counters_of
 from ..dbc.messages import (
     LateralError,
+    PathAhead,
     SteeringPlan,
     SteeringStatus,
     VehicleState,
@@ -18,6 +19,9 @@ from ..dbc.messages import (
     resolutions,
 )
 from ..dbc.protection import SequenceRule
+from ..plant_emulator.motion_design import MotionParams
+from ..plant_emulator.node import samples_per_vehicle_state
+from ..plant_emulator.path_ahead import VALUES, curvatures_ahead_1_m, spacing_m
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.streams import Channel, first_uniforms
 from ..runtime.node import NS_PER_S
@@ -40,7 +44,7 @@ class _Received(NamedTuple):
 
 
 def plan_wire(
-    plant: PlantSettings, controller: ControllerSettings, plan: Plan, speed_m_s: float
+    plant: PlantSettings, controller: ControllerSettings, plan: Plan, motion: MotionParams
 ) -> Wire:
     """Return the wire of one run."""
     samples = len(plan.sample_ns)
@@ -57,7 +61,7 @@ def plan_wire(
         measured_curvature_1_m=np.empty(samples),
         wheel_rad=np.empty(samples),
         status=np.empty(samples, dtype=np.int64),
-        speed_m_s=speed_on_wire(speed_m_s),
+        speed_m_s=speed_on_wire(motion.speed_m_s),
         heading_resolution_rad=error["heading_error_rad"],
         yaw_rate_resolution_rad_s=state["yaw_rate_rad_s"],
         yaw_rate_rad_s_max=ranges["yaw_rate_rad_s"].maximum,
@@ -68,8 +72,33 @@ def plan_wire(
         steer_resolution_rad=resolutions(SteeringPlan)["steer_0_rad"],
         periods_per_sample=controller.link.sensor_period_s / (controller.period_ns / NS_PER_S),
         buffer=np.zeros(ROW_LENGTH),
+        samples_per_path=samples_per_vehicle_state(plant.sensor_period_ns),
+        path_spacing_m=_path_spacing_m(plant),
+        path_ahead_1_m=_paths_ahead_1_m(plant, plan, motion),
         played_rad=np.full(samples if controller.law_record.plan is not None else 0, np.nan),
     )
+
+
+def _path_spacing_m(plant: PlantSettings) -> float:
+    """Return the spacing of PATH_AHEAD as the wire carries it, 0 where it is not sent [m]."""
+    if plant.path_ahead is None:
+        return 0.0
+    wanted_m = spacing_m(plant.vehicle.speed_m_s, plant.path_ahead.reach_s)
+    return float(on_wire(wanted_m, resolutions(PathAhead)["path_spacing_m"]))
+
+
+def _paths_ahead_1_m(plant: PlantSettings, plan: Plan, motion: MotionParams) -> FloatArray:
+    """Return the values of each PATH_AHEAD, as on the wire; shape (messages, values)."""
+    if plant.path_ahead is None:
+        return np.empty((0, VALUES))
+    every = samples_per_vehicle_state(plant.sensor_period_ns)
+    spacing = spacing_m(plant.vehicle.speed_m_s, plant.path_ahead.reach_s)
+    rows = [
+        curvatures_ahead_1_m(motion.path, motion.speed_m_s * (motion_ns / NS_PER_S), spacing)
+        for motion_ns in plan.motion_ns[::every].tolist()
+    ]
+    resolution_1_m = resolutions(PathAhead)["curvature_0_1_m"]
+    return np.asarray(np.rint(np.array(rows) / resolution_1_m) * resolution_1_m)
 
 
 def speed_on_wire(speed_m_s: float) -> float:
@@ -87,6 +116,7 @@ def plant_network(plant: PlantSettings) -> PlantSettings:
         start_on_first_command=plant.start_on_first_command,
         sensor_noise=plant.sensor_noise,
         latency=plant.latency,
+        path_ahead=plant.path_ahead,
     )
 
 

@@ -61,7 +61,7 @@ def test_a_compiled_run_equals_the_nodes_where_messages_go_stale(
     rig, controller = plant((*BURSTS, *CIRCLE), 8.0), settings_of(law, limits)
     run = assert_same_as_nodes(rig, controller)
     plan = plan_run(rig, controller)
-    wire = plan_wire(rig, controller, plan, 1.0)
+    wire = plan_wire(rig, controller, plan, run.motion)
     is_active = np.zeros(len(plan.tick_ns), dtype=np.bool_)
     for segment in plan.segments:
         if segment.mode == Mode.ACTIVE:

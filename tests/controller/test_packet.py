@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from steer_by_wire.controller.limits import SteerLimits
@@ -13,7 +14,8 @@ from steer_by_wire.dbc.messages import (
     SteeringPlan,
     decode,
 )
-from steer_by_wire.pair.virtual import make_virtual_pair
+from steer_by_wire.pair.trace import rms
+from steer_by_wire.pair.virtual import VirtualPair, make_virtual_pair
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.settings import load_settings, read_preset
@@ -44,6 +46,16 @@ def controller(*overrides: str) -> ControllerSettings:
     return load_settings(ControllerSettings, preset, None, overrides)
 
 
+def frames_of(pair: VirtualPair, duration_s: float) -> list[Frame]:
+    """Return all that is sent in a run."""
+    sent: list[Frame] = []
+    executor = VirtualTimeExecutor(
+        (pair.plant, pair.controller), None, lambda _time, _sender, frame: sent.append(frame)
+    )
+    executor.run(round(duration_s * 1e9))
+    return sent
+
+
 def run(
     settings: ControllerSettings, *overrides: str, duration_s: float = 6.0
 ) -> tuple[list[SteeringPlan], list[SteeringCommand], dict[str, Any]]:
@@ -54,11 +66,7 @@ def run(
         PlantSettings, preset, None, [bend, f"duration_s={duration_s}", *overrides]
     )
     pair = make_virtual_pair(plant, settings)
-    sent: list[Frame] = []
-    executor = VirtualTimeExecutor(
-        (pair.plant, pair.controller), None, lambda _time, _sender, frame: sent.append(frame)
-    )
-    executor.run(round((duration_s + 1.0) * 1e9))
+    sent = frames_of(pair, duration_s + 1.0)
     decoded = [one.message for one in map(decode, sent) if isinstance(one, Decoded)]
     plans = [message for message in decoded if isinstance(message, SteeringPlan)]
     commands = [message for message in decoded if isinstance(message, SteeringCommand)]
@@ -117,3 +125,28 @@ def test_on_classic_can_the_law_is_the_predictor() -> None:
 def test_a_row_is_two_numbers_and_the_values_of_the_message() -> None:
     assert ROW_LENGTH == 2 + VALUES
     assert sum(name.startswith("steer_") for name in SteeringPlan._fields) == VALUES
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.2])
+def test_with_the_path_ahead_a_plan_foresees_what_is_steered(delay_s: float) -> None:
+    preset = read_preset("steer_by_wire.plant_emulator.presets", "highway_nominal")
+    lane_change = 'path={kind="single_lane_change", start_m=20.0, offset_m=3.5, length_m=60.0}'
+    network = f"latency.downlink.mean_s={delay_s}"
+    unforeseen = {}
+    for known in ((), ("path_ahead={}",)):
+        rig = (lane_change, network, "duration_s=6", *known)
+        plant = load_settings(PlantSettings, preset, None, rig)
+        pair = make_virtual_pair(plant, controller())
+        sent = frames_of(pair, 7.0)
+        # The first sample is taken before the first command, and not of the motion.
+        wheel = [0.0, *(sample.wheel_angle_rad for sample in pair.plant.samples)]
+        decoded = [one.message for one in map(decode, sent) if isinstance(one, Decoded)]
+        plans = [message for message in decoded if isinstance(message, SteeringPlan)]
+        errors = []
+        for number, plan in enumerate(plans[150:450], start=150):
+            first = number + (plan.first_sample - number + 128) % 256 - 128
+            row = [first, plan.spacing, *plan[4:]]
+            errors.append(value_at(row, number + 50) - wheel[number + 50])
+        unforeseen[known] = rms(np.array(errors))
+    assert unforeseen["path_ahead={}",] < 0.002
+    assert unforeseen[()] > 3.0 * unforeseen["path_ahead={}",]

@@ -27,8 +27,8 @@ from steer_by_wire.dbc.messages import (
 from steer_by_wire.dbc.secured_frame import (
     DATA,
     LAYOUTS,
+    LONG,
     PAYLOAD_LENGTH,
-    PLAN,
     SYNC,
     Refused,
     is_secured,
@@ -119,12 +119,12 @@ def test_every_protected_message_has_a_secured_form_of_a_length_can_fd_has() -> 
     lengths = {
         message.length for message in load_database().messages if message.frame_id in LAYOUTS
     }
-    assert lengths == {PAYLOAD_LENGTH, PLAN.payload_length}
+    assert lengths == {PAYLOAD_LENGTH, LONG.payload_length}
     assert set(CAN_IDS.values()) - set(LAYOUTS) == {
         CAN_IDS[LatencyConfig],
         CAN_IDS[DisturbanceConfig],
     }
-    assert (DATA.length, SYNC.length, PLAN.length) == (20, 48, 64)
+    assert (DATA.length, SYNC.length, LONG.length) == (20, 48, 64)
     ends = met()
     plan = encode(SteeringPlan(7, Mode.ACTIVE, 200, 5, *(0.01 * step for step in range(18))), 7)
     for frame in (*FROM_PLANT, PLANT_STATUS, CONTROLLER_STATUS, COMMAND, plan):

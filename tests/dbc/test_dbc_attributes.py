@@ -6,6 +6,7 @@ The names are those of Vector's interaction layer; the E2E parameters' are those
 from cantools.database.can import Message as Definition
 
 from steer_by_wire.controller.received import RECEIVED as CONTROLLER_RECEIVES
+from steer_by_wire.controller.received import SUPERVISED
 from steer_by_wire.controller.settings import (
     age_limits_of,
     controller_preset,
@@ -27,6 +28,7 @@ from steer_by_wire.dbc.messages import (
     EstimateState,
     LatencyConfig,
     Mode,
+    PathAhead,
     PlantStatus,
     Rejection,
     SafetyState,
@@ -39,6 +41,7 @@ from steer_by_wire.dbc.messages import (
     frame_of,
 )
 from steer_by_wire.dbc.protection import protect
+from steer_by_wire.dbc.reception import cycle_ns
 from steer_by_wire.pair.virtual import BITRATE_BIT_S
 from steer_by_wire.plant_emulator.safety_settings import design_guard
 from steer_by_wire.plant_emulator.settings import PlantSettings
@@ -80,6 +83,8 @@ def test_an_interaction_layer_starts_with_nothing_that_anybody_would_act_on() ->
                 assert message.status is SteeringStatusCode.NO_COMMAND
             case VehicleState():
                 assert message == (0.0, 0.0, 0.0)
+            case PathAhead():
+                assert not any(message[2:])
             case ControllerStatus():
                 assert message.mode is Mode.WAITING
             case DelayStatus():
@@ -153,7 +158,7 @@ def test_a_receiver_times_out_when_our_nodes_do() -> None:
         ("CONTROLLER", 0x130): limits.vehicle_state_ns,
     }
     assert {can_id for node, can_id in expected_ns if node == "CONTROLLER"} == {
-        CAN_IDS[message_type] for message_type in CONTROLLER_RECEIVES
+        CAN_IDS[message_type] for message_type in SUPERVISED
     }
     for definition in DATABASE.messages:
         for signal in definition.signals:
@@ -183,8 +188,7 @@ def test_the_e2e_parameters_are_those_both_receivers_check_with() -> None:
             assert found["E2EDataLength"] == 8 * definition.length
             is_received = message_type in CONTROLLER_RECEIVES
             rule = counters_of(CONTROLLER) if is_received else PlantSettings().counters
-            sent_as = SteeringCommand if message_type is SteeringPlan else message_type
-            period_ns = CYCLE_TIMES_MS[sent_as] * NS_PER_MS
+            period_ns = cycle_ns(message_type)
             assert found["E2EMaxDeltaCounter"] == rule.step_before_silence(period_ns)
         else:
             assert not any(name.startswith("E2E") for name in found)

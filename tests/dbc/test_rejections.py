@@ -13,6 +13,7 @@ from steer_by_wire.dbc.messages import (
     DATA_IDS,
     Decoded,
     Mode,
+    PathAhead,
     Rejection,
     SteeringCommand,
     SteeringPlan,
@@ -151,8 +152,8 @@ def test_three_flipped_bits_are_always_found() -> None:
 @pytest.mark.parametrize("definition", PROTECTED, ids=lambda message: str(message.name))
 def test_a_protected_payload_under_another_identifier_is_found(definition: Definition) -> None:
     frame = frame_of_raws(definition, {})
-    plan_id = CAN_IDS[SteeringPlan]
+    long = {CAN_IDS[SteeringPlan], CAN_IDS[PathAhead]}
     for can_id in {CAN_IDS[kind] for kind in DATA_IDS} - {frame.can_id}:
-        is_as_long = plan_id not in (can_id, frame.can_id)
+        is_as_long = (can_id in long) == (frame.can_id in long)
         cause = Rejection.MASQUERADED if is_as_long else Rejection.WRONG_LENGTH
         assert decode(frame._replace(can_id=can_id)) is cause

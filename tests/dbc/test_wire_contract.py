@@ -144,6 +144,7 @@ def test_every_resolution_is_named_in_the_comment_that_says_why() -> None:
         ("LATERAL_ERROR", 0x110, "PLANT", {"CONTROLLER"}, 10),
         ("STEERING_STATUS", 0x120, "PLANT", {"CONTROLLER"}, 10),
         ("VEHICLE_STATE", 0x130, "PLANT", {"CONTROLLER"}, 20),
+        ("PATH_AHEAD", 0x140, "PLANT", {"CONTROLLER"}, None),
         ("CONTROLLER_STATUS", 0x300, "CONTROLLER", {"PLANT", "TOOL"}, 100),
         ("CONTROLLER_SAFETY", 0x304, "CONTROLLER", {"PLANT", "TOOL"}, 100),
         ("DELAY_STATUS", 0x308, "CONTROLLER", {"PLANT", "TOOL"}, 100),
@@ -161,7 +162,7 @@ def test_a_message_is_sent_by_whom_to_whom_and_how_often(
     assert definition.senders == [sender]
     assert definition.cycle_time == cycle_ms
     # Messages also sent on change declare that at the signals that change (test_dbc_attributes).
-    unsent = "IfActive" if name == "STEERING_PLAN" else "NoMsgSendType"
+    unsent = "IfActive" if name in ("STEERING_PLAN", "PATH_AHEAD") else "NoMsgSendType"
     assert definition.send_type == (unsent if cycle_ms is None else "Cyclic")
     for signal in definition.signals:
         assert set(signal.receivers) == receivers, signal.name
