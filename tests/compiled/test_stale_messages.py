@@ -162,9 +162,9 @@ def test_a_vehicle_that_is_never_stale_is_steered_by_however_old() -> None:
 def test_an_old_yaw_rate_is_not_integrated() -> None:
     law = design_law(preset("practical_delayed_set_point", SET_POINT))
     state: Any = law.initial_state(0.0)
-    told = VehicleReading(1.4, 0.03, 0.0)
+    reported = VehicleReading(1.4, 0.03, 0.0)
     integrals = []
-    for vehicle in [told] * 50 + [told._replace(is_stale=True)] * 50:
+    for vehicle in [reported] * 50 + [reported._replace(is_stale=True)] * 50:
         seen = LawInput(0.0, state.steer_rad, vehicle)
         state, _ = law.step(law.params, state, seen)
         integrals.append(state.integral_rad_s)

@@ -125,7 +125,7 @@ def test_the_check_says_what_can_be_said_of_each() -> None:
     assert "feed-forward of the curve is outside" in check_text(fed)
 
 
-def test_the_plant_hears_which_law_it_is() -> None:
+def test_the_plant_learns_which_law_it_is() -> None:
     for name, overrides in (("practical_smith", ()), ("practical_pd", SET_POINT)):
         node = run_nodes(rig([], 1.0), preset(name, overrides))
         assert node.report()["law"] == preset(name, overrides).law

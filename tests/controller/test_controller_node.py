@@ -81,7 +81,7 @@ def test_the_command_counter_wraps_at_16_bits() -> None:
     assert counters == [index % 65_536 for index in range(65_540)]
 
 
-def test_the_status_tells_mode_law_and_counts_ten_times_a_second() -> None:
+def test_the_status_reports_mode_law_and_counts_ten_times_a_second() -> None:
     plant = link()
     plant.drive(95, 0.01)
     statuses = [entry for entry in plant.sent if isinstance(entry[1], ControllerStatus)]

@@ -41,7 +41,7 @@ def link_of_defaults(**tables: Any) -> Link:
     return Link(ControllerNode(controller_settings(supervision={}, **tables), 0))
 
 
-def told(link: Link, since_ns: int = 0) -> list[tuple[int, ControllerSafety]]:
+def reported(link: Link, since_ns: int = 0) -> list[tuple[int, ControllerSafety]]:
     return [
         (time_ns, message)
         for time_ns, message, _ in link.sent
@@ -71,21 +71,21 @@ def freshness(message: ControllerSafety) -> tuple[Freshness, ...]:
     )
 
 
-def test_without_anything_to_say_it_is_told_ten_times_a_second() -> None:
+def test_without_anything_to_say_it_is_reported_ten_times_a_second() -> None:
     link = link_of_defaults()
     link.tick_until(1000 * MS_NS)
     expected = ControllerSafety(0, 0, NEVER_SEEN, NEVER_SEEN, NEVER_SEEN, ControllerFault.NONE)
-    assert told(link) == [(100 * MS_NS * number, expected) for number in range(10)]
+    assert reported(link) == [(100 * MS_NS * number, expected) for number in range(10)]
 
 
 @pytest.mark.parametrize("silent", range(3))
-def test_a_message_that_stops_is_told_within_the_fault_tolerant_time(silent: int) -> None:
+def test_a_message_that_stops_is_reported_within_the_fault_tolerant_time(silent: int) -> None:
     link = link_of_defaults()
     pass_by(link, 100)
     stopped_ns = link.now_ns - PERIOD_NS
     others = [message for number, message in enumerate(ALL) if number != silent]
     pass_by(link, 30, others)
-    of_it = [(at_ns, freshness(message)) for at_ns, message in told(link, stopped_ns)]
+    of_it = [(at_ns, freshness(message)) for at_ns, message in reported(link, stopped_ns)]
     first_ns = next(at_ns for at_ns, ages in of_it if ages[silent] is STALE)
     assert 135 * MS_NS < first_ns - stopped_ns <= FTTI_NS - ON_WIRE_NS
     expected = tuple(STALE if number == silent else FRESH for number in range(3))
@@ -93,16 +93,18 @@ def test_a_message_that_stops_is_told_within_the_fault_tolerant_time(silent: int
     pass_by(link, 1)
     back_ns = link.now_ns
     pass_by(link, 4)
-    assert (FRESH,) * 3 in [freshness(message) for _, message in told(link, back_ns - PERIOD_NS)]
+    assert (FRESH,) * 3 in [
+        freshness(message) for _, message in reported(link, back_ns - PERIOD_NS)
+    ]
 
 
-def test_a_frame_refused_is_told_long_before_the_next_cycle() -> None:
+def test_a_frame_refused_is_reported_long_before_the_next_cycle() -> None:
     link = link_of_defaults()
     pass_by(link, 51)  # the last cycle was at 500 ms
     refuse(link)
     since_ns = link.now_ns
     pass_by(link, 5)
-    (at_ns, message), *_ = told(link, since_ns)
+    (at_ns, message), *_ = reported(link, since_ns)
     assert message.rejected == 1
     assert at_ns - since_ns <= INTERVAL_NS
 
@@ -113,7 +115,7 @@ def test_a_flood_of_bad_frames_is_answered_fifty_times_a_second(rate_hz: float) 
     for _ in range(5000):
         refuse(link)
         link.tick_until(link.now_ns + MS_NS // 5)
-    messages = told(link)
+    messages = reported(link)
     assert len(messages) == pytest.approx(50, abs=1)
     assert all(after[0] - before[0] >= INTERVAL_NS for before, after in pairwise(messages))
     assert messages[-1][1].rejected > 4800 % 4096
@@ -125,7 +127,7 @@ def test_a_message_that_comes_and_goes_at_every_tick_is_bounded_too() -> None:
     for _ in range(250):
         link.deliver(ALL[2])
         link.tick_until(link.now_ns + 4 * MS_NS)
-    messages = told(link)
+    messages = reported(link)
     # Back at the interval's end, and gone again at most once in between.
     assert 50 <= len(messages) <= 110
     assert {freshness(message)[2] for _, message in messages} >= {FRESH, STALE}
@@ -137,23 +139,23 @@ def test_lost_frames_wait_for_the_cycle_and_are_counted() -> None:
     since_ns = link.now_ns
     link.deliver(ALL[0], skip=3)
     pass_by(link, 8)
-    assert [(at_ns, message.lost) for at_ns, message in told(link, since_ns)] == []
+    assert [(at_ns, message.lost) for at_ns, message in reported(link, since_ns)] == []
     pass_by(link, 3)
-    assert [message.lost for _, message in told(link, since_ns)] == [3]
+    assert [message.lost for _, message in reported(link, since_ns)] == [3]
 
 
-def test_refusals_before_the_node_are_told_and_are_not_among_its_own() -> None:
+def test_refusals_before_the_node_are_reported_and_are_not_among_its_own() -> None:
     link = link_of_defaults()
     pass_by(link, 51)
     refuse(link)
     for _ in range(4):
         link.node.on_unauthenticated()
     pass_by(link, 3)
-    assert told(link)[-1][1].rejected == 5
+    assert reported(link)[-1][1].rejected == 5
     assert link.node.report()["rejected"] == {"bad_crc": 1}
 
 
-def test_ticks_that_come_too_late_too_often_are_told_as_a_fault() -> None:
+def test_ticks_that_come_too_late_too_often_are_reported_as_a_fault() -> None:
     link = link_of_defaults(overruns={"overruns_max": 2, "window_ticks": 10})
     pass_by(link, 20)
     for _ in range(3):
@@ -161,11 +163,11 @@ def test_ticks_that_come_too_late_too_often_are_told_as_a_fault() -> None:
         for message in ALL:
             link.deliver(message)
         link.keep(link.node.on_tick(link.now_ns))
-    assert told(link)[-1] == (link.now_ns, told(link)[-1][1])
-    assert told(link)[-1][1].fault is ControllerFault.OVERRUNS
+    assert reported(link)[-1] == (link.now_ns, reported(link)[-1][1])
+    assert reported(link)[-1][1].fault is ControllerFault.OVERRUNS
 
 
-def test_a_law_that_fails_again_is_told_as_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_law_that_fails_again_is_reported_as_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     link = link_of_defaults()
     pass_by(link, 20)
 
@@ -175,9 +177,9 @@ def test_a_law_that_fails_again_is_told_as_a_fault(monkeypatch: pytest.MonkeyPat
     law = link.node._law
     monkeypatch.setattr(law, "design", law.design._replace(step=failing))
     pass_by(link, 1)
-    assert told(link)[-1][1].fault is ControllerFault.NONE
+    assert reported(link)[-1][1].fault is ControllerFault.NONE
     pass_by(link, 20)
-    faults = [(at_ns, message.fault) for at_ns, message in told(link)]
+    faults = [(at_ns, message.fault) for at_ns, message in reported(link)]
     assert link.node.report()["failure"]
     assert faults[-1][1] is ControllerFault.LAW_FAILED
 

@@ -43,7 +43,7 @@ class Run:
     """One run in virtual time, and what the wire carried."""
 
     def __init__(self, plant: PlantSettings, controller: ControllerSettings) -> None:
-        self.told: list[DelayStatus] = []
+        self.statuses: list[DelayStatus] = []
         self.steer: list[bytes] = []
         self.node = ControllerNode(controller, 0)
         plant_node = PlantNode(plant, 0, samples_max=0)
@@ -57,13 +57,13 @@ class Run:
         decoded = decode(frame)
         assert isinstance(decoded, Decoded)
         if isinstance(decoded.message, DelayStatus):
-            self.told.append(decoded.message)
+            self.statuses.append(decoded.message)
         elif frame.can_id == 0x100:
             self.steer.append(frame.data)
 
     @property
     def observable(self) -> list[DelayStatus]:
-        return [one for one in self.told if one.estimate_state is EstimateState.OBSERVABLE]
+        return [one for one in self.statuses if one.estimate_state is EstimateState.OBSERVABLE]
 
 
 @cache
@@ -92,25 +92,25 @@ PATHS: dict[str, dict[str, Any]] = {
 def test_while_observable_it_is_right_to_a_control_period(
     law: str, path: str, speed_km_h: float, mass_kg: float, delay_s: float
 ) -> None:
-    told = run(law, path, speed_km_h, mass_kg, delay_s)
-    assert len(told.observable) > 0.15 * len(told.told)
-    errors_s = [one.estimated_delay_s - delay_s for one in told.observable]
+    driven = run(law, path, speed_km_h, mass_kg, delay_s)
+    assert len(driven.observable) > 0.15 * len(driven.statuses)
+    errors_s = [one.estimated_delay_s - delay_s for one in driven.observable]
     assert max(map(abs, errors_s)) <= TOLERANCE_S + 1e-9
-    assert all(one.confidence >= 0.945 for one in told.observable)
+    assert all(one.confidence >= 0.945 for one in driven.observable)
 
 
-def test_the_echo_is_told_beside_it_within_half_a_period() -> None:
-    told = run("pd", "lane change", 4.0, 1600.0, 0.08).told
-    assert told[0].echo_state is EchoState.UNKNOWN
-    assert told[-1].echo_state is EchoState.KNOWN
-    assert told[-1].echo_delay_s == pytest.approx(0.08, abs=0.0055)
+def test_the_echo_is_reported_beside_it_within_half_a_period() -> None:
+    driven = run("pd", "lane change", 4.0, 1600.0, 0.08).statuses
+    assert driven[0].echo_state is EchoState.UNKNOWN
+    assert driven[-1].echo_state is EchoState.KNOWN
+    assert driven[-1].echo_delay_s == pytest.approx(0.08, abs=0.0055)
 
 
 def test_on_a_straight_road_nothing_is_observable() -> None:
-    told = run("pd", "straight", 5.0, 2000.0, 0.08)
-    assert told.observable == []
-    assert {one.estimate_state for one in told.told} == {EstimateState.NOT_OBSERVABLE}
-    report = told.node.report()["delay"]
+    driven = run("pd", "straight", 5.0, 2000.0, 0.08)
+    assert driven.observable == []
+    assert {one.estimate_state for one in driven.statuses} == {EstimateState.NOT_OBSERVABLE}
+    report = driven.node.report()["delay"]
     assert report["estimate_s"] is None
     assert report["observable_share"] == 0.0
     assert report["first_observable_s"] is None
@@ -118,29 +118,29 @@ def test_on_a_straight_road_nothing_is_observable() -> None:
 
 def test_in_a_steady_circle_what_was_observable_at_its_start_is_so_no_more() -> None:
     plant = plant_settings(PATHS["circle"], (5.0, 2000.0), 0.08)
-    told = Run(plant.model_copy(update={"duration_s": 60.0}), controller_settings("pd"))
-    assert told.observable
-    late = told.told[-200:]
+    driven = Run(plant.model_copy(update={"duration_s": 60.0}), controller_settings("pd"))
+    assert driven.observable
+    late = driven.statuses[-200:]
     assert {one.estimate_state for one in late} == {EstimateState.NOT_OBSERVABLE}
     # The last estimate remains reported.
     assert late[-1].estimated_delay_s == pytest.approx(0.08, abs=TOLERANCE_S)
 
 
-def test_the_report_has_what_the_bus_was_told() -> None:
-    told = run("pd_ddob", "lane change", 7.0, 5000.0, 0.25)
-    report = told.node.report()["delay"]
-    share = len(told.observable) / len(told.told)
+def test_the_report_agrees_with_the_bus() -> None:
+    driven = run("pd_ddob", "lane change", 7.0, 5000.0, 0.25)
+    report = driven.node.report()["delay"]
+    share = len(driven.observable) / len(driven.statuses)
     assert report["observable_share"] == pytest.approx(share, abs=0.02)
-    assert report["estimate_s"] == pytest.approx(told.told[-1].estimated_delay_s, abs=5e-4)
-    assert report["echo_s"] == pytest.approx(told.told[-1].echo_delay_s, abs=5e-4)
+    assert report["estimate_s"] == pytest.approx(driven.statuses[-1].estimated_delay_s, abs=5e-4)
+    assert report["echo_s"] == pytest.approx(driven.statuses[-1].echo_delay_s, abs=5e-4)
 
 
 def test_switched_off_it_is_off_and_the_commands_are_the_same_to_the_last_bit() -> None:
     plant = plant_settings(PATHS["lane change"], (4.0, 1600.0), 0.08)
     off = Run(plant, controller_settings("pd", "delay_estimation.enabled=false"))
-    assert {one.estimate_state for one in off.told} == {EstimateState.OFF}
-    assert {one.confidence for one in off.told} == {0.0}
-    assert off.told[-1].echo_state is EchoState.KNOWN
+    assert {one.estimate_state for one in off.statuses} == {EstimateState.OFF}
+    assert {one.confidence for one in off.statuses} == {0.0}
+    assert off.statuses[-1].echo_state is EchoState.KNOWN
     assert off.steer == run("pd", "lane change", 4.0, 1600.0, 0.08).steer
     assert off.node.report()["delay"]["estimate_state"] == "off"
 

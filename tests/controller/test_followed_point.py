@@ -114,10 +114,10 @@ def test_the_set_point_of_an_old_curve_fades_out() -> None:
 
 
 def test_it_is_outside_the_loop() -> None:
-    plain, told = (check_text(preset("practical_pd", each)) for each in ((), (CG,)))
-    assert "The set point of the followed point is outside the loop" in told
+    plain, reported = (check_text(preset("practical_pd", each)) for each in ((), (CG,)))
+    assert "The set point of the followed point is outside the loop" in reported
     stable = re.compile(r"stable at .*")
-    assert stable.findall(plain) == stable.findall(told) != []
+    assert stable.findall(plain) == stable.findall(reported) != []
 
 
 @pytest.mark.parametrize(

@@ -135,7 +135,7 @@ def test_what_has_no_derivative_by_the_filter_is_refused(
 
 
 @pytest.mark.parametrize("law", ["law=predictor", "pd.derivative=kalman"])
-def test_settings_without_gains_are_told_in_a_line_that_names_table_and_speed(law: str) -> None:
+def test_settings_without_gains_are_reported_in_a_line_that_names_table_and_speed(law: str) -> None:
     settings = controller(
         law, "predictor={}", "estimator.curvature_walk_1_m_sqrt_s=1e-12", preset="practical_pd_ddob"
     )

@@ -38,7 +38,7 @@ def delays(pairs: list[tuple[int, int]], params: LinkParams = PARAMS) -> DelaySt
     return x
 
 
-def test_the_delay_of_a_constant_latency_is_told_to_half_a_period() -> None:
+def test_the_delay_of_a_constant_latency_is_reported_to_half_a_period() -> None:
     """A command of tick k in effect at sample k + 8 acts 70 to 80 ms after its tick."""
     x = delays([(tick + 8, tick) for tick in range(100)])
     assert delay_of(PARAMS, x, 107) == 75 * MS

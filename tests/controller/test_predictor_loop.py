@@ -152,7 +152,7 @@ def test_a_loop_that_grows_has_no_noise_gain() -> None:
 # --check
 
 
-def test_the_check_of_the_predictor_tells_poles_noise_and_stable_delays() -> None:
+def test_the_check_of_the_predictor_reports_poles_noise_and_stable_delays() -> None:
     text = check_text(controller(*PREDICTOR, "rate_hz=50"))
     assert "[predictor]" in text
     assert "# Poles of the closed loop around the nominal plant, without delay:" in text
@@ -172,7 +172,7 @@ def test_the_check_of_periods_without_a_common_multiple_says_so() -> None:
     assert "Not analysed: control period" in check_text(controller(*PREDICTOR, "rate_hz=99"))
 
 
-def test_the_check_of_the_predictor_tells_what_its_fallback_survives(
+def test_the_check_of_the_predictor_reports_what_its_fallback_survives(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """For two gains of the same fallback it reports two margins, those of the law alone."""

@@ -132,8 +132,8 @@ def test_two_laws_that_are_far_apart_meet_at_the_rate_of_the_fade() -> None:
     params = law.params._replace(settling_samples=0)
     state: Any = law.initial_state(0.3)
     commands = []
-    for told in [seen] * 300 + [unmeasured] * 300:
-        state, output = law.step(params, state, told)
+    for reported in [seen] * 300 + [unmeasured] * 300:
+        state, output = law.step(params, state, reported)
         commands.append(output.steer_rad)
     assert abs(commands[599] - commands[299]) > 0.05
     assert np.abs(np.diff(commands)).max() == pytest.approx(0.002)

@@ -136,7 +136,7 @@ def test_the_predictor_does_without_a_delay_that_is_counted_in_wrong_periods() -
     }
 
 
-def test_laws_that_do_not_ask_for_the_period_are_not_told() -> None:
+def test_laws_that_do_not_ask_for_the_period_are_not_reported() -> None:
     node = ControllerNode(controller_preset("practical_pd"), 0)
     assert node.report()["sensor_period"] is None
 
@@ -164,8 +164,8 @@ def test_a_wrong_period_is_said_in_a_line(capsys: pytest.CaptureFixture[str]) ->
         program.conclude(
             "steering-controller", controller_preset("practical_predictor"), controller
         )
-        told = capsys.readouterr().err.splitlines()
-        assert len(told) == lines
+        reported = capsys.readouterr().err.splitlines()
+        assert len(reported) == lines
     _, controller = driven(["sensor_period_ms=20"])
     program.conclude("steering-controller", controller_preset("practical_predictor"), controller)
     assert (

@@ -89,7 +89,7 @@ def test_its_sensitivity_is_what_the_preset_was_searched_for() -> None:
     assert max(peaks) == pytest.approx(2.9, rel=0.01)
 
 
-def test_the_check_tells_poles_sensitivity_and_stable_delays(
+def test_the_check_reports_poles_sensitivity_and_stable_delays(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(check_figures, "DELAY_NS_MAX", 20 * MS)

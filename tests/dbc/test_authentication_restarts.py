@@ -37,7 +37,7 @@ def test_a_receiver_that_starts_late_believes_the_second_status_at_the_latest() 
     assert plant_end.verify(late.secure(COMMAND)) == COMMAND
 
 
-def test_a_sender_that_restarted_is_believed_when_it_has_heard_a_status() -> None:
+def test_a_sender_that_restarted_is_believed_when_it_has_received_a_status() -> None:
     controller_end, plant_end = met()
     for _ in range(50):
         assert controller_end.verify(plant_end.secure(FROM_PLANT[0])) == FROM_PLANT[0]
@@ -48,7 +48,7 @@ def test_a_sender_that_restarted_is_believed_when_it_has_heard_a_status() -> Non
     assert restarted.verify(controller_end.secure(COMMAND)) == COMMAND
 
 
-def test_before_it_has_heard_a_challenge_an_end_sends_what_nobody_accepts() -> None:
+def test_before_it_has_received_a_challenge_an_end_sends_what_nobody_accepts() -> None:
     sender = plant()
     secured = sender.secure(FROM_PLANT[0])
     assert secured.data[12:] == bytes(8)

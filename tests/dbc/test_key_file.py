@@ -123,9 +123,9 @@ def test_what_is_no_key_is_refused_without_showing_it(file: Path, text: bytes) -
     with pytest.raises(SettingsError) as caught:
         read_key(file)
     assert str(caught.value) == f"{file}: a key is 32 hexadecimal digits on one line"
-    told = told_by(caught)
+    reported = told_by(caught)
     for shown in (DIGITS[:10], DIGITS[:10].upper(), repr(KEY)[2:-1]):
-        assert shown not in told
+        assert shown not in reported
 
 
 def test_no_object_gives_the_key_away(file: Path) -> None:
@@ -167,11 +167,11 @@ def test_without_cryptography_one_line_says_what_to_install(
     monkeypatch.setitem(sys.modules, "cryptography.hazmat.primitives.cmac", None)
     with pytest.raises(SettingsError, match=r"pip install '\.\[secoc\]'") as caught:
         read_key(file)
-    told = told_by(caught)
-    assert DIGITS[:10] not in told
+    reported = told_by(caught)
+    assert DIGITS[:10] not in reported
 
 
-def test_a_platform_that_cannot_tell_who_may_read_is_refused(
+def test_a_platform_that_cannot_report_who_may_read_is_refused(
     file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("steer_by_wire.dbc.key_file.os", SimpleNamespace())

@@ -104,9 +104,9 @@ def test_any_raws_are_what_cantools_makes_of_them(name: str, data: st.DataObject
     counter = data.draw(st.integers(0, 255))
     message = MESSAGE_TYPES[name](*values)
     payload = codec.pack(message, counter)
-    told = DATABASE.get_message_by_name(name).decode(payload, decode_choices=False)
-    assert isinstance(told, dict)
-    assert list(told.values())[-len(values) :] == pytest.approx(values)
+    reported = DATABASE.get_message_by_name(name).decode(payload, decode_choices=False)
+    assert isinstance(reported, dict)
+    assert list(reported.values())[-len(values) :] == pytest.approx(values)
     assert codec.unpack(payload) == (message, 0 if codec.data_id is None else counter)
 
 

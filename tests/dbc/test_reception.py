@@ -112,7 +112,7 @@ def test_a_sender_that_restarted_is_believed_after_the_run_that_was_set() -> Non
     assert tested.resynchronised == 1
 
 
-def test_a_payload_of_another_message_is_told_from_a_corrupted_one() -> None:
+def test_a_payload_of_another_message_is_distinguished_from_a_corrupted_one() -> None:
     tested = reception()
     tested.take(encode(COMMAND, 0))
     status = encode(SteeringStatus(0.1, 7, SteeringStatusCode.APPLYING), 1)

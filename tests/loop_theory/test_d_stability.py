@@ -66,7 +66,7 @@ def test_each_demand_is_met_on_one_side_of_its_bound_and_not_on_the_other(
     assert satisfied == (settled and damped and dominant)
 
 
-def test_fast_roots_outside_the_cone_are_told_and_refused_only_on_demand() -> None:
+def test_fast_roots_outside_the_cone_are_reported_and_refused_only_on_demand() -> None:
     *_, every_root_damped, satisfied = verdict(*GOOD, *pair(-20.0, 90.0))
     assert (every_root_damped, satisfied) == (False, True)
     assert not verdict(*GOOD, *pair(-20.0, 90.0), spec=STRICT)[-1]

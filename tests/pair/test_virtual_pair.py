@@ -52,8 +52,8 @@ def test_a_pair_meets_the_faults_of_its_settings(
     plant: PlantSettings, controller: ControllerSettings
 ) -> None:
     result = run_virtual_pair(plant, controller, None)
-    (told,) = result.plant["node"]["faults"]
-    assert told["changed"] > 0
+    (reported,) = result.plant["node"]["faults"]
+    assert reported["changed"] > 0
     assert result.controller["node"]["holds"] == 1
 
 

@@ -223,8 +223,8 @@ def test_the_stage_counts_what_it_changed_and_when() -> None:
     node = FaultyNode(Sink(), [fault(FaultKind.DROP, 1.0, duration_s=0.05)], seed=1)
     for number, frame in enumerate(commands(30)):
         node.on_frame(frame, number * PERIOD_NS)
-    (told,) = node.report()["faults"]
-    assert (told["changed"], told["first_s"], told["last_s"]) == (5, 0.1, 0.14)
+    (reported,) = node.report()["faults"]
+    assert (reported["changed"], reported["first_s"], reported["last_s"]) == (5, 0.1, 0.14)
 
 
 def test_faults_of_other_messages_and_of_none_pass_everything() -> None:

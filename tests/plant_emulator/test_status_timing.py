@@ -24,22 +24,22 @@ def changes(tested: Link) -> list[tuple[float, SafetyState]]:
 def drive(states: list[tuple[int, SafetyState]], until_ns: int) -> list[tuple[int, SafetyState]]:
     """Let SAFETY change at these times [ns]; returns what was reported when."""
     telling, state, pending = StatusTiming(0), NORMAL, list(states)
-    told: list[tuple[int, SafetyState]] = []
+    sent: list[tuple[int, SafetyState]] = []
     while True:
         change_ns = pending[0][0] if pending else until_ns
         now_ns = min(change_ns, telling.deadline_ns)
         if now_ns >= until_ns:
-            return told
+            return sent
         if change_ns == now_ns:
             state = pending.pop(0)[1]
         else:
             telling.on_report(state, now_ns, now_ns)
-            told.append((now_ns, state))
+            sent.append((now_ns, state))
             state = NORMAL if state is LIMITING else state
         telling.on_state(state, now_ns)
 
 
-def test_silence_is_told_at_the_instant_at_which_it_is_found() -> None:
+def test_silence_is_reported_at_the_instant_at_which_it_is_found() -> None:
     """The last command comes at 500 ms; the cycle at 700 ms would be 60 ms later."""
     tested = link()
     for step in range(51):
@@ -65,7 +65,7 @@ def test_it_takes_no_way_through_the_uplink_as_steering_status_does(latency_ms: 
     assert first_ns == START_NS + (640 + latency_ms) * MS_NS
 
 
-def test_a_late_tick_tells_what_was_due_meanwhile() -> None:
+def test_a_late_tick_reports_what_was_due_meanwhile() -> None:
     tested = link()
     tested.command(START_NS, 0.1)
     tested.tick_until(START_NS + 100 * MS_NS)
@@ -81,12 +81,12 @@ def test_a_limit_that_acts_all_the_time_costs_one_frame_more() -> None:
     assert len(states) == 12
 
 
-def test_a_plant_in_order_tells_at_its_cycles_only() -> None:
+def test_a_plant_in_order_reports_at_its_cycles_only() -> None:
     assert len(steered(100).messages(PlantStatus)) == 11
 
 
 @pytest.mark.parametrize(
-    ("told", "state", "after_ns"),
+    ("sent", "state", "after_ns"),
     [
         (NORMAL, LIMITING, INTERVAL_NS),
         (NORMAL, HOLDING, 1),
@@ -103,14 +103,16 @@ def test_a_plant_in_order_tells_at_its_cycles_only() -> None:
         (SAFE_STATE, SAFE_STATE, PERIOD_NS),
     ],
 )
-def test_how_soon_a_change_is_told(told: SafetyState, state: SafetyState, after_ns: int) -> None:
+def test_how_soon_a_change_is_reported(
+    sent: SafetyState, state: SafetyState, after_ns: int
+) -> None:
     telling = StatusTiming(0)
-    telling.on_report(told, 0, 0)
+    telling.on_report(sent, 0, 0)
     telling.on_state(state, 1)
     assert telling.deadline_ns == after_ns
 
 
-def test_a_change_that_has_gone_again_is_not_told() -> None:
+def test_a_change_that_has_gone_again_is_not_reported() -> None:
     assert drive([(30, LIMITING), (40, NORMAL)], PERIOD_NS) == [(0, NORMAL)]
 
 
@@ -121,14 +123,14 @@ def test_a_change_that_has_gone_again_is_not_told() -> None:
         unique_by=lambda change: change[0],
     )
 )
-def test_whatever_happens_frames_are_few_and_the_last_state_is_told(
+def test_whatever_happens_frames_are_few_and_the_last_state_is_reported(
     states: list[tuple[int, SafetyState]],
 ) -> None:
     in_order = sorted((at_ms * MS_NS, state) for at_ms, state in states)
-    told = drive(in_order, 600 * MS_NS)
-    assert {step * PERIOD_NS for step in range(6)} <= {at for at, _ in told}
+    sent = drive(in_order, 600 * MS_NS)
+    assert {step * PERIOD_NS for step in range(6)} <= {at for at, _ in sent}
     # In any interval: the return, three that get worse step by step, and a cycle.
-    for begin_ns, _ in told:
-        assert sum(begin_ns <= at < begin_ns + INTERVAL_NS for at, _ in told) <= 5
+    for begin_ns, _ in sent:
+        assert sum(begin_ns <= at < begin_ns + INTERVAL_NS for at, _ in sent) <= 5
     last = in_order[-1][1] if in_order else NORMAL
-    assert told[-1][1] is (NORMAL if last is LIMITING else last)
+    assert sent[-1][1] is (NORMAL if last is LIMITING else last)

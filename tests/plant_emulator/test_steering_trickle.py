@@ -53,7 +53,7 @@ def refuse(tested: Link, now_ns: int) -> None:
 BACK_NS = START_NS + 80 * PERIOD_NS
 
 
-def test_a_hold_is_told_until_its_run_is_whole_and_then_the_fade_and_nothing_jumps() -> None:
+def test_a_hold_is_reported_until_its_run_is_whole_and_then_the_fade_and_nothing_jumps() -> None:
     tested = held(link())
     for step in range(40):
         tested.command(BACK_NS + step * PERIOD_NS, 0.05)
@@ -80,8 +80,8 @@ def test_a_refused_command_in_the_run_keeps_the_hold() -> None:
                 refuse(tested, BACK_NS + step * PERIOD_NS + 1)
         tested.tick_until(BACK_NS + 8 * PERIOD_NS)
         longer = 4 if is_refused else 3
-        told = statuses(tested, BACK_NS + 1)
-        assert told == [HOLDING] * longer + [FOLLOWING] * (8 - longer)
+        reported = statuses(tested, BACK_NS + 1)
+        assert reported == [HOLDING] * longer + [FOLLOWING] * (8 - longer)
         assert tested.node.report()["safety"]["recoveries"] == 1
 
 
@@ -109,19 +109,19 @@ def test_a_damaged_command_every_20_ms_delays_the_recovery_by_30_ms_at_most(paus
     assert report["rejected"] == {"bad_crc": 400}
     assert report["safety"]["recoveries"] == 1
     held_codes = {HOLDING, SteeringStatusCode.FALLBACK}
-    told = statuses(tested, back_ns + 1)
-    assert sum(code in held_codes for code in told) == 6  # the eighth good command ends it
-    assert set(told[6:]) <= {FADING, FOLLOWING}
+    reported = statuses(tested, back_ns + 1)
+    assert sum(code in held_codes for code in reported) == 6  # the eighth good command ends it
+    assert set(reported[6:]) <= {FADING, FOLLOWING}
 
 
 @pytest.mark.parametrize("gap_ms", [150, 500])
-def test_single_commands_end_in_fallback_and_are_told_as_no_recovery(gap_ms: int) -> None:
+def test_single_commands_end_in_fallback_and_are_reported_as_no_recovery(gap_ms: int) -> None:
     tested = held(link())
     for step in range(600 // (gap_ms - 140) + 1):
         tested.command(START_NS + (500 + (step + 1) * gap_ms) * MS_NS, 0.1)
     tested.tick_until(tested.node.deadline_ns + PERIOD_NS)
-    told = set(statuses(tested, START_NS + 640 * MS_NS))
-    assert told == {HOLDING, SteeringStatusCode.FALLBACK}
+    reported = set(statuses(tested, START_NS + 640 * MS_NS))
+    assert reported == {HOLDING, SteeringStatusCode.FALLBACK}
     report = tested.node.report()["safety"]
     assert (report["holdings"], report["fallbacks"], report["recoveries"]) == (1, 1, 0)
     assert tested.node.report()["safety"]["ignored_commands"] >= 1
@@ -224,7 +224,7 @@ def test_a_compiled_run_with_a_trickle_equals_the_nodes(overrides: Sequence[str]
     assert np.abs(run.wheel_angle_rad - run.command_rad)[200:].max() > 1e-3
 
 
-def test_the_steering_tells_the_hold_in_plant_status_until_its_run_is_whole() -> None:
+def test_the_steering_reports_the_hold_in_plant_status_until_its_run_is_whole() -> None:
     tested = held(link())
     tested.tick_until(BACK_NS)
     assert tested.node.report()["safety"]["mode"] == "holding"

@@ -65,7 +65,7 @@ def codes(tested: Link) -> list[tuple[float, SteeringStatusCode]]:
     return found
 
 
-def test_silence_is_acted_upon_and_told_within_the_fault_tolerant_time() -> None:
+def test_silence_is_acted_upon_and_reported_within_the_fault_tolerant_time() -> None:
     tested = silent()
     tested.tick_until(START_NS + 300 * PERIOD_NS)
     held, fell = codes(tested)[-2:]
@@ -77,13 +77,13 @@ def test_silence_is_acted_upon_and_told_within_the_fault_tolerant_time() -> None
     assert wheel[1130] == pytest.approx(0.0, abs=1e-12)
     report = tested.node.report()["safety"]
     assert (report["mode"], report["holdings"], report["fallbacks"]) == ("fallback", 1, 1)
-    told = [(now_ns - DEAD_NS, m.safety) for now_ns, m in tested.messages(PlantStatus)]
+    reported = [(now_ns - DEAD_NS, m.safety) for now_ns, m in tested.messages(PlantStatus)]
     # At once, and then at five cycles.
-    assert next(at for at, state in told if state is SafetyState.HOLDING) == 140 * MS_NS
-    assert [state for at, state in told if 140 * MS_NS <= at < 640 * MS_NS] == [
+    assert next(at for at, state in reported if state is SafetyState.HOLDING) == 140 * MS_NS
+    assert [state for at, state in reported if 140 * MS_NS <= at < 640 * MS_NS] == [
         SafetyState.HOLDING
     ] * 6
-    assert told[-1][1] is SafetyState.FALLBACK
+    assert reported[-1][1] is SafetyState.FALLBACK
 
 
 @pytest.mark.parametrize("ftti_ms", [50.0, 150.0, 400.0])
@@ -218,7 +218,7 @@ def test_an_override_takes_the_wheel_whatever_is_commanded() -> None:
     assert tested.node.samples[-1].wheel_angle_rad == 0.0
 
 
-def test_at_60_km_h_the_limits_bind_and_are_counted_and_told_by_cause() -> None:
+def test_at_60_km_h_the_limits_bind_and_are_counted_and_reported_by_cause() -> None:
     """g = 70.8: 3 m/s² is 0.0424 rad, and 5 m/s³ over half a second 0.0353 rad."""
     tested = link(vehicle={"speed_m_s": 60.0 / 3.6})
     tested.command(START_NS, 0.2)
@@ -307,7 +307,7 @@ def test_the_defaults_change_no_bit_of_a_preset_run_by_the_nodes() -> None:
 
 @pytest.mark.parametrize("key", OFF)
 @pytest.mark.parametrize("value", ["-1", "1e9", "never", "true"])
-def test_a_bad_limit_is_told_in_one_line(key: str, value: str) -> None:
+def test_a_bad_limit_is_reported_in_one_line(key: str, value: str) -> None:
     with pytest.raises(SettingsError) as caught:
         load_settings(PlantSettings, overrides=[f"safety.{key}={value}"])
     (line,) = caught.value.mistakes

@@ -134,7 +134,7 @@ def test_cycle_times_are_those_of_the_dbc(constant: Run) -> None:
             assert message["gaps"] == 0
 
 
-def test_modes_and_law_are_told(constant: Run) -> None:
+def test_modes_and_law_are_reported(constant: Run) -> None:
     figures = analyse(constant.log)
     assert figures["laws"] == ["PD"]
     assert sum(figures["modes_s"].values()) == pytest.approx(figures["duration_s"], abs=0.15)

@@ -45,7 +45,7 @@ def damaged(lines: list[str], position: int, text: str) -> str:
         (".trc", 25, "     12         60.000 DT  1     0110 Rx -  8    ZZ 00 00 00 00 00 00 00"),
     ],
 )
-def test_a_damaged_line_is_counted_and_told_and_costs_no_other(
+def test_a_damaged_line_is_counted_and_reported_and_costs_no_other(
     varying: Run, tmp_path: Path, suffix: str, position: int, line: str
 ) -> None:
     whole = convert(entries_of(varying.log), tmp_path / f"whole{suffix}")
@@ -158,7 +158,7 @@ def test_frames_that_a_node_would_refuse_are_counted_by_cause(
     assert [figures["messages"][name]["missing"] for name in others] == [0] * len(others)
 
 
-def test_a_gap_is_told_with_its_place(constant: Run, tmp_path: Path) -> None:
+def test_a_gap_is_reported_with_its_place(constant: Run, tmp_path: Path) -> None:
     entries = entries_of(constant.log)
     start_ns = entries[0].time_ns
     kept = [
@@ -172,7 +172,7 @@ def test_a_gap_is_told_with_its_place(constant: Run, tmp_path: Path) -> None:
     assert gaps[0]["duration_s"] == pytest.approx(0.4 + PERIOD_S, abs=ON_THE_WIRE_S + PERIOD_S)
 
 
-def test_a_change_of_the_latency_is_told(tmp_path: Path) -> None:
+def test_a_change_of_the_latency_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "set.log"
     path.write_text("(1.000000) vcan0 123#00\n(3.500000) vcan0 320#2320032C016400\n")
     (config,) = analyse(path)["latency_configs"]

@@ -150,9 +150,9 @@ def test_a_file_that_is_no_log_leaves_nothing_and_keeps_no_other_from_its_report
         assert line.startswith(f"steer-by-wire analyze: error: {path}: ")
     assert not out.parent.exists()
     assert main([str(bad), str(constant.log), "--out", str(out)]) == ExitStatus.SETTINGS
-    told = capsys.readouterr()
-    assert str(bad) in told.err
-    assert "report: " in told.out
+    reported = capsys.readouterr()
+    assert str(bad) in reported.err
+    assert "report: " in reported.out
     assert [path.name for path in out.iterdir()] == [constant.log.stem]
     assert (out / constant.log.stem / "report.html").exists()
     before = (out / constant.log.stem / "signals.csv").read_bytes()

@@ -149,7 +149,7 @@ def test_lines_of_a_real_candump_are_read(tmp_path: Path, way: str) -> None:
         assert times[-1] - times[0] == 107_982_000
 
 
-def test_error_frames_are_told_apart(tmp_path: Path) -> None:
+def test_error_frames_are_distinguished(tmp_path: Path) -> None:
     path = tmp_path / "run.txt"
     path.write_text(
         "  vcan0  20000004   [8]  00 04 00 00 00 00 00 00   ERRORFRAME\n"

@@ -132,7 +132,7 @@ def test_a_network_interface_that_cannot_serve_is_passed_over_with_the_reason(
         ([], {"CAN_CONFIG": "{not json"}, "configuration cannot be read"),
     ],
 )
-def test_a_bus_that_cannot_be_opened_is_told_in_one_line(
+def test_a_bus_that_cannot_be_opened_is_reported_in_one_line(
     monkeypatch: pytest.MonkeyPatch,
     arguments: list[str],
     environment: dict[str, str],
@@ -185,7 +185,7 @@ def test_a_port_receives_nothing_when_nothing_comes() -> None:
         assert BusPort(bus).recv(-1) is None
 
 
-def test_a_port_tells_a_failed_bus_in_one_line() -> None:
+def test_a_port_reports_a_failed_bus_in_one_line() -> None:
     with launched_broker() as address:
         bus = can.Bus(interface="emulated", address=address)
     port = BusPort(bus)

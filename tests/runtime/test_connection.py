@@ -56,7 +56,7 @@ class Machine:
         self.failed_attempts = 0
         self.is_socketcan = is_socketcan
         self.ports: list[FakePort] = []
-        self.told: list[str] = []
+        self.reported: list[str] = []
 
     def open(self) -> OpenPort:
         if not self.is_there:
@@ -67,7 +67,7 @@ class Machine:
         return OpenPort(self.ports[-1], "a bus", "can7", driver, self.is_socketcan, self.open)
 
     def connect(self, patience_s: float = PATIENCE_S) -> Connection:
-        return Connection(self.open(), patience_s, self.told.append, lambda: self.now_ns)
+        return Connection(self.open(), patience_s, self.reported.append, lambda: self.now_ns)
 
     def wait_s(self, duration_s: float) -> None:
         self.now_ns += round(duration_s * NS_PER_S)
@@ -135,7 +135,7 @@ def test_without_patience_a_bus_that_fails_ends_the_run(machine: Machine) -> Non
     machine.ports[0].send_fails = True
     with pytest.raises(BusError, match="cannot send: gone"):
         connection.send(DATA)
-    assert machine.told == []
+    assert machine.reported == []
     connection.shutdown()
     assert machine.ports[0].is_shut_down
 
@@ -160,7 +160,7 @@ def test_a_bus_off_that_the_kernel_contradicts_is_counted_as_forged_and_ends_not
     assert connection.send(DATA)
     assert connection.figures.error_frames == {FORGED_BUS_OFF: 1}
     assert connection.figures.outages == 0
-    assert machine.told == []
+    assert machine.reported == []
 
 
 def test_a_bus_off_that_the_kernel_confirms_ends_the_run(
@@ -176,13 +176,13 @@ def test_a_bus_off_that_the_kernel_confirms_ends_the_run(
 # A connection that is kept
 
 
-def test_a_lost_bus_is_opened_again_and_told(machine: Machine) -> None:
+def test_a_lost_bus_is_opened_again_and_reported(machine: Machine) -> None:
     connection = machine.connect()
     machine.ports[0].waiting.append(BusError("cannot receive: gone"))
     machine.ports[0].dropped = 3
     machine.is_there = False
     assert connection.recv(0.0) is None
-    assert machine.told == [
+    assert machine.reported == [
         "cannot receive: gone; waiting 10 s at most for the bus to return",
     ]
     assert not connection.send(DATA)
@@ -194,7 +194,7 @@ def test_a_lost_bus_is_opened_again_and_told(machine: Machine) -> None:
     assert machine.ports[0].is_shut_down
     machine.ports[1].waiting.append(DATA)
     assert connection.recv(0.0) == Received(DATA, None)
-    assert machine.told[1:] == ["the bus is back after 2.00 s"]
+    assert machine.reported[1:] == ["the bus is back after 2.00 s"]
     machine.wait_s(5.0)
     figures = connection.figures
     assert (figures.outages, figures.reconnections, figures.outage_ns) == (1, 1, 2 * NS_PER_S)
@@ -227,7 +227,7 @@ def test_a_bus_that_fails_as_soon_as_it_is_open_has_not_come_back(machine: Machi
         machine.ports[-1].waiting.append(BusError("cannot receive: gone again"))
         assert connection.recv(0.0) is None
     assert connection.figures.outages == 1
-    assert len(machine.told) == 1
+    assert len(machine.reported) == 1
     machine.is_there = False
     machine.wait_s(PATIENCE_S)
     with pytest.raises(BusError, match="cannot receive: gone again; the bus has not returned for"):
@@ -264,7 +264,7 @@ def test_a_bus_that_stays_away_ends_the_run_and_says_what_the_last_attempt_met(
     connection.shutdown()
 
 
-def test_only_the_first_outages_are_told(machine: Machine) -> None:
+def test_only_the_first_outages_are_reported(machine: Machine) -> None:
     connection = machine.connect()
     for _ in range(REPORTED_OUTAGES_MAX + 2):
         machine.ports[-1].waiting.append(BusError("cannot receive: gone"))
@@ -275,8 +275,8 @@ def test_only_the_first_outages_are_told(machine: Machine) -> None:
     assert (
         connection.figures.outages == connection.figures.reconnections == REPORTED_OUTAGES_MAX + 2
     )
-    assert len(machine.told) == 2 * REPORTED_OUTAGES_MAX
-    assert machine.told[-2].endswith("more are only counted")
+    assert len(machine.reported) == 2 * REPORTED_OUTAGES_MAX
+    assert machine.reported[-2].endswith("more are only counted")
     connection.shutdown()
 
 
@@ -307,8 +307,8 @@ def test_in_bus_off_nothing_is_sent_until_the_controller_has_restarted(machine: 
     assert connection.recv(0.0) is not None
     assert connection.send(DATA)
     assert connection.figures.error_frames == {BUS_OFF: 1, RESTARTED: 1}
-    assert machine.told[0].startswith("bus-off: ")
-    assert machine.told[1] == "the bus is back after 0.10 s"
+    assert machine.reported[0].startswith("bus-off: ")
+    assert machine.reported[1] == "the bus is back after 0.10 s"
 
 
 def test_bus_off_ends_with_the_carrier_too(machine: Machine, carriers: dict[str, bool]) -> None:

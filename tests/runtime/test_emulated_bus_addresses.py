@@ -68,7 +68,7 @@ def test_a_group_is_let_in_where_that_is_asked_for(directory: Path, umask: int) 
         os.umask(before)
 
 
-def test_a_group_that_cannot_come_in_is_told(directory: Path) -> None:
+def test_a_group_that_cannot_come_in_is_reported(directory: Path) -> None:
     directory.chmod(0o700)
     with (
         pytest.raises(AddressError, match=r"the group cannot enter .*chmod g\+x"),
@@ -120,7 +120,7 @@ def test_no_address_but_the_loopback_is_listened_at(text: str) -> None:
         parse_address(text)
 
 
-def test_a_port_in_use_is_told(stack: ExitStack) -> None:
+def test_a_port_in_use_is_reported(stack: ExitStack) -> None:
     taken = stack.enter_context(listening(TcpAddress("127.0.0.1", 0)))
     with (
         pytest.raises(AddressError, match="cannot listen"),

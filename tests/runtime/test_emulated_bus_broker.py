@@ -107,18 +107,18 @@ def test_frames_of_a_client_do_not_wait_behind_its_own_of_lower_priority(bench: 
         bench.step()
         bench.advance(2 * CLASSIC_FRAME_NS)
         assert Frame(0x100, number.to_bytes(8, "little")) in received(listener)
-    assert told(victim) == [Buffer(0x300, False, has_room=False)]
+    assert reported(victim) == [Buffer(0x300, False, has_room=False)]
     flooder.close()
     seen: list[Frame] = []
     for _ in range(500):
         bench.advance(CLASSIC_FRAME_NS)
         seen += received(listener)
-    assert told(victim) == [Buffer(0x300, False, has_room=True)]
+    assert reported(victim) == [Buffer(0x300, False, has_room=True)]
     numbers = [int.from_bytes(frame.data, "little") for frame in seen if frame.can_id == 0x300]
     assert numbers == [*range(FRAMES_WAITING_MAX)]
 
 
-def told(client: socket.socket) -> list[Buffer]:
+def reported(client: socket.socket) -> list[Buffer]:
     """Return the reports that a client has received about its transmit buffers."""
     raw, size = client.recv(1 << 16), CLASSIC_RECORD.size
     records = [raw[start : start + size] for start in range(0, len(raw), size)]
@@ -126,21 +126,21 @@ def told(client: socket.socket) -> list[Buffer]:
     return [one for one in delivered if isinstance(one, Buffer)]
 
 
-def test_a_client_hears_of_every_transmit_buffer_that_fills_up(bench: Bench) -> None:
+def test_a_client_is_notified_of_every_transmit_buffer_that_fills_up(bench: Bench) -> None:
     client = bench.join()
     send(
         client, *[Frame(can_id, bytes(8)) for _ in range(BUFFER_FULL) for can_id in (0x300, 0x304)]
     )
     bench.step()
-    assert told(client) == [Buffer(can_id, False, has_room=False) for can_id in (0x300, 0x304)]
+    assert reported(client) == [Buffer(can_id, False, has_room=False) for can_id in (0x300, 0x304)]
     bench.advance(CLASSIC_FRAME_NS)
-    assert told(client) == [Buffer(0x300, False, has_room=True)]
+    assert reported(client) == [Buffer(0x300, False, has_room=True)]
     send(client, Frame(0x300, bytes(8)), Frame(0x304, bytes(8)))
     bench.step()
-    assert told(client) == [Buffer(0x300, False, has_room=False)]
+    assert reported(client) == [Buffer(0x300, False, has_room=False)]
 
 
-def test_who_does_not_read_hears_no_more_than_its_socket_takes(bench: Bench) -> None:
+def test_who_does_not_read_learns_no_more_than_its_socket_takes(bench: Bench) -> None:
     client = bench.join()
     for _ in range(400):
         send(client, *[Frame(0x700, b"")] * FRAMES_WAITING_MAX)

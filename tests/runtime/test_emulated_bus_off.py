@@ -131,7 +131,7 @@ def table(stack: ExitStack) -> Table:
     return table
 
 
-def test_a_node_in_bus_off_is_told_and_neither_sends_nor_hears(table: Table) -> None:
+def test_a_node_in_bus_off_is_reported_and_neither_sends_nor_hears(table: Table) -> None:
     table.send_off(restart_after_ns=50 * NS_PER_MS)
     assert table.causes(table.node) == [BUS_OFF]
     table.send(table.node, COMMAND, COMMAND)
@@ -228,7 +228,7 @@ def test_a_broker_that_does_not_allow_it_disconnects_who_asks(stack: ExitStack) 
     assert table.heard(table.node) == [], "and nothing happens"
 
 
-def test_the_journal_and_the_report_tell_it(table: Table) -> None:
+def test_the_journal_and_the_report_contain_it(table: Table) -> None:
     table.send_off()
     table.advance(10 * NS_PER_MS)
     assert "client 1 of 'can0'" in table.lines[0]
@@ -260,9 +260,7 @@ def test_a_recovery_sees_a_frame_and_eleven_idle_bits_each_as_one_sequence() -> 
     assert recovery.is_over(quiet_ns, load, quiet_ns)
 
 
-def test_a_client_of_python_can_asks_for_it_hears_of_it_through_its_filters_and_is_refused() -> (
-    None
-):
+def test_a_client_of_python_can_asks_is_notified_through_its_filters_and_is_refused() -> None:
     with launched_broker(["--allow-bus-off"]) as address, launched_broker() as other:
         arguments = {"interface": "emulated", "channel": "can0"}
         with (
@@ -272,8 +270,8 @@ def test_a_client_of_python_can_asks_for_it_hears_of_it_through_its_filters_and_
             bus.set_filters([{"can_id": 0x7, "can_mask": 0x7FF, "extended": False}])
             bus.send(can.Message(arbitration_id=0x100, is_extended_id=False))
             bus.send_bus_off(0x100, 0.01)  # type: ignore[attr-defined]
-            told = [bus.recv(10.0), bus.recv(10.0)]
-            assert [one and (one.is_error_frame, one.arbitration_id) for one in told] == [
+            reported = [bus.recv(10.0), bus.recv(10.0)]
+            assert [one and (one.is_error_frame, one.arbitration_id) for one in reported] == [
                 (True, 0x40),
                 (True, 0x100),
             ]

@@ -121,7 +121,7 @@ def test_a_launched_broker_ends_with_its_launcher(stack: ExitStack) -> None:
         bus.recv(PATIENCE_S)
 
 
-def test_a_launched_broker_that_does_not_start_is_told() -> None:
+def test_a_launched_broker_that_does_not_start_is_reported() -> None:
     with pytest.raises(RuntimeError, match="has not started"), launched_broker(["--bitrate", "1"]):
         pass
 

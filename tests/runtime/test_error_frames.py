@@ -27,7 +27,7 @@ from steer_by_wire.runtime.frame import ERROR, Frame
         (0x204, "00", {UNSPECIFIED}),
     ],
 )
-def test_a_cause_is_told_by_class_and_detail(can_id: int, data: str, causes: set[str]) -> None:
+def test_a_cause_is_reported_by_class_and_detail(can_id: int, data: str, causes: set[str]) -> None:
     found = error_causes(Frame(can_id, bytes.fromhex(data), ERROR))
     assert set(found) == causes
     assert len(found) == len(causes)

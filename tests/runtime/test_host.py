@@ -193,7 +193,7 @@ def test_nothing_is_stolen_in_no_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "cpu  1 2 3\n", "cpu  a b c d e f g h\n"])
-def test_a_host_that_does_not_tell_is_not_guessed_at(tmp_path: Path, text: str) -> None:
+def test_a_host_that_does_not_report_is_not_guessed_at(tmp_path: Path, text: str) -> None:
     stat = tmp_path / "stat"
     assert StealClock(stat).fraction() is None
     stat.write_text(text)

@@ -153,7 +153,7 @@ def test_what_only_python_can_has_is_opened_by_python_can(option: str) -> None:
     assert option.split("=")[0] in Adapter.opened_with[-1]
 
 
-def test_an_interface_that_cannot_be_opened_is_told_in_one_line(machine: Path) -> None:
+def test_an_interface_that_cannot_be_opened_is_reported_in_one_line(machine: Path) -> None:
     with pytest.raises(BusError, match=r"^cannot open socketcan can9 \(.*\): Operation not perm"):
         opened("-i", "socketcan", "-c", "can9")
     with pytest.raises(BusError, match="no network interface can1"):

@@ -255,7 +255,7 @@ def test_a_bad_argument_has_the_status_of_bad_settings(
         (SettingsError("a", "b"), ExitStatus.SETTINGS, ["a", "b"]),
         (BusError("no such bus"), ExitStatus.BUS, ["no such bus"]),
         (PermissionError(13, "not yours", "x"), ExitStatus.OUTPUT, ["x: not yours"]),
-        (OSError("told in words"), ExitStatus.OUTPUT, ["told in words"]),
+        (OSError("reported in words"), ExitStatus.OUTPUT, ["reported in words"]),
         (KeyboardInterrupt(), ExitStatus.INTERRUPTED, ["interrupted"]),
     ],
 )

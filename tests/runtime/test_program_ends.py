@@ -172,7 +172,7 @@ def test_with_reconnect_a_bus_that_fails_once_does_not_end_the_run(
     assert (report["connection"]["outages"], report["connection"]["reconnections"]) == (1, 1)
 
 
-def test_a_bus_that_fails_again_when_it_is_shut_down_is_told_once(
+def test_a_bus_that_fails_again_when_it_is_shut_down_is_reported_once(
     options: Options, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shut_down = VirtualBus.shutdown
@@ -198,16 +198,16 @@ def test_a_node_that_has_found_a_fault_in_itself_ends_with_its_report_and_a_stat
 ) -> None:
     report = tmp_path / "report.json"
     assert run(options("--report", str(report)), Faulty()) == ExitStatus.SAFE_STATE
-    told = capsys.readouterr()
+    reported = capsys.readouterr()
     fault = "safe state: 51 of the last 100 ticks overran, allowed are 50 of 100"
-    assert told.err == f"{NAME}: error: {fault}\n"
-    assert f"ended by {fault}" in told.out
+    assert reported.err == f"{NAME}: error: {fault}\n"
+    assert f"ended by {fault}" in reported.out
     written = json.loads(report.read_text())
     assert written["ended_by"] == fault
     assert written["node"]["failure"] in fault
 
 
-def test_a_fault_is_told_also_where_a_signal_comes_before_the_safe_state_is_reached(
+def test_a_fault_is_reported_also_where_a_signal_comes_before_the_safe_state_is_reached(
     options: Options, tmp_path: Path
 ) -> None:
     report = tmp_path / "report.json"

@@ -32,7 +32,7 @@ class Machine:
     ``arrivals``      frames and when they arrive [ns], in order
     ``oversleep_ns``  how much longer than asked for a wait without a frame lasts
     ``wake_up_ns``    how long after the arrival of a frame a wait ends
-    ``tells_arrivals``  whether the port knows when a frame arrived
+    ``reports_arrivals``  whether the port knows when a frame arrived
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class Machine:
         oversleep_ns: int = 0,
         start_ns: int = 0,
         wake_up_ns: int = 0,
-        tells_arrivals: bool = False,
+        reports_arrivals: bool = False,
     ) -> None:
         self.now_ns = start_ns
         self.readings_ns: list[int] = []
@@ -52,7 +52,7 @@ class Machine:
         self._arrivals = list(arrivals)
         self._oversleep_ns = oversleep_ns
         self._wake_up_ns = wake_up_ns
-        self._tells_arrivals = tells_arrivals
+        self._reports_arrivals = reports_arrivals
 
     def clock_ns(self) -> int:
         self.readings_ns.append(self.now_ns)
@@ -65,7 +65,7 @@ class Machine:
             arrival_ns, arrived = self._arrivals.pop(0)
             if arrival_ns > self.now_ns:
                 self.now_ns = arrival_ns + self._wake_up_ns
-            return Received(arrived, arrival_ns if self._tells_arrivals else None)
+            return Received(arrived, arrival_ns if self._reports_arrivals else None)
         if timeout_ns:
             self.now_ns += timeout_ns + self._oversleep_ns
         return None
@@ -164,17 +164,17 @@ def test_a_frame_before_the_deadline_is_handed_over_when_it_arrives() -> None:
     assert node.calls == [("tick", 0), ("frame", 4 * MS), ("tick", 10 * MS)]
 
 
-def test_a_node_is_told_when_a_frame_arrived_where_the_port_knows() -> None:
+def test_a_node_is_reported_when_a_frame_arrived_where_the_port_knows() -> None:
     arrivals = [(4 * MS, frame(1)), (5 * MS, frame(2))]
     node = Recorder(ticks=2)
-    run(node, Machine(arrivals, wake_up_ns=2 * MS, tells_arrivals=True))
+    run(node, Machine(arrivals, wake_up_ns=2 * MS, reports_arrivals=True))
     assert node.calls == [("tick", 0), ("frame", 4 * MS), ("frame", 5 * MS), ("tick", 10 * MS)]
     node = Recorder(ticks=2)
     run(node, Machine(arrivals, wake_up_ns=2 * MS))
     assert node.calls == [("tick", 0), ("frame", 6 * MS), ("frame", 6 * MS), ("tick", 10 * MS)]
 
 
-def test_a_node_is_told_no_time_of_the_future_and_none_before_its_last() -> None:
+def test_a_node_is_reported_no_time_of_the_future_and_none_before_its_last() -> None:
     class Confused(Machine):
         """Its arrivals are off, as after the wall clock was set."""
 
@@ -191,8 +191,8 @@ def test_a_node_is_told_no_time_of_the_future_and_none_before_its_last() -> None
         assert node.calls[1:3] == [("tick", 10 * MS), ("frame", told_ns)]
 
 
-@pytest.mark.parametrize("tells_arrivals", [True, False])
-def test_no_frame_is_handed_over_as_of_a_time_before_its_arrival(tells_arrivals: bool) -> None:
+@pytest.mark.parametrize("reports_arrivals", [True, False])
+def test_no_frame_is_handed_over_as_of_a_time_before_its_arrival(reports_arrivals: bool) -> None:
     """A latency that began too early would end too early."""
 
     class Stalled(Recorder):
@@ -201,16 +201,16 @@ def test_no_frame_is_handed_over_as_of_a_time_before_its_arrival(tells_arrivals:
             return super().on_frame(frame, now_ns)
 
     node = Stalled(ticks=2)
-    machine = Machine([(4 * MS, frame(1)), (6 * MS, frame(2))], tells_arrivals=tells_arrivals)
+    machine = Machine([(4 * MS, frame(1)), (6 * MS, frame(2))], reports_arrivals=reports_arrivals)
     figures = run(node, machine)
-    second_ns = 6 * MS if tells_arrivals else 7 * MS
+    second_ns = 6 * MS if reports_arrivals else 7 * MS
     assert node.calls == [("tick", 0), ("frame", 4 * MS), ("frame", second_ns), ("tick", 10 * MS)]
     assert figures.busy_ns == 6 * MS
     assert figures.lateness.max_ns == 0
 
 
 def test_a_wake_up_reads_the_clock_once_for_the_node_and_once_for_the_wait_after_it() -> None:
-    machine = Machine([(4 * MS, frame(1)), (4 * MS, frame(2))], tells_arrivals=True)
+    machine = Machine([(4 * MS, frame(1)), (4 * MS, frame(2))], reports_arrivals=True)
     figures = run(Recorder(ticks=3), machine)
     assert len(machine.readings_ns) == 1 + 2 * figures.wake_ups
 
@@ -265,7 +265,7 @@ def test_spinning_makes_up_for_a_late_wake_up() -> None:
 
 def test_a_frame_ends_the_spinning() -> None:
     node = Recorder(ticks=2)
-    machine = Spinning([(10 * MS - MS // 4, frame(1))], tells_arrivals=True)
+    machine = Spinning([(10 * MS - MS // 4, frame(1))], reports_arrivals=True)
     run(node, machine, spin_ns=MS // 2)
     assert node.calls[1] == ("frame", 10 * MS - MS // 4)
     assert 0 <= node.tick_times_ns[1] - 10 * MS <= MS // 1000

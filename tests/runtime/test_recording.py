@@ -186,7 +186,7 @@ def test_the_way_of_platforms_whose_pipes_wait_is_bounded_too(
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
-def test_a_full_disk_is_told_and_the_frames_are_counted(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_the_frames_are_counted(tmp_path: Path) -> None:
     path = tmp_path / "run.log"
     path.symlink_to("/dev/full")
     recording = Recording(path, "vcan0")

@@ -158,7 +158,7 @@ def test_filters_are_packed_as_python_can_packs_them() -> None:
 
 
 @pytest.mark.parametrize("wrong", ["abc", [{"id": 1}], [{"can_id": "1", "can_mask": 1}], [1]])
-def test_what_are_no_filters_is_told(wrong: Any) -> None:
+def test_what_are_no_filters_is_reported(wrong: Any) -> None:
     with pytest.raises(ValueError, match="is no list of"):
         packed_filters(wrong)
 
@@ -239,7 +239,7 @@ def test_a_wait_ends_without_a_frame_when_none_comes() -> None:
         (errno.EIO, "Input/output error"),
     ],
 )
-def test_an_interface_that_goes_away_is_told_in_one_line(
+def test_an_interface_that_goes_away_is_reported_in_one_line(
     sockets: list[FakeSocket], code: int, words: str
 ) -> None:
     port = SocketCanPort("can7")
@@ -262,7 +262,7 @@ def test_a_frame_is_handed_to_the_kernel_once(sockets: list[FakeSocket]) -> None
     assert sockets[0].is_closed
 
 
-def test_an_interface_without_can_fd_is_told_in_one_line(sockets: list[FakeSocket]) -> None:
+def test_an_interface_without_can_fd_is_reported_in_one_line(sockets: list[FakeSocket]) -> None:
     port = SocketCanPort("can0", fd=True)
     sockets[0].fails = OSError(errno.EINVAL, "Invalid argument")
     with pytest.raises(BusError) as caught:

@@ -83,7 +83,7 @@ BROKEN_JSON = (b"", b"\xff\xfe", b"{", b"[" * 100_000)
 
 
 @pytest.mark.parametrize("content", BROKEN_JSON)
-def test_a_record_that_is_no_json_is_told_by_report_and_study(
+def test_a_record_that_is_no_json_is_reported_by_report_and_study(
     content: bytes, folder: Path, scenarios: Scenarios
 ) -> None:
     (folder / "out" / "study.json").write_bytes(content)
@@ -99,7 +99,7 @@ OTHERS: tuple[Any, ...] = (None, 7, "x", [1], {"a": 1})
     ("key", "value"),
     [(key, other) for key in PARTS for other in OTHERS if (key, other) != ("name", "x")],
 )
-def test_a_record_with_a_part_that_is_none_of_its_kind_is_told(
+def test_a_record_with_a_part_that_is_none_of_its_kind_is_reported(
     key: str, value: Any, folder: Path
 ) -> None:
     file = folder / "out" / "study.json"
@@ -143,10 +143,12 @@ DAMAGES: dict[str, tuple[Callable[[Any], Any], str]] = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_rows_that_are_not_of_the_study_are_told_by_the_report(damage: str, folder: Path) -> None:
-    change, told = DAMAGES[damage]
+def test_rows_that_are_not_of_the_study_are_reported_by_the_report(
+    damage: str, folder: Path
+) -> None:
+    change, expected = DAMAGES[damage]
     changed(folder / "out" / "results.parquet", change)
-    assert told in refusal(lambda: all_read(folder / "out"))
+    assert expected in refusal(lambda: all_read(folder / "out"))
 
 
 def no_parquet(file: Path) -> None:
@@ -185,10 +187,10 @@ def test_a_chunk_with_rows_of_others_is_not_gone_on_with(
     (folder / "out" / "results.parquet").unlink()
     shutil.copytree(folder / "kept", folder / "out" / "chunks")
     changed(folder / "out" / "chunks" / "000001.part.parquet", change)
-    told = refusal(lambda: [*open_store(folder, scenarios).missing()])
-    assert "holds other rows than of runs 20 to 39" in told
+    expected = refusal(lambda: [*open_store(folder, scenarios).missing()])
+    assert "holds other rows than of runs 20 to 39" in expected
 
 
-def test_a_complete_study_with_too_few_rows_is_told(folder: Path, scenarios: Scenarios) -> None:
+def test_a_complete_study_with_too_few_rows_is_reported(folder: Path, scenarios: Scenarios) -> None:
     changed(folder / "out" / "results.parquet", lambda table: table.slice(0, 40))
     assert "has 40 rows, not 48" in refusal(lambda: open_store(folder, scenarios))

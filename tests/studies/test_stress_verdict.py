@@ -78,7 +78,7 @@ def test_an_oscillation_below_the_threshold_is_none() -> None:
     assert verdict(figures(sine(0.021, 2.0))) is Verdict.LIMIT_CYCLE
 
 
-def test_growth_is_told_from_a_lasting_oscillation() -> None:
+def test_growth_is_distinguished_from_a_lasting_oscillation() -> None:
     growth_1_s = math.log(1.5) / 15.0
     assert verdict(figures(sine(0.05, 2.0, 1.2 * growth_1_s))) is Verdict.UNSTABLE
     assert verdict(figures(sine(0.05, 2.0, 0.8 * growth_1_s))) is Verdict.LIMIT_CYCLE

@@ -209,12 +209,12 @@ def test_with_different_keys_nothing_moves_and_both_say_why() -> None:
     assert set(refused) == {"forged", "unsynchronised"}
 
 
-def test_refusals_of_authentication_are_told_on_the_bus_and_kept_apart_in_the_reports() -> None:
+def test_refusals_of_authentication_are_reported_on_the_bus_and_kept_apart_in_the_reports() -> None:
     pair = Pair(*ends(controller_key=OTHER_KEY))
     assert pair.controller_end is not None
     assert pair.plant_end is not None
-    told = [decode(plain(heard.frame)) for heard in pair.heard]
-    messages = [one.message for one in told if isinstance(one, Decoded)]
+    announced = [decode(plain(heard.frame)) for heard in pair.heard]
+    messages = [one.message for one in announced if isinstance(one, Decoded)]
     by_controller = [one.rejected for one in messages if isinstance(one, ControllerSafety)]
     by_plant = [one.rejected for one in messages if isinstance(one, PlantStatus)]
     for rejected, modulus, end in (
@@ -361,9 +361,9 @@ def test_frames_repeated_within_the_session_change_no_bit_of_the_run(
     assert pair.run == authenticated.run
     assert echo.sent > 900
     refused = pair.report["refused"]
-    told_by_controller = (SteeringCommand, ControllerStatus, ControllerSafety, DelayStatus)
+    reported_by_controller = (SteeringCommand, ControllerStatus, ControllerSafety, DelayStatus)
     assert refused["replayed"] == sum(
-        heard.frame.can_id in {CAN_IDS[told] for told in told_by_controller}
+        heard.frame.can_id in {CAN_IDS[announced] for announced in reported_by_controller}
         for heard in pair.heard
         if heard.sender == 2
     )

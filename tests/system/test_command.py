@@ -133,7 +133,7 @@ def test_a_mistake_is_reported_under_the_name_that_was_typed(
 
 
 @pytest.mark.parametrize(
-    ("library", "told"),
+    ("library", "reported"),
     [
         ("rich", "pip install '.[tools]' in the project's folder"),
         ("distributed", "pip install '.[cluster]' in the project's folder"),
@@ -142,9 +142,9 @@ def test_a_mistake_is_reported_under_the_name_that_was_typed(
     ],
 )
 def test_what_installs_a_library_comes_from_the_distributions_metadata(
-    library: str, told: str
+    library: str, reported: str
 ) -> None:
-    assert installation(library) == told
+    assert installation(library) == reported
 
 
 def test_every_extra_that_is_named_anywhere_exists() -> None:

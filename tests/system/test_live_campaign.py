@@ -183,7 +183,7 @@ def test_the_first_sign_of_a_fault_is_found_behind_its_onset() -> None:
     assert _first_sign([(40 * ms, stop)], 10 * ms, 100 * ms) == 0.03
 
 
-def test_the_controller_tells_what_it_refuses_misses_and_finds_wrong() -> None:
+def test_the_controller_reports_what_it_refuses_misses_and_finds_wrong() -> None:
     fresh, stale, fine = Freshness.FRESH, Freshness.STALE, ControllerFault.NONE
     ms = 1_000_000
     before = ControllerSafety(2, 5, fresh, fresh, fresh, fine)
@@ -198,13 +198,13 @@ def test_the_controller_tells_what_it_refuses_misses_and_finds_wrong() -> None:
         assert _first_sign(frames, 10 * ms, 100 * ms) == (0.02 if after in signs else None)
 
 
-def test_the_vehicle_is_what_the_plant_told_before_and_after_the_onset() -> None:
-    told = [
+def test_the_vehicle_is_what_the_plant_reported_before_and_after_the_onset() -> None:
+    reported = [
         (1, SteeringStatus(0.1, 0, SteeringStatusCode.APPLYING)),
         (5, SteeringStatus(-0.3, 0, SteeringStatusCode.LIMITED)),
         (9, SteeringStatus(0.9, 0, SteeringStatusCode.FALLBACK)),
     ]
-    assert vehicle_of(told, 5, 9) == Vehicle(None, None, 0.3, 0.1, "LIMITED")
+    assert vehicle_of(reported, 5, 9) == Vehicle(None, None, 0.3, 0.1, "LIMITED")
     assert vehicle_of([], 5, 9) == Vehicle(None, None, None, None, "none")
 
 

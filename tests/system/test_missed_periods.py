@@ -26,13 +26,13 @@ PRESET = "practical_pd_ddob"
 def starved(supervision: OverrunSupervision, stalls: Sequence[int], served: int) -> list[str]:
     """Miss so many periods, then serve some on time, repeatedly; returns what is reported."""
     timer = PeriodicTimer(0, PERIOD_NS)
-    told = []
+    failures = []
     for missed in stalls:
         for late in [missed] + [0] * (served - 1):
             timer.advance(timer.deadline_ns + late * PERIOD_NS)
             supervision.on_tick(timer)
-        told.append(supervision.failure)
-    return told
+        failures.append(supervision.failure)
+    return failures
 
 
 def by_default() -> OverrunSupervision:
@@ -41,9 +41,9 @@ def by_default() -> OverrunSupervision:
 
 def test_a_node_stopped_for_most_of_the_time_has_a_fault() -> None:
     """120 ms of every 150: four ticks are served, of which one overruns, and eleven missed."""
-    told = starved(by_default(), [11] * 46, 4)
-    assert told[44] == ""
-    assert told[45] == (
+    failures = starved(by_default(), [11] * 46, 4)
+    assert failures[44] == ""
+    assert failures[45] == (
         "506 of the last 687 periods were missed, a stall counted as 250 at most, "
         "allowed are 500 of 1000"
     )
@@ -51,8 +51,8 @@ def test_a_node_stopped_for_most_of_the_time_has_a_fault() -> None:
 
 @pytest.mark.parametrize(("missed", "fails"), [(10, False), (11, True)])
 def test_half_of_the_periods_may_be_missed_and_not_more(missed: int, fails: bool) -> None:
-    told = starved(by_default(), [missed] * 1000, 10)
-    assert bool(told[-1]) is fails
+    failures = starved(by_default(), [missed] * 1000, 10)
+    assert bool(failures[-1]) is fails
 
 
 @pytest.mark.parametrize(
@@ -107,12 +107,12 @@ def test_the_verdict_is_that_of_the_last_periods_one_by_one(
     judged = MissedPeriods(missed_max, window, stall_max)
     periods: list[bool] = []
     for missed in late:
-        told = judged.on_tick(missed)
+        failures = judged.on_tick(missed)
         periods += [False] + [True] * min(missed, stall_max)
         count = sum(periods[-window:])
-        assert bool(told) is (count > missed_max)
-        if told:
-            assert told.startswith(f"{count} of the last {min(window, len(periods))} periods")
+        assert bool(failures) is (count > missed_max)
+        if failures:
+            assert failures.startswith(f"{count} of the last {min(window, len(periods))} periods")
 
 
 def test_a_starved_controller_stops_steering_for_good_and_says_why() -> None:
@@ -131,14 +131,14 @@ def test_a_starved_controller_stops_steering_for_good_and_says_why() -> None:
     assert report["mode_s"]["safe_stop"] > 7.0
 
 
-def test_the_bus_hears_of_a_starved_controller() -> None:
+def test_the_bus_is_notified_of_a_starved_controller() -> None:
     settings = controller_settings(overruns={"missed_periods_max": 20, "window_periods": 40})
     tested = ControllerLink(ControllerNode(settings, CONTROLLER_START_NS))
     for _ in range(2):
         tested.now_ns = tested.node.deadline_ns + 11 * PERIOD_NS
         tested.keep(tested.node.on_tick(tested.now_ns))
-    told = [message for _, message, _ in tested.sent if isinstance(message, ControllerSafety)]
-    assert told[-1].fault is ControllerFault.OVERRUNS
+    failures = [message for _, message, _ in tested.sent if isinstance(message, ControllerSafety)]
+    assert failures[-1].fault is ControllerFault.OVERRUNS
 
 
 @pytest.mark.parametrize(("stalls", "fails"), [(45, False), (46, True)])
@@ -155,7 +155,7 @@ def test_a_starved_plant_ends_in_its_safe_state(stalls: int, fails: bool) -> Non
 @pytest.mark.parametrize(
     "key", ["missed_periods_max=-1", "window_periods=0", "stall_periods_max=0"]
 )
-def test_a_bad_bound_is_told_in_one_line(key: str) -> None:
+def test_a_bad_bound_is_reported_in_one_line(key: str) -> None:
     preset = read_preset("steer_by_wire.controller.presets", PRESET)
     for model, below in ((PlantSettings, None), (ControllerSettings, preset)):
         with pytest.raises(SettingsError) as caught:

@@ -68,13 +68,13 @@ def test_an_outage_says_nothing_of_the_delay() -> None:
         SteeringStatusCode.FALLBACK,
         SteeringStatusCode.SAFE_STATE,
     ):
-        told(wire, 100, 94, code)
+        reported(wire, 100, 94, code)
         assert wire.memory.link(100, 100 * PERIOD_NS).delay_ns == 45 * MS
-    told(wire, 101, 94, SteeringStatusCode.LIMITED_BY_SAFETY)
+    reported(wire, 101, 94, SteeringStatusCode.LIMITED_BY_SAFETY)
     assert wire.memory.link(101, 101 * PERIOD_NS).delay_ns > 45 * MS
 
 
-def told(wire: Wire, sample: int, counter: int, code: SteeringStatusCode) -> None:
+def reported(wire: Wire, sample: int, counter: int, code: SteeringStatusCode) -> None:
     """Echo of a sample with the wheel at a thousandth of its number."""
     status = SteeringStatus(0.001 * sample, counter, code)
     wire.memory.on_echo(status, sample % 256, sample * PERIOD_NS)
@@ -96,7 +96,7 @@ def test_the_wheel_is_remembered_where_its_command_does_not_act(
     code: SteeringStatusCode, is_overruled: bool
 ) -> None:
     wire = driven(100, 5)
-    told(wire, 100, 94, code)
+    reported(wire, 100, 94, code)
     history = wire.memory.history
     assert history.is_overruled[100] is is_overruled
     assert history.wheel_rad[100] == pytest.approx(0.1)
@@ -105,14 +105,14 @@ def test_the_wheel_is_remembered_where_its_command_does_not_act(
 
 def test_where_echoes_are_lost_the_wheel_is_taken_to_stay() -> None:
     wire = driven(100, 5)
-    told(wire, 100, 94, SteeringStatusCode.FALLBACK)
-    told(wire, 104, 100, SteeringStatusCode.APPLYING)
+    reported(wire, 100, 94, SteeringStatusCode.FALLBACK)
+    reported(wire, 104, 100, SteeringStatusCode.APPLYING)
     history = wire.memory.history
     assert history.is_overruled[99:105] == [False, True, True, True, True, False]
     assert history.wheel_rad[100:104] == pytest.approx([0.1] * 4)
 
 
-def test_the_fade_after_a_fallback_is_told_as_long_as_it_lasts() -> None:
+def test_the_fade_after_a_fallback_is_reported_as_long_as_it_lasts() -> None:
     tested = link(safety={"hold_ms": 100.0})
     for step in range(51):
         tested.command(START_NS + step * PERIOD_NS, 0.1)

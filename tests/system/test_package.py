@@ -142,7 +142,7 @@ def test_what_is_installed_is_what_starts(installed: Path, elsewhere: Path) -> N
 
 
 @pytest.mark.parametrize("program", ["steering-controller", "plant-emulator", "emulated-can-bus"])
-def test_every_program_tells_its_options(program: str) -> None:
+def test_every_program_reports_its_options(program: str) -> None:
     path = Path(sys.executable).with_name(program)
     result = subprocess.run([path, "--help"], capture_output=True, text=True, check=True)
     assert result.stdout.startswith(f"usage: {program}")

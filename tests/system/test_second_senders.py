@@ -272,7 +272,7 @@ def test_a_replayed_stream_of_measurements_is_followed_or_refused_like_one_of_co
         assert run.peak_m == alone.peak_m
 
 
-def test_one_frame_under_an_own_identifier_is_told_for_a_second(alone: Run) -> None:
+def test_one_frame_under_an_own_identifier_is_reported_for_a_second(alone: Run) -> None:
     run = drive(Intruder([Frame(CAN_IDS[LateralError], bytes(8))], ONSET_NS, PERIOD_NS))
     told = [one for _, one in run.notices(PlantStatus)]
     assert told.count(OWN) == 10

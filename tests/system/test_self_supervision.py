@@ -87,9 +87,9 @@ def test_a_plant_that_does_not_keep_its_rate_steers_straight_says_so_and_ends() 
     assert safe_state["cause"] == report["failure"]
     assert not tested.node.finished
     end_ns = finish(tested)
-    told = [message.status for _, message in tested.messages(SteeringStatus)]
-    first = told.index(SteeringStatusCode.SAFE_STATE)
-    assert set(told[first:]) == {SteeringStatusCode.SAFE_STATE}
+    reported = [message.status for _, message in tested.messages(SteeringStatus)]
+    first = reported.index(SteeringStatusCode.SAFE_STATE)
+    assert set(reported[first:]) == {SteeringStatusCode.SAFE_STATE}
     assert tested.last(PlantStatus).safety is SafetyState.SAFE_STATE
     assert tested.last(SteeringStatus).wheel_angle_rad == 0.0
     # The ramp from 0.1 rad at 0.2 rad/s ends before the reporting does.
@@ -151,7 +151,7 @@ def test_the_end_comes_when_the_wheel_has_been_ramped_to_zero() -> None:
     assert tested.last(SteeringStatus).wheel_angle_rad == 0.0
 
 
-def test_a_wheel_whose_target_is_kept_is_told_for_a_second() -> None:
+def test_a_wheel_whose_target_is_kept_is_reported_for_a_second() -> None:
     tested = steering(link(overruns={"overruns_max": 0}, safety={"fallback": "keep"}))
     late(tested, 1)
     failed_s = tested.node.report()["safety"]["safe_state"]["at_s"]
@@ -181,7 +181,7 @@ def test_commands_after_a_fault_are_ignored() -> None:
 
 
 @pytest.mark.parametrize("value", ["-1", "10001", "never", "true", "2.5"])
-def test_a_bad_bound_is_told_in_one_line(value: str) -> None:
+def test_a_bad_bound_is_reported_in_one_line(value: str) -> None:
     preset = read_preset("steer_by_wire.controller.presets", "practical_pd_ddob")
     for model, below in ((PlantSettings, None), (ControllerSettings, preset)):
         with pytest.raises(SettingsError) as caught:
@@ -318,8 +318,8 @@ def test_the_program_ends_with_a_report_a_line_and_a_status_of_its_own(
     arguments = ["-i", "virtual", "-c", "self supervision", "--priority", "0", "--no-memory-lock"]
     status = program.main([*options, *arguments, "--report", str(report)])
     assert status == ExitStatus.SAFE_STATE
-    told = capsys.readouterr()
-    assert f"plant-emulator: error: safe state: {NOT_FINITE_VEHICLE}\n" in told.err
+    reported = capsys.readouterr()
+    assert f"plant-emulator: error: safe state: {NOT_FINITE_VEHICLE}\n" in reported.err
     written = json.loads(report.read_text())
     assert written["ended_by"] == f"safe state: {NOT_FINITE_VEHICLE}"
     assert written["node"]["failure"] == NOT_FINITE_VEHICLE

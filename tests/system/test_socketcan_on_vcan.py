@@ -171,7 +171,7 @@ def test_a_queue_that_is_full_refuses_frames_and_carries_on(interface: str) -> N
     port.shutdown()
 
 
-def test_an_interface_that_goes_down_or_away_is_told(interface: str) -> None:
+def test_an_interface_that_goes_down_or_away_is_reported(interface: str) -> None:
     port = SocketCanPort(interface)
     ip("link", "set", interface, "down")
     with pytest.raises(BusError, match=f"cannot receive: the network interface {interface} is do"):

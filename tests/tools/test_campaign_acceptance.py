@@ -95,7 +95,7 @@ def test_an_injector_that_does_nothing_fails(monkeypatch: pytest.MonkeyPatch) ->
     assert finding(result, EFFECT).holds is False
 
 
-def test_a_burst_that_never_begins_is_told_and_no_failure() -> None:
+def test_a_burst_that_never_begins_is_reported_and_no_failure() -> None:
     """One frame in twenty begins one: in 20 ms it may well not come, which is known before."""
     for seed in range(20):
         result = faulty(case("burst_loss", "LATERAL_ERROR", 3), "fault_s=0.02", f"seed={seed}")
@@ -153,7 +153,7 @@ def test_frozen_frames_that_are_accepted_fail(monkeypatch: pytest.MonkeyPatch) -
     assert finding(result, REFUSED).holds is False
 
 
-def test_forged_commands_are_detected_and_followed_and_the_share_is_told() -> None:
+def test_forged_commands_are_detected_and_followed_and_the_share_is_reported() -> None:
     result = faulty(case("spoof", "STEERING_COMMAND", 0.05))
     assert result.verdict is Verdict.FOLLOWED
     assert (result.frti_s, result.fhti_s, result.safe_state) == (None, None, False)
@@ -191,7 +191,7 @@ def test_one_that_believes_a_new_start_at_once_does_not_leave_control_for_a_repl
     assert finding(result, LEFT).holds is False
 
 
-def test_what_limits_a_command_is_told_on_the_bus() -> None:
+def test_what_limits_a_command_is_reported_on_the_bus() -> None:
     result = faulty(case("offset", "STEERING_COMMAND", 1.0))
     assert result.verdict is Verdict.FOLLOWED
     assert result.detected_by == "plant.intervention"

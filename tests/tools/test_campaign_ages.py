@@ -41,7 +41,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> list[Result]:
     return [run_trial(scenario) for scenario in scenarios_of(specification)]
 
 
-def test_silence_of_a_message_the_law_can_do_without_is_detected_and_told_in_time(
+def test_silence_of_a_message_the_law_can_do_without_is_detected_and_reported_in_time(
     results: list[Result],
 ) -> None:
     silent = [one for one in results if one.kind in ("drop", "delay_spike")]
@@ -55,7 +55,7 @@ def test_silence_of_a_message_the_law_can_do_without_is_detected_and_told_in_tim
         assert one.recovery_s == 0.0  # control was never left
 
 
-def test_a_refused_frame_is_told_by_the_controller_in_time(results: list[Result]) -> None:
+def test_a_refused_frame_is_reported_by_the_controller_in_time(results: list[Result]) -> None:
     (flipped,) = (one for one in results if one.kind == "bit_flips")
     assert flipped.verdict is Verdict.PASSED
     assert flipped.detected_by == "controller.bad_crc"

@@ -48,7 +48,7 @@ def case(text: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("override", "told"),
+    ("override", "reported"),
     [
         (
             case('kind="burst_loss",messages=["LATERAL_ERROR"],magnitudes=[3.5]'),
@@ -74,11 +74,11 @@ def case(text: str) -> str:
         ("memory_s=9.9", "memory_s must be 0 or from 10 on, not 9.9"),
     ],
 )
-def test_what_no_run_could_have_is_refused_in_one_line(override: str, told: str) -> None:
+def test_what_no_run_could_have_is_refused_in_one_line(override: str, reported: str) -> None:
     with pytest.raises(SettingsError) as raised:
         load_settings(CampaignSettings, overrides=[override])
     assert len(raised.value.mistakes) == 1
-    assert told in str(raised.value)
+    assert reported in str(raised.value)
 
 
 def test_a_clock_jump_and_a_time_at_the_bound_are_allowed() -> None:
@@ -129,13 +129,13 @@ def test_a_line_that_is_no_result_costs_none_of_the_others(
     assert stored.not_whole >= 1
 
 
-def test_what_cannot_be_compared_with_is_told_in_one_line(
+def test_what_cannot_be_compared_with_is_reported_in_one_line(
     spec_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "noise").mkdir()
     (tmp_path / "noise" / RESULTS).write_bytes(b"\xff\xfe\x00")
     (tmp_path / "folder" / RESULTS).mkdir(parents=True)
-    for earlier, told in (
+    for earlier, reported in (
         (tmp_path / "none", "has no whole result"),
         (tmp_path / "noise", "has no whole result"),
         (tmp_path / "folder", "is not a file"),
@@ -146,7 +146,7 @@ def test_what_cannot_be_compared_with_is_told_in_one_line(
         error = capsys.readouterr().err
         assert len(error.splitlines()) == 1
         assert str(earlier / RESULTS) in error
-        assert told in error
+        assert reported in error
     assert not (tmp_path / "out").exists()
 
 
@@ -159,9 +159,9 @@ def test_results_of_another_specification_are_not_lost(
     kept = (tmp_path / "first" / RESULTS).read_text()
     capsys.readouterr()
     assert main([*words, first, "--set", "seed=2"]) == 2
-    told = capsys.readouterr().err
-    assert "has 1 results of another specification" in told
-    assert len(told.splitlines()) == 1
+    reported = capsys.readouterr().err
+    assert "has 1 results of another specification" in reported
+    assert len(reported.splitlines()) == 1
     assert (tmp_path / "first" / RESULTS).read_text() == kept
     assert main([*words, second, "--set", "seed=2", "--compare", first]) != 2
     assert "1 runs added, 1 no longer run" in capsys.readouterr().out
@@ -177,7 +177,7 @@ def test_results_that_programs_of_before_have_written_otherwise_are_not_lost_eit
     assert "further" in (tmp_path / RESULTS).read_text()
 
 
-def test_a_line_that_was_cut_is_told_and_its_run_made_again(
+def test_a_line_that_was_cut_is_reported_and_its_run_made_again(
     spec_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"

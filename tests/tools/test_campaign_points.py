@@ -82,12 +82,12 @@ def test_at_road_speed_the_limits_of_acceleration_and_jerk_act() -> None:
     assert {"lateral_acceleration", "lateral_jerk"} & causes.keys()
 
 
-def test_a_path_that_is_none_is_told_in_one_line() -> None:
+def test_a_path_that_is_none_is_reported_in_one_line() -> None:
     with pytest.raises(SettingsError, match="points"):
         spec_of('points=[{name="a", path={kind="spiral"}}]')
 
 
-def test_a_law_that_a_point_has_twice_is_told_in_one_line() -> None:
+def test_a_law_that_a_point_has_twice_is_reported_in_one_line() -> None:
     with pytest.raises(SettingsError, match="laws of a must differ"):
         spec_of('points=[{name="a", laws=["highway_pd", "highway_pd"]}]')
 

@@ -68,9 +68,9 @@ def test_the_predictor_holds_half_a_second_and_the_observers_do_not(
         one for one in runs.CONTESTANTS if one.label in ("PD+DDOB", "predictor", "predictor, CG")
     )
     monkeypatch.setattr(runs, "CONTESTANTS", chosen)
-    told: list[tuple[int, int]] = []
-    cells = compare([0.0, 0.5], 1, 20.0, lambda done, of: told.append((done, of)))
-    assert told[-1] == (30, 30)
+    reported: list[tuple[int, int]] = []
+    cells = compare([0.0, 0.5], 1, 20.0, lambda done, of: reported.append((done, of)))
+    assert reported[-1] == (30, 30)
     worst = {(cell.contestant, cell.network, cell.delay_s): cell.settled_rms_m for cell in cells}
     for network in ("constant", "jitter", "in_order", "loss"):
         assert worst["predictor", network, 0.5] < 0.003

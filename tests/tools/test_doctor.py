@@ -92,7 +92,7 @@ def test_only_adapters_count_as_such(
     assert len(finding.detail) < 200
 
 
-def test_a_driver_that_crashes_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_driver_that_crashes_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor_checks, "_DETECT", "import os; os.abort()")
     assert "has failed" in doctor_checks.find_adapters().detail
 

@@ -91,7 +91,7 @@ def test_the_mean_cost_of_many_runs_is_the_expected_one(overrides: tuple[str, ..
         assert 0.5 < found.variance_m4 / expected.variance_m4 < 2.0
 
 
-def test_another_latency_is_told_from_the_right_one_by_many_standard_errors() -> None:
+def test_another_latency_is_distinguished_from_the_right_one_by_many_standard_errors() -> None:
     plant = plant_settings(GAMMA)
     (found,) = monte_carlo_costs(plant, [DDOB], seeds(1, RUNS), is_on_grid=True)
     other = expected_cost(plant_settings("latency.downlink.mean_s=0.08"), DDOB)
@@ -108,7 +108,7 @@ def test_off_the_grid_steps_within_the_period_come_near_and_rounding_up_does_not
     assert rounded_up == pytest.approx(found.mean_square_m2, rel=0.01)
 
 
-def test_a_run_that_meets_a_limit_is_told() -> None:
+def test_a_run_that_meets_a_limit_is_reported() -> None:
     narrow = DDOB.model_copy(
         update={"limits": DDOB.limits.model_copy(update={"steer_rad_max": 0.01})}
     )

@@ -248,7 +248,7 @@ def test_a_fault_that_nobody_sees_although_it_is_detectable_is_missed(
     assert findings_of([result], 150.0)[0].holds is False
 
 
-def test_memory_that_keeps_something_of_every_period_is_told() -> None:
+def test_memory_that_keeps_something_of_every_period_is_reported() -> None:
     flat = Memory(1_700_000, 1_700_000 + 54_000 * 15, 600.0, 54_000)
     leaking = flat._replace(late_bytes=flat.late_bytes + 54_000)
     assert memory_finding(flat).holds
@@ -330,7 +330,7 @@ def test_a_campaign_that_fails_ends_with_status_one(
     assert main([str(spec_file), *few, *one_point]) == FAILED
 
 
-def test_mistakes_are_told_in_one_line(
+def test_mistakes_are_reported_in_one_line(
     spec_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     mistakes = [
@@ -346,7 +346,7 @@ def test_mistakes_are_told_in_one_line(
 
 @pytest.mark.parametrize("option", ["--processes", "--random-walks"])
 @pytest.mark.parametrize("value", ["0", "-1", "2.5", "many", "9" * 5000])
-def test_a_number_that_is_none_is_told_with_its_range(
+def test_a_number_that_is_none_is_reported_with_its_range(
     option: str, value: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit, match="2"):

@@ -119,7 +119,9 @@ def test_a_sequence_of_which_no_part_fails_has_been_tried_in_every_part() -> Non
 
 
 @pytest.mark.usefixtures("strict_acceptance")
-def test_a_walk_that_fails_is_told_by_the_one_fault_that_does_it(spec: CampaignSettings) -> None:
+def test_a_walk_that_fails_is_reported_by_the_one_fault_that_does_it(
+    spec: CampaignSettings,
+) -> None:
     walks: list[Walk] = []
     walk_all(spec, 2, 1, walks.append)
     failed = [walk for walk in walks if walk.failure]
@@ -167,7 +169,7 @@ def test_the_command_that_is_printed_runs_the_same_walk_again(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         (["--out", "x"], "--out"),
         (["--live"], "--live"),
@@ -177,12 +179,12 @@ def test_the_command_that_is_printed_runs_the_same_walk_again(
     ],
 )
 def test_what_is_nothing_for_walks_is_refused_in_one_line(
-    arguments: list[str], told: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], reported: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([*arguments, "--random-walks", "2"]) == 2
     error = capsys.readouterr().err
     assert len(error.splitlines()) == 1
-    assert told in error
+    assert reported in error
 
 
 def test_a_file_that_a_point_names_and_that_is_not_there_is_no_failing_walk(

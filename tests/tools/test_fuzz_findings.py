@@ -39,7 +39,7 @@ def refusal(load: Callable[[], object]) -> str:
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "reported"),
     [
         (b"a = " + b"[" * 3000 + b"]" * 3000, "nested more than 30 deep"),
         (b".".join([b"a"] * 3000) + b" = 1", "nested more than 30 deep"),
@@ -50,13 +50,13 @@ def refusal(load: Callable[[], object]) -> str:
     ],
 )
 def test_a_settings_file_beyond_reading_is_refused_in_one_line_that_names_it(
-    tmp_path: Path, content: bytes, told: str
+    tmp_path: Path, content: bytes, reported: str
 ) -> None:
     file = tmp_path / "plant.toml"
     file.write_bytes(content)
     text = refusal(lambda: load_settings(PlantSettings, file=file))
     assert text.startswith(str(file))
-    assert told in text
+    assert reported in text
 
 
 def test_a_settings_file_without_end_is_refused() -> None:
@@ -127,7 +127,7 @@ def test_an_enumeration_that_the_dbc_makes_wider_than_ours_is_refused_when_it_is
     "text",
     ["", "\0", DBC[: len(DBC) // 3], DBC[: DBC.index("BA_DEF_")], DBC.replace("0.00001", "0")],
 )
-def test_a_damaged_dbc_is_told_in_one_line(text: str) -> None:
+def test_a_damaged_dbc_is_reported_in_one_line(text: str) -> None:
     with pytest.raises(ContractError) as raised:
         codecs_of(layouts_of(parse_database(text)), MESSAGE_TYPES.items())
     assert str(raised.value).startswith("steer_by_wire.dbc: ")
@@ -142,20 +142,20 @@ def test_a_port_of_thousands_of_digits_is_no_port() -> None:
     assert "9999" in str(address)
 
 
-def test_a_name_that_no_file_can_have_is_told_by_the_option() -> None:
+def test_a_name_that_no_file_can_have_is_reported_by_the_option() -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="too long"):
         output_file("9" * 5000)
 
 
 @pytest.mark.parametrize(
-    ("raised", "status", "told"),
+    ("raised", "status", "reported"),
     [
         ("KeyboardInterrupt", -signal.SIGINT, ""),
         ("ImportError('no rich')", 1, "error: no rich (installed with pip install '.[tools]'?)\n"),
     ],
 )
 def test_what_ends_a_tool_while_it_is_read_leaves_no_traceback(
-    raised: str, status: int, told: str
+    raised: str, status: int, reported: str
 ) -> None:
     if os.name != "posix":
         pytest.skip("statuses of signals are for Unix")
@@ -163,7 +163,7 @@ def test_what_ends_a_tool_while_it_is_read_leaves_no_traceback(
     result = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
     )
-    assert (result.returncode, result.stderr) == (status, told)
+    assert (result.returncode, result.stderr) == (status, reported)
 
 
 def test_the_fuzzer_says_what_it_needs(

@@ -239,7 +239,7 @@ def test_half_of_the_noise_comes_where_somebody_listens() -> None:
     assert max(ids) > 0x700
 
 
-def test_a_node_that_babbles_takes_the_share_of_the_bus_it_is_told() -> None:
+def test_a_node_that_babbles_takes_the_share_of_the_bus_it_is_reported() -> None:
     frames = [frame for _, frame in sent(source_of("babble,magnitude=0.25"))]
     assert {frame.can_id for frame in frames} == {0}
     bits = sum(frame_bits(frame).nominal + INTERMISSION_BITS for frame in frames)

@@ -72,7 +72,7 @@ def test_whatever_ends_the_injector_a_paused_process_goes_on(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are held by descriptors of Linux")
-def test_a_killed_process_is_killed_once_and_what_comes_later_is_told(
+def test_a_killed_process_is_killed_once_and_what_comes_later_is_reported(
     sleeper: subprocess.Popen[bytes], capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["kill", "pause,onset_s=0.2,duration_s=0.01", "--pid", str(sleeper.pid)]
@@ -164,7 +164,7 @@ def test_a_node_is_in_bus_off_from_onset_to_end_or_until_the_injector_goes() -> 
         assert early.close() == "", "it has not begun"
 
 
-def test_a_broker_that_takes_no_bus_off_is_told_before_anything_begins() -> None:
+def test_a_broker_that_takes_no_bus_off_is_reported_before_anything_begins() -> None:
     with (
         launched_broker() as address,
         can.Bus(interface="emulated", channel="can0", address=address) as bus,

@@ -42,7 +42,7 @@ def test_a_log_of_classic_frames_is_replayed(
 @pytest.mark.parametrize(
     ("protocol", "takes_fd"), [(can.CanProtocol.CAN_20, False), (can.CanProtocol.CAN_FD, True)]
 )
-def test_a_bus_tells_whether_it_takes_can_fd_frames(
+def test_a_bus_reports_whether_it_takes_can_fd_frames(
     protocol: can.CanProtocol, takes_fd: bool
 ) -> None:
     with can.Bus(interface="virtual", channel="fd_told", protocol=protocol) as bus:

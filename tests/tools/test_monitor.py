@@ -364,7 +364,7 @@ def test_whatever_is_pressed_can_be_sent(keys: str, tens: int) -> None:
     assert decoded.message == pytest.approx(choice.message(), abs=1e-4)
 
 
-def test_keys_are_told_apart_from_escape_sequences() -> None:
+def test_keys_are_distinguished_from_escape_sequences() -> None:
     assert keys_in("+\x1b[A\x1b[B-\x1bOCq") == ["+", "up", "down", "-", "right", "q"]
     assert keys_in("\x1b[1;5H\x1b[3~\x1b\x1b[D") == ["left"]
     assert keys_in("") == []

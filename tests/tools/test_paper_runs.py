@@ -59,7 +59,7 @@ def test_the_pd_row_comes_out_with_the_zero_restored() -> None:
     assert table_2_row(NO_OBSERVER, PATH) == pytest.approx(PD_ROW_M, abs=2e-4)
 
 
-def test_another_ellipse_gives_the_pd_row_too_so_that_it_does_not_tell_the_axes() -> None:
+def test_another_ellipse_gives_the_pd_row_too_so_that_it_does_not_report_the_axes() -> None:
     row_m = table_2_row(NO_OBSERVER, DrivenEllipse(86.8, 32.3, 100.0))
     assert row_m == pytest.approx(PD_ROW_M, abs=2e-4)
 

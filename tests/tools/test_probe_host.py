@@ -116,7 +116,7 @@ def test_the_working_node_works_each_period_and_sends_nothing(rate_hz: int) -> N
     assert result.samples == [Sample(4000, 6000)] * 20
 
 
-def test_missed_periods_are_told_from_lateness() -> None:
+def test_missed_periods_are_distinguished_from_lateness() -> None:
     samples = [Sample(5, 10), Sample(99, 120), Sample(100, 130), Sample(350, 360)]
     figures = figures_of(samples, 100)
     assert figures.missed == 1 + 3
@@ -272,7 +272,7 @@ def test_the_program_ends_with_its_verdict(probed: tuple[str, dict[str, Any]]) -
     assert printed.splitlines()[-1].startswith(f"verdict, {ORDINARY}: this machine keeps")
 
 
-def test_a_bus_where_nobody_answers_is_told() -> None:
+def test_a_bus_where_nobody_answers_is_reported() -> None:
     """python-can's virtual interface does not reach other processes."""
     result = run_probe(*ORDINARILY, "--seconds", "0.05", "-i", "virtual", "-c", "alone")
     assert result.returncode == 0, result.stderr

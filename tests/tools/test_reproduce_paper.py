@@ -173,7 +173,7 @@ def test_a_summary_that_is_none_is_named(text: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         (["--figure", "13"], "--figure 13: a block diagram, nothing to compute; allowed are 2, 7,"),
         (["--figure", "1"], "--figure 1: a sketch of the vehicle"),
@@ -185,13 +185,13 @@ def test_a_summary_that_is_none_is_named(text: str, tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_computed_is_refused_in_one_line(
-    arguments: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], reported: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert reproduce_paper.main([*arguments, "--out", str(tmp_path / "new")]) == 2
     error = capsys.readouterr().err
     assert error.startswith("steer-by-wire paper: error: ")
     assert error.count("\n") == 1
-    assert told in error
+    assert reported in error
     assert not (tmp_path / "new").exists()
 
 

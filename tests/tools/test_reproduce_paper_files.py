@@ -39,7 +39,7 @@ def test_a_summary_is_read_as_it_was_written(tmp_path: Path) -> None:
         {"further": 1},
     ],
 )
-def test_a_summary_with_a_part_that_is_none_of_its_kind_is_told(
+def test_a_summary_with_a_part_that_is_none_of_its_kind_is_reported(
     changes: dict[str, Any], tmp_path: Path
 ) -> None:
     write_reproduction(WHOLE, tmp_path)
@@ -50,7 +50,7 @@ def test_a_summary_with_a_part_that_is_none_of_its_kind_is_told(
 
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"[]", b"[" * 100_000])
-def test_a_summary_that_is_no_json_is_told(content: bytes, tmp_path: Path) -> None:
+def test_a_summary_that_is_no_json_is_reported(content: bytes, tmp_path: Path) -> None:
     (tmp_path / f"{KEY}.json").write_bytes(content)
     with pytest.raises(SettingsError, match=rf"{KEY}\.json: is not a summary"):
         read_written(tmp_path, [KEY])

@@ -39,7 +39,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (FaultKind.OUT_OF_RANGE, "out_of_range"),
     ],
 )
-def test_a_log_tells_each_fault_of_a_message_that_no_node_receives(
+def test_a_log_reports_each_fault_of_a_message_that_no_node_receives(
     log: Path, tmp_path: Path, message: str, kind: FaultKind, counted: str
 ) -> None:
     fault = FaultSettings(
@@ -53,13 +53,13 @@ def test_a_log_tells_each_fault_of_a_message_that_no_node_receives(
     stage = FaultStage(fault, 1, 0)
     changed = tmp_path / "changed.log"
     changed.write_text("".join(format_entry(entry) + "\n" for entry in passed(log, stage)))
-    before, told = messages_of(log), messages_of(changed)
+    before, reported = messages_of(log), messages_of(changed)
     assert stage.changed >= 6
-    assert told[message]["refused"] == ({counted: stage.changed} if counted else {})
-    assert told[message]["accepted"] == before[message]["accepted"] - stage.changed
-    assert told[message]["missing"] == stage.changed
+    assert reported[message]["refused"] == ({counted: stage.changed} if counted else {})
+    assert reported[message]["accepted"] == before[message]["accepted"] - stage.changed
+    assert reported[message]["missing"] == stage.changed
     others = before.keys() - {message}
-    assert [told[name]["refused"] for name in others] == [
+    assert [reported[name]["refused"] for name in others] == [
         before[name]["refused"] for name in others
     ]
 

@@ -141,14 +141,14 @@ def test_a_silence_has_to_outlast_the_age_limit_by_what_may_shorten_it() -> None
 
 
 def test_a_delay_spike_is_a_silence_as_long_as_it_is_itself() -> None:
-    for duration_s, magnitude, told in (
+    for duration_s, magnitude, reported in (
         (1.0, 0.14, ""),
         (1.0, 0.141, "the controller counted nothing"),
         (0.141, 1.0, "the controller counted nothing"),
     ):
         table: dict[str, Any] = {"duration_s": duration_s, "magnitude": magnitude}
         fault = stage_fault(FaultKind.DELAY_SPIKE, "LATERAL_ERROR", **table)
-        assert said(stages=((fault, 2.0, 2.0 + duration_s),)) == told
+        assert said(stages=((fault, 2.0, 2.0 + duration_s),)) == reported
 
 
 def test_both_are_in_control_again_once_all_faults_are_over() -> None:

@@ -267,7 +267,7 @@ def test_two_at_once_do_not_hear_each_other(backend: str) -> None:
 
 
 @pytest.mark.parametrize("backend", [NAMESPACE], indirect=True)
-def test_a_command_that_cannot_be_run_is_told_as_by_a_shell(backend: str) -> None:
+def test_a_command_that_cannot_be_run_is_reported_as_by_a_shell(backend: str) -> None:
     absent, folder = run("--backend", backend, "/absent"), run("--backend", backend, "/")
     assert (absent.returncode, folder.returncode) == (127, 126)
     assert absent.stderr.startswith("with-vcan: error: /absent: No such file")

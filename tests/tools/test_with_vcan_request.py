@@ -59,7 +59,7 @@ def test_netem_is_for_all_interfaces_or_for_one() -> None:
     ],
     ids=" ".join,
 )
-def test_wrong_arguments_are_told_before_anything_starts(
+def test_wrong_arguments_are_reported_before_anything_starts(
     arguments: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as end:
