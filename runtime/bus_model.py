@@ -24,14 +24,16 @@ The same class serves virtual time and, with readings of the real clock, the emu
 from collections import deque
 from collections.abc import Callable
 from heapq import heapify, heappop, heappush
-from math import gcd, lcm
 from typing import NamedTuple
 
+from .arbitration import NO_FIELD, arbitration_field
+from .background_traffic import BackgroundTraffic, Ready
+from .bit_ticks import bit_ticks
 from .bus_errors import BUS_OFF_SEQUENCES, SEQUENCE_BITS, SUSPEND_BITS, BusErrors
 from .disturbed_frame import Disturbed
-from .frame import EXTENDED, REMOTE, Frame
+from .frame import Frame
 from .frame_length import INTERMISSION_BITS, frame_bits
-from .node import NEVER_NS, NS_PER_S
+from .node import NEVER_NS
 from .record import new_record
 
 
@@ -76,21 +78,6 @@ class _Waiting(NamedTuple):
     buffer: tuple[int, int]
 
 
-def arbitration_field(frame: Frame) -> int:
-    """The bits that compete for the bus, as a number of 32 bits; the lower one wins.
-
-    Base identifier (11), RTR or SRR, IDE, identifier extension (18), RTR: an 11-bit identifier wins
-    against a 29-bit one with the same base, a data frame against a remote frame of its identifier.
-    """
-    can_id, _, flags = frame
-    if not flags:
-        return can_id << 21
-    rtr = 1 if flags & REMOTE else 0
-    if flags & EXTENDED:
-        return can_id >> 18 << 21 | 0b11 << 19 | (can_id & 0x3FFFF) << 1 | rtr
-    return can_id << 21 | rtr << 20
-
-
 class BusModel:
     """A bus. ``now_ns`` must never decrease from one call to the next.
 
@@ -103,9 +90,11 @@ class BusModel:
                             the time from its submission to its start of frame [ns]
     ``is_fifo``             whether the frames of one sender keep their order
     ``errors``              noise and error counters; without them every frame is sent whole
+    ``traffic``             what else is sent, by nodes of negative numbers, which is not returned
 
     ``next_event_ns``  when the next frame will be complete [ns]; NEVER_NS with nothing on the bus.
-                       Until the bus is free this may change with every submission
+                       Until the bus is free this may change with every submission. With
+                       ``traffic`` no frame is complete before
 
     Raises ValueError for a rate or a limit that is not positive.
     """
@@ -119,6 +108,7 @@ class BusModel:
         *,
         is_fifo: bool = False,
         errors: BusErrors | None = None,
+        traffic: BackgroundTraffic | None = None,
     ) -> None:
         data_rate = bitrate_bit_s if data_bitrate_bit_s is None else data_bitrate_bit_s
         if bitrate_bit_s <= 0 or data_rate <= 0 or queue_limit <= 0:
@@ -127,16 +117,21 @@ class BusModel:
                 f"{data_rate} bit/s and {queue_limit}"
             )
         # A time without a unit is in 1/_per_ns of a nanosecond.
-        self._ticks_per_ns = lcm(
-            bitrate_bit_s // gcd(bitrate_bit_s, NS_PER_S), data_rate // gcd(data_rate, NS_PER_S)
-        )
-        self._bit_ticks = NS_PER_S * self._ticks_per_ns // bitrate_bit_s
-        self._data_bit_ticks = NS_PER_S * self._ticks_per_ns // data_rate
+        ticks = self._ticks = bit_ticks(bitrate_bit_s, data_rate)
+        self._ticks_per_ns, self._bit_ticks, self._data_bit_ticks = ticks
         self._intermission_ticks = INTERMISSION_BITS * self._bit_ticks
         self._queue_limit = queue_limit
         self._on_start = on_start
         self._is_fifo = is_fifo
         self._errors = errors
+        self._traffic = traffic
+        if traffic is not None:
+            traffic.join(ticks)
+            if errors is not None:
+                traffic.sent = errors.sent
+                for sender in traffic.senders:
+                    errors.join(sender)
+        self._is_special = errors is not None or traffic is not None
         self._disturbed: Disturbed | None = None
         # Until when an error passive sender pauses, and one in bus-off takes no part.
         self._paused_until_ticks: dict[int, int] = {}
@@ -159,7 +154,12 @@ class BusModel:
     @property
     def load(self) -> BusLoad:
         """Totals so far."""
-        return BusLoad(self._frames, self._whole_ns(self._busy_ticks), self._refused)
+        frames, busy_ticks, refused = self._frames, self._busy_ticks, self._refused
+        if self._traffic is not None:
+            frames += self._traffic.frames
+            busy_ticks += self._traffic.busy_ticks
+            refused += self._traffic.refused
+        return BusLoad(frames, self._ticks.whole_ns(busy_ticks), refused)
 
     def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
         """Queue ``frame`` of ``sender``, ready to compete from ``now_ns`` on.
@@ -168,12 +168,12 @@ class BusModel:
         """
         nominal_bits, data_bits = frame_bits(frame)
         now_ticks = now_ns * self._ticks_per_ns
-        if self._errors is not None and self._is_off(sender, now_ticks):
-            self.lost_in_bus_off += 1
-            return
         if now_ticks > self._decided_until_ticks:
             self._settle(now_ticks)
             self._look_ahead()
+        if self._errors is not None and self._is_off(sender, now_ticks):
+            self.lost_in_bus_off += 1
+            return
         arbitration = arbitration_field(frame)
         buffer = (sender, 0 if self._is_fifo else arbitration)
         waiting = self._waiting_of.get(buffer, 0)
@@ -194,7 +194,7 @@ class BusModel:
             self._behind.setdefault(sender, deque()).append(entry)
         else:
             heappush(self._queue, entry)
-            if self._on_wire is None and self._queue[0] is entry:
+            if self._is_special or (self._on_wire is None and self._queue[0] is entry):
                 self._look_ahead()
 
     def withdraw(self, sender: int) -> list[Frame]:
@@ -206,6 +206,8 @@ class BusModel:
         self._queue = kept
         for buffer in [buffer for buffer in self._waiting_of if buffer[0] == sender]:
             del self._waiting_of[buffer]
+            if self._traffic is not None and sender < 0:
+                self._traffic.release(buffer[1])
         self._look_ahead()
         return withdrawn
 
@@ -229,6 +231,11 @@ class BusModel:
             end_ticks = start_ticks + winner.duration_ticks
         else:
             self._decided_until_ticks = end_ticks = NEVER_NS * self._ticks_per_ns
+        if self._traffic is not None:
+            if self._on_wire is None:
+                self._decided_until_ticks = -1
+            if not self._is_awaited():
+                end_ticks = NEVER_NS * self._ticks_per_ns
         if self._completed:
             self.next_event_ns = self._completed[0].end_ns
         else:
@@ -240,8 +247,11 @@ class BusModel:
         One at this instant stays open, because a frame submitted at this instant still competes.
         """
         queue, on_wire, end_ticks = self._queue, self._on_wire, self._end_ticks
+        errors, traffic = self._errors, self._traffic
         while True:
             if on_wire is None:
+                if traffic is not None:
+                    self._send_traffic(traffic, now_ticks)
                 if not queue:
                     break
                 start_ticks, on_wire = self._next_start()
@@ -256,21 +266,88 @@ class BusModel:
                 self._next_start_ticks = start_ticks
                 end_ticks = start_ticks + on_wire.duration_ticks
                 self._on_arbitration(on_wire)
-                if self._errors is not None:
-                    end_ticks = self._end_with_errors(on_wire, self._errors)
+                if errors is not None:
+                    end_ticks = self._end_with_errors(on_wire, errors)
             if end_ticks > now_ticks:
                 break
-            if self._errors is not None and self._end_attempt(on_wire, end_ticks, self._errors):
+            if traffic is not None:
+                self._admit(traffic, end_ticks)
+            if errors is not None and self._end_attempt(on_wire, end_ticks, errors):
                 on_wire, queue = None, self._queue  # bus-off makes a new one
                 continue
             _, _, duration_ticks, sender, frame, _, _ = on_wire
             end_ns = -(-end_ticks // self._ticks_per_ns)
-            self._completed.append(new_record(Delivery, (end_ns, sender, frame)))
+            if traffic is None:
+                self._completed.append(new_record(Delivery, (end_ns, sender, frame)))
+            else:
+                self._complete(end_ns, sender, frame)
             self._frames += 1
             self._busy_ticks += duration_ticks + self._intermission_ticks
             self._next_start_ticks = end_ticks + self._intermission_ticks
             on_wire = None
         self._on_wire, self._end_ticks = on_wire, end_ticks
+
+    def _send_traffic(self, traffic: BackgroundTraffic, now_ticks: int) -> None:
+        """Let the traffic have the bus until a frame of the queue is next, and before now."""
+        free_ticks, errors = self._next_start_ticks, self._errors
+        if self._paused_until_ticks:
+            self._paused_until_ticks = {
+                sender: until
+                for sender, until in self._paused_until_ticks.items()
+                if until > free_ticks
+            }
+        if not self._is_calm():
+            while traffic.best < NO_FIELD:
+                self._take(traffic, traffic.take_best(free_ticks))
+            while (due_ticks := traffic.next_due_ticks) < now_ticks:
+                if self._queue and due_ticks > self._next_start()[0]:
+                    return
+                self._next_start_ticks = max(self._next_start_ticks, due_ticks)
+                self._admit(traffic, due_ticks + 1)
+            return
+        rival = self._queue[0].arbitration if self._queue else NO_FIELD
+        hit_ns = None
+        if errors is not None:
+            hit_ns = errors.next_hit_ns(free_ticks // self._ticks_per_ns, NEVER_NS)
+        hit_ticks = (NEVER_NS if hit_ns is None else hit_ns) * self._ticks_per_ns
+        self._next_start_ticks = traffic.carry(free_ticks, now_ticks, rival, hit_ticks)
+        if self._next_start_ticks < now_ticks and traffic.best < rival:
+            self._take(traffic, traffic.take_best(self._next_start_ticks))
+
+    def _is_calm(self) -> bool:
+        """Whether all may start whenever the bus is free."""
+        errors = self._errors
+        return errors is None or (errors.is_calm and not self._paused_until_ticks)
+
+    def _admit(self, traffic: BackgroundTraffic, until_ticks: int) -> None:
+        """Let messages compete that are released before ``until_ticks``."""
+        if self._is_calm():
+            traffic.carry(until_ticks - 1, until_ticks, -1, 0)
+            return
+        while traffic.next_due_ticks < until_ticks:
+            ready = traffic.take_next(self._is_off)
+            if ready is not None:
+                self._take(traffic, ready)
+
+    def _take(self, traffic: BackgroundTraffic, ready: Ready) -> None:
+        """Put a frame of the traffic into the queue."""
+        rank, sender, frame, due_ticks = ready
+        traffic.hold(rank)
+        self._sequence += 1
+        buffer = (sender, rank)
+        self._waiting_of[buffer] = self._waiting_of.get(buffer, 0) + 1
+        field, duration_ticks = arbitration_field(frame), self._ticks.of_frame(frame)
+        heappush(
+            self._queue,
+            _Waiting(field, self._sequence, duration_ticks, sender, frame, due_ticks, buffer),
+        )
+
+    def _is_awaited(self) -> bool:
+        """Whether a frame waits that will be returned."""
+        on_wire = self._on_wire
+        return (on_wire is not None and on_wire.sender >= 0) or any(
+            waiting.sender >= 0 for waiting in self._queue
+        )
 
     def _on_arbitration(self, winner: _Waiting) -> None:
         """Record that a frame has won the bus."""
@@ -280,6 +357,8 @@ class BusModel:
             self._waiting_of[winner.buffer] = still_waiting
             if self._is_fifo:
                 self._compete_next(winner.sender)
+        elif self._traffic is not None and winner.sender < 0:
+            self._traffic.release(winner.buffer[1])
         if self._on_start is not None:
             delay_ticks = self._next_start_ticks - winner.submitted_ticks
             self._on_start(winner.frame, delay_ticks // self._ticks_per_ns)
@@ -322,10 +401,10 @@ class BusModel:
         if disturbed is None:
             errors.on_whole(sender)
         else:
-            end_ns = self._whole_ns(end_ticks)
+            end_ns = self._ticks.whole_ns(end_ticks)
             errors.on_disturbed(disturbed, sender, sent.frame, end_ns)
             if disturbed.is_received:
-                self._completed.append(new_record(Delivery, (end_ns, sender, sent.frame)))
+                self._complete(end_ns, sender, sent.frame)
             self._busy_ticks += end_ticks - self._next_start_ticks + self._intermission_ticks
             self._next_start_ticks = end_ticks + self._intermission_ticks
             self._compete_again(sent)
@@ -337,10 +416,19 @@ class BusModel:
             self._paused_until_ticks[sender] = end_ticks + pause_ticks
         return disturbed is not None
 
+    def _complete(self, end_ns: int, sender: int, frame: Frame) -> None:
+        """Return a received frame to whom it concerns."""
+        if self._traffic is None or sender >= 0:
+            self._completed.append(new_record(Delivery, (end_ns, sender, frame)))
+        elif self._traffic.on_wire is not None:
+            self._traffic.on_wire(end_ns, sender, frame)
+
     def _compete_again(self, sent: _Waiting) -> None:
         """Put a destroyed frame back into its transmit buffer, in front."""
         waiting = self._waiting_of.get(sent.buffer, 0)
         self._waiting_of[sent.buffer] = waiting + 1
+        if self._traffic is not None and sent.sender < 0:
+            self._traffic.hold(sent.buffer[1])
         if waiting and self._is_fifo:
             (following,) = (one for one in self._queue if one.sender == sent.sender)
             self._queue.remove(following)
@@ -378,7 +466,3 @@ class BusModel:
         heappush(self._queue, behind.popleft())
         if not behind:
             del self._behind[sender]
-
-    def _whole_ns(self, ticks: int) -> int:
-        """Convert a time from ticks to nanoseconds, rounded up [ns]."""
-        return -(-ticks // self._ticks_per_ns)

@@ -8,7 +8,8 @@ delimiter, so that the frame takes r + 15 bits. Three exceptions:
 
     identifier, RTR   a recessive bit seen dominant is arbitration lost: the sender falls silent,
                       all find a stuff error in the silence, and it is nobody's transmit error
-    ACK slot          seen recessive: the sender misses the acknowledgement
+    ACK slot          seen recessive: the sender misses the acknowledgement, and the receivers, who
+                      send it, find a bit error
     last bit          seen dominant: the receivers have accepted the frame and take this for an
                       overload; the sender repeats it, and it is received twice
 """
@@ -16,13 +17,15 @@ delimiter, so that the frame takes r + 15 bits. Three exceptions:
 from functools import lru_cache
 from typing import NamedTuple
 
-from .frame import Frame
+from .frame import FD, Frame
 from .frame_length import FrameBits
-from .frame_on_wire import DOMINANT, RECESSIVE, WireBit, frame_on_wire
+from .frame_on_wire import DOMINANT, RECESSIVE, RUN_MAX, frame_on_wire
 from .frame_reception import receive
+from .stuffed_text import stuffed_text
 
 _FLAG_BITS, _DELIMITER_BITS = 6, 8
 _ARBITRATION = frozenset({"ID", "SRR", "IDE", "ID extension", "RTR", "RRS"})
+_TRAILER = ("CRC delimiter", "ACK", "ACK delimiter", "EOF")
 
 
 class Disturbed(NamedTuple):
@@ -42,30 +45,71 @@ class Disturbed(NamedTuple):
     field: str
 
 
-@lru_cache(maxsize=1024)
 def disturb(frame: Frame, index: int, *, is_passive: bool) -> Disturbed:
     """Return what becomes of ``frame`` when its bit ``index`` is wrong.
 
     ``is_passive``  the sender is error passive
     """
+    if not is_passive and not frame.flags & FD:
+        return _disturb_classic(frame, index)
+    return disturb_bit_by_bit(frame, index, is_passive=is_passive)
+
+
+@lru_cache(maxsize=1024)
+def disturb_bit_by_bit(frame: Frame, index: int, *, is_passive: bool) -> Disturbed:
+    """Return the same from every bit that a receiver sees."""
     bits = frame_on_wire(frame)
     bit = bits[index]
     seen = [one.level for one in bits[:index]] + [1 - bit.level]
     is_lost = bit.field in _ARBITRATION and bit.level == RECESSIVE and not bit.is_stuff
     flag = RECESSIVE if is_passive or is_lost else DOMINANT
-    reception = receive(seen + [flag] * (_FLAG_BITS + len(bits)))
-    is_received = index == len(bits) - 1
-    found = index if is_received else max(reception.bit, index)
-    cause = "arbitration lost" if is_lost else "bit error"
-    if bit.field == "ACK":
-        cause = "no acknowledgement"
-    return Disturbed(_duration(bits, index, found), is_received, not is_lost, cause, bit.field)
-
-
-def _duration(bits: tuple[WireBit, ...], index: int, found: int) -> FrameBits:
-    """Bits from start of frame to the end of the error delimiter, flags at the nominal rate."""
-    fast = sum(bit.is_fast for bit in bits[: index + 1])
-    waited = found - index
+    found = index
+    if bit.field != "ACK" and index < len(bits) - 1:
+        found = max(receive(seen + [flag] * (_FLAG_BITS + len(bits))).bit, index)
+    fast = sum(one.is_fast for one in bits[: index + 1])
     # Receivers that have found nothing yet still sample at the data rate.
-    fast += waited if bits[index].is_fast else 0
-    return FrameBits(found + 1 - fast + _FLAG_BITS + _DELIMITER_BITS, fast)
+    fast += found - index if bit.is_fast else 0
+    is_last = index == len(bits) - 1
+    return _outcome(found, fast, bit.field, is_lost=is_lost, is_last=is_last)
+
+
+def _disturb_classic(frame: Frame, index: int) -> Disturbed:
+    """Return it for an error active sender of a classic frame, from runs of equal bits."""
+    levels, stuff = stuffed_text(frame)
+    if index >= len(levels):
+        field = _TRAILER[min(index - len(levels), 3)]
+        return _outcome(index, 0, field, is_lost=False, is_last=index == len(levels) + 9)
+    field = _classic_fields(frame.flags, len(frame.data))[stuff.count("0", 0, index)]
+    if stuff[index] == "1":
+        # The field of a stuff bit is that of the bit before it.
+        field = _classic_fields(frame.flags, len(frame.data))[stuff.count("0", 0, index) - 1]
+        return _outcome(index, 0, field, is_lost=False, is_last=False)
+    before, left = levels[:index], stuff.count("0", index + 1)
+    if levels[index] == "1":
+        if field == "IDE":  # may be taken for an FD frame of a later standard
+            return disturb_bit_by_bit(frame, index, is_passive=False)
+        if field in _ARBITRATION:
+            return _outcome(index + 6, 0, field, is_lost=True, is_last=False)
+        zeros = index - len(before.rstrip("0")) + 1
+        found = min(index + 6 - zeros, index + left + 1)
+    else:
+        ones = index - len(before.rstrip("1")) + 1
+        # A fifth recessive bit makes the flag's first bit a stuff bit.
+        found = min(index + 6, index + left + 1 + (ones == RUN_MAX))
+    return _outcome(found, 0, field, is_lost=False, is_last=False)
+
+
+@lru_cache(maxsize=64)
+def _classic_fields(flags: int, length: int) -> tuple[str, ...]:
+    """Field of each bit without stuff bits, up to the end of the CRC."""
+    bits = frame_on_wire(Frame(0, bytes(length), flags))
+    return tuple(bit.field for bit in bits if not bit.is_stuff)
+
+
+def _outcome(found: int, fast: int, field: str, *, is_lost: bool, is_last: bool) -> Disturbed:
+    """Receivers find the error at bit ``found``; ``fast`` bits until then are data bits."""
+    cause = "arbitration lost" if is_lost else "bit error"
+    if field == "ACK":
+        cause = "no acknowledgement"
+    length = FrameBits(found + 1 - fast + _FLAG_BITS + _DELIMITER_BITS, fast)
+    return Disturbed(length, is_last, not is_lost, cause, field)

@@ -59,16 +59,15 @@ class ErrorCounters:
         if self.receive < PASSIVE_MIN:
             self.receive += 1
 
-    def on_sent(self) -> None:
-        """Count a frame that was sent and acknowledged."""
-        self.transmit = max(0, self.transmit - 1)
+    def on_sent(self, frames: int = 1) -> None:
+        """Count frames that were sent and acknowledged."""
+        self.transmit = max(0, self.transmit - frames)
 
-    def on_received(self) -> None:
-        """Count a frame that was received."""
-        if self.receive >= PASSIVE_MIN:
-            self.receive = _RECEIVE_AFTER_PASSIVE
-        else:
-            self.receive = max(0, self.receive - 1)
+    def on_received(self, frames: int = 1) -> None:
+        """Count frames that were received."""
+        if frames and self.receive >= PASSIVE_MIN:
+            self.receive, frames = _RECEIVE_AFTER_PASSIVE, frames - 1
+        self.receive = max(0, self.receive - frames)
 
     def restart(self) -> None:
         """Begin again after bus-off."""

@@ -8,9 +8,9 @@ import pytest
 from steer_by_wire.runtime.bus_errors import BusErrors, ErrorEvent
 from steer_by_wire.runtime.bus_model import BusModel
 from steer_by_wire.runtime.bus_noise import BusNoise, NoiseRates
-from steer_by_wire.runtime.disturbed_frame import disturb
+from steer_by_wire.runtime.disturbed_frame import disturb, disturb_bit_by_bit
 from steer_by_wire.runtime.fault_confinement import ControllerState, ErrorCounters
-from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, Frame
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame_length import frame_bits
 from steer_by_wire.runtime.frame_on_wire import frame_on_wire
 from steer_by_wire.runtime.node import NEVER_NS
@@ -60,8 +60,8 @@ def index_of(field: str, frame: Frame = FRAME) -> int:
         # A stuff bit: sender and receivers find it at once.
         (9, 10 + 6 + 8),
         (index_of("CRC delimiter"), index_of("CRC delimiter") + 1 + 6 + 8),
-        # The sender misses the acknowledgement; the receivers find its flag in their delimiter.
-        (index_of("ACK"), index_of("ACK") + 1 + 1 + 6 + 8),
+        # The sender misses the acknowledgement; the receivers miss the bit that they send.
+        (index_of("ACK"), index_of("ACK") + 1 + 6 + 8),
     ],
 )
 def test_an_error_frame_takes_as_long_as_its_flags_and_delimiter(index: int, bits: int) -> None:
@@ -79,6 +79,19 @@ def test_every_error_ends_within_its_limits(frame: Frame, is_passive: bool) -> N
         # after a lost arbitration, are seen in at most six further bits or at the frame's end.
         assert 14 <= until <= 20 or (is_passive and until <= sum(whole)), (index, bit)
         assert disturbed.is_received == (index == sum(whole) - 1)
+
+
+def test_the_short_way_to_an_error_agrees_with_the_way_bit_by_bit() -> None:
+    draw = random.Random(4)
+    for _ in range(300):
+        flags = draw.choice((0, EXTENDED, REMOTE, EXTENDED | REMOTE))
+        can_id = draw.randrange(1 << 29 if flags & EXTENDED else 1 << 11)
+        length = 0 if flags & REMOTE else draw.randrange(9)
+        data = bytes(draw.choice((0x00, 0xFF, 0x0F, draw.randrange(256))) for _ in range(length))
+        frame = Frame(can_id, data, flags)
+        for index in range(sum(frame_bits(frame))):
+            slow = disturb_bit_by_bit(frame, index, is_passive=False)
+            assert disturb(frame, index, is_passive=False) == slow, (frame, index)
 
 
 def test_a_recessive_identifier_bit_seen_dominant_is_no_transmit_error() -> None:

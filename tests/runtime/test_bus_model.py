@@ -4,12 +4,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from steer_by_wire.runtime.arbitration import arbitration_field
 from steer_by_wire.runtime.bus_model import (
     BusLoad,
     BusModel,
     BusOverflowError,
     Delivery,
-    arbitration_field,
 )
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from steer_by_wire.runtime.frame_length import INTERMISSION_BITS, frame_bits

@@ -8,7 +8,6 @@ from ...command_line import number
 from ...dbc.message_set import read_message_set
 from ...pair.shared_bus import SharedBus, rest_of
 from ...runtime.bus_errors import BusErrors
-from ...runtime.bus_model import BusModel
 from ...runtime.bus_noise import BusNoise, NoiseRates
 from ...runtime.settings import SettingsError
 
@@ -56,7 +55,7 @@ def shared_bus(options: argparse.Namespace, bitrate_bit_s: int, seed: int) -> Sh
             raise SettingsError(f"--rest-bus {error.filename}: {error.strerror}") from error
         except ValueError as error:
             raise SettingsError(f"--rest-bus: {error}") from error
-    return SharedBus(BusModel(bitrate_bit_s, errors=errors), messages, seed, errors)
+    return SharedBus(bitrate_bit_s, messages, seed, errors)
 
 
 def bus_lines(bus: SharedBus, duration_s: float) -> Sequence[tuple[str, str]]:
@@ -65,8 +64,8 @@ def bus_lines(bus: SharedBus, duration_s: float) -> Sequence[tuple[str, str]]:
     lines = [
         (
             "bus",
-            f"load {100 * load.busy_ns / (1e9 * duration_s):.1f} %, {bus.frames} frames of others, "
-            f"{bus.refused} lost in full transmit buffers",
+            f"load {100 * load.busy_ns / (1e9 * duration_s):.1f} %, {load.frames} frames, "
+            f"{load.refused} lost in full transmit buffers",
         )
     ]
     if bus.errors is not None:

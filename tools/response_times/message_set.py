@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...dbc.message_set import ListedMessage, read_message_set
-from ...runtime.bus_model import BusModel, arbitration_field
+from ...runtime.arbitration import arbitration_field
+from ...runtime.bus_model import BusModel
 from ...runtime.frame import Frame
 from ...runtime.frame_length import FrameBits
 from ...runtime.settings import SettingsError
