@@ -250,7 +250,7 @@ class BusModel:
         errors, traffic = self._errors, self._traffic
         while True:
             if on_wire is None:
-                if traffic is not None:
+                if traffic is not None and self._next_start_ticks < now_ticks:
                     self._send_traffic(traffic, now_ticks)
                 if not queue:
                     break
@@ -270,8 +270,8 @@ class BusModel:
                     end_ticks = self._end_with_errors(on_wire, errors)
             if end_ticks > now_ticks:
                 break
-            if traffic is not None:
-                self._admit(traffic, end_ticks)
+            if traffic is not None and self._disturbed is not None:
+                self._admit(traffic, end_ticks)  # before the frame is back in its buffer
             if errors is not None and self._end_attempt(on_wire, end_ticks, errors):
                 on_wire, queue = None, self._queue  # bus-off makes a new one
                 continue
@@ -344,10 +344,12 @@ class BusModel:
 
     def _is_awaited(self) -> bool:
         """Whether a frame waits that will be returned."""
-        on_wire = self._on_wire
-        return (on_wire is not None and on_wire.sender >= 0) or any(
-            waiting.sender >= 0 for waiting in self._queue
-        )
+        if self._on_wire is not None and self._on_wire.sender >= 0:
+            return True
+        for waiting in self._queue:  # noqa: SIM110 - asked for twice a frame; any() takes longer
+            if waiting.sender >= 0:
+                return True
+        return False
 
     def _on_arbitration(self, winner: _Waiting) -> None:
         """Record that a frame has won the bus."""

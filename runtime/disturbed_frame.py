@@ -86,7 +86,7 @@ def _disturb_classic(frame: Frame, index: int) -> Disturbed:
         return _outcome(index, 0, field, is_lost=False, is_last=False)
     before, left = levels[:index], stuff.count("0", index + 1)
     if levels[index] == "1":
-        if field == "IDE":  # may be taken for an FD frame of a later standard
+        if field in _ARBITRATION and frame.flags:  # silence may look like a later standard's frame
             return disturb_bit_by_bit(frame, index, is_passive=False)
         if field in _ARBITRATION:
             return _outcome(index + 6, 0, field, is_lost=True, is_last=False)

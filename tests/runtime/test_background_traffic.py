@@ -42,7 +42,7 @@ def messages(seed: int) -> list[PeriodicMessage]:
 
 def node_frames(seed: int) -> list[Release]:
     draw, now_ns = random.Random(seed), 0
-    releases = []
+    releases: list[Release] = []
     while now_ns < END_NS:
         now_ns += draw.randrange(3_000_000)
         frame = Frame(draw.choice((2, 500, 2000)), b"1234")
@@ -108,7 +108,8 @@ def test_traffic_without_objects_is_the_traffic_submitted_frame_by_frame(
 
 def releases_of(sent: list[PeriodicMessage], seed: int) -> list[Release]:
     """The same releases: phases drawn in the order of the arbitration fields."""
-    draw, releases = random.Random(seed), []
+    draw = random.Random(seed)
+    releases: list[Release] = []
     for one in sorted(sent, key=lambda one: arbitration_field(one.frames[0])):
         due_ns = range(draw.randrange(one.period_ns), END_NS, one.period_ns)
         releases += [(at_ns, one.sender, one.frames) for at_ns in due_ns]
