@@ -8,19 +8,21 @@ Everyone but the sender receives: each other node has a receive counter.
 """
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
-from .bus_noise import BusNoise
+from .bus_noise import BusNoise, StuckLine
 from .disturbed_frame import Disturbed, disturb
-from .fault_confinement import ControllerState, ErrorCounters
+from .fault_confinement import PASSIVE_MIN, ControllerState, ErrorCounters
 from .frame import BITRATE_SWITCH, Frame
 from .frame_length import frame_bits
 from .frame_on_wire import frame_on_wire
+from .node import NEVER_NS
+from .one_sided_error import disturb_receiver, disturb_sender, unacknowledged
+from .stuck_line import disturb_stuck
 
-SUSPEND_BITS = 8
-"""How much longer than others an error passive sender waits after a frame of its own."""
-BUS_OFF_SEQUENCES, SEQUENCE_BITS = 128, 11
+NO_NOISE: Mapping[int, BusNoise] = MappingProxyType({})
 
 
 class ErrorEvent(NamedTuple):
@@ -53,24 +55,35 @@ class _Member:
 class BusErrors:
     """What a BusModel asks about errors; one for each bus.
 
-    ``noise``     when bits are wrong
-    ``on_error``  called for every destroyed transmission
+    ``noise``           when bits are wrong for everybody
+    ``on_error``        called for every destroyed transmission
+    ``noise_of``        when bits are wrong for one node alone
+    ``stuck``           when the line is, in order of time
+    ``is_acknowledged`` whether somebody is there to acknowledge the frames of a sender
 
     ``is_calm``   everybody is error active
     ``sent``      complete frames by sender; whoever sends one counts it here or by ``on_whole``
     """
 
     def __init__(
-        self, noise: BusNoise, on_error: Callable[[ErrorEvent], None] | None = None
+        self,
+        noise: BusNoise,
+        on_error: Callable[[ErrorEvent], None] | None = None,
+        noise_of: Mapping[int, BusNoise] = NO_NOISE,
+        stuck: Sequence[StuckLine] = (),
+        is_acknowledged: Callable[[int], bool] | None = None,
     ) -> None:
         self._noise = noise
         self.on_error = on_error
+        self._noise_of = noise_of
+        self._stuck = list(stuck)
+        self._is_acknowledged = is_acknowledged
         self._members: dict[int, _Member] = {}
         self._limited: set[int] = set()
         self.is_calm = True
         self.sent: Counter[int] = Counter()
         self.causes: Counter[str] = Counter()
-        self.received_twice = 0
+        self.received_twice = self.missed_by_one = 0
         self.bus_offs = 0
 
     def join(self, node: int) -> None:
@@ -96,53 +109,90 @@ class BusErrors:
     def restart(self, node: int) -> None:
         """Let a node take part again."""
         self.counters(node).restart()
-        self._note_limits(node)
+        self.note_limits(node)
 
-    def next_hit_ns(self, start_ns: int, end_ns: int) -> int | None:
-        """Return the first instant from ``start_ns`` on, before ``end_ns``, with a wrong bit."""
-        return self._noise.first_hit_ns(start_ns, end_ns)
+    def next_hit_ns(self, start_ns: int) -> int:
+        """Return the first instant from ``start_ns`` on that can be the end of a frame [ns]."""
+        hits_ns = [
+            noise.first_hit_ns(start_ns, NEVER_NS)
+            for noise in (self._noise, *self._noise_of.values())
+        ]
+        self._stuck = [line for line in self._stuck if line.end_ns > start_ns]
+        hits_ns += [line.start_ns for line in self._stuck[:1]]
+        return min(hit_ns for hit_ns in (*hits_ns, NEVER_NS) if hit_ns is not None)
 
     def transmission(
         self, frame: Frame, sender: int, start_ns: float, bit_ns: float, data_bit_ns: float
     ) -> Disturbed | None:
-        """Return what noise does to a frame from ``start_ns`` on; None if it stays whole.
+        """Return what disturbs a frame from ``start_ns`` on; None if it stays whole.
 
         ``bit_ns``, ``data_bit_ns``  length of a nominal and of a data bit [ns]
+
+        Of several errors the first one counts.
         """
+        is_passive = self.is_passive(sender)
+        if self._is_acknowledged is not None and not self._is_acknowledged(sender):
+            return unacknowledged(frame, is_passive=is_passive)
         # A whole frame cannot take longer, so that its bits are only laid out when one is hit.
-        longest_ns = (len(frame.data) * 10 + 120) * bit_ns
-        hit_ns = self._noise.first_hit_ns(int(start_ns), int(start_ns + longest_ns))
-        if hit_ns is None:
+        begin_ns, until_ns = int(start_ns), int(start_ns + (len(frame.data) * 10 + 120) * bit_ns)
+        if self._stuck and self._stuck[0].start_ns < until_ns:
+            disturbed = self._on_stuck_line(frame, start_ns, bit_ns, data_bit_ns)
+            if disturbed is not None:
+                return disturbed
+        first_ns, node = self._noise.first_hit_ns(begin_ns, until_ns), None
+        for one, noise in self._noise_of.items():
+            hit_ns = noise.first_hit_ns(begin_ns, until_ns)
+            if hit_ns is not None and (first_ns is None or hit_ns < first_ns):
+                first_ns, node = hit_ns, one
+        if first_ns is None:
             return None
-        index = _bit_at(frame, hit_ns - start_ns, bit_ns, data_bit_ns)
+        index = _bit_at(frame, first_ns - start_ns, bit_ns, data_bit_ns)
         if index is None:
             return None
-        return disturb(frame, index, is_passive=self.is_passive(sender))
+        if node is None:
+            return disturb(frame, index, is_passive=is_passive)
+        if node == sender:
+            return disturb_sender(frame, index, is_passive=is_passive)
+        self.join(node)
+        return disturb_receiver(frame, index, node, is_passive=self.is_passive(node))
+
+    def _on_stuck_line(
+        self, frame: Frame, start_ns: float, bit_ns: float, data_bit_ns: float
+    ) -> Disturbed | None:
+        self._stuck = [line for line in self._stuck if line.end_ns > start_ns]
+        if not self._stuck:
+            return None
+        level, from_ns, to_ns = self._stuck[0]
+        first: int | None = -1
+        if from_ns > start_ns:
+            first = _bit_at(frame, from_ns - start_ns, bit_ns, data_bit_ns)
+        if first is None:
+            return None
+        left_ns = to_ns - max(from_ns, start_ns)
+        return disturb_stuck(frame, level, first, -int(-left_ns // bit_ns) - min(first, 0))
 
     def on_whole(self, sender: int) -> None:
         """Count a frame that was sent and received."""
         self.sent[sender] += 1
         if not self.is_calm:
             for node in tuple(self._limited):
-                self._note_limits(node)
+                self.note_limits(node)
 
     def on_disturbed(self, disturbed: Disturbed, sender: int, frame: Frame, time_ns: int) -> None:
-        """Count a destroyed transmission and report it."""
+        """Count a disturbed transmission and report it."""
+        if not disturbed.is_repeated:
+            self.sent[sender] += 1
         total = self.sent.total()
         own = self._up_to_date(sender, total).counters
         before = own.state
         for node in self._members:
             counters = self._up_to_date(node, total).counters
-            if node == sender and disturbed.is_transmit_error:
-                counters.on_transmit_error()
-            elif not disturbed.is_received or node == sender:
-                counters.on_receive_error()
-            else:
-                counters.on_received()
+            _count(counters, disturbed, is_sender=node == sender, is_odd=node == disturbed.only_at)
             if counters.is_passive or node in self._limited:
-                self._note_limits(node)
+                self.note_limits(node)
         self.causes[disturbed.cause] += 1
-        self.received_twice += disturbed.is_received
+        self.received_twice += disturbed.is_received and disturbed.is_repeated
+        self.missed_by_one += disturbed.is_received and disturbed.only_at is not None
         self.bus_offs += own.state is ControllerState.BUS_OFF
         if self.on_error is not None:
             event = ErrorEvent(
@@ -158,7 +208,8 @@ class BusErrors:
             )
             self.on_error(event)
 
-    def _note_limits(self, node: int) -> None:
+    def note_limits(self, node: int) -> None:
+        """Look at a node's counters again after they have been changed."""
         if self.counters(node).is_passive:
             self._limited.add(node)
         else:
@@ -189,3 +240,23 @@ def _bit_at(frame: Frame, offset_ns: float, bit_ns: float, data_bit_ns: float) -
         if offset_ns < end_ns:
             return index
     return None
+
+
+def _count(counters: ErrorCounters, disturbed: Disturbed, *, is_sender: bool, is_odd: bool) -> None:
+    """Let one node count a disturbed transmission; ``is_odd`` if it alone saw the error."""
+    if is_sender and disturbed.is_transmit_error:
+        counters.on_transmit_error(1 + disturbed.again)
+    elif is_sender and not disturbed.is_repeated:
+        return  # sent, and counted as such
+    elif is_odd:
+        # Its flag comes first, so that it sees the others' afterwards.
+        counters.on_receive_error()
+        if disturbed.is_repeated:
+            counters.on_dominant_after_flag()
+    elif disturbed.is_received and not is_sender:
+        if disturbed.is_repeated:
+            counters.on_received()
+    else:
+        counters.on_receive_error()
+        for _ in range(min(disturbed.again, PASSIVE_MIN)):
+            counters.on_dominant_after_flag()

@@ -29,11 +29,12 @@ from typing import NamedTuple
 from .arbitration import NO_FIELD, arbitration_field
 from .background_traffic import BackgroundTraffic, Ready
 from .bit_ticks import bit_ticks
-from .bus_errors import BUS_OFF_SEQUENCES, SEQUENCE_BITS, SUSPEND_BITS, BusErrors
+from .bus_errors import BusErrors
 from .disturbed_frame import Disturbed
 from .frame import Frame
 from .frame_length import INTERMISSION_BITS, frame_bits
 from .node import NEVER_NS
+from .participation import Participation, Waiting, is_awaited
 from .record import new_record
 
 
@@ -66,18 +67,6 @@ class BusLoad(NamedTuple):
     refused: int
 
 
-class _Waiting(NamedTuple):
-    """A frame in the queue; sorts by arbitration, then by order of submission."""
-
-    arbitration: int
-    sequence: int
-    duration_ticks: int
-    sender: int
-    frame: Frame
-    submitted_ticks: int
-    buffer: tuple[int, int]
-
-
 class BusModel:
     """A bus. ``now_ns`` must never decrease from one call to the next.
 
@@ -95,6 +84,9 @@ class BusModel:
     ``next_event_ns``  when the next frame will be complete [ns]; NEVER_NS with nothing on the bus.
                        Until the bus is free this may change with every submission. With
                        ``traffic`` no frame is complete before
+
+    ``missed``         end [ns] and receiver of frames that one receiver alone did not get; whoever
+                       delivers takes them out
 
     Raises ValueError for a rate or a limit that is not positive.
     """
@@ -123,8 +115,7 @@ class BusModel:
         self._queue_limit = queue_limit
         self._on_start = on_start
         self._is_fifo = is_fifo
-        self._errors = errors
-        self._traffic = traffic
+        self._errors, self._traffic = errors, traffic
         if traffic is not None:
             traffic.join(ticks)
             if errors is not None:
@@ -133,32 +124,26 @@ class BusModel:
                     errors.join(sender)
         self._is_special = errors is not None or traffic is not None
         self._disturbed: Disturbed | None = None
-        # Until when an error passive sender pauses, and one in bus-off takes no part.
-        self._paused_until_ticks: dict[int, int] = {}
-        self._off_until_ticks: dict[int, int] = {}
+        self._participation = Participation(errors, self._bit_ticks)
         self.lost_in_bus_off = 0
-        self._queue: list[_Waiting] = []
+        self.missed: set[tuple[int, int]] = set()
+        self._queue: list[Waiting] = []
         # By sender and identifier; with FIFOs by sender, without its oldest frame.
         self._waiting_of: dict[tuple[int, int], int] = {}
-        self._behind: dict[int, deque[_Waiting]] = {}
-        self._sequence = 0
-        self._on_wire: _Waiting | None = None
-        self._end_ticks = 0
-        self._next_start_ticks = 0
+        self._behind: dict[int, deque[Waiting]] = {}
+        self._on_wire: Waiting | None = None
+        self._sequence = self._end_ticks = self._next_start_ticks = 0
         self._completed: list[Delivery] = []
-        self._frames = 0
-        self._busy_ticks = 0
-        self._refused = 0
+        self._frames = self._busy_ticks = self._refused = 0
         self._look_ahead()
 
     @property
     def load(self) -> BusLoad:
         """Totals so far."""
         frames, busy_ticks, refused = self._frames, self._busy_ticks, self._refused
-        if self._traffic is not None:
-            frames += self._traffic.frames
-            busy_ticks += self._traffic.busy_ticks
-            refused += self._traffic.refused
+        if (traffic := self._traffic) is not None:
+            frames, busy_ticks = frames + traffic.frames, busy_ticks + traffic.busy_ticks
+            refused += traffic.refused
         return BusLoad(frames, self._ticks.whole_ns(busy_ticks), refused)
 
     def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
@@ -171,7 +156,7 @@ class BusModel:
         if now_ticks > self._decided_until_ticks:
             self._settle(now_ticks)
             self._look_ahead()
-        if self._errors is not None and self._is_off(sender, now_ticks):
+        if self._errors is not None and self._participation.is_off(sender, now_ticks):
             self.lost_in_bus_off += 1
             return
         arbitration = arbitration_field(frame)
@@ -187,7 +172,7 @@ class BusModel:
         self._sequence += 1
         duration_ticks = nominal_bits * self._bit_ticks + data_bits * self._data_bit_ticks
         entry = new_record(
-            _Waiting,
+            Waiting,
             (arbitration, self._sequence, duration_ticks, sender, frame, now_ticks, buffer),
         )
         if waiting and self._is_fifo:
@@ -226,7 +211,9 @@ class BusModel:
             end_ticks = self._end_ticks
             self._decided_until_ticks = end_ticks - 1
         elif self._queue:
-            start_ticks, winner = self._next_start()
+            start_ticks, winner = self._participation.next_start(
+                self._queue, self._next_start_ticks
+            )
             self._decided_until_ticks = start_ticks
             end_ticks = start_ticks + winner.duration_ticks
         else:
@@ -234,7 +221,7 @@ class BusModel:
         if self._traffic is not None:
             if self._on_wire is None:
                 self._decided_until_ticks = -1
-            if not self._is_awaited():
+            if not is_awaited(self._on_wire, self._queue):
                 end_ticks = NEVER_NS * self._ticks_per_ns
         if self._completed:
             self.next_event_ns = self._completed[0].end_ns
@@ -254,7 +241,9 @@ class BusModel:
                     self._send_traffic(traffic, now_ticks)
                 if not queue:
                     break
-                start_ticks, on_wire = self._next_start()
+                start_ticks, on_wire = self._participation.next_start(
+                    self._queue, self._next_start_ticks
+                )
                 if start_ticks >= now_ticks:
                     on_wire = None
                     break
@@ -290,44 +279,42 @@ class BusModel:
     def _send_traffic(self, traffic: BackgroundTraffic, now_ticks: int) -> None:
         """Let the traffic have the bus until a frame of the queue is next, and before now."""
         free_ticks, errors = self._next_start_ticks, self._errors
-        if self._paused_until_ticks:
-            self._paused_until_ticks = {
-                sender: until
-                for sender, until in self._paused_until_ticks.items()
-                if until > free_ticks
-            }
-        if not self._is_calm():
-            while traffic.best < NO_FIELD:
-                self._take(traffic, traffic.take_best(free_ticks))
+        self._participation.forget_pauses(free_ticks)
+        if not self._participation.is_calm:
+            self._take_all(traffic)
             while (due_ticks := traffic.next_due_ticks) < now_ticks:
-                if self._queue and due_ticks > self._next_start()[0]:
+                if (
+                    self._queue
+                    and due_ticks
+                    > self._participation.next_start(self._queue, self._next_start_ticks)[0]
+                ):
                     return
                 self._next_start_ticks = max(self._next_start_ticks, due_ticks)
                 self._admit(traffic, due_ticks + 1)
             return
         rival = self._queue[0].arbitration if self._queue else NO_FIELD
-        hit_ns = None
+        hit_ns = NEVER_NS
         if errors is not None:
-            hit_ns = errors.next_hit_ns(free_ticks // self._ticks_per_ns, NEVER_NS)
-        hit_ticks = (NEVER_NS if hit_ns is None else hit_ns) * self._ticks_per_ns
+            hit_ns = errors.next_hit_ns(free_ticks // self._ticks_per_ns)
+        hit_ticks = hit_ns * self._ticks_per_ns
         self._next_start_ticks = traffic.carry(free_ticks, now_ticks, rival, hit_ticks)
         if self._next_start_ticks < now_ticks and traffic.best < rival:
             self._take(traffic, traffic.take_best(self._next_start_ticks))
 
-    def _is_calm(self) -> bool:
-        """Whether all may start whenever the bus is free."""
-        errors = self._errors
-        return errors is None or (errors.is_calm and not self._paused_until_ticks)
-
     def _admit(self, traffic: BackgroundTraffic, until_ticks: int) -> None:
         """Let messages compete that are released before ``until_ticks``."""
-        if self._is_calm():
+        if self._participation.is_calm:
             traffic.carry(until_ticks - 1, until_ticks, -1, 0)
             return
         while traffic.next_due_ticks < until_ticks:
-            ready = traffic.take_next(self._is_off)
+            ready = traffic.take_next(self._participation.is_off)
             if ready is not None:
                 self._take(traffic, ready)
+
+    def _take_all(self, traffic: BackgroundTraffic) -> None:
+        """Put the frames of the traffic that wait into the queue."""
+        while traffic.best < NO_FIELD:
+            self._take(traffic, traffic.take_best(self._next_start_ticks))
 
     def _take(self, traffic: BackgroundTraffic, ready: Ready) -> None:
         """Put a frame of the traffic into the queue."""
@@ -337,66 +324,38 @@ class BusModel:
         buffer = (sender, rank)
         self._waiting_of[buffer] = self._waiting_of.get(buffer, 0) + 1
         field, duration_ticks = arbitration_field(frame), self._ticks.of_frame(frame)
-        heappush(
-            self._queue,
-            _Waiting(field, self._sequence, duration_ticks, sender, frame, due_ticks, buffer),
-        )
+        entry = Waiting(field, self._sequence, duration_ticks, sender, frame, due_ticks, buffer)
+        heappush(self._queue, entry)
 
-    def _is_awaited(self) -> bool:
-        """Whether a frame waits that will be returned."""
-        if self._on_wire is not None and self._on_wire.sender >= 0:
-            return True
-        for waiting in self._queue:  # noqa: SIM110 - asked for twice a frame; any() takes longer
-            if waiting.sender >= 0:
-                return True
-        return False
-
-    def _on_arbitration(self, winner: _Waiting) -> None:
+    def _on_arbitration(self, winner: Waiting) -> None:
         """Record that a frame has won the bus."""
         # Removed when zero: senders and identifiers come and go, and memory must not grow.
         still_waiting = self._waiting_of.pop(winner.buffer) - 1
         if still_waiting:
             self._waiting_of[winner.buffer] = still_waiting
             if self._is_fifo:
-                self._compete_next(winner.sender)
+                behind = self._behind[winner.sender]
+                heappush(self._queue, behind.popleft())
+                if not behind:
+                    del self._behind[winner.sender]
         elif self._traffic is not None and winner.sender < 0:
             self._traffic.release(winner.buffer[1])
         if self._on_start is not None:
             delay_ticks = self._next_start_ticks - winner.submitted_ticks
             self._on_start(winner.frame, delay_ticks // self._ticks_per_ns)
 
-    def _next_start(self) -> tuple[int, _Waiting]:
-        """When the next frame starts, as far as is known, and which; the queue is not empty."""
-        first = self._queue[0]
-        if not self._paused_until_ticks:
-            return self._next_start_ticks, first
-        start_ticks, _, _, waiting = min(
-            (
-                max(self._next_start_ticks, self._paused_until_ticks.get(waiting.sender, 0)),
-                waiting.arbitration,
-                waiting.sequence,
-                waiting,
-            )
-            for waiting in self._queue
-        )
-        return start_ticks, waiting
-
-    def _end_with_errors(self, sent: _Waiting, errors: BusErrors) -> int:
+    def _end_with_errors(self, sent: Waiting, errors: BusErrors) -> int:
         """When a frame that starts now leaves the bus, be it whole or destroyed."""
-        start_ns = self._next_start_ticks / self._ticks_per_ns
-        self._disturbed = disturbed = errors.transmission(
-            sent.frame,
-            sent.sender,
-            start_ns,
-            self._bit_ticks / self._ticks_per_ns,
-            self._data_bit_ticks / self._ticks_per_ns,
+        per_ns, bit_ticks, data_bit_ticks = self._ticks
+        start_ns, bit_ns, data_bit_ns = (
+            ticks / per_ns for ticks in (self._next_start_ticks, bit_ticks, data_bit_ticks)
         )
-        if disturbed is None:
-            return self._next_start_ticks + sent.duration_ticks
-        nominal, data = disturbed.bits
-        return self._next_start_ticks + nominal * self._bit_ticks + data * self._data_bit_ticks
+        disturbed = errors.transmission(sent.frame, sent.sender, start_ns, bit_ns, data_bit_ns)
+        self._disturbed = disturbed
+        length_ticks = sent.duration_ticks if disturbed is None else self._ticks.of(disturbed.bits)
+        return self._next_start_ticks + length_ticks
 
-    def _end_attempt(self, sent: _Waiting, end_ticks: int, errors: BusErrors) -> bool:
+    def _end_attempt(self, sent: Waiting, end_ticks: int, errors: BusErrors) -> bool:
         """Count the end of a transmission; returns whether the frame must be sent again."""
         disturbed, self._disturbed = self._disturbed, None
         sender = sent.sender
@@ -407,15 +366,17 @@ class BusModel:
             errors.on_disturbed(disturbed, sender, sent.frame, end_ns)
             if disturbed.is_received:
                 self._complete(end_ns, sender, sent.frame)
+                if disturbed.only_at is not None:
+                    self.missed.add((end_ns, disturbed.only_at))
+            self._frames += not disturbed.is_repeated
             self._busy_ticks += end_ticks - self._next_start_ticks + self._intermission_ticks
             self._next_start_ticks = end_ticks + self._intermission_ticks
-            self._compete_again(sent)
-        self._paused_until_ticks.pop(sender, None)
-        if errors.is_off(sender):
-            self._go_off(sender, end_ticks)
-        elif errors.is_passive(sender):
-            pause_ticks = self._intermission_ticks + SUSPEND_BITS * self._bit_ticks
-            self._paused_until_ticks[sender] = end_ticks + pause_ticks
+            if disturbed.is_repeated:
+                self._compete_again(sent)
+        if self._participation.goes_off(sender, end_ticks):
+            if self._traffic is not None:
+                self._take_all(self._traffic)
+            self.lost_in_bus_off += len(self.withdraw(sender))
         return disturbed is not None
 
     def _complete(self, end_ns: int, sender: int, frame: Frame) -> None:
@@ -425,7 +386,7 @@ class BusModel:
         elif self._traffic.on_wire is not None:
             self._traffic.on_wire(end_ns, sender, frame)
 
-    def _compete_again(self, sent: _Waiting) -> None:
+    def _compete_again(self, sent: Waiting) -> None:
         """Put a destroyed frame back into its transmit buffer, in front."""
         waiting = self._waiting_of.get(sent.buffer, 0)
         self._waiting_of[sent.buffer] = waiting + 1
@@ -437,34 +398,3 @@ class BusModel:
             heapify(self._queue)
             self._behind.setdefault(sent.sender, deque()).appendleft(following)
         heappush(self._queue, sent)
-
-    def _go_off(self, sender: int, now_ticks: int) -> None:
-        """Take a sender off the bus; its frames are lost.
-
-        Idle, the bus gives 128 times 11 recessive bits in this time. Traffic makes it longer, which
-        is not modelled here.
-        """
-        self.lost_in_bus_off += len(self.withdraw(sender))
-        off_ticks = BUS_OFF_SEQUENCES * SEQUENCE_BITS * self._bit_ticks
-        self._off_until_ticks[sender] = now_ticks + off_ticks
-
-    def _is_off(self, sender: int, now_ticks: int) -> bool:
-        """Whether a sender is in bus-off; lets it take part again when that is over."""
-        if self._errors is None:
-            return False
-        self._errors.join(sender)
-        until_ticks = self._off_until_ticks.get(sender)
-        if until_ticks is None:
-            return False
-        if now_ticks < until_ticks:
-            return True
-        del self._off_until_ticks[sender]
-        self._errors.restart(sender)
-        return False
-
-    def _compete_next(self, sender: int) -> None:
-        """Let the next frame of a sender's FIFO compete."""
-        behind = self._behind[sender]
-        heappush(self._queue, behind.popleft())
-        if not behind:
-            del self._behind[sender]

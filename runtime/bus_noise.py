@@ -66,3 +66,11 @@ class BusNoise:
 
     def _later_ns(self, now_ns: int, mean_s: float) -> int:
         return now_ns + 1 + int(self._draw.expovariate(1.0) * mean_s * NS_PER_S)
+
+
+class StuckLine(NamedTuple):
+    """A time in which the line is at one level for everybody: 0 dominant, 1 recessive [ns]."""
+
+    level: int
+    start_ns: int
+    end_ns: int

@@ -23,8 +23,8 @@ from .frame_on_wire import DOMINANT, RECESSIVE, RUN_MAX, frame_on_wire
 from .frame_reception import receive
 from .stuffed_text import stuffed_text
 
-_FLAG_BITS, _DELIMITER_BITS = 6, 8
-_ARBITRATION = frozenset({"ID", "SRR", "IDE", "ID extension", "RTR", "RRS"})
+FLAG_BITS, DELIMITER_BITS = 6, 8
+ARBITRATION = frozenset({"ID", "SRR", "IDE", "ID extension", "RTR", "RRS"})
 _TRAILER = ("CRC delimiter", "ACK", "ACK delimiter", "EOF")
 
 
@@ -36,6 +36,9 @@ class Disturbed(NamedTuple):
     ``is_transmit_error``   the sender counts it as an error of its own
     ``cause``               what the sender saw
     ``field``               where
+    ``only_at``             the one receiver that does not accept the frame, where others do
+    ``is_repeated``         the sender sends it again
+    ``again``               how often everybody counts 8 for a line that stays dominant
     """
 
     bits: FrameBits
@@ -43,6 +46,9 @@ class Disturbed(NamedTuple):
     is_transmit_error: bool
     cause: str
     field: str
+    only_at: int | None = None
+    is_repeated: bool = True
+    again: int = 0
 
 
 def disturb(frame: Frame, index: int, *, is_passive: bool) -> Disturbed:
@@ -61,11 +67,11 @@ def disturb_bit_by_bit(frame: Frame, index: int, *, is_passive: bool) -> Disturb
     bits = frame_on_wire(frame)
     bit = bits[index]
     seen = [one.level for one in bits[:index]] + [1 - bit.level]
-    is_lost = bit.field in _ARBITRATION and bit.level == RECESSIVE and not bit.is_stuff
+    is_lost = bit.field in ARBITRATION and bit.level == RECESSIVE and not bit.is_stuff
     flag = RECESSIVE if is_passive or is_lost else DOMINANT
     found = index
     if bit.field != "ACK" and index < len(bits) - 1:
-        found = max(receive(seen + [flag] * (_FLAG_BITS + len(bits))).bit, index)
+        found = max(receive(seen + [flag] * (FLAG_BITS + len(bits))).bit, index)
     fast = sum(one.is_fast for one in bits[: index + 1])
     # Receivers that have found nothing yet still sample at the data rate.
     fast += found - index if bit.is_fast else 0
@@ -86,9 +92,9 @@ def _disturb_classic(frame: Frame, index: int) -> Disturbed:
         return _outcome(index, 0, field, is_lost=False, is_last=False)
     before, left = levels[:index], stuff.count("0", index + 1)
     if levels[index] == "1":
-        if field in _ARBITRATION and frame.flags:  # silence may look like a later standard's frame
+        if field in ARBITRATION and frame.flags:  # silence may look like a later standard's frame
             return disturb_bit_by_bit(frame, index, is_passive=False)
-        if field in _ARBITRATION:
+        if field in ARBITRATION:
             return _outcome(index + 6, 0, field, is_lost=True, is_last=False)
         zeros = index - len(before.rstrip("0")) + 1
         found = min(index + 6 - zeros, index + left + 1)
@@ -111,5 +117,5 @@ def _outcome(found: int, fast: int, field: str, *, is_lost: bool, is_last: bool)
     cause = "arbitration lost" if is_lost else "bit error"
     if field == "ACK":
         cause = "no acknowledgement"
-    length = FrameBits(found + 1 - fast + _FLAG_BITS + _DELIMITER_BITS, fast)
+    length = FrameBits(found + 1 - fast + FLAG_BITS + DELIMITER_BITS, fast)
     return Disturbed(length, is_last, not is_lost, cause, field)

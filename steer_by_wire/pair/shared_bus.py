@@ -14,10 +14,11 @@ from ..dbc.messages import CAN_IDS
 from ..runtime.background_traffic import COUNTS, BackgroundTraffic, OnWire, PeriodicMessage
 from ..runtime.bus_errors import BusErrors
 from ..runtime.bus_model import BusModel, BusOverflowError, Delivery
+from ..runtime.ear import Ear
 from ..runtime.error_frames import error_frame
 from ..runtime.frame import EXTENDED, Frame
 from ..runtime.frame_length import INTERMISSION_BITS, frame_bits
-from ..runtime.node import NS_PER_MS, NS_PER_S
+from ..runtime.node import NS_PER_MS, NS_PER_S, Node
 
 
 def rest_of(
@@ -85,6 +86,10 @@ class SharedBus:
         self.errors = errors
         self.model = BusModel(bitrate_bit_s, errors=errors, traffic=self.traffic)
         self.refused = 0
+
+    def ear(self, node: Node, index: int) -> Node:
+        """Return a node that does not get the frames that its receiver alone saw wrong."""
+        return Ear(node, index, self.model.missed)
 
     def watch(self, on_wire: OnWire) -> None:
         """Have every frame that the nodes do not get reported, error frames among them."""

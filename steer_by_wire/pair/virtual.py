@@ -90,12 +90,15 @@ def run_virtual_nodes(
     """
     with ExitStack() as stack:
         stack.enter_context(no_collections())
+        nodes: tuple[Node, ...] = (plant, controller)
+        if isinstance(bus, SharedBus):
+            nodes = tuple(bus.ear(node, index) for index, node in enumerate(nodes))
         on_wire = None
         if candump_log is not None:
             on_wire = _writer(stack.enter_context(CandumpLog(candump_log, "virtual")))
             if isinstance(bus, SharedBus):
                 bus.watch(on_wire)
-        executor = VirtualTimeExecutor((plant, controller), bus, on_wire)
+        executor = VirtualTimeExecutor(nodes, bus, on_wire)
         until_ns = SLICE_NS
         while not (executor.finished or should_stop()):
             executor.run(until_ns)

@@ -8,10 +8,15 @@ from ...command_line import number
 from ...dbc.message_set import read_message_set
 from ...pair.shared_bus import SharedBus, rest_of
 from ...runtime.bus_errors import BusErrors
-from ...runtime.bus_noise import BusNoise, NoiseRates
+from ...runtime.bus_noise import BusNoise, NoiseRates, StuckLine
+from ...runtime.node import NS_PER_S
 from ...runtime.settings import SettingsError
 
 LOAD_MAX = 1.5
+_NODES = ("plant", "controller")
+_LEVELS = ("dominant", "recessive")
+_PARTS = 3
+_rate = number(0.0, 0.01)
 
 
 def add_bus_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,8 +32,21 @@ def add_bus_arguments(parser: argparse.ArgumentParser) -> None:
         "(default: their own cycle times)",
     )  # fmt: skip
     group.add_argument(
-        "--bit-error-rate", type=number(0.0, 0.01), metavar="RATE",
+        "--bit-error-rate", type=_rate, metavar="RATE",
         help="share of the bits that are wrong: 0 to 0.01",
+    )  # fmt: skip
+    group.add_argument(
+        "--burst", type=_burst, metavar="RATE:EVERY_S:FOR_S",
+        help="another share in bursts that come and go at random (Gilbert and Elliott), with the "
+        "mean time between two and the mean length of one, as 0.01:10:0.05",
+    )  # fmt: skip
+    group.add_argument(
+        "--receiver-bit-error-rate", type=_at_one, action="append", default=[], metavar="NODE=RATE",
+        help="share of the bits that plant or controller alone sees wrong; repeatable",
+    )  # fmt: skip
+    group.add_argument(
+        "--stuck", type=_stuck, action="append", default=[], metavar="LEVEL:FROM_S:TO_S",
+        help="a line that is dominant or recessive for a time; repeatable",
     )  # fmt: skip
 
 
@@ -39,13 +57,11 @@ def shared_bus(options: argparse.Namespace, bitrate_bit_s: int, seed: int) -> Sh
     """
     if options.load is not None and not options.rest_bus:
         raise SettingsError("--load needs --rest-bus FILE.dbc")
-    if not options.rest_bus and options.bit_error_rate is None:
+    errors = _errors(options, bitrate_bit_s, seed)
+    if not options.rest_bus and errors is None:
         return None
     if options.ideal_wire or options.interface:
-        raise SettingsError("--rest-bus and --bit-error-rate need a bus with a bit rate")
-    errors = None
-    if options.bit_error_rate is not None:
-        errors = BusErrors(BusNoise(NoiseRates(options.bit_error_rate), bitrate_bit_s, seed))
+        raise SettingsError("other traffic and bus errors need a bus with a bit rate")
     messages = []
     if options.rest_bus:
         try:
@@ -56,6 +72,19 @@ def shared_bus(options: argparse.Namespace, bitrate_bit_s: int, seed: int) -> Sh
         except ValueError as error:
             raise SettingsError(f"--rest-bus: {error}") from error
     return SharedBus(bitrate_bit_s, messages, seed, errors)
+
+
+def _errors(options: argparse.Namespace, bitrate_bit_s: int, seed: int) -> BusErrors | None:
+    given = (options.burst, options.receiver_bit_error_rate, options.stuck)
+    if options.bit_error_rate is None and not any(given):
+        return None
+    rates = NoiseRates(options.bit_error_rate or 0.0, *(options.burst or ()))
+    noise_of = {
+        node: BusNoise(NoiseRates(rate), bitrate_bit_s, seed + 1 + node)
+        for node, rate in options.receiver_bit_error_rate
+    }
+    stuck = sorted(options.stuck, key=lambda line: line.start_ns)
+    return BusErrors(BusNoise(rates, bitrate_bit_s, seed), noise_of=noise_of, stuck=stuck)
 
 
 def bus_lines(bus: SharedBus, duration_s: float) -> Sequence[tuple[str, str]]:
@@ -74,6 +103,7 @@ def bus_lines(bus: SharedBus, duration_s: float) -> Sequence[tuple[str, str]]:
             (
                 "bus errors",
                 f"{causes or 'none'}; {bus.errors.received_twice} frames received twice, "
+                f"{bus.errors.missed_by_one} missed by one receiver, "
                 f"{bus.errors.bus_offs} bus-off, {bus.model.lost_in_bus_off} lost in it",
             )
         )
@@ -87,4 +117,39 @@ def bus_words(options: argparse.Namespace) -> list[str]:
         words += ["--load", f"{options.load:g}"]
     if options.bit_error_rate is not None:
         words += ["--bit-error-rate", f"{options.bit_error_rate:g}"]
+    if options.burst is not None:
+        words += ["--burst", ":".join(f"{part:g}" for part in options.burst)]
+    for node, rate in options.receiver_bit_error_rate:
+        words += ["--receiver-bit-error-rate", f"{_NODES[node]}={rate:g}"]
+    for line in options.stuck:
+        from_s, to_s = line.start_ns / NS_PER_S, line.end_ns / NS_PER_S
+        words += ["--stuck", f"{_LEVELS[line.level]}:{from_s:g}:{to_s:g}"]
     return words
+
+
+def _burst(text: str) -> tuple[float, float, float]:
+    rate, every, length = _parts(text)
+    return _rate(rate), number(0.001, 3600.0)(every), number(0.001, 60.0)(length)
+
+
+def _at_one(text: str) -> tuple[int, float]:
+    name, _, rate = text.partition("=")
+    if name not in _NODES:
+        raise argparse.ArgumentTypeError(f"{text!r} is not plant=RATE or controller=RATE")
+    return _NODES.index(name), _rate(rate)
+
+
+def _stuck(text: str) -> StuckLine:
+    level, start, end = _parts(text)
+    if level not in _LEVELS:
+        raise argparse.ArgumentTypeError(f"{text!r} begins with neither dominant nor recessive")
+    start_s = number(0.0, 86_400.0)(start)
+    end_s = number(start_s, 86_400.0)(end)
+    return StuckLine(_LEVELS.index(level), round(start_s * NS_PER_S), round(end_s * NS_PER_S))
+
+
+def _parts(text: str) -> list[str]:
+    parts = text.split(":")
+    if len(parts) != _PARTS:
+        raise argparse.ArgumentTypeError(f"{text!r} has not three parts with : between them")
+    return parts

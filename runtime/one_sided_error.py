@@ -1,0 +1,106 @@
+"""What becomes of a frame when one node alone sees one of its bits wrong.
+
+Source: ISO 11898-1:2015, error detection and signalling. An error active node that finds an error
+destroys the frame for all with its flag. An error passive one cannot: it alone misses the frame.
+Two cases are known for what they do to an actuator:
+
+    last bit but one of the end of frame   one receiver rejects the frame, the others have accepted
+                                           it; the sender repeats it, and they receive it twice. If
+                                           it cannot, in bus-off, that one receiver never gets it
+    last bit, at the sender                all have accepted the frame, and it is repeated
+"""
+
+from functools import lru_cache
+
+from .disturbed_frame import ARBITRATION, DELIMITER_BITS, FLAG_BITS, Disturbed
+from .frame import Frame
+from .frame_length import FrameBits
+from .frame_on_wire import DOMINANT, RECESSIVE, WireBit, frame_on_wire
+from .frame_reception import receive
+
+
+@lru_cache(maxsize=1024)
+def disturb_receiver(frame: Frame, index: int, node: int, *, is_passive: bool) -> Disturbed | None:
+    """Return what follows if receiver ``node`` sees bit ``index`` wrong; None if nothing does.
+
+    ``is_passive``  that receiver is error passive
+    """
+    bits = frame_on_wire(frame)
+    levels = [bit.level for bit in bits]
+    view = [*levels[:index], 1 - levels[index], *levels[index + 1 :]]
+    reception = receive(view)
+    found = min(reception.bit, len(bits) - 2)
+    if bits[index].field == "ACK":
+        found = index  # a bit error to the receiver, who sends it
+    elif reception.frame == frame:
+        return None
+    if is_passive:
+        return Disturbed(
+            _length(bits, len(bits) - 1),
+            is_received=True,
+            is_transmit_error=False,
+            cause="missed by one receiver",
+            field=bits[index].field,
+            only_at=node,
+            is_repeated=False,
+        )
+    is_received = found == len(bits) - 2
+    flagged = levels[: found + 1] + [DOMINANT] * (FLAG_BITS + len(bits))
+    others = found + 1 if is_received else receive(flagged).bit
+    own = next(i for i in range(found + 1, len(bits)) if levels[i] == RECESSIVE)
+    is_lost = bits[own].field in ARBITRATION and not bits[own].is_stuff
+    last = max(others, others if is_lost else own)
+    return Disturbed(
+        _length(bits, last, FLAG_BITS + DELIMITER_BITS),
+        is_received=is_received,
+        is_transmit_error=not is_lost,
+        cause="error at one receiver",
+        field=bits[index].field,
+        only_at=node,
+    )
+
+
+@lru_cache(maxsize=1024)
+def disturb_sender(frame: Frame, index: int, *, is_passive: bool) -> Disturbed:
+    """Return what follows if the sender alone sees bit ``index`` wrong."""
+    bits = frame_on_wire(frame)
+    levels = [bit.level for bit in bits]
+    bit = bits[index]
+    is_lost = bit.field in ARBITRATION and bit.level == RECESSIVE and not bit.is_stuff
+    flag = RECESSIVE if is_passive or is_lost else DOMINANT
+    seen = levels[: index + 1] + [flag] * (FLAG_BITS + len(bits))
+    reception = receive(seen)
+    is_received = reception.error is None or index == len(bits) - 1
+    # Receivers take a flag after the frame for an overload, and answer it.
+    found = index + 1 if is_received else max(index, reception.bit)
+    if is_lost:
+        view = [*levels[:index], DOMINANT, *[RECESSIVE] * (found - index)]
+        found = max(found, receive(view + [DOMINANT] * len(bits)).bit)
+    cause = "arbitration lost" if is_lost else "bit error"
+    return Disturbed(
+        _length(bits, found, FLAG_BITS + DELIMITER_BITS),
+        is_received=is_received,
+        is_transmit_error=not is_lost,
+        cause="no acknowledgement" if bit.field == "ACK" else cause,
+        field=bit.field,
+    )
+
+
+def unacknowledged(frame: Frame, *, is_passive: bool) -> Disturbed:
+    """Return what follows if nobody is there to acknowledge: an error of an active sender alone."""
+    bits = frame_on_wire(frame)
+    index = next(i for i, bit in enumerate(bits) if bit.field == "ACK")
+    return Disturbed(
+        _length(bits, index, FLAG_BITS + DELIMITER_BITS),
+        is_received=False,
+        is_transmit_error=not is_passive,
+        cause="no acknowledgement",
+        field="ACK",
+    )
+
+
+def _length(bits: tuple[WireBit, ...], last: int, after: int = 0) -> FrameBits:
+    """Bits up to ``last`` by their rate, and nominal ones after them."""
+    upto = bits[: last + 1]
+    fast = sum(bit.is_fast for bit in upto)
+    return FrameBits(last + 1 - fast + after, fast)

@@ -1,0 +1,99 @@
+"""Who may start a frame when: pauses of error passive senders, and bus-off.
+
+An error passive sender pauses 8 bits after each frame of its own. In bus-off one takes no part for
+128 times 11 recessive bits, which is how long that takes on an idle bus: traffic makes it longer,
+which is not modelled here.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from .bus_errors import BusErrors
+from .frame import Frame
+from .frame_length import INTERMISSION_BITS
+
+_SUSPEND_BITS = 8
+_BUS_OFF_BITS = 128 * 11
+
+
+class Waiting(NamedTuple):
+    """A frame in the queue; sorts by arbitration, then by order of submission."""
+
+    arbitration: int
+    sequence: int
+    duration_ticks: int
+    sender: int
+    frame: Frame
+    submitted_ticks: int
+    buffer: tuple[int, int]
+
+
+class Participation:
+    """The senders of one bus; without ``errors`` all may start whenever it is free."""
+
+    def __init__(self, errors: BusErrors | None, bit_ticks: int) -> None:
+        self._errors = errors
+        self._bit_ticks = bit_ticks
+        self._paused_until_ticks: dict[int, int] = {}
+        self._off_until_ticks: dict[int, int] = {}
+
+    @property
+    def is_calm(self) -> bool:
+        """Whether all may start whenever the bus is free."""
+        return self._errors is None or (self._errors.is_calm and not self._paused_until_ticks)
+
+    def next_start(self, queue: Sequence[Waiting], free_ticks: int) -> tuple[int, Waiting]:
+        """When the next frame of a heap starts, as far as is known, and which."""
+        paused = self._paused_until_ticks
+        if not paused:
+            return free_ticks, queue[0]
+        start_ticks, _, _, waiting = min(
+            (max(free_ticks, paused.get(one.sender, 0)), one.arbitration, one.sequence, one)
+            for one in queue
+        )
+        return start_ticks, waiting
+
+    def forget_pauses(self, now_ticks: int) -> None:
+        """Drop the pauses that are over."""
+        if self._paused_until_ticks:
+            self._paused_until_ticks = {
+                sender: until_ticks
+                for sender, until_ticks in self._paused_until_ticks.items()
+                if until_ticks > now_ticks
+            }
+
+    def goes_off(self, sender: int, end_ticks: int) -> bool:
+        """Note the end of a transmission; returns whether its sender is in bus-off now."""
+        self._paused_until_ticks.pop(sender, None)
+        if self._errors is None or not self._errors.is_passive(sender):
+            return False
+        if self._errors.is_off(sender):
+            self._off_until_ticks[sender] = end_ticks + _BUS_OFF_BITS * self._bit_ticks
+            return True
+        pause_ticks = (INTERMISSION_BITS + _SUSPEND_BITS) * self._bit_ticks
+        self._paused_until_ticks[sender] = end_ticks + pause_ticks
+        return False
+
+    def is_off(self, sender: int, now_ticks: int) -> bool:
+        """Whether a sender is in bus-off; lets it take part again when that is over."""
+        if self._errors is None:
+            return False
+        self._errors.join(sender)
+        until_ticks = self._off_until_ticks.get(sender)
+        if until_ticks is None:
+            return False
+        if now_ticks < until_ticks:
+            return True
+        del self._off_until_ticks[sender]
+        self._errors.restart(sender)
+        return False
+
+
+def is_awaited(on_wire: Waiting | None, queue: Sequence[Waiting]) -> bool:
+    """Whether a frame is there that is not of the traffic."""
+    if on_wire is not None and on_wire.sender >= 0:
+        return True
+    for waiting in queue:  # noqa: SIM110 - asked for twice a frame; any() takes longer
+        if waiting.sender >= 0:
+            return True
+    return False
