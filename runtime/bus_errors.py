@@ -142,7 +142,11 @@ class BusErrors:
         first_ns, node = self._noise.first_hit_ns(begin_ns, until_ns), None
         for one, noise in self._noise_of.items():
             hit_ns = noise.first_hit_ns(begin_ns, until_ns)
-            if hit_ns is not None and (first_ns is None or hit_ns < first_ns):
+            if (
+                hit_ns is not None
+                and not self.is_off(one)
+                and (first_ns is None or hit_ns < first_ns)
+            ):
                 first_ns, node = hit_ns, one
         if first_ns is None:
             return None
@@ -182,6 +186,8 @@ class BusErrors:
         """Count a disturbed transmission and report it."""
         if not disturbed.is_repeated:
             self.sent[sender] += 1
+            if disturbed.only_at is not None:
+                self._members[disturbed.only_at].all_frames += 1  # which it has not received
         total = self.sent.total()
         own = self._up_to_date(sender, total).counters
         before = own.state
