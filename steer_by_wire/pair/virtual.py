@@ -78,7 +78,7 @@ def run_virtual_pair(
 
 
 def run_virtual_nodes(
-    plant: PlantNode | FaultyNode[PlantNode],
+    plant: Node,
     controller: Node,
     bus: Wire | None,
     candump_log: Path | None,

@@ -52,6 +52,7 @@ from steer_by_wire.tools.closed_loop.bus_options import (
     add_bus_arguments,
     bus_words,
     shared_bus,
+    with_clocks,
 )
 from steer_by_wire.tools.closed_loop.result import (
     CONTROLLER,
@@ -202,7 +203,8 @@ def _run_in_virtual_time(
     begin_s = time.perf_counter()
     with stop.on_signals():
         try:
-            run_virtual_nodes(pair.edge, pair.controller, bus, candump_log, stop)
+            nodes = with_clocks(pair.edge, pair.controller, options)
+            run_virtual_nodes(*nodes, bus, candump_log, stop)
         except BusOverflowError as error:
             raise BusError(f"{options.bitrate} bit/s are too few: {error}") from error
     elapsed_s = time.perf_counter() - begin_s

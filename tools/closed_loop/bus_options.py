@@ -9,7 +9,8 @@ from ...dbc.message_set import read_message_set
 from ...pair.shared_bus import SharedBus, rest_of
 from ...runtime.bus_errors import BusErrors
 from ...runtime.bus_noise import BusNoise, NoiseRates, StuckLine
-from ...runtime.node import NS_PER_S
+from ...runtime.drifting_clock import DriftingClock
+from ...runtime.node import NS_PER_S, Node
 from ...runtime.settings import SettingsError
 
 LOAD_MAX = 1.5
@@ -17,6 +18,7 @@ _NODES = ("plant", "controller")
 _LEVELS = ("dominant", "recessive")
 _PARTS = 3
 _rate = number(0.0, 0.01)
+_ppm = number(-10_000.0, 10_000.0)
 
 
 def add_bus_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,6 +49,10 @@ def add_bus_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--stuck", type=_stuck, action="append", default=[], metavar="LEVEL:FROM_S:TO_S",
         help="a line that is dominant or recessive for a time; repeatable",
+    )  # fmt: skip
+    group.add_argument(
+        "--clock", type=_clock, action="append", default=[], metavar="NODE=PPM[:PPM_S]",
+        help="how much too fast the timers of plant or controller run, and how fast that changes",
     )  # fmt: skip
 
 
@@ -87,6 +93,14 @@ def _errors(options: argparse.Namespace, bitrate_bit_s: int, seed: int) -> BusEr
     return BusErrors(BusNoise(rates, bitrate_bit_s, seed), noise_of=noise_of, stuck=stuck)
 
 
+def with_clocks(plant: Node, controller: Node, options: argparse.Namespace) -> tuple[Node, Node]:
+    """Return both nodes by the clocks that the options give them."""
+    nodes = [plant, controller]
+    for index, ppm, drift_ppm_s in options.clock:
+        nodes[index] = DriftingClock(nodes[index], ppm, drift_ppm_s)
+    return nodes[0], nodes[1]
+
+
 def bus_lines(bus: SharedBus, duration_s: float) -> Sequence[tuple[str, str]]:
     """Return the lines of the summary on the bus."""
     load = bus.model.load
@@ -124,6 +138,8 @@ def bus_words(options: argparse.Namespace) -> list[str]:
     for line in options.stuck:
         from_s, to_s = line.start_ns / NS_PER_S, line.end_ns / NS_PER_S
         words += ["--stuck", f"{_LEVELS[line.level]}:{from_s:g}:{to_s:g}"]
+    for node, ppm, drift_ppm_s in options.clock:
+        words += ["--clock", f"{_NODES[node]}={ppm:g}:{drift_ppm_s:g}"]
     return words
 
 
@@ -146,6 +162,14 @@ def _stuck(text: str) -> StuckLine:
     start_s = number(0.0, 86_400.0)(start)
     end_s = number(start_s, 86_400.0)(end)
     return StuckLine(_LEVELS.index(level), round(start_s * NS_PER_S), round(end_s * NS_PER_S))
+
+
+def _clock(text: str) -> tuple[int, float, float]:
+    name, _, offsets = text.partition("=")
+    if name not in _NODES:
+        raise argparse.ArgumentTypeError(f"{text!r} is not plant=PPM or controller=PPM")
+    ppm, _, drift = offsets.partition(":")
+    return _NODES.index(name), _ppm(ppm), _ppm(drift or "0")
 
 
 def _parts(text: str) -> list[str]:
