@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
-from .bus_noise import BusNoise, StuckLine
+from .bus_noise import Noise, StuckLine
 from .disturbed_frame import Disturbed, disturb
 from .fault_confinement import PASSIVE_MIN, ControllerState, ErrorCounters
 from .frame import BITRATE_SWITCH, Frame
@@ -22,7 +22,7 @@ from .node import NEVER_NS
 from .one_sided_error import disturb_receiver, disturb_sender, unacknowledged
 from .stuck_line import disturb_stuck
 
-NO_NOISE: Mapping[int, BusNoise] = MappingProxyType({})
+NO_NOISE: Mapping[int, Noise] = MappingProxyType({})
 
 
 class ErrorEvent(NamedTuple):
@@ -67,9 +67,9 @@ class BusErrors:
 
     def __init__(
         self,
-        noise: BusNoise,
+        noise: Noise,
         on_error: Callable[[ErrorEvent], None] | None = None,
-        noise_of: Mapping[int, BusNoise] = NO_NOISE,
+        noise_of: Mapping[int, Noise] = NO_NOISE,
         stuck: Sequence[StuckLine] = (),
         is_acknowledged: Callable[[int], bool] | None = None,
     ) -> None:

@@ -6,9 +6,17 @@ In bursts, which come and go with exponential times too (Gilbert and Elliott), i
 """
 
 from random import Random
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from .node import NEVER_NS, NS_PER_S
+
+
+class Noise(Protocol):
+    """Says when bits are wrong."""
+
+    def first_hit_ns(self, start_ns: int, end_ns: int) -> int | None:
+        """Return the first instant from ``start_ns`` on and before ``end_ns``, or None [ns]."""
+        ...
 
 
 class NoiseRates(NamedTuple):

@@ -32,8 +32,7 @@ class HitsAt:
 
 def errors_at(*hits_ns: int) -> tuple[BusErrors, list[ErrorEvent]]:
     events: list[ErrorEvent] = []
-    noise: BusNoise = HitsAt(*hits_ns)  # type: ignore[assignment]
-    return BusErrors(noise, events.append), events
+    return BusErrors(HitsAt(*hits_ns), events.append), events
 
 
 def until_idle(bus: BusModel) -> list[tuple[int, Frame]]:

@@ -32,7 +32,7 @@ def bus_with(
     is_acknowledged: Callable[[int], bool] | None = None,
 ) -> tuple[BusModel, BusErrors, list[ErrorEvent]]:
     events: list[ErrorEvent] = []
-    errors = BusErrors(QUIET, events.append, hits, stuck, is_acknowledged)  # type: ignore[arg-type]
+    errors = BusErrors(QUIET, events.append, hits, stuck, is_acknowledged)
     for node in range(3):
         errors.join(node)
     return BusModel(500_000, errors=errors), errors, events
