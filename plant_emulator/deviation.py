@@ -13,11 +13,14 @@ w - ρ e²/(2 (1 - ρ w)), to the third order of e.
 
 from math import cos, sin
 
+from ..runtime.record import new_record
 from .path import Path, Pose, along_clothoid, locate
 
 _TURN_SHORT_RAD = 0.05
 _NODE = 0.21132486540518712
 """Two Gauss nodes, this far from either end, are off by 2e-9 of the length over such a turn."""
+
+_HERE = Pose(0.0, 0.0, 0.0)
 
 
 def cg_deviation_m(
@@ -55,11 +58,9 @@ def along_short(start: Pose, curvature_1_m: float, slope_1_m2: float, length_m: 
     first_rad = start.heading_rad + first_m * (curvature_1_m + 0.5 * slope_1_m2 * first_m)
     second_rad = start.heading_rad + second_m * (curvature_1_m + 0.5 * slope_1_m2 * second_m)
     half_m = 0.5 * length_m
-    return Pose(
-        start.x_m + half_m * (cos(first_rad) + cos(second_rad)),
-        start.y_m + half_m * (sin(first_rad) + sin(second_rad)),
-        start.heading_rad + turn_rad,
-    )
+    x_m = start.x_m + half_m * (cos(first_rad) + cos(second_rad))
+    y_m = start.y_m + half_m * (sin(first_rad) + sin(second_rad))
+    return new_record(Pose, (x_m, y_m, start.heading_rad + turn_rad))
 
 
 def deviation_behind_m(
@@ -79,7 +80,7 @@ def deviation_behind_m(
     slope_1_m2 = path.curvature_slope_1_m2[piece]
     curvature_1_m = path.curvature_1_m[piece] + slope_1_m2 * along_m
     part_m = min(preview_m, along_m)
-    end = along_short(Pose(0.0, 0.0, 0.0), curvature_1_m, slope_1_m2, -part_m)
+    end = along_short(_HERE, curvature_1_m, slope_1_m2, -part_m)
     curvature_1_m -= slope_1_m2 * part_m
     if preview_m > along_m:
         slope_1_m2 = path.curvature_slope_1_m2[end_piece] if end_along_m >= 0.0 else 0.0
@@ -103,8 +104,6 @@ def _seen_from(start: Pose, seen: Pose, other: Pose) -> Pose:
     turn_rad = seen.heading_rad - start.heading_rad
     x_m, y_m = other.x_m - start.x_m, other.y_m - start.y_m
     cos_turn, sin_turn = cos(turn_rad), sin(turn_rad)
-    return Pose(
-        seen.x_m + x_m * cos_turn - y_m * sin_turn,
-        seen.y_m + y_m * cos_turn + x_m * sin_turn,
-        other.heading_rad + turn_rad,
-    )
+    x_seen_m = seen.x_m + x_m * cos_turn - y_m * sin_turn
+    y_seen_m = seen.y_m + y_m * cos_turn + x_m * sin_turn
+    return new_record(Pose, (x_seen_m, y_seen_m, other.heading_rad + turn_rad))

@@ -135,10 +135,9 @@ def limit_steer(
     """Return the state from ``time_ns`` (no earlier than any before) on, and its output [rad]."""
     steer_before, _, slot_before, low, high, low_1, high_1, low_2, high_2 = x
     slot = time_ns // SLOT_NS
-    for passed in (1, 2, 3):  # after three all that was is forgotten
-        if slot - slot_before >= passed:
-            low_2, high_2, low_1, high_1 = low_1, high_1, low, high
-            low = high = steer_before
+    for _ in range(min(slot - slot_before, 3)):  # after three all that was is forgotten
+        low_2, high_2, low_1, high_1 = low_1, high_1, low, high
+        low = high = steer_before
     lowest, highest = min(low, low_1, low_2), max(high, high_1, high_2)
     steer, cause = steer_rad, 0
     if not math.isfinite(steer_rad):

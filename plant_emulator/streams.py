@@ -6,6 +6,7 @@ meet the same jitter and the same noise, whatever law closes the loop.
 
 from collections.abc import Iterator
 from enum import IntEnum
+from itertools import chain, repeat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,10 +30,11 @@ class Channel(IntEnum):
 
 
 def uniforms(seed: int, channel: Channel, member: int | None = None) -> Iterator[float]:
-    """Yield the endless stream of uniforms in (0, 1) of one channel, or of one of its members."""
+    """Return the endless stream of uniforms in (0, 1) of one channel, or of one of its members."""
     generator = _generator(seed, channel, *([] if member is None else [member]))
-    while True:
-        yield from np.maximum(generator.random(BLOCK), SMALLEST).tolist()
+    return chain.from_iterable(
+        np.maximum(generator.random(BLOCK), SMALLEST).tolist() for _ in repeat(None)
+    )
 
 
 def first_uniforms(seed: int, channel: Channel, count: int) -> NDArray[np.float64]:
