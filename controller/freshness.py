@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from ..dbc.messages import Freshness
 
+_NEVER_SEEN, _FRESH, _STALE = Freshness.NEVER_SEEN, Freshness.FRESH, Freshness.STALE
 NO_LIMIT_NS = 1 << 62
 """The age limit of a message that never goes stale."""
 
@@ -29,5 +30,5 @@ class AgeLimits(NamedTuple):
 def freshness(arrival_ns: int | None, limit_ns: int, now_ns: int) -> Freshness:
     """Return whether the newest frame of a message is young enough."""
     if arrival_ns is None:
-        return Freshness.NEVER_SEEN
-    return Freshness.FRESH if now_ns - arrival_ns <= limit_ns else Freshness.STALE
+        return _NEVER_SEEN
+    return _FRESH if now_ns - arrival_ns <= limit_ns else _STALE

@@ -54,7 +54,8 @@ from .view import controller_view
 
 __all__ = ["RECEIVED", "SENT", "STATUS_PERIOD_NS", "ControllerNode"]
 
-_WAITING, _ACTIVE = Mode.WAITING, Mode.ACTIVE
+_WAITING, _ACTIVE, _SAFE_STOP = Mode.WAITING, Mode.ACTIVE, Mode.SAFE_STOP
+_ALL_FRESH = (Freshness.FRESH,) * len(RECEIVED)
 _NO_FAULT = ControllerFault.NONE
 _NO_OTHER = SecondSender.NONE
 _NO_COMMAND = SteeringStatusCode.NO_COMMAND
@@ -109,8 +110,10 @@ class ControllerNode:
             self._validity,
             MotionRequest.NONE,
         )
+        self._seen: tuple[Any, ...] = ()
+        """What the facts were found from, besides times."""
         self._fresh_until_ns = -1
-        """End of the facts' validity, if no frame is refused and no fault is detected [ns]."""
+        """End of the facts' validity, if that has not changed [ns]."""
         self._figures = RunFigures(start_ns, samples_max)
 
     @property
@@ -264,7 +267,7 @@ class ControllerNode:
             if self._law.is_distrusted:
                 self._supervisor.on_own_fault()
             self._move_on(now_ns, law_failed=True)
-        elif mode is Mode.SAFE_STOP:
+        elif mode is _SAFE_STOP:
             return ramp_step(self._ramp_step_rad, self._sent_steer_rad)
         return self._sent_steer_rad
 
@@ -274,7 +277,7 @@ class ControllerNode:
         entered = self._supervisor.move_on(arrival_ns, now_ns, law_failed=law_failed)
         if entered is not None:
             self._figures.on_mode(entered)
-        if entered is Mode.ACTIVE:
+        if entered is _ACTIVE:
             self._law.start(before, self._received.lateral_error_m)
 
     def _command_frame(self, now_ns: int, period: int, before_rad: float) -> Frame:
@@ -317,29 +320,27 @@ class ControllerNode:
 
     def _safety_facts(self, now_ns: int) -> SafetyFacts:
         """Return the facts that CONTROLLER_SAFETY must report in time."""
-        fault, received, facts = _NO_FAULT, self._received, self._facts
+        fault, received, supervisor = _NO_FAULT, self._received, self._supervisor
         if self._law.is_distrusted:
             fault = ControllerFault.LAW_FAILED
         elif self._overruns.failure:
             fault = ControllerFault.OVERRUNS
-        supervisor = self._supervisor
-        is_stopping = supervisor.mode is Mode.SAFE_STOP or not supervisor.goes_forward
+        is_stopping = supervisor.mode is _SAFE_STOP or not supervisor.goes_forward
         request = request_of(self._validity, must_stop=is_stopping or not self._steering_acts)
-        is_as_before = (
-            fault is facts.fault
-            and received.refused == facts.rejected
-            and request is facts.motion_request
-            and self._validity is facts.validity
-        )
-        if is_as_before and now_ns <= self._fresh_until_ns:
-            return facts
+        seen = (received.refused, fault, self._validity, request)
+        if now_ns <= self._fresh_until_ns and seen == self._seen:
+            return self._facts
+        self._seen = seen
         freshness = received.freshness(now_ns)
         second_sender = received.reception.second_sender(now_ns)
-        self._facts = SafetyFacts(
-            received.refused, *freshness, fault, second_sender, self._validity, request
+        facts = new_record(
+            SafetyFacts,
+            (received.refused, *freshness, fault, second_sender, self._validity, request),
         )
+        if facts != self._facts:
+            self._facts = facts
         # A stale message may return at any time, and a second sender is forgotten after a while.
-        is_calm = freshness == (Freshness.FRESH,) * len(freshness) and second_sender is _NO_OTHER
+        is_calm = freshness == _ALL_FRESH and second_sender is _NO_OTHER
         self._fresh_until_ns = received.fresh_until_ns() if is_calm else -1
         return self._facts
 

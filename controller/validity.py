@@ -70,6 +70,8 @@ class ValiditySettings(VehicleRanges):
 NOT_FORWARD_M_S = 0.1
 """A vehicle slower than this stands or reverses, and no law steers it."""
 _TOLERANCE_M_S = resolutions(VehicleState)["speed_m_s"]
+_SPEED_HIGH, _DELAY_LONG = Validity.SPEED_HIGH, Validity.DELAY_LONG
+_NO_REQUEST, _SLOW_DOWN, _STOP = MotionRequest
 _IN_WORDS: Mapping[Validity, str] = {
     Validity.UNKNOWN: "",
     Validity.VALID: "",
@@ -100,9 +102,8 @@ def validity_of(
 def request_of(validity: Validity, *, must_stop: bool) -> MotionRequest:
     """Return what to ask of the vehicle's drive."""
     if must_stop:
-        return MotionRequest.STOP
-    is_beyond = validity is Validity.SPEED_HIGH or validity is Validity.DELAY_LONG
-    return MotionRequest.SLOW_DOWN if is_beyond else MotionRequest.NONE
+        return _STOP
+    return _SLOW_DOWN if validity is _SPEED_HIGH or validity is _DELAY_LONG else _NO_REQUEST
 
 
 def share_of_demand(table: ValiditySettings | None, speed_m_s: float) -> float:
