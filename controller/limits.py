@@ -33,7 +33,9 @@ def limit_step(p: SteerLimits, last_steer_rad: float, wanted_steer_rad: float) -
     steer_rad_max, step_rad_max = p
     low_rad = max(-steer_rad_max, last_steer_rad - step_rad_max)
     high_rad = min(steer_rad_max, last_steer_rad + step_rad_max)
-    return min(max(wanted_steer_rad, low_rad), high_rad)
+    if wanted_steer_rad < low_rad:
+        return low_rad
+    return high_rad if wanted_steer_rad > high_rad else wanted_steer_rad
 
 
 def limit_name(p: SteerLimits, steer_rad: float) -> str:

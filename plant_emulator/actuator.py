@@ -64,8 +64,8 @@ def command_wheel(
     p: ActuatorParams, wheel_rad: float, steer_rad: float, now_ns: int
 ) -> WheelSegment:
     """Return the segment that a command (finite) starts with the wheel at ``wheel_rad``."""
-    target = min(max(steer_rad, -p.angle_limit_rad), p.angle_limit_rad)
-    clipped = target != steer_rad
+    clipped = abs(steer_rad) > p.angle_limit_rad
+    target = math.copysign(p.angle_limit_rad, steer_rad) if clipped else steer_rad
     if wheel_rad < target - p.dead_band_rad:
         goal = target - p.dead_band_rad
     elif wheel_rad > target + p.dead_band_rad:

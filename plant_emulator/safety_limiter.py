@@ -143,12 +143,10 @@ def limit_steer(
     if not math.isfinite(steer_rad):
         steer, cause = steer_before, 5
     for cause_of_row, reach_rad, sweep_rad in p.rows:
-        minimum = max(-reach_rad, highest - sweep_rad)
-        maximum = min(reach_rad, lowest + sweep_rad)
-        if steer < minimum:
-            steer, cause = minimum, cause_of_row
-        elif steer > maximum:
-            steer, cause = maximum, cause_of_row
+        if steer < -reach_rad or steer < highest - sweep_rad:
+            steer, cause = max(-reach_rad, highest - sweep_rad), cause_of_row
+        elif steer > reach_rad or steer > lowest + sweep_rad:
+            steer, cause = min(reach_rad, lowest + sweep_rad), cause_of_row
     low, high = min(low, steer), max(high, steer)
     state = (steer, cause, slot, low, high, low_1, high_1, low_2, high_2)
     return new_record(LimiterState, state), steer
@@ -156,5 +154,6 @@ def limit_steer(
 
 def is_at_target(p: LimiterParams, steer_rad: float, wheel_rad: float) -> bool:
     """Whether a measured wheel angle is within the tolerance of the output ``steer_rad``."""
-    target_rad = min(max(steer_rad, -p.stop_rad), p.stop_rad)
-    return abs(wheel_rad - target_rad) <= p.tolerance_rad
+    if abs(steer_rad) > p.stop_rad:
+        steer_rad = math.copysign(p.stop_rad, steer_rad)
+    return abs(wheel_rad - steer_rad) <= p.tolerance_rad

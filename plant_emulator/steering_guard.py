@@ -177,4 +177,6 @@ def is_overruled(x: GuardState) -> bool:
 
 def _towards_zero(value: float, step: float) -> float:
     """Return ``value`` moved towards zero by at most ``step``."""
-    return value - min(max(value, -step), step)
+    if value > step:
+        return value - step
+    return value + step if value < -step else 0.0
