@@ -123,7 +123,7 @@ class DelayEstimator:
     def __init__(self, params: DelayEstimationParams) -> None:
         self._params = params
         self._ticks_per_pair = max(1, round(PAIR_S / params.period_s))
-        self._ticks_per_peak = _PAIRS_PER_PEAK * self._ticks_per_pair
+        self._ticks_per_peak = self._ticks_to_peak = _PAIRS_PER_PEAK * self._ticks_per_pair
         step_s = self._ticks_per_pair * params.period_s
         lags = math.ceil(params.delay_s_max / step_s) + LEAD + 2
         grid = LagGrid(step_s, lags, params.window_s)
@@ -144,12 +144,10 @@ class DelayEstimator:
             self._waiting += [seen] * min(skipped, _SKIPPED_MAX)
         self._waiting.append(seen)
         # The estimate does not change earlier.
-        while len(self._waiting) >= (count := self._ticks_to_peak()):
-            self._take(self._waiting[:count])
-            del self._waiting[:count]
-
-    def _ticks_to_peak(self) -> int:
-        return self._ticks_per_peak - self._ticks % self._ticks_per_peak
+        while len(self._waiting) >= self._ticks_to_peak:
+            self._take(self._waiting[: self._ticks_to_peak])
+            del self._waiting[: self._ticks_to_peak]
+            self._ticks_to_peak = self._ticks_per_peak - self._ticks % self._ticks_per_peak
 
     def _take(self, block: Sequence[Seen]) -> None:
         """Process control periods up to the point where a new estimate may be due."""

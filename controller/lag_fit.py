@@ -177,8 +177,8 @@ class LagFit:
         products = sum_xz - sum_x * sum_z / weight
         variance = sum_xx - sum_x * sum_x / weight
         fits = (products > 0.0) & (variance > 1e-12 * sum_xx)
-        explained = products * products / np.where(fits, variance, 1.0)
-        return np.where(fits, total - explained, total), products
+        variance[~fits] = math.inf  # explains nothing
+        return total - products * products / variance, products
 
     def _take_score(self, at: tuple[int, float, float, float], begin: int, z: float) -> None:
         """Add the residual to its block; ``begin`` is the index of the pair's own command."""

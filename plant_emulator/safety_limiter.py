@@ -135,9 +135,10 @@ def limit_steer(
     """Return the state from ``time_ns`` (no earlier than any before) on, and its output [rad]."""
     steer_before, _, slot_before, low, high, low_1, high_1, low_2, high_2 = x
     slot = time_ns // SLOT_NS
-    for _ in range(min(slot - slot_before, 3)):  # after three all that was is forgotten
-        low_2, high_2, low_1, high_1 = low_1, high_1, low, high
-        low = high = steer_before
+    for passed in (1, 2, 3):  # after three all that was is forgotten
+        if slot - slot_before >= passed:
+            low_2, high_2, low_1, high_1 = low_1, high_1, low, high
+            low = high = steer_before
     lowest, highest = min(low, low_1, low_2), max(high, high_1, high_2)
     steer, cause = steer_rad, 0
     if not math.isfinite(steer_rad):
@@ -154,6 +155,5 @@ def limit_steer(
 
 def is_at_target(p: LimiterParams, steer_rad: float, wheel_rad: float) -> bool:
     """Whether a measured wheel angle is within the tolerance of the output ``steer_rad``."""
-    if abs(steer_rad) > p.stop_rad:
-        steer_rad = math.copysign(p.stop_rad, steer_rad)
-    return abs(wheel_rad - steer_rad) <= p.tolerance_rad
+    target_rad = min(max(steer_rad, -p.stop_rad), p.stop_rad)
+    return abs(wheel_rad - target_rad) <= p.tolerance_rad

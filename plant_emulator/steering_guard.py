@@ -177,6 +177,4 @@ def is_overruled(x: GuardState) -> bool:
 
 def _towards_zero(value: float, step: float) -> float:
     """Return ``value`` moved towards zero by at most ``step``."""
-    if value > step:
-        return value - step
-    return value + step if value < -step else 0.0
+    return value - min(max(value, -step), step)
