@@ -7,7 +7,7 @@ depend on their arguments only, because runs are repeated and compared bit for b
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import AfterValidator, Field, PlainValidator, SerializeAsAny, WithJsonSchema
 
@@ -16,9 +16,6 @@ from ..runtime.settings import Settings
 from .latency_profile import LATENCY_S_MAX
 from .path import Path
 from .vehicle import VehicleParams
-
-if TYPE_CHECKING:
-    from .rig_settings import DisturbanceStep
 
 
 class VehicleState(NamedTuple):
@@ -67,10 +64,25 @@ class VehicleModel(NamedTuple):
     settings: type[Settings] | None = None
 
 
+class DisturbanceStep(Settings):
+    """One `[[disturbance.steps]]`, from ``at_s`` on; omitted values do not change."""
+
+    at_s: float = Field(ge=0.0, le=1e6)
+    """After the start of motion."""
+    side_force_n: float | None = Field(None, ge=-1e6, le=1e6)
+    """Side wind or bank, to the left positive."""
+    yaw_moment_n_m: float | None = Field(None, ge=-1e6, le=1e6)
+    """For instance split braking; to the left positive."""
+    steering_offset_rad: float | None = Field(None, ge=-0.5, le=0.5)
+    """Added to the front wheel angle behind the actuator and its sensor."""
+    friction: float | None = Field(None, ge=0.05, le=2.0)
+    """Factor on both cornering stiffnesses; 1 at the start."""
+
+
 class DisturbanceModel(NamedTuple):
     """Disturbances over time: ``steps(own)`` returns rows as in ``[[disturbance.steps]]``."""
 
-    steps: Callable[[Any], Iterable["DisturbanceStep"]]
+    steps: Callable[[Any], Iterable[DisturbanceStep]]
     settings: type[Settings] | None = None
 
 

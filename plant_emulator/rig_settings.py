@@ -11,6 +11,7 @@ from ..runtime.settings import Settings
 from .own_parts import (
     OWN_TABLE,
     DisturbancePlace,
+    DisturbanceStep,
     DisturbanceTable,
     PathPlace,
     PathTable,
@@ -158,21 +159,6 @@ PathSettings = Annotated[
     Field(discriminator="kind"),
 ]
 """`[path]`: one table per kind of path."""
-
-
-class DisturbanceStep(Settings):
-    """One `[[disturbance.steps]]`, from ``at_s`` on; omitted values do not change."""
-
-    at_s: float = Field(ge=0.0, le=1e6)
-    """After the start of motion."""
-    side_force_n: float | None = Field(None, ge=-1e6, le=1e6)
-    """Side wind or bank, to the left positive."""
-    yaw_moment_n_m: float | None = Field(None, ge=-1e6, le=1e6)
-    """For instance split braking; to the left positive."""
-    steering_offset_rad: float | None = Field(None, ge=-0.5, le=0.5)
-    """Added to the front wheel angle behind the actuator and its sensor."""
-    friction: float | None = Field(None, ge=0.05, le=2.0)
-    """Factor on both cornering stiffnesses; 1 at the start."""
 
 
 class DisturbanceSettings(Settings):

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .dbc.messages import Mode
     from .plant_emulator.own_parts import (
         DisturbanceModel,
+        DisturbanceStep,
         LatencyModel,
         PathModel,
         VehicleInput,
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
         VehicleState,
     )
     from .plant_emulator.path_shapes import path_of_curvature
-    from .plant_emulator.rig_settings import DisturbanceStep
     from .plant_emulator.settings import PlantSettings
     from .plant_emulator.vehicle import VehicleParams
     from .plant_emulator.waypoints import path_through
@@ -36,7 +36,7 @@ _MODULES = {
     "ControllerSettings": "controller.settings",
     "ControllerTable": "run_tables",
     "DisturbanceModel": "plant_emulator.own_parts",
-    "DisturbanceStep": "plant_emulator.rig_settings",
+    "DisturbanceStep": "plant_emulator.own_parts",
     "LatencyModel": "plant_emulator.own_parts",
     "Law": "controller.laws",
     "LawInput": "controller.laws",

@@ -6,12 +6,12 @@ from scipy.integrate import solve_ivp
 from steer_by_wire.plant_emulator.disturbance import disturbance_intervals
 from steer_by_wire.plant_emulator.motion import Motion
 from steer_by_wire.plant_emulator.motion_design import design_motion
+from steer_by_wire.plant_emulator.own_parts import DisturbanceStep
 from steer_by_wire.plant_emulator.propagation import TABLE_ROWS
 from steer_by_wire.plant_emulator.rig_settings import (
     ActuatorSettings,
     CircleSettings,
     DisturbanceSettings,
-    DisturbanceStep,
     StraightSettings,
     VehicleSettings,
 )

@@ -9,13 +9,13 @@ from scipy.integrate import solve_ivp
 
 from steer_by_wire.plant_emulator.motion import Motion
 from steer_by_wire.plant_emulator.motion_design import MotionParams, design_motion
+from steer_by_wire.plant_emulator.own_parts import DisturbanceStep
 from steer_by_wire.plant_emulator.path import curvature
 from steer_by_wire.plant_emulator.propagation import TABLE_ROWS
 from steer_by_wire.plant_emulator.rig_settings import (
     ActuatorSettings,
     CircleSettings,
     DisturbanceSettings,
-    DisturbanceStep,
     DoubleLaneChangeSettings,
     EllipseSettings,
     PathSettings,
