@@ -19,9 +19,9 @@ HIGHEST_PRIORITY_IDS = (0x000, 0x001, 0x002, 0x003)
 last for 60 ms in which the machine may stall babbler and broker. The pair's identifiers lie in
 between."""
 _PAIR_IDS = sorted(CAN_IDS[message] for message in DATA_IDS)
-GAPS = [range(below + 1, above) for below, above in pairwise(_PAIR_IDS)]
-"""The identifiers between two neighbours of the pair's own. All in one gap affect the pair alike:
-messages of higher priority get through, those of lower priority wait."""
+GAPS = [range(below + 1, above) for below, above in pairwise(_PAIR_IDS) if above - below > 1]
+"""The identifiers between two of the pair's own, where there are any. All in one gap affect the
+pair alike: messages of higher priority get through, those of lower priority wait."""
 _BABBLER = -1
 
 
