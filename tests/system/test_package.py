@@ -14,8 +14,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
-    """The project's wheel, built from a copy of what git knows, so that nothing else slips in."""
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of what git knows, so that nothing else slips in."""
     copy = tmp_path_factory.mktemp("source")
     names = subprocess.run(
         ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
@@ -30,15 +30,37 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
             (copy / name).symlink_to((ROOT / name).readlink())
         else:
             (copy / name).write_bytes((ROOT / name).read_bytes())
-    out = tmp_path_factory.mktemp("wheel")
+    return copy
+
+
+def built(folder: Path, out: Path) -> zipfile.ZipFile:
+    """Build the wheel of a folder."""
     options = ["--no-deps", "--no-build-isolation", "--quiet", "--disable-pip-version-check"]
     subprocess.run(
-        [sys.executable, "-m", "pip", "wheel", *options, "--wheel-dir", str(out), str(copy)],
+        [sys.executable, "-m", "pip", "wheel", *options, "--wheel-dir", str(out), str(folder)],
         check=True,
         capture_output=True,
     )
     (path,) = out.glob("*.whl")
     return zipfile.ZipFile(path)
+
+
+@pytest.fixture(scope="module")
+def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
+    """The project's wheel."""
+    return built(source, tmp_path_factory.mktemp("wheel"))
+
+
+def test_with_vcan_is_installed_without_the_rest(source: Path, tmp_path: Path) -> None:
+    with_vcan = built(source / "packaging" / "with_vcan", tmp_path)
+    with_vcan.extractall(tmp_path)
+    command = [sys.executable, "-S", "-c", "from with_vcan import main; main()", "--help"]
+    alone = {"PATH": os.environ["PATH"], "HOME": str(tmp_path), "PYTHONPATH": str(tmp_path)}
+    result = subprocess.run(command, env=alone, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    assert "usage: with-vcan" in result.stdout
+    metadata = with_vcan.read("with_vcan-0.1.0.dist-info/METADATA").decode()
+    assert "Requires-Dist" not in metadata
 
 
 def test_the_wheel_holds_the_dbc_every_preset_every_module_and_page(wheel: zipfile.ZipFile) -> None:
