@@ -54,7 +54,7 @@ class History(NamedTuple):
     ``lateral_error_m``  of a sample; valid only where ``has_error`` is true [m]
     ``applied_tick``     the tick whose command was in effect at a sample, -1 for none
     ``is_overruled``     whether the steering overruled the command at a sample
-    ``wheel_rad``        wheel angle at that sample; valid only where ``is_overruled`` is true [rad]
+    ``wheel_rad``        wheel angle at that sample [rad]
     ``curvature_1_m``    of the path at the preview point of a sample, past or to come; valid up to
                          ``Link.path_end``
     ``plans``            of a law that plans, by tick: rows of ``controller.plan``; its mask is 0

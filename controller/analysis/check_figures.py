@@ -32,7 +32,7 @@ from ..shared_settings import VehicleModelSettings
 from .check_verdict import in_words
 from .linear_system import NotLinearError, law_system
 from .looking_back import Rig
-from .predictor_loop import PredictorLoop, stable_constant_delays
+from .predictor_loop import PredictorLoop, linear, stable_constant_delays
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 from .stable_delays import DELAY_NS_MAX, DelayInterval, delay_margin_ns, stable_delays
 
@@ -71,7 +71,7 @@ def _stable_delays_of(
     settings: ControllerSettings, vehicle: NominalVehicle, limit_ns: int
 ) -> tuple[DelayInterval, ...]:
     """Return the stable delays of a law around another vehicle than its nominal one."""
-    design = design_law(settings)
+    design = design_law(linear(settings))
     law = design.looking_back
     if law is None:
         design = design_law(settings.model_copy(update={"followed_point": "preview"}))
@@ -93,7 +93,7 @@ def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figure
         "period_s": settings.period_ns / NS_PER_S,
         "not_analysed": "",
     }
-    design = design_law(settings)
+    design = design_law(linear(settings))
     if design.looking_back is not None:
         return figures | _looking_back(settings, design, design.looking_back, progress)
     if settings.followed_point != "preview":  # its set point is outside the loop

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from ...runtime.node import NS_PER_S
 from ..design import LawDesign
 from ..link import LinkParams
+from ..settings import ControllerSettings
 from .looking_back import (
     LoopMatrices,
     Matrix,
@@ -188,6 +189,14 @@ class PredictorLoop:
             speed_m_s = self.rig.vehicle.speed_m_s
             self._answers[key] = unit_answers(self._design, self._params, timing, tick, speed_m_s)
         return self._answers[key]
+
+
+def linear(settings: ControllerSettings) -> ControllerSettings:
+    """Return the settings with the steering's lag as set: measuring it is not linear."""
+    if settings.predictor is None:
+        return settings
+    table = settings.predictor.model_copy(update={"measures_lag": False})
+    return settings.model_copy(update={"predictor": table})
 
 
 def _reached_from(start: int, acts: NDArray[np.bool_]) -> NDArray[np.bool_]:

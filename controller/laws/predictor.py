@@ -31,6 +31,7 @@ from ..estimator import (
     step_on_path,
 )
 from ..followed_point import ahead_of_cg_m
+from ..lag_filter import AS_SET, LAGS_S, NO_LAG, LagState, lag_to
 from ..law_interface import History, LawInput, LawOutput, Link
 from ..law_record import Fallback, Law, LookingBack, Schedule
 from ..limits import ramp_step
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from ..law_settings import LawSettings
 
 
+NAME = "predictor"
 FALLBACK = "pd_ddob"
 """The law that steers while the delay is not known."""
 
@@ -53,17 +55,25 @@ class PredictorSettings(Settings):
     """Weight of the followed point's deviation in the cost: as bad as a metre."""
     horizon_s_max: Annotated[float, Field(gt=0.0, le=2.0)] = 1.0
     """Longest prediction; for a longer delay the law is pd_ddob."""
+    measures_lag: bool = False
+    """Whether the steering's lag is taken from the bus, once it is known."""
 
 
 class PredictorParams(NamedTuple):
     """Parameters of the predictor at one speed.
 
+    ``gains``              with the lag of the settings
+    ``gains_by_lag``       the same, and those of LAGS_S; if it is not measured, all are the same
+    ``first_choice``       which of them until it is known
     ``fade_step_rad``      how much of a difference between the two laws fades in one period
     ``horizon_samples_max``  longest prediction; for a longer delay the law is pd_ddob
     ``settling_samples``     time for which a filter started during a run is not used
     """
 
     gains: VehicleGains
+    gains_by_lag: tuple[VehicleGains, ...]
+    measures_lag: bool
+    first_choice: int
     link: LinkParams
     fallback: PdDdobParams
     fade_step_rad: float
@@ -78,6 +88,7 @@ class PredictorState(NamedTuple):
     """
 
     estimate: EstimatorState
+    lag: LagState
     settled_sample: int
     fallback: PdDdobState
     is_predicting: bool
@@ -97,25 +108,29 @@ def predictor_step(
         # Until a command has acted, the vehicle stands on its path, as the filter assumes.
         if history.applied_tick[estimate.sample & history.sample_mask] >= 0:
             settled_sample += p.settling_samples
+    lag = lag_to(p.link, x.lag, link, history) if p.measures_lag else x.lag
+    gains = p.gains_by_lag[lag.choice]
     is_predicting = False
     if estimate.sample >= 0:
         known = min(link.error_sample, link.echo_sample)
-        estimate = estimate_to(p.link, p.gains, estimate, link, history, known)
-        newest = estimate_to(p.link, p.gains, estimate, link, history, link.error_sample)
+        estimate = estimate_to(p.link, gains, estimate, link, history, known)
+        newest = estimate_to(p.link, gains, estimate, link, history, link.error_sample)
         horizon = horizon_samples(p.link, link, newest.sample)
         is_settled = estimate.sample >= settled_sample
         is_predicting = link.is_measured and is_settled and horizon <= p.horizon_samples_max
         if is_predicting:
-            ahead = predict(p, newest, link, history, horizon)
+            ahead = predict(p.link, gains, newest, link, history, horizon)
             output = LawOutput(
-                steer_for(p.gains, ahead), ahead.offset_rad, 0.0, ahead.lateral_error_m
+                steer_for(gains, ahead), ahead.offset_rad, 0.0, ahead.lateral_error_m
             )
     fade_rad = ramp_step(p.fade_step_rad, x.fade_rad)
-    if is_predicting != x.is_predicting:
+    if is_predicting != x.is_predicting or lag.choice != x.lag.choice:
         fade_rad = x.steer_rad - output.steer_rad
     steer_rad = output.steer_rad + fade_rad
     return (
-        PredictorState(estimate, settled_sample, x_fallback, is_predicting, steer_rad, fade_rad),
+        PredictorState(
+            estimate, lag, settled_sample, x_fallback, is_predicting, steer_rad, fade_rad
+        ),
         LawOutput(
             steer_rad,
             output.disturbance_rad,
@@ -126,15 +141,14 @@ def predictor_step(
 
 
 def predict(
-    p: PredictorParams, x: EstimatorState, link: Link, history: History, horizon: float
+    p: LinkParams, g: VehicleGains, x: EstimatorState, link: Link, history: History, horizon: float
 ) -> EstimatorState:
     """Return the state ``horizon`` samples ahead, interpolated linearly between two samples."""
     after = x
     last = x.sample + int(max(horizon, 0.0))
     while after.sample <= last:
         x = after
-        command_rad = command_from(p.link, link, history, x.sample)
-        after = step_on_path(p.gains, link, history, x, command_rad)
+        after = step_on_path(g, link, history, x, command_from(p, link, history, x.sample))
     part = max(horizon, 0.0) % 1.0
     return EstimatorState(
         x.sample,
@@ -163,6 +177,7 @@ def predictor_at_rest(p: PredictorParams, lateral_error_m: float) -> PredictorSt
     """Return the state after a constant lateral error [m] and no steering."""
     return PredictorState(
         estimator_at_rest(lateral_error_m),
+        NO_LAG._replace(choice=p.first_choice),
         0,
         pd_ddob_at_rest(p.fallback, lateral_error_m),
         False,
@@ -179,7 +194,9 @@ def predictor_after_hold(
     The held command is known, so that the filter bridges the gap with its model.
     """
     fallback = pd_ddob_at_rest(p.fallback, lateral_error_m)
-    return PredictorState(x.estimate, x.settled_sample, fallback, x.is_predicting, x.steer_rad, 0.0)
+    return PredictorState(
+        x.estimate, x.lag, x.settled_sample, fallback, x.is_predicting, x.steer_rad, 0.0
+    )
 
 
 def horizon_samples(p: LinkParams, link: Link, sample: int) -> float:
@@ -197,13 +214,25 @@ def design_predictor(settings: "LawSettings") -> Schedule:
     period_s, sensor_period_s = settings.period_s, settings.link.sensor_period_s
     vehicle = vehicle_of(settings)
     behind_m = vehicle.preview_distance_m - ahead_of_cg_m(settings.followed_point, vehicle)
-    gains = design_schedule(
-        settings.estimator,
-        vehicle,
-        period_s,
-        sensor_period_s,
-        Feedback(table.steer_per_error_rad_m, behind_m, settings.estimator.speed_m_s_max),
-    )
+    feedback = Feedback(table.steer_per_error_rad_m, behind_m, settings.estimator.speed_m_s_max)
+    lags_s = [settings.estimator.actuator_lag_s]
+    # Of a plan it is not known which of its values acted on the wheel.
+    measures_lag = table.measures_lag and settings.law == NAME
+    if measures_lag:
+        lags_s += LAGS_S
+    schedules = [
+        design_schedule(
+            settings.estimator.model_copy(update={"actuator_lag_s": lag_s}),
+            vehicle,
+            period_s,
+            sensor_period_s,
+            feedback,
+        )
+        for lag_s in lags_s
+    ]
+    schedules += schedules[:1] * (1 + len(LAGS_S) - len(schedules))
+    # A measured lag that is the set one changes nothing.
+    first_choice = 1 + LAGS_S.index(lags_s[0]) if lags_s[0] in LAGS_S else AS_SET
     link = link_of(settings)
     fallback = design_ddob(settings)
     fade_step_rad = FADE_RAD_S * period_s
@@ -211,8 +240,12 @@ def design_predictor(settings: "LawSettings") -> Schedule:
     settling_samples = round(FILTER_SETTLES_S / sensor_period_s)
 
     def at(speed_m_s: float) -> PredictorParams:
+        gains = tuple(schedule.at(speed_m_s) for schedule in schedules)
         return PredictorParams(
-            gains.at(speed_m_s),
+            gains[AS_SET],
+            gains,
+            measures_lag,
+            first_choice,
             link,
             fallback,
             fade_step_rad,
@@ -227,6 +260,7 @@ def _looking_back(settings: "LawSettings", _params: PredictorParams) -> LookingB
     horizon_s = settings.table_of(PredictorSettings).horizon_s_max
     return LookingBack(
         filter_opening(settings),
+        ("The steering's lag is that of the settings, also where it is measured.",),
         fallback=Fallback(FALLBACK, f"Beyond {horizon_s:g} s, and without echoes"),
     )
 

@@ -176,6 +176,7 @@ def _settings(
     tables["predictor"] = PredictorSettings(
         steer_per_error_rad_m=values.pop("steer_per_error_rad_m"),
         horizon_s_max=table.horizon_s_max,
+        measures_lag=table.measures_lag,
     )
     return ControllerSettings(
         **tables,

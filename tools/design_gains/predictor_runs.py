@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...compiled.engine import Outcome, run_batch
 from ...compiled.plan import Plan, plan_run
 from ...controller.analysis.looking_back import Rig
-from ...controller.analysis.predictor_loop import PredictorLoop
+from ...controller.analysis.predictor_loop import PredictorLoop, linear
 from ...controller.design import design_law, link_of
 from ...controller.nominal_model import NominalVehicle
 from ...controller.settings import ControllerSettings
@@ -140,7 +140,7 @@ def steer_noise_rad(task: Task, settings: ControllerSettings, without: Sequence[
 
 def peak_sensitivity(task: Task, settings: ControllerSettings, delays_ns: Sequence[int]) -> float:
     """Return the largest peak sensitivity over all vehicles; infinite where one is not stable."""
-    design, link = design_law(settings), link_of(settings)
+    design, link = design_law(linear(settings)), link_of(settings)
     loops = [PredictorLoop(design, link, Rig(vehicle)) for vehicle in task.vehicles]
     return max(
         loop.peak_sensitivity(delay_ns) if loop.is_stable(delay_ns) else math.inf

@@ -104,7 +104,7 @@ class ConditionsTable(Settings):
     ``correlation_ms``  of the latencies, an AR(1) process; 0: each frame's is independent
     ``burst_frames``    mean length of a burst of loss; none: losses are independent
     ``order``           as in the plant's [latency.downlink]
-    ``lag_ms``          of the steering, which the law does not know
+    ``lag_ms``          of the steering, which the preset does not know
     ``error_m_max``     largest lateral error of any run
     """
 
@@ -123,6 +123,7 @@ class PredictorTable(Settings):
 
     ``conditions``              judged with the seeds 1 to ``seeds``
     ``values_per_range``        2: the corners of the box; more: also between them
+    ``measures_lag``            becomes the preset's [predictor]
     ``delay_averaging_s``       becomes the preset's [link]
     ``fallback``                the pd_ddob it falls back to, a preset of the controller; none: the
                                 one designed in the same run
@@ -134,6 +135,7 @@ class PredictorTable(Settings):
     conditions: tuple[ConditionsTable, ...] = ()
     seeds: Annotated[int, Field(ge=1, le=100)] = 2
     values_per_range: Annotated[int, Field(ge=2, le=9)] = 2
+    measures_lag: bool = False
     delay_averaging_s: Annotated[float, Field(gt=0.0, le=60.0)] = 0.5
     fallback: str | None = None
     delay_ms_max: DelayMs = 500.0
