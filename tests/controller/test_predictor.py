@@ -305,5 +305,5 @@ def test_a_prediction_is_the_model_run_on_and_linear_between_two_samples(horizon
         states.append(model_step(p.gains, last, command_from(LINK, link, history(), last.sample)))
     low, part = int(horizon), horizon % 1.0
     expected = (1.0 - part) * np.array(states[low]) + part * np.array(states[low + 1])
-    found = predict(p, x, link, history(), horizon)
+    found = predict(p.link, p.gains, x, link, history(), horizon)
     np.testing.assert_allclose(found[1:], expected[1:], rtol=1e-12)
