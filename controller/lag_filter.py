@@ -16,7 +16,7 @@ measured one once its deviation is small against it; until then those of the set
 arithmetic; filterpy's filter is the reference (``tests/controller/test_lag_filter.py``).
 """
 
-from math import log
+from math import log, sqrt
 from typing import NamedTuple
 
 from .estimator import sent_at
@@ -123,7 +123,7 @@ def lag_of(period_s: float, x: LagState) -> float:
 
 def is_known(x: LagState) -> bool:
     """Whether the lag's deviation is small: that of ln α, or of α itself where there is no lag."""
-    deviation = x.variance_aa**0.5
+    deviation = sqrt(x.variance_aa)
     if x.alpha + 2.0 * deviation < _NO_LAG_ALPHA:
         return True
     alpha = min(x.alpha, 0.9999)

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from ...runtime.node import NS_PER_S
 from ..design import LawDesign
+from ..laws.predictor import NAME, PredictorSettings
 from ..link import LinkParams
 from ..settings import ControllerSettings
 from .looking_back import (
@@ -193,10 +194,10 @@ class PredictorLoop:
 
 def linear(settings: ControllerSettings) -> ControllerSettings:
     """Return the settings with the steering's lag as set: measuring it is not linear."""
-    if settings.predictor is None:
+    if settings.law != NAME:
         return settings
-    table = settings.predictor.model_copy(update={"measures_lag": False})
-    return settings.model_copy(update={"predictor": table})
+    table = settings.table_of(PredictorSettings).model_copy(update={"measures_lag": False})
+    return settings.model_copy(update={NAME: table})
 
 
 def _reached_from(start: int, acts: NDArray[np.bool_]) -> NDArray[np.bool_]:
