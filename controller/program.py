@@ -102,7 +102,7 @@ def _run(name: str, options: argparse.Namespace) -> int:
             raise SettingsError(f"--fail-if of --check: use {CHECK_NAME} --fail-if")
         return _check(name, options)
     asked = _settings(name, options)
-    settings = on_bus(asked, takes_fd=bool(options.fd or options.key_file))
+    settings = on_bus(asked, takes_fd=bool(getattr(options, "fd", False) or options.key_file))
     if settings.law != asked.law:
         why = f"law {asked.law} needs CAN FD on controller and plant (--fd)"
         say(name, f"single commands, law {settings.law}: {why}", sys.stderr)
