@@ -92,6 +92,8 @@ class Recording:
     ``path``     file to write, replaced if it is there
     ``channel``  name of the bus in the recording
 
+    ``recorder``  the process that writes
+
     Raises RecordingError when the recorder does not start, and OSError when the file cannot be
     written. To be made before a program asks for real-time priority, which the recorder would
     inherit.
@@ -103,7 +105,7 @@ class Recording:
         self._offset_ns = time.time_ns() - time.monotonic_ns()
         self._progress = tempfile.TemporaryFile()  # noqa: SIM115 closed with this recording
         progress = -1 if sys.platform == "win32" else self._progress.fileno()
-        self._recorder = subprocess.Popen(  # noqa: S603 the command is our own
+        self.recorder = subprocess.Popen(  # noqa: S603 the command is our own
             [
                 sys.executable,
                 "-P",
@@ -119,17 +121,17 @@ class Recording:
             stderr=subprocess.DEVNULL,  # what libraries have to say about themselves
             start_new_session=True,  # Ctrl-C is for this process; the recorder ends after it
         )
-        pipe, answer = self._recorder.stdin, self._recorder.stdout
+        pipe, answer = self.recorder.stdin, self.recorder.stdout
         if pipe is None or answer is None:
             raise RecordingError("the recorder has no pipe")
         try:
             first = answer.readline()
         except BaseException:  # Ctrl-C, where opening the file does not come to an end
-            self._recorder.kill()
-            self._recorder.wait()
+            self.recorder.kill()
+            self.recorder.wait()
             raise
         if first.strip() != b"ready":
-            self._recorder.communicate()
+            self.recorder.communicate()
             raise RecordingError(f"{path}: {_failure(first) or 'the recorder does not start'}")
         self._pipe, self._answer = pipe, answer
         offer, self._flush = _offering(pipe)
@@ -151,7 +153,7 @@ class Recording:
         with suppress(OSError):  # it has ended already, and reports why
             self._pipe.close()
         try:
-            rest = self._answer.read() if _ends(self._recorder) else b""
+            rest = self._answer.read() if _ends(self.recorder) else b""
         finally:
             self._answer.close()
         summary = _summary(rest)

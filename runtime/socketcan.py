@@ -164,7 +164,7 @@ class ArrivalClock:
     def monotonic_ns(self, wall_ns: int) -> int:
         """Return a recent wall-clock time on the monotonic clock [ns]."""
         if not 0 <= wall_ns - self._read_at_ns <= _OFFSET_AGE_NS_MAX:
-            self._offset_ns = _wall_minus_monotonic_ns()
+            self._offset_ns = wall_minus_monotonic_ns()
             self._read_at_ns = wall_ns
         return wall_ns - self._offset_ns
 
@@ -173,7 +173,7 @@ _READING_NS_MAX = 200_000
 """Longest good reading of both clocks; User Mode Linux takes 75 µs."""
 
 
-def _wall_minus_monotonic_ns() -> int:
+def wall_minus_monotonic_ns() -> int:
     """Return the difference of the clocks [ns], from the shortest of at least three readings.
 
     The error is half of the reading's time, so it reads again if all of them were interrupted.

@@ -11,7 +11,6 @@ from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import (
     Mode,
-    SafetyState,
     SteeringCommand,
     SteeringStatus,
     SteeringStatusCode,
@@ -224,12 +223,11 @@ def test_a_compiled_run_with_a_trickle_equals_the_nodes(overrides: Sequence[str]
     assert np.abs(run.wheel_angle_rad - run.command_rad)[200:].max() > 1e-3
 
 
-def test_the_steering_reports_the_hold_in_plant_status_until_its_run_is_whole() -> None:
+def test_the_steering_holds_until_its_run_is_whole() -> None:
     tested = held(link())
     tested.tick_until(BACK_NS)
-    assert tested.node.report()["safety"]["mode"] == "holding"
     for step in range(5):
-        assert tested.node._unit.safety is SafetyState.HOLDING
+        assert tested.node.report()["safety"]["mode"] == "holding"
         tested.command(BACK_NS + step * PERIOD_NS, 0.1)
         tested.tick_until(BACK_NS + step * PERIOD_NS)
-    assert tested.node._unit.safety is SafetyState.NORMAL
+    assert tested.node.report()["safety"]["mode"] == "following"

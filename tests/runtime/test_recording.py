@@ -153,7 +153,7 @@ def test_a_port_records_what_was_received_and_sent_and_not_what_was_refused(
 def test_a_recorder_that_stands_still_costs_frames_and_no_time(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     recording = Recording(path, "vcan0")
-    recorder = recording._recorder.pid
+    recorder = recording.recorder.pid
     os.kill(recorder, signal.SIGSTOP)
     taken = 200_000  # 5 MB: whatever the pipe holds, this is more
     for index in range(taken):
@@ -190,7 +190,7 @@ def test_a_full_disk_is_reported_and_the_frames_are_counted(tmp_path: Path) -> N
     path = tmp_path / "run.log"
     path.symlink_to("/dev/full")
     recording = Recording(path, "vcan0")
-    recorder = recording._recorder
+    recorder = recording.recorder
     taken = 0
     while recorder.poll() is None:  # until it has noticed, and given up
         recording.take(Frame(1, bytes(8)), taken * PERIOD_NS, 0)

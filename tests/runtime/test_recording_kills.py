@@ -65,7 +65,7 @@ def test_after_a_pause_the_file_holds_everything_and_the_recorder_may_be_killed(
         recording.take(Frame(0x100, index.to_bytes(8, "big")), start_ns + index * PERIOD_NS, 0)
     last = (KILLED_FRAMES - 1).to_bytes(8, "big")
     wait_until(lambda: last in written(path), f"the last of {KILLED_FRAMES} frames in {path}")
-    os.kill(recording._recorder.pid, signal.SIGKILL)
+    os.kill(recording.recorder.pid, signal.SIGKILL)
     figures = recording.close()
     assert figures.failure == "the recorder was ended before it could finish the file"
     assert figures.frames == KILLED_FRAMES
@@ -85,7 +85,7 @@ def test_killed_while_frames_come_the_recorder_leaves_all_that_was_there_in_orde
             recording.take(Frame(0x100, taken.to_bytes(8, "big")), start_ns + taken * 10_000, 0)
             taken += 1
         seen = path.read_text().count("\n")
-    os.kill(recording._recorder.pid, signal.SIGKILL)
+    os.kill(recording.recorder.pid, signal.SIGKILL)
     recording.close()
     payloads = written(path)
     assert len(payloads) >= seen
@@ -113,7 +113,7 @@ def test_a_blf_whose_recorder_is_killed_has_all_but_the_last_moment_and_the_time
         lambda: counted() == noted() == KILLED_FRAMES,
         f"{KILLED_FRAMES} frames in {path}, and noted",
     )
-    os.kill(recording._recorder.pid, signal.SIGKILL)
+    os.kill(recording.recorder.pid, signal.SIGKILL)
     figures = recording.close()
     assert figures.frames == KILLED_FRAMES
     messages = messages_in(path)
@@ -140,7 +140,7 @@ for index in range(1000):
     recording.take(Frame(0x100, index.to_bytes(8, "big")), start_ns + index * 10_000_000, 0)
 while path.read_text().count("\\n") < 990:  # all but what is held
     time.sleep(0.01)
-os.kill(recording._recorder.pid, signal.SIGKILL)
+os.kill(recording.recorder.pid, signal.SIGKILL)
 os.kill(os.getpid(), signal.SIGKILL)
 """
 

@@ -198,7 +198,7 @@ def stamp(time_ns: int) -> tuple[int, int, bytes]:
 def test_a_frame_comes_with_the_kernel_s_time_on_the_monotonic_clock(
     sockets: list[FakeSocket], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(socketcan, "_wall_minus_monotonic_ns", lambda: 1000 * S)
+    monkeypatch.setattr(socketcan, "wall_minus_monotonic_ns", lambda: 1000 * S)
     port = SocketCanPort("can7")
     sockets[0].waiting += [
         (packed(FRAMES[1]), [stamp(1007 * S + 25)]),
@@ -302,7 +302,7 @@ class Offset:
 @pytest.fixture
 def offset(monkeypatch: pytest.MonkeyPatch) -> Offset:
     offset = Offset(1000 * S)
-    monkeypatch.setattr(socketcan, "_wall_minus_monotonic_ns", offset)
+    monkeypatch.setattr(socketcan, "wall_minus_monotonic_ns", offset)
     return offset
 
 
@@ -337,4 +337,4 @@ def test_the_distance_of_the_clocks_is_that_of_the_quickest_of_three_readings(
             return next(self.wall)
 
     monkeypatch.setattr(socketcan, "time", Time())
-    assert socketcan._wall_minus_monotonic_ns() == 5000
+    assert socketcan.wall_minus_monotonic_ns() == 5000

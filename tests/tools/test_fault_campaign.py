@@ -233,7 +233,7 @@ def test_a_reaction_that_comes_after_the_ftti_is_late(
     spec: CampaignSettings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "steer_by_wire.tools.fault_campaign.pair._within", lambda settings, _ftti_ms: settings
+        "steer_by_wire.tools.fault_campaign.pair.with_ftti", lambda settings, _ftti_ms: settings
     )
     assert run_trial(scenario_with(spec, ftti_ms=50.0)).verdict is Verdict.LATE
 
@@ -323,7 +323,7 @@ def test_a_campaign_that_fails_ends_with_status_one(
 ) -> None:
     """Of a controller that takes its own time."""
     monkeypatch.setattr(
-        "steer_by_wire.tools.fault_campaign.pair._within", lambda settings, _ftti_ms: settings
+        "steer_by_wire.tools.fault_campaign.pair.with_ftti", lambda settings, _ftti_ms: settings
     )
     few = ["--set", "ftti_ms=40", "--set", "node_cases=[]", "--processes", "1"]
     one_point = ["--set", 'points=[{name="nominal"}]', "--out", str(tmp_path)]

@@ -61,7 +61,7 @@ def make_pair(scenario: Scenario, further: Sequence[NodeFault] = ()) -> Pair:
     case = scenario.case
     node_faults = [*further] if case.node_fault is None else [case.node_fault, *further]
     plant = plant_settings_of(scenario, case.faults)
-    controller = _within(controller_settings_of(scenario.law), scenario.spec.ftti_ms)
+    controller = with_ftti(controller_settings_of(scenario.law), scenario.spec.ftti_ms)
     onset_ns = min([onset_ns_of(case), *(fault.window_ns[0] for fault in further)])
     bounds = bounds_of(plant, controller)
     wanted = [cause for cause, by in MECHANISM_OF.items() if by in case.expected.mechanisms]
@@ -119,7 +119,7 @@ def _note_false(receiver: Watch, frame: Frame, out: Sequence[Frame]) -> None:
     receiver.expect_false(one for one in out if one != frame)
 
 
-def _within(settings: ControllerSettings, ftti_ms: float) -> ControllerSettings:
+def with_ftti(settings: ControllerSettings, ftti_ms: float) -> ControllerSettings:
     """Return the settings with the campaign's fault tolerant time; age limits follow from it."""
     table = settings.supervision.model_copy(update={"fault_tolerant_time_ms": ftti_ms})
     return settings.model_copy(update={"supervision": table})
