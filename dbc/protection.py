@@ -83,10 +83,6 @@ class SequenceRule(NamedTuple):
         """Return the largest step of a counter that is believed after ``elapsed_ns``."""
         return min(1 + (self.lead_ns + elapsed_ns) // period_ns, HALF - 1)
 
-    def step_before_silence(self, period_ns: int) -> int:
-        """Return the largest step that is believed before the sender counts as silent."""
-        return self.step_max(period_ns, self.resync_ns)
-
 
 class SequenceCheck:
     """Checks the counters of one message as they arrive: the newest wins.

@@ -85,11 +85,6 @@ QUANTILES: dict[Distribution, Quantile] = {
 """Quantile functions ``(u, mean_s, spread_s) -> latency_s``."""
 
 
-def normal_score(u: float) -> float:
-    """Return Φ⁻¹(u): the standard normal behind a uniform in (0, 1)."""
-    return _STANDARD_NORMAL.inv_cdf(u)
-
-
 def correlated_score(
     previous: float, u: float, elapsed_s: float, correlation_time_s: float
 ) -> float:
@@ -107,5 +102,5 @@ def correlated_score(
 
 
 def uniform_of_score(score: float) -> float:
-    """Return Φ(z) in (0, 1): the inverse of `normal_score`, kept off the ends of the interval."""
+    """Return Φ(z), kept off the ends of (0, 1)."""
     return min(max(_STANDARD_NORMAL.cdf(score), 2.0**-54), 1.0 - 2.0**-53)

@@ -206,7 +206,7 @@ def _latencies_ns(
 
 
 def normal_scores(u: FloatArray) -> FloatArray:
-    """Return ``normal_score`` of an array."""
+    """Return Φ⁻¹(u) of an array."""
     return np.array(list(map(NormalDist().inv_cdf, u.tolist())), dtype=np.float64)
 
 

@@ -189,7 +189,7 @@ def test_the_e2e_parameters_are_those_both_receivers_check_with() -> None:
             is_received = message_type in CONTROLLER_RECEIVES
             rule = counters_of(CONTROLLER) if is_received else PlantSettings().counters
             period_ns = cycle_ns(message_type)
-            assert found["E2EMaxDeltaCounter"] == rule.step_before_silence(period_ns)
+            assert found["E2EMaxDeltaCounter"] == rule.step_max(period_ns, rule.resync_ns)
         else:
             assert not any(name.startswith("E2E") for name in found)
 

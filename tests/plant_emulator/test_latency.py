@@ -2,6 +2,7 @@
 
 import math
 from itertools import pairwise
+from statistics import NormalDist
 
 import numpy as np
 import pytest
@@ -14,7 +15,6 @@ from steer_by_wire.plant_emulator.latency import (
     RESOLUTION_S,
     Distribution,
     correlated_score,
-    normal_score,
     uniform_of_score,
 )
 
@@ -24,6 +24,7 @@ GRID = [(k + 0.5) / 200_000 for k in range(200_000)]
 SPREADING = [model for model in Distribution if model is not Distribution.CONSTANT]
 
 every_model = pytest.mark.parametrize("model", Distribution)
+normal_score = NormalDist().inv_cdf
 uniforms = st.floats(U_MIN, U_MAX)
 means_s = st.floats(0.0, 10.0)
 spreads_s = st.floats(0.0, 10.0)

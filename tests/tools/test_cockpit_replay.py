@@ -3,18 +3,28 @@
 import gzip
 import json
 import math
+import struct
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from steer_by_wire.recordings.file_analysis import analyse_files
 from steer_by_wire.recordings.log_file import LogError
 from steer_by_wire.tools.cockpit.page import page_files, served_page, single_page
-from steer_by_wire.tools.cockpit.replay import head_of, read_replay
+from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.scenario import choices, lane_settings, scenario_of, scenarios
 from steer_by_wire.tools.cockpit.signals import NAMES
 from steer_by_wire.tools.cockpit.wire import packed_row, packed_rows
 from tests.support.cockpit_run import fed, recorded_run
+
+
+def head_of(block: bytes) -> Mapping[str, Any]:
+    content = gzip.decompress(block)
+    (length,) = struct.unpack_from("<I", content)
+    head: Mapping[str, Any] = json.loads(content[4 : 4 + length])
+    return head
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ frame.
 import gzip
 import json
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -123,11 +123,3 @@ class _Replay:
         is_new = not self._lights or self._lights[-1][1] != lights
         if is_new and len(self._lights) < _LIGHT_CHANGES_MAX:
             self._lights.append((now_ns / NS_PER_S, lights))
-
-
-def head_of(block: bytes) -> Mapping[str, Any]:
-    """Return the head of a block."""
-    content = gzip.decompress(block)
-    (length,) = struct.unpack_from("<I", content)
-    head: Mapping[str, Any] = json.loads(content[4 : 4 + length])
-    return head
