@@ -6,10 +6,13 @@ their own codes.
 """
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
-from .bus_errors import ErrorEvent
 from .fault_confinement import ControllerState
 from .frame import ERROR, Frame
+
+if TYPE_CHECKING:  # the model of a bus, which no live program needs
+    from .bus_errors import ErrorEvent
 
 BUS_OFF = "bus_off"
 FORGED_BUS_OFF = "forged_bus_off"
@@ -60,7 +63,7 @@ _STATE_BITS = {
 }
 
 
-def error_frame(event: ErrorEvent) -> Frame:
+def error_frame(event: "ErrorEvent") -> Frame:
     """Return what SocketCAN reports of an error to the sender of the destroyed frame."""
     data = bytearray(8)
     data[6:] = min(event.transmit_errors, 255), min(event.receive_errors, 255)
