@@ -75,6 +75,7 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "stress": _tool(
                 "stress_latency", "thousands of runs over latency, jitter and vehicles"
             ),
+            "bus-study": _tool("bus_study", "the loop over bus load, bit errors and clocks"),
             "stress-report": _tool("stress_report", "rewrite the report of a study"),
             "faults": _tool("fault_campaign", "a thousand faulty runs, and what detected each"),
             "inject": _tool("inject_faults", "faults on a live bus, by hand"),

@@ -1,5 +1,6 @@
 """The bounds, against a published example, a proved implementation and the bus model itself."""
 
+import math
 import random
 
 import pytest
@@ -19,7 +20,14 @@ from steer_by_wire.runtime.bus_model import BusModel
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame_length import frame_bits
 from steer_by_wire.wire.critical_instant import critical_response_ns, random_responses_ns
-from steer_by_wire.wire.response_times import Traffic, Wire, load, wire_of, worst_response_ns
+from steer_by_wire.wire.response_times import (
+    Traffic,
+    Wire,
+    load,
+    miss_probability,
+    wire_of,
+    worst_response_ns,
+)
 
 BITRATE_BIT_S = 500_000
 MS = 1_000_000
@@ -108,6 +116,30 @@ def test_the_critical_instant_reaches_the_bound_and_nothing_exceeds_it(seed: int
 def test_a_bus_that_is_overloaded_has_no_bound() -> None:
     high, low = Traffic("high", 1, MS, MS), Traffic("low", 2, MS, 100 * MS)
     assert worst_response_ns(low, [high, low], wire_of(BITRATE_BIT_S)) is None
+
+
+def test_errors_at_random_miss_a_deadline_as_often_as_computed() -> None:
+    # One message of 1 ms and an error frame of 0.1 ms; 2.5 ms leave time for one error. It is done
+    # by R(0) with no error, by R(1), 1.1 ms later, with one in R(0) and none in the rest.
+    message, rate = Traffic("m", 1, MS, 10 * MS), 100.0
+    wire = SILENT._replace(error_frame_ns=MS // 10)
+    within = (
+        math.exp(-rate * 0.001)
+        + math.exp(-rate * 0.0021) * (rate * 0.0021)
+        - math.exp(-rate * 0.001) * math.exp(-rate * 0.0011) * (rate * 0.0011)
+    )
+    miss = miss_probability(message, [message], wire, rate, 5 * MS // 2)
+    assert miss == pytest.approx(1 - within)
+    assert miss_probability(message, [message], wire, 0.0, 5 * MS // 2) == 0.0
+    assert miss_probability(message, [message], wire, rate, MS - 1) == 1.0
+
+
+def test_each_error_at_once_costs_the_same() -> None:
+    message = Traffic("m", 1, 200_000, 10 * MS)
+    wire = wire_of(BITRATE_BIT_S)
+    for errors in range(4):
+        bound_ns = worst_response_ns(message, [message], wire._replace(errors=errors))
+        assert bound_ns == 200_000 + errors * (62_000 + 200_000)
 
 
 def test_errors_cost_their_frames_and_too_many_leave_no_bound() -> None:

@@ -39,12 +39,11 @@ def add_bus_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     group.add_argument(
         "--burst", type=_burst, metavar="RATE:EVERY_S:FOR_S",
-        help="another share in bursts that come and go at random (Gilbert and Elliott), with the "
-        "mean time between two and the mean length of one, as 0.01:10:0.05",
+        help="another share in bursts (Gilbert and Elliott): mean interval, mean length",
     )  # fmt: skip
     group.add_argument(
         "--receiver-bit-error-rate", type=_at_one, action="append", default=[], metavar="NODE=RATE",
-        help="share of the bits that plant or controller alone sees wrong; repeatable",
+        help="share that plant or controller alone sees wrong; repeatable",
     )  # fmt: skip
     group.add_argument(
         "--stuck", type=_stuck, action="append", default=[], metavar="LEVEL:FROM_S:TO_S",
@@ -52,7 +51,7 @@ def add_bus_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     group.add_argument(
         "--clock", type=_clock, action="append", default=[], metavar="NODE=PPM[:PPM_S]",
-        help="how much too fast the timers of plant or controller run, and how fast that changes",
+        help="how much too fast plant's or controller's timers run, and its change",
     )  # fmt: skip
 
 

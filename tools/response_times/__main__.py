@@ -15,7 +15,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from steer_by_wire.command_line import command_parser
+from steer_by_wire.command_line import command_parser, number, whole_number
 from steer_by_wire.runtime.option_types import bit_rate, data_bit_rate, output_file
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.report import write_json
@@ -56,6 +56,14 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         help="least time between two bus errors (default: no errors)",
     )  # fmt: skip
     parser.add_argument(
+        "--errors-at-once", type=whole_number(0, 100), default=0, metavar="N",
+        help="so many more errors at the worst instants, as in a burst",
+    )  # fmt: skip
+    parser.add_argument(
+        "--bit-error-rate", type=number(0.0, 0.01), metavar="RATE",
+        help="errors at random: the chance that a release misses its deadline",
+    )  # fmt: skip
+    parser.add_argument(
         "--period", action="append", default=[], metavar="NAME=MS",
         help="the cycle time of a message; may be repeated",
     )  # fmt: skip
@@ -70,7 +78,12 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 def _run(options: argparse.Namespace) -> int:
     bus = BusSettings(
-        options.bitrate, options.data_bitrate, options.jitter_ms, options.error_interval_ms
+        options.bitrate,
+        options.data_bitrate,
+        options.jitter_ms,
+        options.error_interval_ms,
+        options.errors_at_once,
+        options.bit_error_rate,
     )
     messages, left_out = read_messages(options.files, options.period, bus)
     if left_out:

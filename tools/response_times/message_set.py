@@ -24,6 +24,8 @@ class BusSettings(NamedTuple):
     data_bitrate_bit_s: int
     jitter_ms: float
     error_interval_ms: float | None
+    errors: int = 0
+    bit_error_rate: float | None = None
 
     def model(self) -> BusModel:
         """Return a new bus, for a simulation."""
@@ -33,7 +35,8 @@ class BusSettings(NamedTuple):
         """Return what the analysis needs of the bus."""
         interval_ms = self.error_interval_ms
         interval_ns = None if interval_ms is None else max(1, round(interval_ms * _NS_PER_MS))
-        return wire_of(self.bitrate_bit_s, interval_ns, granularity_ns)
+        wire = wire_of(self.bitrate_bit_s, interval_ns, granularity_ns)
+        return wire._replace(errors=self.errors)
 
     def duration_ns(self, bits: FrameBits) -> int:
         """Return how long so many bits take, rounded up [ns]."""

@@ -17,7 +17,7 @@ def response_table(responses: Sequence[Response], bus: BusSettings) -> Table:
         title_justify="left", box=None, pad_edge=False,
         caption="bound: any payload and phases. worst case: the bus model at the critical instant, "
         f"with the longest payloads found. random: {RANDOM_RUNS} runs of {RANDOM_NS / 1e9:g} s "
-        "with random phases.",
+        "with random phases. deadline: the period; a figure is the chance of a miss, at most.",
         caption_justify="left",
     )  # fmt: skip
     for heading in ("message", "identifier"):
@@ -66,6 +66,7 @@ def record_of(
                 "bound_ns": response.bound_ns,
                 "critical_ns": response.critical_ns,
                 "random_ns": response.random_ns,
+                "miss_probability": response.miss,
             }
             for response in responses
         ],
@@ -89,7 +90,12 @@ def _tolerance(tolerance: Tolerance, width: int) -> str:
 def _verdict(response: Response) -> str:
     if response.bound_ns is None:
         return "no bound"
-    return "met" if response.bound_ns <= response.message.bound.period_ns else "MISSED"
+    if response.bound_ns > response.message.bound.period_ns:
+        return "MISSED"
+    if response.miss is None:
+        return "met"
+    # Below that it is what rounding leaves of 1.
+    return "met, < 1e-12" if response.miss < 1e-12 else f"met, {response.miss:.1e}"
 
 
 def _ms(time_ns: int | None) -> str:

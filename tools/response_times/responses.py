@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ...wire.critical_instant import critical_response_ns, random_responses_ns
-from ...wire.response_times import load, worst_response_ns
+from ...wire.response_times import load, miss_probability, worst_response_ns
 from .message_set import BusSettings, SentMessage
 
 RANDOM_NS = 1_000_000_000
@@ -19,12 +19,15 @@ class Response(NamedTuple):
     ``critical_ns``  simulated at the critical instant with the longest payloads found; None if the
                      bus is overloaded, or has errors, which the simulation has not
     ``random_ns``    longest one simulated with random phases and jitter
+    ``miss``         chance, at most, that a release misses its deadline, which is its period, with
+                     errors at random; None without any
     """
 
     message: SentMessage
     bound_ns: int | None
     critical_ns: int | None
     random_ns: int | None
+    miss: float | None
 
 
 def respond(messages: Sequence[SentMessage], bus: BusSettings, seed: int) -> list[Response]:
@@ -45,5 +48,14 @@ def respond(messages: Sequence[SentMessage], bus: BusSettings, seed: int) -> lis
             if is_overloaded
             else critical_response_ns(message.found, found, frames, bus.model())
         )
-        responses.append(Response(message, bound_ns, critical_ns, random_ns.get(name)))
+        miss = None
+        if bus.bit_error_rate is not None:
+            miss = miss_probability(
+                message.bound,
+                bounds,
+                bus.wire(),
+                bus.bit_error_rate * bus.bitrate_bit_s,
+                message.bound.period_ns,
+            )
+        responses.append(Response(message, bound_ns, critical_ns, random_ns.get(name), miss))
     return responses

@@ -1,0 +1,49 @@
+"""The study of the pair over its bus."""
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.tools.bus_study.__main__ import main
+from steer_by_wire.tools.bus_study.runs import Point, example_messages, runs_of
+
+SEEDS = (1,)
+
+
+def test_errors_grow_with_their_rate_and_delay_without_losing() -> None:
+    points = [Point(0.5, rate, 0.0) for rate in (0.0, 1e-4, 1e-3)]
+    runs = list(runs_of(points, ["practical_pd"], example_messages(), SEEDS, 2.0, 500_000))
+    detected = [run.detected for run in runs]
+    assert detected[0] == 0
+    # 500 000 bit/s for two seconds, some 60 % of them in frames.
+    assert 0.4 * 60 < detected[1] < 1.6 * 60
+    assert 0.7 * 600 < detected[2] < 1.3 * 600
+    assert all(run.verdict == "holds" for run in runs)
+    assert runs[0].bus_load < runs[2].bus_load
+
+
+def test_clocks_apart_move_the_phase_between_both_programs() -> None:
+    points = [Point(0.0, 0.0, ppm) for ppm in (0.0, 2000.0)]
+    together, apart = runs_of(points, ["practical_pd"], [], SEEDS, 5.0, 500_000)
+    # 2000 ppm move the phase by a period of 10 ms within 5 s.
+    assert together.rms_m != apart.rms_m
+    assert apart.verdict == "holds"
+
+
+def test_it_prints_a_table_and_writes_every_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, picture = tmp_path / "runs.csv", tmp_path / "study.png"
+    words = "--load 0.3 --bit-error-rate 1e-4 1e-3 --seeds 1 --duration 1 --controller-preset"
+    written = ["practical_pd", "--csv", str(file), "--picture", str(picture)]
+    assert main([*words.split(), *written]) == 0
+    assert capsys.readouterr().out.count("practical_pd") == 2
+    rows = list(csv.DictReader(file.read_text(encoding="utf-8").splitlines()))
+    assert [row["bit_error_rate"] for row in rows] == ["0.0001", "0.001"]
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_an_unknown_preset_is_refused_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--controller-preset", "fast"]) == 2
+    assert "fast" in capsys.readouterr().err

@@ -1,0 +1,1 @@
+"""The pair over the load, the bit error rate and the clocks of its bus."""
