@@ -12,8 +12,7 @@ from .validity import in_words
 _MODES: Mapping[Mode, str] = {
     Mode.WAITING: "WAITING for the plant's first LATERAL_ERROR",
     Mode.ACTIVE: "ACTIVE: the law steers",
-    Mode.HOLDING: "HOLDING the last command: measurements or the vehicle have stopped, or the law has"
-    " failed",
+    Mode.HOLDING: "HOLDING the last command: no measurements, no motion forward, or the law failed",
     Mode.SAFE_STOP: "SAFE_STOP: the command ramps to zero",
 }
 _REQUESTS: Mapping[MotionRequest, str] = {
