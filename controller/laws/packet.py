@@ -82,11 +82,11 @@ def packet_plan(p: PacketParams, x: PredictorState, seen: LawInput) -> int:
     ahead = horizon_samples(inside.link, link, z.sample)
     lead = max(-int(-ahead // 1.0), 0)
     acts = z.sample + lead
-    spacing = min(max(-(-(lead + p.reserve_samples) // (VALUES - 1)), 1), SPACING_MAX)
-    acting = lead // spacing
+    spacing = min(max(-(-(lead + p.reserve_samples) // (VALUES - 2)), 1), SPACING_MAX)
+    acting = -(-lead // spacing)
     if acting >= VALUES - 1:
         return -1
-    first = acts - acting * spacing
+    newest, first = z.sample, acts - acting * spacing
     row = history.plans[link.tick & history.plan_mask]
     row[0], row[1] = float(first), float(spacing)
     last = first + (VALUES - 1) * spacing
@@ -96,7 +96,7 @@ def packet_plan(p: PacketParams, x: PredictorState, seen: LawInput) -> int:
         else:
             steer_rad = steer_for(inside.gains, z)
         age = z.sample - first
-        if age >= 0 and age % spacing == 0:
+        if age % spacing == 0 or z.sample == newest:  # the first value is for before, or now
             row[2 + age // spacing] = steer_rad
         if z.sample >= last:
             return acting

@@ -73,7 +73,7 @@ def run(
     return plans, commands, dict(pair.plant.report())
 
 
-@pytest.mark.parametrize(("delay_s", "spacing"), [(0.0, 4), (0.15, 5), (0.4, 6)])
+@pytest.mark.parametrize(("delay_s", "spacing"), [(0.0, 4), (0.15, 5), (0.4, 7)])
 def test_the_plan_is_as_deep_as_the_delay_asks(delay_s: float, spacing: int) -> None:
     plans, _, _ = run(controller(), f"latency.downlink.mean_s={delay_s}", duration_s=3.0)
     assert plans[-1].spacing == spacing
@@ -99,6 +99,16 @@ def test_an_outage_of_half_a_second_in_a_bend_costs_nothing() -> None:
     assert planned["lateral_error_peak_m"] == pytest.approx(
         whole["lateral_error_peak_m"], abs=0.003
     )
+
+
+def test_a_network_that_becomes_faster_than_measured_is_no_silence() -> None:
+    faster = (
+        "latency.downlink.schedule_shape=step",
+        "latency.downlink.schedule=[{time_s=0.0, mean_s=0.33}, {time_s=3.0, mean_s=0.0}]",
+    )
+    _, _, report = run(controller(), *faster)
+    assert report["safety"]["holdings"] == 0
+    assert report["lateral_error_peak_m"] < 0.1
 
 
 def test_without_echoes_single_commands_are_sent_and_both_kinds_are_accepted() -> None:

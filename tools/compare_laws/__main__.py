@@ -1,6 +1,7 @@
 """Compare all laws over delay, jitter, loss and actuator lag, and show where each breaks.
 
     steer-by-wire compare [--out DIR] [--step-ms 25] [--seeds 3]
+    steer-by-wire compare --at-speed     # networks with memory at 5, 30 and 60 km/h: docs/packet.md
 
 Leaves in DIR comparison.csv, a line for each law, network and delay; comparison.png of the point
 that each law follows, comparison_centre_of_gravity.png and error_over_delay.png; and comparison.md,
@@ -26,6 +27,12 @@ from steer_by_wire.command_line import (
 )
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
 from steer_by_wire.terminal import plain_console, progress_bars
+from steer_by_wire.tools.compare_laws.at_speed import (
+    DELAYS_S,
+    compare_at_speed,
+    markdown_at_speed,
+)
+from steer_by_wire.tools.compare_laws.at_speed import Cell as CellAtSpeed
 from steer_by_wire.tools.compare_laws.interior import interior_line, interior_points
 from steer_by_wire.tools.compare_laws.picture import draw_break_points, draw_comparison
 from steer_by_wire.tools.compare_laws.runs import Cell, compare, controller_settings, own_contestant
@@ -80,7 +87,37 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_overrides_argument(
         parser, "--law-set", "a setting of your laws, such as own_law.gain=2", dest=None
     )
-    return run_main(NAME, partial(_run, parser.parse_args(arguments)))
+    parser.add_argument(
+        "--at-speed",
+        action="store_true",
+        help="instead a lane change at 5, 30 and 60 km/h on networks with memory",
+    )
+    options = parser.parse_args(arguments)
+    return run_main(NAME, partial(_run_at_speed if options.at_speed else _run, options))
+
+
+def _run_at_speed(options: argparse.Namespace) -> int:
+    options.out.mkdir(parents=True, exist_ok=True)
+    stop = StopRequest()
+    bars = progress_bars(
+        plain_console(), BarColumn(30), MofNCompleteColumn(), TimeRemainingColumn()
+    )
+    with stop.on_signals(), bars:
+        task = bars.add_task("")
+        cells = compare_at_speed(
+            DELAYS_S,
+            options.seeds,
+            lambda done, of: bars.update(task, completed=done, total=of),
+            should_stop=stop,
+        )
+    _write(cells, options.out / "at_speed.csv")
+    if stop.reason:
+        print(f"interrupted: {len(cells)} results are in {options.out / 'at_speed.csv'}")
+        return ExitStatus.INTERRUPTED
+    text = "\n".join(markdown_at_speed(cells))
+    (options.out / "at_speed.md").write_text(text, encoding="utf-8")
+    print(text)
+    return ExitStatus.OK
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -124,10 +161,10 @@ def _run(options: argparse.Namespace) -> int:
     return ExitStatus.OK
 
 
-def _write(cells: Sequence[Cell], path: Path) -> None:
+def _write(cells: Sequence[Cell] | Sequence[CellAtSpeed], path: Path) -> None:
     with path.open("w", newline="", encoding="utf-8") as opened:
         writer = csv.writer(opened)
-        writer.writerow(Cell._fields)
+        writer.writerow(cells[0]._fields)
         writer.writerows(cells)
 
 
