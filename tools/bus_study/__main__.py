@@ -87,7 +87,7 @@ def _run(options: argparse.Namespace) -> int:
     except ValueError as error:
         raise SettingsError(str(error)) from error
     console = Console(markup=False, highlight=False)
-    console.width = max(console.width, 100)
+    console.width = max(console.width, 110)
     console.print(table_of(runs))
     if options.csv is not None:
         _write_csv(options.csv, runs)
