@@ -280,3 +280,16 @@ def test_fastmath_sees_what_is_no_number() -> None:
     run, exact = run_batch(plant, controller, fastmath=True), run_batch(plant, controller)
     assert run.outcome is exact.outcome is Outcome.LEFT_RANGE
     assert len(run.time_s) == len(exact.time_s)
+
+
+def test_a_law_that_plans_on_a_known_path_equals_the_nodes() -> None:
+    overrides = [
+        "path_ahead={}",
+        "latency.uplink.mean_s=0.03",
+        *(f"latency.{override}" for override in NETWORKS["gamma"]),
+    ]
+    run = assert_same_as_nodes(
+        plant_settings(overrides, 4.0), controller_preset("practical_packet")
+    )
+    assert run.played_rad is not None
+    assert np.isfinite(run.played_rad).sum() > 300
