@@ -81,6 +81,7 @@ class BusErrors:
         self._members: dict[int, _Member] = {}
         self._limited: set[int] = set()
         self.is_calm = True
+        self._next_hit_ns = -1
         self.sent: Counter[int] = Counter()
         self.causes: Counter[str] = Counter()
         self.received_twice = self.missed_by_one = 0
@@ -113,13 +114,16 @@ class BusErrors:
 
     def next_hit_ns(self, start_ns: int) -> int:
         """Return the first instant from ``start_ns`` on that can be the end of a frame [ns]."""
+        if start_ns <= self._next_hit_ns:
+            return self._next_hit_ns
         hits_ns = [
             noise.first_hit_ns(start_ns, NEVER_NS)
             for noise in (self._noise, *self._noise_of.values())
         ]
         self._stuck = [line for line in self._stuck if line.end_ns > start_ns]
         hits_ns += [line.start_ns for line in self._stuck[:1]]
-        return min(hit_ns for hit_ns in (*hits_ns, NEVER_NS) if hit_ns is not None)
+        self._next_hit_ns = min(hit_ns for hit_ns in (*hits_ns, NEVER_NS) if hit_ns is not None)
+        return self._next_hit_ns
 
     def transmission(
         self, frame: Frame, sender: int, start_ns: float, bit_ns: float, data_bit_ns: float
