@@ -13,8 +13,8 @@ from .story import LawResult, Phase
 
 RUNNING_S = 1.0
 """Over which the error's running RMS is taken."""
-FLOOR_MM = 0.1
-"""The end of the axis; the predictor's error gets smaller still."""
+FLOOR_MM, CG_FLOOR_MM = 0.1, 10.0
+"""The ends of the axes; the predictor's error of the preview point gets smaller still."""
 
 
 def draw_all(results: Sequence[LawResult], phases: Sequence[Phase], folder: Path) -> list[Path]:
@@ -46,9 +46,12 @@ def draw_lateral_error(results: Sequence[LawResult], phases: Sequence[Phase]) ->
             cg.plot(trace.time_s, running_rms_mm(trace, trace.cg_deviation_m), **style)
         preview.plot([], [], color=colour, lw=2.0, label=result.label)
     preview.plot([], [], color="black", lw=0.8, ls=":", label="the same in virtual time")
-    for axes, what in ((preview, "preview point"), (cg, "centre of gravity")):
+    for axes, what, floor_mm in (
+        (preview, "preview point", FLOOR_MM),
+        (cg, "centre of gravity", CG_FLOOR_MM),
+    ):
         axes.set(yscale="log", ylabel=f"{what},\nRMS over {RUNNING_S:g} s [mm]")
-        axes.set_ylim(bottom=FLOOR_MM)
+        axes.set_ylim(bottom=floor_mm)
     preview.set_title("Who holds the path when the commands come late", pad=22.0)
     trace = results[-1].live.trace
     latency.plot(trace.time_s, 1e3 * trace.downlink_latency_s, ".", ms=2.0, color="0.25")
