@@ -7,6 +7,7 @@ On two cores, with ``-n 3 --dist loadfile`` (pytest-xdist), one worker begins wi
 these. The others are distributed a file at a time, so that each file is prepared once.
 """
 
+import gc
 import os
 import signal
 import sys
@@ -141,8 +142,20 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items.sort(key=_turn if hasattr(config, "workerinput") else is_marked)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    """Keep all that has been imported and collected out of garbage collections.
+
+    There are a million objects, and a program that a test runs in this process collects first.
+    """
+    if not gc.get_freeze_count():
+        gc.collect(1)
+        gc.freeze()
+
+
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_sessionfinish(session: pytest.Session) -> Iterator[None]:
+    gc.unfreeze()  # pytest's last collection finds what was not closed
     yield
     config = session.config
     reporter = config.pluginmanager.get_plugin("terminalreporter")

@@ -28,7 +28,7 @@ from typing import Any, NamedTuple, NoReturn
 from steer_by_wire.vcan.system_calls import adopt_orphans
 
 ROOT = Path(__file__).resolve().parents[2]
-OURS = "steer_by_wire."
+FORKED = ("steer_by_wire.", "cantools")
 STREAMS = 3
 PRELOADED = (
     "can",
@@ -92,7 +92,7 @@ def _request(given: Mapping[str, Any]) -> Request | None:
     interpreter, *words = map(os.fspath, words)
     is_searched = words[:1] != ["-P"]
     words = words[not is_searched :]
-    if interpreter != sys.executable or words[:1] != ["-m"] or not words[1].startswith(OURS):
+    if interpreter != sys.executable or words[:1] != ["-m"] or not words[1].startswith(FORKED):
         return None
     folder = os.path.abspath(given["cwd"] or os.getcwd())
     return Request(words[1], words[2:], is_searched, folder, given["start_new_session"])
