@@ -30,6 +30,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# Below nohup the programs that the tests start would ignore SIGHUP too; a handler is not inherited.
+if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, lambda _number, _frame: None)
+
 # One commit, one answer: the same examples in every run, and none too slow for a busy machine.
 # For new ones: --hypothesis-profile=explore
 settings.register_profile("same_examples", derandomize=True, deadline=None)

@@ -10,6 +10,7 @@ from steer_by_wire.controller.estimator import EstimatorState
 from steer_by_wire.controller.kalman_derivative import KalmanParams, error_rate_m_s
 from steer_by_wire.controller.laws import LAWS
 from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.predictor_design import SPEED_M_S_MAX
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.dbc.messages import CAN_IDS, SteeringStatus
 from steer_by_wire.plant_emulator.node import PlantNode
@@ -77,7 +78,8 @@ def test_the_derivative_is_that_of_the_lateral_error() -> None:
 def test_beyond_the_table_of_speeds_the_speed_is_that_of_its_gains() -> None:
     design = design_law(controller("law=pd", KALMAN, "estimator.speed_m_s_max=10.0"))
     assert design.params_at is not None
-    assert design.params_at(30.0) == design.params_at(10.0)
+    assert design.params_at(30.0) != design.params_at(10.0)  # only the feedback's weight ends there
+    assert design.params_at(2.0 * SPEED_M_S_MAX) == design.params_at(1.5 * SPEED_M_S_MAX)
     assert design.params_at(0.0).derivative.speed_m_s == 0.5
 
 

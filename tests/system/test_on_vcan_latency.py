@@ -30,7 +30,9 @@ ATTEMPTS = 3
 RMS_TOLERANCE = 0.1
 LATENCY_EFFECT_MIN = 0.15
 """How much of RMS the latency adds at least: else the comparison would prove nothing."""
-CONTROLLER = controller_preset("practical_pd", UNSUPERVISED[1::2])
+CONTROLLER = controller_preset(
+    "practical_pd", [*UNSUPERVISED[1::2], "validity.speed_m_s=[1.0, 5.0]"]
+)
 
 
 class Pairs(NamedTuple):
