@@ -32,7 +32,7 @@ from ..shared_settings import VehicleModelSettings
 from .check_verdict import in_words
 from .linear_system import NotLinearError, law_system
 from .looking_back import Rig
-from .predictor_loop import PredictorLoop, linear, stable_constant_delays
+from .predictor_loop import Answers, PredictorLoop, linear, stable_constant_delays
 from .sampled_loop import SLOWEST_DECAY_1_S, SampledLoop
 from .stable_delays import DELAY_NS_MAX, DelayInterval, delay_margin_ns, stable_delays
 
@@ -59,16 +59,17 @@ def check_figures(settings: ControllerSettings, progress: Progress) -> Figures:
     is_analysed = "stable_delays" in figures
     if validity is not None and is_analysed and isinstance(model, VehicleModelSettings):
         limit_ns = min(DELAY_NS_MAX, round(validity.delay_ms_max * NS_PER_MS))
+        answers: Answers = {}
         for vehicle in validity.corners(NominalVehicle(**model.model_dump(exclude={"kind"}))):
             changed = {key: getattr(vehicle, key) for key in validity.given()}
             progress(f"stable delays at {in_words(changed)}")
-            stable = _stable_delays_of(settings, vehicle, limit_ns)
+            stable = _stable_delays_of(settings, vehicle, limit_ns, answers)
             corners.append({"vehicle": changed, "stable_delays": _delays(stable, limit_ns)})
     return figures | {"corners": corners}
 
 
 def _stable_delays_of(
-    settings: ControllerSettings, vehicle: NominalVehicle, limit_ns: int
+    settings: ControllerSettings, vehicle: NominalVehicle, limit_ns: int, answers: Answers
 ) -> tuple[DelayInterval, ...]:
     """Return the stable delays of a law around another vehicle than its nominal one."""
     design = design_law(linear(settings))
@@ -79,7 +80,12 @@ def _stable_delays_of(
         return stable_delays(loop, limit_ns)
     return stable_constant_delays(
         PredictorLoop(
-            design, link_of(settings), Rig(vehicle), law.state_period_ns, law.request_periods
+            design,
+            link_of(settings),
+            Rig(vehicle),
+            law.state_period_ns,
+            law.request_periods,
+            answers,
         ),
         limit_ns,
     )

@@ -61,6 +61,10 @@ _FREQUENCIES = 600
 _OMEGA_RAD_S_MIN = 0.02
 
 
+Answers = dict[tuple[Any, ...], Matrix]
+"""A law's answers that are known, by its speed and the timing of a tick."""
+
+
 class PredictorLoop:
     """A law that looks back, around a rig.
 
@@ -68,6 +72,7 @@ class PredictorLoop:
     ``link``    periods of controller and sensors
     ``state_period_ns``  of VEHICLE_STATE, a multiple of the sensors', if the law reads its yaw rate
     ``ticks_repeated``   after how many ticks the law does the same again, if it counts them
+    ``answers``          of the same law around other vehicles, extended by those computed here
 
     Raises ValueError where the two periods have no common multiple within 40 of either.
     """
@@ -79,6 +84,7 @@ class PredictorLoop:
         rig: Rig,
         state_period_ns: int | None = None,
         ticks_repeated: int = 1,
+        answers: Answers | None = None,
     ) -> None:
         self.rig = rig
         self._design, self._link = design, link
@@ -96,7 +102,7 @@ class PredictorLoop:
                 f" have no common multiple within {_TICKS_MAX} periods"
             )
         self._plant = continuous_rig(rig)
-        self._answers: dict[tuple[Any, ...], Matrix] = {}
+        self._answers: Answers = {} if answers is None else answers
 
     def matrices(self, delay_ns: int) -> LoopMatrices:
         """Return the loop with a constant latency ≥ 0 of the commands."""
@@ -185,9 +191,12 @@ class PredictorLoop:
         """Return what a tick makes of law, commands and measurements, kept for the next delay."""
         ticks, samples = rows_read_at(timing, tick)
         applied = tuple(timing.applied_tick(sample) for sample in samples)
-        key = (tick - timing.first_tick, timing.echoed_delay_ns(), ticks, samples, applied)
+        speed_m_s = self.rig.vehicle.speed_m_s
+        key = (
+            *(speed_m_s, tick - timing.first_tick, timing.echoed_delay_ns()),
+            *(ticks, samples, applied),
+        )
         if key not in self._answers:
-            speed_m_s = self.rig.vehicle.speed_m_s
             self._answers[key] = unit_answers(self._design, self._params, timing, tick, speed_m_s)
         return self._answers[key]
 
