@@ -123,7 +123,7 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
     [
         "steer-by-wire run --duration 1 --out out/run",
         "steer-by-wire analyze out/run/candump.log",
-        "steer-by-wire stress latency_jitter --dry-run",
+        "steer-by-wire stress latency_jitter --replay 0",
         "steer-by-wire demo --duration 1 --bus emulated",
         "plant-emulator --help",
         "steering-controller --preset practical_pd --check",
