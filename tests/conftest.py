@@ -147,14 +147,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_runtest_setup() -> None:
+def pytest_runtestloop() -> None:
     """Keep all that has been imported and collected out of garbage collections.
 
     There are a million objects, and a program that a test runs in this process collects first.
     """
-    if not gc.get_freeze_count():
-        gc.collect(1)
-        gc.freeze()
+    gc.collect(1)
+    gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
