@@ -81,6 +81,21 @@ def chain(controlled: str) -> tuple[str, ...]:
     )
 
 
+def compared(error_sign: str, command_sign: str) -> tuple[str, ...]:
+    """Return how an observer compares command and error, each with its sign."""
+    return (
+        dot(340, ROW),
+        flow(f"M340 {ROW}V{BELOW - 26}"),
+        block(340, BELOW, "Q", "observer"),
+        flow(f"M340 {BELOW + 24}V{BOTTOM - 13}"),
+        flow(f"M690 {ROW}V{BOTTOM}H567"),
+        block(520, BOTTOM, "Q / Gₙ", "observer"),
+        flow(f"M475 {BOTTOM}H353"),
+        dot(690, BOTTOM),
+        junction(340, BOTTOM, (error_sign, 20, 22), (command_sign, 14, -16)),
+    )
+
+
 def loop() -> str:
     """Return the plain loop."""
     return drawing(
@@ -107,18 +122,10 @@ def dob() -> str:
         junction(262, ROW, ("+", -20, -8), (MINUS, -12, 26)),
         flow(f"M273 {ROW}H403"),
         label(340, ROW - 12, "u"),
-        dot(340, ROW),
-        flow(f"M340 {ROW}V{BELOW - 26}"),
-        block(340, BELOW, "Q", "observer"),
-        flow(f"M340 {BELOW + 24}V{BOTTOM - 13}"),
-        flow(f"M690 {ROW}V{BOTTOM}H567"),
-        block(520, BOTTOM, "Q / Gₙ", "observer"),
-        flow(f"M475 {BOTTOM}H353"),
-        junction(340, BOTTOM, ("+", 20, 22), (MINUS, 14, -16)),
+        *compared("+", MINUS),
         flow(f"M329 {BOTTOM}H262V{ROW + 13}"),
         label(285, BOTTOM - 10, "d̂"),
         flow(f"M690 {BOTTOM}V310H62V{ROW + 13}"),
-        dot(690, BOTTOM),
     )
 
 
@@ -132,14 +139,7 @@ def cdob() -> str:
         *chain("y_fb"),
         flow(f"M210 {ROW}H403"),
         label(300, ROW - 12, "u"),
-        dot(340, ROW),
-        flow(f"M340 {ROW}V{BELOW - 26}"),
-        block(340, BELOW, "Q", "observer"),
-        flow(f"M340 {BELOW + 24}V{BOTTOM - 13}"),
-        flow(f"M690 {ROW}V{BOTTOM}H567"),
-        block(520, BOTTOM, "Q / Gₙ", "observer"),
-        flow(f"M475 {BOTTOM}H353"),
-        junction(340, BOTTOM, (MINUS, 20, 22), ("+", 14, -16)),
+        *compared(MINUS, "+"),
         flow(f"M329 {BOTTOM}H257"),
         label(292, BOTTOM - 10, "d̂ₙ"),
         block(205, BOTTOM, "H Gₙ", "observer"),
@@ -147,7 +147,6 @@ def cdob() -> str:
         junction(62, BOTTOM, ("+", 20, -8), ("+", -16, 26)),
         flow(f"M62 {BOTTOM - 11}V{ROW + 13}"),
         flow(f"M690 {BOTTOM}V310H62V{BOTTOM + 13}"),
-        dot(690, BOTTOM),
     )
 
 
