@@ -80,17 +80,21 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
     Raises OSError.
     """
-    text = json_text(content)
+    write_file(path, json_text(content).encode())
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write a file atomically; raises OSError."""
     if path.is_symlink() or (path.exists() and not path.is_file()):
         # A link, a pipe or a device such as /dev/stdout is written to, never replaced.
         try:
-            path.write_text(text, encoding="utf-8")
+            path.write_bytes(content)
         except OSError as error:  # errors of writing do not name the file
             raise OSError(error.errno, error.strerror, str(path)) from error
         return
     partial = path.with_name(f".{path.name}.partial")
     try:
-        partial.write_text(text, encoding="utf-8")
+        partial.write_bytes(content)
         os.replace(partial, path)
     except OSError as error:
         partial.unlink(missing_ok=True)

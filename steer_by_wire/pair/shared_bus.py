@@ -7,18 +7,56 @@ are those whose identifier the pair uses.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
 from random import Random
 
-from ..dbc.message_set import ListedMessage
+from ..dbc.message_set import ListedMessage, read_message_set
 from ..dbc.messages import CAN_IDS
 from ..runtime.background_traffic import COUNTS, BackgroundTraffic, OnWire, PeriodicMessage
 from ..runtime.bus_errors import BusErrors
 from ..runtime.bus_model import BusModel, BusOverflowError, Delivery
+from ..runtime.bus_settings import BusSettings, errors_of
+from ..runtime.drifting_clock import DriftingClock
 from ..runtime.ear import Ear
 from ..runtime.error_frames import error_frame
 from ..runtime.frame import EXTENDED, Frame
 from ..runtime.frame_length import INTERMISSION_BITS, frame_bits
 from ..runtime.node import NS_PER_MS, NS_PER_S, Node
+from ..runtime.settings import SettingsError
+
+NODES = ("plant", "controller")
+"""Names of the nodes, in the order of their numbers on the bus."""
+_EXAMPLE_PERIODS_MS = (
+    *(10, 10, 10, 10, 20, 20, 20, 20, 50, 50, 50, 100, 100, 100, 100, 200, 500, 1000),
+)
+
+
+def example_messages() -> tuple[ListedMessage, ...]:
+    """Return a made message set: eighteen messages of 8 bytes, the urgent ones most often."""
+    return tuple(
+        ListedMessage(f"M{index}", 0x50 + 0x58 * index, 0, 8, period_ms, (f"ECU{index % 6}",))
+        for index, period_ms in enumerate(_EXAMPLE_PERIODS_MS)
+    )
+
+
+def traffic_of(settings: BusSettings, seed: int) -> list[PeriodicMessage]:
+    """Return the other messages on a bus; raises SettingsError for a database without any."""
+    if not settings.has_traffic:
+        return []
+    try:
+        listed = _listed(settings.rest_bus) or example_messages()
+        return rest_of(listed, seed, settings.bitrate_bit_s, settings.load)
+    except OSError as error:
+        raise SettingsError(f"rest_bus: {error.filename}: {error.strerror}") from error
+    except ValueError as error:
+        raise SettingsError(f"rest_bus: {error}") from error
+
+
+@lru_cache(maxsize=8)
+def _listed(files: tuple[str, ...]) -> tuple[ListedMessage, ...]:
+    """Read databases, once for all runs of a study."""
+    return tuple(message for file in files for message in read_message_set(Path(file)))
 
 
 def rest_of(
@@ -115,3 +153,33 @@ class SharedBus:
             self.model.submit(frame, sender, now_ns)
         except BusOverflowError:
             self.refused += 1
+
+
+def virtual_bus(settings: BusSettings, seed: int) -> SharedBus:
+    """Return the bus of plant and controller in virtual time; raises SettingsError."""
+    messages = traffic_of(settings, seed)
+
+    def is_acknowledged(sender: int) -> bool:
+        others = {*range(len(NODES)), *(message.sender for message in messages)} - {sender}
+        return errors is None or not all(map(errors.is_off, others))
+
+    errors = errors_of(settings, seed, _number_of, is_acknowledged)
+    return SharedBus(settings.bitrate_bit_s, messages, seed, errors)
+
+
+def with_clocks(plant: Node, controller: Node, settings: BusSettings) -> tuple[Node, Node]:
+    """Return both nodes by the clocks that the settings give them; raises SettingsError."""
+    nodes = [plant, controller]
+    for name, clock in settings.clock.items():
+        try:
+            index = _number_of(name)
+        except ValueError as error:
+            raise SettingsError(f"clock.{name}: {error}") from error
+        nodes[index] = DriftingClock(nodes[index], clock.ppm, clock.drift_ppm_s)
+    return nodes[0], nodes[1]
+
+
+def _number_of(name: str) -> int:
+    if name not in NODES:
+        raise ValueError(f"is no node of this bus ({' or '.join(NODES)})")
+    return NODES.index(name)

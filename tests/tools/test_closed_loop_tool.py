@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -45,9 +46,20 @@ def test_a_run_in_virtual_time_leaves_its_files_and_prints_its_figures(
     assert f"{1e3 * plant['node']['lateral_error_rms_m']:.2f} mm" in printed
 
 
-@pytest.mark.parametrize("wire", [["--bitrate", "250000"], ["--ideal-wire"]])
+BAD_BUS = (
+    *("--load", "0.5", "--bit-error-rate", "1e-3", "--burst", "0.005:0.5:0.05"),
+    *("--receiver-bit-error-rate", "plant=1e-3", "--stuck", "dominant:0.5:0.51"),
+    *("--needs-acknowledgement", "--clock", "controller=200:10"),
+)
+
+
+@pytest.mark.parametrize(
+    "wire",
+    [["--bitrate", "250000"], ["--ideal-wire"], ["--ideal-wire", "--clock", "plant=100"], BAD_BUS],
+    ids=["bit rate", "ideal", "clock", "errors"],
+)
 def test_the_command_it_prints_makes_the_same_run_again(
-    wire: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    wire: Sequence[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     first, second = tmp_path / "first", tmp_path / "second"
     jitter = [
@@ -115,6 +127,14 @@ def test_an_interrupt_ends_a_run_with_what_there_is(tmp_path: Path) -> None:
         (["--controller-preset", "practical_pd", "--controller-set", "rate_hz=1"], 2, "rate_hz"),
         (["--controller", "missing.toml"], 2, "missing.toml"),
         (["--bitrate", "10000"], 3, "10000 bit/s are too few"),
+        (["--bit-error-rate", "0.1"], 2, "bit_error_rate = 0.1 should be"),
+        (["--stuck", "dominant:2:1"], 2, "end_s must not be before start_s"),
+        (["--receiver-bit-error-rate", "rig=1e-3"], 2, "rig: is no node of this bus (plant or"),
+        (["--clock", "rig=10"], 2, "clock.rig: is no node of this bus (plant or controller)"),
+        (["--rest-bus", "none.dbc"], 2, "rest_bus: none.dbc: No such file"),
+        (["--bus-settings", "none.toml"], 2, "none.toml: cannot be read"),
+        (["--ideal-wire", "--load", "0.5"], 2, "need a bus with a bit rate"),
+        (["--interface", "virtual", "--clock", "plant=1"], 2, "takes no --bus-settings"),
     ],
 )
 def test_a_mistake_is_one_line_and_a_status(
@@ -133,6 +153,23 @@ def test_an_impossible_bit_rate_is_refused(
     with pytest.raises(SystemExit, match="2"):
         closed_loop.main([f"--bitrate={bitrate}"])
     assert "10000 to 1000000" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "complaint"),
+    [
+        ("--burst=0.01:3", "has not three parts"),
+        ("--stuck=high:1:2", "neither dominant nor recessive"),
+        ("--clock=plant", "not of the form NODE=PPM"),
+        ("--load=much", "is not a number"),
+    ],
+)
+def test_an_option_that_cannot_be_read_is_refused(
+    option: str, complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        closed_loop.main([option])
+    assert complaint in capsys.readouterr().err
 
 
 def test_a_condition_that_is_met_ends_with_a_status_of_its_own(

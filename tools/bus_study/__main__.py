@@ -3,7 +3,8 @@
     steer-by-wire bus-study --load 0.7 --bit-error-rate 1e-6 1e-5 1e-4 1e-3 --csv study.csv
 
 Every combination is run with every seed. Other people's traffic is that of ``--rest-bus``, or of a
-made message set. Exit status 0 whatever the loop does.
+made message set. Exit status 0 whatever the loop does; Ctrl-C ends the study with the runs that are
+done.
 """
 
 import argparse
@@ -11,18 +12,20 @@ import csv
 import sys
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
+from io import StringIO
 
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 
 from steer_by_wire.command_line import command_parser, number, whole_number
-from steer_by_wire.dbc.message_set import read_message_set
-from steer_by_wire.pair.virtual import BITRATE_BIT_S
+from steer_by_wire.runtime.bus_settings import BusSettings
 from steer_by_wire.runtime.option_types import output_file
-from steer_by_wire.runtime.program import ExitStatus, run_main
-from steer_by_wire.runtime.settings import SettingsError
+from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
+from steer_by_wire.runtime.report import write_file
+from steer_by_wire.runtime.settings import COMMAND_LINE, with_values
+from steer_by_wire.terminal import progress_bars
 from steer_by_wire.tools.bus_study.presentation import draw, table_of
-from steer_by_wire.tools.bus_study.runs import BusRun, Point, example_messages, runs_of
+from steer_by_wire.tools.bus_study.runs import BusRun, Point, runs_of
 
 NAME = "steer-by-wire bus-study"
 RATES = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)
@@ -53,7 +56,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         help=f"default: {' '.join(CONTROLLERS)}",
     )  # fmt: skip
     parser.add_argument(
-        "--rest-bus", type=Path, nargs="+", default=[], metavar="FILE.dbc",
+        "--rest-bus", nargs="+", default=[], metavar="FILE.dbc",
         help="whose messages are sent (default: eighteen made ones)",
     )  # fmt: skip
     parser.add_argument(
@@ -76,31 +79,37 @@ def _run(options: argparse.Namespace) -> int:
         for rate in options.bit_error_rate
         for ppm in options.clock_ppm
     ]
-    try:
-        listed = [m for file in options.rest_bus for m in read_message_set(file)]
-        messages = listed or example_messages()
-        seeds = range(1, options.seeds + 1)
-        presets = options.controller_preset
-        runs = list(runs_of(points, presets, messages, seeds, options.duration, BITRATE_BIT_S))
-    except OSError as error:
-        raise SettingsError(f"--rest-bus {error.filename}: {error.strerror}") from error
-    except ValueError as error:
-        raise SettingsError(str(error)) from error
-    console = Console(markup=False, highlight=False)
+    base = with_values(BusSettings(), {"rest_bus": options.rest_bus}, COMMAND_LINE)
+    seeds, presets = range(1, options.seeds + 1), options.controller_preset
+    console, stop = Console(markup=False, highlight=False), StopRequest()
     console.width = max(console.width, 110)
-    console.print(table_of(runs))
-    if options.csv is not None:
-        _write_csv(options.csv, runs)
-    if options.picture is not None:
-        options.picture.write_bytes(draw(runs))
+    runs, total = [], len(points) * len(presets) * len(seeds)
+    with (
+        stop.on_signals(),
+        progress_bars(console, BarColumn(30), MofNCompleteColumn(), TimeRemainingColumn()) as bars,
+    ):
+        task = bars.add_task("", total=total)
+        for run in runs_of(points, presets, base, seeds, options.duration, stop):
+            runs.append(run)
+            bars.advance(task)
+    if runs:
+        console.print(table_of(runs))
+        if options.csv is not None:
+            write_file(options.csv, _csv_of(runs))
+        if options.picture is not None:
+            write_file(options.picture, draw(runs))
+    if len(runs) < total:
+        console.print(f"interrupted by {stop.reason}: {len(runs)} of {total} runs")
+        return ExitStatus.INTERRUPTED
     return ExitStatus.OK
 
 
-def _write_csv(path: Path, runs: Sequence[BusRun]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow([*Point._fields, *BusRun._fields[1:]])
-        writer.writerows([*run.point, *run[1:]] for run in runs)
+def _csv_of(runs: Sequence[BusRun]) -> bytes:
+    text = StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*Point._fields, *BusRun._fields[1:]])
+    writer.writerows([*run.point, *run[1:]] for run in runs)
+    return text.getvalue().encode()
 
 
 if __name__ == "__main__":

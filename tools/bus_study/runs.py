@@ -1,25 +1,18 @@
 """Runs of the pair over one bus after another."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from ...controller.settings import ControllerSettings
-from ...dbc.message_set import ListedMessage
-from ...pair.shared_bus import SharedBus, rest_of
+from ...pair.shared_bus import virtual_bus, with_clocks
 from ...pair.virtual import make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.background_traffic import PeriodicMessage
-from ...runtime.bus_errors import BusErrors
-from ...runtime.bus_noise import BusNoise, NoiseRates
-from ...runtime.drifting_clock import DriftingClock
-from ...runtime.node import NS_PER_S, Node
+from ...runtime.bus_settings import BusSettings, ClockSettings
+from ...runtime.node import NS_PER_S
 from ...runtime.settings import load_settings, read_preset
 
 PLANT_PRESETS = "steer_by_wire.plant_emulator.presets"
 CONTROLLER_PRESETS = "steer_by_wire.controller.presets"
-_EXAMPLE_PERIODS_MS = (
-    *(10, 10, 10, 10, 20, 20, 20, 20, 50, 50, 50, 100, 100, 100, 100, 200, 500, 1000),
-)
 
 
 class Point(NamedTuple):
@@ -53,26 +46,36 @@ class BusRun(NamedTuple):
     verdict: str
 
 
-def example_messages() -> list[ListedMessage]:
-    """Return a made message set: eighteen messages of 8 bytes, the urgent ones most often."""
-    return [
-        ListedMessage(f"M{index}", 0x50 + 0x58 * index, 0, 8, period_ms, (f"ECU{index % 6}",))
-        for index, period_ms in enumerate(_EXAMPLE_PERIODS_MS)
-    ]
-
-
 def runs_of(
     points: Sequence[Point],
     controllers: Sequence[str],
-    messages: Sequence[ListedMessage],
+    base: BusSettings,
     seeds: Sequence[int],
     duration_s: float,
-    bitrate_bit_s: int,
+    should_stop: Callable[[], bool],
 ) -> Iterator[BusRun]:
-    """Run every controller at every point with every seed."""
+    """Run every controller at every point with every seed, on ``base`` but for the point.
+
+    ``should_stop``  is asked every second of virtual time; the run under way is then left out
+
+    Raises SettingsError.
+    """
     for controller in controllers:
         law = load_settings(ControllerSettings, read_preset(CONTROLLER_PRESETS, controller))
         for point in points:
+            half = point.clock_ppm / 2
+            bus = base.model_copy(
+                update={
+                    "load": point.load,
+                    "bit_error_rate": point.bit_error_rate,
+                    "clock": {
+                        "plant": ClockSettings(ppm=half),
+                        "controller": ClockSettings(ppm=-half),
+                    }
+                    if half
+                    else {},
+                }
+            )
             for seed in seeds:
                 plant = load_settings(
                     PlantSettings,
@@ -80,37 +83,34 @@ def runs_of(
                     None,
                     [f"seed={seed}", f"duration_s={duration_s}"],
                 )
-                sent = rest_of(messages, seed, bitrate_bit_s, point.load) if point.load else []
-                yield _run(point, controller, (plant, law), sent, bitrate_bit_s)
+                run = _run(point, controller, (plant, law), bus, should_stop)
+                if should_stop():
+                    return
+                yield run
 
 
 def _run(
     point: Point,
     controller: str,
     settings: tuple[PlantSettings, ControllerSettings],
-    sent: Sequence[PeriodicMessage],
-    bitrate_bit_s: int,
+    on_bus: BusSettings,
+    should_stop: Callable[[], bool],
 ) -> BusRun:
     seed = settings[0].seed
-    errors = BusErrors(BusNoise(NoiseRates(point.bit_error_rate), bitrate_bit_s, seed))
-    bus = SharedBus(bitrate_bit_s, sent, seed, errors)
+    bus = virtual_bus(on_bus, seed)
     pair = make_virtual_pair(*settings)
-    half = point.clock_ppm / 2
-    nodes: list[Node] = [pair.edge, pair.controller]
-    if half:
-        nodes = [DriftingClock(nodes[0], half), DriftingClock(nodes[1], -half)]
-    run_virtual_nodes(nodes[0], nodes[1], bus, None, lambda: False)
-    report, load = dict(pair.edge.report()), bus.model.load
-    detected = sum(errors.causes.values())
+    nodes = with_clocks(pair.edge, pair.controller, on_bus)
+    run_virtual_nodes(*nodes, bus, None, should_stop)
+    report, load, errors = dict(pair.edge.report()), bus.model.load, bus.errors
     return BusRun(
         point,
         controller,
         seed,
         float(report["lateral_error_rms_m"]),
-        load.busy_ns / (report["motion_s"] * NS_PER_S),
-        detected,
-        errors.received_twice,
-        errors.bus_offs,
+        load.busy_ns / (report["motion_s"] * NS_PER_S) if report["motion_s"] else 0.0,
+        errors.causes.total() if errors else 0,
+        errors.received_twice if errors else 0,
+        errors.bus_offs if errors else 0,
         bus.model.lost_in_bus_off + load.refused,
         str(report["failure"] or report["verdict"]),
     )

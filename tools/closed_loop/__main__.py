@@ -25,7 +25,8 @@ from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings, on_bus, sparse_measurements
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
 from steer_by_wire.pair.live import PairFiles
-from steer_by_wire.pair.virtual import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
+from steer_by_wire.pair.shared_bus import virtual_bus, with_clocks
+from steer_by_wire.pair.virtual import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.plant_emulator.faults import FaultyNode, with_faults
 from steer_by_wire.plant_emulator.node import PlantNode, motion_params
 from steer_by_wire.plant_emulator.plant_samples import write_trace
@@ -34,6 +35,8 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle
 from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.bus_model import BusModel, BusOverflowError
+from steer_by_wire.runtime.bus_options import add_bus_arguments, bus_settings
+from steer_by_wire.runtime.bus_settings import BusSettings
 from steer_by_wire.runtime.host import RealTimeRequest, StealClock, real_time
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.option_types import bit_rate
@@ -46,14 +49,15 @@ from steer_by_wire.runtime.program import (
     say,
 )
 from steer_by_wire.runtime.report import host_report, loop_report, write_json
-from steer_by_wire.runtime.settings import Settings, load_settings, preset_names, read_preset
-from steer_by_wire.runtime.thresholds import add_fail_if_argument
-from steer_by_wire.tools.closed_loop.bus_options import (
-    add_bus_arguments,
-    bus_words,
-    shared_bus,
-    with_clocks,
+from steer_by_wire.runtime.settings import (
+    Settings,
+    SettingsError,
+    load_settings,
+    preset_names,
+    read_preset,
 )
+from steer_by_wire.runtime.thresholds import add_fail_if_argument
+from steer_by_wire.runtime.toml_text import dump_toml
 from steer_by_wire.tools.closed_loop.result import (
     CONTROLLER,
     PLANT,
@@ -65,6 +69,8 @@ from steer_by_wire.tools.closed_loop.result import (
 from steer_by_wire.tools.closed_loop.threaded import run_threaded_nodes
 
 NAME = "steer-by-wire run"
+BUS = "bus"
+"""Name of the file with the settings of the bus."""
 CONTROLLER_PRESET = "practical_pd_ddob"
 """The controller's settings unless others are given."""
 
@@ -115,9 +121,8 @@ def _parser() -> argparse.ArgumentParser:
     wire.add_argument(
         "--bitrate",
         type=bit_rate,
-        default=BITRATE_BIT_S,
         metavar="BIT/S",
-        help="bit rate of the bus in virtual time (default: %(default)s)",
+        help="bit rate of the bus in virtual time (default: 500000)",
     )
     wire.add_argument(
         "--ideal-wire", action="store_true", help="in virtual time, frames take no time on the wire"
@@ -127,7 +132,7 @@ def _parser() -> argparse.ArgumentParser:
         choices=("virtual",),
         help="in real time, on python-can's bus within the process",
     )
-    add_bus_arguments(parser)
+    add_bus_arguments(parser, "plant or controller", has_clocks=True)
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the run's files")
     add_fail_if_argument(parser, QUANTITIES)
     return parser
@@ -138,11 +143,16 @@ def _run(options: argparse.Namespace) -> int:
     period_s = plant_settings.sensor_period_ns / NS_PER_S
     if warning := sparse_measurements(controller_settings, period_s):
         say(NAME, warning, sys.stderr)
+    bus = _bus_settings(options)
     files = None if options.out is None else PairFiles(options.out)
     if files is not None:
         files.write_settings(plant_settings, controller_settings)
-    run_nodes = _run_in_real_time if options.interface else _run_in_virtual_time
-    run = run_nodes(options, plant_settings, controller_settings, files and files.candump_log)
+        files.settings(BUS).write_text(dump_toml(bus), encoding="utf-8")
+    log = files and files.candump_log
+    if options.interface:
+        run = _run_in_real_time(plant_settings, controller_settings, log)
+    else:
+        run = _run_in_virtual_time(plant_settings, controller_settings, bus, options, log)
     reports = {
         PLANT: _report(run, PLANT, plant_settings, run.plant.report()),
         CONTROLLER: _report(run, CONTROLLER, controller_settings, run.controller.report()),
@@ -190,32 +200,44 @@ def _controller_settings(options: argparse.Namespace) -> ControllerSettings:
     )
 
 
+def _bus_settings(options: argparse.Namespace) -> BusSettings:
+    """Return the settings of the bus, refused where this run has none."""
+    settings = bus_settings(options)
+    if options.interface and settings != BusSettings():
+        raise SettingsError("python-can's bus takes no --bus-settings, traffic, errors or clocks")
+    if options.ideal_wire and (settings.has_traffic or settings.has_errors):
+        raise SettingsError("--ideal-wire: other traffic and errors need a bus with a bit rate")
+    return settings
+
+
 def _run_in_virtual_time(
-    options: argparse.Namespace,
     plant_settings: PlantSettings,
     controller_settings: ControllerSettings,
+    settings: BusSettings,
+    options: argparse.Namespace,
     candump_log: Path | None,
 ) -> Run:
     pair = make_virtual_pair(plant_settings, controller_settings)
-    shared = shared_bus(options, options.bitrate, plant_settings.seed)
-    bus = None if options.ideal_wire else shared or BusModel(options.bitrate)
+    shared, bitrate = None, settings.bitrate_bit_s
+    if settings.has_traffic or settings.has_errors:
+        shared = virtual_bus(settings, plant_settings.seed)
+    bus = None if options.ideal_wire else shared or BusModel(bitrate)
     stop = StopRequest()
     begin_s = time.perf_counter()
     with stop.on_signals():
         try:
-            nodes = with_clocks(pair.edge, pair.controller, options)
+            nodes = with_clocks(pair.edge, pair.controller, settings)
             run_virtual_nodes(*nodes, bus, candump_log, stop)
         except BusOverflowError as error:
-            raise BusError(f"{options.bitrate} bit/s are too few: {error}") from error
+            raise BusError(f"{bitrate} bit/s are too few: {error}") from error
     elapsed_s = time.perf_counter() - begin_s
-    wire = "a wire that takes no time" if bus is None else f"a bus of {options.bitrate} bit/s"
+    wire = "a wire that takes no time" if bus is None else f"a bus of {bitrate} bit/s"
     ended_by = stop.reason or FINISHED
     where = f"virtual time over {wire}"
     return Run(pair.edge, pair.controller, where, elapsed_s, ended_by, {}, shared)
 
 
 def _run_in_real_time(
-    options: argparse.Namespace,
     plant_settings: PlantSettings,
     controller_settings: ControllerSettings,
     candump_log: Path | None,
@@ -236,7 +258,7 @@ def _run_in_real_time(
         )
         host = host_report(answers, steal.fraction())
     loops = {name: {"loop": loop_report(loop), "host": host} for name, loop in figures.items()}
-    description = f"real time over python-can's interface {options.interface}"
+    description = "real time over python-can's interface virtual"
     elapsed_s = max(loop.duration_ns for loop in figures.values()) / NS_PER_S
     return Run(plant, controller, description, elapsed_s, stop.reason or FINISHED, loops)
 
@@ -259,10 +281,9 @@ def _command(options: argparse.Namespace, files: PairFiles) -> str:
     command += ["--controller", str(files.settings(CONTROLLER))]
     if options.interface:
         command += ["--interface", options.interface]
-    elif options.ideal_wire:
-        command.append("--ideal-wire")
     else:
-        command += ["--bitrate", str(options.bitrate), *bus_words(options)]
+        command += ["--ideal-wire"] * options.ideal_wire
+        command += ["--bus-settings", str(files.settings(BUS))]
     return shlex.join(command)
 
 

@@ -15,7 +15,6 @@ from ...plant_emulator.verdict_text import verdict_text
 from ...runtime.program import FINISHED
 from ...runtime.summary import durations_line
 from ...runtime.thresholds import of_part
-from .bus_options import bus_lines
 
 PLANT, CONTROLLER = PROGRAMS = ("plant_emulator", "controller")
 QUANTITIES = {
@@ -52,7 +51,7 @@ def summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[st
         *plant_summary(plant),
     ]
     if run.shared is not None:
-        lines += bus_lines(run.shared, plant["motion_s"])
+        lines += _bus_lines(run.shared, plant["motion_s"])
     lines += [
         (
             program.replace("_", " "),
@@ -74,3 +73,26 @@ def verdict(reports: Mapping[str, Mapping[str, Any]]) -> str:
     """Return the plant's verdict, and what limited the commands on their way."""
     limited = controller_quantities.limited_text(reports[CONTROLLER]["node"])
     return "; ".join(filter(None, (verdict_text(reports[PLANT]["node"]), limited)))
+
+
+def _bus_lines(bus: SharedBus, duration_s: float) -> list[tuple[str, str]]:
+    """Return the lines of the summary on the bus."""
+    load = bus.model.load
+    lines = [
+        (
+            "bus",
+            f"load {100 * load.busy_ns / (1e9 * duration_s):.1f} %, {load.frames} frames, "
+            f"{load.refused} lost in full transmit buffers",
+        )
+    ]
+    if bus.errors is not None:
+        causes = ", ".join(f"{count} {cause}" for cause, count in bus.errors.causes.most_common())
+        lines.append(
+            (
+                "bus errors",
+                f"{causes or 'none'}; {bus.errors.received_twice} frames received twice, "
+                f"{bus.errors.missed_by_one} missed by one receiver, "
+                f"{bus.errors.bus_offs} bus-off, {bus.model.lost_in_bus_off} lost in it",
+            )
+        )
+    return lines

@@ -1,0 +1,124 @@
+"""Options for what else happens on a bus, the same for every program that has one."""
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from .bus_settings import LEVELS, LOAD_MAX, BusSettings
+from .settings import COMMAND_LINE, load_settings, with_values
+
+_PARTS = 3
+"""Of a burst, and of a stuck line."""
+
+
+def add_bus_arguments(parser: argparse.ArgumentParser, nodes: str, *, has_clocks: bool) -> None:
+    """Add the options.
+
+    ``nodes``       how a node is named, for the help
+    ``has_clocks``  whether the program can give nodes other clocks
+    """
+    group = parser.add_argument_group("other traffic and errors on the bus")
+    group.add_argument(
+        "--bus-settings", type=Path, metavar="BUS.toml", help="all of these from a file"
+    )
+    group.add_argument(
+        "--rest-bus", action="append", default=[], metavar="FILE.dbc",
+        help="send the periodic messages of a database too; repeatable",
+    )  # fmt: skip
+    group.add_argument(
+        "--load", type=_number, metavar="SHARE",
+        help=f"of the bus that these take, to {LOAD_MAX:g} (default: their own cycle times); "
+        "without --rest-bus a made message set",
+    )  # fmt: skip
+    group.add_argument(
+        "--bit-error-rate", type=_number, metavar="RATE",
+        help="share of the bits that are wrong: 0 to 0.01",
+    )  # fmt: skip
+    group.add_argument(
+        "--burst", type=_burst, metavar="RATE:EVERY_S:FOR_S",
+        help="another share in bursts (Gilbert and Elliott): mean interval, mean length",
+    )  # fmt: skip
+    group.add_argument(
+        "--receiver-bit-error-rate", type=_at_one, action="append", default=[],
+        metavar="NODE=RATE", help=f"share that {nodes} alone sees wrong; repeatable",
+    )  # fmt: skip
+    group.add_argument(
+        "--stuck", type=_stuck, action="append", default=[], metavar="LEVEL:FROM_S:TO_S",
+        help="a line that is dominant or recessive for a time; repeatable",
+    )  # fmt: skip
+    group.add_argument(
+        "--needs-acknowledgement", action="store_true", default=None,
+        help="a frame that no other node acknowledges is an error",
+    )  # fmt: skip
+    if has_clocks:
+        group.add_argument(
+            "--clock", type=_clock, action="append", default=[], metavar="NODE=PPM[:PPM_S]",
+            help=f"how much too fast the timers of {nodes} run, and its change; repeatable",
+        )  # fmt: skip
+
+
+def bus_settings(options: argparse.Namespace) -> BusSettings:
+    """Return the settings of the file, with the options on top; raises SettingsError."""
+    given: Mapping[str, Any] = {
+        "bitrate_bit_s": options.bitrate,
+        "rest_bus": options.rest_bus,
+        "load": options.load,
+        "bit_error_rate": options.bit_error_rate,
+        "burst": options.burst,
+        "receiver_bit_error_rate": dict(options.receiver_bit_error_rate),
+        "stuck": options.stuck,
+        "needs_acknowledgement": options.needs_acknowledgement,
+        "clock": dict(getattr(options, "clock", ())),
+    }
+    settings = load_settings(BusSettings, file=options.bus_settings)
+    values = {key: value for key, value in given.items() if value not in (None, [], {})}
+    return with_values(settings, values, COMMAND_LINE)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text[:60]!r} is not a number") from None
+
+
+def _burst(text: str) -> Mapping[str, float]:
+    rate, interval, length = _parts(text)
+    return {
+        "bit_error_rate": _number(rate),
+        "interval_s": _number(interval),
+        "length_s": _number(length),
+    }
+
+
+def _at_one(text: str) -> tuple[str, float]:
+    node, rate = _of_node(text, "RATE")
+    return node, _number(rate)
+
+
+def _stuck(text: str) -> Mapping[str, Any]:
+    level, start, end = _parts(text)
+    if level not in LEVELS:
+        raise argparse.ArgumentTypeError(f"{text!r} begins with neither dominant nor recessive")
+    return {"level": level, "start_s": _number(start), "end_s": _number(end)}
+
+
+def _clock(text: str) -> tuple[str, Mapping[str, float]]:
+    node, offsets = _of_node(text, "PPM")
+    ppm, _, drift = offsets.partition(":")
+    return node, {"ppm": _number(ppm), "drift_ppm_s": _number(drift or "0")}
+
+
+def _of_node(text: str, what: str) -> tuple[str, str]:
+    node, equals, value = text.partition("=")
+    if not (node and equals):
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form NODE={what}")
+    return node, value
+
+
+def _parts(text: str) -> Sequence[str]:
+    parts = text.split(":")
+    if len(parts) != _PARTS:
+        raise argparse.ArgumentTypeError(f"{text!r} has not three parts with : between them")
+    return parts
