@@ -64,7 +64,6 @@ from .self_supervision import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfSuperv
 from .sensors import Readings
 from .settings import PlantSettings
 from .status_timing import StatusTiming
-from .steering_guard import GuardMode
 from .steering_unit import SteeringUnit
 from .streams import Channel, uniforms
 from .verdict import samples_judged
@@ -306,12 +305,14 @@ class PlantNode:
             if command is not None:  # a plan acts from the next sample on
                 self._follow(command, due_ns, self._advance(due_ns))
 
-    def _follow(self, command: Passage[SteeringCommand], due_ns: int, motion_ns: int) -> None:
+    def _follow(
+        self, command: Passage[SteeringCommand], due_ns: int, motion_ns: int, *, is_new: bool = True
+    ) -> None:
         """Process a command, with the vehicle at ``due_ns``."""
         steer_rad = command.item.steer_rad
         if not math.isfinite(steer_rad):
             self._fail(NOT_FINITE_COMMAND, due_ns)
-        elif self._unit.on_command(steer_rad, motion_ns):
+        elif self._unit.on_command(steer_rad, motion_ns, is_new=is_new):
             self._motion.command(self._unit.target_rad)
             self._command = command
 
@@ -328,10 +329,10 @@ class PlantNode:
         if self._own.failure:
             self._fail(self._own.failure, time_ns)
         if self._plans.is_filled:
-            is_followed = self._unit.mode is GuardMode.FOLLOWING
-            command = self._plans.play(self._messages.next_sample, is_followed=is_followed)
-            if command is not None:
-                self._follow(command, time_ns, motion_ns)
+            played = self._plans.play(self._messages.next_sample)
+            if played is not None:
+                command, is_new = played
+                self._follow(command, time_ns, motion_ns, is_new=is_new)
         motion, messages, push = self._motion, self._messages, self._network.uplink.push
         z, is_finite, is_limited = motion.linear, motion.is_finite, motion.is_limited
         _, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, curvature_1_m, _, _, _ = z

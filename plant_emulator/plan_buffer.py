@@ -1,13 +1,13 @@
 """Plan buffer: plays the newest STEERING_PLAN by the plant's own clock, its samples.
 
 A plan says which angle is to act at which sample, by the E2E counter of that sample. At every
-sample the buffer gives the steering's guard the value for now, as if a command had just arrived:
+sample the buffer gives the steering's guard the value for now:
 
     u[k] = u_i + (u_{i+1} - u_i) · part        i, part = quotient, rest of (k - first) / spacing
 
-A plan that has run out gives nothing more, so that the guard reacts as when commands stop. While
-the guard does not follow, only a plan that has just arrived counts: recovery takes frames, not the
-values of one of them. Single commands end a plan.
+Only the first of these values counts as a command that has arrived; for how long the later ones
+move the wheel is the guard's to decide. A plan that has run out gives nothing more. Single commands
+end a plan.
 """
 
 from collections.abc import Sequence
@@ -57,13 +57,13 @@ class PlanBuffer:
         self._plan = None
         return cast("Passage[SteeringCommand]", arrived)
 
-    def play(self, sample: int, *, is_followed: bool) -> Passage[SteeringCommand] | None:
-        """Return the command for a sample, by its E2E counter; None if there is none.
+    def play(self, sample: int) -> tuple[Passage[SteeringCommand], bool] | None:
+        """Return the command for a sample, by its E2E counter, and whether it is the plan's first.
 
-        ``is_followed``  whether the guard follows commands now
+        None if there is none.
         """
         passage, is_new = self._plan, self._is_new
-        if passage is None or not (is_new or is_followed):
+        if passage is None:
             return None
         self._is_new = False
         plan = passage.item
@@ -74,4 +74,4 @@ class PlanBuffer:
         steer_rad = planned_rad(age, plan.spacing, plan[_FIRST_VALUE:])
         command = SteeringCommand(steer_rad, plan.plan_number, plan.mode)
         due_ns, sequence, came_ns, key, _ = passage
-        return Passage(due_ns, sequence, came_ns, key, command)
+        return Passage(due_ns, sequence, came_ns, key, command), is_new

@@ -64,6 +64,8 @@ class SafetySettings(Settings):
     """Fault tolerant time interval, for the reaction to silence and its report."""
     hold_ms: float = Field(500.0, ge=0.0, le=60_000.0)
     """How long the last command is held in silence before the fallback."""
+    plan_ms_max: float = Field(600.0, ge=0.0, le=10_000.0)
+    """How long a plan is played after it has come, in silence too, until the fallback."""
     fallback: Fallback = Fallback.RAMP_TO_ZERO
     ramp_rad_s: float = Field(0.2, ge=0.001, le=10.0)
     """Of the fallback, and of the fade after a silence."""
@@ -104,6 +106,7 @@ def design_guard(
             stop_rad=stop_rad,
         ),
         silence_ns=_silence_ns(settings.ftti_ms),
+        plan_ns=round(settings.plan_ms_max * NS_PER_MS),
         hold_ns=round(settings.hold_ms * NS_PER_MS),
         recovery_frames=settings.recovery_frames,
         ramp_rad_s=settings.ramp_rad_s,

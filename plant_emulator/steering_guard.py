@@ -3,14 +3,17 @@
     mode         the wheel's target                                  until
     NO_COMMAND   straight                                            the first command
     FOLLOWING    the newest command, within the safety limits        silence: HOLDING
-    HOLDING      the last one; the newest again, faded, as they come recovery, or ``hold_ns`` of
-                                                                     silence: FALLBACK
+    HOLDING      the last one or its plan; the newest again, faded,  recovery, or ``hold_ns`` of
+                 as they come                                        silence: FALLBACK
     FALLBACK     ramps to zero, or is kept                           recovery
     SAFE_STATE   as FALLBACK, whatever arrives                       the end of the run
 
 Silence is the time since the last command arrived at the actuator, behind the latency line, where a
 steering's control unit is. The unit cannot distinguish a network that delays or loses commands from
 a controller that has stopped. A sudden rise of the latency by 200 ms is a silence of 200 ms.
+
+The values of a plan after its first are no commands that arrive: they move the target, for
+``plan_ns`` and until FALLBACK, and neither delay the reaction to silence nor count as recovery.
 
 Recovery takes ``recovery_frames`` commands without such a silence between them, and one more for
 each damaged frame among them: the good ones have to be the majority. The target never jumps: its
@@ -57,6 +60,7 @@ class GuardParams(NamedTuple):
     """Parameters of the guard.
 
     ``silence_ns``       time without a command that counts as silence; OFF_NS: none does
+    ``plan_ns``          how long a plan is played after it has come
     ``hold_ns``          time of silence from HOLDING to FALLBACK
     ``recovery_frames``  commands more than damaged frames that end either
     ``ramp_rad_s``       of the fade after a recovery
@@ -66,6 +70,7 @@ class GuardParams(NamedTuple):
 
     limiter: LimiterParams
     silence_ns: int
+    plan_ns: int
     hold_ns: int
     recovery_frames: int
     ramp_rad_s: float
@@ -98,12 +103,21 @@ def start_guard(p: GuardParams) -> GuardState:
 
 
 def guard_command(
-    p: GuardParams, x: GuardState, steer_rad: float, time_ns: int
+    p: GuardParams, x: GuardState, steer_rad: float, time_ns: int, is_new: bool = True
 ) -> tuple[GuardState, bool]:
-    """Process an arriving command; returns the state and whether the command is followed."""
+    """Process a command; returns the state and whether the command is followed.
+
+    ``is_new``  whether it has just arrived, and is no later value of a plan
+    """
     before, limiter, arrived_ns, deadline_ns, run_before, fade_before_rad, followed_ns = x
     if before == _SAFE_STATE:
         return x, False
+    if not is_new:
+        if before == _FALLBACK or time_ns - arrived_ns > p.plan_ns:
+            return x, False
+        limiter, _ = limit_steer(p.limiter, limiter, steer_rad + fade_before_rad, time_ns)
+        state = (before, limiter, arrived_ns, deadline_ns, run_before, fade_before_rad, followed_ns)
+        return new_record(GuardState, state), True
     silence_ns = time_ns - arrived_ns
     counted_ns = min(silence_ns, p.silence_ns)
     mode, good_run = before, run_before + 1 if silence_ns < p.silence_ns else 1

@@ -91,18 +91,22 @@ class SteeringUnit:
         is_kept = self._params.ramp_step_rad == 0.0
         return self.mode is GuardMode.SAFE_STATE and (is_kept or self.target_rad == 0.0)
 
-    def on_command(self, steer_rad: float, now_ns: int) -> bool:
-        """Process an arriving command; returns whether it sets the target."""
+    def on_command(self, steer_rad: float, now_ns: int, *, is_new: bool = True) -> bool:
+        """Process a command; returns whether it sets the target.
+
+        ``is_new``  whether it has just arrived, and is no later value of a plan
+        """
         before = self._state.mode
-        state, is_followed = guard_command(self._params, self._state, steer_rad, now_ns)
+        state, is_followed = guard_command(self._params, self._state, steer_rad, now_ns, is_new)
         self._note_silence(now_ns)
-        self._command_ns = now_ns
+        if is_new:
+            self._command_ns = now_ns
         if is_followed:
             if before > _FOLLOWING and state.mode == _FOLLOWING:
                 self._recoveries += 1
             if state.limiter.cause:
                 self._count_intervention(state)
-        else:
+        elif is_new:
             self._ignored += 1
         self._enter(state)
         return is_followed

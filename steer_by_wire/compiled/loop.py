@@ -22,7 +22,6 @@ from ..controller.limits import limit_step, ramp_step
 from ..dbc.messages import Mode
 from ..plant_emulator.motion import advance_motion, command_motion, start_motion
 from ..plant_emulator.steering_guard import (
-    GuardMode,
     guard_command,
     guard_timer,
     guard_wheel,
@@ -37,6 +36,7 @@ from .wire import (
     law_input,
     on_wire,
     play,
+    record_played,
     record_wire,
     take_arrivals,
     take_command,
@@ -48,7 +48,6 @@ COMPLETE, LEFT_RANGE, LAW_FAILED = range(3)
 is not finite."""
 
 _ACTIVE, _SAFE_STOP = int(Mode.ACTIVE), int(Mode.SAFE_STOP)
-_FOLLOWING = int(GuardMode.FOLLOWING)
 
 
 @compiled_inline
@@ -78,9 +77,9 @@ def _plant_until(
             return x, COMPLETE
         arrives = command_ns <= sample_ns and command_ns <= guard_ns
         plays = plan >= 0 and not arrives and sample_ns < guard_ns and played != sample
-        if arrives or (plays and (is_new or guard.mode == _FOLLOWING)):
+        if arrives or plays:
             if arrives:
-                at_ns, by = command_ns, command
+                at_ns, by, has_come = command_ns, command, True
                 command += 1
                 tick = s.command_tick[of]
                 plan, is_new = -1, False
@@ -89,7 +88,7 @@ def _plant_until(
                     continue
                 on_wire_rad = on_wire(r.sent_rad[np.uintp(tick)], c.steer_resolution_rad)
             else:
-                at_ns, by = sample_ns, plan
+                at_ns, by, has_come = sample_ns, plan, is_new
                 is_new, played = False, sample
                 on_wire_rad = play(wire, sample)
                 if not math.isfinite(on_wire_rad):
@@ -97,10 +96,12 @@ def _plant_until(
                     continue
             motion_ns = max(at_ns - c.motion_start_ns, 0)
             z = advance_motion(p, z, motion_ns)
-            guard, is_followed = guard_command(c.guard, guard, on_wire_rad, motion_ns)
+            guard, is_followed = guard_command(c.guard, guard, on_wire_rad, motion_ns, has_come)
             if is_followed:
                 z = command_motion(p, z, guard.limiter.steer_rad)
                 in_effect = by
+                if not arrives:
+                    record_played(wire, sample, on_wire_rad)
         elif guard_ns <= sample_ns:
             motion_ns = guard.deadline_ns
             guard, is_set = guard_timer(c.guard, guard, motion_ns)

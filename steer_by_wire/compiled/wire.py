@@ -248,9 +248,11 @@ def _play(w: Wire, sample: int) -> float:
     if has_run_out(age, spacing):
         return math.nan
     values_rad: Any = w.buffer[2:]
-    steer_rad = planned_rad(age, spacing, values_rad)
+    return planned_rad(age, spacing, values_rad)
+
+
+def _record_played(w: Wire, sample: int, steer_rad: float) -> None:
     w.played_rad[sample] = steer_rad
-    return steer_rad
 
 
 def _no_plan(_wire: None, _tick: int) -> bool:
@@ -316,6 +318,8 @@ write_plan = _choosing(_write_plan, _nothing)
 carries_plan = _choosing(_carries_plan, _no_plan)
 """(wire, tick): whether a tick has sent a plan, which the plant's buffer then holds."""
 play = _choosing(_play, _plays_nothing)
-"""(wire, sample): returns what the buffer lets act at a sample, NaN for nothing [rad]."""
+"""(wire, sample): returns what the buffer has for a sample, NaN for nothing [rad]."""
+record_played = _choosing(_record_played, _nothing)
+"""(wire, sample, steer_rad): records what a plan lets act at a sample."""
 law_input = _choosing(_all_of_it, _newest_only)
 """(wire, known, records, tick, now_ns, error_m, last_sent_rad): returns the law's input."""

@@ -93,8 +93,8 @@ def test_an_outage_of_half_a_second_in_a_bend_costs_nothing() -> None:
     )
     planned = run(controller(), *lost)[2]
     single = run(on_bus(controller(), takes_fd=False), *lost)[2]
-    assert planned["safety"]["holdings"] == 0
-    assert single["safety"]["holdings"] == 1
+    # The outage is reported as with single commands; only the wheel moves on.
+    assert planned["safety"]["holdings"] == single["safety"]["holdings"] == 1
     whole = run(controller(), "latency.downlink.mean_s=0.1")[2]
     assert planned["lateral_error_peak_m"] == pytest.approx(
         whole["lateral_error_peak_m"], abs=0.003

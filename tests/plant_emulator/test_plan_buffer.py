@@ -63,11 +63,46 @@ def test_a_plan_that_has_run_out_is_silence() -> None:
     send_plan(tested, START_NS, first_sample=0, spacing=2, number=0)
     tested.tick_until(START_NS + 130 * PERIOD_NS)
     codes = [status.status for _, status in tested.messages(SteeringStatus)]
-    # Played to sample 34; 140 ms later it is held, 500 ms later the wheel turns to zero.
-    assert codes.index(SteeringStatusCode.HOLDING) == 34 + 14
-    assert codes.index(SteeringStatusCode.FALLBACK) == 34 + 14 + 50
+    # Silence counts from sample 0, at which it came, and not from sample 34, its last.
+    assert codes.index(SteeringStatusCode.HOLDING) == 14
+    assert codes.index(SteeringStatusCode.FALLBACK) == 14 + 50
+    assert tested.node.report()["safety"]["longest_silence_s"] == pytest.approx(1.3)
     assert wheel_rad(tested)[40] == pytest.approx(VALUES[17])
     assert wheel_rad(tested)[-1] < VALUES[17]
+
+
+@pytest.mark.parametrize(("plan_ms_max", "last"), [(0.0, 0), (100.0, 10), (600.0, 60)])
+def test_a_plan_is_played_no_longer_than_the_plant_permits(plan_ms_max: float, last: int) -> None:
+    tested = link(safety={"plan_ms_max": plan_ms_max})
+    send_plan(tested, START_NS, first_sample=0, spacing=15, number=0)
+    tested.tick_until(START_NS + 64 * PERIOD_NS)
+    wheel = wheel_rad(tested)
+    assert wheel[: last + 1] == pytest.approx(
+        [VALUES[1] * sample / 15 for sample in range(last + 1)], abs=1e-5
+    )
+    assert wheel[last:64] == [wheel[last]] * (64 - last)
+
+
+def test_in_a_dispute_the_plan_from_before_the_second_sender_is_played_and_silence_begins() -> None:
+    tested = link()
+    for number in range(40):
+        send_plan(tested, START_NS + number * PERIOD_NS + MS_NS, 0, spacing=4, number=number)
+        if number >= 20:  # the second sender uses each counter before the first does
+            stolen = SteeringPlan(number + 1, Mode.ACTIVE, 0, 4, *[-value for value in VALUES])
+            tested.node.on_frame(
+                encode(stolen, number + 1), START_NS + number * PERIOD_NS + 2 * MS_NS
+            )
+    tested.tick_until(START_NS + 50 * PERIOD_NS)
+    wheel = wheel_rad(tested)
+    assert wheel[21:26] == pytest.approx([-0.0025 * sample for sample in range(21, 26)], abs=1e-5)
+    # Five contradictions are a dispute: that with plan 25, which arrives before sample 26.
+    assert wheel[26:51] == pytest.approx([0.0025 * sample for sample in range(26, 51)], abs=1e-5)
+    assert set(applied(tested)[26:51]) <= set(range(21))
+    codes = [status.status for _, status in tested.messages(SteeringStatus)]
+    assert codes.index(SteeringStatusCode.HOLDING) == 26 + 14
+    report = tested.node.report()
+    assert report["second_senders"] == ["STEERING_PLAN"]
+    assert report["safety"]["holdings"] == 1
 
 
 def test_one_plan_does_not_end_a_fallback_but_five_do() -> None:

@@ -254,3 +254,50 @@ def test_whatever_comes_fallback_comes_in_silence_and_no_step_is_more_than_fade_
             assert abs(guarded.target - before) <= change + faded + 1e-9
             steer_rad = wanted_rad
     assert fallbacks > 10
+
+
+# Plans
+
+
+def test_later_values_of_a_plan_move_the_wheel_and_change_nothing_else() -> None:
+    guarded = Guarded()
+    steady(guarded, 0.25)
+    for time_ms, steer_rad, mode in ((100.0, 0.2, "FOLLOWING"), (240.0, 0.1, "HOLDING")):
+        guarded.until(time_ms)
+        before = guarded.x
+        assert guarded.plan_value(time_ms, steer_rad)
+        assert guarded.x == before._replace(limiter=guarded.x.limiter)
+        assert (guarded.mode, guarded.target) == (mode, steer_rad)
+
+
+def test_a_plan_is_played_for_its_time_and_until_the_fallback() -> None:
+    guarded = Guarded(plan_ms=300.0)
+    steady(guarded, 0.25)
+    assert guarded.plan_value(400.0, 0.2)
+    assert not guarded.plan_value(400.0 + 1e-6, 0.1)
+    assert guarded.target == 0.2
+    guarded = Guarded(plan_ms=10_000.0)
+    steady(guarded, 0.25)
+    guarded.until(740.0)
+    before = guarded.x
+    assert not guarded.plan_value(740.0, 0.2)
+    assert (guarded.mode, guarded.x) == ("FALLBACK", before)
+    guarded = Guarded(override_ms=50.0)
+    guarded.command(0.0, 0.25)
+    assert not guarded.plan_value(60.0, 0.2)
+
+
+def test_later_values_carry_the_fade_of_the_newest_command() -> None:
+    guarded = Guarded()
+    steady(guarded, 0.25)
+    assert guarded.command(300.0, 0.0)
+    assert guarded.plan_value(310.0, 0.125)
+    assert (guarded.target, guarded.x.fade_rad, guarded.x.good_run) == (0.375, 0.25, 1)
+
+
+def test_later_values_pass_the_limiter() -> None:
+    guarded = Guarded(angle=0.25)
+    guarded.command(0.0, 0.125)
+    assert guarded.plan_value(10.0, 0.5)
+    assert guarded.target == 0.25
+    assert tested.is_overruled(guarded.x)

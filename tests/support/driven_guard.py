@@ -24,10 +24,12 @@ class Guarded:
         ramp_step_rad: float = 0.03125,
         override_ms: float | None = None,
         angle: float = INF,
+        plan_ms: float = 300.0,
     ) -> None:
         self.p = tested.GuardParams(
             limiter=LimiterParams(limit_rows(1.0, angle, INF, INF, INF), 0.125, 100 * MS_NS, INF),
             silence_ns=round(silence_ms * MS_NS),
+            plan_ns=round(plan_ms * MS_NS),
             hold_ns=round(hold_ms * MS_NS),
             recovery_frames=recovery_frames,
             ramp_rad_s=0.5,
@@ -52,6 +54,14 @@ class Guarded:
         self.until(time_ms - 1e-6)
         self.x, is_followed = tested.guard_command(
             self.p, self.x, steer_rad, round(time_ms * MS_NS)
+        )
+        return is_followed
+
+    def plan_value(self, time_ms: float, steer_rad: float) -> bool:
+        """Take a later value of a plan, after what the timer has to do at that time."""
+        self.until(time_ms)
+        self.x, is_followed = tested.guard_command(
+            self.p, self.x, steer_rad, round(time_ms * MS_NS), is_new=False
         )
         return is_followed
 
