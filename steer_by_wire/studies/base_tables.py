@@ -92,11 +92,11 @@ def _checked(
 
 
 def leaves(tables: Tables, path: str = "") -> list[tuple[str, Any]]:
-    """Return the values of nested tables by dotted key."""
+    """Return the values of nested tables by dotted key; an empty table is a value."""
     found: list[tuple[str, Any]] = []
     for key, value in tables.items():
         dotted = f"{path}.{key}" if path else key
-        found += leaves(value, dotted) if isinstance(value, dict) else [(dotted, value)]
+        found += leaves(value, dotted) if isinstance(value, dict) and value else [(dotted, value)]
     return found
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steer_by_wire.plant_emulator.rig_settings import EllipseSettings
+from steer_by_wire.plant_emulator.rig_settings import EllipseSettings, PathAheadSettings
 from steer_by_wire.plant_emulator.settings import plant_preset
 from steer_by_wire.plant_emulator.verdict import Verdict, VerdictRules
 from steer_by_wire.runtime.settings import SettingsError, read_preset
@@ -54,6 +54,11 @@ def test_what_is_shipped_can_be_run(file: Path) -> None:
     made = Scenarios(load_study(file))
     made.check()
     assert made.study.settings.name == file.stem
+
+
+def test_an_empty_table_of_the_base_is_what_it_is_in_a_settings_file(tmp_path: Path) -> None:
+    made = scenarios(tmp_path, "", BASE + "[base.plant]\npath_ahead = {}\n")
+    assert made.plant(made.case(0)).path_ahead == PathAheadSettings()
 
 
 def test_a_grid_has_every_combination_once_for_every_controller(tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ def _factor(factor: FactorRecord) -> str:
 def _against(tables: Mapping[str, Any], defaults: Settings) -> Cell:
     """Return the settings that differ from the defaults, and all of them to unfold."""
     usual = dict(leaves(defaults.model_dump(mode="json", exclude_none=True)))
-    values = [(key, value) for key, value in leaves(tables) if value not in ([], None)]
+    values = [(key, value) for key, value in leaves(tables) if value not in ([], {}, None)]
     differing = [(key, value) for key, value in values if usual.get(key) != value]
     return Cell(_texts(differing) or "all as by default", folded=_texts(values))
 
