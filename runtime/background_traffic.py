@@ -6,6 +6,7 @@ integer operations each. For everything else BusModel takes the frames over one 
 had been submitted, with the same result.
 """
 
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Sequence
 from itertools import chain
@@ -44,11 +45,15 @@ class PeriodicMessage(NamedTuple):
 class Ready(NamedTuple):
     """A frame that BusModel takes over.
 
-    ``rank``       of its message
-    ``due_ticks``  when it was released, or now
+    ``rank``            of its message
+    ``arbitration``     its arbitration field
+    ``duration_ticks``  its length
+    ``due_ticks``       when it was released, or now
     """
 
     rank: int
+    arbitration: int
+    duration_ticks: int
     sender: int
     frame: Frame
     due_ticks: int
@@ -105,7 +110,10 @@ class BackgroundTraffic:
         """Take part in a bus; called by its model."""
         self._ticks = ticks
         self._intermission_ticks = INTERMISSION_BITS * ticks.nominal
-        self._durations = [[ticks.of_frame(f) for f in one.frames] for one in self._messages]
+        self._durations = [
+            [ticks.of_frame(frame) + self._intermission_ticks for frame in one.frames]
+            for one in self._messages
+        ]
 
     def carry(self, free_ticks: int, until_ticks: int, rival: int, hit_ticks: int) -> int:
         """Send frames from ``free_ticks`` on; returns when the bus is free again.
@@ -114,10 +122,11 @@ class BackgroundTraffic:
         field ``rival`` wins, and where a frame would still be on the wire at ``hit_ticks``.
         """
         waiting, index, times, bits = self._waiting, self._index, self._times, self._bits
-        durations, arbitration, counts = self._durations, self._arbitration, self._counts
+        durations, counts, allowed = self._durations, self._counts, ~self._taken
         senders, sent, on_wire = self._senders, self.sent, self.on_wire
-        intermission_ticks, allowed = self._intermission_ticks, ~self._taken
-        begin_ticks, idle_ticks = free_ticks, 0
+        intermission_ticks = self._intermission_ticks
+        loses = 1 << bisect_left(self._arbitration, rival, 1) - 1
+        begin_ticks, idle_ticks, hit_ticks = free_ticks, 0, hit_ticks + intermission_ticks
         while free_ticks < until_ticks:
             while times[index] <= free_ticks:
                 more = waiting | bits[index] & allowed
@@ -132,20 +141,21 @@ class BackgroundTraffic:
                 index += 1
             if waiting:
                 lowest = waiting & -waiting
-                rank = lowest.bit_length()
-                if arbitration[rank] >= rival:
+                if lowest >= loses:
                     break
+                rank = lowest.bit_length()
                 count = counts[rank]
-                end_ticks = free_ticks + durations[rank][count % COUNTS]
-                if end_ticks > hit_ticks:
+                next_ticks = free_ticks + durations[rank][count % COUNTS]
+                if next_ticks > hit_ticks:
                     break
                 waiting ^= lowest
                 counts[rank] = count + 1
                 sent[senders[rank]] += 1
                 if on_wire is not None:
                     frame = self._messages[rank].frames[count % COUNTS]
+                    end_ticks = next_ticks - intermission_ticks
                     on_wire(self._ticks.whole_ns(end_ticks), senders[rank], frame)
-                free_ticks = end_ticks + intermission_ticks
+                free_ticks = next_ticks
             elif rival < NO_FIELD or times[index] >= until_ticks:
                 break
             else:
@@ -199,8 +209,10 @@ class BackgroundTraffic:
         count = self._counts[rank]
         self._counts[rank] = count + 1
         self._handed_over += 1
-        message = self._messages[rank]
-        return Ready(rank, message.sender, message.frames[count % COUNTS], due_ticks)
+        frame = self._messages[rank].frames[count % COUNTS]
+        duration_ticks = self._durations[rank][count % COUNTS] - self._intermission_ticks
+        sender = self._senders[rank]
+        return Ready(rank, self._arbitration[rank], duration_ticks, sender, frame, due_ticks)
 
     def _lay_out(self) -> None:
         """List the releases of the next block in order; the last entry is its end."""

@@ -9,14 +9,15 @@ Everyone but the sender receives: each other node has a receive counter.
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from itertools import accumulate
 from types import MappingProxyType
 from typing import NamedTuple
 
+from .bit_ticks import BitTicks
 from .bus_noise import Noise, StuckLine
 from .disturbed_frame import Disturbed, disturb
 from .fault_confinement import PASSIVE_MIN, ControllerState, ErrorCounters
 from .frame import BITRATE_SWITCH, Frame
-from .frame_length import frame_bits
 from .frame_on_wire import frame_on_wire
 from .node import NEVER_NS
 from .one_sided_error import disturb_receiver, disturb_sender, unacknowledged
@@ -114,6 +115,8 @@ class BusErrors:
 
     def next_hit_ns(self, start_ns: int) -> int:
         """Return the first instant from ``start_ns`` on that can be the end of a frame [ns]."""
+        if self._is_acknowledged is not None:
+            return start_ns
         if start_ns <= self._next_hit_ns:
             return self._next_hit_ns
         hits_ns = [
@@ -126,21 +129,19 @@ class BusErrors:
         return self._next_hit_ns
 
     def transmission(
-        self, frame: Frame, sender: int, start_ns: float, bit_ns: float, data_bit_ns: float
+        self, frame: Frame, sender: int, start_ticks: int, end_ticks: int, ticks: BitTicks
     ) -> Disturbed | None:
-        """Return what disturbs a frame from ``start_ns`` on; None if it stays whole.
-
-        ``bit_ns``, ``data_bit_ns``  length of a nominal and of a data bit [ns]
+        """Return what disturbs a frame that would be on the wire for so long; None if it is whole.
 
         Of several errors the first one counts.
         """
         is_passive = self.is_passive(sender)
         if self._is_acknowledged is not None and not self._is_acknowledged(sender):
             return unacknowledged(frame, is_passive=is_passive)
-        # A whole frame cannot take longer, so that its bits are only laid out when one is hit.
-        begin_ns, until_ns = int(start_ns), int(start_ns + (len(frame.data) * 10 + 120) * bit_ns)
+        begin_ns, until_ns = ticks.whole_ns(start_ticks), ticks.whole_ns(end_ticks)
+        self._stuck = [line for line in self._stuck if line.end_ns > begin_ns]
         if self._stuck and self._stuck[0].start_ns < until_ns:
-            disturbed = self._on_stuck_line(frame, start_ns, bit_ns, data_bit_ns)
+            disturbed = _on_stuck_line(frame, self._stuck[0], start_ticks, ticks)
             if disturbed is not None:
                 return disturbed
         first_ns, node = self._noise.first_hit_ns(begin_ns, until_ns), None
@@ -154,30 +155,13 @@ class BusErrors:
                 first_ns, node = hit_ns, one
         if first_ns is None:
             return None
-        index = _bit_at(frame, first_ns - start_ns, bit_ns, data_bit_ns)
-        if index is None:
-            return None
+        index = _bit_at(frame, first_ns * ticks.per_ns - start_ticks, ticks)
         if node is None:
             return disturb(frame, index, is_passive=is_passive)
         if node == sender:
             return disturb_sender(frame, index, is_passive=is_passive)
         self.join(node)
         return disturb_receiver(frame, index, node, is_passive=self.is_passive(node))
-
-    def _on_stuck_line(
-        self, frame: Frame, start_ns: float, bit_ns: float, data_bit_ns: float
-    ) -> Disturbed | None:
-        self._stuck = [line for line in self._stuck if line.end_ns > start_ns]
-        if not self._stuck:
-            return None
-        level, from_ns, to_ns = self._stuck[0]
-        first: int | None = -1
-        if from_ns > start_ns:
-            first = _bit_at(frame, from_ns - start_ns, bit_ns, data_bit_ns)
-        if first is None:
-            return None
-        left_ns = to_ns - max(from_ns, start_ns)
-        return disturb_stuck(frame, level, first, -int(-left_ns // bit_ns) - min(first, 0))
 
     def on_whole(self, sender: int) -> None:
         """Count a frame that was sent and received."""
@@ -239,17 +223,24 @@ class BusErrors:
         return member
 
 
-def _bit_at(frame: Frame, offset_ns: float, bit_ns: float, data_bit_ns: float) -> int | None:
-    """Index of the bit that is on the wire so long after the start of frame; None after its end."""
+def _on_stuck_line(
+    frame: Frame, line: StuckLine, start_ticks: int, ticks: BitTicks
+) -> Disturbed | None:
+    from_ticks, to_ticks = line.start_ns * ticks.per_ns, line.end_ns * ticks.per_ns
+    first = -1
+    if from_ticks > start_ticks:
+        first = _bit_at(frame, from_ticks - start_ticks, ticks)
+    left_ticks = to_ticks - max(from_ticks, start_ticks)
+    return disturb_stuck(frame, line.level, first, -(-left_ticks // ticks.nominal) - min(first, 0))
+
+
+def _bit_at(frame: Frame, offset_ticks: int, ticks: BitTicks) -> int:
+    """Index of the bit that is on the wire so long after the start of frame, before its end."""
     if not frame.flags & BITRATE_SWITCH:
-        index = int(offset_ns // bit_ns)
-        return index if index < frame_bits(frame).nominal else None
-    end_ns = 0.0
-    for index, bit in enumerate(frame_on_wire(frame)):  # noise is rare, so this is too
-        end_ns += data_bit_ns if bit.is_fast else bit_ns
-        if offset_ns < end_ns:
-            return index
-    return None
+        return offset_ticks // ticks.nominal
+    # Noise is rare, so this is too.
+    lengths = (ticks.data if bit.is_fast else ticks.nominal for bit in frame_on_wire(frame))
+    return sum(end_ticks <= offset_ticks for end_ticks in accumulate(lengths))
 
 
 def _count(counters: ErrorCounters, disturbed: Disturbed, *, is_sender: bool, is_odd: bool) -> None:

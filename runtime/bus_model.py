@@ -122,10 +122,8 @@ class BusModel:
                 traffic.sent = errors.sent
                 for sender in traffic.senders:
                     errors.join(sender)
-        self._is_special = errors is not None or traffic is not None
         self._disturbed: Disturbed | None = None
         self._participation = Participation(errors, self._bit_ticks)
-        self.lost_in_bus_off = 0
         self.missed: set[tuple[int, int]] = set()
         self._queue: list[Waiting] = []
         # By sender and identifier; with FIFOs by sender, without its oldest frame.
@@ -133,8 +131,9 @@ class BusModel:
         self._behind: dict[int, deque[Waiting]] = {}
         self._on_wire: Waiting | None = None
         self._sequence = self._end_ticks = self._next_start_ticks = 0
+        self._settled_ticks = -1
         self._completed: list[Delivery] = []
-        self._frames = self._busy_ticks = self._refused = 0
+        self._frames = self._busy_ticks = self._refused = self.lost_in_bus_off = 0
         self._look_ahead()
 
     @property
@@ -179,7 +178,8 @@ class BusModel:
             self._behind.setdefault(sender, deque()).append(entry)
         else:
             heappush(self._queue, entry)
-            if self._is_special or (self._on_wire is None and self._queue[0] is entry):
+            is_next = self._on_wire is None and self._queue[0] is entry
+            if is_next or self.next_event_ns == NEVER_NS or not self._participation.is_calm:
                 self._look_ahead()
 
     def withdraw(self, sender: int) -> list[Frame]:
@@ -220,7 +220,7 @@ class BusModel:
             self._decided_until_ticks = end_ticks = NEVER_NS * self._ticks_per_ns
         if self._traffic is not None:
             if self._on_wire is None:
-                self._decided_until_ticks = -1
+                self._decided_until_ticks = self._settled_ticks
             if not is_awaited(self._on_wire, self._queue):
                 end_ticks = NEVER_NS * self._ticks_per_ns
         if self._completed:
@@ -256,14 +256,19 @@ class BusModel:
                 end_ticks = start_ticks + on_wire.duration_ticks
                 self._on_arbitration(on_wire)
                 if errors is not None:
-                    end_ticks = self._end_with_errors(on_wire, errors)
+                    hit_ns = errors.next_hit_ns(-(-start_ticks // self._ticks_per_ns))
+                    if hit_ns * self._ticks_per_ns < end_ticks:
+                        end_ticks = self._end_with_errors(on_wire, end_ticks, errors)
             if end_ticks > now_ticks:
                 break
             if traffic is not None and self._disturbed is not None:
                 self._admit(traffic, end_ticks)  # before the frame is back in its buffer
-            if errors is not None and self._end_attempt(on_wire, end_ticks, errors):
-                on_wire, queue = None, self._queue  # bus-off makes a new one
-                continue
+            if errors is not None:
+                if self._disturbed is None and self._participation.is_calm:
+                    errors.sent[on_wire.sender] += 1
+                elif self._end_attempt(on_wire, end_ticks, errors):
+                    on_wire, queue = None, self._queue  # bus-off makes a new one
+                    continue
             _, _, duration_ticks, sender, frame, _, _ = on_wire
             end_ns = -(-end_ticks // self._ticks_per_ns)
             if traffic is None:
@@ -274,13 +279,12 @@ class BusModel:
             self._busy_ticks += duration_ticks + self._intermission_ticks
             self._next_start_ticks = end_ticks + self._intermission_ticks
             on_wire = None
-        self._on_wire, self._end_ticks = on_wire, end_ticks
+        self._on_wire, self._end_ticks, self._settled_ticks = on_wire, end_ticks, now_ticks
 
     def _send_traffic(self, traffic: BackgroundTraffic, now_ticks: int) -> None:
         """Let the traffic have the bus until a frame of the queue is next, and before now."""
         free_ticks, errors = self._next_start_ticks, self._errors
-        self._participation.forget_pauses(free_ticks)
-        if not self._participation.is_calm:
+        if not self._participation.is_calm_at(free_ticks):
             self._take_all(traffic)
             while (due_ticks := traffic.next_due_ticks) < now_ticks:
                 if (
@@ -293,9 +297,8 @@ class BusModel:
                 self._admit(traffic, due_ticks + 1)
             return
         rival = self._queue[0].arbitration if self._queue else NO_FIELD
-        hit_ns = NEVER_NS
-        if errors is not None:
-            hit_ns = errors.next_hit_ns(free_ticks // self._ticks_per_ns)
+        free_ns = free_ticks // self._ticks_per_ns
+        hit_ns = NEVER_NS if errors is None else errors.next_hit_ns(free_ns)
         hit_ticks = hit_ns * self._ticks_per_ns
         self._next_start_ticks = traffic.carry(free_ticks, now_ticks, rival, hit_ticks)
         if self._next_start_ticks < now_ticks and traffic.best < rival:
@@ -318,14 +321,13 @@ class BusModel:
 
     def _take(self, traffic: BackgroundTraffic, ready: Ready) -> None:
         """Put a frame of the traffic into the queue."""
-        rank, sender, frame, due_ticks = ready
+        rank, arbitration, duration_ticks, sender, frame, due_ticks = ready
         traffic.hold(rank)
         self._sequence += 1
         buffer = (sender, rank)
         self._waiting_of[buffer] = self._waiting_of.get(buffer, 0) + 1
-        field, duration_ticks = arbitration_field(frame), self._ticks.of_frame(frame)
-        entry = Waiting(field, self._sequence, duration_ticks, sender, frame, due_ticks, buffer)
-        heappush(self._queue, entry)
+        entry = (arbitration, self._sequence, duration_ticks, sender, frame, due_ticks, buffer)
+        heappush(self._queue, new_record(Waiting, entry))
 
     def _on_arbitration(self, winner: Waiting) -> None:
         """Record that a frame has won the bus."""
@@ -344,16 +346,14 @@ class BusModel:
             delay_ticks = self._next_start_ticks - winner.submitted_ticks
             self._on_start(winner.frame, delay_ticks // self._ticks_per_ns)
 
-    def _end_with_errors(self, sent: Waiting, errors: BusErrors) -> int:
+    def _end_with_errors(self, sent: Waiting, end_ticks: int, errors: BusErrors) -> int:
         """When a frame that starts now leaves the bus, be it whole or destroyed."""
-        per_ns, bit_ticks, data_bit_ticks = self._ticks
-        start_ns, bit_ns, data_bit_ns = (
-            ticks / per_ns for ticks in (self._next_start_ticks, bit_ticks, data_bit_ticks)
-        )
-        disturbed = errors.transmission(sent.frame, sent.sender, start_ns, bit_ns, data_bit_ns)
-        self._disturbed = disturbed
-        length_ticks = sent.duration_ticks if disturbed is None else self._ticks.of(disturbed.bits)
-        return self._next_start_ticks + length_ticks
+        start_ticks = self._next_start_ticks
+        span = start_ticks, end_ticks
+        self._disturbed = errors.transmission(sent.frame, sent.sender, *span, self._ticks)
+        if self._disturbed is None:
+            return end_ticks
+        return start_ticks + self._ticks.of(self._disturbed.bits)
 
     def _end_attempt(self, sent: Waiting, end_ticks: int, errors: BusErrors) -> bool:
         """Count the end of a transmission; returns whether the frame must be sent again."""

@@ -34,16 +34,13 @@ class ErrorCounters:
     @property
     def state(self) -> ControllerState:
         """What follows from the counters; error warning is error active to the bus."""
-        highest = max(self.transmit, self.receive)
         if self.transmit >= BUS_OFF_MIN:
             return ControllerState.BUS_OFF
-        if highest >= PASSIVE_MIN:
+        if self.is_passive:
             return ControllerState.ERROR_PASSIVE
-        return (
-            ControllerState.ERROR_WARNING
-            if highest >= WARNING_MIN
-            else (ControllerState.ERROR_ACTIVE)
-        )
+        if self.transmit >= WARNING_MIN or self.receive >= WARNING_MIN:
+            return ControllerState.ERROR_WARNING
+        return ControllerState.ERROR_ACTIVE
 
     @property
     def is_passive(self) -> bool:
@@ -66,13 +63,15 @@ class ErrorCounters:
 
     def on_sent(self, frames: int = 1) -> None:
         """Count frames that were sent and acknowledged."""
-        self.transmit = max(0, self.transmit - frames)
+        if self.transmit:
+            self.transmit = max(0, self.transmit - frames)
 
     def on_received(self, frames: int = 1) -> None:
         """Count frames that were received."""
         if frames and self.receive >= PASSIVE_MIN:
             self.receive, frames = _RECEIVE_AFTER_PASSIVE, frames - 1
-        self.receive = max(0, self.receive - frames)
+        if self.receive:
+            self.receive = max(0, self.receive - frames)
 
     def restart(self) -> None:
         """Begin again after bus-off."""

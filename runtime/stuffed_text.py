@@ -3,7 +3,7 @@
 The same bits as ``frame_on_wire`` lays out one by one, in a twentieth of the time.
 """
 
-from functools import cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 from .frame import EXTENDED, REMOTE, Frame
@@ -23,6 +23,7 @@ class StuffedText(NamedTuple):
     stuff: str
 
 
+@lru_cache(maxsize=1024)
 def stuffed_text(frame: Frame) -> StuffedText:
     """Return the bits of a classic frame up to the last one of its CRC, stuff bits included."""
     can_id, data, flags = frame

@@ -138,6 +138,19 @@ def test_a_dominant_last_bit_makes_the_frame_arrive_twice() -> None:
     assert errors.received_twice == 1
 
 
+def test_noise_just_before_a_frame_leaves_it_alone() -> None:
+    # A bit of 1428 4/7 ns: the second frame begins between two nanoseconds.
+    length = sum(frame_bits(FRAME))
+    start_ns = (length + 3) * 10_000 / 7
+    assert start_ns % 1
+    errors, events = errors_at(int(start_ns))
+    bus = BusModel(700_000, errors=errors)
+    for _ in range(2):
+        bus.submit(FRAME, 0, 0)
+    assert len(until_idle(bus)) == 2
+    assert events == []
+
+
 def test_a_passive_sender_pauses_and_lets_others_go_first() -> None:
     # The first sixteen transmissions are destroyed in their second bit, and take 25 bits each.
     hits_ns = [repetition * 25 * BIT_NS + middle_of(1) for repetition in range(16)]
