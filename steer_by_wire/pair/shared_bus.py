@@ -3,7 +3,8 @@
 Every periodic message of some databases is sent beside the pair's, by the node that the database
 names. Each has its cycle time, a phase of its own and a payload whose first byte counts to 15; the
 other bytes and the phases are drawn from the seed. Messages without a cycle time are not sent, nor
-are those whose identifier the pair uses.
+are those whose identifier the pair uses. Where no message has a cycle time, as in most databases
+that were found out by listening, all share the given load and are sent equally often.
 """
 
 from collections.abc import Sequence
@@ -31,6 +32,9 @@ _EXAMPLE_PERIODS_MS = (
     *(10, 10, 10, 10, 20, 20, 20, 20, 50, 50, 50, 100, 100, 100, 100, 200, 500, 1000),
 )
 
+_EQUAL_CYCLE_MS = 100
+"""Before the load scales it, of messages without any cycle time."""
+
 
 def example_messages() -> tuple[ListedMessage, ...]:
     """Return a made message set: eighteen messages of 8 bytes, the urgent ones most often."""
@@ -45,7 +49,7 @@ def traffic_of(settings: BusSettings, seed: int) -> list[PeriodicMessage]:
     if not settings.has_traffic:
         return []
     try:
-        listed = _listed(settings.rest_bus) or example_messages()
+        listed = _listed(settings.rest_bus) if settings.rest_bus else example_messages()
         return rest_of(listed, seed, settings.bitrate_bit_s, settings.load)
     except OSError as error:
         raise SettingsError(f"rest_bus: {error.filename}: {error.strerror}") from error
@@ -64,15 +68,25 @@ def rest_of(
 ) -> list[PeriodicMessage]:
     """Return what is sent; with ``load``, as often as gives this share of the bus, 0 to 1.
 
-    Raises ValueError where no message has a cycle time, or two have the same identifier.
+    Raises ValueError for no messages, for no cycle times and no load, and where two messages have
+    the same identifier.
     """
     own = set(CAN_IDS.values())
-    others = [m for m in messages if m.cycle_ms and (m.flags & EXTENDED or m.can_id not in own)]
-    if not others:
-        raise ValueError("no message has a cycle time")
-    identifiers = [(m.can_id, m.flags & EXTENDED) for m in others]
-    if len(set(identifiers)) < len(identifiers):
-        raise ValueError("two messages have the same identifier; each needs its own on one bus")
+    known = [m for m in messages if m.flags & EXTENDED or m.can_id not in own]
+    others = [m for m in known if m.cycle_ms]
+    if not known:
+        raise ValueError("no messages beside the pair's")
+    if not others and load is None:
+        raise ValueError("no message has a cycle time; with a load all are sent equally often")
+    others = others or [m._replace(cycle_ms=_EQUAL_CYCLE_MS) for m in known]
+    named: dict[tuple[int, int], ListedMessage] = {}
+    for one in others:
+        first = named.setdefault((one.can_id, one.flags & EXTENDED), one)
+        if first is not one:
+            raise ValueError(
+                f"{first.name} and {one.name} have the same identifier 0x{one.can_id:X}; "
+                "each needs its own on one bus"
+            )
     draw = Random(seed)  # noqa: S311 - reproducible, not secret
     nodes: dict[str, int] = {}
     sent = []
