@@ -100,7 +100,7 @@ class Rig:
             files.settings("controller").write_text(dump_toml(settings), encoding="utf-8")
             if in_real_time:
                 module = "steer_by_wire.controller"
-                words = ["{bus}", str(files.settings("controller"))]
+                words = [str(files.settings("controller")), "{bus}"]
                 outcome = self._in_real_time(module, words, files)
             else:
                 outcome = self._in_virtual_time(

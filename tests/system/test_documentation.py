@@ -2,7 +2,6 @@
 
 import re
 from importlib import import_module
-from pathlib import Path
 
 import pytest
 
@@ -10,8 +9,9 @@ from steer_by_wire.command import PROGRAMS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import Preset, Settings, load_settings, preset_names
+from tests.support.shown_blocks import MADE, PAGES, ROOT
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+DOCS = ROOT / "docs"
 SETTINGS_OF: dict[str, type[Settings]] = {
     "plant_emulator.md": PlantSettings,
     "controller.md": ControllerSettings,
@@ -44,13 +44,6 @@ def test_every_preset_is_documented(package: str) -> None:
 # What documents name
 
 
-ROOT = DOCS.parent
-MADE = ("generated", "gallery", "_build")
-PAGES = {
-    path.relative_to(DOCS).as_posix(): path.read_text(encoding="utf-8")
-    for path in sorted(DOCS.rglob("*.md"))
-    if path.relative_to(DOCS).parts[0] not in MADE
-} | {"../CONTRIBUTING.md": (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")}
 PROSE_COLUMNS = 100
 ENTRY_POINT_GROUP = "steer_by_wire.laws"
 
@@ -70,7 +63,7 @@ def test_every_link_leads_somewhere(page: str) -> None:
     dead = []
     for link in re.findall(r"\]\(([^)\s]+)\)", PAGES[page]):
         target, _, anchor = link.partition("#")
-        path = (DOCS / page).parent / target if target else DOCS / page
+        path = (ROOT / page).parent / target if target else ROOT / page
         if link.startswith("https://") or any(f"{folder}/" in link for folder in MADE):
             continue  # what is made with the site is checked with it
         if not path.exists() or (

@@ -1,15 +1,11 @@
-"""The site: every page is reached and every link leads somewhere; what the course shows is true."""
+"""The site: every page is reached and every link leads somewhere; its words are spelt right."""
 
-import doctest
 import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
-LESSONS = sorted((DOCS / "learn").glob("[0-9]_*.md"))
 
 
 def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
@@ -22,15 +18,6 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
         check=False,
     )
     assert result.returncode == 0, result.stderr
-
-
-@pytest.mark.parametrize("lesson", LESSONS, ids=lambda path: path.stem)
-def test_what_a_lesson_shows_is_printed(lesson: Path) -> None:
-    text = lesson.read_text(encoding="utf-8").replace("```", "")
-    examples = doctest.DocTestParser().get_doctest(text, {}, lesson.stem, str(lesson), 0)
-    assert examples.examples
-    result = doctest.DocTestRunner().run(examples)
-    assert result.failed == 0
 
 
 def test_the_words_are_spelt_as_in_the_dictionary() -> None:

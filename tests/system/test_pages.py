@@ -1,0 +1,124 @@
+"""What the pages show runs: Python, commands, files and what is printed."""
+
+import argparse
+import doctest
+import os
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from steer_by_wire.command import main
+from steer_by_wire.runtime.emulated_bus.launch import launched_broker
+from tests.support.running_program import ORDINARY
+from tests.support.shown_blocks import LIVE, PAGES, ROOT, Command, blocks_of, commands_of
+
+SHOWN_ONLY = ("text", "ini", "toml", "yaml")
+NOT_RUN = {
+    "goes on in real time": 10,
+    "has something behind it in the shell": 8,
+    "is not of this project": 38,
+    "needs a CAN interface": 31,
+    "needs something of the reader's": 10,
+    "takes minutes": 16,
+}
+"""How many commands on all pages are not run, and why: a page with more has to change this."""
+GIVEN = {
+    "car.dbc": 'BU_: A B\nBO_ 1281 SPEED: 8 A\n SG_ V : 0|16@1+ (1,0) [0|0] "" B\n'
+    'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_ "GenMsgCycleTime" BO_ 1281 50;\n',
+    "candump.log": "(1.000000) vcan0 110#7D33071027009CFF\n",
+    "recording.log": "(1.000000) can0 123#DEADBEEF\n",
+    "steer.key": "000102030405060708090a0b0c0d0e0f\n",
+}
+"""Files of the reader's that pages name."""
+
+
+@pytest.fixture(scope="module")
+def broker() -> Iterator[str]:
+    with launched_broker(["--data-bitrate", "2000000"]) as address:
+        yield address
+
+
+@pytest.fixture
+def _folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
+    before = set(sys.modules)
+    for name in ("controller", "dbc", "examples", "steer_by_wire", "tools"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    for name, text in GIVEN.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        (tmp_path / name).chmod(0o600)
+    monkeypatch.chdir(tmp_path)
+    yield
+    for name in set(sys.modules) - before:
+        if str(getattr(sys.modules[name], "__file__", "")).startswith((".", str(tmp_path))):
+            del sys.modules[name]
+
+
+@pytest.mark.usefixtures("_folder")
+@pytest.mark.parametrize("page", PAGES)
+def test_what_a_page_shows_runs(
+    page: str, broker: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    python, printed = doctest.DocTestRunner(), ""
+    names: dict[str, object] = {}
+    for block in blocks_of(PAGES[page]):
+        if block.file:
+            Path(block.file).parent.mkdir(parents=True, exist_ok=True)
+            Path(block.file).write_text(block.text, encoding="utf-8")
+        elif block.language == "pycon":
+            test = doctest.DocTestParser().get_doctest(block.text, names, page, page, 0)
+            python.run(test, clear_globs=False)
+            names = test.globs
+            assert python.summarize(verbose=False).failed == 0
+        elif block.language == "sh":
+            commands = list(commands_of(block.text))
+            for command in commands:
+                run(command, broker, monkeypatch)
+            printed = capsys.readouterr().out
+            if any(it.why_not or it.words[:1] in LIVE for it in commands):
+                printed = ""
+        elif block.language == "text" and printed:
+            assert [line for line in block.text.splitlines() if line not in printed] == []
+        else:
+            assert block.language in SHOWN_ONLY or block.language.startswith("{"), block.text
+
+
+def run(command: Command, broker: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run a command, or have its program parse it."""
+    for name, value in command.settings.items():
+        monkeypatch.setenv(name, value)
+        monkeypatch.syspath_prepend(os.path.abspath(value))
+    if command.why_not:
+        if command.is_ours:
+            parse(command, monkeypatch)
+    elif command.words[:1] == ("python",):
+        subprocess.run([sys.executable, *command.words[1:], "-p", "no:cacheprovider"], check=True)
+    elif command.words[:1] in LIVE and "--check" not in command.words:
+        bus = ("-i", "emulated", "-c", "pages", "--bus-kwargs", f"address={broker}")
+        status = main([*command.words, *ORDINARY, "--duration", "0.05", *bus])
+        assert status in (0, 6)
+    elif command.words:
+        assert main(command.words) == 0, command.line
+
+
+def parse(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    parse_args = argparse.ArgumentParser.parse_args
+
+    def only_parse(parser: argparse.ArgumentParser, words: list[str]) -> None:
+        parse_args(parser, words)
+        raise SystemExit(0)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(argparse.ArgumentParser, "parse_args", only_parse)
+        with pytest.raises(SystemExit) as end:
+            main(command.words)
+    assert end.value.code == 0, command.line
+
+
+def test_what_is_not_run_is_counted() -> None:
+    blocks = [block for text in PAGES.values() for block in blocks_of(text)]
+    commands = [it for block in blocks if block.language == "sh" for it in commands_of(block.text)]
+    assert Counter(it.why_not for it in commands if it.why_not) == NOT_RUN
