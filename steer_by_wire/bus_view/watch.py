@@ -16,6 +16,7 @@ from ..dbc.messages import (
     DelayStatus,
     LateralError,
     Law,
+    Message,
     Mode,
     PlantStatus,
     SteeringCommand,
@@ -23,7 +24,7 @@ from ..dbc.messages import (
     SteeringStatusCode,
     VehicleState,
 )
-from ..recordings.bus_listener import BusListener, ReceivedMessage
+from ..recordings.bus_listener import NAMES, BusListener, ReceivedMessage
 from ..runtime.frame import Frame
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from .lateness import CommandLateness
@@ -92,7 +93,8 @@ class BusWatch:
         self._listener = BusListener()
         self._frames = 0
         self._marks: deque[tuple[int, int]] = deque([(start_ns, 0)], maxlen=11)
-        self._newest: dict[str, tuple[ReceivedMessage, int]] = {}
+        self._newest: dict[str, tuple[Message, int]] = {}
+        """Message and arrival, by the name of what is shown: a plan is a command."""
         self._recent = {name: Recent() for name in STRIPS if name != "lateness_s"}
         self._cycles = {name: Recent() for name in MESSAGE_TYPES}
         self._lateness = CommandLateness()
@@ -126,11 +128,13 @@ class BusWatch:
         received = self._listener.take(frame)
         if received is None or received.is_late:
             return None
-        before = self._newest.get(received.name)
+        shown = received.shown
+        name = NAMES[type(shown)]
+        before = self._newest.get(name)
         if before is not None:
-            self._cycles[received.name].add(now_ns, (now_ns - before[1]) / NS_PER_S)
-        self._newest[received.name] = (received, now_ns)
-        self._follow(received, now_ns)
+            self._cycles[name].add(now_ns, (now_ns - before[1]) / NS_PER_S)
+        self._newest[name] = (shown, now_ns)
+        self._follow(shown, now_ns)
         return received
 
     def view(self, now_ns: int) -> View:
@@ -138,7 +142,7 @@ class BusWatch:
         late_ages_ns, lateness_s = self._lateness.arrays(now_ns)
         strips = {name: recent.strip(now_ns) for name, recent in self._recent.items()}
         strips["lateness_s"] = strip_of(late_ages_ns, lateness_s)
-        newest = {type(received.message): received.message for received, _ in self._newest.values()}
+        newest = {type(message): message for message, _ in self._newest.values()}
         error, command = newest.get(LateralError), newest.get(SteeringCommand)
         steering, vehicle = newest.get(SteeringStatus), newest.get(VehicleState)
         controller, plant = newest.get(ControllerStatus), newest.get(PlantStatus)
@@ -168,9 +172,8 @@ class BusWatch:
             error_frames=self._listener.error_frames,
         )
 
-    def _follow(self, received: ReceivedMessage, now_ns: int) -> None:
+    def _follow(self, message: Message, now_ns: int) -> None:
         """Take what is shown over time from a message."""
-        message = received.message
         if isinstance(message, LateralError):
             self._recent["lateral_error_m"].add(now_ns, message.lateral_error_m)
         elif isinstance(message, SteeringCommand):

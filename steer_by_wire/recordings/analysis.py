@@ -28,7 +28,7 @@ from ..dbc.messages import (
 from ..plant_emulator.verdict import VerdictRules
 from ..runtime.frame import Frame
 from ..runtime.node import NS_PER_MS, NS_PER_S
-from .bus_listener import BusListener, ReceivedMessage
+from .bus_listener import NAMES, BusListener, ReceivedMessage
 from .cg_deviation import PREVIEW_M, CgDeviation
 from .durations import Durations, History
 from .held_path import HeldPath
@@ -143,15 +143,16 @@ class LogAnalysis:
         if received.is_late:
             return None
         at_s = math.nan if since_ns is None else since_ns / NS_PER_S
-        for label, field in self._by_message.get(received.name, ()):
-            self.histories[label].add(at_s, getattr(received.message, field))
-        if isinstance(received.message, VehicleState):
-            self._cg.on_state(received.message, at_s)
-        elif isinstance(received.message, LateralError) and self._start_ns is not None:
-            self._cg_m = self._cg.of(received.message)
+        shown = received.shown
+        for label, field in self._by_message.get(NAMES[type(shown)], ()):
+            self.histories[label].add(at_s, getattr(shown, field))
+        if isinstance(shown, VehicleState):
+            self._cg.on_state(shown, at_s)
+        elif isinstance(shown, LateralError) and self._start_ns is not None:
+            self._cg_m = self._cg.of(shown)
             if not math.isnan(self._cg_m):
                 self.histories[CG_DEVIATION].add(at_s, self._cg_m)
-        self._watch(received.message, since_ns)
+        self._watch(shown, since_ns)
         return at_s, received
 
     def figures(self) -> dict[str, Any]:
@@ -198,18 +199,20 @@ class LogAnalysis:
 
     def _time(self, received: ReceivedMessage, since_ns: int) -> None:
         """Count a message on the bus for latencies, cycles and gaps."""
-        name, message, counter, is_late = received
+        _, message, counter, is_late, _ = received
+        shown = received.shown
+        name = NAMES[type(shown)]
         if isinstance(message, _FROM_PLANT):
             self.latencies.on_plant_frame(since_ns)
         if isinstance(message, SteeringStatus):
             self.latencies.on_status(message, counter, is_late, since_ns)
         elif isinstance(message, PlantStatus) and not is_late:
             self.latencies.on_plant_status(message, since_ns)
-        elif isinstance(message, SteeringCommand) and not is_late:
-            self.latencies.on_command(message, since_ns)
+        elif isinstance(shown, SteeringCommand) and not is_late:
+            self.latencies.on_command(shown, since_ns)
         before_ns = self._newest_ns.get(name)
         self._newest_ns[name] = since_ns
-        period_ms = CYCLE_TIMES_MS[type(message)]
+        period_ms = CYCLE_TIMES_MS[type(shown)]
         if before_ns is None or not period_ms:
             return
         cycle_ns = since_ns - before_ns

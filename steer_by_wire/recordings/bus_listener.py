@@ -14,12 +14,23 @@ from ..dbc.messages import (
     DATA_IDS,
     MESSAGE_TYPES,
     Decoded,
+    LateralError,
     Message,
     Rejection,
+    SteeringCommand,
+    SteeringPlan,
     decode,
 )
-from ..dbc.protection import HALF, PERIOD_NS_MIN, SequenceCheck, SequenceResult, SequenceRule
+from ..dbc.protection import (
+    COUNTERS,
+    HALF,
+    PERIOD_NS_MIN,
+    SequenceCheck,
+    SequenceResult,
+    SequenceRule,
+)
 from ..dbc.secured_frame import plain
+from ..plant_emulator.plan_buffer import planned_rad
 from ..runtime.frame import ERROR, Frame
 
 RULE = SequenceRule(lead_ns=HALF * PERIOD_NS_MIN, resync_run=20)
@@ -37,12 +48,30 @@ class ReceivedMessage(NamedTuple):
 
     ``counter``  end-to-end counter, 0 for a message without one
     ``is_late``  overtaken by a newer one: a node would reject it
+    ``sample``   counter of the newest measurement before it, 0 before the first
     """
 
     name: str
     message: Message
     counter: int
     is_late: bool
+    sample: int
+
+    @property
+    def shown(self) -> Message:
+        """The message; in place of a plan the command that it is at the newest measurement."""
+        if isinstance(self.message, SteeringPlan):
+            return command_at(self.message, self.sample)
+        return self.message
+
+
+def command_at(message: SteeringCommand | SteeringPlan, sample: int) -> SteeringCommand:
+    """Return a command, or what a plan commands at the sample with this end-to-end counter."""
+    if isinstance(message, SteeringCommand):
+        return message
+    number, mode, first_sample, spacing, *steers_rad = message
+    age = min((sample - first_sample) % COUNTERS, spacing * (len(steers_rad) - 1))
+    return SteeringCommand(planned_rad(age, spacing, steers_rad), number, mode)
 
 
 class MessageCounts(NamedTuple):
@@ -76,6 +105,7 @@ class BusListener:
         self._foreign = Counter[int]()
         self._foreign_frames = 0
         self._error_frames = 0
+        self._sample = 0
 
     @property
     def foreign(self) -> Mapping[int, int]:
@@ -119,10 +149,12 @@ class BusListener:
             result = self._in_sequence(name, counter)
             if result is SequenceResult.ACCEPTED:
                 self._accepted[name] += 1
-                return ReceivedMessage(name, message, counter, False)
+                if isinstance(message, LateralError):
+                    self._sample = counter
+                return ReceivedMessage(name, message, counter, False, self._sample)
             if result is SequenceResult.OUT_OF_ORDER:
                 self._late[name] += 1
-                return ReceivedMessage(name, message, counter, True)
+                return ReceivedMessage(name, message, counter, True, self._sample)
             self._refused[name][result.value] += 1
         elif frame.flags & ERROR:
             self._error_frames += 1

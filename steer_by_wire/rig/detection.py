@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from ..dbc.enumerations import Mode
-from ..dbc.messages import Decoded, LateralError, Rejection, SteeringCommand
+from ..dbc.messages import Decoded, LateralError, Rejection, SteeringCommand, SteeringPlan
 
 _LATE = 1.8
 """Periods after which a measurement counts as late: more than jitter of the bus makes of one."""
@@ -23,7 +23,7 @@ def first_reaction(
 ) -> Detection:
     """Return the first faulty measurement and the first command after it that reacts.
 
-    ``received``   LATERAL_ERROR, STEERING_COMMAND and what cannot be read, each with its time
+    ``received``   LATERAL_ERROR, commands and plans, and what cannot be read, each with its time
     ``period_ns``  of the measurements [ns]
     """
     onset_ns = reaction_ns = None
@@ -35,7 +35,7 @@ def first_reaction(
         is_late = measured_ns is not None and time_ns - measured_ns > _LATE * period_ns
         if onset_ns is None and is_late and measured_ns is not None:
             onset_ns = measured_ns + period_ns
-        if isinstance(message, SteeringCommand):
+        if isinstance(message, SteeringCommand | SteeringPlan):
             command_ns = time_ns
             if onset_ns is not None and message.mode != Mode.ACTIVE:
                 return Detection(onset_ns, time_ns)

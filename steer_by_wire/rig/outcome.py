@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..dbc.messages import LateralError, Rejection, SteeringCommand, decode
+from ..dbc.messages import LateralError, Rejection, SteeringCommand, SteeringPlan, decode
 from ..pair.live import PairFiles
 from ..pair.trace import FloatArray, Trace, rms
 from ..plant_emulator.settings import PlantSettings
@@ -128,7 +128,8 @@ class Outcome(NamedTuple):
         measurements_and_commands = (
             (time_ns, one)
             for time_ns, one in decoded
-            if isinstance(one, Rejection) or isinstance(one.message, LateralError | SteeringCommand)
+            if isinstance(one, Rejection)
+            or isinstance(one.message, LateralError | SteeringCommand | SteeringPlan)
         )
         return first_reaction(measurements_and_commands, self.settings.sensor_period_ns)
 

@@ -26,6 +26,8 @@ from steer_by_wire.recordings.smoothing import (
     smooth_vehicle,
 )
 from steer_by_wire.tools.analyze_log.__main__ import main as analyze
+from steer_by_wire.tools.analyze_log.pictures import draw_smoothed
+from steer_by_wire.tools.analyze_log.smoothed import COLUMNS, SmoothedTable
 from steer_by_wire.tools.closed_loop.__main__ import main as run_loop
 
 VEHICLE_FILE = Path(__file__).parents[2] / "tools" / "design_gains" / "highway_vehicle.toml"
@@ -112,24 +114,34 @@ def test_a_delay_that_walks_is_followed_with_errors_as_large_as_stated() -> None
     assert smoothed.deviations.mean() < 0.2 * 0.03
 
 
+@pytest.mark.parametrize("law", ["predictor", "packet"])
 def test_analyze_smooths_a_recording_and_says_the_lag(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    law: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     settings = ("actuator.lag_s=0.05", "latency.downlink.mean_s=0.08", "duration_s=8")
     sets = [word for setting in settings for word in ("--plant-set", setting)]
-    presets = ["--plant-preset", "highway_nominal", "--controller-preset", "highway_predictor"]
+    presets = ["--plant-preset", "highway_nominal", "--controller-preset", f"highway_{law}"]
     assert run_loop([*presets, *sets, "--out", str(tmp_path / "run")]) == 0
     log = tmp_path / "run" / "candump.log"
     out = tmp_path / "logs"
     assert analyze([str(log), "--out", str(out), "--smooth", str(VEHICLE_FILE)]) == 0
-    assert "smoothed steering lag: 5" in capsys.readouterr().out
     figures = json.loads((out / "candump" / "figures.json").read_text())["smoothed"]
-    assert figures["steering_lag_s"]["mean"] == pytest.approx(0.05, abs=0.002)
+    lag_s = figures["steering_lag_s"]["mean"]
+    assert lag_s == pytest.approx(0.05, abs=0.002)
+    assert f"smoothed steering lag: {1e3 * lag_s:.2f} ± " in capsys.readouterr().out
+    assert "Smoothed: estimate" in (out / "candump" / "report.html").read_text(encoding="utf-8")
     assert 0.08 < figures["delay_s"]["mean"] < 0.092  # to the sample after it acts
     assert abs(figures["steering_offset_rad"]["mean"]) < 0.001
     table = np.genfromtxt(out / "candump" / "smoothed.csv", delimiter=",", names=True)
     assert len(table) > 780
     assert np.diff(table["time_s"]) == pytest.approx(PERIOD_S, rel=1e-2)
+
+
+def test_what_nothing_shows_is_drawn_as_nothing(tmp_path: Path) -> None:
+    table = SmoothedTable(tmp_path / "smoothed.csv", vehicle())
+    table.time_s, table.values = np.arange(3.0), np.full((3, len(COLUMNS)), np.nan)
+    table.deviations = np.full_like(table.values, np.inf)
+    assert draw_smoothed(table).png.startswith(b"\x89PNG")
 
 
 def test_a_log_without_enough_is_skipped_in_one_line(

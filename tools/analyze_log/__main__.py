@@ -204,13 +204,14 @@ def _analyse(
                 paths, options.channel, exports, advance, rules, options.preview_m
             )
         # Only a report needs matplotlib, and an error in the file should be reported before that.
-        from steer_by_wire.tools.analyze_log.pictures import draw_pictures
+        from steer_by_wire.tools.analyze_log.pictures import draw_pictures, draw_smoothed
 
         if smoothed:
             figures["smoothed"] = smoothed[0].figures
         write_json(partial / "figures.json", figures)
         title = f"Log of the bus: {', '.join(path.name for path in paths)}"
-        page = report_html(title, figures, draw_pictures(analysis, figures))
+        pictures = [*draw_pictures(analysis, figures), *map(draw_smoothed, smoothed)]
+        page = report_html(title, figures, pictures)
         (partial / "report.html").write_text(page, encoding="utf-8")
     return Result(figures, folder)
 

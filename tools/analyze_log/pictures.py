@@ -1,7 +1,7 @@
 """Pictures of a log."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,8 +12,22 @@ from ...recordings.durations import Durations
 from ...reports.page import Picture
 from ...reports.plot_style import COLOURS, plot_style, png_of
 
+if TYPE_CHECKING:  # it imports most of scipy
+    from .smoothed import SmoothedTable
+
 ORANGE, BLUE, GREEN, PURPLE, *_ = COLOURS
 WIDTH_IN = 10.5
+SMOOTHED = {
+    "side_slip_rad": ("side slip [mrad]", 1e3),
+    "yaw_rate_rad_s": ("yaw rate [mrad/s]", 1e3),
+    "heading_error_rad": ("heading error [mrad]", 1e3),
+    "lateral_error_m": ("preview point [mm]", 1e3),
+    "curvature_1_m": ("curvature [1/km]", 1e3),
+    "steering_offset_rad": ("steering offset [mrad]", 1e3),
+    "delay_s": ("delay down and up [ms]", 1e3),
+    "steering_lag_s": ("steering lag [ms]", 1e3),
+}
+"""Axis of each smoothed column, and how many of its unit make the SI unit."""
 
 
 def draw_pictures(analysis: LogAnalysis, figures: Mapping[str, Any]) -> list[Picture]:
@@ -91,6 +105,27 @@ def _draw_latency(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure |
     right.set(xlabel="latency [ms]", ylabel="share of frames below [%]", ylim=(0.0, 100.0))
     right.set_xlim(left=0.0)
     return figure
+
+
+def draw_smoothed(table: "SmoothedTable") -> Picture:
+    """Draw what the smoother found, each with a band of two standard deviations."""
+    with plot_style():
+        figure = Figure(figsize=(WIDTH_IN, 8.4))
+        every = figure.subplots(4, 2, sharex=True)
+        columns = zip(SMOOTHED.values(), table.values.T, table.deviations.T, strict=True)
+        for axes, ((label, scale), value, deviation) in zip(every.T.flat, columns, strict=True):
+            is_known = np.isfinite(deviation)
+            middle = np.where(is_known, scale * value, np.nan)
+            half = np.where(is_known, 2.0 * scale * deviation, 0.0)
+            axes.plot(table.time_s, middle, color=BLUE, lw=1.0)
+            low, high = axes.get_ylim()
+            axes.fill_between(table.time_s, middle - half, middle + half, color=BLUE, alpha=0.25)
+            # A band that is wide at the ends does not hide the line.
+            margin = 2.0 * float(np.median(half))
+            axes.set(ylabel=label, ylim=(low - margin, high + margin))
+        for axes in every[-1]:
+            axes.set_xlabel("time since the first frame [s]")
+        return Picture(png_of(figure), "Smoothed: estimate and two standard deviations")
 
 
 def _draw_cycles(analysis: LogAnalysis, figures: Mapping[str, Any]) -> Figure | None:

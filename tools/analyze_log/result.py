@@ -34,7 +34,7 @@ def print_results(results: Sequence[Result]) -> None:
         if figures["unreadable"]:
             print(f"{figures['unreadable']} lines not read, the first: ", end="")
             print(figures["first_unreadable"])
-        if len(figures["channels"]) > 1 and figures["messages"]["STEERING_COMMAND"]["accepted"]:
+        if len(figures["channels"]) > 1 and figures["latency"]["commands"]:
             print(f"several channels ({', '.join(figures['channels'])}): choose with --channel")
         if smoothed := figures.get("smoothed"):
             for name in ("delay_s", "steering_lag_s", "steering_offset_rad"):

@@ -18,12 +18,13 @@ from ...controller.shared_settings import VehicleModelSettings
 from ...dbc.messages import (
     LateralError,
     SteeringCommand,
+    SteeringPlan,
     SteeringStatus,
     SteeringStatusCode,
     VehicleState,
 )
 from ...dbc.protection import COUNTERS
-from ...recordings.bus_listener import ReceivedMessage
+from ...recordings.bus_listener import ReceivedMessage, command_at
 from ...recordings.log_file import LogError
 from ...recordings.smoothing import (
     VEHICLE_STATES,
@@ -60,7 +61,11 @@ class _Status(NamedTuple):
 class SmoothedTable:
     """Writes the table when it is closed; ``vehicle`` is the model, at the log's mean speed.
 
-    ``figures``  once it is closed: of each column the mean, and that of its standard deviation
+    Once it is closed:
+
+    ``time_s``      of each sample since the first frame, shape (n,)
+    ``values``      of COLUMNS, shape (n, columns), and their standard ``deviations``
+    ``figures``     of each column the mean, and that of its standard deviation
     """
 
     def __init__(self, path: Path, vehicle: VehicleModelSettings) -> None:
@@ -68,12 +73,13 @@ class SmoothedTable:
         self._errors: list[_Error] = []
         self._statuses: list[_Status] = []
         self._speeds_m_s: list[float] = []
-        self._commands: dict[int, tuple[float, float]] = {}
-        """When each was sent [s], and its angle [rad], by its counter."""
+        self._commands: dict[int, tuple[float, SteeringCommand | SteeringPlan]] = {}
+        """When each was sent [s], by its counter."""
         self._echoes: list[tuple[float, float]] = []
         """When a command was echoed first, and how long after it was sent [s]."""
         self._echoed = -1
         self.figures: dict[str, Any] = {}
+        self.time_s, self.values, self.deviations = np.empty(0), np.empty((0, 0)), np.empty((0, 0))
 
     def write(self, time_ns: int | None, at_s: float, received: ReceivedMessage) -> None:  # noqa: ARG002
         """Take a message."""
@@ -85,12 +91,12 @@ class SmoothedTable:
             self._errors.append(_Error(sample, at_s, *message))
         elif isinstance(message, SteeringStatus):
             sample = self._sample(self._statuses, received.counter)
-            command_rad = self._on_echo(message, at_s)
+            command_rad = self._on_echo(message, received.counter, at_s)
             self._statuses.append(_Status(sample, at_s, message.wheel_angle_rad, command_rad))
         elif isinstance(message, VehicleState):
             self._speeds_m_s.append(message.speed_m_s)
-        elif isinstance(message, SteeringCommand):
-            self._commands[message.command_counter] = (at_s, message.steer_rad)
+        elif isinstance(message, SteeringCommand | SteeringPlan):
+            self._commands[command_at(message, 0).command_counter] = (at_s, message)
 
     def close(self) -> None:
         """Smooth and write; raises LogError."""
@@ -115,6 +121,7 @@ class SmoothedTable:
         rows = np.column_stack((time_s, np.stack((values, deviations), axis=2).reshape(count, -1)))
         header = ",".join(("time_s", *names))
         np.savetxt(self._path, rows, "%.9g", ",", header=header, comments="")
+        self.time_s, self.values, self.deviations = time_s, values, deviations
         means = zip(COLUMNS, values.mean(axis=0), deviations.mean(axis=0), strict=True)
         self.figures = {
             name: {"mean": finite_or_none(mean), "mean_std": finite_or_none(std)}
@@ -148,16 +155,18 @@ class SmoothedTable:
             return unwrapped(counter, own[-1].sample + 1, COUNTERS)
         return unwrapped(counter, other[-1].sample, COUNTERS) if other else counter
 
-    def _on_echo(self, status: SteeringStatus, at_s: float) -> float:
+    def _on_echo(self, status: SteeringStatus, counter: int, at_s: float) -> float:
         """Return the command in effect, and keep how long it took."""
         sent = self._commands.get(status.applied_counter)
         if sent is None or status.status is SteeringStatusCode.NO_COMMAND:
             return float("nan")
-        sent_s, steer_rad = sent
+        sent_s, command = sent
         if status.applied_counter != self._echoed:
             self._echoed = status.applied_counter
             self._echoes.append((at_s, at_s - sent_s))
-        return steer_rad if status.status is SteeringStatusCode.APPLYING else float("nan")
+        if status.status is not SteeringStatusCode.APPLYING:
+            return float("nan")
+        return command_at(command, counter).steer_rad
 
 
 def finite_or_none(value: float) -> float | None:

@@ -7,7 +7,7 @@ same figures. The running figures are those of every LATERAL_ERROR that was acce
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from ...bus_view.watch import BusWatch
 from ...dbc.messages import (
@@ -21,11 +21,13 @@ from ...dbc.messages import (
     Message,
     PlantStatus,
     SteeringCommand,
+    SteeringPlan,
     SteeringStatus,
     SteeringStatusCode,
     VehicleState,
 )
 from ...plant_emulator.path import Path
+from ...recordings.bus_listener import command_at
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from .frame_text import message_text, payload_text
@@ -37,18 +39,18 @@ _SILENT_NS = NS_PER_S
 """After so long without a message its signals are shown as absent."""
 _REFUSED_SHOWN_NS = 3 * NS_PER_S
 _IN_FLIGHT_MAX = 4096
-"""Commands whose angle is remembered until they take effect."""
+"""Commands that are remembered until they take effect."""
 _FOREIGN_MAX = 20
 """Foreign identifiers that are listed."""
 
 M = TypeVar("M", bound=Message)
 
 
-class Newest(NamedTuple):
+class Newest(NamedTuple, Generic[M]):
     """The newest accepted frame of a message."""
 
     time_ns: int
-    message: Message
+    message: M
     frame: Frame
 
 
@@ -64,9 +66,10 @@ class Sampler:
         self._watch = BusWatch(start_ns)
         self._path = path
         self.on_plant_start()
-        self._newest: dict[type[Message], Newest] = {}
+        self._newest: dict[type[Message], Newest[Message]] = {}
         self._foreign: dict[int, Frame] = {}
-        self._sent_rad: dict[int, float] = {}
+        self._command: Newest[SteeringCommand] | None = None
+        self._sent: dict[int, SteeringCommand | SteeringPlan] = {}
         self._in_effect_rad = math.nan
         self._refused = Counter[str]()
         self._refused_until_ns: dict[str, int] = {}
@@ -95,21 +98,25 @@ class Sampler:
             self._samples += 1
             self._squares_m2 += error_m * error_m
             self._peak_m = max(self._peak_m, abs(error_m))
-        elif isinstance(message, SteeringCommand):
-            if len(self._sent_rad) >= _IN_FLIGHT_MAX:
-                del self._sent_rad[next(iter(self._sent_rad))]  # the oldest
-            self._sent_rad[message.command_counter] = message.steer_rad
+        elif isinstance(message, SteeringCommand | SteeringPlan):
+            if len(self._sent) >= _IN_FLIGHT_MAX:
+                del self._sent[next(iter(self._sent))]  # the oldest
+            self._command = Newest(now_ns, command_at(message, heard.sample), frame)
+            self._sent[self._command.message.command_counter] = message
             self._place.on_command(now_ns)
         elif isinstance(message, SteeringStatus):
             if message.status is not SteeringStatusCode.NO_COMMAND:
-                self._in_effect_rad = self._sent_rad.get(message.applied_counter, math.nan)
+                sent = self._sent.get(message.applied_counter)
+                self._in_effect_rad = (
+                    math.nan if sent is None else command_at(sent, heard.counter).steer_rad
+                )
         elif isinstance(message, VehicleState):
             self._place.on_vehicle(message, now_ns)
 
     def row(self, now_ns: int) -> tuple[float, ...]:
         """Return the signals as known at ``now_ns``, in the order of ``NAMES``; NaN for none."""
         error = self._known(LateralError, now_ns)
-        command = self._known(SteeringCommand, now_ns)
+        command = _unless_silent(self._command, now_ns)
         status = self._known(SteeringStatus, now_ns)
         vehicle = self._known(VehicleState, now_ns)
         plant = self._known(PlantStatus, now_ns)
@@ -203,6 +210,8 @@ class Sampler:
     def _known(self, kind: type[M], now_ns: int) -> M | None:
         """Return the newest message of a type; None without one, or when it has become silent."""
         newest = self._newest.get(kind)  # type: ignore[arg-type]
-        if newest is None or now_ns - newest.time_ns >= _SILENT_NS:
-            return None
-        return newest.message  # type: ignore[return-value]
+        return _unless_silent(newest, now_ns)  # type: ignore[return-value]
+
+
+def _unless_silent(newest: Newest[M] | None, now_ns: int) -> M | None:
+    return None if newest is None or now_ns - newest.time_ns >= _SILENT_NS else newest.message
