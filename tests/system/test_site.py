@@ -1,4 +1,4 @@
-"""The site: every page is reached and every link leads somewhere; its words are spelt right."""
+"""The site: every page is reached, every link leads somewhere; diagrams are those drawn."""
 
 import subprocess
 import sys
@@ -18,14 +18,6 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
         check=False,
     )
     assert result.returncode == 0, result.stderr
-
-
-def test_the_words_are_spelt_as_in_the_dictionary() -> None:
-    pages = [*DOCS.rglob("*.md"), ROOT / "README.md", ROOT / "CHANGELOG.md"]
-    result = subprocess.run(
-        [sys.executable, "-m", "codespell_lib", *pages], capture_output=True, text=True, check=False
-    )
-    assert (result.returncode, result.stdout) == (0, "")
 
 
 def test_the_diagrams_are_those_of_their_program(tmp_path: Path) -> None:
