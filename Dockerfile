@@ -7,6 +7,8 @@ RUN apt-get update -qq && apt-get install -y -qq --no-install-recommends \
 WORKDIR /opt/steer-by-wire
 COPY . .
 RUN pip install --quiet --no-cache-dir '.[tools]'
+# With --user the home folder would be /, where nothing can be kept.
+ENV HOME=/tmp
 WORKDIR /work
 ENTRYPOINT ["steer-by-wire"]
 CMD ["--help"]
