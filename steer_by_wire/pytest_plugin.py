@@ -51,25 +51,27 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 def rig(request: pytest.FixtureRequest, tmp_path: Path) -> "Rig":
     """A plant to drive; the marker ``steer_by_wire`` sets it up."""
     from .rig import Rig
+    from .runtime.settings import SettingsError
 
     marker = request.node.get_closest_marker(MARKER)
     given: dict[str, Any] = dict(marker.kwargs) if marker is not None else {}
     unknown = [name for name in given if name not in ARGUMENTS]
     if unknown or (marker is not None and marker.args):
-        raise pytest.UsageError(
-            f"{request.node.nodeid}: marker {MARKER} takes {', '.join(ARGUMENTS)} by name, not "
-            f"{', '.join(unknown) or 'positional arguments'}"
-        )
+        wrong = ", ".join(unknown) or "positional arguments"
+        pytest.fail(f"marker {MARKER} takes {', '.join(ARGUMENTS)} by name, not {wrong}", False)
     overrides = dict(given.get("overrides", {}))
     if "latency_s" in given:
         overrides["latency.downlink.mean_s"] = given["latency_s"]
-    made = Rig(
-        tmp_path,
-        given.get("plant", "paper_nominal"),
-        overrides,
-        getattr(request, "param", None),
-        given.get("bus", "auto"),
-    )
+    try:
+        made = Rig(
+            tmp_path,
+            given.get("plant", "paper_nominal"),
+            overrides,
+            getattr(request, "param", None),
+            given.get("bus", "auto"),
+        )
+    except SettingsError as error:
+        raise pytest.fail.Exception(str(error), pytrace=False) from None
     request.node.stash[_RIG] = made
     return made
 
@@ -127,7 +129,7 @@ def _picture(outcome: Any) -> str:
     try:
         return str(outcome.draw())
     except ImportError as error:
-        return f"none: {error.name} is not installed"
+        return f"none: pip install {error.name}"
 
 
 def _to_step_summary(test: str, lines: list[str]) -> None:

@@ -11,6 +11,8 @@ from ..runtime.settings import SettingsError
 from .live import Bus
 from .virtual import BITRATE_BIT_S
 
+BUSES = ("auto", "socketcan", "emulated")
+
 
 class Channels(NamedTuple):
     """One channel per pair, and a short description of them."""
@@ -37,7 +39,8 @@ def open_channels(
     if wanted == "socketcan" and missing:
         raise SettingsError(
             f"no CAN interface {', '.join(missing)}; make them with: sudo modprobe vcan; for i in "
-            f"{' '.join(missing)}; do sudo ip link add $i type vcan; sudo ip link set $i up; done",
+            f"{' '.join(missing)}; do sudo ip link add $i type vcan; sudo ip link set $i up; done; "
+            "or run below: steer-by-wire with-vcan",
         )
     if wanted != "emulated" and not missing:
         buses = tuple(Bus("socketcan", interface, {}) for interface in interfaces)

@@ -8,8 +8,8 @@
 ``make_node(start_ns)`` that returns a node as in ``runtime.node``, or the words of a command. The
 first three run in virtual time, a preset or file with ``in_real_time`` as a program. A command runs
 in real time: on vcan0 where this machine has it, else on an emulated bus, which Python programs
-alone can join (python-can's interface ``emulated``). In its words ``{interface}``, ``{channel}``
-and ``{bus}``, python-can's options of both, are replaced.
+alone can join (python-can's interface ``emulated``). In its words ``{channel}``, the name of the
+interface, and ``{bus}``, python-can's options of either bus, are replaced.
 """
 
 import json
@@ -22,9 +22,9 @@ import can
 
 from ..controller.node import ControllerNode
 from ..controller.settings import ControllerSettings
-from ..pair.channels import open_channels
+from ..pair.channels import BUSES, open_channels
 from ..pair.live import Bus, PairFiles
-from ..pair.processes import Processes
+from ..pair.processes import ProcessError, Processes
 from ..pair.trace import Trace
 from ..pair.virtual import BITRATE_BIT_S, run_virtual_nodes
 from ..plant_emulator.faults import with_faults
@@ -32,6 +32,8 @@ from ..plant_emulator.node import PlantNode
 from ..plant_emulator.settings import PlantSettings
 from ..runtime.bus_model import BusModel
 from ..runtime.node import NEVER_NS, ReportingNode
+from ..runtime.settings import SettingsError
+from ..runtime.settings_mistakes import hint
 from ..runtime.toml_text import dump_toml
 from ..simulation import (
     CONTROLLER_PRESETS,
@@ -44,6 +46,7 @@ from .outcome import Outcome
 
 MakeNode = Callable[[int], ReportingNode]
 _POLL_S = 0.05
+__tracebackhide__ = True  # pytest shows the line of the test that made the mistake
 
 
 class Rig:
@@ -66,6 +69,8 @@ class Rig:
         seed: int | None = None,
         bus: str = "auto",
     ) -> None:
+        if bus not in BUSES:
+            raise SettingsError(f"bus {bus}: there is none of this name ({hint(bus, BUSES)})")
         values = {f"plant.{key}": value for key, value in overrides.items()}
         if seed is not None:
             values["plant.seed"] = seed
@@ -85,31 +90,37 @@ class Rig:
 
         ``overrides``  other settings of a preset or file
 
-        Raises SettingsError for settings that cannot be used, ProcessError when a program fails.
+        Raises SettingsError for settings that cannot be used, ProcessError when the plant fails.
         """
+        try:
+            outcome = self._run(controller, overrides, in_real_time)
+        except (SettingsError, ProcessError) as error:
+            raise error.with_traceback(None) from None
+        self.outcomes.append(outcome)
+        return outcome
+
+    def _run(
+        self,
+        controller: str | MakeNode | Sequence[str],
+        overrides: Mapping[str, Any],
+        in_real_time: bool,
+    ) -> Outcome:
         files = PairFiles(self._folder / f"run{len(self.outcomes) + 1}")
         files.folder.mkdir(parents=True, exist_ok=True)
         files.settings("plant_emulator").write_text(dump_toml(self.settings), encoding="utf-8")
         if callable(controller):
-            outcome = self._in_virtual_time(controller, files)
-        elif isinstance(controller, str):
-            values = {f"controller.{key}": value for key, value in overrides.items()}
-            settings = settings_of(
-                ControllerSettings, "controller", controller, CONTROLLER_PRESETS, values
-            )
-            files.settings("controller").write_text(dump_toml(settings), encoding="utf-8")
-            if in_real_time:
-                module = "steer_by_wire.controller"
-                words = [str(files.settings("controller")), "{bus}"]
-                outcome = self._in_real_time(module, words, files)
-            else:
-                outcome = self._in_virtual_time(
-                    lambda start_ns: ControllerNode(settings, start_ns), files
-                )
-        else:
-            outcome = self._in_real_time("steer_by_wire.rig.command", controller, files)
-        self.outcomes.append(outcome)
-        return outcome
+            return self._in_virtual_time(controller, files)
+        if not isinstance(controller, str):
+            return self._in_real_time("steer_by_wire.rig.command", controller, files)
+        values = {f"controller.{key}": value for key, value in overrides.items()}
+        settings = settings_of(
+            ControllerSettings, "controller", controller, CONTROLLER_PRESETS, values
+        )
+        files.settings("controller").write_text(dump_toml(settings), encoding="utf-8")
+        if in_real_time:
+            words = [str(files.settings("controller")), "{bus}"]
+            return self._in_real_time("steer_by_wire.controller", words, files)
+        return self._in_virtual_time(lambda start_ns: ControllerNode(settings, start_ns), files)
 
     def _in_virtual_time(self, make_node: MakeNode, files: PairFiles) -> Outcome:
         plant = PlantNode(self.settings, 0)
@@ -121,21 +132,21 @@ class Rig:
             return plant.motion_start_ns == NEVER_NS and next(seconds, None) is None
 
         run_virtual_nodes(edge, make_node(0), bus, log, has_not_begun)
-        return Outcome(
-            files, "virtual time", self.settings, dict(edge.report()), Trace.of_node(plant)
-        )
+        report, trace = dict(edge.report()), Trace.of_node(plant)
+        return Outcome(files, "virtual time", self.settings, report, trace)
 
     def _in_real_time(self, module: str, words: Sequence[str], files: PairFiles) -> Outcome:
         log = files.folder / "bus.txt"
         with open_channels(self.bus, ["rig"], log) as channels:
             (bus,) = channels.buses
-            report = self._run_programs(bus, module, _filled(words, bus), files)
+            report, ending = self._run_programs(bus, module, _filled(words, bus), files)
         trace = Trace.read(files.plant_trace)
-        return Outcome(files, channels.description, self.settings, report, trace)
+        return Outcome(files, channels.description, self.settings, report, trace, ending)
 
     def _run_programs(
         self, bus: Bus, module: str, words: Sequence[str], files: PairFiles
-    ) -> dict[str, Any]:
+    ) -> tuple[dict[str, Any], str]:
+        ending = ""
         with Processes(files.folder) as programs, bus.open() as listener:
             writer = can.CanutilsLogWriter(files.candump_log, channel=bus.channel)
             notifier = can.Notifier(listener, [writer])
@@ -147,7 +158,8 @@ class Rig:
             until_s = time.monotonic() + START_S_MAX + self.settings.duration_s
             while programs.status("plant_emulator") is None and time.monotonic() < until_s:
                 if programs.status("controller") is not None:
-                    break  # the plant reports what it saw of it
+                    ending = str(programs.failure("controller"))
+                    break
                 time.sleep(_POLL_S)
             status = programs.end("plant_emulator")
             programs.end("controller")
@@ -155,15 +167,19 @@ class Rig:
             if status:
                 raise programs.failure("plant_emulator")
         node: dict[str, Any] = json.loads(files.report("plant_emulator").read_text("utf-8"))["node"]
-        return node
+        return node, ending
 
 
 def _filled(words: Sequence[str], bus: Bus) -> list[str]:
+    if bus.interface != "socketcan" and "{bus}" not in words and "{channel}" in " ".join(words):
+        raise SettingsError(
+            f"{words[0]}: an emulated bus is no interface that {{channel}} could name; run "
+            "steer-by-wire with-vcan pytest for a vcan0, or give a program in Python {bus}"
+        )
     filled: list[str] = []
     for word in words:
         if word == "{bus}":
             filled += bus.options
         else:
-            named = word.replace("{interface}", bus.interface).replace("{channel}", bus.channel)
-            filled.append(named)
+            filled.append(word.replace("{channel}", bus.channel))
     return filled

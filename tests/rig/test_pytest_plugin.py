@@ -42,6 +42,7 @@ def test_it_is_perfect(rig):
     result = pytester.runpytest_inprocess("-p", "no:xdist")
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(["*RMS lateral error * m is above 0 m", "seed     9", "log *"])
+    result.stdout.no_fnmatch_line("*outcome.py*")
     (picture,) = [line for line in result.outlines if line.startswith("picture ")]
     assert Path(picture.split()[1]).is_file()
     assert "seed     9" in summary.read_text()
@@ -65,7 +66,11 @@ def test_a_frame_arrives(can_bus, recording):
 
 @pytest.mark.parametrize(
     ("marker", "said"),
-    [("latency=0.1", "takes plant, latency_s, seeds"), ("0.1", "positional arguments")],
+    [
+        ("latency=0.1", "takes plant, latency_s, seeds"),
+        ("0.1", "positional arguments"),
+        ('bus="vcan0"', "known: auto, socketcan, emulated"),
+    ],
 )
 def test_a_wrong_marker_is_explained(pytester: pytest.Pytester, marker: str, said: str) -> None:
     pytester.makepyfile(
@@ -74,3 +79,4 @@ def test_a_wrong_marker_is_explained(pytester: pytest.Pytester, marker: str, sai
     result = pytester.runpytest_inprocess("-p", "no:xdist")
     result.assert_outcomes(errors=1)
     result.stdout.fnmatch_lines([f"*{said}*"])
+    result.stdout.no_fnmatch_line("*pytest_plugin.py*")

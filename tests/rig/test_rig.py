@@ -87,8 +87,14 @@ def test_a_program_that_speaks_the_contract_holds_the_path(tmp_path: Path) -> No
 def test_a_command_that_is_not_there_never_drives_the_plant(tmp_path: Path) -> None:
     rig = Rig(tmp_path, overrides=SHORT, bus="emulated")
     outcome = rig.run(["./no-such-controller"])
-    assert "never driven" in failure_of(outcome)[0]
-    assert "No such file" in (outcome.files.folder / "controller.txt").read_text()
+    ending, undriven, *_ = failure_of(outcome)
+    assert ending.startswith("controller has ended with status 127: ./no-such-controller: No such")
+    assert "never driven" in undriven
+
+
+def test_a_command_that_cannot_join_the_emulated_bus_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=r"^\./mine: .* with-vcan pytest"):
+        Rig(tmp_path, bus="emulated").run(["./mine", "{channel}"])
 
 
 def test_a_wrong_setting_is_refused(tmp_path: Path) -> None:

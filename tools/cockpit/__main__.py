@@ -21,6 +21,7 @@ from functools import partial
 from pathlib import Path
 
 from steer_by_wire.command_line import command_parser
+from steer_by_wire.pair.channels import BUSES
 from steer_by_wire.recordings.log_file import LogError
 from steer_by_wire.runtime.bus import add_bus_arguments
 from steer_by_wire.runtime.option_types import output_file
@@ -64,7 +65,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--bus",
-        choices=("auto", "socketcan", "emulated"),
+        choices=BUSES,
         default="auto",
         help="of our own pairs (default: vcan0 where there is one, else emulated)",
     )

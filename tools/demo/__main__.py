@@ -21,7 +21,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from steer_by_wire.command_line import add_out_argument, command_parser, number
 from steer_by_wire.controller.settings import ControllerSettings
-from steer_by_wire.pair.channels import Channels, open_channels
+from steer_by_wire.pair.channels import BUSES, Channels, open_channels
 from steer_by_wire.pair.live import LivePair, PairFiles, PairResult
 from steer_by_wire.pair.processes import ProcessError
 from steer_by_wire.pair.virtual import run_virtual_pair
@@ -64,7 +64,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     add_out_argument(parser, "out/demo")
     parser.add_argument(
         "--bus",
-        choices=("auto", "socketcan", "emulated"),
+        choices=BUSES,
         default="auto",
         help="default: vcan0 if there is one, otherwise emulated",
     )
