@@ -2,6 +2,7 @@
 
 import re
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
@@ -77,7 +78,8 @@ def test_every_link_leads_somewhere(page: str) -> None:
 def test_every_file_of_ours_that_is_named_is_there(page: str) -> None:
     ours = "controller|dbc|docs|examples|plant_emulator|runtime|steer_by_wire|tests|tools"
     named = re.findall(rf"(?<![\w./-])((?:{ours})/[\w./-]*\w)", PAGES[page])
-    assert [name for name in named if not (ROOT / name).exists()] == []
+    missing = [name for name in named if not (ROOT / name).exists()]
+    assert [name for name in missing if not set(Path(name).parts) & set(MADE)] == []
 
 
 @pytest.mark.parametrize("page", PAGES)
