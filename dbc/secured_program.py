@@ -9,8 +9,9 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 
 from ..runtime.node import N, ReportingNode
-from ..runtime.program import ExitStatus, run_node, say
+from ..runtime.program import ExitStatus, say
 from ..runtime.recording import fd_obstacle
+from ..runtime.run_node import run_node
 from ..runtime.settings import Settings, SettingsError
 from ..runtime.thresholds import Ending
 from .messages import CAN_IDS, Message
@@ -41,7 +42,7 @@ def run_secured_node(
     conclude: Callable[[N], None],
     ending: Ending,
 ) -> ExitStatus:
-    """Run a node as ``runtime.program.run_node`` does, behind authentication if a key is given.
+    """Run a node as ``runtime.run_node`` does, behind authentication if a key is given.
 
     ``end``    which of the two ends the node is
     ``known``  the messages it receives, and those that nobody else may send

@@ -159,7 +159,8 @@ def test_a_reader_that_is_gone_costs_neither_the_run_nor_its_report(
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]);"
         "from tests.support.some_program import NAME, Probe, SomeSettings;"
-        "from steer_by_wire.runtime.program import run_main, run_node;"
+        "from steer_by_wire.runtime.program import run_main;"
+        "from steer_by_wire.runtime.run_node import run_node;"
         "from steer_by_wire.runtime.program_options import make_parser;"
         "options = make_parser(NAME, '', '', sys.argv[2]).parse_args(sys.argv[3:]);"
         "run = lambda: run_node(NAME, options, SomeSettings(), lambda _: Probe());"

@@ -13,7 +13,8 @@ from can.interfaces.virtual import VirtualBus
 
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NEVER_NS
-from steer_by_wire.runtime.program import ExitStatus, StopRequest, handled, run_main, run_node
+from steer_by_wire.runtime.program import ExitStatus, StopRequest, handled, run_main
+from steer_by_wire.runtime.run_node import run_node
 from tests.support.some_program import NAME, Options, Probe, SomeSettings, run
 from tests.support.some_program import channel as channel
 from tests.support.some_program import options as options

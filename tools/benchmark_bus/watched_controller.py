@@ -29,8 +29,9 @@ from ...dbc.messages import CAN_IDS, LateralError
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, Wrapper
 from ...runtime.option_types import output_file
-from ...runtime.program import run_main, run_node
+from ...runtime.program import run_main
 from ...runtime.program_options import load_program_settings, make_parser
+from ...runtime.run_node import run_node
 
 NAME = "watched-controller"
 WARM_UP_TICKS = 100

@@ -40,15 +40,9 @@ from steer_by_wire.runtime.bus_settings import BusSettings
 from steer_by_wire.runtime.host import RealTimeRequest, StealClock, real_time
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.option_types import bit_rate
-from steer_by_wire.runtime.program import (
-    FINISHED,
-    ExitStatus,
-    StopRequest,
-    fail_status,
-    run_main,
-    say,
-)
+from steer_by_wire.runtime.program import ExitStatus, StopRequest, fail_status, run_main, say
 from steer_by_wire.runtime.report import host_report, loop_report, write_json
+from steer_by_wire.runtime.run_node import FINISHED
 from steer_by_wire.runtime.settings import (
     Settings,
     SettingsError,

@@ -12,7 +12,7 @@ from ...plant_emulator.faults import FaultyNode
 from ...plant_emulator.node import PlantNode
 from ...plant_emulator.summary import plant_summary
 from ...plant_emulator.verdict_text import verdict_text
-from ...runtime.program import FINISHED
+from ...runtime.run_node import FINISHED
 from ...runtime.summary import durations_line
 from ...runtime.thresholds import of_part
 
