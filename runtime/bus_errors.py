@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from .bit_ticks import BitTicks
 from .bus_noise import Noise, StuckLine
-from .disturbed_frame import Disturbed, disturb
+from .disturbed_frame import FIRST, Disturbed, disturb
 from .fault_confinement import PASSIVE_MIN, ControllerState, ErrorCounters
 from .frame import BITRATE_SWITCH, Frame
 from .frame_on_wire import frame_on_wire
@@ -247,17 +247,12 @@ def _count(counters: ErrorCounters, disturbed: Disturbed, *, is_sender: bool, is
     """Let one node count a disturbed transmission; ``is_odd`` if it alone saw the error."""
     if is_sender and disturbed.is_transmit_error:
         counters.on_transmit_error(1 + disturbed.again)
-    elif is_sender and not disturbed.is_repeated:
-        return  # sent, and counted as such
-    elif is_odd:
-        # Its flag comes first, so that it sees the others' afterwards.
+        return
+    counted = disturbed.counted
+    errors = counted.sender if is_sender else counted.odd if is_odd else counted.receivers
+    if errors:
         counters.on_receive_error()
-        if disturbed.is_repeated:
+        for _ in range(min(disturbed.again, PASSIVE_MIN) + (errors == FIRST)):
             counters.on_dominant_after_flag()
-    elif disturbed.is_received and not is_sender:
-        if disturbed.is_repeated:
-            counters.on_received()
-    else:
-        counters.on_receive_error()
-        for _ in range(min(disturbed.again, PASSIVE_MIN)):
-            counters.on_dominant_after_flag()
+    elif disturbed.is_received and disturbed.is_repeated and not is_sender:
+        counters.on_received()

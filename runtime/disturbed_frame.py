@@ -12,20 +12,36 @@ delimiter, so that the frame takes r + 15 bits. Three exceptions:
                       send it, find a bit error
     last bit          seen dominant: the receivers have accepted the frame and take this for an
                       overload; the sender repeats it, and it is received twice
+
+A receiver that reads a recessive res bit takes the frame for a later standard's: it neither signals
+nor counts an error, and takes part again after eleven recessive bits. Receivers that signal an
+error before others do see the others' flags after their own, and count 8 more.
 """
 
 from functools import lru_cache
 from typing import NamedTuple
 
 from .frame import FD, Frame
-from .frame_length import FrameBits
+from .frame_length import INTERMISSION_BITS, FrameBits
 from .frame_on_wire import DOMINANT, RECESSIVE, RUN_MAX, frame_on_wire
-from .frame_reception import receive
+from .frame_reception import WireError, receive
 from .stuffed_text import stuffed_text
 
 FLAG_BITS, DELIMITER_BITS = 6, 8
+SILENT_BITS = 11 - INTERMISSION_BITS
+"""After a later standard's format, before the intermission."""
+ONE, FIRST = 1, 9
+"""What an error adds to a receive counter, and what to that of those who signal it first."""
 ARBITRATION = frozenset({"ID", "SRR", "IDE", "ID extension", "RTR", "RRS"})
 _TRAILER = ("CRC delimiter", "ACK", "ACK delimiter", "EOF")
+
+
+class Counted(NamedTuple):
+    """What is added to receive counters: the sender's, the odd receiver's, all other receivers'."""
+
+    sender: int = 0
+    odd: int = 0
+    receivers: int = ONE
 
 
 class Disturbed(NamedTuple):
@@ -39,6 +55,7 @@ class Disturbed(NamedTuple):
     ``only_at``             the one receiver that does not accept the frame, where others do
     ``is_repeated``         the sender sends it again
     ``again``               how often everybody counts 8 for a line that stays dominant
+    ``counted``             by the receive counters
     """
 
     bits: FrameBits
@@ -49,6 +66,7 @@ class Disturbed(NamedTuple):
     only_at: int | None = None
     is_repeated: bool = True
     again: int = 0
+    counted: Counted = Counted()
 
 
 def disturb(frame: Frame, index: int, *, is_passive: bool) -> Disturbed:
@@ -71,7 +89,10 @@ def disturb_bit_by_bit(frame: Frame, index: int, *, is_passive: bool) -> Disturb
     flag = RECESSIVE if is_passive or is_lost else DOMINANT
     found = index
     if bit.field != "ACK" and index < len(bits) - 1:
-        found = max(receive(seen + [flag] * (FLAG_BITS + len(bits))).bit, index)
+        reception = receive(seen + [flag] * (FLAG_BITS + len(bits)))
+        if reception.error is WireError.PROTOCOL_EXCEPTION:
+            return _silent(reception.bit, index, bit.field, is_lost=is_lost)
+        found = max(reception.bit, index)
     fast = sum(one.is_fast for one in bits[: index + 1])
     # Receivers that have found nothing yet still sample at the data rate.
     fast += found - index if bit.is_fast else 0
@@ -118,4 +139,13 @@ def _outcome(found: int, fast: int, field: str, *, is_lost: bool, is_last: bool)
     if field == "ACK":
         cause = "no acknowledgement"
     length = FrameBits(found + 1 - fast + FLAG_BITS + DELIMITER_BITS, fast)
-    return Disturbed(length, is_last, not is_lost, cause, field)
+    counted = Counted(sender=ONE if is_lost else 0, receivers=0 if is_last else ONE)
+    return Disturbed(length, is_last, not is_lost, cause, field, counted=counted)
+
+
+def _silent(found: int, index: int, field: str, *, is_lost: bool) -> Disturbed:
+    """The receivers take the frame for a later standard's at bit ``found``."""
+    cause, last = ("arbitration lost", found) if is_lost else ("bit error", index)
+    after = SILENT_BITS if is_lost else FLAG_BITS + DELIMITER_BITS
+    length = FrameBits(last + 1 + after, 0)
+    return Disturbed(length, False, not is_lost, cause, field, counted=Counted(receivers=0))

@@ -14,6 +14,7 @@ The CRC of FD frames covers the stuff bits and the stuff count; it has 17 bits f
 """
 
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
 from .frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
@@ -80,6 +81,7 @@ def stuff_count(stuff_bits: int) -> int:
     return gray << 1 | gray.bit_count() % 2
 
 
+@lru_cache(maxsize=256)
 def frame_on_wire(frame: Frame) -> tuple[WireBit, ...]:
     """Return the bits of ``frame``, start of frame first.
 

@@ -2,21 +2,32 @@
 
 Source: ISO 11898-1:2015, error detection and signalling. An error active node that finds an error
 destroys the frame for all with its flag. An error passive one cannot: it alone misses the frame.
-Two cases are known for what they do to an actuator:
+Three cases matter to an actuator:
 
     last bit but one of the end of frame   one receiver rejects the frame, the others have accepted
                                            it; the sender repeats it, and they receive it twice. If
                                            it cannot, in bus-off, that one receiver never gets it
     last bit, at the sender                all have accepted the frame, and it is repeated
+    r0 of eight bytes, at one receiver     it reads FDF and a recessive res bit, a later standard's
+                                           format: without any error, it alone misses the frame
 """
 
 from functools import lru_cache
 
-from .disturbed_frame import ARBITRATION, DELIMITER_BITS, FLAG_BITS, Disturbed
+from .disturbed_frame import (
+    ARBITRATION,
+    DELIMITER_BITS,
+    FIRST,
+    FLAG_BITS,
+    ONE,
+    SILENT_BITS,
+    Counted,
+    Disturbed,
+)
 from .frame import Frame
 from .frame_length import FrameBits
 from .frame_on_wire import DOMINANT, RECESSIVE, WireBit, frame_on_wire
-from .frame_reception import receive
+from .frame_reception import WireError, receive
 
 
 @lru_cache(maxsize=1024)
@@ -28,13 +39,15 @@ def disturb_receiver(frame: Frame, index: int, node: int, *, is_passive: bool) -
     bits = frame_on_wire(frame)
     levels = [bit.level for bit in bits]
     view = [*levels[:index], 1 - levels[index], *levels[index + 1 :]]
-    reception = receive(view)
-    found = min(reception.bit, len(bits) - 2)
+    start = view.index(DOMINANT)
+    reception = receive(view[start:])
+    is_silent = reception.error is WireError.PROTOCOL_EXCEPTION
+    found = min(start + reception.bit, len(bits) - 2)
     if bits[index].field == "ACK":
         found = index  # a bit error to the receiver, who sends it
     elif reception.frame == frame:
         return None
-    if is_passive:
+    if is_passive or is_silent:
         return Disturbed(
             _length(bits, len(bits) - 1),
             is_received=True,
@@ -43,6 +56,7 @@ def disturb_receiver(frame: Frame, index: int, node: int, *, is_passive: bool) -
             field=bits[index].field,
             only_at=node,
             is_repeated=False,
+            counted=Counted(odd=0 if is_silent else ONE, receivers=0),
         )
     is_received = found == len(bits) - 2
     flagged = levels[: found + 1] + [DOMINANT] * (FLAG_BITS + len(bits))
@@ -57,6 +71,7 @@ def disturb_receiver(frame: Frame, index: int, node: int, *, is_passive: bool) -
         cause="error at one receiver",
         field=bits[index].field,
         only_at=node,
+        counted=Counted(ONE if is_lost else 0, FIRST, 0 if is_received else ONE),
     )
 
 
@@ -66,23 +81,45 @@ def disturb_sender(frame: Frame, index: int, *, is_passive: bool) -> Disturbed:
     bits = frame_on_wire(frame)
     levels = [bit.level for bit in bits]
     bit = bits[index]
-    is_lost = bit.field in ARBITRATION and bit.level == RECESSIVE and not bit.is_stuff
-    flag = RECESSIVE if is_passive or is_lost else DOMINANT
-    seen = levels[: index + 1] + [flag] * (FLAG_BITS + len(bits))
-    reception = receive(seen)
+    if bit.field in ARBITRATION and bit.level == RECESSIVE and not bit.is_stuff:
+        return _lost_at_sender(bits, index)
+    flag = RECESSIVE if is_passive else DOMINANT
+    reception = receive(levels[: index + 1] + [flag] * (FLAG_BITS + len(bits)))
     is_received = reception.error is None or index == len(bits) - 1
+    is_silent = reception.error is WireError.PROTOCOL_EXCEPTION
     # Receivers take a flag after the frame for an overload, and answer it.
-    found = index + 1 if is_received else max(index, reception.bit)
-    if is_lost:
-        view = [*levels[:index], DOMINANT, *[RECESSIVE] * (found - index)]
-        found = max(found, receive(view + [DOMINANT] * len(bits)).bit)
-    cause = "arbitration lost" if is_lost else "bit error"
+    found = index + 1 if is_received else index if is_silent else max(index, reception.bit)
     return Disturbed(
         _length(bits, found, FLAG_BITS + DELIMITER_BITS),
         is_received=is_received,
-        is_transmit_error=not is_lost,
-        cause="no acknowledgement" if bit.field == "ACK" else cause,
+        is_transmit_error=True,
+        cause="no acknowledgement" if bit.field == "ACK" else "bit error",
         field=bit.field,
+        counted=Counted(receivers=0 if is_received or is_silent else ONE),
+    )
+
+
+def _lost_at_sender(bits: tuple[WireBit, ...], index: int) -> Disturbed:
+    """The sender falls silent; it and the receivers read the silence by different bits."""
+    before = [bit.level for bit in bits[:index]]
+    views = [[*before, DOMINANT], [*before, RECESSIVE]]  # the sender's, the receivers'
+    silence = [RECESSIVE] * len(bits)
+    read = [receive(view + silence) for view in views]
+    signalled = [one.bit for one in read if one.error is not WireError.PROTOCOL_EXCEPTION]
+    counted, last, after = [0, 0], max(one.bit for one in read), SILENT_BITS
+    if signalled:
+        flagged = [RECESSIVE] * (min(signalled) - index) + [DOMINANT] * len(bits)
+        read = [receive(view + flagged) for view in views]
+        found = [0 if one.error is WireError.PROTOCOL_EXCEPTION else one.bit for one in read]
+        last, after = max(found), FLAG_BITS + DELIMITER_BITS
+        counted = [0 if at == 0 else ONE if at == last else FIRST for at in found]
+    return Disturbed(
+        _length(bits, last, after),
+        is_received=False,
+        is_transmit_error=False,
+        cause="arbitration lost",
+        field=bits[index].field,
+        counted=Counted(sender=counted[0], receivers=counted[1]),
     )
 
 
@@ -96,6 +133,7 @@ def unacknowledged(frame: Frame, *, is_passive: bool) -> Disturbed:
         is_transmit_error=not is_passive,
         cause="no acknowledgement",
         field="ACK",
+        counted=Counted(receivers=0),
     )
 
 

@@ -7,7 +7,7 @@ error to its sender, so that whoever sends goes into bus-off after 32 attempts. 
 within its flags, which bring that about sooner, are not counted.
 """
 
-from .disturbed_frame import DELIMITER_BITS, FLAG_BITS, Disturbed
+from .disturbed_frame import DELIMITER_BITS, FLAG_BITS, ONE, Counted, Disturbed
 from .frame import Frame
 from .frame_length import FrameBits
 from .frame_on_wire import DOMINANT, frame_on_wire
@@ -37,4 +37,5 @@ def disturb_stuck(frame: Frame, level: int, first: int, stuck_bits: int) -> Dist
     is_own = first >= 0 or level != DOMINANT
     again = max(0, until - wrong - 1 - FLAG_BITS) // _AGAIN_BITS if level == DOMINANT else 0
     field = bits[wrong].field
-    return Disturbed(FrameBits(slow, fast), False, is_own, cause, field, again=again)
+    counted = Counted(sender=0 if is_own else ONE)
+    return Disturbed(FrameBits(slow, fast), False, is_own, cause, field, None, True, again, counted)

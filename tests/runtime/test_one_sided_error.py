@@ -8,6 +8,7 @@ from steer_by_wire.runtime.bus_noise import BusNoise, NoiseRates, StuckLine
 from steer_by_wire.runtime.fault_confinement import ControllerState
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame_length import frame_bits
+from steer_by_wire.runtime.frame_on_wire import frame_on_wire
 from steer_by_wire.runtime.node import NEVER_NS
 
 BIT_NS = 2_000
@@ -74,6 +75,18 @@ def test_a_wrong_last_bit_at_the_sender_alone_repeats_a_frame_that_all_have() ->
     bus.submit(FRAME, 0, 0)
     assert len(drain(bus)) == 2
     assert not bus.missed
+
+
+def test_a_receiver_that_takes_a_frame_for_another_format_misses_it_without_an_error() -> None:
+    frame = Frame(0x123, bytes(8))
+    fields = [bit.field for bit in frame_on_wire(frame)]
+    bus, errors, events = bus_with({2: HitsAt(at(fields.index("r0")))})
+    bus.submit(frame, 0, 0)
+    (end_ns,) = drain(bus)
+    assert bus.missed == {(end_ns, 2)}
+    assert [errors.counters(node).receive for node in range(3)] == [0, 0, 0]
+    assert errors.missed_by_one == 1
+    assert [event.cause for event in events] == ["missed by one receiver"]
 
 
 def test_an_error_passive_receiver_misses_the_frame_and_disturbs_nobody() -> None:

@@ -2,19 +2,21 @@
 
 Nothing of the package is used but the bits of a frame. Each node sees the wire (dominant if anyone
 is), with its own errors on top. What a node does next is in ``RULES``: a row for its state and what
-it has just seen. Receivers remove stuff bits themselves, but know from the sender how many bits
-there are, so that the oracle covers bits whose error does not change that: all but SRR, RTR, IDE,
-FDF, res, BRS and DLC.
+it has just seen. What a receiver reads next is in ``FIELDS``: a row for the field that has ended.
+It removes stuff bits and finds lengths and formats from the bits alone, right or wrong.
+
+Source: ISO 11898-1:2015. A recessive res bit is another format: the node neither signals nor counts
+an error, and takes part again after eleven recessive bits. The last three of these, as those after
+an error delimiter, are the intermission, and are not counted here.
 """
 
-from collections.abc import Collection, Sequence
-from itertools import accumulate
+from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 
-FLAG, DELIMITER, DONE = "flag", "delimiter", "done"
+FLAG, DELIMITER, SILENT = "flag", "delimiter", "silent"
 SEND, LISTEN = "send", "listen"
 MATCH, CLASH, LOST, NO_ACK = "match", "clash", "lost", "no ack"
-GOOD, WRONG, OVERLOAD = "good", "wrong", "overload"
+GOOD, WRONG, OVERLOAD, OTHER_FORMAT = "good", "wrong", "overload", "other format"
 
 RULES = {
     # state, seen: next state, transmit errors, receive errors
@@ -25,164 +27,267 @@ RULES = {
     (LISTEN, GOOD): (LISTEN, 0, 0),
     (LISTEN, WRONG): (FLAG, 0, 1),
     (LISTEN, OVERLOAD): (FLAG, 0, 0),
+    (LISTEN, OTHER_FORMAT): (SILENT, 0, 0),
 }
+_POLYNOMIALS = {15: 0x4599, 17: 0x1685B, 21: 0x102899}
+_FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+_RECESSIVE = (DELIMITER, SILENT)
+_AFTER_BITS = 60
+"""No error frame ends later than this after the frame."""
 
 
 class Bit(NamedTuple):
     """A bit of the frame as it is sent.
 
-    ``kind``  arbitration, stuff, body, with stuff bits in between; then check, fixed (fixed stuff
-              bits), ack, end (delimiters and end of frame)
+    ``kind``  arbitration, ack, or other; stuff bits are other
     """
 
     level: int
     kind: str
 
 
-class Layout:
-    """A frame: the part with stuff bits in between, without them, and the rest."""
+class Reader:
+    """What a receiver has read of a frame.
 
-    def __init__(self, bits: Sequence[Bit]) -> None:
-        self.bits = bits
-        body = [bit for bit in bits if bit.kind in ("arbitration", "body", "stuff")]
-        self.stuffed = [bit.level for bit in body if bit.kind != "stuff"]
-        self.before = list(accumulate((bit.kind != "stuff" for bit in bits), initial=0))
-        self.tail = bits[len(body) :]
-        self.ack = next(i for i, bit in enumerate(self.tail) if bit.kind == "ack")
-        self.has_last_stuff_bit = self.tail[0].kind != "fixed"
+    ``field``      that the next bit belongs to, and how many of its bits are ``left``
+    ``kept``       bits without stuff bits, after a 1
+    ``raw``        bits with them
+    """
+
+    def __init__(self) -> None:
+        self.field, self.left, self.value = "SOF", 1, 0
+        self.kept = self.raw = 1
+        self.run, self.last, self.is_stuffed, self.stuff_bits = 0, 1, False, 0
+        self.is_fd = self.is_remote = self.is_extended = self.is_damaged = self.accepted = False
+        self.crc_bits = self.expected = 0
+
+    @property
+    def acknowledges(self) -> bool:
+        """Whether the next bit is the slot, and all was right."""
+        return self.field == "ACK" and not self.is_damaged
+
+    def take(self, seen: int, sent: int) -> str:
+        """Read a bit."""
+        if self.is_stuffed:
+            return self._take_stuffed(seen)
+        if self.field == "check":
+            return self._take_check(seen)
+        if self.field == "SOF":
+            if seen == 0:
+                self.field, self.left, self.is_stuffed = "ID", 11, True
+                self.kept, self.raw, self.run, self.last = 2, 2, 1, 0
+            return GOOD
+        return self._take_end(seen, sent)
+
+    def _take_stuffed(self, seen: int) -> str:
+        self.raw = self.raw << 1 | seen
+        if self.run == 5:
+            if seen == self.last:
+                return WRONG
+            self.run, self.last, self.stuff_bits = 1, seen, self.stuff_bits + 1
+            self.is_stuffed = self.field != "CRC delimiter"
+            return GOOD
+        self.run = self.run + 1 if seen == self.last else 1
+        self.last = seen
+        self.kept = self.kept << 1 | seen
+        self.value = self.value << 1 | seen
+        self.left -= 1
+        if self.left == 0:
+            ended, self.field, value, self.value = self.field, "", self.value, 0
+            self.field, self.left = FIELDS[ended](self, value)
+        return GOOD if self.field != "exception" else OTHER_FORMAT
+
+    def _take_check(self, seen: int) -> str:
+        """Stuff count and CRC of an FD frame, every fifth bit the complement of the one before."""
+        before, self.last = self.last, seen
+        position = self.crc_bits + 5 + self.crc_bits // 4 + 1 - self.left
+        self.left -= 1
+        if position % 5 == 0:
+            return WRONG if seen == before else GOOD
+        self.value = self.value << 1 | seen
+        if self.left == 0:
+            count, crc = self.value >> self.crc_bits, self.value & (1 << self.crc_bits) - 1
+            gray = self.stuff_bits % 8 ^ self.stuff_bits % 8 >> 1
+            start = 1 << self.crc_bits - 1
+            right = _remainder(self.crc_bits, start, self.raw << 4 | count)
+            self.is_damaged = (count, crc) != (gray << 1 | gray.bit_count() % 2, right)
+            self.field, self.left = "CRC delimiter", 1
+        return GOOD
+
+    def _take_end(self, seen: int, sent: int) -> str:
+        field = self.field
+        if field == "ACK":
+            self.field = "ACK delimiter"
+            return WRONG if sent == 0 and seen == 1 else GOOD
+        if field == "CRC delimiter":
+            self.field = "ACK"
+        elif field == "ACK delimiter":
+            self.field, self.left = "EOF", 7
+            if self.is_damaged:  # a CRC error is signalled after the delimiter
+                return WRONG
+        else:
+            self.left -= 1
+            if self.left <= 0:  # the last bit, and the intermission
+                return GOOD if seen else OVERLOAD
+            self.accepted |= self.left == 1 and seen == 1
+        return GOOD if seen else WRONG
+
+
+Next = tuple[str, int]
+
+
+def _after_rtr(reader: Reader, value: int) -> Next:
+    reader.is_remote = value == 1
+    return ("format", 1) if reader.is_extended else ("IDE", 1)
+
+
+def _after_ide(reader: Reader, value: int) -> Next:
+    reader.is_extended = value == 1
+    return ("extension", 18) if value else ("format", 1)
+
+
+def _after_format(reader: Reader, value: int) -> Next:
+    reader.is_fd = value == 1
+    if value:
+        return "res", 1
+    return ("r0", 1) if reader.is_extended else ("DLC", 4)
+
+
+def _after_dlc(reader: Reader, value: int) -> Next:
+    length = _FD_LENGTHS[value] if reader.is_fd else min(value, 8)
+    if reader.is_remote and not reader.is_fd:
+        length = 0
+    return ("data", 8 * length) if length else _after_data(reader, 0)
+
+
+def _after_data(reader: Reader, _value: int) -> Next:
+    if not reader.is_fd:
+        reader.expected = _remainder(15, 0, reader.kept)
+        return "CRC", 15
+    payload = reader.kept.bit_length() - (42 if reader.is_extended else 23)
+    reader.crc_bits = 17 if payload <= 8 * 16 else 21
+    reader.is_stuffed = False
+    return "check", reader.crc_bits + 5 + reader.crc_bits // 4 + 1
+
+
+def _after_crc(reader: Reader, value: int) -> Next:
+    reader.is_damaged = value != reader.expected
+    reader.is_stuffed = reader.run == 5
+    return "CRC delimiter", 1
+
+
+FIELDS: dict[str, Callable[[Reader, int], Next]] = {
+    "ID": lambda _, __: ("RTR", 1),
+    "RTR": _after_rtr,
+    "IDE": _after_ide,
+    "extension": lambda _, __: ("RTR", 1),
+    "format": _after_format,
+    "r0": lambda _, __: ("DLC", 4),
+    "res": lambda _, value: ("exception", 0) if value else ("BRS", 1),
+    "BRS": lambda _, __: ("ESI", 1),
+    "ESI": lambda _, __: ("DLC", 4),
+    "DLC": _after_dlc,
+    "data": _after_data,
+    "CRC": _after_crc,
+}
+
+
+def _remainder(width: int, start: int, bits: int) -> int:
+    """CRC of the bits after the leading 1."""
+    register, polynomial = start, _POLYNOMIALS[width]
+    for level in bin(bits)[3:]:
+        feedback = (level == "1") ^ register >> width - 1
+        register = (register << 1 & (1 << width) - 1) ^ (polynomial if feedback else 0)
+    return register
 
 
 class Node:
     """A controller during one transmission."""
 
-    def __init__(self, state: str, is_passive: bool) -> None:
-        self.state, self.is_passive = state, is_passive
-        self.is_sender = state == SEND
-        self.transmit_errors = self.receive_errors = 0
-        self.accepted = self.sent = False
-        self.run, self.last, self.is_damaged, self.position = 0, 1, False, 0
-        self.count, self.has_flagged = 0, False
-        self._in_tail = self._is_apart = False
+    def __init__(self, state: str) -> None:
+        self.state, self.is_sender = state, state == SEND
+        self.reader = Reader()
+        self.transmit_errors = self.receive_errors = self.count = 0
+        self.sent = self.is_first = False
 
-    @property
-    def is_shifted(self) -> bool:
-        """Whether it took other bits for stuff bits, and on a real bus may read another length."""
-        return self._is_apart and self._in_tail
+    def copy(self) -> "Node":
+        """Return another of the same state."""
+        node, reader = object.__new__(Node), object.__new__(Reader)
+        node.__dict__ = {**self.__dict__, "reader": reader}
+        reader.__dict__ = dict(self.reader.__dict__)
+        return node
 
-    def level(self, layout: Layout, index: int) -> int:
+    def level(self, bits: Sequence[Bit], index: int) -> int:
         """What the node sends."""
         if self.state == FLAG:
-            return 1 if self.is_passive else 0
-        if self.state == SEND and index < len(layout.bits):
-            return 1 if layout.bits[index].kind == "ack" else layout.bits[index].level
-        if self.state == LISTEN and self._tail(layout) == layout.ack and not self.is_sender:
-            return 1 if self.is_damaged else 0
+            return 0
+        if self.state == SEND:
+            return 1 if bits[index].kind == "ack" else bits[index].level
+        if self.state == LISTEN and not self.is_sender:
+            return 0 if self.reader.acknowledges else 1
         return 1
 
-    def _tail(self, layout: Layout) -> int:
-        """Which of the bits without stuff bits in between is next; below 0 before them."""
-        pending = self.run == 5 and layout.has_last_stuff_bit
-        return self.position - len(layout.stuffed) - (1 if pending and not self._in_tail else 0)
-
-    def step(self, layout: Layout, index: int, sent: int, seen: int) -> None:
+    def step(self, bits: Sequence[Bit], index: int, sent: int, seen: int) -> None:
         """Take what the node saw while it sent."""
         if self.state == FLAG:
-            self._flag()
-        elif self.state == DELIMITER:
-            self._delimit(seen)
-        elif self.state in (SEND, LISTEN):
-            verdict = self._sender_verdict if self.state == SEND else self._verdict
-            state, transmit, receive = RULES[self.state, verdict(layout, index, sent, seen)]
+            self.count += 1
+            if self.count == 6:
+                self.state, self.count, self.is_first = DELIMITER, 0, True
+        elif self.state in _RECESSIVE:
+            if seen == 0 and self.is_first and not self.is_sender:
+                self.receive_errors += 8  # a dominant bit right after one's own flag
+            self.is_first = False
+            self.count = self.count + 1 if seen else 0  # of eight, and the intermission
+        else:
+            saw = self.reader.take(seen, sent)
+            if self.state == SEND:
+                saw = _sender_saw(bits[index].kind, sent, seen)
+            self.state, transmit, receive = RULES[self.state, saw]
             self.transmit_errors += transmit
             self.receive_errors += receive
-            self.state, self.count = state, 0
-            if self.state == SEND:
-                self.sent = index == len(layout.bits) - 1
-
-    def _sender_verdict(self, layout: Layout, index: int, sent: int, seen: int) -> str:
-        kind = layout.bits[index].kind
-        self._read(layout, index, seen)
-        if kind == "ack":
-            return MATCH if seen == 0 else NO_ACK
-        if seen == sent:
-            return MATCH
-        return LOST if kind == "arbitration" and sent == 1 else CLASH
-
-    def _read(self, layout: Layout, index: int, seen: int) -> bool:
-        """Take a bit of the stuffed part; returns whether it is a sixth equal one."""
-        before = self.run
-        self.run = before + 1 if seen == self.last else 1
-        self.last = seen
-        if self.position < len(layout.stuffed):
-            if before == 5:
-                return self.run == 6
-            self.is_damaged |= seen != layout.stuffed[self.position]
-            self._is_apart |= layout.before[index] != self.position
-            self.position += 1
-            return False
-        return False
-
-    def _verdict(self, layout: Layout, index: int, sent: int, seen: int) -> str:
-        if self.position < len(layout.stuffed):
-            return WRONG if self._read(layout, index, seen) else GOOD
-        before, previous = self.run, self.last
-        self.run = before + 1 if seen == previous else 1
-        self.last = seen
-        if before == 5 and layout.has_last_stuff_bit and not self._in_tail:
-            self._in_tail = True
-            return WRONG if self.run == 6 else GOOD
-        self._in_tail = True
-        at = self.position - len(layout.stuffed)
-        self._is_apart |= at != index - (len(layout.bits) - len(layout.tail))
-        self.position += 1
-        last = len(layout.tail) - 1
-        if at >= last:
-            return GOOD if seen else OVERLOAD
-        kind = layout.tail[at].kind
-        if kind == "fixed":
-            return WRONG if seen == previous else GOOD
-        if kind == "check":
-            self.is_damaged |= seen != layout.tail[at].level
-        if kind == "ack":
-            return WRONG if sent == 0 and seen == 1 else GOOD
-        if kind == "end" and seen == 0:
-            return WRONG
-        if at == last - 7 and self.is_damaged:  # a CRC error is signalled after the ACK delimiter
-            return WRONG
-        self.accepted |= at == last - 1 and not self.is_sender
-        return GOOD
-
-    def _flag(self) -> None:
-        self.count += 1
-        if self.count == 6:
-            self.state, self.count, self.has_flagged = DELIMITER, 0, False
-
-    def _delimit(self, seen: int) -> None:
-        if seen == 0 and self.count == 0 and not self.has_flagged and not self.is_sender:
-            self.receive_errors += 8  # a dominant bit right after one's own flag
-        self.has_flagged = True
-        self.count = self.count + 1 if seen else 0
-        if self.count == 8:
-            self.state = DONE
+            self.sent = self.state == SEND and index == len(bits) - 1
 
 
-def transmit(
-    bits: Sequence[Bit], passive: Collection[int], nodes: int, wrong: Collection[tuple[int, int]]
-) -> tuple[list[Node], int]:
-    """Send ``bits`` from node 0 to the others; returns the nodes and the bits it took.
+def _sender_saw(kind: str, sent: int, seen: int) -> str:
+    if kind == "ack":
+        return MATCH if seen == 0 else NO_ACK
+    if seen == sent:
+        return MATCH
+    return LOST if kind == "arbitration" and sent == 1 else CLASH
 
-    ``passive``  the error passive ones
-    ``wrong``    node and index of every bit seen wrong
-    """
-    layout = Layout(bits)
-    members = [Node(SEND if n == 0 else LISTEN, n in passive) for n in range(nodes)]
-    for index in range(len(bits) + 60):
-        levels = [node.level(layout, index) for node in members]
+
+class Wire:
+    """Node 0 sends a frame to two others; all begins again at any of its bits."""
+
+    def __init__(self, bits: Sequence[Bit]) -> None:
+        self._bits = bits
+        self._before: list[list[Node]] = []
+        nodes = [Node(SEND), Node(LISTEN), Node(LISTEN)]
+        for index in range(len(bits)):
+            self._before.append([node.copy() for node in nodes])
+            self._step(nodes, index, ())
+        assert nodes[0].sent
+        assert all(node.reader.accepted for node in nodes[1:])
+
+    def transmit(self, index: int, wrong_at: Collection[int]) -> tuple[list[Node], int]:
+        """Return the nodes and the bits it took when some nodes see bit ``index`` wrong.
+
+        ``wrong_at``  all, or one of them; receivers that see the same are the same
+        """
+        members = [0, 1, 2] if 2 in wrong_at and 1 not in wrong_at else [0, 1]
+        nodes = [self._before[index][number].copy() for number in members]
+        self._step(nodes, index, wrong_at)
+        last = len(self._bits) - 1
+        while not nodes[0].sent and index < last + _AFTER_BITS:
+            if all(node.state in _RECESSIVE for node in nodes):
+                index += max(8 - node.count for node in nodes)
+                break
+            index += 1
+            self._step(nodes, index, ())
+        return [*nodes, *nodes[1:]][:3], index + 1
+
+    def _step(self, nodes: list[Node], index: int, wrong_at: Collection[int]) -> None:
+        levels = [node.level(self._bits, index) for node in nodes]
         wire = min(levels)
-        for number, (node, sent) in enumerate(zip(members, levels, strict=True)):
-            node.step(layout, index, sent, wire ^ ((number, index) in wrong))
-        if members[0].sent and index >= len(bits) - 1 and members[0].state == SEND:
-            return members, index + 1
-        if all(node.state == DONE for node in members):
-            return members, index + 1
-    return members, len(bits) + 60
+        for number, node in enumerate(nodes):
+            node.step(self._bits, index, levels[number], wire ^ (number in wrong_at))

@@ -1,0 +1,105 @@
+"""The model's closed forms of an error against nodes that step bit by bit on a wire.
+
+    python -m tests.support.error_comparison 10000
+
+compares so many random frames of eight kinds, with an error at each of their bits: seen by all, by
+the sender alone, by one receiver alone. Prints the comparisons by what followed.
+"""
+# ruff: noqa: T201 it reports to whoever starts it
+
+import random
+import sys
+from collections import Counter
+
+from steer_by_wire.runtime.disturbed_frame import ARBITRATION, Counted, Disturbed, disturb
+from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame_length import DATA_LENGTH_CODE
+from steer_by_wire.runtime.frame_on_wire import WireBit, frame_on_wire
+from steer_by_wire.runtime.one_sided_error import disturb_receiver, disturb_sender
+from tests.support.bit_oracle import Bit, Node, Wire
+from tests.support.random_frames import FORMATS
+
+ALL, SENDER, RECEIVER = (0, 1, 2), (0,), (2,)
+_SHORT = [length for length in DATA_LENGTH_CODE if length <= 8]
+_LONG = [length for length in DATA_LENGTH_CODE if length > 8]
+
+
+def random_frame(draw: random.Random, flags: int) -> Frame:
+    """A frame with runs of equal bits; some FD frames are longer than 8 bytes."""
+    lengths = _LONG if flags & FD and draw.random() < 0.05 else _SHORT
+    length = 0 if flags & REMOTE else draw.choice(lengths)
+    data = bytes(draw.choice((0x00, 0xFF, 0x0F, draw.randrange(256))) for _ in range(length))
+    return Frame(draw.randrange(1 << 29 if flags & EXTENDED else 1 << 11), data, flags)
+
+
+def compare(frame: Frame) -> Counter[str]:
+    """Compare every error of one bit; returns what followed, by cause.
+
+    Raises AssertionError where the model and the wire differ.
+    """
+    wire = frame_on_wire(frame)
+    bench = Wire([Bit(bit.level, _kind(bit)) for bit in wire])
+    seen: Counter[str] = Counter()
+    for index, bit in enumerate(wire):
+        for who in (ALL, SENDER, RECEIVER):
+            if who == RECEIVER and frame.flags & BITRATE_SWITCH and bit.field in ("FDF", "BRS"):
+                continue  # it would sample at another bit rate from here on
+            nodes, took = bench.transmit(index, who)
+            disturbed = _model(frame, index, who)
+            assert _agree(disturbed, nodes, took, len(wire)), (frame, index, who, disturbed)
+            seen["harmless" if disturbed is None else disturbed.cause] += 1
+    return seen
+
+
+def _model(frame: Frame, index: int, who: tuple[int, ...]) -> Disturbed | None:
+    if who == ALL:
+        return disturb(frame, index, is_passive=False)
+    if who == SENDER:
+        return disturb_sender(frame, index, is_passive=False)
+    return disturb_receiver(frame, index, 2, is_passive=False)
+
+
+def _agree(disturbed: Disturbed | None, nodes: list[Node], took: int, whole: int) -> bool:
+    sender, one, other = nodes
+    if disturbed is None:
+        return other.reader.accepted and sender.sent and took == whole
+    return (
+        sum(disturbed.bits) == took
+        and disturbed.is_transmit_error == (sender.transmit_errors > 0)
+        and disturbed.is_received == one.reader.accepted
+        and other.reader.accepted == (disturbed.is_received and disturbed.only_at is None)
+        and disturbed.is_repeated == (not sender.sent)
+        and disturbed.counted == _counted(nodes, is_odd=disturbed.only_at is not None)
+    )
+
+
+def _counted(nodes: list[Node], *, is_odd: bool) -> Counted:
+    sender, one, other = (node.receive_errors for node in nodes)
+    return Counted(sender, other if is_odd else 0, one)
+
+
+def _kind(bit: WireBit) -> str:
+    if bit.field == "ACK":
+        return "ack"
+    return "arbitration" if bit.field in ARBITRATION and not bit.is_stuff else "other"
+
+
+def compare_random(frames: int, flags: int, seed: int) -> Counter[str]:
+    """Compare random frames of one kind."""
+    draw = random.Random(f"{seed} {flags}")
+    return sum((compare(random_frame(draw, flags)) for _ in range(frames)), Counter())
+
+
+def main(frames: int) -> None:
+    """Compare and print."""
+    total: Counter[str] = Counter()
+    for flags in FORMATS:
+        seen = compare_random(frames // len(FORMATS), flags, 1)
+        total += seen
+        print(f"flags {flags:2}: {seen.total()} comparisons agree", flush=True)
+    print(f"{frames} frames, {total.total()} comparisons agree: ", end="")
+    print(", ".join(f"{count} {cause}" for cause, count in total.most_common()))
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))
