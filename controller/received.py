@@ -5,6 +5,7 @@ the law, the delay watch and CONTROLLER_SAFETY all use it.
 """
 
 from ..dbc.messages import (
+    CAN_IDS,
     ControllerSafety,
     ControllerStatus,
     DelayStatus,
@@ -39,6 +40,7 @@ SENT: tuple[type[Message], ...] = (
     DelayStatus,
 )
 """The messages that the controller alone sends."""
+_ERROR_ID = CAN_IDS[LateralError]
 
 
 class Received:
@@ -71,6 +73,11 @@ class Received:
             self.lateral_error_m = message.lateral_error_m
         elif type(message) is VehicleState:
             self.vehicle = new_record(VehicleReading, (*message, False))
+        elif message is SequenceResult.DISPUTED and frame.can_id == _ERROR_ID:
+            # The newest one may be the second sender's: what is held must not come from that.
+            undisputed = self.reception.undisputed(LateralError)
+            if isinstance(undisputed, LateralError):
+                self.lateral_error_m = undisputed.lateral_error_m
         return message
 
     def vehicle_at(self, now_ns: int) -> VehicleReading:

@@ -80,6 +80,7 @@ class Reception:
             for message_type in message_types
         }
         self._sent_ids = {CAN_IDS[message_type] for message_type in sent_types}
+        self._disputes = dict.fromkeys(self._checks, 0)
         self._own_seen: set[int] = set()
         self._own_ns = -NEVER_NS
         self._rejected: Counter[str] = Counter()
@@ -122,8 +123,12 @@ class Reception:
         return _SECOND_SENDERS[number]
 
     def undisputed(self, message_type: type[Message]) -> Message | None:
-        """Return the last message from before a dispute that has just begun, None if unknown."""
-        content = self.newest(message_type).undisputed()
+        """Return the last message from before a dispute, once for each; None if it is unknown."""
+        check = self.newest(message_type)
+        if check.disputes == self._disputes[CAN_IDS[message_type]]:
+            return None
+        self._disputes[CAN_IDS[message_type]] = check.disputes
+        content = check.undisputed()
         unpacked = unpacking(message_type).unpack(content) if isinstance(content, bytes) else None
         return unpacked[0] if isinstance(unpacked, tuple) else None
 

@@ -87,7 +87,8 @@ class FaultStage:
         """Return the delayed frames that are due."""
         delayed, due = self._memory.delayed, []
         while delayed and delayed[0][0] <= now_ns:
-            due.append(delayed.popleft()[1])
+            self.last_ns, frame = delayed.popleft()
+            due.append(frame)
         return due
 
     def report(self) -> Mapping[str, Any]:

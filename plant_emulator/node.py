@@ -135,7 +135,6 @@ class PlantNode:
         self.deadline_ns = start_ns
         self._network = Network(settings)
         self._reception = Reception(RECEIVED, settings.counters, SENT)
-        self._disputes = dict.fromkeys(_STEERING_TYPES, 0)
         self._unauthenticated = 0
         self._command: Passage[SteeringCommand] | None = None
         self._plans = PlanBuffer()
@@ -173,7 +172,7 @@ class PlantNode:
         """Check a frame; a command enters the downlink."""
         received = self._reception.take(frame, now_ns)
         if received is SequenceResult.DISPUTED and frame.can_id in _STEERING_TYPES:
-            received = self._undisputed(frame.can_id)
+            received = self._reception.undisputed(_STEERING_TYPES[frame.can_id])
         if isinstance(received, _STEERING):
             if self._motion_start_ns == NEVER_NS:
                 self._motion_start_ns = now_ns
@@ -269,15 +268,6 @@ class PlantNode:
             "clamped": self._messages.clamped,
             "safety": self._unit.report(),
         }
-
-    def _undisputed(self, can_id: int) -> Message | None:
-        """Return what is to be held if a dispute has just begun: not the second sender's."""
-        message_type = _STEERING_TYPES[can_id]
-        disputes = self._reception.newest(message_type).disputes
-        if disputes == self._disputes[can_id]:
-            return None
-        self._disputes[can_id] = disputes
-        return self._reception.undisputed(message_type)
 
     def _motion_ns(self, time_ns: int) -> int:
         """Return the time since the start of motion [ns], 0 before."""

@@ -272,6 +272,18 @@ def test_a_replayed_stream_of_measurements_is_followed_or_refused_like_one_of_co
         assert run.peak_m == alone.peak_m
 
 
+@pytest.mark.parametrize(("ahead", "peak_m"), [(1, 0.5), (15, 0.9), (31, 1.1)])
+def test_what_the_controller_holds_in_a_dispute_is_not_from_the_false_measurements(
+    ahead: int, peak_m: float
+) -> None:
+    first = ONSET_NS // PERIOD_NS + ahead
+    false = LateralError(0.2, 0.0)
+    frames = [encode(false, (first + step) % 256) for step in range(FRAMES)]
+    run = drive(Intruder(frames, ONSET_NS, PERIOD_NS))
+    assert run.controller["rejected"]["disputed"] > FRAMES
+    assert run.peak_m < peak_m  # the command for the newest false one, held, costs 1.4 to 1.9 m
+
+
 def test_one_frame_under_an_own_identifier_is_reported_for_a_second(alone: Run) -> None:
     run = drive(Intruder([Frame(CAN_IDS[LateralError], bytes(8))], ONSET_NS, PERIOD_NS))
     told = [one for _, one in run.notices(PlantStatus)]

@@ -70,6 +70,10 @@ kind = "replay"
 messages = ["STEERING_COMMAND"]
 magnitudes = [0.3]
 [[cases]]
+kind = "delay_spike"
+messages = ["STEERING_COMMAND"]
+magnitudes = [0.3]
+[[cases]]
 kind = "bit_flips"
 messages = ["CONTROLLER_SAFETY", "PLANT_STATUS"]
 magnitudes = [0.5]
@@ -311,7 +315,7 @@ def test_the_program_goes_on_where_it_was_left_and_compares(
     assert main([*arguments, "--compare", str(earlier)]) == 0
     printed = capsys.readouterr().out
     assert f"{len(lines) - 2} of {len(lines)} runs are there already" in printed
-    assert "fixed 1, unchanged 21, new failure 0, still failing 0" in printed
+    assert "fixed 1, unchanged 23, new failure 0, still failing 0" in printed
     now = read_stored(tmp_path / "now").results
     assert {one.name for _, one in now} <= {one.name for one in results}
     page = ET.parse(tmp_path / "now" / "index.html")  # noqa: S314 our own

@@ -260,7 +260,7 @@ def _way_back(scenario: Scenario, pair: Pair, effect_ns: int) -> _WayBack:
 
 
 def _end_ns(scenario: Scenario, pair: Pair, effect_ns: int) -> int:
-    """Return when a fault is over: at its last effect, as a burst may outlast its end [ns]."""
+    """Return when a fault is over: with its last effect, a late frame for instance [ns]."""
     fault = scenario.case.node_fault
     if fault is not None and fault.kind is NodeFaultKind.CLOCK_JUMP:
         return effect_ns  # it has no duration

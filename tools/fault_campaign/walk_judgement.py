@@ -15,7 +15,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from ...plant_emulator.fault_settings import FaultKind, FaultSettings
+from ...plant_emulator.fault_settings import FaultKind
 from ...runtime.node import NEVER_NS, NS_PER_S
 from .detectability import MECHANISM_OF, Mechanism
 from .node_faults import NodeFault
@@ -107,17 +107,12 @@ def _out_of_place(
     last_ns = max(
         [
             *(fault.window_ns[1] for fault in faults if fault.kind is not NodeFaultKind.KILLED),
-            *((stage.last_ns or 0) + _kept_ns(stage.settings) for stage in pair.edge.stages),
+            *(stage.last_ns or 0 for stage in pair.edge.stages),
         ],
         default=0,
     )
     is_over = last_ns + RECOVERY_S * NS_PER_S <= end_ns
     return f"the {name} is not in control again" if is_abnormal and is_over else ""
-
-
-def _kept_ns(fault: FaultSettings) -> int:
-    """Return how long a frame affected by a fault may be on its way [ns]."""
-    return round(fault.magnitude * NS_PER_S) if fault.kind is FaultKind.DELAY_SPIKE else 0
 
 
 def _noticed_ns(pair: Pair) -> int:
@@ -130,7 +125,7 @@ def _met_stages(pair: Pair) -> Iterator[_Met]:
         if stage.first_ns is None or stage.last_ns is None:
             continue
         fault = stage.settings
-        end_ns = stage.last_ns + _kept_ns(fault) + _noticed_ns(pair)
+        end_ns = stage.last_ns + _noticed_ns(pair)
         silence_s = fault.duration_s - _shortened_s(pair)
         if fault.kind is FaultKind.DELAY_SPIKE:  # its own delay does not shorten it
             silence_s = min(fault.magnitude, fault.duration_s) + fault.magnitude
