@@ -12,12 +12,14 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import settings
 
+from tests.support.forked_programs import forked_programs
 from tests.support.last_line import last_line
 from tests.support.vcan_session import INSIDE, MARK, Inside, Outside, has_marked, is_marked
 
@@ -98,6 +100,10 @@ def pytest_configure(config: pytest.Config) -> None:
         "markers", "vcan: needs a real vcan0, see tests/support/vcan_session.py"
     )
     config.pluginmanager.register(Inside(config) if os.environ.get(INSIDE) else Outside(config))
+    if sys.platform == "linux":
+        end = ExitStack()
+        end.enter_context(forked_programs())
+        config.add_cleanup(end.close)
 
 
 @pytest.hookimpl(optionalhook=True)

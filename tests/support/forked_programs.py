@@ -1,7 +1,7 @@
 """Starts our programs by forking an interpreter that has imported their libraries already.
 
-For User Mode Linux, in which a system call and a page fault take tens of microseconds: there a
-program that is started as usual imports for two seconds. Elsewhere programs start as usual.
+A program that is started as usual imports for a third of a second, in User Mode Linux for two
+seconds, and the tests start hundreds.
 
 A forked program is a child of the one that asked for it, like any other: it is waited for, signals
 reach it, its memory and files are its own, and it ends with all that the interpreter does at an
@@ -14,13 +14,15 @@ import inspect
 import json
 import os
 import runpy
+import signal
 import socket
 import subprocess
 import sys
 import threading
 import traceback
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -28,7 +30,7 @@ from typing import Any, NamedTuple, NoReturn
 from steer_by_wire.vcan.system_calls import adopt_orphans
 
 ROOT = Path(__file__).resolve().parents[2]
-FORKED = ("steer_by_wire.", "cantools")
+FORKED = ("steer_by_wire", "can")
 STREAMS = 3
 PRELOADED = (
     "can",
@@ -38,6 +40,8 @@ PRELOADED = (
     "steer_by_wire.runtime.attached",
 )
 REQUEST_BYTES_MAX = 1 << 17
+AT_START = ("PYTHON", "OPENBLAS_", "NPY_", "NUMBA_", "OMP_", "LD_", "MPL")
+"""Variables of the environment that an interpreter and libraries only read when they start."""
 _PIPES = ("p2cread", "p2cwrite", "c2pread", "c2pwrite", "errread", "errwrite")
 
 
@@ -48,44 +52,54 @@ class Request(NamedTuple):
     arguments: list[str]
     is_folder_searched: bool
     folder: str
+    environment: dict[str, str]
     has_own_session: bool
 
 
 @contextmanager
 def forked_programs() -> Iterator[None]:
     """Have this process's ``subprocess`` fork our programs, where it can, during the block."""
-    adopt_orphans()
     usual = subprocess.Popen._execute_child  # type: ignore[attr-defined]
     signature = inspect.signature(usual)
-    line, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    code = f"from {__name__} import serve; serve({theirs.fileno()})"
-    command = [sys.executable, "-c", code]
-    with theirs:
-        origin = subprocess.Popen(command, cwd=ROOT, pass_fds=[theirs.fileno()])
+    started_with = _at_start(os.environ)
+    lock = threading.Lock()
+    end = ExitStack()
+
+    @cache
+    def origin() -> socket.socket:
+        """Start it when it is first needed; returns the line to it."""
+        adopt_orphans()
+        line, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        code = f"from {__name__} import serve; serve({theirs.fileno()})"
+        with theirs:
+            command = [sys.executable, "-c", code]
+            end.enter_context(subprocess.Popen(command, cwd=ROOT, pass_fds=[theirs.fileno()]))
+        return end.enter_context(line)
 
     def start(*arguments: Any) -> None:
         given = signature.bind(*arguments).arguments
         request = _request(given)
-        if request is None:
+        if request is None or _at_start(request.environment) != started_with:
             usual(*arguments)
             return
         streams = [given[name] for name in ("p2cread", "c2pwrite", "errwrite")]
         inherited = [at if at >= 0 else number for number, at in enumerate(streams)]
-        socket.send_fds(line, [json.dumps(request).encode()], inherited)
         process = given["self"]
-        process.pid = int(line.recv(REQUEST_BYTES_MAX))
+        with lock:
+            socket.send_fds(origin(), [json.dumps(request).encode()], inherited)
+            process.pid = int(origin().recv(REQUEST_BYTES_MAX))
         process._child_created = True
         process._close_pipe_fds(*(given[name] for name in _PIPES))
 
     subprocess.Popen._execute_child = start  # type: ignore[attr-defined]
-    with origin, line:
+    with end:
         yield
         subprocess.Popen._execute_child = usual  # type: ignore[attr-defined]
 
 
 def _request(given: Mapping[str, Any]) -> Request | None:
     """Return what is to be forked, or None for what must start as usual."""
-    unusual = ("executable", "preexec_fn", "env", "shell", "gid", "gids", "uid")
+    unusual = ("executable", "preexec_fn", "shell", "gid", "gids", "uid")
     words = given["args"]
     if any(given[name] for name in (*unusual, "pass_fds")) or isinstance(words, str):
         return None
@@ -95,11 +109,18 @@ def _request(given: Mapping[str, Any]) -> Request | None:
     if interpreter != sys.executable or words[:1] != ["-m"] or not words[1].startswith(FORKED):
         return None
     folder = os.path.abspath(given["cwd"] or os.getcwd())
-    return Request(words[1], words[2:], is_searched, folder, given["start_new_session"])
+    environment = dict(os.environ if given["env"] is None else given["env"])
+    has_own_session = given["start_new_session"]
+    return Request(words[1], words[2:], is_searched, folder, environment, has_own_session)
+
+
+def _at_start(environment: Mapping[str, str]) -> dict[str, str]:
+    return {name: text for name, text in environment.items() if name.startswith(AT_START)}
 
 
 def serve(descriptor: int) -> None:
     """Fork for each request, until the one who asks has gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C at the terminal reaches it too
     sys.path.remove("")
     for name in PRELOADED:
         import_module(name)
@@ -140,7 +161,10 @@ def _run(request: Request, streams: list[int]) -> NoReturn:
     sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace")
     if request.has_own_session:
         os.setsid()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     os.chdir(request.folder)
+    os.environ.clear()
+    os.environ.update(request.environment)
     if request.is_folder_searched:
         sys.path.insert(0, request.folder)
     sys.argv = [request.module, *request.arguments]

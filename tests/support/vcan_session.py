@@ -12,7 +12,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
 from queue import SimpleQueue
@@ -20,8 +19,6 @@ from threading import Thread
 from typing import IO, Any
 
 import pytest
-
-from tests.support.forked_programs import forked_programs
 
 ROOT = Path(__file__).resolve().parents[2]
 WITH_VCAN = ROOT / "tools" / "with_vcan"
@@ -40,17 +37,10 @@ MARK = "vcan"
 
 
 class Inside:
-    """Sends every report out; starts our programs by forking, which costs much less in there."""
+    """Sends every report out."""
 
     def __init__(self, config: pytest.Config) -> None:
         self._config = config
-        self._end = ExitStack()
-
-    def pytest_sessionstart(self) -> None:
-        self._end.enter_context(forked_programs())
-
-    def pytest_unconfigure(self) -> None:
-        self._end.close()
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         record = self._config.hook.pytest_report_to_serializable(config=self._config, report=report)
