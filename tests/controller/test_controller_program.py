@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.controller.analysis import check
+from steer_by_wire.controller.analysis import check, check_figures
 from steer_by_wire.controller.analysis.check import check_text
 from steer_by_wire.controller.program import check_main, main
 from steer_by_wire.controller.settings import PRESETS, ControllerSettings, limits_of, supervision_of
@@ -93,9 +93,13 @@ def test_what_users_set_in_milliseconds_and_per_second_the_steps_get_per_period(
 
 
 @pytest.mark.parametrize("name", preset_names(PRESETS))
-def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(name: str) -> None:
+def test_what_check_prints_is_a_settings_file_with_the_settings_in_effect(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     # At 1 kHz there is no analysis of jitter, and at 64 Hz it takes half the time of 100 Hz. What
-    # looks back is analysed over a common multiple with the sensors' 10 ms instead.
+    # looks back is analysed over a common multiple with the sensors' 10 ms instead, at few delays.
+    monkeypatch.setattr(check_figures, "DELAY_NS_MAX", 20_000_000)
+    monkeypatch.setattr(check_figures, "SHOWN_DELAYS_MS", (0,))
     looks_back = preset(name).law in ("predictor", "packet", "delayed_set_point")
     settings = preset(name, f"rate_hz={100 if looks_back else 64}")
     text = check_text(settings)

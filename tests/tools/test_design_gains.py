@@ -42,6 +42,7 @@ from tests.support.shipped_design import PAPER_VEHICLE, PRACTICAL, shipped_spec,
 SMALL = """
 name = "small"
 laws = ["pd"]
+rate_hz = 50
 peak_sensitivity_max = 3
 noise_gain_rad_m_max = 4
 [delay]
@@ -52,11 +53,11 @@ margin_ms = 50
 settling_1_s = 0.3
 bandwidth_rad_s = 5
 [course]
-duration_s = 10
+duration_s = 5
 paths = [{ kind = "circle", radius_m = 30 }]
 [search]
 starts = 1
-generations = 30
+generations = 8
 """
 
 
@@ -198,14 +199,14 @@ def test_the_program_leaves_a_preset_and_a_picture_and_says_why(
     designed: Design, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     spec = small_spec(tmp_path)
-    (tmp_path / "small.toml").write_text(SMALL.replace("duration_s = 10", "duration_s = 12"))
+    (tmp_path / "small.toml").write_text(SMALL.replace("duration_s = 5", "duration_s = 6"))
     out, pictures = tmp_path / "presets", tmp_path / "pictures"
     status = design_gains.main(
         [
             str(PAPER_VEHICLE),
             *("--spec", str(tmp_path / "small.toml")),
             *("--out", str(out), "--pictures", str(pictures)),
-            *("--verify", "--set", "course.duration_s=10"),
+            *("--verify", "--set", "course.duration_s=5"),
         ]
     )
     printed = capsys.readouterr()
@@ -222,7 +223,7 @@ def test_the_program_leaves_a_preset_and_a_picture_and_says_why(
     assert "12 runs: RMS at most" in printed.out
     rig = load_settings(PlantSettings, None, pictures / "small_plant.toml")
     assert rig.vehicle == VehicleSettings(**shipped_vehicle().vehicle.vehicle._asdict())
-    assert rig.duration_s == 10.0
+    assert rig.duration_s == 5.0
     assert "held" in printed.out
 
 
