@@ -101,7 +101,8 @@ def _request(given: Mapping[str, Any]) -> Request | None:
     """Return what is to be forked, or None for what must start as usual."""
     unusual = ("executable", "preexec_fn", "shell", "gid", "gids", "uid")
     words = given["args"]
-    if any(given[name] for name in (*unusual, "pass_fds")) or isinstance(words, str):
+    is_unusual = any(given[name] for name in (*unusual, "pass_fds")) or given["umask"] >= 0
+    if is_unusual or isinstance(words, str):
         return None
     interpreter, *words = map(os.fspath, words)
     is_searched = words[:1] != ["-P"]
