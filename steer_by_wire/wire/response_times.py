@@ -6,10 +6,11 @@
 Source: Davis, Burns, Bril and Lukkien, *Controller Area Network (CAN) schedulability analysis:
 refuted, revisited and revised*, Real-Time Systems 35 (2007), equations (6) to (13); errors after
 Tindell, Burns and Wellings, *Calculating CAN message response times*, Control Eng. Practice 3
-(1995): in a time t at most 1 + t / T_error of them, each of which costs its error frame and the
-longest frame that it can destroy. ``miss_probability`` after Broster, Burns and Rodriguez-Navas,
-*Probabilistic analysis of CAN with faults*, RTSS 2002: errors at random, and the chance that there
-are more of them than the deadline leaves time for.
+(1995): in a time t at most ``errors`` + 1 + t / T_error of them (without an interval ``errors``
+alone), each of which costs its error frame and the longest frame that it can destroy.
+``miss_probability`` after Broster, Burns and Rodriguez-Navas, *Probabilistic analysis of CAN with
+faults*, RTSS 2002: errors at random, and the chance that there are more of them than the deadline
+leaves time for. Published figures of both are compared in the tests.
 
 ``C`` is a frame with intermission, ``T`` its period, ``J`` the jitter of its release, ``B`` the
 longest frame of lower priority, which has just won the bus. A response time ends at the end of
@@ -165,7 +166,7 @@ def miss_probability(
         response_ns = worst_response_ns(message, messages, wire._replace(errors=count))
         if response_ns is None or response_ns > deadline_ns or count > _ERRORS_MAX:
             return max(0.0, 1.0 - sum(chance for _, chance in done))
-        response_s = response_ns * 1e-9
+        response_s = (response_ns - message.jitter_ns) * 1e-9  # no error counts before the release
         chance = _poisson(count, errors_per_s * response_s) - sum(
             earlier * _poisson(count - k, errors_per_s * (response_s - earlier_s))
             for k, (earlier_s, earlier) in enumerate(done)
