@@ -16,9 +16,9 @@ demo: $(STAMP)
 test: $(STAMP)
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 3 --dist loadfile
 
-# The site, in docs/_build; a warning is an error.
+# The site, in docs/_build; a warning is an error. -a: every page lists all others beside it.
 docs: $(STAMP)
-	$(BIN)/python -m sphinx -q -n -W --keep-going docs docs/_build
+	$(BIN)/python -m sphinx -q -a -n -W --keep-going docs docs/_build
 
 benchmark: $(STAMP)
 	$(BIN)/steer-by-wire benchmark
