@@ -16,7 +16,6 @@ picture and seed; JUnit XML has them as properties, and a GitHub step summary li
 
 import os
 from collections.abc import Generator, Iterator
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,10 +91,8 @@ def recording(can_bus: "Bus", tmp_path: Path) -> Iterator[Path]:
     import can
 
     file = tmp_path / "candump.log"
-    with ExitStack() as stack:
-        listener = stack.enter_context(can_bus.open())
-        writer = can.CanutilsLogWriter(file, channel=can_bus.channel)
-        stack.callback(can.Notifier(listener, [writer]).stop)
+    writer = can.CanutilsLogWriter(file, channel=can_bus.channel)
+    with can_bus.open() as listener, can.Notifier(listener, [writer]):
         yield file
 
 

@@ -147,9 +147,12 @@ class Rig:
         self, bus: Bus, module: str, words: Sequence[str], files: PairFiles
     ) -> tuple[dict[str, Any], str]:
         ending = ""
-        with Processes(files.folder) as programs, bus.open() as listener:
-            writer = can.CanutilsLogWriter(files.candump_log, channel=bus.channel)
-            notifier = can.Notifier(listener, [writer])
+        writer = can.CanutilsLogWriter(files.candump_log, channel=bus.channel)
+        with (
+            Processes(files.folder) as programs,
+            bus.open() as listener,
+            can.Notifier(listener, [writer]),
+        ):
             plant_words = [*bus.options, "--trace", str(files.plant_trace)]
             plant_words += ["--report", str(files.report("plant_emulator"))]
             plant_words.append(str(files.settings("plant_emulator")))
@@ -163,7 +166,6 @@ class Rig:
                 time.sleep(_POLL_S)
             status = programs.end("plant_emulator")
             programs.end("controller")
-            notifier.stop()
             if status:
                 raise programs.failure("plant_emulator")
         node: dict[str, Any] = json.loads(files.report("plant_emulator").read_text("utf-8"))["node"]
