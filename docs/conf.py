@@ -1,5 +1,6 @@
 """Sphinx makes the site from this folder: ``make docs``."""
 
+import os
 import re
 import sys
 from importlib.metadata import version as version_of
@@ -22,6 +23,15 @@ exclude_patterns = ["_build", "gallery/**/*.ipynb"]
 
 myst_heading_anchors = 4
 highlight_language = "text"
+
+# Links to others' documentation: INTERSPHINX=1 make docs, with a network.
+if os.environ.get("INTERSPHINX"):
+    extensions.append("sphinx.ext.intersphinx")
+    intersphinx_mapping = {
+        "python": ("https://docs.python.org/3", None),
+        "numpy": ("https://numpy.org/doc/stable", None),
+        "can": ("https://python-can.readthedocs.io/en/stable", None),
+    }
 
 autodoc_member_order = "bysource"
 autodoc_default_options = {"exclude-members": "model_config"}

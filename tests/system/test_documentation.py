@@ -75,6 +75,11 @@ def test_every_link_leads_somewhere(page: str) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES)
+def test_every_picture_has_words_in_its_place(page: str) -> None:
+    assert re.findall(r"!\[\W*\]\([^)]*\)", PAGES[page]) == []
+
+
+@pytest.mark.parametrize("page", PAGES)
 def test_every_file_of_ours_that_is_named_is_there(page: str) -> None:
     ours = "controller|dbc|docs|examples|plant_emulator|runtime|steer_by_wire|tests|tools"
     named = re.findall(rf"(?<![\w./-])((?:{ours})/[\w./-]*\w)", PAGES[page])

@@ -3,6 +3,7 @@
 import argparse
 import doctest
 import os
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -116,6 +117,16 @@ def parse(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
         with pytest.raises(SystemExit) as end:
             main(command.words)
     assert end.value.code == 0, command.line
+
+
+def test_every_lesson_has_an_exercise_whose_answer_runs() -> None:
+    lessons = {page: text for page, text in PAGES.items() if re.search(r"learn/\d", page)}
+    assert len(lessons) >= 8
+    for page, text in lessons.items():
+        _, _, exercise = text.partition("\n## Exercise\n")
+        question, _, answer = exercise.partition("<summary>Answer</summary>")
+        assert "?" in question or "Write" in question, page
+        assert {"pycon", "sh"} & {block.language for block in blocks_of(answer)}, page
 
 
 def test_what_is_not_run_is_counted() -> None:
