@@ -8,7 +8,7 @@ Everyone but the sender receives: each other node has a receive counter.
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from itertools import accumulate
 from types import MappingProxyType
 from typing import NamedTuple
@@ -23,6 +23,8 @@ from .node import NEVER_NS
 from .one_sided_error import disturb_receiver, disturb_sender, unacknowledged
 from .stuck_line import disturb_stuck
 
+_GONE = -1 << 31
+"""Stands for all nodes that have left."""
 NO_NOISE: Mapping[int, Noise] = MappingProxyType({})
 
 
@@ -31,6 +33,7 @@ class ErrorEvent(NamedTuple):
 
     ``time_ns``   end of the error delimiter [ns]
     ``state``     of the sender's controller afterwards; ``has_changed`` with this error
+    ``is_repeated``  the frame is sent again, unless its sender is in bus-off
     """
 
     time_ns: int
@@ -42,6 +45,7 @@ class ErrorEvent(NamedTuple):
     receive_errors: int
     state: ControllerState
     has_changed: bool
+    is_repeated: bool
 
 
 class _Member:
@@ -62,6 +66,7 @@ class BusErrors:
     ``stuck``           when the line is, in order of time
     ``is_acknowledged`` whether somebody is there to acknowledge the frames of a sender
 
+    ``present``   who is on the bus, where nodes come and go; None for everybody
     ``is_calm``   everybody is error active
     ``sent``      complete frames by sender; whoever sends one counts it here or by ``on_whole``
     """
@@ -79,6 +84,7 @@ class BusErrors:
         self._noise_of = noise_of
         self._stuck = list(stuck)
         self._is_acknowledged = is_acknowledged
+        self.present: Container[int] | None = None
         self._members: dict[int, _Member] = {}
         self._limited: set[int] = set()
         self.is_calm = True
@@ -93,6 +99,13 @@ class BusErrors:
         if node not in self._members:
             member = self._members[node] = _Member()
             member.all_frames = self.sent.total()
+
+    def leave(self, node: int) -> None:
+        """Forget a node that is no longer on the bus."""
+        self._members.pop(node, None)
+        self._limited.discard(node)
+        self.is_calm = not self._limited
+        self.sent[_GONE] += self.sent.pop(node, 0)
 
     def counters(self, node: int) -> ErrorCounters:
         """Return a node's counters as they are now."""
@@ -149,6 +162,7 @@ class BusErrors:
             hit_ns = noise.first_hit_ns(begin_ns, until_ns)
             if (
                 hit_ns is not None
+                and (self.present is None or one in self.present)
                 and not self.is_off(one)
                 and (first_ns is None or hit_ns < first_ns)
             ):
@@ -199,6 +213,7 @@ class BusErrors:
                 own.receive,
                 own.state,
                 own.state is not before,
+                disturbed.is_repeated,
             )
             self.on_error(event)
 

@@ -85,6 +85,7 @@ class BusModel:
                        Until the bus is free this may change with every submission. With
                        ``traffic`` no frame is complete before
 
+    ``participation``  who is in bus-off
     ``missed``         end [ns] and receiver of frames that one receiver alone did not get; whoever
                        delivers takes them out
 
@@ -123,7 +124,7 @@ class BusModel:
                 for sender in traffic.senders:
                     errors.join(sender)
         self._disturbed: Disturbed | None = None
-        self._participation = Participation(errors, self._bit_ticks)
+        self.participation = Participation(errors, ticks)
         self.missed: set[tuple[int, int]] = set()
         self._queue: list[Waiting] = []
         # By sender and identifier; with FIFOs by sender, without its oldest frame.
@@ -155,7 +156,7 @@ class BusModel:
         if now_ticks > self._decided_until_ticks:
             self._settle(now_ticks)
             self._look_ahead()
-        if self._errors is not None and self._participation.is_off(sender, now_ticks):
+        if self._errors is not None and self.participation.is_off(sender, now_ticks):
             self.lost_in_bus_off += 1
             return
         arbitration = arbitration_field(frame)
@@ -179,7 +180,7 @@ class BusModel:
         else:
             heappush(self._queue, entry)
             is_next = self._on_wire is None and self._queue[0] is entry
-            if is_next or self.next_event_ns == NEVER_NS or not self._participation.is_calm:
+            if is_next or self.next_event_ns == NEVER_NS or not self.participation.is_calm:
                 self._look_ahead()
 
     def withdraw(self, sender: int) -> list[Frame]:
@@ -211,9 +212,7 @@ class BusModel:
             end_ticks = self._end_ticks
             self._decided_until_ticks = end_ticks - 1
         elif self._queue:
-            start_ticks, winner = self._participation.next_start(
-                self._queue, self._next_start_ticks
-            )
+            start_ticks, winner = self.participation.next_start(self._queue, self._next_start_ticks)
             self._decided_until_ticks = start_ticks
             end_ticks = start_ticks + winner.duration_ticks
         else:
@@ -241,7 +240,7 @@ class BusModel:
                     self._send_traffic(traffic, now_ticks)
                 if not queue:
                     break
-                start_ticks, on_wire = self._participation.next_start(
+                start_ticks, on_wire = self.participation.next_start(
                     self._queue, self._next_start_ticks
                 )
                 if start_ticks >= now_ticks:
@@ -264,7 +263,7 @@ class BusModel:
             if traffic is not None and self._disturbed is not None:
                 self._admit(traffic, end_ticks)  # before the frame is back in its buffer
             if errors is not None:
-                if self._disturbed is None and self._participation.is_calm:
+                if self._disturbed is None and self.participation.is_calm:
                     errors.sent[on_wire.sender] += 1
                 elif self._end_attempt(on_wire, end_ticks, errors):
                     on_wire, queue = None, self._queue  # bus-off makes a new one
@@ -284,13 +283,13 @@ class BusModel:
     def _send_traffic(self, traffic: BackgroundTraffic, now_ticks: int) -> None:
         """Let the traffic have the bus until a frame of the queue is next, and before now."""
         free_ticks, errors = self._next_start_ticks, self._errors
-        if not self._participation.is_calm_at(free_ticks):
+        if not self.participation.is_calm_at(free_ticks):
             self._take_all(traffic)
             while (due_ticks := traffic.next_due_ticks) < now_ticks:
                 if (
                     self._queue
                     and due_ticks
-                    > self._participation.next_start(self._queue, self._next_start_ticks)[0]
+                    > self.participation.next_start(self._queue, self._next_start_ticks)[0]
                 ):
                     return
                 self._next_start_ticks = max(self._next_start_ticks, due_ticks)
@@ -306,11 +305,11 @@ class BusModel:
 
     def _admit(self, traffic: BackgroundTraffic, until_ticks: int) -> None:
         """Let messages compete that are released before ``until_ticks``."""
-        if self._participation.is_calm:
+        if self.participation.is_calm:
             traffic.carry(until_ticks - 1, until_ticks, -1, 0)
             return
         while traffic.next_due_ticks < until_ticks:
-            ready = traffic.take_next(self._participation.is_off)
+            ready = traffic.take_next(self.participation.is_off)
             if ready is not None:
                 self._take(traffic, ready)
 
@@ -349,11 +348,11 @@ class BusModel:
     def _end_with_errors(self, sent: Waiting, end_ticks: int, errors: BusErrors) -> int:
         """When a frame that starts now leaves the bus, be it whole or destroyed."""
         start_ticks = self._next_start_ticks
+        self.participation.come_back(start_ticks)
         span = start_ticks, end_ticks
-        self._disturbed = errors.transmission(sent.frame, sent.sender, *span, self._ticks)
-        if self._disturbed is None:
-            return end_ticks
-        return start_ticks + self._ticks.of(self._disturbed.bits)
+        found = errors.transmission(sent.frame, sent.sender, *span, self._ticks)
+        self._disturbed = found
+        return end_ticks if found is None else start_ticks + self._ticks.of(found.bits)
 
     def _end_attempt(self, sent: Waiting, end_ticks: int, errors: BusErrors) -> bool:
         """Count the end of a transmission; returns whether the frame must be sent again."""
@@ -363,6 +362,7 @@ class BusModel:
             errors.on_whole(sender)
         else:
             end_ns = self._ticks.whole_ns(end_ticks)
+            self.participation.come_back(end_ticks)
             errors.on_disturbed(disturbed, sender, sent.frame, end_ns)
             if disturbed.is_received:
                 self._complete(end_ns, sender, sent.frame)
@@ -373,7 +373,7 @@ class BusModel:
             self._next_start_ticks = end_ticks + self._intermission_ticks
             if disturbed.is_repeated:
                 self._compete_again(sent)
-        if self._participation.goes_off(sender, end_ticks):
+        if self.participation.goes_off(sender, end_ticks):
             if self._traffic is not None:
                 self._take_all(self._traffic)
             self.lost_in_bus_off += len(self.withdraw(sender))

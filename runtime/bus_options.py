@@ -28,8 +28,7 @@ def add_bus_arguments(parser: argparse.ArgumentParser, nodes: str, *, has_clocks
     )  # fmt: skip
     group.add_argument(
         "--load", type=_number, metavar="SHARE",
-        help=f"of the bus that these take, to {LOAD_MAX:g} (default: their own cycle times); "
-        "without --rest-bus a made message set",
+        help=f"of the bus for these, to {LOAD_MAX:g}; without --rest-bus for a made message set",
     )  # fmt: skip
     group.add_argument(
         "--bit-error-rate", type=_number, metavar="RATE",
@@ -37,7 +36,7 @@ def add_bus_arguments(parser: argparse.ArgumentParser, nodes: str, *, has_clocks
     )  # fmt: skip
     group.add_argument(
         "--burst", type=_burst, metavar="RATE:EVERY_S:FOR_S",
-        help="another share in bursts (Gilbert and Elliott): mean interval, mean length",
+        help="another share in bursts: mean interval, mean length",
     )  # fmt: skip
     group.add_argument(
         "--receiver-bit-error-rate", type=_at_one, action="append", default=[],
@@ -54,7 +53,7 @@ def add_bus_arguments(parser: argparse.ArgumentParser, nodes: str, *, has_clocks
     if has_clocks:
         group.add_argument(
             "--clock", type=_clock, action="append", default=[], metavar="NODE=PPM[:PPM_S]",
-            help=f"how much too fast the timers of {nodes} run, and its change; repeatable",
+            help=f"by which the timers of {nodes} run fast, and its change",
         )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ their own codes.
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from .fault_confinement import ControllerState
+from .fault_confinement import PASSIVE_MIN, WARNING_MIN, ControllerState, ErrorCounters
 from .frame import ERROR, Frame
 
 if TYPE_CHECKING:  # the model of a bus, which no live program needs
@@ -47,7 +47,8 @@ _PROTOCOL_DETAILS = (  # of byte 2
 _LOCATIONS_OF_CRC = (0x08, 0x18)  # byte 3: CRC sequence, CRC delimiter
 
 
-_COUNTERS = 0x200
+_LOST_ARBITRATION, _NO_ACKNOWLEDGE, _BUS_OFF, _BUS_ERROR = 0x002, 0x020, 0x040, 0x080
+_RESTARTED, _COUNTERS = 0x100, 0x200
 _LOCATIONS = {
     "SOF": 0x03, "ID": 0x02, "SRR": 0x04, "RRS": 0x04, "IDE": 0x05, "ID extension": 0x07,
     "RTR": 0x0C, "r1": 0x0D, "r0": 0x09, "FDF": 0x0D, "res": 0x09, "DLC": 0x0B, "data": 0x0A,
@@ -55,29 +56,86 @@ _LOCATIONS = {
     "EOF": 0x1A,
 }  # fmt: skip
 """Byte 3, by the field's name in ``frame_on_wire``."""
-_STATE_BITS = {
-    ControllerState.ERROR_ACTIVE: 0x40,
-    ControllerState.ERROR_WARNING: 0x08,
-    ControllerState.ERROR_PASSIVE: 0x20,
-    ControllerState.BUS_OFF: 0x00,
+_STATES = {
+    BUS_OFF: ControllerState.BUS_OFF,
+    RESTARTED: ControllerState.ERROR_ACTIVE,
+    "error_passive": ControllerState.ERROR_PASSIVE,
+    "error_warning": ControllerState.ERROR_WARNING,
+    "error_active": ControllerState.ERROR_ACTIVE,
 }
+"""By cause; of several, the first holds."""
+BUS_OFF_FRAME = Frame(_BUS_OFF, bytes(8), ERROR)
+RESTARTED_FRAME = Frame(_RESTARTED, bytes(8), ERROR)
 
 
 def error_frame(event: "ErrorEvent") -> Frame:
     """Return what SocketCAN reports of an error to the sender of the destroyed frame."""
-    data = bytearray(8)
-    data[6:] = min(event.transmit_errors, 255), min(event.receive_errors, 255)
-    classes = _COUNTERS | (0x002 if event.cause == "arbitration lost" else _PROTOCOL | 0x080)
-    if classes & _PROTOCOL:
-        data[2], data[3] = 0x01, _LOCATIONS.get(event.field, 0)
+    counts = event.transmit_errors, event.receive_errors
+    is_lost = event.cause == "arbitration lost"
+    classes = _LOST_ARBITRATION if is_lost else _PROTOCOL | _BUS_ERROR
     if event.field == "ACK":
-        classes |= 0x020
-    if event.state is ControllerState.BUS_OFF:
-        classes |= 0x040
-    elif event.has_changed:
+        classes |= _NO_ACKNOWLEDGE
+    state = event.state if event.has_changed else None
+    return _frame(classes, counts, state, b"" if is_lost else _place(0x01, event))
+
+
+def receiver_error_frame(
+    event: "ErrorEvent", counters: ErrorCounters, *, has_changed: bool
+) -> Frame:
+    """Return what it reports of the same error to a node that receives.
+
+    Where the frame was, and no more: which rule a receiver saw violated is not modelled.
+
+    ``counters``     of that node, after the error; ``has_changed`` its state
+    """
+    counts = counters.transmit, counters.receive
+    state = counters.state if has_changed else None
+    return _frame(_PROTOCOL | _BUS_ERROR, counts, state, _place(0x00, event))
+
+
+def state_frame(counters: ErrorCounters) -> Frame:
+    """Return what it reports of a controller whose state has changed without an error."""
+    return _frame(0, (counters.transmit, counters.receive), counters.state)
+
+
+def _place(kind: int, event: "ErrorEvent") -> bytes:
+    """Bytes 2 and 3: what was violated, and where."""
+    return bytes((kind, _LOCATIONS.get(event.field, 0)))
+
+
+def _frame(
+    classes: int, counts: tuple[int, int], state: ControllerState | None, place: bytes = b""
+) -> Frame:
+    """Return an error frame.
+
+    ``counts``  transmit and receive error counter
+    ``state``   of the controller, if it has changed
+    ``place``   bytes 2 and 3
+    """
+    details = 0
+    if state is ControllerState.BUS_OFF:
+        classes |= _BUS_OFF
+    elif state is not None:
         classes |= _CONTROLLER
-        data[1] = _STATE_BITS[event.state]
-    return Frame(classes, bytes(data), ERROR)
+        details = _state_details(state, *counts)
+    data = bytes((0, details)) + place.ljust(4, b"\0") + bytes(min(count, 255) for count in counts)
+    return Frame(classes | _COUNTERS, data, ERROR)
+
+
+def _state_details(state: ControllerState, transmit: int, receive: int) -> int:
+    """Byte 1: the state, and which of the counters has led there."""
+    if state is ControllerState.ERROR_ACTIVE:
+        return 0x40
+    is_passive = state is ControllerState.ERROR_PASSIVE
+    low = PASSIVE_MIN if is_passive else WARNING_MIN
+    by_transmit, by_receive = (0x20, 0x10) if is_passive else (0x08, 0x04)
+    return by_transmit * (transmit >= low) | by_receive * (receive >= low)
+
+
+def state_of(frame: Frame) -> ControllerState | None:
+    """Return the state of the receiving controller that an error frame reports, if it does."""
+    causes = error_causes(frame)
+    return next((state for cause, state in _STATES.items() if cause in causes), None)
 
 
 def error_causes(frame: Frame) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ which is not modelled here.
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from .bit_ticks import BitTicks
 from .bus_errors import BusErrors
 from .frame import Frame
 from .frame_length import INTERMISSION_BITS
@@ -31,9 +32,9 @@ class Waiting(NamedTuple):
 class Participation:
     """The senders of one bus; without ``errors`` all may start whenever it is free."""
 
-    def __init__(self, errors: BusErrors | None, bit_ticks: int) -> None:
+    def __init__(self, errors: BusErrors | None, ticks: BitTicks) -> None:
         self._errors = errors
-        self._bit_ticks = bit_ticks
+        self._ticks = ticks
         self._paused_until_ticks: dict[int, int] = {}
         self._off_until_ticks: dict[int, int] = {}
 
@@ -69,14 +70,35 @@ class Participation:
         if self._errors is None or not self._errors.is_passive(sender):
             return False
         if self._errors.is_off(sender):
-            self._off_until_ticks[sender] = end_ticks + _BUS_OFF_BITS * self._bit_ticks
+            self._off_until_ticks[sender] = end_ticks + _BUS_OFF_BITS * self._ticks.nominal
             return True
-        pause_ticks = (INTERMISSION_BITS + _SUSPEND_BITS) * self._bit_ticks
+        pause_ticks = (INTERMISSION_BITS + _SUSPEND_BITS) * self._ticks.nominal
         self._paused_until_ticks[sender] = end_ticks + pause_ticks
         return False
 
-    def is_off(self, sender: int, now_ticks: int) -> bool:
+    def is_off_at(self, sender: int, now_ns: int) -> bool:
         """Whether a sender is in bus-off; lets it take part again when that is over."""
+        return self.is_off(sender, now_ns * self._ticks.per_ns)
+
+    def off_until_ns(self, sender: int) -> int:
+        """When a sender in bus-off takes part again [ns]."""
+        return self._ticks.whole_ns(self._off_until_ticks[sender])
+
+    def forget(self, sender: int) -> None:
+        """Forget a sender that has left and has no frame on the bus."""
+        self._paused_until_ticks.pop(sender, None)
+        self._off_until_ticks.pop(sender, None)
+        if self._errors is not None:
+            self._errors.leave(sender)
+
+    def come_back(self, now_ticks: int) -> None:
+        """Let all take part again whose bus-off is over."""
+        if self._off_until_ticks:
+            for sender in tuple(self._off_until_ticks):
+                self.is_off(sender, now_ticks)
+
+    def is_off(self, sender: int, now_ticks: int) -> bool:
+        """Return the same for a time in ticks."""
         if self._errors is None:
             return False
         self._errors.join(sender)

@@ -50,9 +50,7 @@ GROUPS: Mapping[str, Mapping[str, Program]] = MappingProxyType(
             "controller": Program(
                 "steer_by_wire.controller.__main__:main", "the controller on a CAN bus", True
             ),
-            "bus": Program(
-                "steer_by_wire.runtime.emulated_bus.__main__:main", "an emulated CAN bus", True
-            ),
+            "bus": Program("steer_by_wire.tools.bus.__main__:main", "an emulated CAN bus", True),
             "cockpit": _tool("cockpit", "watch and drive the loop in a browser"),
             "monitor": _tool("monitor", "watch a bus in the terminal, and set its latency"),
             "analyze": _tool("analyze_log", "a recording as signals, latencies and a report"),

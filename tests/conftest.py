@@ -64,7 +64,7 @@ NEEDS_POSIX = {
     "test_emulated_bus_addresses": _PROCESSES,
     "test_emulated_bus_broker": _STEPS,
     "test_emulated_bus_leaving": _STEPS,
-    "test_emulated_bus_program": _PROCESSES,
+    "test_bus_program": _PROCESSES,
     "test_monitor_on_terminal": "needs pseudo-terminals",
     "test_on_vcan": _PROCESSES,
     "test_on_vcan_latency": _PROCESSES,

@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 from ..node import NEVER_NS, NS_PER_MS, NS_PER_S, NS_PER_US
 from ..statistics import DurationStatistics, DurationSummary
+from .beside import NOTHING_BESIDE, Beside
 from .channel import Channel
 from .connection import Connection, ConnectionLostError
 from .journal import Cause, Journal
@@ -41,6 +42,8 @@ FILTER_CHANGE_NS = 50 * NS_PER_US
 """What a change of filters costs its client: many times what it costs the broker."""
 ACCEPT_PAUSE_NS = 100 * NS_PER_MS
 """How long nobody is accepted after the host had no descriptor for one."""
+_SEED_STEP = 1_000_003
+"""Between the seeds of channels; further than one channel's nodes are apart."""
 _DESCRIPTORS_MAX = 1024
 """FD_SETSIZE of select(2)."""
 
@@ -67,6 +70,7 @@ class Broker:
     ``clock_ns``            monotonic clock [ns]
     ``takes_bus_off``       whether a client may send another one, or itself, into bus-off
     ``is_fifo``             whether the frames of one client keep their order
+    ``beside``              traffic and errors on every channel
     """
 
     def __init__(
@@ -79,6 +83,7 @@ class Broker:
         *,
         takes_bus_off: bool = False,
         is_fifo: bool = False,
+        beside: Beside = NOTHING_BESIDE,
     ) -> None:
         listener.setblocking(False)
         self._listener = listener
@@ -88,6 +93,7 @@ class Broker:
         self._clock_ns = clock_ns
         self._takes_bus_off = takes_bus_off
         self._is_fifo = is_fifo
+        self._beside = beside
         self._wall_clock = WallClock()
         self._channels: dict[str, Channel] = {}
         self._clients: set[Connection] = set()
@@ -139,7 +145,7 @@ class Broker:
         now_ns = self._clock_ns()
         # First what has been complete until now: what is read below competes only from now on.
         for channel in self._channels.values():
-            if channel.next_event_ns <= now_ns:
+            if channel.is_due(now_ns):
                 self._deliver(channel, now_ns)
         for source in readable:
             if isinstance(source, int):
@@ -187,7 +193,9 @@ class Broker:
         if completed:
             self._lateness.record(now_ns - completed[0].end_ns)
         for delivery in completed:
-            channel.queue(delivery, self._wall_clock.at(delivery.end_ns))
+            client = channel.queue(delivery, self._wall_clock.at(delivery.end_ns))
+            if client is not None:
+                self._journal.note(f"{client} is in bus-off: errors on the bus", now_ns)
         for client in channel.come_back(now_ns, self._wall_clock.at(now_ns)):
             self._journal.note(f"{client} is back from bus-off", now_ns)
         for member in tuple(channel.members.values()):
@@ -257,10 +265,16 @@ class Broker:
             self._refuse(client, reason, now_ns)
             return
         if hello.channel not in self._channels:
+            # Each with errors of its own; those of the first are those of virtual time.
+            seed = self._beside.seed + _SEED_STEP * len(self._channels)
             self._channels[hello.channel] = Channel(
-                self._bitrate_bit_s, self._data_bitrate_bit_s, is_fifo=self._is_fifo
+                self._bitrate_bit_s,
+                self._data_bitrate_bit_s,
+                self._beside._replace(seed=seed),
+                now_ns,
+                is_fifo=self._is_fifo,
             )
-        self._channels[hello.channel].members[client.number] = client
+        self._channels[hello.channel].join(client)
         self._journal.join(str(client), now_ns)
         client.queue(self._answer("").pack())
         self._flush(client, now_ns)

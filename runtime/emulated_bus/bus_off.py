@@ -1,19 +1,17 @@
 """Bus-off: a CAN controller that takes no part in the bus, and how it recovers.
 
-It is started again after a while, as by ``restart-ms`` of a SocketCAN interface or by hand. ISO
-11898-1 then has it see 128 sequences of 11 recessive bits before it takes part. Each frame on the
-bus ends in one: acknowledge delimiter, end of frame and intermission. An idle bus is recessive, so
-that it takes 2.8 ms there at 500 kbit/s, and twelve times as long on one that is full.
+One that a client has requested is started again after a while, as by ``restart-ms`` of a SocketCAN
+interface or by hand. ISO 11898-1 then has it see 128 sequences of 11 recessive bits before it takes
+part. Each frame on the bus ends in one: acknowledge delimiter, end of frame and intermission. An
+idle bus is recessive, so that it takes 2.8 ms there at 500 kbit/s, and twelve times as long on one
+that is full. One by errors is started again at once, and the bus model has its end.
 
 Its client receives the error frames that SocketCAN would deliver (linux/can/error.h).
 """
 
 from ..bus_model import BusLoad
-from ..frame import ERROR, Frame
 from ..node import NS_PER_S
 
-BUS_OFF_FRAME = Frame(0x040, bytes(8), ERROR)
-RESTARTED_FRAME = Frame(0x100, bytes(8), ERROR)
 SEQUENCES, SEQUENCE_BITS = 128, 11
 
 
@@ -22,10 +20,12 @@ class Recovery:
 
     ``restart_ns``     when it is started again [ns]; may be moved until then
     ``bitrate_bit_s``  of the bus [bit/s]
+    ``end_ns``         when it takes part again, where the bus model says so [ns]
     """
 
-    def __init__(self, restart_ns: int, bitrate_bit_s: int) -> None:
+    def __init__(self, restart_ns: int, bitrate_bit_s: int, end_ns: int | None = None) -> None:
         self.restart_ns = restart_ns
+        self._end_ns = end_ns
         self._sequence_ns = SEQUENCE_BITS * NS_PER_S // bitrate_bit_s
         self._before: BusLoad | None = None
         self._seen = 0
@@ -34,6 +34,8 @@ class Recovery:
     @property
     def next_look_ns(self) -> int:
         """When it may be over at the earliest, as far as is known [ns]."""
+        if self._end_ns is not None:
+            return self._end_ns
         return self.restart_ns if self._before is None else self._next_look_ns
 
     def is_over(self, now_ns: int, load: BusLoad, quiet_ns: int) -> bool:
@@ -42,6 +44,8 @@ class Recovery:
         ``load``      what the bus has carried by now
         ``quiet_ns``  a time at which nothing was on the wire that ``load`` does not count [ns]
         """
+        if self._end_ns is not None:
+            return now_ns >= self._end_ns
         if now_ns < self.restart_ns:
             return False
         if self._before is None:

@@ -8,17 +8,27 @@ Frames that a client has submitted are still sent after it has gone, like the la
 program that ends. At most LEFT_FRAMES_MAX frames of departed clients wait on one channel, so that
 no client fills the bus by joining and leaving. Beyond that, the client that left the most loses
 its frames.
+
+Other people's traffic and errors are those of the bus model, as in virtual time; their time begins
+with the channel. Such a channel is advanced every PACE_NS at least, so that frames of the traffic
+reach the clients up to that much late, with their right times.
 """
 
-from collections.abc import Mapping
 from struct import Struct
 
+from ..background_traffic import BackgroundTraffic
+from ..bus_errors import BusErrors
 from ..bus_model import BusLoad, BusModel, Delivery
-from ..frame import EXTENDED, Frame
-from ..node import NEVER_NS
-from ..statistics import DurationStatistics, DurationSummary
-from .bus_off import BUS_OFF_FRAME, RESTARTED_FRAME, Recovery
+from ..bus_settings import errors_of
+from ..error_frames import BUS_OFF_FRAME, RESTARTED_FRAME, state_of
+from ..fault_confinement import ControllerState
+from ..frame import ERROR, EXTENDED, Frame
+from ..node import NEVER_NS, NS_PER_MS
+from .arbitration_delays import WATCHED_IDS_MAX, ArbitrationDelays
+from .beside import NOTHING_BESIDE, Beside, client_number
+from .bus_off import Recovery
 from .connection import BufferKey, Connection
+from .error_reports import ErrorReports
 from .protocol import OWN, Buffer, BusOff, pack_buffer, pack_frame
 
 BUFFER_FULL = 16
@@ -32,41 +42,70 @@ _FIFO: BufferKey = (-1, False)
 """The only transmit buffer of a client with a FIFO."""
 LEFT_FRAMES_MAX = 1024
 """Frames of departed clients that may wait on one channel."""
-WATCHED_IDS_MAX = 256
-"""The first identifiers on a channel; arbitration time and sender are recorded for these only."""
+PACE_NS = NS_PER_MS
+"""How long a channel with traffic or errors is left alone at most."""
 
 
 class Channel:
-    """One bus and the clients on it, by their numbers.
+    """One bus and the clients on it, by their numbers, with the ``delays`` of its frames.
 
     ``bitrate_bit_s``, ``data_bitrate_bit_s``, ``is_fifo``  as in BusModel
+    ``start_ns``                                            when the time of its bus begins [ns]
     """
 
     def __init__(
-        self, bitrate_bit_s: int, data_bitrate_bit_s: int | None, *, is_fifo: bool = False
+        self,
+        bitrate_bit_s: int,
+        data_bitrate_bit_s: int | None,
+        beside: Beside = NOTHING_BESIDE,
+        start_ns: int = 0,
+        *,
+        is_fifo: bool = False,
     ) -> None:
+        self.members: dict[int, Connection] = {}
+        self.delays = ArbitrationDelays()
+        self._errors = errors_of(beside.settings, beside.seed, client_number, self._is_acknowledged)
+        self._reports = None if self._errors is None else ErrorReports(self._errors, self.members)
+        self._traffic = BackgroundTraffic(beside.messages, beside.seed) if beside.messages else None
+        if self._traffic is not None:
+            self._traffic.on_wire = self._on_wire
         self._model = BusModel(
-            bitrate_bit_s, data_bitrate_bit_s, FRAMES_WAITING_MAX, self._on_start, is_fifo=is_fifo
+            bitrate_bit_s,
+            data_bitrate_bit_s,
+            FRAMES_WAITING_MAX,
+            self.delays.record,
+            is_fifo=is_fifo,
+            errors=self._errors,
+            traffic=self._traffic,
         )
+        self._start_ns = start_ns
+        self._is_paced = self._errors is not None or self._traffic is not None
+        self._pace_ns = start_ns if self._is_paced else NEVER_NS
+        self._of_traffic: list[Delivery] = []
         self._is_fifo = is_fifo
         self._bitrate_bit_s = bitrate_bit_s
-        self.members: dict[int, Connection] = {}
         self._senders: dict[tuple[int, bool], int] = {}
         self._quiet_ns = 0
-        self._bus_offs = 0
+        self._requested_offs = 0
         self._lost_in_bus_off = 0
         self._left: dict[int, int] = {}
         self._discarded = 0
-        self._delays: dict[tuple[int, bool], DurationStatistics] = {}
 
     @property
     def next_event_ns(self) -> int:
         """When the next frame is complete on the wire, or a bus-off may be over [ns]."""
         next_ns = self._model.next_event_ns
-        if not self._bus_offs:
+        if next_ns != NEVER_NS:
+            next_ns += self._start_ns
+        next_ns = min(next_ns, self._pace_ns)
+        if not self.bus_offs:
             return next_ns
         looks_ns = [one.recovery.next_look_ns for one in self.members.values() if one.recovery]
         return min([next_ns, *looks_ns])
+
+    def is_due(self, now_ns: int) -> bool:
+        """Whether to advance it before clients submit: errors may have ended a frame early."""
+        return self._errors is not None or self.next_event_ns <= now_ns
 
     @property
     def load(self) -> BusLoad:
@@ -80,24 +119,24 @@ class Channel:
 
     @property
     def bus_offs(self) -> int:
-        """How often a client has gone into bus-off."""
-        return self._bus_offs
+        """How often a node has gone into bus-off, by a request or by errors."""
+        return self._requested_offs + (0 if self._errors is None else self._errors.bus_offs)
 
     @property
     def lost_in_bus_off(self) -> int:
         """Frames lost in bus-off: sent then, or still waiting for the wire."""
-        return self._lost_in_bus_off
+        return self._lost_in_bus_off + self._model.lost_in_bus_off
 
     @property
-    def arbitration_delays(self) -> Mapping[str, DurationSummary]:
-        """From submission to start of frame, by identifier: 3 hexadecimal digits, or 8 for 29 bit.
+    def errors(self) -> BusErrors | None:
+        """What went wrong on the wire; None where nothing can."""
+        return self._errors
 
-        Of the first WATCHED_IDS_MAX identifiers on this channel.
-        """
-        return {
-            f"{can_id:0{8 if is_extended else 3}X}": statistics.summary()
-            for (can_id, is_extended), statistics in sorted(self._delays.items())
-        }
+    def join(self, client: Connection) -> None:
+        """Take a client."""
+        self.members[client.number] = client
+        if self._errors is not None:
+            self._errors.join(client.number)
 
     def submit(self, client: Connection, now_ns: int) -> bool:
         """Submit a client's frames, as many as may wait; returns whether these were all.
@@ -116,7 +155,7 @@ class Channel:
             if waiting > FRAMES_WAITING_MAX or (waiting == 1 and len(waiting_of) >= BUFFERS_MAX):
                 client.put_back(frame)
                 return False
-            self._model.submit(frame, client.number, now_ns)
+            self._model.submit(frame, client.number, now_ns - self._start_ns)
             waiting_of[buffer] = waiting
             if waiting >= BUFFER_FULL and not self._is_fifo:
                 self._report_full(client, key)
@@ -144,7 +183,7 @@ class Channel:
         for frame in withdrawn:
             self._make_room(client, frame)
         self._lost_in_bus_off += len(withdrawn)
-        self._bus_offs += 1
+        self._requested_offs += 1
         client.recovery = Recovery(restart_ns, self._bitrate_bit_s)
         client.queue(pack_frame(client.record, BUS_OFF_FRAME, time_ns))
         return client
@@ -154,7 +193,7 @@ class Channel:
 
         ``time_ns``  now, by the wall clock [ns]
         """
-        if not self._bus_offs:
+        if not self.bus_offs:
             return []
         if self._model.next_event_ns == NEVER_NS:
             self._quiet_ns = now_ns
@@ -166,30 +205,87 @@ class Channel:
         ]
         for client in back:
             client.recovery = None
+            if self._reports is not None:
+                self._model.participation.is_off_at(client.number, now_ns - self._start_ns)
+                self._reports.forget(client.number)
             client.queue(pack_frame(client.record, RESTARTED_FRAME, time_ns))
         return back
 
     def advance(self, now_ns: int) -> list[Delivery]:
-        """Return the completed frames, and free their place in the transmit buffers."""
-        completed = self._model.advance(now_ns)
-        if completed:
-            self._quiet_ns = completed[-1].end_ns
-        for _, sender, frame in completed:
-            member = self.members.get(sender)
-            if member is not None:
-                self._make_room(member, frame)
-            elif self._left[sender] > 1:
-                self._left[sender] -= 1
-            else:
-                del self._left[sender]
-        return completed
+        """Return what is complete, and free the places of the clients' frames in their buffers.
 
-    def queue(self, delivery: Delivery, time_ns: int) -> None:
-        """Queue a frame, complete at wall-clock time ``time_ns``, for all that want it."""
-        _, sender, frame = delivery
+        The sender of an error frame is the client that it is for.
+        """
+        bus_ns = now_ns - self._start_ns
+        completed = self._model.advance(bus_ns)
+        if completed:
+            self._quiet_ns = completed[-1].end_ns + self._start_ns
+        for delivery in completed:
+            if self._reports is None or not self._reports.is_repeated(delivery):
+                self._free_place(delivery.sender, delivery.frame)
+        if self._is_paced:
+            self._pace_ns = now_ns + PACE_NS
+            completed = self._with_others(completed, bus_ns)
+        return [
+            Delivery(end_ns + self._start_ns, sender, frame) for end_ns, sender, frame in completed
+        ]
+
+    def _free_place(self, sender: int, frame: Frame) -> None:
+        """Count a frame of a client that is complete."""
+        member = self.members.get(sender)
+        if member is not None:
+            self._make_room(member, frame)
+        elif self._left[sender] > 1:
+            self._left[sender] -= 1
+        else:
+            self._forget(sender)
+
+    def _with_others(self, completed: list[Delivery], bus_ns: int) -> list[Delivery]:
+        """Return the completed frames with those of the traffic and error frames, in order."""
+        # The model hands a frame of the traffic over when it starts.
+        others = [one for one in self._of_traffic if one.end_ns <= bus_ns]
+        del self._of_traffic[: len(others)]
+        if self._reports is not None and self._errors is not None:
+            self._errors.next_hit_ns(bus_ns)  # the noise keeps up with an idle bus
+            for sender in self._reports.gone_off:
+                self._empty_buffers(sender)
+            self._reports.gone_off.clear()
+            others += self._reports.take(bus_ns)
+        return sorted([*completed, *others], key=lambda delivery: delivery.end_ns)
+
+    def _empty_buffers(self, sender: int) -> None:
+        """Forget the frames of a client in bus-off, which the model has withdrawn."""
+        member = self.members.get(sender)
+        if member is None:
+            self._forget(sender)
+            return
+        member.waiting.clear()
+        for buffer in sorted(member.full):
+            member.queue(pack_buffer(member.record, Buffer(*buffer, has_room=True)))
+        member.full.clear()
+
+    def _forget(self, sender: int) -> None:
+        """Forget a departed client without frames."""
+        self._left.pop(sender, None)
+        self._model.participation.forget(sender)
+        if self._reports is not None:
+            self._reports.forget(sender)
+
+    def queue(self, delivery: Delivery, time_ns: int) -> Connection | None:
+        """Queue a frame, complete at wall-clock time ``time_ns``, for all that want it.
+
+        Returns the client that is in bus-off from this error frame on, if it is one.
+        """
+        end_ns, sender, frame = delivery
+        if frame.flags & ERROR:
+            return self._queue_error(delivery, time_ns)
         packed: dict[Struct, bytes] = {}
         for member in self.members.values():
             if not member.wants(frame, sender):
+                continue
+            missed = (end_ns - self._start_ns, member.number)
+            if missed in self._model.missed:
+                self._model.missed.discard(missed)
                 continue
             record = member.record
             if member.number == sender:
@@ -199,10 +295,28 @@ class Channel:
             if record not in packed:
                 packed[record] = pack_frame(record, frame, time_ns)
             member.queue(packed[record])
+        return None
+
+    def _queue_error(self, report: Delivery, time_ns: int) -> Connection | None:
+        """Queue an error frame for whom it is."""
+        end_ns, number, frame = report
+        member, state = self.members.get(number), state_of(frame)
+        if member is None or member.recovery is not None:
+            return None
+        if state is not None or member.wants_error_frames:
+            member.queue(pack_frame(member.record, frame, time_ns))
+        if state is not ControllerState.BUS_OFF:
+            return None
+        until_ns = self._model.participation.off_until_ns(number) + self._start_ns
+        member.recovery = Recovery(end_ns, self._bitrate_bit_s, until_ns)
+        return member
 
     def leave(self, client: Connection) -> None:
         """Remove a client; its frames are still sent, as many as may wait for departed clients."""
-        if self.members.pop(client.number, None) is None or not client.frames_waiting:
+        if self.members.pop(client.number, None) is None:
+            return
+        if not client.frames_waiting:
+            self._forget(client.number)
             return
         self._left[client.number] = client.frames_waiting
         for number in sorted(self._left, key=self._left.__getitem__, reverse=True):
@@ -212,7 +326,16 @@ class Channel:
             self._discarded += withdrawn
             self._left[number] -= withdrawn
             if not self._left[number]:
-                del self._left[number]
+                self._forget(number)
+
+    def _is_acknowledged(self, sender: int) -> bool:
+        """Whether another node is there that takes part."""
+        return self._traffic is not None or any(
+            member.recovery is None for number, member in self.members.items() if number != sender
+        )
+
+    def _on_wire(self, end_ns: int, sender: int, frame: Frame) -> None:
+        self._of_traffic.append(Delivery(end_ns, sender, frame))
 
     def _report_full(self, client: Connection, buffer: BufferKey) -> None:
         """Notify the client to refuse frames of this transmit buffer until there is room.
@@ -233,14 +356,3 @@ class Channel:
         if waiting == BUFFER_FULL - 1 and buffer in client.full:
             client.full.discard(buffer)
             client.queue(pack_buffer(client.record, Buffer(*buffer, has_room=True)))
-
-    def _on_start(self, frame: Frame, delay_ns: int) -> None:
-        """Record the arbitration time of a frame."""
-        can_id, _, flags = frame
-        key = (can_id, flags & EXTENDED != 0)
-        statistics = self._delays.get(key)
-        if statistics is None:
-            if len(self._delays) >= WATCHED_IDS_MAX:
-                return
-            statistics = self._delays[key] = DurationStatistics()
-        statistics.record(delay_ns)

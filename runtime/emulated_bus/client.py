@@ -16,7 +16,9 @@ import can
 from can.bus import BusState, CanProtocol
 from can.typechecking import AutoDetectedConfig, CanFilters, Channel
 
-from ..frame import Frame
+from ..error_frames import state_of
+from ..fault_confinement import ControllerState
+from ..frame import ERROR, Frame
 from ..message import frame_of, message_of
 from ..node import NS_PER_S
 from .address import AddressError, connect, default_address, parse_address
@@ -67,6 +69,8 @@ class EmulatedBus(can.BusABC):
     ``fd``                    send and receive CAN FD frames; the broker has to carry them
     ``bitrate``               the required bit rate [bit/s]; None: any
     ``data_bitrate``          the same for the data phase of CAN FD
+    ``error_frames``          also receive an error frame for every error on the bus, as SocketCAN
+                              with ``berr-reporting``; without it, for the own controller's states
 
     Options for other interfaces in python-can's configuration are ignored, as in all interfaces.
 
@@ -82,14 +86,18 @@ class EmulatedBus(can.BusABC):
         fd: bool = False,
         bitrate: int | None = None,
         data_bitrate: int | None = None,
+        error_frames: bool = False,
         **_of_other_interfaces: object,
     ) -> None:
-        hello = Hello(str(channel), fd, receive_own_messages, bitrate or 0, data_bitrate or 0)
+        hello = Hello(
+            str(channel), fd, receive_own_messages, bitrate or 0, data_bitrate or 0, error_frames
+        )
         self._socket, answer = _join(hello, address)
         self._channel = hello.channel
         self._record = record_format(fd)
         self._partial = b""
-        self._state = BusState.ACTIVE
+        self._is_lost = self._listens_only = False
+        self._confinement = ControllerState.ERROR_ACTIVE
         self._takes_bus_off = answer.takes_bus_off
         self._full: set[tuple[int, bool]] = set()
         # send_periodic sends from another thread.
@@ -105,9 +113,9 @@ class EmulatedBus(can.BusABC):
                      case only frames of the same identifier can fill the buffer
 
         Raises can.CanTimeoutError without room in time, can.CanOperationError when the broker has
-        ended, for an error frame, for a CAN FD frame without ``fd``, and in state PASSIVE.
+        ended, for an error frame, for a CAN FD frame without ``fd``, and when set to PASSIVE.
         """
-        if self._state is BusState.PASSIVE:
+        if self._listens_only:
             raise can.CanOperationError("this bus is passive: it does not send")
         if msg.is_fd and self._can_protocol is not CanProtocol.CAN_FD:
             raise can.CanOperationError("a CAN FD frame needs a bus that was opened with fd=True")
@@ -168,6 +176,8 @@ class EmulatedBus(can.BusABC):
         if isinstance(frame, Buffer):
             (self._full.discard if frame.has_room else self._full.add)(frame[:2])
             return self._recv_internal(0.0)  # a frame may be behind it
+        if frame.flags & ERROR:
+            self._confinement = state_of(frame) or self._confinement
         message = _received_message(frame, time_ns, self._channel)
         return message, bool(message.is_error_frame)
 
@@ -192,7 +202,7 @@ class EmulatedBus(can.BusABC):
         """Record the loss of the connection; returns the error to raise."""
         if self._is_shutdown:
             return can.CanOperationError("this bus is shut down")
-        self._state = BusState.ERROR
+        self._is_lost = True
         cause = f" ({error})" if error else ""
         return can.CanOperationError(
             f"the emulated bus has closed the connection{cause}: its broker has ended, or this "
@@ -233,14 +243,21 @@ class EmulatedBus(can.BusABC):
 
     @property
     def state(self) -> BusState:
-        """ACTIVE; PASSIVE when set to only listen; ERROR when the broker has ended."""
-        return self._state
+        """As of the last ``recv``.
+
+        ERROR in bus-off and when the broker has ended; PASSIVE when error passive, and when set to
+        only listen; else ACTIVE.
+        """
+        if self._is_lost or self._confinement is ControllerState.BUS_OFF:
+            return BusState.ERROR
+        is_passive = self._confinement is ControllerState.ERROR_PASSIVE
+        return BusState.PASSIVE if is_passive or self._listens_only else BusState.ACTIVE
 
     @state.setter
     def state(self, new_state: BusState) -> None:
-        if new_state is BusState.ERROR or self._state is BusState.ERROR:
-            raise can.CanOperationError(f"cannot go from {self._state.name} to {new_state.name}")
-        self._state = new_state
+        if new_state is BusState.ERROR or self._is_lost:
+            raise can.CanOperationError(f"cannot go from {self.state.name} to {new_state.name}")
+        self._listens_only = new_state is BusState.PASSIVE
 
     @staticmethod
     def _detect_available_configs() -> list[AutoDetectedConfig]:

@@ -89,6 +89,11 @@ class Connection:
         return sum(self.waiting.values())
 
     @property
+    def wants_error_frames(self) -> bool:
+        """Whether it receives those of errors that do not change its controller's state."""
+        return self.hello is not None and self.hello.error_frames
+
+    @property
     def has_outgoing(self) -> bool:
         """Whether bytes wait to be written."""
         return bool(self._outgoing)

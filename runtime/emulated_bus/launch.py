@@ -27,7 +27,7 @@ def launched_broker(options: Sequence[str] = (), log: IO[str] | None = None) -> 
         address = str(Path(directory) / "socket")
         arguments = ["--address", address, *options]
         broker = line.start(
-            "steer_by_wire.runtime.emulated_bus",
+            "steer_by_wire.tools.bus",
             arguments,
             PIPE,
             log,

@@ -50,6 +50,7 @@ _BUFFER = 5
 
 _HELLO_FD = 1
 _HELLO_RECEIVE_OWN = 2
+_HELLO_ERROR_FRAMES = 4
 _ANSWER_REFUSED = 1
 _ANSWER_TAKES_BUS_OFF = 2
 
@@ -71,13 +72,17 @@ class ProtocolError(Exception):
 
 
 class Hello(NamedTuple):
-    """What a client asks for; a bit rate of 0 [bit/s] accepts any."""
+    """What a client asks for; a bit rate of 0 [bit/s] accepts any.
+
+    ``error_frames``  also those of errors that do not change the state of its own controller
+    """
 
     channel: str
     fd: bool = False
     receive_own: bool = False
     bitrate_bit_s: int = 0
     data_bitrate_bit_s: int = 0
+    error_frames: bool = False
 
     def pack(self) -> bytes:
         """Return the bytes; raises ProtocolError when the channel's name does not fit."""
@@ -86,7 +91,11 @@ class Hello(NamedTuple):
             raise ProtocolError(
                 f"a channel name has 1 to {CHANNEL_BYTES_MAX} bytes, not {self.channel!r}"
             )
-        options = _HELLO_FD * self.fd | _HELLO_RECEIVE_OWN * self.receive_own
+        options = (
+            _HELLO_FD * self.fd
+            | _HELLO_RECEIVE_OWN * self.receive_own
+            | _HELLO_ERROR_FRAMES * self.error_frames
+        )
         return HELLO.pack(MAGIC, options, self.bitrate_bit_s, self.data_bitrate_bit_s, name)
 
 
@@ -102,6 +111,7 @@ def unpack_hello(raw: bytes) -> Hello:
         bool(options & _HELLO_RECEIVE_OWN),
         bitrate_bit_s,
         data_bitrate_bit_s,
+        bool(options & _HELLO_ERROR_FRAMES),
     )
 
 

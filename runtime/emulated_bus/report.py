@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from ..bus_errors import BusErrors
 from ..node import NS_PER_S
 from ..statistics import durations_report
 from .broker import Broker
@@ -15,6 +16,7 @@ def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[st
     ``load``               share of the time that a wire was busy, intermissions included
     ``discarded``          frames of clients that had gone which were never sent
     ``bus_offs``           how often a client has gone into bus-off; ``lost_in_bus_off`` its frames
+    ``errors``             destroyed transmissions by cause; with frames received twice and missed
     ``arbitration_delay``  from when the broker read a frame to its start of frame, by identifier
     ``held_back``          how often a client was not read on because its frames waited
     ``disconnected``       clients that are gone, by cause
@@ -30,9 +32,10 @@ def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[st
                 "discarded": channel.discarded,
                 "bus_offs": channel.bus_offs,
                 "lost_in_bus_off": channel.lost_in_bus_off,
+                **_errors(channel.errors),
                 "arbitration_delay": {
                     can_id: durations_report(delay)
-                    for can_id, delay in channel.arbitration_delays.items()
+                    for can_id, delay in channel.delays.summaries().items()
                 },
             }
             for name, channel in sorted(broker.channels.items())
@@ -45,6 +48,16 @@ def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[st
     }
 
 
+def _errors(errors: BusErrors | None) -> dict[str, Any]:
+    if errors is None:
+        return {}
+    return {
+        "errors": dict(errors.causes),
+        "received_twice": errors.received_twice,
+        "missed_by_one": errors.missed_by_one,
+    }
+
+
 def summary_line(report: dict[str, Any]) -> str:
     """Return the same in one line, without what did not happen."""
     parts = [f"ran {report['duration_s']:.1f} s"]
@@ -52,6 +65,8 @@ def summary_line(report: dict[str, Any]) -> str:
         parts.append(f"{name} {channel['frames']} frames, load {channel['load']:.1%}")
         if channel["discarded"]:
             parts[-1] += f", {channel['discarded']} of clients that had gone discarded"
+        if "errors" in channel:
+            parts[-1] += f", {sum(channel['errors'].values())} errors"
         if channel["bus_offs"]:
             parts[-1] += f", {channel['bus_offs']}x bus-off"
     clients = report["clients"]

@@ -71,7 +71,7 @@ class Processes:
         self.address = str(socket)
         report = str(self.path("broker", ".json"))
         arguments = ["--address", self.address, "--report", report, *options]
-        self.begin("broker", "steer_by_wire.runtime.emulated_bus", arguments)
+        self.begin("broker", "steer_by_wire.tools.bus", arguments)
         self._await("broker", _LISTENING)
 
     def start(self, name: str, module: str, arguments: Sequence[str]) -> None:

@@ -140,8 +140,8 @@ class SharedBus:
         self.refused = 0
 
     def ear(self, node: Node, index: int) -> Node:
-        """Return a node that does not get the frames that its receiver alone saw wrong."""
-        return Ear(node, index, self.model.missed)
+        """Return a node that does not get what its receiver alone saw wrong, nor in bus-off."""
+        return Ear(node, index, self.model)
 
     def watch(self, on_wire: OnWire) -> None:
         """Have every frame that the nodes do not get reported, error frames among them."""

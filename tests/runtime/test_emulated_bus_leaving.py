@@ -5,12 +5,9 @@ import socket
 
 import pytest
 
+from steer_by_wire.runtime.emulated_bus.arbitration_delays import WATCHED_IDS_MAX
 from steer_by_wire.runtime.emulated_bus.broker import ACCEPT_PAUSE_NS, CLIENTS_MAX
-from steer_by_wire.runtime.emulated_bus.channel import (
-    FRAMES_WAITING_MAX,
-    LEFT_FRAMES_MAX,
-    WATCHED_IDS_MAX,
-)
+from steer_by_wire.runtime.emulated_bus.channel import FRAMES_WAITING_MAX, LEFT_FRAMES_MAX
 from steer_by_wire.runtime.emulated_bus.journal import LINE_PERIOD_NS, LINES_AT_ONCE, Cause, Journal
 from steer_by_wire.runtime.emulated_bus.protocol import CLASSIC_RECORD, HELLO, Hello
 from steer_by_wire.runtime.emulated_bus.report import broker_report, summary_line
@@ -206,4 +203,4 @@ def test_no_number_of_identifiers_makes_the_report_grow_without_bound(bench: Ben
         send(client, *(Frame(start + n, b"") for n in range(50)))
         bench.step()
         bench.advance(50 * CLASSIC_FRAME_NS)
-    assert len(bench.broker.channels["can0"].arbitration_delays) == WATCHED_IDS_MAX
+    assert len(bench.broker.channels["can0"].delays.summaries()) == WATCHED_IDS_MAX

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from steer_by_wire.runtime.emulated_bus.address import UnixAddress, listening
+from steer_by_wire.runtime.emulated_bus.beside import NOTHING_BESIDE, Beside
 from steer_by_wire.runtime.emulated_bus.broker import Broker
 from steer_by_wire.runtime.emulated_bus.journal import Cause, Journal
 from steer_by_wire.runtime.emulated_bus.protocol import (
@@ -20,6 +21,7 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
 )
 from steer_by_wire.runtime.frame import Frame
 
+BITRATE_BIT_S = 500_000
 CLASSIC_FRAME_NS = 300_000
 """Longer than any classic frame at 500 kbit/s."""
 
@@ -27,7 +29,7 @@ CLASSIC_FRAME_NS = 300_000
 class Bench:
     """A broker, its clock, its clients, and what it has reported."""
 
-    def __init__(self, stack: ExitStack) -> None:
+    def __init__(self, stack: ExitStack, beside: Beside = NOTHING_BESIDE) -> None:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bus-")))
         self.path = folder / "socket"
         self._stack = stack
@@ -36,7 +38,9 @@ class Bench:
         self.lines: list[str] = []
         self.is_read = True
         self.journal = Journal(self._tell)
-        self.broker = Broker(listener, 500_000, None, self.journal, lambda: self.now_ns)
+        self.broker = Broker(
+            listener, BITRATE_BIT_S, None, self.journal, lambda: self.now_ns, beside=beside
+        )
         stack.callback(self._close_clients)
 
     def _close_clients(self) -> None:
@@ -56,10 +60,13 @@ class Bench:
         self.step()
         return client
 
-    def join(self, channel: str = "can0", *, receive_own: bool = False) -> socket.socket:
+    def join(
+        self, channel: str = "can0", *, receive_own: bool = False, error_frames: bool = False
+    ) -> socket.socket:
         """A client on a channel."""
         client = self.connect()
-        client.sendall(Hello(channel, receive_own=receive_own).pack())
+        hello = Hello(channel, receive_own=receive_own, error_frames=error_frames)
+        client.sendall(hello.pack())
         self.step()
         assert len(client.recv(ANSWER.size)) == ANSWER.size
         return client

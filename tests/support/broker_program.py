@@ -48,7 +48,7 @@ def start_broker(stack: ExitStack, *options: str) -> subprocess.Popen[str]:
     """Start the program as a user does; returns it when it listens or has ended."""
     broker = stack.enter_context(
         subprocess.Popen(
-            [sys.executable, "-m", "steer_by_wire.runtime.emulated_bus", *options],
+            [sys.executable, "-m", "steer_by_wire.tools.bus", *options],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

@@ -29,7 +29,7 @@ FORMER = (
     "stress_report",
 )  # fmt: skip
 """``python -m tools.NAME`` started them before there was one command."""
-LATER = {"bus_study", "cockpit", "frame_bits", "response_times"}
+LATER = {"bus", "bus_study", "cockpit", "frame_bits", "response_times"}
 """Programs that never had another name."""
 CHEAP = ("run", "analyze", "stress", "doctor")
 """Whose examples are run as they are printed: they take a second or so."""

@@ -77,9 +77,9 @@ def test_no_file_names_a_registry_or_a_path_of_one_machine() -> None:
 def test_every_tool_ends_in_the_one_way_that_knows_each_exit_status() -> None:
     tools = list((ROOT / "tools").glob("*/__main__.py"))
     assert len(tools) > 10
-    assert [path.parent.name for path in tools if "return run_main(" not in path.read_text()] == [
-        "fuzz"
-    ]
+    others = {path.parent.name for path in tools if "return run_main(" not in path.read_text()}
+    # The bus has statuses of its own and does without python-can, the fuzzer runs all the others.
+    assert others == {"bus", "fuzz"}
 
 
 def test_every_extra_that_is_named_is_there_to_install() -> None:

@@ -36,9 +36,7 @@ PROGRAMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "steer_by_wire.controller.program.found_in",
         ),
         "steer_by_wire.plant_emulator.program": ("steer_by_wire.runtime.program.open_port",),
-        "steer_by_wire.runtime.emulated_bus.program": (
-            "steer_by_wire.runtime.emulated_bus.program.listening",
-        ),
+        "steer_by_wire.tools.bus.program": ("steer_by_wire.tools.bus.program.listening",),
         "steer_by_wire.tools.analyze_log.__main__": (
             "steer_by_wire.tools.analyze_log.pictures.draw_pictures",
         ),

@@ -1,4 +1,4 @@
-"""Starts the program ``emulated-can-bus``: ``runtime.emulated_bus.program``."""
+"""Starts the program ``emulated-can-bus``: ``tools.bus.program``."""
 
 import sys
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ NAME = "emulated-can-bus"
 
 def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
     """Run the program under the name ``name``; returns its exit status."""
-    return start_program("steer_by_wire.runtime.emulated_bus.program", arguments, name)
+    return start_program("steer_by_wire.tools.bus.program", arguments, name)
 
 
 if __name__ == "__main__":

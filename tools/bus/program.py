@@ -2,8 +2,8 @@
 
 Prints a line to standard output when clients can connect, and to standard error a line for every
 client that it disconnects, and one with the statistics at the end. Exit status: 0 after an orderly
-end, 2 for wrong arguments, 3 if it cannot listen, 4 if the report cannot be written, 130 if it is
-interrupted before it listens.
+end, 2 for wrong arguments or settings, 3 if it cannot listen, 4 if the report cannot be written,
+130 if it is interrupted before it listens.
 """
 
 import argparse
@@ -16,10 +16,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 
-from ...command_line import command_parser
-from ..host import RealTimeRequest, real_time
-from ..option_types import bit_rate, data_bit_rate, output_file, priority
-from .address import (
+from ...command_line import command_parser, whole_number
+from ...runtime.bus_options import add_bus_arguments, bus_settings
+from ...runtime.emulated_bus.address import (
     Address,
     AddressError,
     TcpAddress,
@@ -28,11 +27,16 @@ from .address import (
     listening,
     parse_address,
 )
-from .broker import Broker
-from .journal import Journal
-from .report import broker_report, summary_line
+from ...runtime.emulated_bus.beside import Beside, client_number
+from ...runtime.emulated_bus.broker import Broker
+from ...runtime.emulated_bus.journal import Journal
+from ...runtime.emulated_bus.report import broker_report, summary_line
+from ...runtime.host import RealTimeRequest, real_time
+from ...runtime.option_types import bit_rate, data_bit_rate, output_file, priority
+from ...runtime.settings import SettingsError
 
 NAME = "emulated-can-bus"
+_WRONG_SETTINGS = 2
 _CANNOT_LISTEN = 3
 _CANNOT_WRITE = 4
 _INTERRUPTED = 130
@@ -48,10 +52,15 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
     if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         signal.signal(signal.SIGHUP, signal.default_int_handler)
     try:
+        beside = _beside(options)
         address = parse_address(options.address) if options.address else default_address()
         group = None if options.group is None else group_number(options.group)
         with listening(address, group) as listener:
-            _serve(name, listener, address, options)
+            _serve(name, listener, address, options, beside)
+    except SettingsError as error:
+        for mistake in error.mistakes:
+            print(f"{name}: error: {mistake}", file=sys.stderr)
+        return _WRONG_SETTINGS
     except AddressError as error:
         print(f"{name}: error: {error}", file=sys.stderr)
         return _CANNOT_LISTEN
@@ -63,23 +72,47 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
     return 0
 
 
+def _beside(options: argparse.Namespace) -> Beside:
+    """Return what happens beside the clients' frames; raises SettingsError."""
+    settings = bus_settings(options)
+    if settings.clock:
+        raise SettingsError("clock: programs on the emulated bus have clocks of their own")
+    for client in settings.receiver_bit_error_rate:
+        try:
+            client_number(client)
+        except ValueError as error:
+            raise SettingsError(f"receiver_bit_error_rate.{client}: {error}") from error
+    if not settings.has_traffic:
+        return Beside(settings, (), options.seed)
+    # Not at the top: it imports cantools, which takes longer than all the rest.
+    from ...pair.shared_bus import traffic_of
+
+    return Beside(settings, traffic_of(settings, options.seed), options.seed)
+
+
 def _serve(
-    name: str, listener: socket.socket, address: Address, options: argparse.Namespace
+    name: str,
+    listener: socket.socket,
+    address: Address,
+    options: argparse.Namespace,
+    beside: Beside,
 ) -> None:
     """Serve until a signal or the end of standard input; raises OSError for the report."""
     if isinstance(address, TcpAddress):
         address = TcpAddress(*listener.getsockname())
-    rates = f"{options.bitrate} bit/s"
+    bitrate_bit_s = beside.settings.bitrate_bit_s
+    rates = f"{bitrate_bit_s} bit/s"
     if options.data_bitrate is not None:
         rates += f", CAN FD data at {options.data_bitrate} bit/s"
     journal = Journal(partial(_print_line, name), options.verbose)
     broker = Broker(
         listener,
-        options.bitrate,
+        bitrate_bit_s,
         options.data_bitrate,
         journal,
         takes_bus_off=options.allow_bus_off,
         is_fifo=options.fifo,
+        beside=beside,
     )
     start_ns = time.monotonic_ns()
     print(f"{name}: listening at {address}, {rates}", flush=True)
@@ -88,8 +121,8 @@ def _serve(
     report = broker_report(broker, journal, time.monotonic_ns() - start_ns)
     _print_line(name, summary_line(report))
     if options.report is not None:
-        # Not at the top: it imports python-can and pydantic, which the broker does not need.
-        from ..report import write_json
+        # Not at the top: it imports python-can, which the broker does not need.
+        from ...runtime.report import write_json
 
         write_json(options.report, report)
 
@@ -136,9 +169,8 @@ def _parser(name: str) -> argparse.ArgumentParser:
     parser.add_argument(
         "--bitrate",
         type=bit_rate,
-        default=500_000,
         metavar="BIT_S",
-        help="bit rate of every channel (default: %(default)s)",
+        help="bit rate of every channel (default: 500000)",
     )
     parser.add_argument(
         "--data-bitrate",
@@ -174,5 +206,12 @@ def _parser(name: str) -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--verbose", action="store_true", help="also print clients that join and leave in order"
+    )
+    add_bus_arguments(parser, "the client of this number", has_clocks=False)
+    parser.add_argument(
+        "--seed",
+        type=whole_number(0, 2**63 - 1),
+        default=1,
+        help="of traffic and noise (default: %(default)s)",
     )
     return parser

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+from collections import Counter
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -16,8 +17,8 @@ import pytest
 from steer_by_wire.runtime.emulated_bus.broker import CHANNELS_MAX, CLIENTS_MAX
 from steer_by_wire.runtime.emulated_bus.channel import FRAMES_WAITING_MAX
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
-from steer_by_wire.runtime.emulated_bus.program import _print_line, main
 from steer_by_wire.runtime.emulated_bus.protocol import HELLO
+from steer_by_wire.tools.bus.program import _print_line, main
 from tests.support.broker_program import client, message, receive, start_broker
 from tests.support.broker_program import directory as directory
 from tests.support.broker_program import stack as stack
@@ -79,6 +80,45 @@ def test_a_file_that_is_no_socket_is_left_alone(stack: ExitStack, directory: Pat
     broker = start_broker(stack, "--address", str(precious))
     assert broker.wait(PATIENCE_S) == 3
     assert precious.read_text() == "data"
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (["--bit-error-rate", "0.5"], "bit_error_rate = 0.5 should be"),
+        (["--receiver-bit-error-rate", "plant=1e-3"], "plant: is not the number of a client"),
+        (["--rest-bus", "none.dbc"], "rest_bus: none.dbc: No such file"),
+        (["--bus-settings", "clock.toml"], "clock: programs on the emulated bus have clocks of"),
+    ],
+)
+def test_what_cannot_happen_on_the_bus_is_refused_in_one_line(
+    options: list[str],
+    complaint: str,
+    capsys: pytest.CaptureFixture[str],
+    directory: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(directory)
+    Path("clock.toml").write_text("[clock]\nplant = { ppm = 10.0 }\n", encoding="utf-8")
+    assert main(options) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("emulated-can-bus: error: ")
+    assert complaint in line
+
+
+def test_clients_meet_the_traffic_and_errors_that_were_asked_for(
+    stack: ExitStack, directory: Path
+) -> None:
+    address, report = str(directory / "socket"), directory / "report.json"
+    options = ["--load", "0.5", "--bit-error-rate", "0.01", "--report", str(report)]
+    broker = start_broker(stack, "--address", address, *options)
+    listening = client(stack, address, error_frames=True)
+    kinds = Counter(receive(listening).is_error_frame for _ in range(100))
+    assert min(kinds.values()) >= 5
+    broker.send_signal(signal.SIGINT)
+    _, printed = broker.communicate(timeout=PATIENCE_S)
+    (channel,) = json.loads(report.read_text(encoding="utf-8"))["channels"].values()
+    assert f", {sum(channel['errors'].values())} errors" in printed
 
 
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -283,7 +323,7 @@ def test_ctrl_c_before_it_listens_is_no_orderly_end(monkeypatch: pytest.MonkeyPa
     def interrupt(*_arguments: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("steer_by_wire.runtime.emulated_bus.program.listening", interrupt)
+    monkeypatch.setattr("steer_by_wire.tools.bus.program.listening", interrupt)
     assert main(["--address", "127.0.0.1:0"]) == 130
 
 

@@ -1,0 +1,1 @@
+"""The emulated bus as a program."""
