@@ -1,10 +1,7 @@
 """The region of gains: closed forms, roots computed anew, other people's discretisation."""
 
 import math
-import re
 from itertools import pairwise, product
-from pathlib import Path
-from typing import Any
 
 import control
 import numpy as np
@@ -48,8 +45,6 @@ from tests.support.gain_loops import (
     WINDOW,
     Loop,
 )
-
-DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def sampled(delay_ms: int, filter_rad_s: float | None) -> SampledGainLoop:
@@ -277,12 +272,3 @@ def test_an_empty_region_says_so() -> None:
 def test_a_circle_beyond_what_the_sampled_loop_can_have_is_refused() -> None:
     with pytest.raises(ValueError, match=r"must be below π/T = 314.2 rad/s"):
         d_stable_region([sampled(0, None)], d_stability(0.3, 135.0, 400.0), WINDOW)
-
-
-def test_the_example_of_the_documentation_runs() -> None:
-    text = (DOCS / "parameter_space.md").read_text(encoding="utf-8")
-    (example,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    names: dict[str, Any] = {}
-    exec(example, names)  # noqa: S102  # our own documentation
-    assert names["region"].contains(names["k_p_rad_m"], names["k_d_rad_s_m"])
-    assert names["region"].relative_distance(names["k_p_rad_m"], names["k_d_rad_s_m"]) > 0.1

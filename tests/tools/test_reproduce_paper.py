@@ -203,13 +203,6 @@ def test_a_folder_that_cannot_be_made_is_named(
     assert f"{tmp_path / 'file'}: File exists" in capsys.readouterr().err
 
 
-def test_the_example_in_the_documentation_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "paper.md").read_text(encoding="utf-8")
-    (example,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    exec(example, {})  # noqa: S102
-    assert capsys.readouterr().out.startswith(Verdict.NOT_REPRODUCIBLE)
-
-
 def test_without_a_choice_everything_is_computed() -> None:
     assert reproduce_paper.selected([], [], everything=False) == ENTRIES
     assert reproduce_paper.selected(["2"], [], everything=True) == ENTRIES
