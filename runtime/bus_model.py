@@ -334,7 +334,7 @@ class BusModel:
         still_waiting = self._waiting_of.pop(winner.buffer) - 1
         if still_waiting:
             self._waiting_of[winner.buffer] = still_waiting
-            if self._is_fifo:
+            if self._is_fifo and winner.sender >= 0:
                 behind = self._behind[winner.sender]
                 heappush(self._queue, behind.popleft())
                 if not behind:
@@ -392,7 +392,7 @@ class BusModel:
         self._waiting_of[sent.buffer] = waiting + 1
         if self._traffic is not None and sent.sender < 0:
             self._traffic.hold(sent.buffer[1])
-        if waiting and self._is_fifo:
+        if waiting and self._is_fifo and sent.sender >= 0:
             (following,) = (one for one in self._queue if one.sender == sent.sender)
             self._queue.remove(following)
             heapify(self._queue)

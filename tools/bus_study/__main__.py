@@ -82,7 +82,7 @@ def _run(options: argparse.Namespace) -> int:
     base = with_values(BusSettings(), {"rest_bus": options.rest_bus}, COMMAND_LINE)
     seeds, presets = range(1, options.seeds + 1), options.controller_preset
     console, stop = Console(markup=False, highlight=False), StopRequest()
-    console.width = max(console.width, 110)
+    console.width = max(console.width, 140)
     runs, total = [], len(points) * len(presets) * len(seeds)
     with (
         stop.on_signals(),

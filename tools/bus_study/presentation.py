@@ -20,16 +20,36 @@ def groups_of(runs: Sequence[BusRun]) -> list[Group]:
     return [(point, controller, members) for (point, controller), members in groups.items()]
 
 
+COUNTS = {
+    "detected": "errors",
+    "repeated": "again",
+    "twice": "twice",
+    "bus_offs": "bus-off",
+    "lost": "lost",
+    "steering_lost": "steering",
+}
+"""Counts of a run, and their headings."""
+LABELS = {
+    "errors": "error frames",
+    "again": "sent again",
+    "twice": "received twice",
+    "bus-off": "bus-offs",
+    "lost": "frames lost",
+    "steering": "steering lost",
+}
+
+
 def table_of(runs: Sequence[BusRun]) -> Table:
     """Return a row for each point and controller."""
     table = Table(
         box=None, pad_edge=False, caption_justify="left",
-        caption="RMS: of the preview point. Counts: mean of a run. worst: of all seeds.",
+        caption="RMS: of the preview point. trip: from measurement to echo, 99 % below. "
+        "silence: the longest between two\ncommands. "
+        "Counts: mean of a run; steering: of the pair's frames, lost. worst: of all seeds.",
     )  # fmt: skip
     table.add_column("controller", no_wrap=True)
-    for heading in (
-        "load", "bit errors", "clocks", "RMS", "busy", "errors", "twice", "bus-off", "lost", "worst"
-    ):  # fmt: skip
+    headings = ("load", "bit errors", "clocks", "RMS", "trip", "silence", "busy")
+    for heading in (*headings, *COUNTS.values(), "worst"):
         table.add_column(heading, justify="right", no_wrap=True)
     for point, controller, members in groups_of(runs):
         table.add_row(
@@ -38,22 +58,29 @@ def table_of(runs: Sequence[BusRun]) -> Table:
             f"{point.bit_error_rate:g}",
             f"{point.clock_ppm:g} ppm",
             f"{1e3 * fmean(run.rms_m for run in members):.2f} mm",
+            f"{1e3 * max(run.round_trip_s for run in members):.1f} ms",
+            f"{1e3 * max(run.silence_s for run in members):.1f} ms",
             f"{100 * fmean(run.bus_load for run in members):.1f} %",
-            *(
-                f"{fmean(getattr(run, name) for run in members):.1f}"
-                for name in ("detected", "twice", "bus_offs", "lost")
-            ),
+            *(_count(fmean(getattr(run, name) for run in members)) for name in COUNTS),
             max((run.verdict for run in members), key=lambda verdict: verdict != "holds"),
         )
     return table
 
 
+def _count(mean: float) -> str:
+    return f"{mean:.1f}" if 0 < mean < 100 else f"{mean:.0f}"
+
+
 def draw(runs: Sequence[BusRun]) -> bytes:
-    """Return RMS and error frames over the bit error rate, as PNG; a rate of 0 is left out."""
+    """Return what changes over the bit error rate as PNG; a rate of 0 is left out.
+
+    Lateral error and times of every line of runs; the counts of the last one.
+    """
     with plot_style():
-        figure = Figure(figsize=(7.5, 3.4))
-        left, right = figure.subplots(1, 2)
+        figure = Figure(figsize=(10.5, 3.6))
+        left, middle, right = figure.subplots(1, 3)
         lines = sorted({(p.load, p.clock_ppm, c) for p, c, _ in groups_of(runs)})
+        chosen: list[tuple[float, list[BusRun]]] = []
         for number, (load, ppm, controller) in enumerate(lines):
             chosen = [
                 (point.bit_error_rate, members)
@@ -63,16 +90,33 @@ def draw(runs: Sequence[BusRun]) -> bytes:
             ]
             rates = [rate for rate, _ in chosen]
             label = f"{controller}, {100 * load:.0f} %" + (f", {ppm:g} ppm" if ppm else "")
-            colour = COLOURS[number % len(COLOURS)]
+            style = {"marker": "o", "markersize": 4, "color": COLOURS[number % len(COLOURS)]}
             rms_mm = [1e3 * fmean(run.rms_m for run in members) for _, members in chosen]
-            left.plot(rates, rms_mm, marker="o", color=colour, label=label)
-            detected = [fmean(run.detected for run in members) for _, members in chosen]
-            right.plot(rates, detected, marker="o", color=colour)
-        for axes, title in ((left, "lateral error, RMS [mm]"), (right, "error frames in a run")):
+            left.plot(rates, rms_mm, label=label, **style)
+            trip_ms = [1e3 * max(run.round_trip_s for run in members) for _, members in chosen]
+            middle.plot(rates, trip_ms, **style)
+            silence_ms = [1e3 * max(run.silence_s for run in members) for _, members in chosen]
+            middle.plot(rates, silence_ms, linestyle=":", **style)
+        for number, (name, heading) in enumerate(COUNTS.items()):
+            counts = [
+                (rate, fmean(getattr(run, name) for run in members)) for rate, members in chosen
+            ]
+            seen = [(rate, count) for rate, count in counts if count]
+            if seen:
+                colour = COLOURS[number % len(COLOURS)]
+                right.plot(*zip(*seen, strict=True), marker="o", markersize=4, color=colour)
+                right.annotate(
+                    LABELS.get(heading, heading), seen[-1], xytext=(5, -3),
+                    textcoords="offset points", color=colour, fontsize=8,
+                )  # fmt: skip
+        titles = ("lateral error, RMS [mm]", "round trip, silence (dotted) [ms]", "in a run")
+        for axes, title in zip((left, middle, right), titles, strict=True):
             axes.set_xscale("log")
             axes.set_xlabel("bit error rate")
             axes.set_title(title)
-        left.set_ylim(bottom=0.0)
+        for axes in (left, middle):
+            axes.set_ylim(bottom=0.0)
         right.set_yscale("log")
+        right.margins(x=0.3)
         left.legend(loc="best")
         return png_of(figure)

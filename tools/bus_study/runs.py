@@ -26,23 +26,31 @@ class Point(NamedTuple):
 class BusRun(NamedTuple):
     """What one run showed.
 
-    ``rms_m``       lateral error of the preview point
-    ``bus_load``    share of the time that the bus was busy, all frames and errors
-    ``detected``    error frames, after each of which a frame is sent again or lost in bus-off
-    ``twice``       frames received twice
-    ``lost``        frames lost in bus-off or in a full transmit buffer
-    ``verdict``     whether the loop holds
+    ``rms_m``           lateral error of the preview point
+    ``round_trip_s``    from measurement to its echo, 99 % of them below
+    ``silence_s``       longest time between two commands that the plant accepted
+    ``bus_load``        share of the time that the bus was busy, all frames and errors
+    ``detected``        error frames
+    ``repeated``        frames sent again after one; the others' senders went into bus-off
+    ``twice``           frames received twice
+    ``lost``            frames lost in bus-off or in a full transmit buffer
+    ``steering_lost``   of the pair's
+    ``verdict``         whether the loop holds
     """
 
     point: Point
     controller: str
     seed: int
     rms_m: float
+    round_trip_s: float
+    silence_s: float
     bus_load: float
     detected: int
+    repeated: int
     twice: int
     bus_offs: int
     lost: int
+    steering_lost: int
     verdict: str
 
 
@@ -102,15 +110,21 @@ def _run(
     nodes = with_clocks(pair.edge, pair.controller, on_bus)
     run_virtual_nodes(*nodes, bus, None, should_stop)
     report, load, errors = dict(pair.edge.report()), bus.model.load, bus.errors
+    controlled = dict(pair.controller.report())
+    detected, bus_offs = (errors.causes.total(), errors.bus_offs) if errors else (0, 0)
     return BusRun(
         point,
         controller,
         seed,
         float(report["lateral_error_rms_m"]),
+        float(controlled["round_trip"]["p99_s"] or 0.0),
+        float(report["safety"]["longest_silence_s"] or 0.0),
         load.busy_ns / (report["motion_s"] * NS_PER_S) if report["motion_s"] else 0.0,
-        errors.causes.total() if errors else 0,
+        detected,
+        detected - bus_offs,
         errors.received_twice if errors else 0,
-        errors.bus_offs if errors else 0,
+        bus_offs,
         bus.model.lost_in_bus_off + load.refused,
+        report["lost_on_the_bus"] + controlled["lost"],
         str(report["failure"] or report["verdict"]),
     )
