@@ -11,6 +11,7 @@ from ..controller.settings import shared_vehicle as nominal_vehicle
 from ..plant_emulator.settings import PRESETS as PLANT_PRESETS
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.settings import shared_vehicle as plant_vehicle
+from ..runtime.bus_settings import BusSettings
 from ..runtime.settings import (
     COMMAND_LINE,
     Settings,
@@ -51,6 +52,11 @@ def controller_tables(base: BaseSettings, name: str, file: str, folder: Path) ->
     where = f"{file}: base.controller"
     shared = nominal_vehicle(vehicle)
     return _checked(ControllerSettings, preset, below, base.controller, where, shared)
+
+
+def bus_tables(base: BaseSettings, file: str) -> Tables:
+    """Return the tables of the bus; raises SettingsError naming the study ``file``."""
+    return _checked(BusSettings, None, None, base.bus or {}, f"{file}: base.bus", None)
 
 
 def _is_missing(*files: Path | None) -> bool:

@@ -28,7 +28,8 @@ from .figures import (
     take_figures,
 )
 from .losses import Losses, losses_of
-from .scenario import Scenarios
+from .on_nodes import run_on_nodes
+from .scenario import Pair, Scenarios
 from .verdict import rules_of
 
 FloatArray = NDArray[np.float64]
@@ -94,7 +95,11 @@ class Computer:
                 plant = self.scenarios.plant(case)
             controller = self.scenarios.controller(case, controllers[place])
             try:
-                end = self.one(plant, controller, figures[done])
+                if self.scenarios.study.bus is None:
+                    end = self.one(plant, controller, figures[done])
+                else:
+                    pair = self.scenarios.checked(case, controllers[place])
+                    end = self.run(pair, figures[done])
             except SettingsError as error:
                 raise SettingsError(*(f"run {run}: {line}" for line in error.mistakes)) from error
             except Exception as error:
@@ -104,8 +109,14 @@ class Computer:
             done += 1
         return Computed(np.array(ids[:done], dtype=np.int64), ends[:done], figures[:done])
 
+    def run(self, pair: Pair, row: FloatArray) -> RunEnd:
+        """Write the results of one run into ``row``: compiled, or over its bus by the nodes."""
+        if pair.bus is None:
+            return self.one(pair.plant, pair.controller, row)
+        return run_on_nodes(pair, pair.bus, self.scenarios.study.settings.verdict, row)
+
     def one(self, plant: PlantSettings, controller: ControllerSettings, row: FloatArray) -> RunEnd:
-        """Write the results of one run into ``row``, shape (len(COLUMNS),)."""
+        """Write the results of one compiled run into ``row``, shape (len(COLUMNS),)."""
         try:
             network = self.network(plant, controller)
         except NothingArrivesError:

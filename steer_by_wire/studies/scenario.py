@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from ..controller.design import design_law
 from ..controller.settings import ControllerSettings
 from ..plant_emulator.settings import PlantSettings
+from ..runtime.bus_settings import BusSettings
 from ..runtime.settings import Settings, SettingsError
 from ..runtime.settings_mistakes import KeyPath, explain
 from .factors import Label
@@ -29,10 +30,11 @@ CHECKED_MAX = 20_000
 
 
 class Pair(Settings):
-    """The settings of both programs."""
+    """The settings of both programs, and of their bus where a study has one."""
 
     plant: PlantSettings
     controller: ControllerSettings
+    bus: BusSettings | None = None
 
 
 class Case(NamedTuple):
@@ -118,6 +120,8 @@ class Scenarios:
             "plant": _laid_over(self.study.plant, case.overrides, "plant."),
             "controller": _laid_over(self.study.controllers[name], case.overrides, "controller."),
         }
+        if self.study.bus is not None:
+            tables["bus"] = _laid_over(self.study.bus, case.overrides, "bus.")
         try:
             return Pair.model_validate_json(json.dumps(tables), strict=True)
         except ValidationError as error:
@@ -146,6 +150,8 @@ class Scenarios:
             if case.point not in seen:
                 seen.add(case.point)
                 self.shortest_s = min(self.shortest_s, self.plant(case).duration_s)
+                if self.study.bus is not None:
+                    self.checked(case, self.controllers[0])
                 for name in self.controllers:
                     controller = self.controller(case, name)
                     if controller not in designed and len(designed) < DESIGNED_MAX:
@@ -165,10 +171,10 @@ class Scenarios:
         """Refuse keys that belong to neither program."""
         for factor in self.study.design.factors:
             for key in factor.keys:
-                if not key.startswith(("plant.", "controller.")):
+                if not key.startswith(("plant.", "controller.", "bus.")):
                     raise SettingsError(
-                        f"{self.study.file}: factor {factor.name}: key {key} starts with neither "
-                        "plant. nor controller."
+                        f"{self.study.file}: factor {factor.name}: key {key} starts with none of "
+                        "plant., controller. and bus."
                     )
                 if key == "plant.seed":
                     raise SettingsError(
@@ -219,6 +225,8 @@ def pair_of_row(identity: Mapping[str, Any], row: Mapping[str, Any]) -> Pair:
             identity["controllers"][row["controller"]], overrides, "controller."
         ),
     }
+    if "bus" in identity:
+        tables["bus"] = _laid_over(identity["bus"], overrides, "bus.")
     return Pair.model_validate_json(json.dumps(tables), strict=True)
 
 

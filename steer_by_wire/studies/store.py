@@ -46,7 +46,7 @@ class Store:
         self._arrow, self._parquet = _pyarrow()
         self.folder = folder
         self._chunks = folder / "chunks"
-        self._scenarios = scenarios
+        self.scenarios = scenarios
         self._runs = scenarios.study.runs
         self._chunk_runs = chunk_runs
         self._open: dict[int, _Chunk] = {}
@@ -69,7 +69,7 @@ class Store:
 
         ``text``  of the study file, kept beside the results
         """
-        identity = self._scenarios.study.identity
+        identity = self.scenarios.study.identity
         file = self.folder / "study.json"
         if file.exists():
             _refuse_another(self.folder, read_json(file), identity)
@@ -195,11 +195,11 @@ class Store:
 
     def _table(self, ids: IntArray, ends: IntArray, figures: NDArray[np.float64]) -> Any:
         """Return rows with all their columns."""
-        study = self._scenarios.study
+        study = self.scenarios.study
         names = list(study.controllers)
         cases = ids // len(names)
         unique, first = np.unique(cases, return_inverse=True)
-        made = [self._scenarios.case(index) for index in unique.tolist()]
+        made = [self.scenarios.case(index) for index in unique.tolist()]
         rows = [made[place] for place in first.tolist()]
         texts = [case.overrides_text for case in made]
         controllers = [names[place] for place in (ids % len(names)).tolist()]
@@ -230,7 +230,7 @@ class Store:
         whole, real, text = arrow.int64(), arrow.float64(), arrow.string()
         fields = [(name, whole) for name in ("id", "point", "replicate", "seed")]
         fields += [("controller", text), ("law", text)]
-        for factor in self._scenarios.study.design.factors:
+        for factor in self.scenarios.study.design.factors:
             labels = [level.label for level in factor.levels or ()]
             fields.append((factor.name, real if are_numbers(labels) else text))
         fields += [("verdict", text), ("ended_by", text)]

@@ -19,7 +19,7 @@ from ..plant_emulator.verdict import VerdictRules
 from ..runtime.settings import (
     SettingsError,
 )
-from .base_tables import Tables, controller_tables, plant_tables
+from .base_tables import Tables, bus_tables, controller_tables, plant_tables
 from .factors import Factor, make_factors
 from .figures import COLUMNS
 from .sampling import Design, make_design
@@ -47,6 +47,7 @@ class Study(NamedTuple):
     ``plant``        tables of the plant that every run starts from
     ``controllers``  tables of each controller, by its name in the study file
     ``fastmath``     whether runs may differ slightly from what the nodes compute
+    ``bus``          tables of the bus on which the nodes run; None for compiled runs
     """
 
     file: str
@@ -55,6 +56,7 @@ class Study(NamedTuple):
     controllers: Mapping[str, Tables]
     design: Design
     fastmath: bool = False
+    bus: Tables | None = None
 
     @property
     def cases(self) -> int:
@@ -69,7 +71,9 @@ class Study(NamedTuple):
     @property
     def identity(self) -> str:
         """All that determines the results, as JSON; equal for equal studies."""
-        files = _digests([self.plant, *self.controllers.values(), *_values(self.design)])
+        databases = [{"file": file} for file in (self.bus or {}).get("rest_bus", ())]
+        values = _values(self.design)
+        files = _digests([self.plant, *self.controllers.values(), *values, *databases])
         return json.dumps(
             {
                 "name": self.settings.name,
@@ -86,7 +90,8 @@ class Study(NamedTuple):
                     for factor in self.design.factors
                 ],
             }
-            | ({"files": files} if files else {}),
+            | ({"files": files} if files else {})
+            | ({} if self.bus is None else {"bus": self.bus}),
             indent=1,
         )
 
@@ -114,12 +119,19 @@ def make_study(settings: StudySettings, file: str, folder: Path) -> Study:
             for name in settings.base.controllers
         },
         design=make_design(factors, settings.sampling),
+        bus=bus_tables(settings.base, file) if _has_bus(settings, factors) else None,
     )
     _refuse_faults(study)
     _refuse_own_verdict(study)
     if study.runs > RUNS_MAX:
         raise SettingsError(f"{file}: {study.runs} runs are too many (allowed: up to {RUNS_MAX})")
     return study
+
+
+def _has_bus(settings: StudySettings, factors: tuple[Factor, ...]) -> bool:
+    return settings.base.bus is not None or any(
+        key.startswith("bus.") for factor in factors for key in factor.keys
+    )
 
 
 def _refuse_faults(study: Study) -> None:

@@ -107,7 +107,7 @@ class FactorSettings(Settings):
     name: str | None = Field(None, pattern="^[a-z][a-z0-9_]*$", max_length=60)
     """Name of the column in the results; the default is the last part of the first key."""
     key: str | None = None
-    """What is set: ``plant.`` or ``controller.`` and the key in the settings of that program."""
+    """What is set: ``plant.``, ``controller.`` or ``bus.`` and the key in its settings."""
     keys: tuple[str, ...] | None = Field(None, min_length=1, max_length=20)
     """Several keys that all take the same value."""
     values: tuple[LevelValue, ...] | None = Field(None, min_length=1, max_length=LEVELS_MAX)
@@ -175,6 +175,8 @@ class BaseSettings(Settings):
     """Presets, or files (``.toml``, relative to the study file); each meets every point."""
     controller: dict[str, Any] = Field(default_factory=dict)
     """Tables on top of every controller."""
+    bus: dict[str, Any] | None = None
+    """A bus with traffic, errors and clocks (``runtime.bus_settings``), on which the nodes run."""
 
     @model_validator(mode="after")
     def _are_different(self) -> Self:

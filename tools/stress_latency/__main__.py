@@ -25,7 +25,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from steer_by_wire.command_line import command_parser, whole_number
 from steer_by_wire.runtime.option_types import settings_file
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, run_main
-from steer_by_wire.runtime.settings import preset_names
+from steer_by_wire.runtime.settings import SettingsError, preset_names
 from steer_by_wire.studies.compute import Computer
 from steer_by_wire.studies.scenario import Scenarios
 from steer_by_wire.studies.store import CHUNK_RUNS, Store
@@ -120,6 +120,8 @@ def _run(options: argparse.Namespace) -> int:
     if options.dry_run:
         _print_estimate(console, scenarios, _threads(options))
         return ExitStatus.OK
+    if options.live and scenarios.study.bus is not None:
+        raise SettingsError("--live: a study over a bus runs in virtual time only")
     store.open(options.study.read_text(encoding="utf-8"))
     stop = StopRequest()
     with stop.on_signals():
@@ -158,6 +160,8 @@ def _sizes(scenarios: Scenarios) -> list[str]:
         f"runs: {study.runs:,} = {design.points:,} points ({sampling.kind}) x "
         f"{sampling.replicates:,} replicates x {len(scenarios.controllers)} controllers"
     )
+    if study.bus is not None:
+        lines.append("bus: the nodes run in virtual time, not compiled")
     if study.fastmath:
         lines.append("fastmath: close to what the programs compute, not bit for bit")
     return lines

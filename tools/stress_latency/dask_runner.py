@@ -120,7 +120,7 @@ def _computer(payload: str) -> Computer:
     settings = StudySettings.model_validate_json(json.dumps(study["settings"]))
     design = make_design(study_factors(settings, study["file"]), settings.sampling)
     tables = study["plant"], study["controllers"]
-    made = Study(study["file"], settings, *tables, design, study["fastmath"])
+    made = Study(study["file"], settings, *tables, design, study["fastmath"], study["bus"])
     return Computer(Scenarios(made))
 
 
@@ -132,5 +132,6 @@ def _payload(study: Study) -> str:
             "plant": study.plant,
             "controllers": study.controllers,
             "fastmath": study.fastmath,
+            "bus": study.bus,
         }
     )

@@ -1,7 +1,8 @@
 """Repeats one run of a study: compiled, and with the two nodes in virtual time.
 
 The nodes run on a wire that takes no time, as the study does. The same figures are computed from
-their samples and commands; every figure must equal the stored one, to the last digit.
+their samples and commands; every figure must equal the stored one, to the last digit. A run of a
+study with a bus is one of the nodes on that bus, and repeated as such.
 """
 
 import math
@@ -16,13 +17,15 @@ from ...pair.trace import Trace
 from ...pair.virtual import make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.verdict import RUN_ENDS, RunEnd
 from ...runtime.settings import SettingsError
+from ...runtime.toml_text import dump_toml
 from ...studies.compute import Computer
 from ...studies.figures import CG_STRIDE, COLUMNS, COUNTS, Figures, figures_of
+from ...studies.on_nodes import TICKS_MAX
 from ...studies.scenario import Pair
 from ...studies.store import Store
 from ...studies.verdict import rules_of, verdicts
 
-TICKS_MAX = 10_000_000
+BUS = "bus"
 
 
 class Replay(NamedTuple):
@@ -65,20 +68,27 @@ def replay(store: Store, computer: Computer, run: int) -> Replay:
     files = PairFiles(store.folder / "replay" / str(run))
     files.write_settings(pair.plant, pair.controller)
     row = np.full(len(COLUMNS), np.nan)
-    end = computer.one(pair.plant, pair.controller, row)
+    end = computer.run(pair, row)
     compiled = _named(row.tolist(), end)
     compiled["verdict"] = _verdict(computer, row, end)
+    if pair.bus is not None:
+        files.settings(BUS).write_text(dump_toml(pair.bus), encoding="utf-8")
+        return Replay(pair, files, store.find(run), compiled, compiled, study.fastmath)
     virtual = {} if end is RunEnd.NO_START else _virtual(computer, pair, compiled, end)
     return Replay(pair, files, store.find(run), compiled, virtual, study.fastmath)
 
 
 def commands(files: PairFiles) -> list[str]:
-    """Return the commands that repeat the run, in virtual time and live."""
+    """Return the commands that repeat the run, in virtual time and, without a bus, live."""
+    bus = files.settings(BUS)
     plant, controller = (
         shlex.quote(str(files.settings(name))) for name in ("plant_emulator", "controller")
     )
+    run = f"steer-by-wire run {plant} --controller {controller}"
+    if bus.exists():
+        return [f"{run} --bus-settings {shlex.quote(str(bus))}"]
     return [
-        f"steer-by-wire run {plant} --controller {controller} --ideal-wire",
+        f"{run} --ideal-wire",
         f"plant-emulator {plant} --interface socketcan --channel vcan0 & "
         f"steering-controller {controller} --interface socketcan --channel vcan0",
     ]

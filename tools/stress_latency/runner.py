@@ -12,7 +12,8 @@ from ...studies.store import Store
 from .workers import Block, ShouldStop, Workers
 
 BLOCK_RUNS = 64
-"""Runs handed to a worker at once: some tens of milliseconds."""
+"""Compiled runs handed to a worker at once: some tens of milliseconds. One over a bus takes longer
+than all of them."""
 FLUSH_S = 10.0
 """Interval at which an incomplete chunk is written: the most that a crash can lose."""
 KINDS_OF = 200
@@ -48,7 +49,8 @@ def run_study(
         return True
     flushed_s = clock_s()
     try:
-        for computed in workers.compute(_blocks(store.missing()), should_stop):
+        block_runs = BLOCK_RUNS if store.scenarios.study.bus is None else 1
+        for computed in workers.compute(_blocks(store.missing(), block_runs), should_stop):
             if len(computed.ids):
                 store.put(computed)
                 on_progress(len(computed.ids))
@@ -76,8 +78,9 @@ def estimate(scenarios: Scenarios, clock_s: Callable[[], float] = time.perf_coun
     begin_s = clock_s()
     done = 0
     for ids in stretches:
-        computer.compute(list(ids), _never)
-        done += len(ids)
+        block = list(ids if scenarios.study.bus is None else ids[:1])
+        computer.compute(block, _never)
+        done += len(block)
         if clock_s() - begin_s > TRIALS_S or done >= runs:
             break
     return Estimate(done, (clock_s() - begin_s) / done)
@@ -103,10 +106,10 @@ def _kind(params: object) -> object:
     return type(params)
 
 
-def _blocks(chunks: Iterable[list[int]]) -> Iterator[Block]:
+def _blocks(chunks: Iterable[list[int]], block_runs: int) -> Iterator[Block]:
     for ids in chunks:
-        for first in range(0, len(ids), BLOCK_RUNS):
-            yield ids[first : first + BLOCK_RUNS]
+        for first in range(0, len(ids), block_runs):
+            yield ids[first : first + block_runs]
 
 
 def _never() -> bool:

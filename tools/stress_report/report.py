@@ -39,12 +39,12 @@ def write(folder: Path, break_point_seeds: int = SEEDS) -> Path:
     sections = [
         study_section(study, rows),
         _maps(study, rows, axes),
-        _break_points(study, rows, axes, break_point_seeds),
         comparison_section(study, comparisons(study, rows)),
         *level_sections(study, rows, axes),
-        _worst(study, rows),
-        _costs(study, rows, axes),
     ]
+    if study.scenarios.study.bus is None:  # these run scenarios again, compiled
+        sections.insert(2, _break_points(study, rows, axes, break_point_seeds))
+        sections += [_worst(study, rows), _costs(study, rows, axes)]
     file = folder / PAGE
     file.write_text(page(f"Stress study {study.name}", sections), encoding="utf-8")
     return file

@@ -137,7 +137,8 @@ def read_study(folder: Path) -> StudyRecord:
         raise SettingsError(
             f"{file}: is not the record of a study of this version: {cause}"
         ) from error
-    scenarios = Scenarios(Study(str(file), settings, plant, controllers, Design((), 1, None)))
+    design, bus = Design((), 1, None), record.get("bus")
+    scenarios = Scenarios(Study(str(file), settings, plant, controllers, design, bus=bus))
     points = settings.sampling.count or int(np.prod([len(f.labels) for f in factors], initial=1))
     return StudyRecord(
         folder=folder,

@@ -1,0 +1,57 @@
+"""Runs of a study over a bus: the two nodes in virtual time.
+
+Compiled runs have a wire that takes no time. Where a study has a bus, with its bit rate, other
+people's traffic, errors and clocks, the nodes themselves run on it, some thousand times slower.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..dbc.messages import LateralError, limits
+from ..pair.shared_bus import virtual_bus, with_clocks
+from ..pair.trace import Trace
+from ..pair.virtual import make_virtual_pair, run_virtual_nodes
+from ..plant_emulator.verdict import RunEnd, VerdictRules
+from ..runtime.bus_settings import BusSettings
+from .figures import CG_STRIDE, COUNTS, Figures, figures_of
+from .scenario import Pair
+from .verdict import rules_of
+
+FloatArray = NDArray[np.float64]
+TICKS_MAX = 10_000_000
+
+
+def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatArray) -> RunEnd:
+    """Write the results of one run into ``row``, shape (len(COLUMNS),).
+
+    The noise and the traffic are drawn from the plant's seed. Raises SettingsError.
+    """
+    made = make_virtual_pair(pair.plant, pair.controller, controller_samples_max=TICKS_MAX)
+    nodes = with_clocks(made.edge, made.controller, bus)
+    run_virtual_nodes(*nodes, virtual_bus(bus, pair.plant.seed), None, lambda: False)
+    trace, report = Trace.of_node(made.plant), made.plant.report()
+    if not len(trace.time_s) or not report["downlink"]["released"]:
+        row[-len(COUNTS) :] = 0.0
+        return RunEnd.NO_START
+    outside = np.abs(trace.lateral_error_m) > limits(LateralError)["lateral_error_m"].maximum
+    samples = int(np.argmax(outside)) + 1 if outside.any() else len(outside)
+    sent_rad = np.array([sample.sent_steer_rad for sample in made.controller.samples])
+    row[: len(Figures._fields)] = figures_of(
+        rules_of(rules, pair.plant, pair.controller),
+        np.ascontiguousarray(trace.time_s[:samples]),
+        np.ascontiguousarray(trace.lateral_error_m[:samples]),
+        trace.cg_deviation_m[:samples:CG_STRIDE],
+        sent_rad,
+        trace.downlink_latency_s[:samples],
+    )
+    downlink, uplink = report["downlink"], report["uplink"]
+    row[-len(COUNTS) :] = (
+        samples,
+        len(sent_rad),
+        downlink["released"],
+        downlink["lost"],
+        uplink["lost"],
+    )
+    if outside.any():
+        return RunEnd.LEFT_RANGE
+    return RunEnd.LAW_FAILED if made.controller.report()["failure"] else RunEnd.COMPLETE
