@@ -31,7 +31,9 @@ from tests.support.logged_run import (
 )
 from tests.support.logged_run import constant as constant
 from tests.support.logged_run import varying as varying
+from tests.support.unrendered import unrendered as unrendered
 
+pytestmark = pytest.mark.usefixtures("unrendered")
 Capture = pytest.CaptureFixture[str]
 PERIOD_S = 0.01
 

@@ -17,6 +17,7 @@ from steer_by_wire.tools.analyze_log.__main__ import main
 from tests.support.logged_run import Run, entries_of, write_log, written
 from tests.support.logged_run import constant as constant
 from tests.support.logged_run import varying as varying
+from tests.support.unrendered import unrendered as unrendered
 
 Capture = pytest.CaptureFixture[str]
 NEEDS_PYARROW = pytest.mark.skipif(
@@ -32,6 +33,7 @@ def rows_of(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_the_table_holds_the_newest_of_every_signal(tmp_path: Path) -> None:
     command = SteeringCommand(0.12345, 7, Mode.ACTIVE)
     path = write_log(
@@ -55,6 +57,7 @@ def test_the_table_holds_the_newest_of_every_signal(tmp_path: Path) -> None:
     assert all(row["plant_status.lost"] == "" for row in rows)
 
 
+@pytest.mark.usefixtures("unrendered")
 @NEEDS_PYARROW
 def test_parquet_holds_the_same_as_csv(varying: Run, tmp_path: Path) -> None:
     import pyarrow.parquet
@@ -71,6 +74,7 @@ def test_parquet_holds_the_same_as_csv(varying: Run, tmp_path: Path) -> None:
         np.testing.assert_allclose(values, wanted, atol=1e-6)
 
 
+@pytest.mark.usefixtures("unrendered")
 @NEEDS_MCAP
 def test_mcap_holds_every_message_with_its_time_schema_and_names(
     varying: Run, tmp_path: Path
@@ -96,6 +100,7 @@ def test_mcap_holds_every_message_with_its_time_schema_and_names(
     assert last_ns <= entries_of(varying.log)[-1].time_ns
 
 
+@pytest.mark.usefixtures("unrendered")
 @pytest.mark.parametrize(
     ("library", "option"), [("pyarrow", "--parquet"), ("mcap.writer", "--mcap")]
 )
@@ -128,6 +133,7 @@ def test_the_report_needs_nothing_but_itself(varying: Run, tmp_path: Path) -> No
         assert f"<h2>{heading}</h2>" in page
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_name_in_a_log_cannot_become_part_of_the_page(tmp_path: Path) -> None:
     path = tmp_path / "a<script>.log"
     path.write_text("(1.0) <img/src=x> 123#11\n(1.1) c 123#11\n<script>alert(1)</script>\n")
@@ -138,6 +144,7 @@ def test_a_name_in_a_log_cannot_become_part_of_the_page(tmp_path: Path) -> None:
     assert "<img/" not in page
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_file_that_is_no_log_leaves_nothing_and_keeps_no_other_from_its_report(
     constant: Run, tmp_path: Path, capsys: Capture
 ) -> None:

@@ -19,6 +19,9 @@ from tests.support.logged_run import (
     written,
 )
 from tests.support.logged_run import varying as varying
+from tests.support.unrendered import unrendered as unrendered
+
+pytestmark = pytest.mark.usefixtures("unrendered")
 
 NEEDS_ASAMMDF = pytest.mark.skipif(
     find_spec("asammdf") is None, reason="asammdf is not installed (the extra mf4)"

@@ -29,6 +29,7 @@ from steer_by_wire.tools.analyze_log.__main__ import main as analyze
 from steer_by_wire.tools.analyze_log.pictures import draw_smoothed
 from steer_by_wire.tools.analyze_log.smoothed import COLUMNS, SmoothedTable
 from steer_by_wire.tools.closed_loop.__main__ import main as run_loop
+from tests.support.unrendered import unrendered as unrendered
 
 VEHICLE_FILE = Path(__file__).parents[2] / "tools" / "design_gains" / "highway_vehicle.toml"
 CONTROLLER = controller_preset("highway_predictor")
@@ -114,6 +115,7 @@ def test_a_delay_that_walks_is_followed_with_errors_as_large_as_stated() -> None
     assert smoothed.deviations.mean() < 0.2 * 0.03
 
 
+@pytest.mark.usefixtures("unrendered")
 @pytest.mark.parametrize("law", ["predictor", "packet"])
 def test_analyze_smooths_a_recording_and_says_the_lag(
     law: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

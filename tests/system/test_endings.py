@@ -14,7 +14,9 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.tools.analyze_log.__main__ import main as analyze_main
 from tests.support.running_program import ORDINARY, UNSUPERVISED
+from tests.support.unrendered import unrendered as unrendered
 
+pytestmark = pytest.mark.usefixtures("unrendered")
 Capture = pytest.CaptureFixture[str]
 ALONE = ("-i", "virtual", "--duration", "0.3", *ORDINARY, *UNSUPERVISED)
 
