@@ -19,7 +19,7 @@ from steer_by_wire.tools.soak.verdict import Finding, between_findings, load_fin
 
 @pytest.fixture(scope="module")
 def live(tmp_path_factory: pytest.TempPathFactory) -> LiveSoak:
-    plan = Plan(LOWEST_PRIORITY_IDS, babble_s=4.0, settle_s=0.5, recover_s=0.5, priority=0)
+    plan = Plan(LOWEST_PRIORITY_IDS, babble_s=2.0, settle_s=0.5, recover_s=0.5, priority=0)
     return run_live_soak(plan, tmp_path_factory.mktemp("soak"))
 
 
@@ -52,7 +52,7 @@ def test_the_babbling_node_and_the_pair_were_there(live: LiveSoak) -> None:
 @pytest.fixture(scope="module")
 def between(tmp_path_factory: pytest.TempPathFactory) -> LiveSoak:
     """With identifiers that starve all status: 64 of these fill a queue within 2.2 s."""
-    plan = Plan(tuple(GAPS[3][:4]), babble_s=4.0, settle_s=0.5, recover_s=0.5, priority=0)
+    plan = Plan(tuple(GAPS[3][:4]), babble_s=3.0, settle_s=0.5, recover_s=0.5, priority=0)
     return run_live_soak(plan, tmp_path_factory.mktemp("between"))
 
 
