@@ -7,7 +7,6 @@ On two cores, with ``-n 3 --dist loadfile`` (pytest-xdist), one worker begins wi
 these. The others are distributed a file at a time, so that each file is prepared once.
 """
 
-import gc
 import os
 import signal
 import sys
@@ -20,6 +19,7 @@ import pytest
 from hypothesis import settings
 
 from tests.support.forked_programs import forked_programs
+from tests.support.frozen_heap import FrozenHeap
 from tests.support.last_line import last_line
 from tests.support.vcan_session import INSIDE, MARK, Inside, Outside, has_marked, is_marked
 
@@ -100,6 +100,7 @@ def pytest_configure(config: pytest.Config) -> None:
         "markers", "vcan: needs a real vcan0, see tests/support/vcan_session.py"
     )
     config.pluginmanager.register(Inside(config) if os.environ.get(INSIDE) else Outside(config))
+    config.pluginmanager.register(FrozenHeap())
     if sys.platform == "linux":
         end = ExitStack()
         end.enter_context(forked_programs())
@@ -152,19 +153,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items.sort(key=_turn if hasattr(config, "workerinput") else is_marked)
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtestloop() -> None:
-    """Keep all that has been imported and collected out of garbage collections.
-
-    There are a million objects, and a program that a test runs in this process collects first.
-    """
-    gc.collect(1)
-    gc.freeze()
-
-
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_sessionfinish(session: pytest.Session) -> Iterator[None]:
-    gc.unfreeze()  # pytest's last collection finds what was not closed
     yield
     config = session.config
     reporter = config.pluginmanager.get_plugin("terminalreporter")

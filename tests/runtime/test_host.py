@@ -69,7 +69,6 @@ def linux(monkeypatch: pytest.MonkeyPatch) -> Linux:
 @pytest.fixture(autouse=True)
 def _garbage_collector() -> Iterator[None]:
     yield
-    gc.unfreeze()
     gc.enable()
 
 

@@ -16,6 +16,7 @@ from steer_by_wire import command
 from steer_by_wire.command import PROGRAMS, main
 from steer_by_wire.command_line import DISTRIBUTION, installation
 from tests.support.running_program import PATIENCE_S
+from tests.support.unrendered import unrendered as unrendered
 
 ROOT = Path(__file__).resolve().parents[2]
 SCREEN_LINES = 40
@@ -31,7 +32,7 @@ FORMER = (
 """``python -m tools.NAME`` started them before there was one command."""
 LATER = {"bus", "bus_study", "cockpit", "frame_bits", "response_times"}
 """Programs that never had another name."""
-CHEAP = ("run", "analyze", "stress", "doctor")
+CHEAP = ("run", "analyze", "stress")
 """Whose examples are run as they are printed: they take a second or so."""
 
 Help = Callable[[str], str]
@@ -81,6 +82,7 @@ def test_the_help_of_a_program_is_one_screen_that_ends_with_examples(
         assert end.value.code == 0
 
 
+@pytest.mark.usefixtures("unrendered")
 @pytest.mark.parametrize("name", CHEAP)
 def test_an_example_works_as_it_is_printed(
     name: str, help_of: Help, monkeypatch: pytest.MonkeyPatch, tmp_path: Path

@@ -31,7 +31,7 @@ PERIOD_NS = 10 * NS_PER_MS
 CONTROLLER = controller_preset("practical_pd_ddob")
 PLANT = PlantSettings(duration_s=6.0)
 COMMANDS, MEASUREMENTS = PLANT.counters, counters_of(CONTROLLER)
-WARM_UP, ATTACK = 300, 200
+WARM_UP, ATTACK = 100, 60
 TRUE, FALSE = 0.1, 0.5
 """What the true and the false sender send."""
 

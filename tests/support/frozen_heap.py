@@ -1,0 +1,39 @@
+"""Keeps all that has been imported and collected out of garbage collections.
+
+There are a million objects, and a program that a test runs in this process collects first. At its
+end it unfreezes all that was frozen, also what was before it.
+"""
+
+import gc
+from collections.abc import Iterator
+
+import pytest
+
+
+class FrozenHeap:
+    """A plugin of pytest."""
+
+    def __init__(self) -> None:
+        self._unfreeze = gc.unfreeze
+        self._is_frozen = False
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtestloop(self) -> None:
+        gc.collect(1)
+        gc.unfreeze = self._on_unfreeze
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_setup(self) -> None:
+        if not self._is_frozen:
+            gc.freeze()
+            self._is_frozen = True
+
+    @pytest.hookimpl(wrapper=True, tryfirst=True)
+    def pytest_sessionfinish(self) -> Iterator[None]:
+        gc.unfreeze = self._unfreeze
+        gc.unfreeze()  # pytest's last collection finds what was not closed
+        yield
+
+    def _on_unfreeze(self) -> None:
+        self._unfreeze()
+        self._is_frozen = False
