@@ -43,7 +43,7 @@ from .law_runner import LawRunner
 from .limits import limit_name, limit_step, ramp_step
 from .modes import Supervisor
 from .plan import limit_plan, plan_message
-from .received import RECEIVED, SENT, Received
+from .received import RECEIVED, SENT, SUPERVISED, Received
 from .run_figures import RunFigures
 from .safety_status import SafetyFacts
 from .sent_commands import SentCommands
@@ -55,7 +55,7 @@ from .view import controller_view
 __all__ = ["RECEIVED", "SENT", "STATUS_PERIOD_NS", "ControllerNode"]
 
 _WAITING, _ACTIVE, _SAFE_STOP = Mode.WAITING, Mode.ACTIVE, Mode.SAFE_STOP
-_ALL_FRESH = (Freshness.FRESH,) * len(RECEIVED)
+_ALL_FRESH = (Freshness.FRESH,) * len(SUPERVISED)
 _NO_FAULT = ControllerFault.NONE
 _NO_OTHER = SecondSender.NONE
 _NO_COMMAND = SteeringStatusCode.NO_COMMAND

@@ -35,8 +35,8 @@ def cg_deviation_m(
     ``arc_length_m``, ``heading_error_rad`` and ``lateral_error_m`` belong to the preview point.
     Before its start an open path is straight.
     """
-    (_, piece), along_m = locate(path, arc_length_m)
-    (_, end_piece), end_along_m = locate(path, arc_length_m - preview_m)
+    _, piece, along_m = locate(path, arc_length_m)
+    _, end_piece, end_along_m = locate(path, arc_length_m - preview_m)
     return deviation_behind_m(
         path,
         piece,
@@ -51,16 +51,21 @@ def cg_deviation_m(
 
 def along_short(start: Pose, curvature_1_m: float, slope_1_m2: float, length_m: float) -> Pose:
     """Return the same as ``along_clothoid``, in less time where the piece hardly turns."""
+    bend_rad = length_m * curvature_1_m
     turn_rad = length_m * (curvature_1_m + 0.5 * slope_1_m2 * length_m)
-    if max(abs(turn_rad), abs(length_m * curvature_1_m)) > _TURN_SHORT_RAD:
+    if not (
+        -_TURN_SHORT_RAD <= turn_rad <= _TURN_SHORT_RAD
+        and -_TURN_SHORT_RAD <= bend_rad <= _TURN_SHORT_RAD
+    ):
         return along_clothoid(start, curvature_1_m, slope_1_m2, length_m)
+    x_m, y_m, heading_rad = start
     first_m, second_m = _NODE * length_m, (1.0 - _NODE) * length_m
-    first_rad = start.heading_rad + first_m * (curvature_1_m + 0.5 * slope_1_m2 * first_m)
-    second_rad = start.heading_rad + second_m * (curvature_1_m + 0.5 * slope_1_m2 * second_m)
+    first_rad = heading_rad + first_m * (curvature_1_m + 0.5 * slope_1_m2 * first_m)
+    second_rad = heading_rad + second_m * (curvature_1_m + 0.5 * slope_1_m2 * second_m)
     half_m = 0.5 * length_m
-    x_m = start.x_m + half_m * (cos(first_rad) + cos(second_rad))
-    y_m = start.y_m + half_m * (sin(first_rad) + sin(second_rad))
-    return new_record(Pose, (x_m, y_m, start.heading_rad + turn_rad))
+    x_m += half_m * (cos(first_rad) + cos(second_rad))
+    y_m += half_m * (sin(first_rad) + sin(second_rad))
+    return new_record(Pose, (x_m, y_m, heading_rad + turn_rad))
 
 
 def deviation_behind_m(
@@ -77,20 +82,24 @@ def deviation_behind_m(
 
     ``end_piece``, ``end_along_m``  of the point ``preview_m`` before; negative before an open path
     """
-    slope_1_m2 = path.curvature_slope_1_m2[piece]
-    curvature_1_m = path.curvature_1_m[piece] + slope_1_m2 * along_m
-    part_m = min(preview_m, along_m)
+    _, curvatures_1_m, slopes_1_m2, poses, _, _, _ = path
+    slope_1_m2 = slopes_1_m2[piece]
+    curvature_1_m = curvatures_1_m[piece] + slope_1_m2 * along_m
+    part_m = preview_m if preview_m < along_m else along_m
     end = along_short(_HERE, curvature_1_m, slope_1_m2, -part_m)
-    curvature_1_m -= slope_1_m2 * part_m
     if preview_m > along_m:
-        slope_1_m2 = path.curvature_slope_1_m2[end_piece] if end_along_m >= 0.0 else 0.0
-        start_1_m = path.curvature_1_m[end_piece] if end_along_m >= 0.0 else 0.0
+        start_1_m, slope_1_m2 = curvatures_1_m[end_piece], slopes_1_m2[end_piece]
+        if end_along_m < 0.0:
+            start_1_m = slope_1_m2 = 0.0
         curvature_1_m = start_1_m + slope_1_m2 * end_along_m
-        there = along_short(path.pose[end_piece], start_1_m, slope_1_m2, end_along_m)
-        end = _seen_from(path.pose[piece], end, there)
-    x_m = -preview_m * cos(heading_error_rad) - end.x_m
-    y_m = lateral_error_m - preview_m * sin(heading_error_rad) - end.y_m
-    cos_end, sin_end = cos(end.heading_rad), sin(end.heading_rad)
+        there = along_short(poses[end_piece], start_1_m, slope_1_m2, end_along_m)
+        end = _seen_from(poses[piece], end, there)
+    else:
+        curvature_1_m -= slope_1_m2 * part_m
+    end_x_m, end_y_m, end_rad = end
+    x_m = -preview_m * cos(heading_error_rad) - end_x_m
+    y_m = lateral_error_m - preview_m * sin(heading_error_rad) - end_y_m
+    cos_end, sin_end = cos(end_rad), sin(end_rad)
     ahead_m = x_m * cos_end + y_m * sin_end
     aside_m = y_m * cos_end - x_m * sin_end
     # Beyond these bounds, far off the path, no point of it is near.
@@ -101,9 +110,12 @@ def deviation_behind_m(
 
 def _seen_from(start: Pose, seen: Pose, other: Pose) -> Pose:
     """Return another pose in the frame in which the pose ``start`` is ``seen``."""
-    turn_rad = seen.heading_rad - start.heading_rad
-    x_m, y_m = other.x_m - start.x_m, other.y_m - start.y_m
+    start_x_m, start_y_m, start_rad = start
+    seen_x_m, seen_y_m, seen_rad = seen
+    x_m, y_m, heading_rad = other
+    turn_rad = seen_rad - start_rad
+    x_m, y_m = x_m - start_x_m, y_m - start_y_m
     cos_turn, sin_turn = cos(turn_rad), sin(turn_rad)
-    x_seen_m = seen.x_m + x_m * cos_turn - y_m * sin_turn
-    y_seen_m = seen.y_m + y_m * cos_turn + x_m * sin_turn
-    return new_record(Pose, (x_seen_m, y_seen_m, other.heading_rad + turn_rad))
+    x_seen_m = seen_x_m + x_m * cos_turn - y_m * sin_turn
+    y_seen_m = seen_y_m + y_m * cos_turn + x_m * sin_turn
+    return new_record(Pose, (x_seen_m, y_seen_m, heading_rad + turn_rad))

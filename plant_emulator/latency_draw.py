@@ -19,9 +19,6 @@ from .latency_profile import profile_at, read_trace
 from .latency_settings import LatencySettings
 from .loss import LossParams, bernoulli, gilbert_elliott, loss_step
 
-_UNDRAWN_MAX = 1024
-"""Uniforms that decide nothing are drawn so many at a time, in a tenth of the time."""
-
 
 class LatencyDraw:
     """Draws the latency of each frame of one direction.
@@ -29,7 +26,7 @@ class LatencyDraw:
     ``uniforms``            stream of the loss and latency of each frame
     ``duplicate_uniforms``  stream of the duplicates
 
-    ``constant_ns``  latency of every frame, whatever is drawn [ns]; None where draws decide
+    ``constant_ns``  latency of every frame, whatever is drawn [ns]; empty where draws decide
     """
 
     def __init__(
@@ -50,13 +47,14 @@ class LatencyDraw:
         self._in_burst = False
         self._score = 0.0
         self._score_ns: int | None = None
-        self._undrawn = 0
-        """Uniforms of frames so far that decided nothing, and are not drawn yet."""
+        self._frames_drawn = 0
+        """Frames whose uniforms have been drawn: those that decide nothing can wait."""
         self.constant_ns = self._constant_ns()
 
     def reconfigure(self, model: Distribution, mean_s: float, spread_s: float, loss: float) -> None:
-        """Change the network from the next frame on; ends a schedule and a trace."""
-        self._draw_the_undrawn()
+        """Change the network from the next frame on, after ``catch_up``; ends a schedule and a
+        trace.
+        """
         self._quantile = QUANTILES[model]
         self._schedule = ()
         self._trace = None
@@ -65,19 +63,20 @@ class LatencyDraw:
         self._loss = self._loss_params(loss)
         self.constant_ns = self._constant_ns()
 
-    def skip(self) -> None:
-        """Leave out the draws of a frame with the constant latency."""
-        self._undrawn += 2
-        if self._undrawn >= _UNDRAWN_MAX:
-            self._draw_the_undrawn()
+    def catch_up(self, frames: int) -> None:
+        """Draw what frames of the constant latency left, so that the next meets its own draws.
 
-    def latencies_ns(
-        self, number: int, now_ns: int, motion_ns: int
-    ) -> tuple[int | None, int | None]:
-        """Return the latency of the frame, None if it is lost, and that of its duplicate, if any.
+        ``frames``  that came so far
+        """
+        deque(islice(self._uniforms, 2 * (frames - self._frames_drawn)), maxlen=0)
+        self._frames_drawn = frames
+
+    def latencies_ns(self, number: int, now_ns: int, motion_ns: int) -> tuple[int, ...]:
+        """Return the latency of the frame, and that of its duplicate, if any; none if it is lost.
 
         ``number``  frames that came before
         """
+        self._frames_drawn = number + 1
         if self._schedule:
             self._follow_schedule(motion_ns)
         loss_u, latency_u = next(self._uniforms), next(self._uniforms)
@@ -85,24 +84,18 @@ class LatencyDraw:
         if self._settings.correlation_time_s > 0.0:
             latency_u = self._correlated(latency_u, now_ns)
         latency_ns = self._latency_ns(latency_u, number, motion_ns)
-        duplicate_ns = None
         if self._settings.duplicates > 0.0:
             chance_u, again_u = next(self._duplicate_uniforms), next(self._duplicate_uniforms)
             if not is_lost and chance_u < self._settings.duplicates:
-                duplicate_ns = self._latency_ns(again_u, number, motion_ns)
-        return None if is_lost else latency_ns, duplicate_ns
-
-    def _draw_the_undrawn(self) -> None:
-        """Draw what frames of a constant latency left, so that the next one meets its own draws."""
-        deque(islice(self._uniforms, self._undrawn), maxlen=0)
-        self._undrawn = 0
+                return latency_ns, self._latency_ns(again_u, number, motion_ns)
+        return () if is_lost else (latency_ns,)
 
     def _follow_schedule(self, motion_ns: int) -> None:
         shape, time_s = self._settings.schedule_shape, motion_ns / NS_PER_S
         _, self._mean_s, self._spread_s, loss = profile_at(self._schedule, shape, time_s)
         self._loss = self._loss_params(loss)
 
-    def _constant_ns(self) -> int | None:
+    def _constant_ns(self) -> tuple[int, ...]:
         is_drawn = (
             self._quantile is not QUANTILES[Distribution.CONSTANT]
             or self._schedule
@@ -112,7 +105,7 @@ class LatencyDraw:
             or self._settings.duplicates > 0.0
             or self._settings.correlation_time_s > 0.0
         )
-        return None if is_drawn else round(self._mean_s * NS_PER_S)
+        return () if is_drawn else (round(self._mean_s * NS_PER_S),)
 
     def _latency_ns(self, u: float, number: int, motion_ns: int) -> int:
         if self._trace is not None:

@@ -6,6 +6,7 @@ latency of zero is due at the very instant the frame came: zero latency adds exa
 Order (``Order``) is kept per key; frames of one key are those of one message.
 """
 
+from collections import defaultdict
 from collections.abc import Iterator
 from heapq import heappop, heappush
 from typing import Generic, NamedTuple, TypeVar
@@ -17,6 +18,8 @@ from .latency import Distribution
 from .latency_draw import LatencyDraw
 from .latency_settings import LatencySettings, Order
 
+_BLOCK = 256
+"""Frames after which all is done that can wait."""
 WAITING_MAX = 100_000
 """Frames that a line holds: three times those of the longest latency at the highest rate."""
 
@@ -57,10 +60,7 @@ class LatencyLine(Generic[Item]):
     ``uniforms``            stream of the loss and latency of each frame
     ``duplicate_uniforms``  stream of the duplicates
 
-    ``next_due_ns``         when the next frame is due [ns]; NEVER_NS with none waiting
-    ``latest_latency_ns``   latency drawn for the newest frame that was not lost [ns]
-    ``latency``             of the frames that have left the line: not of those that were overtaken
-    ``injected``            latency drawn for every frame that was not lost, duplicates included
+    ``next_due_ns``  when the next frame is due [ns]; NEVER_NS with none waiting
     """
 
     def __init__(
@@ -76,12 +76,14 @@ class LatencyLine(Generic[Item]):
         self.next_due_ns = NEVER_NS
         self._sequence = 0
         self._last_due_ns: dict[int, int] = {}
-        self._newest_released: dict[int, int] = {}
-        self.latest_latency_ns = 0
+        self._newest_released: defaultdict[int, int] = defaultdict(int)
+        self._drawn_ns: tuple[int, ...] = (0,)
         self._pushed = self._duplicated = self._released = 0
         self._lost = self._superseded = self._overflowed = 0
-        self.latency = DurationStatistics()
-        self.injected = DurationStatistics()
+        self._latency, self._injected = DurationStatistics(), DurationStatistics()
+        # Durations not in the statistics yet.
+        self._latencies_ns: list[int] = []
+        self._injected_ns: list[int] = []
 
     @property
     def counts(self) -> LineCounts:
@@ -95,62 +97,80 @@ class LatencyLine(Generic[Item]):
             self._overflowed,
         )
 
+    @property
+    def latest_latency_ns(self) -> int:
+        """Latency drawn for the newest frame that was not lost [ns]."""
+        return self._drawn_ns[0]
+
+    @property
+    def latency(self) -> DurationStatistics:
+        """Latencies of the frames that have left the line: not of those that were overtaken."""
+        self._settle()
+        return self._latency
+
+    @property
+    def injected(self) -> DurationStatistics:
+        """Latencies drawn for every frame that was not lost, duplicates included."""
+        self._settle()
+        return self._injected
+
     def reconfigure(self, model: Distribution, mean_s: float, spread_s: float, loss: float) -> None:
         """Change the network from the next frame on; this ends a schedule or a trace."""
+        self._settle()
         self._draw.reconfigure(model, mean_s, spread_s, loss)
 
     def push(self, key: int, item: Item, now_ns: int, motion_ns: int) -> None:
         """Put a frame into the line at ``now_ns``, ``motion_ns`` after the start of motion."""
-        draw = self._draw
-        latency_ns = draw.constant_ns
-        if latency_ns is not None:
-            draw.skip()
-            self.latest_latency_ns = latency_ns
-            self._wait(key, item, now_ns, latency_ns)
+        pushed, waiting = self._pushed, self._waiting
+        latencies_ns = self._draw.constant_ns or self._draw.latencies_ns(pushed, now_ns, motion_ns)
+        self._pushed = pushed + 1
+        if latencies_ns:
+            self._drawn_ns = latencies_ns
+            self._duplicated += len(latencies_ns) - 1
         else:
-            latency_ns, duplicate_ns = draw.latencies_ns(self._pushed, now_ns, motion_ns)
-            if latency_ns is None:
-                self._lost += 1
-            else:
-                self.latest_latency_ns = latency_ns
-                self._wait(key, item, now_ns, latency_ns)
-            if duplicate_ns is not None:
-                self._duplicated += 1
-                self._wait(key, item, now_ns, duplicate_ns)
-        self._pushed += 1
+            self._lost += 1
+        for latency_ns in latencies_ns:
+            self._injected_ns.append(latency_ns)
+            if len(waiting) >= WAITING_MAX:
+                self._overflowed += 1
+                continue
+            due_ns = now_ns + latency_ns
+            if self._in_order:
+                due_ns = max(due_ns, self._last_due_ns.get(key, due_ns))
+                self._last_due_ns[key] = due_ns
+            sequence = self._sequence
+            self._sequence = sequence + 1
+            heappush(waiting, new_record(Passage, (due_ns, sequence, now_ns, key, item)))
+            if due_ns < self.next_due_ns:
+                self.next_due_ns = due_ns
+        if not pushed % _BLOCK:
+            self._settle()
 
     def pop_due(self, now_ns: int) -> list[Passage[Item]]:
         """Return the frames due up to ``now_ns``, in order."""
         released: list[Passage[Item]] = []
-        waiting, newest = self._waiting, self._newest_released
-        self.next_due_ns = NEVER_NS
+        waiting, newest, latencies_ns = self._waiting, self._newest_released, self._latencies_ns
+        newest_wins, self.next_due_ns = self._newest_wins, NEVER_NS
         while waiting:
             due_ns, sequence, came_ns, key, _ = passage = waiting[0]
-            if sequence < newest.get(key, -1):  # older than what has left: nobody waits for it
+            if sequence < newest[key]:  # older than what has left: nobody waits for it
                 self._superseded += 1
             elif due_ns > now_ns:
                 self.next_due_ns = due_ns
                 break
             else:
-                self.latency.record(due_ns - came_ns)
+                latencies_ns.append(due_ns - came_ns)
                 released.append(passage)
-                if self._newest_wins:
+                if newest_wins:
                     newest[key] = sequence
             heappop(waiting)
         self._released += len(released)
         return released
 
-    def _wait(self, key: int, item: Item, now_ns: int, latency_ns: int) -> None:
-        """Queue a frame until it is due."""
-        self.injected.record(latency_ns)
-        if len(self._waiting) >= WAITING_MAX:
-            self._overflowed += 1
-            return
-        due_ns = now_ns + latency_ns
-        if self._in_order:
-            due_ns = max(due_ns, self._last_due_ns.get(key, due_ns))
-            self._last_due_ns[key] = due_ns
-        heappush(self._waiting, new_record(Passage, (due_ns, self._sequence, now_ns, key, item)))
-        self._sequence += 1
-        if due_ns < self.next_due_ns:
-            self.next_due_ns = due_ns
+    def _settle(self) -> None:
+        """Do what can wait: draw what decides nothing, and count durations."""
+        self._draw.catch_up(self._pushed)
+        self._latency.record_all(self._latencies_ns)
+        self._injected.record_all(self._injected_ns)
+        self._latencies_ns.clear()
+        self._injected_ns.clear()

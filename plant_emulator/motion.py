@@ -166,6 +166,8 @@ def _interval_end_ns(p: MotionParams, interval: int) -> int:
 def has_finite_vehicle(z: LinearState) -> bool:
     """Whether the vehicle's state is finite, and not beyond LARGEST."""
     beta, r, psi, y, _, _, _, _, _, _ = z
+    if beta * beta + r * r + psi * psi + y * y < LARGEST:
+        return True
     # Each is false for no number, too.
     return (
         -LARGEST <= y <= LARGEST

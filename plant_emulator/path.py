@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from math import ceil, cos, sin
 from typing import NamedTuple
 
-from ..runtime.record import new_record
 
 GAUSS = (
     (0.04691007703066800, 0.11846344252809454),
@@ -81,27 +80,28 @@ def end_of_place_m(path: Path, place: Place) -> float:
     return float("inf")
 
 
-def locate(path: Path, arc_length_m: float) -> tuple[Place, float]:
-    """Return the piece that holds a point and the point's distance from the piece's start [m]."""
-    lap = int(arc_length_m // path.length_m) if path.closed else 0
-    in_lap_m = arc_length_m - lap * path.length_m
-    piece = max(bisect_right(path.start_m, in_lap_m) - 1, 0)
-    return new_record(Place, (lap, piece)), in_lap_m - path.start_m[piece]
+def locate(path: Path, arc_length_m: float) -> tuple[int, int, float]:
+    """Return lap and piece that hold a point, and its distance from the piece's start [m]."""
+    start_m, _, _, _, length_m, _, closed = path
+    lap = int(arc_length_m // length_m) if closed else 0
+    in_lap_m = arc_length_m - lap * length_m
+    piece = bisect_right(start_m, in_lap_m) - 1 if in_lap_m > 0.0 else 0
+    return lap, piece, in_lap_m - start_m[piece]
 
 
 def curvature(path: Path, arc_length_m: float) -> float:
     """Return the curvature [1/m] at an arc length >= 0; at a jump, the value after it."""
-    place, along_m = locate(path, arc_length_m)
-    return path.curvature_1_m[place.piece] + path.curvature_slope_1_m2[place.piece] * along_m
+    _, piece, along_m = locate(path, arc_length_m)
+    return path.curvature_1_m[piece] + path.curvature_slope_1_m2[piece] * along_m
 
 
 def pose(path: Path, arc_length_m: float) -> Pose:
     """Return the pose of the path at an arc length >= 0."""
-    place, along_m = locate(path, arc_length_m)
-    start = path.pose[place.piece]
-    turned = start._replace(heading_rad=start.heading_rad + place.lap * path.lap_turn_rad)
+    lap, piece, along_m = locate(path, arc_length_m)
+    start = path.pose[piece]
+    turned = start._replace(heading_rad=start.heading_rad + lap * path.lap_turn_rad)
     return along_clothoid(
-        turned, path.curvature_1_m[place.piece], path.curvature_slope_1_m2[place.piece], along_m
+        turned, path.curvature_1_m[piece], path.curvature_slope_1_m2[piece], along_m
     )
 
 

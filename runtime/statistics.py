@@ -7,6 +7,7 @@ exact. The figures do not depend on the order of the durations.
 """
 
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from .node import NS_PER_S
@@ -58,6 +59,11 @@ class DurationStatistics:
         waiting.append(duration_ns)
         if len(waiting) >= _BLOCK:
             self._count_waiting()
+
+    def record_all(self, durations_ns: Sequence[int]) -> None:
+        """Add durations [ns], none of them negative."""
+        self._waiting += durations_ns
+        self._count_waiting()
 
     def _count_waiting(self) -> None:
         """Move the waiting durations into their bins."""

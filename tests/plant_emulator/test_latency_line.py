@@ -301,5 +301,5 @@ def test_a_constant_latency_leaves_the_draws_as_they_are(
         return [left, uplink.counts, uplink.latency.summary(), uplink.injected.summary()]
 
     short = leave(200)
-    monkeypatch.setattr(LatencyDraw, "_constant_ns", lambda _draw: None)
+    monkeypatch.setattr(LatencyDraw, "_constant_ns", lambda _draw: ())
     assert short == leave(200)
