@@ -16,7 +16,6 @@ sees the true error at frequencies below ω_h, where a delay does no harm.
 
 from typing import NamedTuple
 
-from ..runtime.record import new_record
 from .sections import (
     Cascade2,
     Cascade2State,
@@ -37,12 +36,8 @@ class CdobParams(NamedTuple):
     compensation: Cascade2  # H G_n, Tustin [m/rad]
 
 
-class CdobState(NamedTuple):
-    """State of the same filters."""
-
-    command_filter: SectionState
-    error_filter: Cascade2State
-    compensation: Cascade2State
+CdobState = tuple[SectionState, Cascade2State, Cascade2State]
+"""State of the same filters."""
 
 
 def cdob_step(
@@ -61,7 +56,7 @@ def cdob_step(
         compensation, x_compensation, network_disturbance_rad
     )
     return (
-        new_record(CdobState, (x_command, x_error, x_compensation)),
+        (x_command, x_error, x_compensation),
         lateral_error_m + compensation_m,
         network_disturbance_rad,
     )
@@ -69,7 +64,7 @@ def cdob_step(
 
 def cdob_at_rest(p: CdobParams, lateral_error_m: float) -> CdobState:
     """Return the state after a constant lateral error [m] and no steering; d̂_n is then 0."""
-    return CdobState(
+    return (
         section_at_rest(p.command_filter, 0.0)[0],
         cascade_2_at_rest(p.error_filter, lateral_error_m)[0],
         cascade_2_at_rest(p.compensation, 0.0)[0],

@@ -10,7 +10,6 @@ d̂   disturbance_rad    at the plant input, in wheel angle           [rad]
 
 from typing import NamedTuple
 
-from ..runtime.record import new_record
 from .sections import (
     Cascade2,
     Cascade2State,
@@ -30,11 +29,8 @@ class DobParams(NamedTuple):
     error_filter: Cascade3  # Q/G_n, Tustin [rad/m]
 
 
-class DobState(NamedTuple):
-    """State of the same filters."""
-
-    command_filter: Cascade2State
-    error_filter: Cascade3State
+DobState = tuple[Cascade2State, Cascade3State]
+"""State of the same filters."""
 
 
 def dob_step(
@@ -45,12 +41,12 @@ def dob_step(
     x_command, x_error = x
     x_command, from_command_rad = cascade_2_step(command_filter, x_command, sent_steer_rad)
     x_error, from_error_rad = cascade_3_step(error_filter, x_error, lateral_error_m)
-    return new_record(DobState, (x_command, x_error)), from_error_rad - from_command_rad
+    return (x_command, x_error), from_error_rad - from_command_rad
 
 
 def dob_at_rest(p: DobParams, lateral_error_m: float) -> DobState:
     """Return the state after a constant lateral error [m] and no steering; d̂ is then 0."""
-    return DobState(
+    return (
         cascade_2_at_rest(p.command_filter, 0.0)[0],
         cascade_3_at_rest(p.error_filter, lateral_error_m)[0],
     )

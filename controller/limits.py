@@ -31,8 +31,11 @@ def limit_step(p: SteerLimits, last_steer_rad: float, wanted_steer_rad: float) -
     if not math.isfinite(wanted_steer_rad):
         return last_steer_rad
     steer_rad_max, step_rad_max = p
-    low_rad = max(-steer_rad_max, last_steer_rad - step_rad_max)
-    high_rad = min(steer_rad_max, last_steer_rad + step_rad_max)
+    low_rad, high_rad = last_steer_rad - step_rad_max, last_steer_rad + step_rad_max
+    if low_rad < -steer_rad_max:
+        low_rad = -steer_rad_max
+    if high_rad > steer_rad_max:
+        high_rad = steer_rad_max
     if wanted_steer_rad < low_rad:
         return low_rad
     return high_rad if wanted_steer_rad > high_rad else wanted_steer_rad

@@ -126,20 +126,20 @@ class ControllerNode:
         received, memory = self._received, self._law.memory
         before_ns = received.errors.arrival_ns
         message = received.take(frame, now_ns)
-        if isinstance(message, LateralError):
+        if type(message) is LateralError:
             self._supervisor.on_measurement(before_ns, now_ns)
             if memory is not None:
                 memory.on_error(message, received.errors.counter, now_ns)
-        elif isinstance(message, SteeringStatus):
+        elif type(message) is SteeringStatus:
             self._on_echo(message, now_ns)
             if memory is not None:
                 memory.on_echo(message, received.statuses.counter, now_ns)
-        elif isinstance(message, VehicleState):
+        elif type(message) is VehicleState:
             self._law.on_speed(message.speed_m_s)
             self._supervisor.goes_forward = message.speed_m_s >= NOT_FORWARD_M_S
             if memory is not None:
                 memory.on_vehicle(now_ns)
-        elif isinstance(message, PathAhead):
+        elif type(message) is PathAhead:
             if memory is not None:
                 memory.on_path(message, received.vehicle.speed_m_s)
         elif isinstance(message, Rejection) and frame.can_id == _ERROR_ID:
@@ -251,9 +251,10 @@ class ControllerNode:
             return
         echo = self._commands.on_echo(status.applied_counter)
         if echo is not None:
-            self._delay.on_echo(echo.sent_ns, now_ns)
-            if echo.is_first:
-                self._figures.round_trip.record(now_ns - echo.sent_ns)
+            sent_ns, is_first = echo
+            self._delay.on_echo(sent_ns, now_ns)
+            if is_first:
+                self._figures.round_trip.record(now_ns - sent_ns)
 
     def _wanted_rad(self, now_ns: int, period: int) -> float:
         """Run the mode table and, if ACTIVE, the law; returns the command before the limits."""
@@ -298,7 +299,7 @@ class ControllerNode:
             frame = self._plans.frame(plan_message(row, counter, mode))
             self._plans_sent += 1
         else:
-            frame = self._sender.frame(new_record(SteeringCommand, (steer_rad, counter, mode)))
+            frame = self._sender.frame((steer_rad, counter, mode))
         self._commands.on_sent(now_ns)
         if memory is not None:
             memory.on_command(period, steer_rad, is_planned=is_planned)

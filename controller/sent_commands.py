@@ -6,21 +6,15 @@ next status, and the uplink latency. Later echoes of the same counter add no inf
 that was lost or overtaken by a newer one is never applied and has no echo.
 """
 
-from typing import NamedTuple
-
 from ..dbc.messages import COMMAND_COUNTERS
-from ..runtime.record import new_record
 
 IN_FLIGHT_MAX = 4096
 """Commands whose sending time is stored: 4 s at 1 kHz, and far fewer than the counter's values, so
 that a counter that has wrapped is not mistaken for the old one."""
 
 
-class Echo(NamedTuple):
-    """When the command of an echo was sent [ns], and whether the echo is its first."""
-
-    sent_ns: int
-    is_first: bool
+Echo = tuple[int, bool]
+"""When the command of an echo was sent [ns], and whether the echo is its first."""
 
 
 class SentCommands:
@@ -45,10 +39,11 @@ class SentCommands:
 
     def on_echo(self, counter: int) -> Echo | None:
         """Return the echo for the counter of a command in effect; None if it is not stored."""
-        age = (self.count - 1 - counter) % COMMAND_COUNTERS
-        if age >= min(self.count, IN_FLIGHT_MAX):
+        newest = self.count - 1
+        age = (newest - counter) % COMMAND_COUNTERS
+        if age > newest or age >= IN_FLIGHT_MAX:
             return None
-        index = (self.count - 1 - age) % IN_FLIGHT_MAX
+        index = (newest - age) % IN_FLIGHT_MAX
         is_first = not self._is_echoed[index]
         self._is_echoed[index] = True
-        return new_record(Echo, (self._sent_ns[index], is_first))
+        return self._sent_ns[index], is_first

@@ -13,7 +13,7 @@ cause.
 import re
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import NamedTuple, TypeAlias, get_args
+from typing import Any, NamedTuple, TypeAlias, get_args
 
 from ..runtime.frame import ERROR, EXTENDED, REMOTE, Frame
 from ..runtime.record import new_record
@@ -270,7 +270,7 @@ class Packing(NamedTuple):
     """How to send one message: identifier, ``MessageCodec.pack``, format as in ``Frame``."""
 
     can_id: int
-    pack: Callable[[Message, int], bytes]
+    pack: Callable[[Any, int], bytes]
     flags: int
 
 

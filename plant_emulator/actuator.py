@@ -17,7 +17,6 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from ..runtime.node import NEVER_NS, NS_PER_S
-from ..runtime.record import new_record
 
 
 class ActuatorParams(NamedTuple):
@@ -40,50 +39,51 @@ class WheelPhase(IntEnum):
 _HELD, _RAMPING, _SETTLING = WheelPhase
 
 
-class WheelSegment(NamedTuple):
-    """Motion of the wheel from its start until ``end_ns``."""
+WheelSegment = tuple[float, float, WheelPhase, float, bool, int]
+"""Motion of the wheel from its start until its end.
 
-    wheel_rad: float
-    """δ at the start."""
-    wheel_rate_rad_s: float
-    """δ' at the start; constant while RAMPING, decaying with the lag while SETTLING."""
-    phase: WheelPhase
-    goal_rad: float
-    clipped: bool
-    """Whether the command lies beyond the angle limit."""
-    end_ns: int
-    """When `end_ramp` is due; NEVER_NS if only a command ends the segment."""
+    wheel_rad         δ at the start
+    wheel_rate_rad_s  δ' at the start; constant while RAMPING, decaying with the lag while SETTLING
+    phase             of its motion
+    goal_rad          where it moves to
+    clipped           whether the command lies beyond the angle limit
+    end_ns            when `end_ramp` is due; NEVER_NS if only a command ends the segment
+
+Like other states of the motion it is a plain tuple: of all records it is made and unpacked fastest.
+"""
 
 
 def at_rest(wheel_rad: float) -> WheelSegment:
     """Return the segment of a wheel at rest."""
-    return WheelSegment(wheel_rad, 0.0, _HELD, wheel_rad, False, NEVER_NS)
+    return wheel_rad, 0.0, _HELD, wheel_rad, False, NEVER_NS
 
 
 def command_wheel(
     p: ActuatorParams, wheel_rad: float, steer_rad: float, now_ns: int
 ) -> WheelSegment:
     """Return the segment that a command (finite) starts with the wheel at ``wheel_rad``."""
-    clipped = abs(steer_rad) > p.angle_limit_rad
-    target = math.copysign(p.angle_limit_rad, steer_rad) if clipped else steer_rad
-    if wheel_rad < target - p.dead_band_rad:
-        goal = target - p.dead_band_rad
-    elif wheel_rad > target + p.dead_band_rad:
-        goal = target + p.dead_band_rad
+    lag_s, angle_limit_rad, rate_limit_rad_s, dead_band_rad = p
+    clipped = not -angle_limit_rad <= steer_rad <= angle_limit_rad
+    target = math.copysign(angle_limit_rad, steer_rad) if clipped else steer_rad
+    if wheel_rad < target - dead_band_rad:
+        goal = target - dead_band_rad
+    elif wheel_rad > target + dead_band_rad:
+        goal = target + dead_band_rad
     else:
         goal = wheel_rad
     distance_rad = abs(goal - wheel_rad)
-    if p.rate_limit_rad_s == math.inf or distance_rad <= p.rate_limit_rad_s * p.lag_s:
+    if rate_limit_rad_s == math.inf or distance_rad <= rate_limit_rad_s * lag_s:
         return _after_ramp(p, wheel_rad, goal, clipped)
-    ramp_s = distance_rad / p.rate_limit_rad_s - p.lag_s
-    rate = math.copysign(p.rate_limit_rad_s, goal - wheel_rad)
+    ramp_s = distance_rad / rate_limit_rad_s - lag_s
+    rate = math.copysign(rate_limit_rad_s, goal - wheel_rad)
     end_ns = now_ns + math.ceil(ramp_s * NS_PER_S)
-    return WheelSegment(wheel_rad, rate, _RAMPING, goal, clipped, end_ns)
+    return wheel_rad, rate, _RAMPING, goal, clipped, end_ns
 
 
 def end_ramp(p: ActuatorParams, segment: WheelSegment, wheel_rad: float) -> WheelSegment:
     """Return the segment that follows a ramp which has reached ``wheel_rad``."""
-    return _after_ramp(p, wheel_rad, segment.goal_rad, segment.clipped)
+    _, _, _, goal_rad, clipped, _ = segment
+    return _after_ramp(p, wheel_rad, goal_rad, clipped)
 
 
 def _after_ramp(
@@ -91,11 +91,11 @@ def _after_ramp(
 ) -> WheelSegment:
     if p.lag_s > 0.0:
         rate = (goal_rad - wheel_rad) / p.lag_s
-        return WheelSegment(wheel_rad, rate, _SETTLING, goal_rad, clipped, NEVER_NS)
-    held = (goal_rad, 0.0, _HELD, goal_rad, clipped, NEVER_NS)
-    return new_record(WheelSegment, held)
+        return wheel_rad, rate, _SETTLING, goal_rad, clipped, NEVER_NS
+    return goal_rad, 0.0, _HELD, goal_rad, clipped, NEVER_NS
 
 
 def is_limited(segment: WheelSegment) -> bool:
     """Return whether the angle limit or the rate limit shapes the wheel's motion now."""
-    return segment.clipped or segment.phase == _RAMPING
+    _, _, phase, _, clipped, _ = segment
+    return clipped or phase == _RAMPING

@@ -13,14 +13,15 @@ w - ρ e²/(2 (1 - ρ w)), to the third order of e.
 
 from math import cos, sin
 
-from ..runtime.record import new_record
 from .path import Path, Pose, along_clothoid, locate
 
 _TURN_SHORT_RAD = 0.05
+_HERE = Pose(0.0, 0.0, 0.0)
 _NODE = 0.21132486540518712
 """Two Gauss nodes, this far from either end, are off by 2e-9 of the length over such a turn."""
 
-_HERE = Pose(0.0, 0.0, 0.0)
+Placed = tuple[float, float, float]
+"""x [m], y [m] and heading [rad]: the values of a Pose."""
 
 
 def cg_deviation_m(
@@ -49,7 +50,7 @@ def cg_deviation_m(
     )
 
 
-def along_short(start: Pose, curvature_1_m: float, slope_1_m2: float, length_m: float) -> Pose:
+def along_short(start: Pose, curvature_1_m: float, slope_1_m2: float, length_m: float) -> Placed:
     """Return the same as ``along_clothoid``, in less time where the piece hardly turns."""
     bend_rad = length_m * curvature_1_m
     turn_rad = length_m * (curvature_1_m + 0.5 * slope_1_m2 * length_m)
@@ -57,15 +58,16 @@ def along_short(start: Pose, curvature_1_m: float, slope_1_m2: float, length_m: 
         -_TURN_SHORT_RAD <= turn_rad <= _TURN_SHORT_RAD
         and -_TURN_SHORT_RAD <= bend_rad <= _TURN_SHORT_RAD
     ):
-        return along_clothoid(start, curvature_1_m, slope_1_m2, length_m)
-    x_m, y_m, heading_rad = start
+        x_m, y_m, heading_rad = along_clothoid(start, curvature_1_m, slope_1_m2, length_m)
+        return x_m, y_m, heading_rad
+    heading_rad = start.heading_rad
     first_m, second_m = _NODE * length_m, (1.0 - _NODE) * length_m
     first_rad = heading_rad + first_m * (curvature_1_m + 0.5 * slope_1_m2 * first_m)
     second_rad = heading_rad + second_m * (curvature_1_m + 0.5 * slope_1_m2 * second_m)
     half_m = 0.5 * length_m
-    x_m += half_m * (cos(first_rad) + cos(second_rad))
-    y_m += half_m * (sin(first_rad) + sin(second_rad))
-    return new_record(Pose, (x_m, y_m, heading_rad + turn_rad))
+    x_m = start.x_m + half_m * (cos(first_rad) + cos(second_rad))
+    y_m = start.y_m + half_m * (sin(first_rad) + sin(second_rad))
+    return x_m, y_m, heading_rad + turn_rad
 
 
 def deviation_behind_m(
@@ -103,19 +105,23 @@ def deviation_behind_m(
     ahead_m = x_m * cos_end + y_m * sin_end
     aside_m = y_m * cos_end - x_m * sin_end
     # Beyond these bounds, far off the path, no point of it is near.
-    ahead_m = min(max(ahead_m, -preview_m), preview_m)
-    nearness = max(1.0 - curvature_1_m * aside_m, 0.5)
+    if ahead_m > preview_m:
+        ahead_m = preview_m
+    elif ahead_m < -preview_m:
+        ahead_m = -preview_m
+    nearness = 1.0 - curvature_1_m * aside_m
+    if nearness < 0.5:
+        nearness = 0.5
     return aside_m - 0.5 * curvature_1_m * ahead_m * ahead_m / nearness
 
 
-def _seen_from(start: Pose, seen: Pose, other: Pose) -> Pose:
+def _seen_from(start: Pose, seen: Placed, other: Placed) -> Placed:
     """Return another pose in the frame in which the pose ``start`` is ``seen``."""
-    start_x_m, start_y_m, start_rad = start
     seen_x_m, seen_y_m, seen_rad = seen
     x_m, y_m, heading_rad = other
-    turn_rad = seen_rad - start_rad
-    x_m, y_m = x_m - start_x_m, y_m - start_y_m
+    turn_rad = seen_rad - start.heading_rad
+    x_m, y_m = x_m - start.x_m, y_m - start.y_m
     cos_turn, sin_turn = cos(turn_rad), sin(turn_rad)
     x_seen_m = seen_x_m + x_m * cos_turn - y_m * sin_turn
     y_seen_m = seen_y_m + y_m * cos_turn + x_m * sin_turn
-    return new_record(Pose, (x_seen_m, y_seen_m, heading_rad + turn_rad))
+    return x_seen_m, y_seen_m, heading_rad + turn_rad

@@ -76,7 +76,6 @@ class LatencyDraw:
 
         ``number``  frames that came before
         """
-        self._frames_drawn = number + 1
         if self._schedule:
             self._follow_schedule(motion_ns)
         loss_u, latency_u = next(self._uniforms), next(self._uniforms)
@@ -84,11 +83,13 @@ class LatencyDraw:
         if self._settings.correlation_time_s > 0.0:
             latency_u = self._correlated(latency_u, now_ns)
         latency_ns = self._latency_ns(latency_u, number, motion_ns)
+        latencies_ns: tuple[int, ...] = () if is_lost else (latency_ns,)
         if self._settings.duplicates > 0.0:
             chance_u, again_u = next(self._duplicate_uniforms), next(self._duplicate_uniforms)
             if not is_lost and chance_u < self._settings.duplicates:
-                return latency_ns, self._latency_ns(again_u, number, motion_ns)
-        return () if is_lost else (latency_ns,)
+                latencies_ns = latency_ns, self._latency_ns(again_u, number, motion_ns)
+        self._frames_drawn = number + 1
+        return latencies_ns
 
     def _follow_schedule(self, motion_ns: int) -> None:
         shape, time_s = self._settings.schedule_shape, motion_ns / NS_PER_S

@@ -12,42 +12,47 @@ curvature, and the centre of gravity starts `preview_distance_m` behind the path
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Final
 
 from ..runtime.node import NEVER_NS, NS_PER_S
-from ..runtime.record import new_record
 from .actuator import WheelSegment, at_rest, command_wheel, end_ramp, is_limited
-from .deviation import cg_deviation_m
 from .motion_design import MotionParams
-from .path import Path, Place, Pose, end_of_place_m, next_place, vehicle_pose
-from .propagation import LinearState, propagate
+from .path import Place, Pose, end_of_place_m, next_place, vehicle_pose
+from .propagation import BETA, DELTA, PSI, RHO, LinearState, R, Y, propagate
 
 LARGEST = 1e150
 """Magnitude beyond which a state counts as infinite, because figures of a run take its square."""
 
 
-class Course(NamedTuple):
-    """Which pieces of its inputs the motion is in, and until when.
+Course = tuple[int, int, WheelSegment, Place, int, int, int]
+"""Which pieces of its inputs the motion is in, and until when.
 
-    ``first_row``  where the transitions of this piece start in the table
-    ``event_ns``   the first of the three ends
-    """
+    first_row        where the transitions of this piece start in the table
+    event_ns         the first of the three ends
+    wheel            segment of the wheel, which has its end
+    place            piece of the path
+    place_end_ns     its end
+    interval         of the disturbances
+    interval_end_ns  its end
+"""
+_EVENT: Final = 1
+_WHEEL: Final = 2
+_INTERVAL: Final = 5
 
-    first_row: int
-    event_ns: int
-    wheel: WheelSegment
-    place: Place
-    place_end_ns: int
-    interval: int
-    interval_end_ns: int
+MotionState = tuple[int, LinearState, Course]
+"""Where the motion is [ns], its state there, and on which course."""
 
 
-class MotionState(NamedTuple):
-    """Where the motion is, and on which course."""
+def event_ns_of(x: MotionState) -> int:
+    """Return when the next event is due [ns]."""
+    _, _, course = x
+    return course[_EVENT]
 
-    time_ns: int
-    linear: LinearState
-    course: Course
+
+def interval_of(x: MotionState) -> int:
+    """Return which interval of the disturbances the motion is in."""
+    _, _, course = x
+    return course[_INTERVAL]
 
 
 def start_motion(p: MotionParams) -> MotionState:
@@ -56,44 +61,32 @@ def start_motion(p: MotionParams) -> MotionState:
     rho, rho_rate = _curvature_along(p, place)
     first = p.intervals[0]
     w_beta, w_r = first.side_slip_disturbance_rad_s, first.yaw_disturbance_rad_s2
-    linear = LinearState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, rho, rho_rate, w_beta, w_r)
+    linear = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, rho, rho_rate, w_beta, w_r)
     course = _course(p, wheel, place, _place_end_ns(p, place), 0, _interval_end_ns(p, 0))
-    return MotionState(0, linear, course)
+    return 0, linear, course
 
 
 def command_motion(p: MotionParams, x: MotionState, steer_rad: float) -> MotionState:
     """Return the state after a steering command has reached the actuator."""
     time_ns, (beta, r, psi, y, wheel_rad, _, rho, rho_rate, w_beta, w_r), course = x
     wheel = command_wheel(p.actuator, wheel_rad, steer_rad, time_ns)
-    linear = new_record(
-        LinearState,
-        (
-            beta,
-            r,
-            psi,
-            y,
-            wheel.wheel_rad,
-            wheel.wheel_rate_rad_s,
-            rho,
-            rho_rate,
-            w_beta,
-            w_r,
-        ),
-    )
+    wheel_rad, wheel_rate_rad_s, _, _, _, _ = wheel
+    linear = (beta, r, psi, y, wheel_rad, wheel_rate_rad_s, rho, rho_rate, w_beta, w_r)
     _, _, _, place, place_end_ns, interval, interval_end_ns = course
     course = _course(p, wheel, place, place_end_ns, interval, interval_end_ns)
-    return new_record(MotionState, (time_ns, linear, course))
+    return time_ns, linear, course
 
 
 def advance_motion(p: MotionParams, x: MotionState, to_ns: int) -> MotionState:
     """Return the state at ``to_ns`` >= its time, with all events up to and at that time."""
-    while x.course.event_ns <= to_ns:
-        x = _pass_event(p, x)
     time_ns, linear, course = x
+    while course[_EVENT] <= to_ns:
+        x = _pass_event(p, x)
+        time_ns, linear, course = x
     if time_ns == to_ns:
         return x
-    linear = propagate(p.table, course.first_row, linear, to_ns - time_ns)
-    return new_record(MotionState, (to_ns, linear, course))
+    first_row, _, _, _, _, _, _ = course
+    return to_ns, propagate(p.table, first_row, linear, to_ns - time_ns), course
 
 
 def disturb_motion(p: MotionParams, x: MotionState) -> MotionState:
@@ -101,10 +94,11 @@ def disturb_motion(p: MotionParams, x: MotionState) -> MotionState:
     time_ns, z, course = x
     first = p.intervals[0]
     w_beta, w_r = first.side_slip_disturbance_rad_s, first.yaw_disturbance_rad_s2
-    linear = z._replace(side_slip_disturbance_rad_s=w_beta, yaw_disturbance_rad_s2=w_r)
+    beta, r, psi, y, delta, delta_rate, rho, rho_rate, _, _ = z
+    linear = (beta, r, psi, y, delta, delta_rate, rho, rho_rate, w_beta, w_r)
     _, _, wheel, place, place_end_ns, _, _ = course
     course = _course(p, wheel, place, place_end_ns, 0, _interval_end_ns(p, 0))
-    return MotionState(time_ns, linear, course)
+    return time_ns, linear, course
 
 
 def _pass_event(p: MotionParams, x: MotionState) -> MotionState:
@@ -113,9 +107,10 @@ def _pass_event(p: MotionParams, x: MotionState) -> MotionState:
     first_row, event_ns, wheel, place, place_end_ns, interval, interval_end_ns = course
     z = propagate(p.table, first_row, z, event_ns - time_ns)
     beta, r, psi, y, delta, delta_rate, rho, rho_rate, w_beta, w_r = z
-    if wheel.end_ns == event_ns:
+    _, _, _, _, _, wheel_end_ns = wheel
+    if wheel_end_ns == event_ns:
         wheel = end_ramp(p.actuator, wheel, delta)
-        delta, delta_rate = wheel.wheel_rad, wheel.wheel_rate_rad_s
+        delta, delta_rate, _, _, _, _ = wheel
     if place_end_ns == event_ns:
         place = next_place(p.path, place)
         place_end_ns = _place_end_ns(p, place)
@@ -125,9 +120,9 @@ def _pass_event(p: MotionParams, x: MotionState) -> MotionState:
         interval_end_ns = _interval_end_ns(p, interval)
         w_beta = p.intervals[interval].side_slip_disturbance_rad_s
         w_r = p.intervals[interval].yaw_disturbance_rad_s2
-    z = LinearState(beta, r, psi, y, delta, delta_rate, rho, rho_rate, w_beta, w_r)
+    z = (beta, r, psi, y, delta, delta_rate, rho, rho_rate, w_beta, w_r)
     course = _course(p, wheel, place, place_end_ns, interval, interval_end_ns)
-    return MotionState(event_ns, z, course)
+    return event_ns, z, course
 
 
 def _course(
@@ -138,10 +133,13 @@ def _course(
     interval: int,
     interval_end_ns: int,
 ) -> Course:
-    first_row = p.first_rows[interval][wheel.phase]
-    event_ns = min(wheel.end_ns, place_end_ns, interval_end_ns)
-    pieces = (first_row, event_ns, wheel, place, place_end_ns, interval, interval_end_ns)
-    return new_record(Course, pieces)
+    _, _, phase, _, _, event_ns = wheel
+    first_row = p.first_rows[interval][phase]
+    if place_end_ns < event_ns:
+        event_ns = place_end_ns
+    if interval_end_ns < event_ns:
+        event_ns = interval_end_ns
+    return first_row, event_ns, wheel, place, place_end_ns, interval, interval_end_ns
 
 
 def _curvature_along(p: MotionParams, place: Place) -> tuple[float, float]:
@@ -185,8 +183,10 @@ def with_vehicle(
     lateral_m: float,
 ) -> MotionState:
     """Return the state with another vehicle's, but the same wheel and path."""
-    linear = LinearState(side_slip_rad, yaw_rate_rad_s, heading_rad, lateral_m, *x.linear[4:])
-    return x._replace(linear=linear)
+    time_ns, z, course = x
+    _, _, _, _, delta, delta_rate, rho, rho_rate, w_beta, w_r = z
+    vehicle = (side_slip_rad, yaw_rate_rad_s, heading_rad, lateral_m)
+    return time_ns, (*vehicle, delta, delta_rate, rho, rho_rate, w_beta, w_r), course
 
 
 Advance = Callable[[MotionParams, MotionState, int], MotionState]
@@ -205,6 +205,7 @@ class Motion:
     ``linear``     everything that moves in closed form
     ``is_finite``  whether the vehicle's state has been finite so far
     ``speed_m_s``  speed V, constant
+    ``path``       the path
     """
 
     def __init__(self, params: MotionParams, advance: Advance = advance_motion) -> None:
@@ -214,74 +215,74 @@ class Motion:
         self.time_ns, self.linear, _ = self._state
         self.is_finite = True
         self.speed_m_s = params.speed_m_s
+        self.path = params.path
 
     def command(self, steer_rad: float) -> None:
         """Apply a steering command (finite) to the actuator now."""
         self._state = command_motion(self._params, self._state, steer_rad)
-        self.linear = self._state.linear
+        _, self.linear, _ = self._state
 
     def disturb(self, params: MotionParams) -> None:
         """Let the one interval of other parameters begin now; all else in them is the same."""
         self._params = params
         self._state = disturb_motion(params, self._state)
-        self.linear = self._state.linear
+        _, self.linear, _ = self._state
 
     def advance(self, to_ns: int) -> None:
         """Advance to ``to_ns``. Raises ValueError if that is in the past."""
         if to_ns <= self.time_ns:
             if to_ns < self.time_ns:
                 raise ValueError(f"cannot move from {self.time_ns} ns back to {to_ns} ns")
-            if self._state.course.event_ns > to_ns:
+            if event_ns_of(self._state) > to_ns:
                 return
-        state = self._advance(self._params, self._state, to_ns) if self.is_finite else None
-        if state is None or not has_finite_vehicle(state.linear):
-            self.is_finite = False
+        if self.is_finite:
+            state = self._advance(self._params, self._state, to_ns)
+            _, linear, _ = state
+            self.is_finite = has_finite_vehicle(linear)
+        if not self.is_finite:
             # From a vehicle at rest: nothing else depends on where it is.
             started = with_vehicle(self._state, 0.0, 0.0, 0.0, 0.0)
             after = advance_motion(self._params, started, to_ns)
-            state = with_vehicle(after, *self.linear[:4])
+            beta, r, psi, y, _, _, _, _, _, _ = self.linear
+            state = with_vehicle(after, beta, r, psi, y)
         self._state = state
         self.time_ns, self.linear, _ = state
 
     @property
-    def path(self) -> Path:
-        """The path."""
-        return self._params.path
-
-    @property
     def lateral_error_m(self) -> float:
         """Lateral error y of the preview point, to the left of the path positive."""
-        return self.linear.lateral_error_m
+        return self.linear[Y]
 
     @property
     def heading_error_rad(self) -> float:
         """Heading error Δψ against the path beside the preview point."""
-        return self.linear.heading_error_rad
+        return self.linear[PSI]
 
     @property
     def side_slip_rad(self) -> float:
         """Side slip angle β at the centre of gravity."""
-        return self.linear.side_slip_rad
+        return self.linear[BETA]
 
     @property
     def yaw_rate_rad_s(self) -> float:
         """Yaw rate r."""
-        return self.linear.yaw_rate_rad_s
+        return self.linear[R]
 
     @property
     def wheel_rad(self) -> float:
         """Front wheel angle at the actuator, without a steering offset."""
-        return self.linear.wheel_rad
+        return self.linear[DELTA]
 
     @property
     def is_limited(self) -> bool:
         """Whether the actuator's angle or rate limit shapes the wheel's motion."""
-        return is_limited(self._state.course.wheel)
+        _, _, course = self._state
+        return is_limited(course[_WHEEL])
 
     @property
     def preview_curvature_1_m(self) -> float:
         """Curvature ρ of the path beside the preview point."""
-        return self.linear.curvature_1_m
+        return self.linear[RHO]
 
     @property
     def arc_length_m(self) -> float:
@@ -289,18 +290,15 @@ class Motion:
         return self.speed_m_s * (self.time_ns / NS_PER_S)
 
     @property
-    def cg_deviation_m(self) -> float:
-        """Deviation of the centre of gravity from the path, to the left of it positive."""
-        z, p = self._state.linear, self._params
-        return cg_deviation_m(
-            p.path, self.arc_length_m, z.heading_error_rad, z.lateral_error_m, p.preview_distance_m
-        )
+    def preview_distance_m(self) -> float:
+        """How far the preview point is ahead of the centre of gravity."""
+        return self._params.preview_distance_m
 
     @property
     def pose(self) -> Pose:
         """Position of the centre of gravity and heading of the vehicle."""
         return vehicle_pose(
-            self._params.path,
+            self.path,
             self.arc_length_m,
             self.heading_error_rad,
             self.lateral_error_m,

@@ -46,7 +46,6 @@ from ..dbc.reception import Reception
 from ..runtime.frame import Frame
 from ..runtime.node import NEVER_NS, NS_PER_S
 from ..runtime.periodic import PeriodicTimer
-from ..runtime.record import new_record
 from ..runtime.view import View
 from .disturbing import Disturbing
 from .latency_line import Passage
@@ -84,6 +83,8 @@ VEHICLE_STATE_PERIOD_NS = 20_000_000
 SAMPLES_MAX = 1_000_000
 """Samples stored for a trace: nearly three hours at 100 Hz."""
 _COMMAND_ID = CAN_IDS[SteeringCommand]
+_ERROR_ID, _STATUS_ID = CAN_IDS[LateralError], CAN_IDS[SteeringStatus]
+_STATE_ID, _PATH_ID = CAN_IDS[VehicleState], CAN_IDS[PathAhead]
 _STEERING_TYPES = {CAN_IDS[message_type]: message_type for message_type in _STEERING}
 _LOST_COUNTERS = int(limits(PlantStatus)["lost"].maximum) + 1
 _REJECTED_COUNTERS = int(limits(PlantStatus)["rejected"].maximum) + 1
@@ -204,7 +205,15 @@ class PlantNode:
             sample_ns = sensor_timer.deadline_ns
             measured_ns = uplink.next_due_ns
             guard_ns = self._motion_start_ns + unit.deadline_ns  # NEVER_NS before motion starts
-            due_ns = min(command_ns, guard_ns, sample_ns, measured_ns, status_timing.deadline_ns)
+            due_ns = status_timing.deadline_ns
+            if command_ns < due_ns:
+                due_ns = command_ns
+            if guard_ns < due_ns:
+                due_ns = guard_ns
+            if sample_ns < due_ns:
+                due_ns = sample_ns
+            if measured_ns < due_ns:
+                due_ns = measured_ns
             if due_ns > now_ns:
                 if self._disturbing.is_asked:
                     self._advance(now_ns)
@@ -334,22 +343,24 @@ class PlantNode:
             self.finished = motion_ns >= self._duration_ns
         if self._own.is_reported(time_ns) and self._unit.has_fallen_back:
             self.finished = True
-        readings = messages.measured(new_record(Readings, (error_m, heading_rad, yaw_rate_rad_s)))
+        error_m, heading_rad, yaw_rate_rad_s = messages.measured(
+            (error_m, heading_rad, yaw_rate_rad_s)
+        )
         applied = 0 if self._command is None else self._command.item.command_counter
         code = self._unit.status_code(actuator_is_limited=is_limited)
-        frame = messages.lateral_error(readings, is_finite=is_finite)
-        push(frame.can_id, frame, time_ns, motion_ns)
+        frame = messages.lateral_error(error_m, heading_rad, is_finite=is_finite)
+        push(_ERROR_ID, frame, time_ns, motion_ns)
         frame = messages.steering_status(wheel_rad, applied, code)
-        push(frame.can_id, frame, time_ns, motion_ns)
+        push(_STATUS_ID, frame, time_ns, motion_ns)
         if time_ns >= self._state_timer.deadline_ns:  # also after a skipped sample
             self._state_timer.advance(time_ns)
-            frame = messages.vehicle_state(motion.speed_m_s, readings, curvature_1_m)
-            push(frame.can_id, frame, time_ns, motion_ns)
+            frame = messages.vehicle_state(motion.speed_m_s, yaw_rate_rad_s, curvature_1_m)
+            push(_STATE_ID, frame, time_ns, motion_ns)
             if self._ahead_m is not None:
                 at_m = motion.speed_m_s * (motion_ns / NS_PER_S)
                 ahead_1_m = curvatures_ahead_1_m(motion.path, at_m, self._ahead_m)
                 frame = messages.path_ahead(self._ahead_m, ahead_1_m)
-                push(frame.can_id, frame, time_ns, motion_ns)
+                push(_PATH_ID, frame, time_ns, motion_ns)
 
     def _status(self, now_ns: int) -> PlantStatus:
         """Return the content of PLANT_STATUS, with latencies not clamped."""

@@ -6,9 +6,17 @@ events the vehicle's own state advances by the fourth-order Runge-Kutta method, 
 """
 
 from ..runtime.own_part import asked
-from .motion import Motion, MotionState, advance_motion, with_vehicle
+from .motion import (
+    Motion,
+    MotionState,
+    advance_motion,
+    event_ns_of,
+    interval_of,
+    with_vehicle,
+)
 from .motion_design import MotionParams, vehicle_params
 from .own_parts import VehicleInput, VehicleState, find_vehicle_model
+from .propagation import DELTA
 from .rig_settings import VehicleSettings
 from .vehicle import VehicleParams, on_friction
 
@@ -34,26 +42,28 @@ class OwnMotion:
     def advance(self, p: MotionParams, x: MotionState, to_ns: int) -> MotionState:
         """Return the state at ``to_ns`` >= its time; raises PartError if the model fails."""
         while True:
-            end_ns = min(to_ns, x.course.event_ns, x.time_ns + STEP_NS)
+            time_ns, _, _ = x
+            end_ns = min(to_ns, event_ns_of(x), time_ns + STEP_NS)
             x = self._step(p, x, end_ns)
             if end_ns == to_ns:
                 return x
 
     def _step(self, p: MotionParams, x: MotionState, end_ns: int) -> MotionState:
         """Return the state at ``end_ns``, before which there is no event."""
-        half_s = 0.5e-9 * (end_ns - x.time_ns)
-        vehicle = on_friction(self._vehicle, p.intervals[x.course.interval].friction)
+        time_ns, z, _ = x
+        half_s = 0.5e-9 * (end_ns - time_ns)
+        vehicle = on_friction(self._vehicle, p.intervals[interval_of(x)].friction)
         after = advance_motion(p, x, end_ns)
-        z = x.linear
-        middle = advance_motion(p, x, (x.time_ns + end_ns) // 2).linear
-        curvature_1_m = z.curvature_1_m + z.curvature_rate_1_m_s * half_s
-        disturbances = (z.side_slip_disturbance_rad_s, z.yaw_disturbance_rad_s2)
-        begin = VehicleInput(z.wheel_rad, z.curvature_1_m, *disturbances)
-        midway = VehicleInput(middle.wheel_rad, curvature_1_m, *disturbances)
+        _, middle, _ = advance_motion(p, x, (time_ns + end_ns) // 2)
+        _, at_end, _ = after
+        beta, r, psi, y, wheel_rad, _, curvature_1_m, curvature_rate_1_m_s, *disturbances = z
+        begin = VehicleInput(wheel_rad, curvature_1_m, *disturbances)
+        curvature_1_m += curvature_rate_1_m_s * half_s
+        midway = VehicleInput(middle[DELTA], curvature_1_m, *disturbances)
         # The curvature may jump at the end; this is its value before.
-        curvature_1_m += z.curvature_rate_1_m_s * half_s
-        end = VehicleInput(after.linear.wheel_rad, curvature_1_m, *disturbances)
-        start = VehicleState(*z[:4])
+        curvature_1_m += curvature_rate_1_m_s * half_s
+        end = VehicleInput(at_end[DELTA], curvature_1_m, *disturbances)
+        start = VehicleState(beta, r, psi, y)
         k1 = self._rates(vehicle, start, begin)
         k2 = self._rates(vehicle, _along(start, k1, half_s), midway)
         k3 = self._rates(vehicle, _along(start, k2, half_s), midway)

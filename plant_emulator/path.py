@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from math import ceil, cos, sin
 from typing import NamedTuple
 
-
 GAUSS = (
     (0.04691007703066800, 0.11846344252809454),
     (0.23076534494715845, 0.23931433524968324),

@@ -16,8 +16,7 @@ from ..dbc.messages import (
 from ..dbc.protection import COUNTERS
 from ..dbc.sending import Sender
 from ..runtime.frame import Frame
-from ..runtime.record import new_record
-from .sensors import Readings, with_noise
+from .sensors import Readings, Sample, with_noise
 
 _ERROR_LOW_M, _ERROR_HIGH_M = limits(LateralError)["lateral_error_m"]
 _WHEEL_RANGE = limits(SteeringStatus)["wheel_angle_rad"]
@@ -50,33 +49,31 @@ class PlantMessages:
         """E2E counter of the next LATERAL_ERROR, the number of its sample on the wire."""
         return self._errors.counter
 
-    def measured(self, true: Readings) -> Readings:
+    def measured(self, true: Sample) -> Sample:
         """Return a sample with noise."""
         return true if self._noise is None else with_noise(true, self._noise, self._uniforms)
 
-    def lateral_error(self, readings: Readings, *, is_finite: bool) -> Frame:
+    def lateral_error(self, error_m: float, heading_rad: float, *, is_finite: bool) -> Frame:
         """Return LATERAL_ERROR; NOT_AVAILABLE too far from the path."""
-        error_m = readings.lateral_error_m
         if is_finite and _ERROR_LOW_M <= error_m <= _ERROR_HIGH_M:
             # The sensor reports an angle within one turn.
-            heading_rad = remainder(readings.heading_error_rad, tau)
-            return self._errors.frame(new_record(LateralError, (error_m, heading_rad)))
+            return self._errors.frame((error_m, remainder(heading_rad, tau)))
         self.not_available += 1
         return self._errors.not_available(_NO_ERROR)
 
     def steering_status(self, wheel_rad: float, applied: int, code: SteeringStatusCode) -> Frame:
         """Return STEERING_STATUS; ``applied`` is the counter of the command in effect."""
         wheel_rad = self._clamp(wheel_rad, _WHEEL_RANGE)
-        return self._statuses.frame(new_record(SteeringStatus, (wheel_rad, applied, code)))
+        return self._statuses.frame((wheel_rad, applied, code))
 
-    def vehicle_state(self, speed_m_s: float, readings: Readings, curvature_1_m: float) -> Frame:
+    def vehicle_state(self, speed_m_s: float, yaw_rate_rad_s: float, curvature_1_m: float) -> Frame:
         """Return VEHICLE_STATE."""
         state = (
             self._clamp(speed_m_s, _SPEED_RANGE),
-            self._clamp(readings.yaw_rate_rad_s, _YAW_RATE_RANGE),
+            self._clamp(yaw_rate_rad_s, _YAW_RATE_RANGE),
             self._clamp(curvature_1_m, _CURVATURE_RANGE),
         )
-        return self._states.frame(new_record(VehicleState, state))
+        return self._states.frame(state)
 
     def path_ahead(self, spacing_m: float, curvatures_1_m: Sequence[float]) -> Frame:
         """Return PATH_AHEAD of the sample whose LATERAL_ERROR was made last."""

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from ..dbc.messages import SteeringCommand
 from ..runtime.record import new_record
+from .deviation import cg_deviation_m
 from .latency_line import Passage
 from .motion import Motion
 from .path import Path, pose
@@ -125,7 +126,6 @@ class RunRecord:
         limit: str,
     ) -> None:
         """Take a sample of the motion, of the command in effect, and of what limits the wheel."""
-        z, cg_m = motion.linear, motion.cg_deviation_m
         (
             side_slip_rad,
             yaw_rate_rad_s,
@@ -137,7 +137,9 @@ class RunRecord:
             _,
             _,
             _,
-        ) = z
+        ) = motion.linear
+        at_m, preview_m = motion.arc_length_m, motion.preview_distance_m
+        cg_m = cg_deviation_m(motion.path, at_m, heading_rad, error_m, preview_m)
         self.figures.take(error_m, cg_m, wheel_rad, limit)
         if len(self.samples) >= self._samples_max:
             return
@@ -151,7 +153,7 @@ class RunRecord:
                 PlantSample,
                 (
                     motion.time_ns * 1e-9,
-                    motion.arc_length_m,
+                    at_m,
                     error_m,
                     heading_rad,
                     yaw_rate_rad_s,

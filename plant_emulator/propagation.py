@@ -18,13 +18,12 @@ processor. The order of additions in a library's matrix product depends on the p
 from collections.abc import Sequence
 from functools import reduce
 from operator import add
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.node import NS_PER_S
-from ..runtime.record import new_record
 from .vehicle import Matrix, VehicleParams, state_matrices
 
 DIGIT_BITS = 12
@@ -64,19 +63,8 @@ _FACTORS = tuple(
 """For each entry of a product of two such matrices: the pairs of entries that it sums."""
 
 
-class LinearState(NamedTuple):
-    """z: the vehicle's state and its inputs until the next event."""
-
-    side_slip_rad: float
-    yaw_rate_rad_s: float
-    heading_error_rad: float
-    lateral_error_m: float
-    wheel_rad: float
-    wheel_rate_rad_s: float
-    curvature_1_m: float
-    curvature_rate_1_m_s: float
-    side_slip_disturbance_rad_s: float
-    yaw_disturbance_rad_s2: float
+LinearState = tuple[float, float, float, float, float, float, float, float, float, float]
+"""z [SI], a plain tuple, because it is made and unpacked at every event."""
 
 
 def augmented_matrix(p: VehicleParams, wheel_settling_1_s: float) -> Matrix:
@@ -184,4 +172,4 @@ def propagate(table: Table, first_row: int, z: LinearState, dt_ns: int) -> Linea
         delta = delta + f[29] * delta_rate
         delta_rate = f[30] * delta_rate
         rho = rho + f[31] * rho_rate
-    return new_record(LinearState, (beta, r, psi, y, delta, delta_rate, rho, rho_rate, w_beta, w_r))
+    return beta, r, psi, y, delta, delta_rate, rho, rho_rate, w_beta, w_r

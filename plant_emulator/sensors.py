@@ -21,11 +21,16 @@ class Readings(NamedTuple):
     yaw_rate_rad_s: float
 
 
-def with_noise(true: Readings, deviation: Readings, uniforms: Iterator[float]) -> Readings:
+Sample = tuple[float, float, float]
+"""The values of ``Readings``."""
+
+
+def with_noise(true: Sample, deviation: Readings, uniforms: Iterator[float]) -> Sample:
     """Return the sample with noise; takes three uniforms in (0, 1)."""
     normal = _STANDARD_NORMAL.inv_cdf
-    return Readings(
-        true.lateral_error_m + deviation.lateral_error_m * normal(next(uniforms)),
-        true.heading_error_rad + deviation.heading_error_rad * normal(next(uniforms)),
-        true.yaw_rate_rad_s + deviation.yaw_rate_rad_s * normal(next(uniforms)),
+    error_m, heading_rad, yaw_rate_rad_s = true
+    return (
+        error_m + deviation.lateral_error_m * normal(next(uniforms)),
+        heading_rad + deviation.heading_error_rad * normal(next(uniforms)),
+        yaw_rate_rad_s + deviation.yaw_rate_rad_s * normal(next(uniforms)),
     )

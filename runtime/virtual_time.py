@@ -17,10 +17,8 @@ textbook sampled-data loop.
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from .bus_model import Delivery
 from .frame import Frame
 from .node import NEVER_NS, Node
-from .record import new_record
 
 EVENTS_PER_INSTANT_MAX = 10_000
 """Deliveries and ticks at one instant before it counts as a livelock. Real nodes need some tens."""
@@ -28,6 +26,9 @@ EVENTS_PER_INSTANT_MAX = 10_000
 
 _BEFORE_ALL_NS = -NEVER_NS
 """Before every deadline, also one in the past."""
+
+Delivered = tuple[int, int, Frame]
+"""When a frame was complete on the wire [ns], the index of its sender, and the frame."""
 
 
 class Wire(Protocol):
@@ -42,7 +43,7 @@ class Wire(Protocol):
         """Take a frame to send at ``now_ns``."""
         ...
 
-    def advance(self, now_ns: int) -> Sequence[Delivery]:
+    def advance(self, now_ns: int) -> Sequence[Delivered]:
         """Return the frames completed up to ``now_ns``, in order of completion."""
         ...
 
@@ -54,16 +55,16 @@ class InstantWire:
     """
 
     def __init__(self) -> None:
-        self._sent: list[Delivery] = []
+        self._sent: list[Delivered] = []
         self.next_event_ns = NEVER_NS
 
     def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
         """Take a frame to send at ``now_ns``."""
         if not self._sent:
             self.next_event_ns = now_ns
-        self._sent.append(new_record(Delivery, (now_ns, sender, frame)))
+        self._sent.append((now_ns, sender, frame))
 
-    def advance(self, now_ns: int) -> Sequence[Delivery]:  # noqa: ARG002 all are complete
+    def advance(self, now_ns: int) -> Sequence[Delivered]:  # noqa: ARG002 all are complete
         """Return the frames sent since the last call."""
         completed, self._sent = self._sent, []
         self.next_event_ns = NEVER_NS
@@ -112,32 +113,30 @@ class VirtualTimeExecutor:
         bus raises when it cannot take a frame.
         """
         wire, nodes, on_wire = self._wire, self._nodes, self._on_wire
-        listeners_of = self._listeners_of.get
-        # Read again only after a call of the node: nothing else changes them.
-        deadlines_ns = [node.deadline_ns for _, node in nodes]
-        finished = self.finished
-        now_ns, events, busy_index = _BEFORE_ALL_NS, 0, 0
+        submit, advance, listeners_of = wire.submit, wire.advance, self._listeners_of.get
+        now_ns, events, busy_index, finished = _BEFORE_ALL_NS, 0, 0, self.finished
         while events < EVENTS_PER_INSTANT_MAX:
             next_ns = wire.next_event_ns
             if next_ns <= now_ns:
-                for end_ns, busy_index, frame in wire.advance(now_ns):
-                    events += 1
+                completed = advance(now_ns)
+                events += len(completed)
+                for end_ns, busy_index, frame in completed:
                     if on_wire is not None:
                         on_wire(end_ns, busy_index, frame)
                     for index, node in listeners_of(busy_index, nodes):
                         for answer in node.on_frame(frame, now_ns):
-                            wire.submit(answer, index, now_ns)
-                        deadlines_ns[index] = node.deadline_ns
-                        finished = finished or node.finished
+                            submit(answer, index, now_ns)
+                        if node.finished:
+                            finished = True
                 continue
             for busy_index, node in nodes:
-                deadline_ns = deadlines_ns[busy_index]
+                deadline_ns = node.deadline_ns
                 if deadline_ns <= now_ns:
                     events += 1
                     for frame in node.on_tick(now_ns):
-                        wire.submit(frame, busy_index, now_ns)
-                    deadlines_ns[busy_index] = node.deadline_ns
-                    finished = finished or node.finished
+                        submit(frame, busy_index, now_ns)
+                    if node.finished:
+                        finished = True
                     break
                 if deadline_ns < next_ns:
                     next_ns = deadline_ns

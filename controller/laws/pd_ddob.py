@@ -32,13 +32,8 @@ class PdDdobParams(NamedTuple):
     cdob: CdobParams
 
 
-class PdDdobState(NamedTuple):
-    """State of pd_ddob; ``disturbance_rad`` is d̂ of the previous period."""
-
-    pd: SectionState
-    dob: DobState
-    cdob: CdobState
-    disturbance_rad: float
+PdDdobState = tuple[SectionState, DobState, CdobState, float]
+"""State of the three, and d̂ of the previous period."""
 
 
 def pd_ddob_step(p: PdDdobParams, x: PdDdobState, seen: LawInput) -> tuple[PdDdobState, LawOutput]:
@@ -51,15 +46,12 @@ def pd_ddob_step(p: PdDdobParams, x: PdDdobState, seen: LawInput) -> tuple[PdDdo
     x_cdob, feedback_m, network_rad = cdob_step(cdob, x_cdob, error_m, sent_demand_rad)
     x_pd, demand_rad = pd_step(pd, x_pd, feedback_m)
     output = (demand_rad - disturbance_rad, disturbance_rad, network_rad, feedback_m)
-    return (
-        new_record(PdDdobState, (x_pd, x_dob, x_cdob, disturbance_rad)),
-        new_record(LawOutput, output),
-    )
+    return (x_pd, x_dob, x_cdob, disturbance_rad), new_record(LawOutput, output)
 
 
 def pd_ddob_at_rest(p: PdDdobParams, lateral_error_m: float) -> PdDdobState:
     """Return the state after a constant lateral error [m] and no steering."""
-    return PdDdobState(
+    return (
         pd_at_rest(p.pd, lateral_error_m),
         dob_at_rest(p.dob, lateral_error_m),
         cdob_at_rest(p.cdob, lateral_error_m),

@@ -111,15 +111,17 @@ def _plant_until(
         else:
             motion_ns = max(sample_ns - c.motion_start_ns, 0)
             z = advance_motion(p, z, motion_ns)
-            guard = guard_wheel(c.guard, guard, z.linear.wheel_rad, motion_ns)
-            r.lateral_error_m[at] = z.linear.lateral_error_m
-            r.heading_error_rad[at] = z.linear.heading_error_rad
-            r.yaw_rate_rad_s[at] = z.linear.yaw_rate_rad_s
-            r.wheel_angle_rad[at] = z.linear.wheel_rad
-            r.curvature_1_m[at] = z.linear.curvature_1_m
+            _, linear, _ = z
+            _, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, curvature_1_m, _, _, _ = linear
+            guard = guard_wheel(c.guard, guard, wheel_rad, motion_ns)
+            r.lateral_error_m[at] = error_m
+            r.heading_error_rad[at] = heading_rad
+            r.yaw_rate_rad_s[at] = yaw_rate_rad_s
+            r.wheel_angle_rad[at] = wheel_rad
+            r.curvature_1_m[at] = curvature_1_m
             r.command[at] = in_effect
-            reading_m = z.linear.lateral_error_m + s.noise_m[at]
-            record_wire(wire, sample, z.linear, guard)
+            reading_m = error_m + s.noise_m[at]
+            record_wire(wire, sample, linear, guard)
             sample += 1
             if not abs(reading_m) <= c.lateral_error_m_max:
                 x = Progress(z, guard, sample, command, in_effect, plan, is_new, played)

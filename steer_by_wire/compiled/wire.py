@@ -158,11 +158,12 @@ def _in_one_turn(angle_rad: float) -> float:
 
 
 def _record(w: Wire, sample: int, z: LinearState, guard: GuardState) -> None:
-    heading_rad = _in_one_turn(z.heading_error_rad + w.heading_noise_rad[sample])
-    yaw_rate_rad_s = z.yaw_rate_rad_s + w.yaw_rate_noise_rad_s[sample]
+    _, yaw_rate_rad_s, heading_rad, _, wheel_rad, _, curvature_1_m, _, _, _ = z
+    heading_rad = _in_one_turn(heading_rad + w.heading_noise_rad[sample])
+    yaw_rate_rad_s = yaw_rate_rad_s + w.yaw_rate_noise_rad_s[sample]
     yaw_rate_rad_s = min(max(yaw_rate_rad_s, -w.yaw_rate_rad_s_max), w.yaw_rate_rad_s_max)
-    curvature_1_m = min(max(z.curvature_1_m, -w.curvature_1_m_max), w.curvature_1_m_max)
-    wheel_rad = min(max(z.wheel_rad, -w.wheel_rad_max), w.wheel_rad_max)
+    curvature_1_m = min(max(curvature_1_m, -w.curvature_1_m_max), w.curvature_1_m_max)
+    wheel_rad = min(max(wheel_rad, -w.wheel_rad_max), w.wheel_rad_max)
     w.measured_heading_rad[sample] = on_wire(heading_rad, w.heading_resolution_rad)
     w.measured_yaw_rate_rad_s[sample] = on_wire(yaw_rate_rad_s, w.yaw_rate_resolution_rad_s)
     w.measured_curvature_1_m[sample] = on_wire(curvature_1_m, w.curvature_resolution_1_m)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from steer_by_wire.controller.design import LawDesign
 from steer_by_wire.controller.law_interface import LawInput, LawOutput
 from steer_by_wire.controller.node import STATUS_PERIOD_NS, ControllerNode
-from steer_by_wire.controller.sent_commands import IN_FLIGHT_MAX, Echo, SentCommands
+from steer_by_wire.controller.sent_commands import IN_FLIGHT_MAX, SentCommands
 from steer_by_wire.dbc.messages import (
     CAN_IDS,
     ControllerSafety,
@@ -263,11 +263,11 @@ def test_what_was_never_sent_or_long_ago_has_no_echo() -> None:
     assert commands.on_echo(0) is None
     assert commands.on_echo(IN_FLIGHT_MAX + 1) is None
     assert commands.on_echo(60_000) is None
-    assert commands.on_echo(1) == Echo(10, True)
-    assert commands.on_echo(1) == Echo(10, False)
+    assert commands.on_echo(1) == (10, True)
+    assert commands.on_echo(1) == (10, False)
     commands.on_sent(0)  # in the place of the one echoed
     assert commands.on_echo(1) is None
-    assert commands.on_echo(IN_FLIGHT_MAX + 1) == Echo(0, True)
+    assert commands.on_echo(IN_FLIGHT_MAX + 1) == (0, True)
 
 
 def test_the_newest_measurement_wins_and_others_are_counted_by_cause() -> None:

@@ -20,13 +20,12 @@ from steer_by_wire.controller.laws.predictor import design_predictor, predict, s
 from steer_by_wire.controller.link import LinkParams
 from steer_by_wire.controller.predictor_design import Feedback, design_schedule, sampled_vehicles
 from steer_by_wire.controller.shared_settings import EstimatorSettings, VehicleModelSettings
+from steer_by_wire.plant_emulator.propagation import augmented_matrix as emulator_matrix
 from steer_by_wire.plant_emulator.propagation import (
-    LinearState,
     propagate,
     table_rows,
     transition_table,
 )
-from steer_by_wire.plant_emulator.propagation import augmented_matrix as emulator_matrix
 from steer_by_wire.plant_emulator.vehicle import VehicleParams
 from tests.support.predictor_law import SENT, controller, history
 
@@ -114,7 +113,7 @@ def test_the_model_is_that_of_the_plant_emulator(speed_m_s: float) -> None:
     table = table_rows(transition_table(emulator_matrix(vehicle, 0.0)))
     g = gains(speed_m_s)
     x = ANY_STATE
-    z = LinearState(*x[1:5], 0.2 + x.offset_rad, 0.0, x.curvature_1_m, 0.0, 0.0, 0.0)
+    z = (*x[1:5], 0.2 + x.offset_rad, 0.0, x.curvature_1_m, 0.0, 0.0, 0.0)
     for _ in range(300):
         x = model_step(g, x, 0.2)
         z = propagate(table, 0, z, PERIOD_NS)

@@ -75,7 +75,9 @@ def test_transparent_actuator_adds_exactly_nothing(commands: list[tuple[float, i
         motion.command(command)
         now_ns += dt_ns
         motion.advance(now_ns)
-        linear = propagate(TRANSPARENT.table, 0, linear._replace(wheel_rad=command), dt_ns)
+        beta, r, psi, y, _, rate, rho, rho_rate, w_beta, w_r = linear
+        linear = (beta, r, psi, y, command, rate, rho, rho_rate, w_beta, w_r)
+        linear = propagate(TRANSPARENT.table, 0, linear, dt_ns)
         assert motion.linear == linear
         assert motion.wheel_rad == command
         assert not motion.is_limited
@@ -108,14 +110,16 @@ def test_ramp_ends_where_the_lag_takes_over() -> None:
     p = ActuatorParams(lag_s=0.1, rate_limit_rad_s=0.5)
     ramp = command_wheel(p, 0.0, 0.2, 1000)
     # 0.2 rad to go, of which the last 0.5 · 0.1 rad are settled: 0.15 rad at 0.5 rad/s.
-    assert ramp.phase is WheelPhase.RAMPING
-    assert ramp.wheel_rate_rad_s == 0.5
-    assert ramp.end_ns == pytest.approx(1000 + 300_000_000, abs=1)
+    _, wheel_rate_rad_s, phase, _, _, end_ns = ramp
+    assert phase is WheelPhase.RAMPING
+    assert wheel_rate_rad_s == 0.5
+    assert end_ns == pytest.approx(1000 + 300_000_000, abs=1)
     assert is_limited(ramp)
     settling = end_ramp(p, ramp, 0.15)
-    assert settling.phase is WheelPhase.SETTLING
-    assert settling.wheel_rate_rad_s == pytest.approx(0.5)
-    assert settling.end_ns == NEVER_NS
+    _, wheel_rate_rad_s, phase, _, _, end_ns = settling
+    assert phase is WheelPhase.SETTLING
+    assert wheel_rate_rad_s == pytest.approx(0.5)
+    assert end_ns == NEVER_NS
     assert not is_limited(settling)
 
 
@@ -131,9 +135,9 @@ def test_ramp_without_lag_stops_exactly_on_its_goal() -> None:
 
 def test_play_holds_the_wheel_until_the_command_has_crossed_it() -> None:
     p = ActuatorParams(dead_band_rad=0.02)
-    assert command_wheel(p, 0.0, 0.1, 0).wheel_rad == pytest.approx(0.08)
-    assert command_wheel(p, 0.08, 0.07, 0).wheel_rad == 0.08
-    assert command_wheel(p, 0.08, 0.05, 0).wheel_rad == pytest.approx(0.07)
+    assert command_wheel(p, 0.0, 0.1, 0)[0] == pytest.approx(0.08)
+    assert command_wheel(p, 0.08, 0.07, 0)[0] == 0.08
+    assert command_wheel(p, 0.08, 0.05, 0)[0] == pytest.approx(0.07)
 
 
 def test_command_beyond_the_angle_limit_is_clipped_and_says_so() -> None:

@@ -164,9 +164,9 @@ def test_motion_in_the_loop_reproduces_table_2() -> None:
     squares = 0.0
     ticks = 200_000
     for tick in range(1, ticks + 1):
-        z = motion.linear
-        drift = motion.speed_m_s * (z.side_slip_rad + z.heading_error_rad) + 2.0 * z.yaw_rate_rad_s
-        motion.command(-1.0596 * z.lateral_error_m - 0.939 * drift)
+        beta, r, psi, y, *_ = motion.linear
+        drift = motion.speed_m_s * (beta + psi) + 2.0 * r
+        motion.command(-1.0596 * y - 0.939 * drift)
         motion.advance(tick * 1_000_000)
         squares += motion.lateral_error_m**2
     assert 0.0526 - 2e-4 < math.sqrt(squares / ticks) < 0.0526 + 2e-4

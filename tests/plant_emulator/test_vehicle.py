@@ -11,7 +11,9 @@ from scipy.signal import ss2tf
 from steer_by_wire.plant_emulator.path import curvature
 from steer_by_wire.plant_emulator.path_shapes import ellipse
 from steer_by_wire.plant_emulator.propagation import (
+    BETA,
     LinearState,
+    R,
     augmented_matrix,
     propagate,
     table_rows,
@@ -22,7 +24,15 @@ from steer_by_wire.plant_emulator.vehicle import VehicleParams, on_friction, sta
 
 PAPER = VehicleParams(5.0 / 3.6, 2000.0, 3728.0, 190_000.0, 500_000.0, 1.3008, 1.5453, 2.0)
 FAST = PAPER._replace(speed_m_s=20.0)
-AT_REST = LinearState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+AT_REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def with_inputs(
+    z: LinearState, wheel_rad: float, wheel_rate_rad_s: float, curvature_1_m: float = 0.0
+) -> LinearState:
+    """Return the vehicle's state with other inputs, and a curvature that stays."""
+    beta, r, psi, y, *_ = z
+    return beta, r, psi, y, wheel_rad, wheel_rate_rad_s, curvature_1_m, 0.0, 0.0, 0.0
 
 
 def test_matrices_are_those_computed_by_hand() -> None:
@@ -63,10 +73,10 @@ def test_steady_cornering_has_the_textbook_yaw_rate_and_side_slip(p: VehiclePara
     )
 
     table = table_rows(transition_table(augmented_matrix(p, 0.0)))
-    z = propagate(table, 0, AT_REST._replace(wheel_rad=steer), 20_000_000_000)
+    z = propagate(table, 0, with_inputs(AT_REST, steer, 0.0), 20_000_000_000)
 
-    assert z.yaw_rate_rad_s == pytest.approx(p.speed_m_s * path_curvature, rel=1e-9)
-    assert z.side_slip_rad == pytest.approx(slip_per_curvature * path_curvature, rel=1e-9)
+    assert z[R] == pytest.approx(p.speed_m_s * path_curvature, rel=1e-9)
+    assert z[BETA] == pytest.approx(slip_per_curvature * path_curvature, rel=1e-9)
 
 
 def test_steady_cornering_on_the_curve_of_the_path_leaves_the_preview_point_parallel() -> None:
@@ -85,13 +95,8 @@ def test_steady_cornering_on_the_curve_of_the_path_leaves_the_preview_point_para
     )
     assert side_slip + heading_error == pytest.approx(-PAPER.preview_distance_m * rho)
     table = table_rows(transition_table(augmented_matrix(PAPER, 0.0)))
-    z = AT_REST._replace(
-        side_slip_rad=side_slip,
-        yaw_rate_rad_s=PAPER.speed_m_s * rho,
-        heading_error_rad=heading_error,
-        wheel_rad=steer,
-        curvature_1_m=rho,
-    )
+    turning = (side_slip, PAPER.speed_m_s * rho, heading_error, *AT_REST[3:])
+    z = with_inputs(turning, steer, 0.0, rho)
     assert propagate(table, 0, z, 10_000_000_000) == pytest.approx(z, abs=1e-10)
 
 
@@ -109,7 +114,7 @@ def test_long_simulation_has_the_frequency_response_of_equation_4(
     rows = []
     for now, later in pairwise(steer):
         rows.append(z[:4])
-        ramp = z._replace(wheel_rad=float(now), wheel_rate_rad_s=float(later - now) / step_s)
+        ramp = with_inputs(z, float(now), float(later - now) / step_s)
         z = propagate(table, 0, ramp, 1_000_000)
     settled = times[:-1] > 1.0
     t = times[:-1][settled]
@@ -126,7 +131,7 @@ def test_propagation_agrees_with_a_numerical_solver_on_the_written_out_equations
     p: VehicleParams,
 ) -> None:
     v, m, j, c_f, c_r, l_f, l_r, l_s = p
-    z = LinearState(0.01, -0.05, 0.02, 0.3, 0.03, -0.02, 0.01, 0.005, 0.02, -0.1)
+    z = (0.01, -0.05, 0.02, 0.3, 0.03, -0.02, 0.01, 0.005, 0.02, -0.1)
 
     def derivative(t: float, x: np.ndarray) -> list[float]:
         """Tyre forces from slip angles, Newton and Euler; nothing from (2)."""
