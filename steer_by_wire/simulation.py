@@ -142,7 +142,7 @@ def _run_virtual(
     plant: PlantSettings, controller: ControllerSettings, bitrate_bit_s: int | None
 ) -> Run:
     from .pair.virtual import make_virtual_pair, run_virtual_nodes
-    from .runtime.bus_model import BusModel
+    from .runtime.quiet_bus import QuietBus
 
     # One period more than the motion: the last tick falls on the instant of the last sample.
     pair = make_virtual_pair(
@@ -155,7 +155,7 @@ def _run_virtual(
     run_virtual_nodes(
         pair.edge,
         pair.controller,
-        None if bitrate_bit_s is None else BusModel(bitrate_bit_s),
+        None if bitrate_bit_s is None else QuietBus(bitrate_bit_s),
         None,
         lambda: pair.plant.motion_start_ns == NEVER_NS and next(seconds, None) is None,
     )

@@ -10,11 +10,11 @@ from ..controller.settings import ControllerSettings
 from ..plant_emulator.faults import FaultyNode, with_faults
 from ..plant_emulator.node import SAMPLES_MAX, PlantNode
 from ..plant_emulator.settings import PlantSettings
-from ..runtime.bus_model import BusModel
 from ..runtime.candump import CandumpLog
 from ..runtime.frame import Frame
 from ..runtime.host import no_collections
 from ..runtime.node import Node
+from ..runtime.quiet_bus import QuietBus
 from ..runtime.virtual_time import VirtualTimeExecutor, Wire
 from .live import PairResult
 from .shared_bus import SharedBus
@@ -65,7 +65,7 @@ def run_virtual_pair(
     ``candump_log``    where every frame is written, as ``candump -L`` prints it
     """
     pair = make_virtual_pair(plant_settings, controller_settings)
-    bus = None if bitrate_bit_s is None else BusModel(bitrate_bit_s)
+    bus = None if bitrate_bit_s is None else QuietBus(bitrate_bit_s)
     run_virtual_nodes(pair.edge, pair.controller, bus, candump_log, lambda: False)
     return PairResult(
         {"settings": plant_settings.model_dump(mode="json"), "node": dict(pair.edge.report())},

@@ -31,8 +31,8 @@ from ...dbc.messages import (
 from ...dbc.protection import COUNTERS
 from ...pair.virtual import BITRATE_BIT_S, make_virtual_pair, run_virtual_nodes
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.bus_model import BusModel
 from ...runtime.frame import Frame
+from ...runtime.quiet_bus import QuietBus
 from ...runtime.settings import preset_names
 
 STEPS = 10_000
@@ -108,7 +108,7 @@ def _virtual_time_line(wire: str, bitrate_bit_s: int | None) -> Line:
         pair = make_virtual_pair(
             PlantSettings(duration_s=MOTION_S), controller_preset(f"practical_{JUDGED_LAW}")
         )
-        bus = None if bitrate_bit_s is None else BusModel(bitrate_bit_s)
+        bus = None if bitrate_bit_s is None else QuietBus(bitrate_bit_s)
         begin_s = time.perf_counter()
         run_virtual_nodes(pair.edge, pair.controller, bus, None, lambda: False)
         elapsed_s = time.perf_counter() - begin_s

@@ -34,13 +34,14 @@ from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle
 from steer_by_wire.runtime.bus import BusError
-from steer_by_wire.runtime.bus_model import BusModel, BusOverflowError
+from steer_by_wire.runtime.bus_model import BusOverflowError
 from steer_by_wire.runtime.bus_options import add_bus_arguments, bus_settings
 from steer_by_wire.runtime.bus_settings import BusSettings
 from steer_by_wire.runtime.host import RealTimeRequest, StealClock, real_time
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.option_types import bit_rate
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, fail_status, run_main, say
+from steer_by_wire.runtime.quiet_bus import QuietBus
 from steer_by_wire.runtime.report import host_report, loop_report, write_json
 from steer_by_wire.runtime.run_node import FINISHED
 from steer_by_wire.runtime.settings import (
@@ -215,7 +216,7 @@ def _run_in_virtual_time(
     shared, bitrate = None, settings.bitrate_bit_s
     if settings.has_traffic or settings.has_errors:
         shared = virtual_bus(settings, plant_settings.seed)
-    bus = None if options.ideal_wire else shared or BusModel(bitrate)
+    bus = None if options.ideal_wire else shared or QuietBus(bitrate)
     stop = StopRequest()
     begin_s = time.perf_counter()
     with stop.on_signals():

@@ -19,8 +19,8 @@ from ...pair.virtual import BITRATE_BIT_S, make_virtual_pair
 from ...plant_emulator.fault_settings import FaultKind, FaultSettings
 from ...plant_emulator.motion_design import MotionParams
 from ...plant_emulator.settings import PlantSettings
-from ...runtime.bus_model import BusModel
 from ...runtime.node import NS_PER_S
+from ...runtime.quiet_bus import QuietBus
 from ...runtime.virtual_time import VirtualTimeExecutor
 
 LONGER = 10
@@ -77,7 +77,7 @@ def measure_memory(controller: ControllerSettings, run_s: float, seed: int = 1) 
         }
     )
     pair = make_virtual_pair(plant, controller, plant_samples_max=0)
-    bus = BusModel(BITRATE_BIT_S)
+    bus = QuietBus(BITRATE_BIT_S)
     executor = VirtualTimeExecutor((pair.edge, pair.controller), bus)
 
     def peak(from_s: float, to_s: float) -> int:
