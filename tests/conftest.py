@@ -85,7 +85,7 @@ NEEDS_POSIX = {
 
 ROOT = Path(__file__).resolve().parent.parent
 LONGEST = (
-    "test_design_gains", "test_batch", "test_house_rules", "test_stale_messages",
+    "test_pages", "test_design_gains", "test_batch", "test_house_rules", "test_stale_messages",
     "test_stress_report", "test_soak_live", "test_baseline_laws", "test_fault_campaign",
     "test_two_processes", "test_stress_runs", "test_closed_loop", "test_reference_table",
     "test_slcan", "test_designed_presets", "test_jitter", "test_tracking", "test_kalman_laws",
