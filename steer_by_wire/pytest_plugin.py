@@ -110,7 +110,7 @@ def pytest_runtest_makereport(
         for outcome in made.outcomes:
             folder = str(outcome.files.folder)
             item.user_properties += [("seed", outcome.settings.seed), ("run", folder)]
-            if report.failed:
+            if report.failed and call.excinfo is not None:
                 lines = [
                     f"bus      {outcome.bus}",
                     f"seed     {outcome.settings.seed}",
@@ -118,7 +118,7 @@ def pytest_runtest_makereport(
                     f"picture  {_picture(outcome)}",
                 ]
                 report.sections.append((f"steer-by-wire {folder}", "\n".join(lines)))
-                _to_step_summary(item.nodeid, lines)
+                _to_step_summary(item.nodeid, [str(call.excinfo.value), *lines])
     return report
 
 
