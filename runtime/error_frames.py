@@ -1,8 +1,9 @@
 """Error frames of SocketCAN: what a CAN controller reports of the bus, read and written.
 
-Classes are bits of the identifier, details bits of the payload (linux/can/error.h). They are the
-same through ``AF_CAN`` and through python-can's ``socketcan``; other interfaces of python-can have
-their own codes.
+Classes are bits of the identifier, details bits of the payload (linux/can/error.h); the last two
+bytes are the error counters. Ours are without the class CAN_ERR_CNT of Linux 6.0, which says so and
+which ``candump`` before 2023 takes for an invalid frame. They are the same through ``AF_CAN`` and
+through python-can's ``socketcan``; other interfaces of python-can have their own codes.
 """
 
 from collections.abc import Iterator
@@ -48,7 +49,7 @@ _LOCATIONS_OF_CRC = (0x08, 0x18)  # byte 3: CRC sequence, CRC delimiter
 
 
 _LOST_ARBITRATION, _NO_ACKNOWLEDGE, _BUS_OFF, _BUS_ERROR = 0x002, 0x020, 0x040, 0x080
-_RESTARTED, _COUNTERS = 0x100, 0x200
+_RESTARTED = 0x100
 _LOCATIONS = {
     "SOF": 0x03, "ID": 0x02, "SRR": 0x04, "RRS": 0x04, "IDE": 0x05, "ID extension": 0x07,
     "RTR": 0x0C, "r1": 0x0D, "r0": 0x09, "FDF": 0x0D, "res": 0x09, "DLC": 0x0B, "data": 0x0A,
@@ -119,7 +120,7 @@ def _frame(
         classes |= _CONTROLLER
         details = _state_details(state, *counts)
     data = bytes((0, details)) + place.ljust(4, b"\0") + bytes(min(count, 255) for count in counts)
-    return Frame(classes | _COUNTERS, data, ERROR)
+    return Frame(classes, data, ERROR)
 
 
 def _state_details(state: ControllerState, transmit: int, receive: int) -> int:
