@@ -30,6 +30,7 @@ PROGRAMS = {
     "steer-by-wire": (),
 }
 """The first word of a command of ours, and what stands for it behind ``steer-by-wire``."""
+SHOWN_ONLY = ("text", "ini", "toml", "yaml")
 LIVE = (("plant",), ("controller",))
 """Programs that end after ``--duration`` on a bus."""
 WHY_NOT = (
@@ -100,5 +101,5 @@ def _command(line: str) -> Command:
     if has_more:
         why_not = "has something behind it in the shell"
     elif words and not is_ours and words[:3] != ["python", "-m", "pytest"]:
-        why_not = "is not of this project"
+        why_not = "is another program"
     return Command(line, tuple(words), settings, is_ours, why_not)

@@ -10,7 +10,7 @@ from steer_by_wire.command import PROGRAMS
 from steer_by_wire.controller.settings import ControllerSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.settings import Preset, Settings, load_settings, preset_names
-from tests.support.shown_blocks import MADE, PAGES, ROOT
+from tests.support.shown_blocks import MADE, PAGES, ROOT, SHOWN_ONLY, blocks_of
 
 DOCS = ROOT / "docs"
 SETTINGS_OF: dict[str, type[Settings]] = {
@@ -72,6 +72,13 @@ def test_every_link_leads_somewhere(page: str) -> None:
         ):
             dead.append(link)
     assert dead == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_block_says_what_it_is(page: str) -> None:
+    """Those of sh and pycon are run, and what is named in a first line is a file: test_pages."""
+    kinds = [block.language for block in blocks_of(PAGES[page]) if not block.file]
+    assert {kind for kind in kinds if not kind.startswith("{")} <= {"pycon", "sh", *SHOWN_ONLY}
 
 
 @pytest.mark.parametrize("page", PAGES)
