@@ -13,7 +13,6 @@ import pytest
 from steer_by_wire.dbc.messages import CAN_IDS, ControllerStatus, LateralError, SteeringCommand
 from steer_by_wire.pair.trace import Trace
 from steer_by_wire.runtime.candump import CandumpReader
-from steer_by_wire.runtime.error_frames import error_causes
 from steer_by_wire.runtime.frame import ERROR
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.tools.closed_loop import __main__ as closed_loop
@@ -122,21 +121,17 @@ def test_an_interrupt_ends_a_run_with_what_there_is(tmp_path: Path) -> None:
     assert 0.0 < report["node"]["motion_s"] < 1e6
 
 
-def test_python_can_reads_the_error_frames_of_a_recording(tmp_path: Path) -> None:
+def test_python_can_reads_the_bus_errors_of_a_recording(tmp_path: Path) -> None:
+    """It takes no other class for an error frame, and keeps none of its bytes."""
     noisy = ["--duration", "0.5", "--bit-error-rate", "3e-3", "--out", str(tmp_path)]
     assert closed_loop.main(noisy) == 0
     log = tmp_path / "candump.log"
     with log.open(encoding="ascii") as lines:
         frames = [entry.frame for entry in CandumpReader(lines)]
     with can.CanutilsLogReader(str(log)) as reader:
-        read = list(reader)
-    assert [message.is_error_frame for message in read] == [
-        bool(frame.flags & ERROR) for frame in frames
-    ]
-    assert [bytes(message.data) for message in read] == [frame.data for frame in frames]
-    errors = [frame for frame in frames if frame.flags & ERROR]
-    assert len(errors) >= 10
-    assert all({"bus_error", "lost_arbitration"} & {*error_causes(frame)} for frame in errors)
+        read = [message.is_error_frame for message in reader]
+    assert read == [frame.flags == ERROR and frame.can_id & 0x80 != 0 for frame in frames]
+    assert sum(read) >= 10
 
 
 @pytest.mark.parametrize(
