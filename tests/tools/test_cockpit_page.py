@@ -99,52 +99,6 @@ def press(*words: str) -> str:
     )
 
 
-def test_a_live_loop_is_watched_driven_and_recorded(browser: Browser, tmp_path: Path) -> None:
-    with cockpit("--bus", "emulated") as address:
-        opened(browser, address)
-        browser.wait_for(f"{light('Controller')} === 'ACTIVE'")
-        browser.wait_for(f"{light('Steering')} === 'APPLYING'")
-        browser.wait_for(f"Math.abs({value_of('downlink_s')} - 0.08) < 0.001")
-
-        # The slider sends LATENCY_CONFIG; that the plant reports the latency shows that it came.
-        browser.read(slide("downlink-mean_s", 140))
-        browser.wait_for(f"Math.abs({value_of('downlink_s')} - 0.14) < 0.001")
-        browser.wait_for(f"{value_of('round_trip_s')} > 0.14")
-
-        # A disturbance over the bus leaves its mark in the error.
-        browser.read("document.getElementById('offset').click()")
-        browser.wait_for(f"Math.abs({value_of('lateral_error_m')}) > 0.002")
-
-        controller = "controller of practical pd ddob"
-        browser.read(press(f"Kill {controller}"))
-        browser.wait_for(f"{light('Steering')} === 'FALLBACK'")
-        browser.wait_for(f"{light('Controller')} === 'SILENT'")
-        browser.read(press(f"Restart {controller}"))
-        browser.wait_for(f"{light('Controller')} === 'ACTIVE'")
-        browser.wait_for(f"['APPLYING', 'LIMITED BY SAFETY'].includes({light('Steering')})")
-
-        plant = "plant of practical pd ddob"
-        browser.read(press(f"Pause {plant}"))
-        browser.wait_for(f"{light('Steering')} === 'SILENT'")
-        browser.read(press(f"Resume {plant}"))
-        browser.wait_for(f"{light('Steering')} !== 'SILENT'")
-        browser.wait_for(f"{light('Controller')} === 'ACTIVE'")
-
-        browser.read(press("DDOB with varying delay"))
-        browser.wait_for("cockpit.lanes.length === 3 && cockpit.drawn")
-        laws = "cockpit.status.lanes.map((lane) => lane.law).join()"
-        browser.wait_for(f"{laws} === 'PD,PD_CDOB,PD_DDOB'")
-        browser.read("cockpit.wish({ do: 'record', on: true })")
-        browser.wait_for("cockpit.status.recording_s > 0.5")
-        browser.read("cockpit.wish({ do: 'record', on: false })")
-        browser.wait_for("cockpit.status.recording_s === null")
-        text = browser.read("fetch('recording/lane2.log').then((answer) => answer.text())")
-        in_order(browser, address)
-    file = tmp_path / "lane2.log"
-    file.write_text(text, encoding="ascii")
-    assert analyse_files([file]).figures["laws"] == ["PD_CDOB"]
-
-
 def test_a_foreign_bus_gets_the_frame_that_the_slider_asks_for(browser: Browser) -> None:
     with (
         launched_broker() as broker,
@@ -215,13 +169,66 @@ def test_the_page_fits_a_phone(browser: Browser, log: Path, tmp_path: Path) -> N
     assert browser.complaints == []
 
 
-def test_every_control_has_a_name_for_a_screen_reader(browser: Browser) -> None:
+@pytest.fixture(scope="module")
+def live() -> Iterator[str]:
+    """The page of a live loop."""
     with cockpit("--bus", "emulated") as address:
-        opened(browser, address)
-        browser.wait_for("document.querySelectorAll('.scenario').length")
-        tree = browser.call("Accessibility.getFullAXTree")["nodes"]
-        roles = ("button", "slider", "combobox", "textbox", "spinbutton", "tab", "img", "link")
-        controls = [node for node in tree if node.get("role", {}).get("value") in roles]
-        assert len(controls) > 25
-        nameless = [node for node in controls if not node.get("name", {}).get("value")]
-        assert nameless == []
+        yield address
+
+
+def test_every_control_has_a_name_for_a_screen_reader(browser: Browser, live: str) -> None:
+    opened(browser, live)
+    browser.wait_for("document.querySelectorAll('.scenario').length")
+    tree = browser.call("Accessibility.getFullAXTree")["nodes"]
+    roles = ("button", "slider", "combobox", "textbox", "spinbutton", "tab", "img", "link")
+    controls = [node for node in tree if node.get("role", {}).get("value") in roles]
+    assert len(controls) > 25
+    nameless = [node for node in controls if not node.get("name", {}).get("value")]
+    assert nameless == []
+
+
+def test_a_live_loop_is_watched_driven_and_recorded(
+    browser: Browser, live: str, tmp_path: Path
+) -> None:
+    opened(browser, live)
+    browser.wait_for(f"{light('Controller')} === 'ACTIVE'")
+    browser.wait_for(f"{light('Steering')} === 'APPLYING'")
+    browser.wait_for(f"Math.abs({value_of('downlink_s')} - 0.08) < 0.001")
+
+    # The slider sends LATENCY_CONFIG; that the plant reports the latency shows that it came.
+    browser.read(slide("downlink-mean_s", 140))
+    browser.wait_for(f"Math.abs({value_of('downlink_s')} - 0.14) < 0.001")
+    browser.wait_for(f"{value_of('round_trip_s')} > 0.14")
+
+    # A disturbance over the bus leaves its mark in the error.
+    browser.read("document.getElementById('offset').click()")
+    browser.wait_for(f"Math.abs({value_of('lateral_error_m')}) > 0.002")
+
+    controller = "controller of practical pd ddob"
+    browser.read(press(f"Kill {controller}"))
+    browser.wait_for(f"{light('Steering')} === 'FALLBACK'")
+    browser.wait_for(f"{light('Controller')} === 'SILENT'")
+    browser.read(press(f"Restart {controller}"))
+    browser.wait_for(f"{light('Controller')} === 'ACTIVE'")
+    browser.wait_for(f"['APPLYING', 'LIMITED BY SAFETY'].includes({light('Steering')})")
+
+    plant = "plant of practical pd ddob"
+    browser.read(press(f"Pause {plant}"))
+    browser.wait_for(f"{light('Steering')} === 'SILENT'")
+    browser.read(press(f"Resume {plant}"))
+    browser.wait_for(f"{light('Steering')} !== 'SILENT'")
+    browser.wait_for(f"{light('Controller')} === 'ACTIVE'")
+
+    browser.read(press("DDOB with varying delay"))
+    browser.wait_for("cockpit.lanes.length === 3 && cockpit.drawn")
+    laws = "cockpit.status.lanes.map((lane) => lane.law).join()"
+    browser.wait_for(f"{laws} === 'PD,PD_CDOB,PD_DDOB'")
+    browser.read("cockpit.wish({ do: 'record', on: true })")
+    browser.wait_for("cockpit.status.recording_s > 0.5")
+    browser.read("cockpit.wish({ do: 'record', on: false })")
+    browser.wait_for("cockpit.status.recording_s === null")
+    text = browser.read("fetch('recording/lane2.log').then((answer) => answer.text())")
+    in_order(browser, live)
+    file = tmp_path / "lane2.log"
+    file.write_text(text, encoding="ascii")
+    assert analyse_files([file]).figures["laws"] == ["PD_CDOB"]

@@ -30,12 +30,12 @@ WORDS_MAX = 8
 PROGRAMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "steer_by_wire.controller.program": (
-            "steer_by_wire.runtime.program.open_port",
+            "steer_by_wire.runtime.run_node.open_port",
             "steer_by_wire.controller.program.check_figures",
             "steer_by_wire.controller.program.check_text",
             "steer_by_wire.controller.program.found_in",
         ),
-        "steer_by_wire.plant_emulator.program": ("steer_by_wire.runtime.program.open_port",),
+        "steer_by_wire.plant_emulator.program": ("steer_by_wire.runtime.run_node.open_port",),
         "steer_by_wire.tools.bus.program": ("steer_by_wire.tools.bus.program.listening",),
         "steer_by_wire.tools.analyze_log.__main__": (
             "steer_by_wire.tools.analyze_log.pictures.draw_pictures",
