@@ -168,6 +168,7 @@ def _run(request: Request, streams: list[int]) -> NoReturn:
     os.environ.update(request.environment)
     if request.is_folder_searched:
         sys.path.insert(0, request.folder)
+    sys.modules.pop(request.module, None)  # runpy warns of what has run already
     sys.argv = [request.module, *request.arguments]
     status = 1
     try:

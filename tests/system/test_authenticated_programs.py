@@ -89,12 +89,12 @@ def test_a_pair_with_a_key_withstands_an_intruder_and_a_restart_and_shows_no_key
     reports = [tmp_path / f"{name}.json" for name in ("plant", "first", "second")]
     with (
         can.Bus(interface="emulated", address=address, fd=True, ignore_config=True) as client,
-        running("plant_emulator", plant_options, reports[0]) as plant,
+        running("steer_by_wire.plant_emulator", plant_options, reports[0]) as plant,
     ):
-        with running("controller", controller_options, reports[1]) as first:
+        with running("steer_by_wire.controller", controller_options, reports[1]) as first:
             heard = commands(client, COMMANDS_MIN)
             assert first.interrupt() == ExitStatus.OK
-        with running("controller", controller_options, reports[2]) as second:
+        with running("steer_by_wire.controller", controller_options, reports[2]) as second:
             commands(client, COMMANDS_MIN)
             for frame in heard:
                 client.send(message_of(frame))
@@ -134,11 +134,13 @@ def test_both_ends_say_what_they_refuse_where_a_key_is_different_or_missing(
     other = key_file(tmp_path / "other.key", OTHER_KEY)
     _, address = bus[-1].split("=")
     reports = [tmp_path / f"{name}.json" for name in ("plant", "other", "keyless")]
-    with running("plant_emulator", [*bus, "--key-file", key], reports[0]) as plant:
-        with running("controller", [*bus, "--key-file", other], reports[1]) as different:
+    with running("steer_by_wire.plant_emulator", [*bus, "--key-file", key], reports[0]) as plant:
+        with running(
+            "steer_by_wire.controller", [*bus, "--key-file", other], reports[1]
+        ) as different:
             await_exchange(address)
             assert different.interrupt() == ExitStatus.OK
-        with running("controller", [*bus, "--fd"], reports[2]) as keyless:
+        with running("steer_by_wire.controller", [*bus, "--fd"], reports[2]) as keyless:
             await_exchange(address)
             assert keyless.interrupt() == ExitStatus.OK
         assert plant.interrupt() == ExitStatus.OK
@@ -181,7 +183,7 @@ def test_a_recording_that_would_stay_empty_is_one_line_and_status_2(
 def test_a_bus_for_classic_frames_only_is_one_line_and_status_3(tmp_path: Path, key: str) -> None:
     with launched_broker() as address:
         options = ["-i", "emulated", "--bus-kwargs", f"address={address}", "--key-file", key]
-        with running("plant_emulator", options, tmp_path / "p.json") as plant:
+        with running("steer_by_wire.plant_emulator", options, tmp_path / "p.json") as plant:
             assert plant.end() == ExitStatus.BUS
     (line,) = plant.printed
     assert "start it with --data-bitrate for CAN FD" in line
@@ -205,8 +207,8 @@ def test_a_pair_with_a_key_runs_on_vcan0_and_candump_and_cantools_read_it(
     with log.open("wb") as file, subprocess.Popen(["candump", "-L", "vcan0"], stdout=file) as dump:
         try:
             with (
-                running("plant_emulator", on_vcan, tmp_path / "p.json") as plant,
-                running("controller", on_vcan, tmp_path / "c.json") as controller,
+                running("steer_by_wire.plant_emulator", on_vcan, tmp_path / "p.json") as plant,
+                running("steer_by_wire.controller", on_vcan, tmp_path / "c.json") as controller,
             ):
                 wait_until(
                     lambda: log.read_text("ascii").count(" 100##") > COMMANDS_MIN, "commands"

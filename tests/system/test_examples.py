@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -157,6 +158,7 @@ class ForeignNode:
         return ()
 
 
+@cache
 def foreign_run() -> tuple[PlantNode, ForeignNode]:
     example: ModuleType = import_module("foreign_controller")
     # The rig shows its path to a controller that answers, from the first measurement on.

@@ -64,11 +64,6 @@ def run_nodes(
     return node, statuses
 
 
-def test_the_example_runs_and_leaves_a_picture(tmp_path: Path) -> None:
-    import_module("own_law").main(tmp_path)
-    assert (tmp_path / "own_law.png").stat().st_size > 10_000
-
-
 @pytest.mark.parametrize("around", [(), ("feed_forward={}",)], ids=["alone", "with feed-forward"])
 def test_compiled_it_gives_the_bits_of_the_nodes(around: Sequence[str]) -> None:
     network = ["latency.downlink.mean_s=0.08", "latency.uplink.loss=0.1", "seed=3"]

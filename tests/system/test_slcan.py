@@ -33,13 +33,13 @@ def options(adapter: Adapter, *more: str) -> list[str]:
 def start_plant(stack: ExitStack, bus: AdapterBus, *more: str) -> RunningProgram:
     report = bus.adapters[PLANT].path.with_name("plant.json")
     given = options(bus.adapters[PLANT], *more)
-    return stack.enter_context(running("plant_emulator", given, report))
+    return stack.enter_context(running("steer_by_wire.plant_emulator", given, report))
 
 
 def start_controller(stack: ExitStack, bus: AdapterBus, *more: str) -> RunningProgram:
     report = bus.adapters[CONTROLLER].path.with_name("controller.json")
     given = options(bus.adapters[CONTROLLER], "--preset", "practical_pd_ddob", *more)
-    return stack.enter_context(running("controller", given, report))
+    return stack.enter_context(running("steer_by_wire.controller", given, report))
 
 
 def commands(bus: AdapterBus) -> list[SteeringCommand]:

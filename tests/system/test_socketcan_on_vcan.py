@@ -193,7 +193,7 @@ def report(tmp_path: Path) -> Path:
 
 def start(stack: ExitStack, channel: str, report: Path, *more: str) -> RunningProgram:
     options = ["-i", "socketcan", "-c", channel, "--preset", "practical_pd", *more]
-    return stack.enter_context(running("controller", options, report))
+    return stack.enter_context(running("steer_by_wire.controller", options, report))
 
 
 @pytest.mark.parametrize("more", [(), ("--no-fast-socketcan",)], ids=["AF_CAN", "python-can"])

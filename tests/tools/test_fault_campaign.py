@@ -39,7 +39,7 @@ from tests.support.counter_rules import rule
 
 SIGHT = Sight(0.14, 0.7, 0.01, 0.01, rule(100), rule(100))
 SMALL = """
-motion_s = 4.0
+motion_s = 3.0
 onset_s = 1.0
 fault_s = 0.5
 golden_seeds = 1

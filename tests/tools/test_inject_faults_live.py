@@ -109,9 +109,13 @@ def test_a_live_pair_refuses_spoofed_commands_holds_while_the_plant_is_paused_an
         bus = ["-i", "emulated", "-c", "can0", "--bus-kwargs", f"address={address}"]
         plant_options = ["--set", "duration_s=600", "--reconnect", *bus]
         with (
-            running("plant_emulator", plant_options, tmp_path / "plant.json") as plant,
             running(
-                "controller", [*bus, "--preset", "practical_pd"], tmp_path / "controller.json"
+                "steer_by_wire.plant_emulator", plant_options, tmp_path / "plant.json"
+            ) as plant,
+            running(
+                "steer_by_wire.controller",
+                [*bus, "--preset", "practical_pd"],
+                tmp_path / "controller.json",
             ) as controller,
         ):
             wait_for_control(address)
@@ -128,8 +132,8 @@ def test_a_live_pair_refuses_spoofed_commands_holds_while_the_plant_is_paused_an
             assert controller.interrupt() == 0
     assert "spoof: begins" in done.stdout
     error_frames = plant.report()["connection"]["error_frames"]
-    assert error_frames["bus_off"] == 1
-    assert error_frames["restarted"] >= 1  # a late machine may ask for it twice
+    for state in ("bus_off", "restarted"):
+        assert error_frames[state] >= 1  # a late machine may ask for it twice
     assert [line for line in done.stdout.splitlines() if "frames sent" in line]
     # Whether its counter fits or not, some are refused: the spoofed ones, or the true ones.
     assert sum(plant.report()["node"]["rejected"].values()) > 0
