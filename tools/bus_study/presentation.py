@@ -29,14 +29,14 @@ COUNTS = {
     "steering_lost": "steering",
 }
 """Counts of a run, and their headings."""
-LABELS = {
-    "errors": "error frames",
-    "again": "sent again",
+DRAWN = {
+    "detected": "errors, sent again",
     "twice": "received twice",
-    "bus-off": "bus-offs",
+    "bus_offs": "bus-offs",
     "lost": "frames lost",
-    "steering": "steering lost",
+    "steering_lost": "steering lost",
 }
+"""Counts in the picture: all but a few of the errors lead to a repetition."""
 
 
 def table_of(runs: Sequence[BusRun]) -> Table:
@@ -97,7 +97,7 @@ def draw(runs: Sequence[BusRun]) -> bytes:
             middle.plot(rates, trip_ms, **style)
             silence_ms = [1e3 * max(run.silence_s for run in members) for _, members in chosen]
             middle.plot(rates, silence_ms, linestyle=":", **style)
-        for number, (name, heading) in enumerate(COUNTS.items()):
+        for number, (name, label) in enumerate(DRAWN.items()):
             counts = [
                 (rate, fmean(getattr(run, name) for run in members)) for rate, members in chosen
             ]
@@ -106,7 +106,7 @@ def draw(runs: Sequence[BusRun]) -> bytes:
                 colour = COLOURS[number % len(COLOURS)]
                 right.plot(*zip(*seen, strict=True), marker="o", markersize=4, color=colour)
                 right.annotate(
-                    LABELS.get(heading, heading), seen[-1], xytext=(5, -3),
+                    label, seen[-1], xytext=(5, -3),
                     textcoords="offset points", color=colour, fontsize=8,
                 )  # fmt: skip
         titles = ("lateral error, RMS [mm]", "round trip, silence (dotted) [ms]", "in a run")
