@@ -12,10 +12,10 @@ import hashlib
 import os
 import shutil
 import sys
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 # LLVM's optimisation level 1 and not 3, numba's default: it compiles faster, and these loops of
 # many small functions on tuples of floats run no slower; the predictor's takes half the time. It
@@ -29,14 +29,14 @@ if sys.platform != "win32":
     import fcntl
 
 _SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "steer_by_wire/compiled")
-_FASTMATH = frozenset(("reassoc", "nsz", "arcp", "contract", "afn"))
+_FASTMATH = {"reassoc", "nsz", "arcp", "contract", "afn"}
 """Operations may change order and fuse. NaN and infinity keep their meaning: a command that is not
 finite ends a run, and an infinite limit is no limit."""
 _VERSIONS_KEPT = 4
 """Versions of the sources whose code stays on disk: several megabytes each."""
 _ROOT = Path(__file__).resolve().parents[2]
-_njit: Any = numba.njit
-"""Untyped: numba's type lacks the option to leave out the callers' entries, slow to compile."""
+_OPTIONS = {"nogil": True, "no_cfunc_wrapper": True}
+"""Without the entry for callers in C, which is slow to compile."""
 
 
 def compiled(function: Any) -> Any:
@@ -45,54 +45,43 @@ def compiled(function: Any) -> Any:
     Without a writable folder it is compiled anew in every process. Compiled code keeps the order of
     operations: no fast-math, no fused multiply-add.
     """
-    return _compiled(function, "never")
-
-
-def compiled_fastmath(function: Any) -> Any:
-    """Compile a result of ``compiled`` once more, with the steps it calls: operations may change
-    order and fuse, so results differ in their last digits, and from processor to processor.
-    """
-    return _compiled(function.py_func, "never", _FASTMATH)
-
-
-def compiled_anew(function: Any, *, fastmath: bool = False) -> Any:
-    """Compile a result of ``compiled`` once more, for this process alone.
-
-    For steps from files whose content is not part of the folder's name.
-    """
-    return _njit(nogil=True, no_cfunc_wrapper=True, fastmath=set(_FASTMATH) if fastmath else False)(
-        function.py_func
-    )
+    return _compiled(function, _OPTIONS)
 
 
 def compiled_inside(function: Any) -> Any:
     """Compile a function that only compiled functions call; it has no entry from Python."""
-    return _njit(nogil=True, no_cfunc_wrapper=True, no_cpython_wrapper=True)(function)
+    return _compiled(function, {**_OPTIONS, "no_cpython_wrapper": True})
 
 
 def compiled_inline(function: Any) -> Any:
     """Compile a function inline into its callers: for the innermost part of a loop."""
-    return _compiled(function, "always")
+    return _compiled(function, {**_OPTIONS, "inline": "always"})
 
 
-def _compiled(
-    function: Any, inline: Literal["always", "never"], fastmath: Collection[str] = ()
-) -> Any:
+def compiled_fastmath(made: Any) -> Any:
+    """Compile a result of the above once more, with the steps it calls: operations may change
+    order and fuse, so results differ in their last digits, and from processor to processor.
+    """
+    return _compiled(made.py_func, {**made.targetoptions, "fastmath": _FASTMATH})
+
+
+def compiled_anew(made: Any) -> Any:
+    """Compile a result of the above once more, for this process alone.
+
+    For steps from files whose content is not part of the folder's name.
+    """
+    return numba.jit(**made.targetoptions)(made.py_func)
+
+
+def _compiled(function: Any, options: Mapping[str, Any]) -> Any:
     folder = _cache_folder()
-    if folder is not None:
-        # Read when decorating. The cache on disk would confuse the two kinds.
-        own = folder / "fastmath" if fastmath else folder
-        numba.config.CACHE_DIR = str(own)  # type: ignore[attr-defined]
-    made = _njit(
-        nogil=True,
-        cache=folder is not None,
-        inline=inline,
-        fastmath=set(fastmath) or False,
-        no_cfunc_wrapper=True,
-    )(function)
+    if folder is not None and "fastmath" in options:  # The cache would confuse the two kinds.
+        folder /= "fastmath"
+    numba.config.CACHE_DIR = str(folder or "")  # type: ignore[attr-defined]  # read by the next line
+    made: Any = numba.jit(cache=folder is not None, **options)(function)
     if folder is not None and sys.platform != "win32":
         name = f"{function.__module__}.{function.__qualname__}"
-        made.compile = _in_one_process(made.compile, name, own)
+        made.compile = _in_one_process(made.compile, name, folder)
     return made
 
 

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..controller.design import LawDesign, design_law
 from ..controller.settings import ControllerSettings, counters_of, limits_of
 from ..controller.validity import share_of_demand
 from ..dbc.messages import LateralError, Mode, SteeringCommand, limits, resolutions
@@ -26,22 +25,14 @@ from ..runtime.node import NEVER_NS, NS_PER_S
 from ..runtime.settings import SettingsError
 from .compilation import compiled_fastmath
 from .deviation import cg_deviations_m
-from .loop import (
-    COMPLETE,
-    LAW_FAILED,
-    LEFT_RANGE,
-    run_only_segment,
-    run_segment,
-    run_to_first_tick,
-    start_run,
-)
-from .loop_records import Constants, Control, Records, Schedule, empty_records
+from .law_code import CompiledLaw, LawCode, compiled_law
+from .loop import COMPLETE, LAW_FAILED, LEFT_RANGE, run_segment
+from .loop_records import Constants, Records, Schedule, Segment, empty_records
+from .memory import KEPT_BYTES, unpacked
 from .motion import compiled_motion
 from .network import FloatArray, IntArray
-from .own_law import LawRaisedError, own_functions
 from .plan import Plan, arrivals_of, plan_run
-from .steps import register_law, register_steps
-from .wire import NOTHING_KNOWN, Known, Uplink, Wire
+from .wire import Uplink, Wire, on_wire
 from .wire_plan import plan_wire, speed_on_wire
 
 _DESIGNS_KEPT = 256
@@ -71,17 +62,7 @@ _OUTCOMES = {
 }
 
 
-class _Loop(NamedTuple):
-    """The compiled functions of ``compiled.loop``."""
-
-    start_run: Any
-    run_to_first_tick: Any
-    run_only_segment: Any
-    run_segment: Any
-
-
-_EXACT = _Loop(start_run, run_to_first_tick, run_only_segment, run_segment)
-_FASTMATH = _Loop(*map(compiled_fastmath, _EXACT))
+_FASTMATH = compiled_fastmath(run_segment)
 
 
 class BatchRun(NamedTuple):
@@ -189,93 +170,77 @@ def run_batch(
             f"vehicle.model = {plant.vehicle.model!r}: compiled runs have the rig's own equations"
             " of motion alone; leave it out, or run the nodes: steer-by-wire run"
         )
-    register_steps()
-    loop = _loop_of(controller, fastmath=fastmath)
+    law = compiled_law(controller, fastmath=fastmath)
     plan = plan_run(plant, controller) if plan is None else plan
-    law = _designed(controller)
     motion = compiled_motion(plant)
-    wire: Wire | None = None
-    known: Known | None = None
-    if law.looks_back:
-        known, wire = NOTHING_KNOWN, plan_wire(plant, controller, plan, motion)
-    params = law.params
-    if law.params_at is not None:
-        params = law.params_at(speed_on_wire(motion.speed_m_s))
+    looks_back, plans = law.design.looks_back, law.design.plan is not None
+    wire = plan_wire(plant, controller, plan, motion) if looks_back else None
     constants = _constants(plant, controller, plan)
     schedule = Schedule(*(getattr(plan, name) for name in Schedule._fields))
     records = empty_records(len(plan.sample_ns), len(plan.tick_ns))
     world = (motion, constants, schedule, records, wire)
     try:
-        samples, ticks, code = _run(loop, law, params, world, plan, known, plant)
-    except LawRaisedError:  # as an output without numbers: the run ends at that tick
+        samples, ticks, code = _run(_FASTMATH if fastmath else run_segment, law, world, plan, plant)
+    except Exception:
+        if controller.law_record.number is not LawNumber.CUSTOM:
+            raise
+        # As an output without numbers: the run ends at that tick.
         samples, ticks = _filled(records.lateral_error_m), _filled(records.sent_rad)
         code = LAW_FAILED
-    played_rad = None if wire is None or law.plan is None else wire.played_rad
+    played_rad = wire.played_rad if wire is not None and plans else None
     return _collected(plan, motion, records, played_rad, samples, ticks, _OUTCOMES[code])
 
 
 def _run(
-    loop: _Loop,
-    law: LawDesign,
-    params: Any,
+    run: Any,
+    law: CompiledLaw,
     world: tuple[MotionParams, Constants, Schedule, Records, Wire | None],
     plan: Plan,
-    known: Known | None,
     plant: PlantSettings,
 ) -> tuple[int, int, int]:
     """Run all segments of a plan; returns the samples taken, the ticks done, and how it ended."""
     motion, constants, _, records, _ = world
-    first, *others = plan.segments
-    if plant.start_on_first_command:
-        # Until then it stands on its path, and the sensor reads noise alone.
-        first_sample = int(plan.tick_sample[first.first_tick])
-        resolution_m = constants.lateral_error_resolution_m
-        error_m = round(float(plan.noise_m[first_sample]) / resolution_m) * resolution_m
-    else:
-        first_ns = int(plan.tick_ns[0]) if len(plan.tick_ns) else plan.end_ns
-        samples, code = loop.run_to_first_tick(*world, first_ns)
-        if code != COMPLETE or not len(plan.tick_ns):
-            return samples, 0, code
-        error_m = float(records.measured_m[plan.tick_sample[first.first_tick]])
-    control = Control(law.initial_state(error_m), 0.0, 0.0, known)
-    if not others:
-        samples, ticks, code = loop.run_only_segment(params, *world, first, control, plan.end_ns)
-        return samples, ticks, code
-    x, ticks, code = loop.start_run(motion, constants), 0, COMPLETE
-    before = Mode.WAITING
-    for segment in plan.segments:
-        if code != COMPLETE:
+    design = law.design
+    params = design.params
+    if design.params_at is not None:
+        params = design.params_at(speed_on_wire(motion.speed_m_s))
+    start = design.initial_state(0.0)
+    # Named until the end, because the loop has their addresses alone.
+    memory = [
+        np.array(params, law.params),
+        np.array(start, law.state),
+        np.empty(KEPT_BYTES, np.uint8),
+    ]
+    code = LawCode(law.step, law.plan, *(each.ctypes.data for each in memory))
+    samples = ticks = 0
+    before, outcome = Mode.WAITING, COMPLETE
+    # Before the first command a vehicle stands on its path, and the sensor reads noise alone.
+    waits = () if plant.start_on_first_command else (Segment(int(Mode.WAITING), 0, 0, False),)
+    is_start = True
+    for segment in (*waits, *plan.segments):
+        if outcome != COMPLETE or (not is_start and not len(plan.tick_ns)):
             break
-        if segment.mode == Mode.ACTIVE and segment is not first:
-            newest_m = float(records.measured_m[plan.tick_sample[segment.first_tick]])
-            if before is Mode.HOLDING and law.recovered_state is not None:
-                state = law.recovered_state(control.law_state, newest_m)
+        if segment.mode == Mode.ACTIVE:
+            sample = plan.tick_sample[segment.first_tick]
+            error_m = float(
+                on_wire(plan.noise_m[sample], constants.lateral_error_resolution_m)
+                if is_start
+                else records.measured_m[sample]
+            )
+            if before is Mode.HOLDING and design.recovered_state is not None:
+                state = design.recovered_state(unpacked(memory[1], start), error_m)
             else:
-                state = law.initial_state(newest_m)
-            control = control._replace(law_state=state)
+                state = design.initial_state(error_m)
+            memory[1][...] = state
         before = Mode(segment.mode)
-        x, control, ticks, code = loop.run_segment(params, *world, segment, x, control, plan.end_ns)
-    return x.sample, ticks, code
+        samples, ticks, outcome = run(code, *world, segment, is_start, plan.end_ns)
+        is_start = False
+    return samples, ticks, outcome
 
 
 def _filled(column: FloatArray) -> int:
     """Return how many entries of a record, all NaN at first, have been filled."""
     return int(np.count_nonzero(np.isfinite(column)))
-
-
-def _loop_of(controller: ControllerSettings, *, fastmath: bool) -> _Loop:
-    """Return the compiled functions; a law of another package gets its own."""
-    law = controller.law_record
-    if law.number is not LawNumber.CUSTOM:
-        return _FASTMATH if fastmath else _EXACT
-    return _Loop(*own_functions(controller.law, law.step, tuple(_EXACT), fastmath))
-
-
-@lru_cache(maxsize=_DESIGNS_KEPT)
-def _designed(controller: ControllerSettings) -> LawDesign:
-    design = design_law(controller)
-    register_law(controller.law, controller.law_record, design.params)
-    return design
 
 
 @lru_cache(maxsize=_DESIGNS_KEPT)

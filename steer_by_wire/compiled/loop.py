@@ -29,17 +29,20 @@ from ..plant_emulator.steering_guard import (
 )
 from .borrowing import borrowed
 from .compilation import compiled, compiled_inline
-from .loop_records import Constants, Control, Progress, Records, Schedule, Segment
-from .steps import law_plan, law_step
+from .law_code import NO_OUTPUT, LawCode
+from .loop_records import Constants, Kept, Progress, Records, Schedule, Segment
+from .memory import at, called, placed, read, write
 from .wire import (
     carries_plan,
-    law_input,
+    nothing_known,
     on_wire,
     play,
     record_played,
     record_wire,
     take_arrivals,
     take_command,
+    vehicle_and_link,
+    wire_history,
     write_plan,
 )
 
@@ -130,111 +133,72 @@ def _plant_until(
 
 
 @compiled
-def run_to_first_tick(
-    p: Any, c: Constants, s: Schedule, r: Records, wire: Any, first_tick_ns: int
-) -> Any:
-    """Run the plant from its start up to and at the first tick; returns samples taken, and how."""
-    p, s, r, wire = borrowed(p), borrowed(s), borrowed(r), borrowed(wire)
-    x, outcome = _plant_until(p, c, s, r, wire, _start(p, c), 0, first_tick_ns)
-    return x.sample, outcome
-
-
-@compiled
-def start_run(p: Any, c: Constants) -> Any:
-    """Return the plant's initial state."""
-    return _start(borrowed(p), c)
-
-
-@compiled_inline
-def _start(p: Any, c: Constants) -> Progress:
-    return Progress(start_motion(p), start_guard(c.guard), 0, 0, -1, -1, False, -1)
-
-
-@compiled
-def run_only_segment(
-    law_params: Any,
-    p: Any,
-    c: Constants,
-    s: Schedule,
-    r: Records,
-    wire: Any,
-    segment: Segment,
-    control: Control,
-    end_ns: int,
-) -> Any:
-    """Run from the plant's start through a segment that lasts to the end.
-
-    Returns the samples taken, the ticks done, and how it ended. Most runs have one segment only;
-    passing the plant's state to Python and back costs as much as hundreds of ticks.
-    """
-    p, s, r, wire = borrowed(p), borrowed(s), borrowed(r), borrowed(wire)
-    x, _, ticks, outcome = _run_ticks(
-        law_params, p, c, s, r, wire, segment, _start(p, c), control, end_ns
-    )
-    return x.sample, ticks, outcome
-
-
-@compiled
 def run_segment(
-    law_params: Any,
+    law: LawCode,
     p: Any,
     c: Constants,
     s: Schedule,
     r: Records,
     wire: Any,
     segment: Segment,
-    x: Progress,
-    control: Control,
+    is_start: bool,
     end_ns: int,
 ) -> Any:
     """Run the ticks of a segment, each with the plant up to it, and the plant up to the next.
 
-    ``x``       the plant, at the first tick of the segment or before it
-    ``end_ns``  until when to run the plant after the very last tick
+    ``is_start``  whether the plant is at its start, and not where the segment before left it
+    ``end_ns``    until when to run the plant after the very last tick
 
-    Returns the plant, the controller, the tick that comes next, and how it ended.
+    Returns the samples taken and the ticks done so far, and how it ended.
     """
     p, s, r, wire = borrowed(p), borrowed(s), borrowed(r), borrowed(wire)
-    return _run_ticks(law_params, p, c, s, r, wire, segment, x, control, end_ns)
+    x = Progress(start_motion(p), start_guard(c.guard), 0, 0, -1, -1, False, -1)
+    kept = Kept(x, 0.0, 0.0, nothing_known(wire))
+    place = at(law.kept, kept)
+    if not is_start:
+        kept = read(place)
+    kept, ticks, outcome = _run_ticks(law, p, c, s, r, wire, segment, kept, end_ns)
+    write(place, kept)
+    return kept.plant.sample, ticks, outcome
 
 
 @compiled_inline
 def _run_ticks(
-    law_params: Any,
+    law: LawCode,
     p: Any,
     c: Constants,
     s: Schedule,
     r: Records,
     wire: Any,
     segment: Segment,
-    x: Progress,
-    control: Control,
+    kept: Kept,
     end_ns: int,
-) -> tuple[Progress, Control, int, int]:
+) -> tuple[Kept, int, int]:
     mode, first_tick, last_tick, is_recovery = segment
-    law_state, sent_rad, fade_rad, known = control
-    # Call the plant in one place only: each call compiles all of it into this loop.
+    x, sent_rad, fade_rad, known = kept
+    history = placed(wire_history(wire))
     for tick in range(first_tick, last_tick + 1):
         now = np.uintp(tick)
         to_ns = s.tick_ns[now] if tick < len(s.tick_ns) else end_ns
         x, outcome = _plant_until(p, c, s, r, wire, x, tick, to_ns)
         if outcome != COMPLETE or tick == last_tick:
-            return x, Control(law_state, sent_rad, fade_rad, known), tick, outcome
+            return Kept(x, sent_rad, fade_rad, known), tick, outcome
         known = take_arrivals(wire, known, s, r, to_ns)
         wanted_rad, before_rad, acting = sent_rad, sent_rad, -1
         if mode == _ACTIVE:
             error_m = r.measured_m[np.uintp(s.tick_sample[now])]
-            seen = law_input(wire, known, r, tick, to_ns, error_m, sent_rad)
-            law_state, output = law_step(law_params, law_state, seen)
+            vehicle, link = vehicle_and_link(wire, known, tick, to_ns)
+            seen = (law.params, law.state, history, error_m, sent_rad, vehicle, link)
+            output = called(law.step, NO_OUTPUT, seen)
             asked_rad = (c.share if to_ns >= c.share_from_ns else 1.0) * output.steer_rad
             if not math.isfinite(asked_rad):
-                return x, Control(law_state, sent_rad, fade_rad, known), tick, LAW_FAILED
+                return Kept(x, sent_rad, fade_rad, known), tick, LAW_FAILED
             if is_recovery and tick == first_tick:
                 fade_rad = sent_rad - asked_rad
             else:
                 fade_rad = ramp_step(c.ramp_step_rad, fade_rad)
-            if fade_rad == 0.0:
-                acting = law_plan(law_params, law_state, seen)
+            if law.plan != 0 and fade_rad == 0.0:
+                acting = called(law.plan, acting, seen)
             wanted_rad = asked_rad + fade_rad
             r.law_output[now, 0] = output.steer_rad
             r.law_output[now, 1] = output.disturbance_rad
@@ -249,4 +213,4 @@ def _run_ticks(
         r.sent_rad[now] = sent_rad
         write_plan(wire, c.limits, acting, tick, before_rad)
         known = take_command(wire, known, tick, sent_rad, acting >= 0)
-    return x, Control(law_state, sent_rad, fade_rad, known), last_tick, COMPLETE
+    return Kept(x, sent_rad, fade_rad, known), last_tick, COMPLETE

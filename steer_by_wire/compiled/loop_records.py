@@ -1,6 +1,6 @@
 """What a compiled run reads, keeps and leaves: the records of ``compiled.loop``."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,12 +103,13 @@ class Progress(NamedTuple):
     played: int
 
 
-class Control(NamedTuple):
-    """State of the controller: the law's state, the command last sent, the rest of the fade [rad],
-    and what it knows of the wire; None for a law that does not look back.
+class Kept(NamedTuple):
+    """What stays from segment to segment, besides the law's state: the plant, the command last
+    sent, the rest of the fade [rad], and what the controller knows of the wire; None for a law that
+    does not look back.
     """
 
-    law_state: Any
+    plant: Progress
     sent_rad: float
     fade_rad: float
     known: Known | None

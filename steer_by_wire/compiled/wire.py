@@ -16,7 +16,7 @@ from numba import types
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from ..controller.law_interface import History, LawInput, Link, VehicleReading
+from ..controller.law_interface import NO_HISTORY, History, Link, VehicleReading
 from ..controller.limits import SteerLimits
 from ..controller.link_memory import (
     NO_COMMANDS,
@@ -264,34 +264,23 @@ def _plays_nothing(_wire: None, _sample: int) -> float:
     return math.nan
 
 
-def _newest_only(
-    _wire: None, _known: None, r: Any, tick: int, _now_ns: int, error_m: float, last_sent_rad: float
-) -> LawInput:
-    return LawInput(
-        error_m,
-        last_sent_rad,
-        VehicleReading(0.0, 0.0, 0.0, False),
-        Link(tick, -1, -1, 0.0, False, -1),
-        History(
-            -1,
-            -1,
-            r.sent_rad,
-            r.measured_m,
-            r.measured_m,
-            (False,),
-            (-1,),
-            (False,),
-            (0.0,),
-            (0.0,),
-            0,
-            r.law_output,
-        ),
-    )
+def _all_known(_wire: Wire) -> Known:
+    return NOTHING_KNOWN
 
 
-def _all_of_it(
-    w: Wire, x: Known, _records: Any, tick: int, now_ns: int, error_m: float, last_sent_rad: float
-) -> LawInput:
+def _rings(w: Wire) -> History:
+    return history_of(w.rings)
+
+
+def _no_history(_wire: None) -> History:
+    return NO_HISTORY
+
+
+def _unknown(_wire: None, _known: None, tick: int, _now_ns: int) -> tuple[VehicleReading, Link]:
+    return VehicleReading(0.0, 0.0, 0.0, False), Link(tick, -1, -1, 0.0, False, -1)
+
+
+def _vehicle_and_link(w: Wire, x: Known, tick: int, now_ns: int) -> tuple[VehicleReading, Link]:
     speed_m_s = yaw_rate_rad_s = curvature_1_m = 0.0
     is_stale = False
     if x.vehicle_sample >= 0:
@@ -299,13 +288,8 @@ def _all_of_it(
         yaw_rate_rad_s = w.measured_yaw_rate_rad_s[x.vehicle_sample]
         curvature_1_m = w.measured_curvature_1_m[x.vehicle_sample]
         is_stale = now_ns - x.vehicle_ns > w.params.limits.vehicle_state_ns
-    return LawInput(
-        error_m,
-        last_sent_rad,
-        VehicleReading(speed_m_s, yaw_rate_rad_s, curvature_1_m, is_stale),
-        link_at(w.params, x.errors, x.echoes, x.path_end, x.vehicle_ns, tick, now_ns),
-        history_of(w.rings),
-    )
+    link = link_at(w.params, x.errors, x.echoes, x.path_end, x.vehicle_ns, tick, now_ns)
+    return VehicleReading(speed_m_s, yaw_rate_rad_s, curvature_1_m, is_stale), link
 
 
 record_wire = _choosing(_record, _nothing)
@@ -322,5 +306,9 @@ play = _choosing(_play, _plays_nothing)
 """(wire, sample): returns what the buffer has for a sample, NaN for nothing [rad]."""
 record_played = _choosing(_record_played, _nothing)
 """(wire, sample, steer_rad): records what a plan lets act at a sample."""
-law_input = _choosing(_all_of_it, _newest_only)
-"""(wire, known, records, tick, now_ns, error_m, last_sent_rad): returns the law's input."""
+nothing_known = _choosing(_all_known, _nothing)
+"""(wire): returns the knowledge at the start."""
+wire_history = _choosing(_rings, _no_history)
+"""(wire): returns the history that laws read."""
+vehicle_and_link = _choosing(_vehicle_and_link, _unknown)
+"""(wire, known, tick, now_ns): returns the rest of the law's input."""

@@ -54,7 +54,7 @@ def plan_wire(
     ranges = limits(VehicleState)
     return Wire(
         MemoryParams(link_of(controller), age_limits_of(controller)),
-        _empty_rings(keeps_plans=controller.law_record.plan is not None),
+        empty_rings(keeps_plans=controller.law_record.plan is not None),
         *received,
         measured_heading_rad=np.empty(samples),
         measured_yaw_rate_rad_s=np.empty(samples),
@@ -120,7 +120,7 @@ def plant_network(plant: PlantSettings) -> PlantSettings:
     )
 
 
-def _empty_rings(*, keeps_plans: bool) -> Rings:
+def empty_rings(*, keeps_plans: bool) -> Rings:
     """Return the initial rings of ``LinkMemory``, as arrays."""
     arrays: dict[str, Any] = {name: np.zeros(RING_SIZE) for name in Rings._fields}
     arrays["plans"] = np.zeros((RING_SIZE if keeps_plans else 1, ROW_LENGTH))

@@ -4,17 +4,17 @@ import inspect
 import random
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from steer_by_wire.compiled.compilation import sources
 from steer_by_wire.compiled.engine import Outcome, run_batch
-from steer_by_wire.compiled.loop import run_only_segment
+from steer_by_wire.compiled.law_code import step_at
+from steer_by_wire.compiled.loop import run_segment
 from steer_by_wire.compiled.plan import NothingArrivesError, plan_run
 from steer_by_wire.compiled.steps import step_functions
-from steer_by_wire.controller.design import design_law
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.controller.shared_settings import FollowedPoint
 from steer_by_wire.dbc.messages import Mode
@@ -240,27 +240,22 @@ def test_compiled_code_is_forgotten_when_any_step_function_changes() -> None:
     assert files <= set(sources())
 
 
-@pytest.mark.parametrize("law", ["practical_pd", "practical_smith"])
-def test_a_run_counts_no_references(law: str) -> None:
+def test_a_run_counts_no_references() -> None:
     """One array that is not borrowed, counted at every step of the plant, doubles the time."""
-    controller = controller_preset(law)
-    run_batch(plant_settings((), 1.0), controller)
-    params = type(design_law(controller).params).__name__
-    made: Any = next(
-        overload
-        for signature, overload in run_only_segment.overloads.items()
-        if str(signature[0]).startswith(f"{params}(")
-    )
-    # numba shows the code of what this process has compiled, but not of what was on disk.
-    code = str(made.library._get_module_for_linking())
-    (body,) = (
-        function
-        for function in code.split("\ndefine ")
-        if f"@{made.fndesc.llvm_func_name}(" in function.split("{")[0]
-    )
-    assert "fmul double" in body
-    assert "NRT_incref" not in body
-    assert "NRT_decref" not in body
+    for law in ("practical_pd", "practical_smith"):
+        run_batch(plant_settings((), 1.0), controller_preset(law))
+    loops, laws = (list(function.overloads.values()) for function in (run_segment, step_at))
+    assert len(loops) == 2
+    for made in (*loops, *laws):
+        code = str(made.library._get_module_for_linking())
+        (body,) = (
+            function
+            for function in code.split("\ndefine ")
+            if f"@{made.fndesc.llvm_func_name}(" in function.split("{")[0]
+        )
+        assert "fmul double" in body
+        assert "NRT_incref" not in body
+        assert "NRT_decref" not in body
 
 
 @pytest.mark.parametrize("rig", ["noise", "actuator"])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from steer_by_wire.compiled.engine import Outcome, run_batch
-from steer_by_wire.compiled.own_law import LawNotCompiledError
+from steer_by_wire.compiled.law_code import LawNotCompiledError
 from steer_by_wire.compiled.steps import ForeignParamsError
 from steer_by_wire.controller import own_law, program
 from steer_by_wire.controller.design import design_law

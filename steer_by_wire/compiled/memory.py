@@ -1,0 +1,106 @@
+"""Records in memory whose address is known, and functions called by address.
+
+The loop is compiled without knowing the law: the law's params and state have the law's own types,
+but their addresses are plain numbers, and so are those of the law's functions.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import types
+from numba.core import cgutils, errors
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+KEPT_BYTES = 2048
+"""Size of the memory that ``at`` may be given."""
+
+
+Layout = np.dtype[Any]
+
+
+def layout_of(value: Any) -> Layout:
+    """Return how compiled code lays out nested tuples of numbers and None."""
+    if isinstance(value, tuple):
+        fields = [(f"f{place}", layout_of(each)) for place, each in enumerate(value)]
+        return np.dtype(fields, align=True)
+    return np.dtype(object) if value is None else np.asarray(value).dtype
+
+
+def unpacked(memory: NDArray[Any], like: Any) -> Any:
+    """Return what memory holds, in the types of another record of its kind."""
+    return _typed(memory.item(), like)
+
+
+def _typed(values: Any, like: Any) -> Any:
+    if not isinstance(like, tuple):
+        return values
+    fields = map(_typed, values, like)
+    return type(like)(*fields) if hasattr(like, "_fields") else tuple(fields)
+
+
+def _at(_typing: Any, address: Any, like: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointee = context.get_data_type(signature.return_type.dtype)
+        if context.get_abi_sizeof(pointee) > KEPT_BYTES:
+            raise errors.LoweringError(f"{like} takes more than {KEPT_BYTES} bytes")
+        return builder.inttoptr(arguments[0], pointee.as_pointer())
+
+    return types.CPointer(types.unliteral(like))(address, like), generate
+
+
+def _placed(_typing: Any, value: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = signature.return_type.dtype
+        place = cgutils.alloca_once(builder, context.get_data_type(kind))
+        context.pack_value(builder, kind, arguments[0], place)
+        return place
+
+    return types.CPointer(value)(value), generate
+
+
+def _read(_typing: Any, pointer: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return context.unpack_value(builder, signature.return_type, arguments[0])
+
+    return pointer.dtype(pointer), generate
+
+
+def _write(typing: Any, pointer: Any, value: Any) -> Any:
+    if typing.unify_types(pointer.dtype, value) != pointer.dtype:
+        raise errors.TypingError(f"{pointer.dtype} at first, but later {value}")
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = signature.args[0].dtype
+        value = context.cast(builder, arguments[1], signature.args[1], kind)
+        context.pack_value(builder, kind, value, arguments[0])
+        return context.get_dummy_value()
+
+    return types.void(pointer, value), generate
+
+
+def _called(_typing: Any, address: Any, like: Any, given: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        convention, result, kinds = context.call_conv, signature.return_type, tuple(given)
+        kind = convention.get_function_type(result, kinds)
+        function = builder.inttoptr(arguments[0], kind.as_pointer())
+        parts = cgutils.unpack_tuple(builder, arguments[2])
+        status, answer = convention.call_function(builder, function, result, kinds, parts)
+        with cgutils.if_unlikely(builder, status.is_error):
+            convention.return_status_propagate(builder, status)
+        return answer
+
+    return types.unliteral(like)(address, like, given), generate
+
+
+at: Any = intrinsic(_at)
+"""(address, like): for compiled code: returns a pointer to a record of the same type."""
+placed: Any = intrinsic(_placed)
+"""(value): returns a pointer to a copy, which lasts as long as the function runs."""
+read: Any = intrinsic(_read)
+"""(pointer): returns the record there."""
+write: Any = intrinsic(_write)
+"""(pointer, value): writes a record, of the type that the pointer is for."""
+called: Any = intrinsic(_called)
+"""(address, like, arguments): calls a compiled function that takes these arguments and returns
+something of the type of ``like``; passes its exceptions on."""
