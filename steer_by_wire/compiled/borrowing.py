@@ -16,12 +16,13 @@ def _uncounted(_typing: Any, kind: Any) -> Any:
     """Type the call and define its code; numba's ``carray`` takes longer to compile."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return _without_counts(context, builder, kind, arguments[0])
+        return without_counts(context, builder, kind, arguments[0])
 
     return kind(kind), generate
 
 
-def _without_counts(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+def without_counts(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """Return code for a value of a kind, with all arrays in it uncounted."""
     if isinstance(kind, types.Array):
         view = context.make_helper(builder, kind, value=value)
         view.meminfo = view.meminfo.type(None)
@@ -31,7 +32,7 @@ def _without_counts(context: Any, builder: Any, kind: Any, value: Any) -> Any:
         inner: Any = kind
         for place, each in enumerate(inner):
             part = builder.extract_value(value, place)
-            part = _without_counts(context, builder, each, part)
+            part = without_counts(context, builder, each, part)
             value = builder.insert_value(value, part, place)
     return value
 

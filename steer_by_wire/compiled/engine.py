@@ -28,7 +28,7 @@ from .deviation import cg_deviations_m
 from .law_code import CompiledLaw, LawCode, compiled_law
 from .loop import COMPLETE, LAW_FAILED, LEFT_RANGE, run_segment
 from .loop_records import Constants, Records, Schedule, Segment, empty_records
-from .memory import KEPT_BYTES, unpacked
+from .memory import memory_of, unpacked
 from .motion import compiled_motion
 from .network import FloatArray, IntArray
 from .plan import Plan, arrivals_of, plan_run
@@ -171,23 +171,18 @@ def run_batch(
             " of motion alone; leave it out, or run the nodes: steer-by-wire run"
         )
     law = compiled_law(controller, fastmath=fastmath)
+    design = law.design
     plan = plan_run(plant, controller) if plan is None else plan
     motion = compiled_motion(plant)
-    looks_back, plans = law.design.looks_back, law.design.plan is not None
-    wire = plan_wire(plant, controller, plan, motion) if looks_back else None
-    constants = _constants(plant, controller, plan)
-    schedule = Schedule(*(getattr(plan, name) for name in Schedule._fields))
+    wire = plan_wire(plant, controller, plan, motion) if design.looks_back else None
     records = empty_records(len(plan.sample_ns), len(plan.tick_ns))
-    world = (motion, constants, schedule, records, wire)
-    try:
-        samples, ticks, code = _run(_FASTMATH if fastmath else run_segment, law, world, plan, plant)
-    except Exception:
-        if controller.law_record.number is not LawNumber.CUSTOM:
-            raise
-        # As an output without numbers: the run ends at that tick.
-        samples, ticks = _filled(records.lateral_error_m), _filled(records.sent_rad)
-        code = LAW_FAILED
-    played_rad = wire.played_rad if wire is not None and plans else None
+    schedule = Schedule(*plan[:6])
+    world = (motion, _constants(plant, controller, plan), schedule, records, wire)
+    run = _FASTMATH if fastmath else run_segment
+    samples, ticks, code = _run(
+        run, law, world, plan, plant, is_own=controller.law_record.number is LawNumber.CUSTOM
+    )
+    played_rad = None if wire is None or design.plan is None else wire.played_rad
     return _collected(plan, motion, records, played_rad, samples, ticks, _OUTCOMES[code])
 
 
@@ -197,43 +192,43 @@ def _run(
     world: tuple[MotionParams, Constants, Schedule, Records, Wire | None],
     plan: Plan,
     plant: PlantSettings,
+    *,
+    is_own: bool,
 ) -> tuple[int, int, int]:
     """Run all segments of a plan; returns the samples taken, the ticks done, and how it ended."""
     motion, constants, _, records, _ = world
-    design = law.design
-    params = design.params
-    if design.params_at is not None:
-        params = design.params_at(speed_on_wire(motion.speed_m_s))
-    start = design.initial_state(0.0)
+    design, samples, ticks, outcome = law.design, 0, 0, COMPLETE
     # Named until the end, because the loop has their addresses alone.
-    memory = [
-        np.array(params, law.params),
-        np.array(start, law.state),
-        np.empty(KEPT_BYTES, np.uint8),
-    ]
-    code = LawCode(law.step, law.plan, *(each.ctypes.data for each in memory))
-    samples = ticks = 0
-    before, outcome = Mode.WAITING, COMPLETE
-    # Before the first command a vehicle stands on its path, and the sensor reads noise alone.
-    waits = () if plant.start_on_first_command else (Segment(int(Mode.WAITING), 0, 0, False),)
-    is_start = True
-    for segment in (*waits, *plan.segments):
-        if outcome != COMPLETE or (not is_start and not len(plan.tick_ns)):
-            break
+    speed_m_s = 0.0 if design.params_at is None else speed_on_wire(motion.speed_m_s)
+    params, memory = law.params_at(speed_m_s), memory_of(law.memory)
+    state, kept_at = memory.array["state"], memory.address + law.memory.fields["kept"][1]
+    code = LawCode(law.step, law.plan, params.address, memory.address, kept_at)
+    segments = plan.segments if len(plan.tick_ns) else ()
+    before, is_start = Mode.WAITING, True
+    if not plant.start_on_first_command:
+        segments = (Segment(int(Mode.WAITING), 0, 0, False), *segments)
+    for segment in segments:
         if segment.mode == Mode.ACTIVE:
             sample = plan.tick_sample[segment.first_tick]
-            error_m = float(
-                on_wire(plan.noise_m[sample], constants.lateral_error_resolution_m)
-                if is_start
-                else records.measured_m[sample]
-            )
-            if before is Mode.HOLDING and design.recovered_state is not None:
-                state = design.recovered_state(unpacked(memory[1], start), error_m)
+            if is_start:  # A vehicle that stands on its path; the sensor reads noise alone.
+                error_m = on_wire(plan.noise_m[sample], constants.lateral_error_resolution_m)
             else:
-                state = design.initial_state(error_m)
-            memory[1][...] = state
+                error_m = float(records.measured_m[sample])
+            if before is Mode.HOLDING and design.recovered_state is not None:
+                before_m = unpacked(state.item(), law.start)
+                state[...] = design.recovered_state(before_m, error_m)
+            else:
+                state[...] = design.initial_state(error_m)
         before = Mode(segment.mode)
-        samples, ticks, outcome = run(code, *world, segment, is_start, plan.end_ns)
+        try:
+            samples, ticks, outcome = run(code, *world, segment, is_start, plan.end_ns)
+        except Exception:
+            if not is_own:
+                raise
+            # As an output without numbers: the run ends at that tick.
+            return _filled(records.lateral_error_m), _filled(records.sent_rad), LAW_FAILED
+        if outcome != COMPLETE:
+            break
         is_start = False
     return samples, ticks, outcome
 

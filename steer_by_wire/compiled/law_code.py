@@ -1,20 +1,24 @@
 """A law as the loop calls it: by address, so that the loop is compiled once for all laws."""
 
-from functools import lru_cache
+from collections.abc import Callable
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numba
+import numpy as np
 from numba.core.errors import NumbaError
 
 from ..controller.design import LawDesign, design_law
-from ..controller.law_interface import NO_HISTORY, LawInput, LawOutput, Link, VehicleReading
+from ..controller.law_interface import NO_HISTORY, LawInput, LawOutput
+from ..controller.law_record import LawStep
 from ..controller.link_memory import history_of
 from ..controller.settings import ControllerSettings
 from ..dbc.messages import Law as LawNumber
 from ..runtime.settings import SettingsError
 from .compilation import compiled_anew, compiled_fastmath, compiled_inside
-from .memory import Layout, layout_of, read, write
+from .memory import KEPT_BYTES, Memory, layout_of, memory_of, read, write
 from .steps import law_plan, law_step, register_law, register_steps
+from .wire import NOW_UNKNOWN
 from .wire_plan import empty_rings
 
 NO_OUTPUT = LawOutput(0.0, 0.0, 0.0, 0.0)
@@ -22,6 +26,10 @@ NO_OUTPUT = LawOutput(0.0, 0.0, 0.0, 0.0)
 _FAILED = "Failed in nopython mode pipeline"
 _LAWS_KEPT = 256
 """Laws cached for the next run with the same controller; designing one costs a tenth of a run."""
+
+
+_SPEEDS_KEPT = 32
+"""Params of a law kept at the speeds of the newest runs."""
 
 
 class LawNotCompiledError(SettingsError):
@@ -44,13 +52,20 @@ class LawCode(NamedTuple):
 
 
 class CompiledLaw(NamedTuple):
-    """A law, the addresses of its functions, and how its params and state lie in memory."""
+    """A law, and what the loop needs of it.
+
+    ``step``, ``plan``  as in ``LawCode``
+    ``params_at``       memory with the params at a speed [m/s]
+    ``start``           some state of the law
+    ``memory``          layout of ``state`` and of what the loop keeps, ``kept``
+    """
 
     design: LawDesign
     step: int
     plan: int
-    params: Layout
-    state: Layout
+    params_at: Callable[[float], Memory]
+    start: Any
+    memory: np.dtype[Any]
 
 
 @compiled_inside
@@ -58,12 +73,12 @@ def step_at(
     params: Any,
     state: Any,
     history: Any,
+    now: Any,
     error_m: float,
     sent_rad: float,
-    vehicle: VehicleReading,
-    link: Link,
 ) -> LawOutput:
     """Advance the law whose params and state the pointers are for."""
+    vehicle, link = read(now)
     seen = LawInput(error_m, sent_rad, vehicle, link, read(history))
     after, output = law_step(read(params), read(state), seen)
     write(state, after)
@@ -75,61 +90,75 @@ def plan_at(
     params: Any,
     state: Any,
     history: Any,
+    now: Any,
     error_m: float,
     sent_rad: float,
-    vehicle: VehicleReading,
-    link: Link,
 ) -> int:
+    """Let the law write its plan."""
+    vehicle, link = read(now)
     seen = LawInput(error_m, sent_rad, vehicle, link, read(history))
     return law_plan(read(params), read(state), seen)
 
 
-_FASTMATH = {function: compiled_fastmath(function) for function in (step_at, plan_at)}
-
-
 @lru_cache(maxsize=_LAWS_KEPT)
 def compiled_law(controller: ControllerSettings, *, fastmath: bool) -> CompiledLaw:
-    """Return the law of the settings, compiled.
+    """Return the law of the settings, compiled. Raises LawNotCompiledError.
 
     A law of another package is compiled anew in every process, because it is unknown what its file
-    depends on. Raises LawNotCompiledError.
+    depends on.
     """
     register_steps()
     design, record = design_law(controller), controller.law_record
     register_law(controller.law, record, design.params)
-    state = design.initial_state(0.0)
+    start = design.initial_state(0.0)
+    own = record.step if record.number is LawNumber.CUSTOM else None
+    try:
+        params, state = layout_of(design.params), layout_of(start)
+        kinds = _argument_kinds(design, start)
+        step = _address(_variant(step_at, own, fastmath), kinds, NO_OUTPUT)
+        plan = _address(_variant(plan_at, own, fastmath), kinds, -1) if design.plan else 0
+    except NumbaError as error:
+        raise LawNotCompiledError(
+            f"law = {controller.law!r}: numba cannot compile it: {_cause(error)}; the nodes run it"
+            " as it is: steer-by-wire run"
+        ) from error
+
+    @lru_cache(maxsize=_SPEEDS_KEPT)
+    def params_at(speed_m_s: float) -> Memory:
+        memory = memory_of(params)
+        at = design.params_at
+        memory.array[...] = design.params if at is None else at(speed_m_s)
+        return memory
+
+    memory = np.dtype([("state", state), ("kept", f"V{KEPT_BYTES}")], align=True)
+    return CompiledLaw(design, step, plan, params_at, start, memory)
+
+
+def _argument_kinds(design: LawDesign, start: Any) -> tuple[Any, ...]:
+    """Return numba's types of what ``step_at`` takes."""
     history = history_of(empty_rings(keeps_plans=False)) if design.looks_back else NO_HISTORY
-    pointers = [
-        numba.types.CPointer(numba.typeof(each)) for each in (design.params, state, history)
-    ]
-    numbers = map(
-        numba.typeof, (0.0, 0.0, VehicleReading(0.0, 0.0, 0.0, False), Link(0, 0, 0, 0.0, False, 0))
-    )
-    arguments = (*pointers, *numbers)
+    there = (design.params, start, history, NOW_UNKNOWN)
+    pointers = [numba.types.CPointer(numba.typeof(each)) for each in there]
+    return (*pointers, numba.types.float64, numba.types.float64)
 
-    def address(function: Any, result: Any) -> int:
-        if fastmath:
-            function = _FASTMATH[function]
-        if record.number is LawNumber.CUSTOM:
-            function = compiled_anew(function)
-        try:
-            function.compile(numba.typeof(result)(*arguments))
-        except NumbaError as error:
-            raise LawNotCompiledError(
-                f"law = {controller.law!r}: numba cannot compile it: {_cause(error)}; the nodes run"
-                " it as it is: steer-by-wire run"
-            ) from error
-        made = function.overloads[arguments]
-        found: int = made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
-        return found
 
-    return CompiledLaw(
-        design,
-        address(step_at, NO_OUTPUT),
-        address(plan_at, 0) if design.plan is not None else 0,
-        layout_of(design.params),
-        layout_of(state),
-    )
+@cache
+def _variant(function: Any, own: LawStep | None, fastmath: bool) -> Any:
+    """Return ``step_at`` or ``plan_at`` for a kind of arithmetic, and for a law of another package.
+
+    Kept for the whole process, because the loop has the addresses alone.
+    """
+    if fastmath:
+        function = compiled_fastmath(function)
+    return function if own is None else compiled_anew(function)
+
+
+def _address(function: Any, kinds: tuple[Any, ...], like: Any) -> int:
+    """Compile a function that takes these types and returns that of ``like``; its address."""
+    function.compile(numba.typeof(like)(*kinds))
+    made = function.overloads[kinds]
+    address: int = made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
+    return address
 
 
 def _cause(error: NumbaError) -> str:

@@ -33,7 +33,9 @@ from .law_code import NO_OUTPUT, LawCode
 from .loop_records import Constants, Kept, Progress, Records, Schedule, Segment
 from .memory import at, called, placed, read, write
 from .wire import (
+    NOW_UNKNOWN,
     carries_plan,
+    note_now,
     nothing_known,
     on_wire,
     play,
@@ -41,7 +43,6 @@ from .wire import (
     record_wire,
     take_arrivals,
     take_command,
-    vehicle_and_link,
     wire_history,
     write_plan,
 )
@@ -80,7 +81,8 @@ def _plant_until(
             return x, COMPLETE
         arrives = command_ns <= sample_ns and command_ns <= guard_ns
         plays = plan >= 0 and not arrives and sample_ns < guard_ns and played != sample
-        if arrives or plays:
+        # The test for a wire is decided when compiling, and removes the branch where there is none.
+        if arrives or (wire is not None and plays):
             if arrives:
                 at_ns, by, has_come = command_ns, command, True
                 command += 1
@@ -176,7 +178,7 @@ def _run_ticks(
 ) -> tuple[Kept, int, int]:
     mode, first_tick, last_tick, is_recovery = segment
     x, sent_rad, fade_rad, known = kept
-    history = placed(wire_history(wire))
+    history, now_known = placed(wire_history(wire)), placed(NOW_UNKNOWN)
     for tick in range(first_tick, last_tick + 1):
         now = np.uintp(tick)
         to_ns = s.tick_ns[now] if tick < len(s.tick_ns) else end_ns
@@ -187,8 +189,8 @@ def _run_ticks(
         wanted_rad, before_rad, acting = sent_rad, sent_rad, -1
         if mode == _ACTIVE:
             error_m = r.measured_m[np.uintp(s.tick_sample[now])]
-            vehicle, link = vehicle_and_link(wire, known, tick, to_ns)
-            seen = (law.params, law.state, history, error_m, sent_rad, vehicle, link)
+            note_now(wire, now_known, known, tick, to_ns)
+            seen = (law.params, law.state, history, now_known, error_m, sent_rad)
             output = called(law.step, NO_OUTPUT, seen)
             asked_rad = (c.share if to_ns >= c.share_from_ns else 1.0) * output.steer_rad
             if not math.isfinite(asked_rad):

@@ -4,7 +4,7 @@ The loop is compiled without knowing the law: the law's params and state have th
 but their addresses are plain numbers, and so are those of the law's functions.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
@@ -12,30 +12,40 @@ from numba.core import cgutils, errors
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from .borrowing import without_counts
+
 KEPT_BYTES = 2048
 """Size of the memory that ``at`` may be given."""
 
 
-Layout = np.dtype[Any]
+class Memory(NamedTuple):
+    """Memory and its address, which is valid as long as the memory is named."""
+
+    array: NDArray[Any]
+    address: int
 
 
-def layout_of(value: Any) -> Layout:
-    """Return how compiled code lays out nested tuples of numbers and None."""
+def layout_of(value: Any) -> np.dtype[Any]:
+    """Return how compiled code lays out nested tuples of numbers. Raises TypingError."""
     if isinstance(value, tuple):
         fields = [(f"f{place}", layout_of(each)) for place, each in enumerate(value)]
         return np.dtype(fields, align=True)
-    return np.dtype(object) if value is None else np.asarray(value).dtype
+    if not isinstance(value, int | float | np.generic):
+        raise errors.TypingError(f"{value!r} among its params or in its state is not a number")
+    return np.asarray(value).dtype
 
 
-def unpacked(memory: NDArray[Any], like: Any) -> Any:
-    """Return what memory holds, in the types of another record of its kind."""
-    return _typed(memory.item(), like)
+def memory_of(layout: np.dtype[Any]) -> Memory:
+    """Return memory with room for what has this layout."""
+    array = np.empty((), layout)
+    return Memory(array, array.ctypes.data)
 
 
-def _typed(values: Any, like: Any) -> Any:
+def unpacked(values: Any, like: Any) -> Any:
+    """Return nested tuples in the types of another record of their kind."""
     if not isinstance(like, tuple):
         return values
-    fields = map(_typed, values, like)
+    fields = map(unpacked, values, like)
     return type(like)(*fields) if hasattr(like, "_fields") else tuple(fields)
 
 
@@ -61,19 +71,22 @@ def _placed(_typing: Any, value: Any) -> Any:
 
 def _read(_typing: Any, pointer: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return context.unpack_value(builder, signature.return_type, arguments[0])
+        kind = signature.return_type
+        value = context.unpack_value(builder, kind, arguments[0])
+        return without_counts(context, builder, kind, value)
 
     return pointer.dtype(pointer), generate
 
 
 def _write(typing: Any, pointer: Any, value: Any) -> Any:
-    if typing.unify_types(pointer.dtype, value) != pointer.dtype:
-        raise errors.TypingError(f"{pointer.dtype} at first, but later {value}")
+    is_same = typing.unify_types(pointer.dtype, value) == pointer.dtype
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        if not is_same:
+            raise errors.LoweringError(f"{pointer.dtype} at first, but later {value}")
         kind = signature.args[0].dtype
-        value = context.cast(builder, arguments[1], signature.args[1], kind)
-        context.pack_value(builder, kind, value, arguments[0])
+        stored = context.cast(builder, arguments[1], signature.args[1], kind)
+        context.pack_value(builder, kind, stored, arguments[0])
         return context.get_dummy_value()
 
     return types.void(pointer, value), generate
@@ -98,7 +111,7 @@ at: Any = intrinsic(_at)
 placed: Any = intrinsic(_placed)
 """(value): returns a pointer to a copy, which lasts as long as the function runs."""
 read: Any = intrinsic(_read)
-"""(pointer): returns the record there."""
+"""(pointer): returns the record there, its arrays borrowed."""
 write: Any = intrinsic(_write)
 """(pointer, value): writes a record, of the type that the pointer is for."""
 called: Any = intrinsic(_called)

@@ -57,9 +57,9 @@ class Plan(NamedTuple):
     tick_sample: IntArray
     command_due_ns: IntArray
     command_tick: IntArray
-    command_latency_ns: IntArray
     sample_ns: IntArray
     noise_m: FloatArray
+    command_latency_ns: IntArray
     motion_ns: IntArray
     time_s: FloatArray
     tick_s: FloatArray
@@ -107,9 +107,9 @@ def plan_run(plant: PlantSettings, controller: ControllerSettings) -> Plan:
         tick_sample=arrivals.sample[in_use],
         command_due_ns=down.due_ns[through],
         command_tick=down.frame[through],
-        command_latency_ns=down.latency_ns[through],
         sample_ns=sample_ns,
         noise_m=_noise(plant, samples),
+        command_latency_ns=down.latency_ns[through],
         motion_ns=motion_ns,
         time_s=np.multiply(motion_ns[is_moving], 1e-9),
         tick_s=np.multiply(tick_ns, 1e-9),

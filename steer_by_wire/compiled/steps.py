@@ -75,6 +75,8 @@ _AROUND: dict[type, Callable[..., Any]] = {
 """Steps that wrap a law's step, which is their argument; by the type of their params."""
 _COMPILED_BY_NUMBA = frozenset(("numba", "numpy", *sys.stdlib_module_names))
 
+_INLINE = {"forceinline": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+"""The entries for callers in C and in Python are not needed and take long to compile."""
 _laws: dict[type, Law] = {}
 """Registered laws, by the type of their params."""
 
@@ -107,8 +109,7 @@ def register(function: Callable[..., Any]) -> None:
 
 @cache
 def _register(function: Callable[..., Any]) -> None:
-    # The entries for callers in C and in Python are not needed and take long to compile.
-    register_jitable(forceinline=True, no_cfunc_wrapper=True, no_cpython_wrapper=True)(function)
+    register_jitable(**_INLINE)(function)
 
 
 def register_law(name: str, law: Law, params: Any) -> None:
@@ -136,7 +137,7 @@ def law_step(params: Any, state: Any, seen: LawInput) -> Any:
     return _laws[type(params)].step(params, state, seen)
 
 
-@overload(law_step)
+@overload(law_step, jit_options=_INLINE)
 def _law_step_of_type(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG001
     """Choose the step by type, at compile time."""
     kind = params.instance_class
@@ -167,7 +168,7 @@ def law_plan(params: Any, state: Any, seen: LawInput) -> int:
     return -1 if plan is None else plan(params, state, seen)
 
 
-@overload(law_plan)
+@overload(law_plan, jit_options=_INLINE)
 def _law_plan_of_type(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG001
     """Choose the plan by type, at compile time."""
     kind = params.instance_class

@@ -42,6 +42,7 @@ from ..plant_emulator.propagation import LinearState
 from ..plant_emulator.steering_guard import GuardState
 from ..plant_emulator.steering_unit import status_of
 from .compilation import compiled_inline, compiled_inside
+from .memory import write
 
 
 class Uplink(IntEnum):
@@ -114,6 +115,14 @@ class Known(NamedTuple):
     path_end: int
 
 
+class Now(NamedTuple):
+    """What the controller knows at a tick, besides errors and commands."""
+
+    vehicle: VehicleReading
+    link: Link
+
+
+NOW_UNKNOWN = Now(VehicleReading(0.0, 0.0, 0.0, False), Link(0, -1, -1, 0.0, False, -1))
 NOTHING_KNOWN = Known(0, NO_ERRORS, NO_ECHOES, NO_COMMANDS, -1, -1, -1)
 
 
@@ -276,11 +285,7 @@ def _no_history(_wire: None) -> History:
     return NO_HISTORY
 
 
-def _unknown(_wire: None, _known: None, tick: int, _now_ns: int) -> tuple[VehicleReading, Link]:
-    return VehicleReading(0.0, 0.0, 0.0, False), Link(tick, -1, -1, 0.0, False, -1)
-
-
-def _vehicle_and_link(w: Wire, x: Known, tick: int, now_ns: int) -> tuple[VehicleReading, Link]:
+def _note_now(w: Wire, now: Any, x: Known, tick: int, now_ns: int) -> None:
     speed_m_s = yaw_rate_rad_s = curvature_1_m = 0.0
     is_stale = False
     if x.vehicle_sample >= 0:
@@ -289,7 +294,7 @@ def _vehicle_and_link(w: Wire, x: Known, tick: int, now_ns: int) -> tuple[Vehicl
         curvature_1_m = w.measured_curvature_1_m[x.vehicle_sample]
         is_stale = now_ns - x.vehicle_ns > w.params.limits.vehicle_state_ns
     link = link_at(w.params, x.errors, x.echoes, x.path_end, x.vehicle_ns, tick, now_ns)
-    return VehicleReading(speed_m_s, yaw_rate_rad_s, curvature_1_m, is_stale), link
+    write(now, Now(VehicleReading(speed_m_s, yaw_rate_rad_s, curvature_1_m, is_stale), link))
 
 
 record_wire = _choosing(_record, _nothing)
@@ -310,5 +315,5 @@ nothing_known = _choosing(_all_known, _nothing)
 """(wire): returns the knowledge at the start."""
 wire_history = _choosing(_rings, _no_history)
 """(wire): returns the history that laws read."""
-vehicle_and_link = _choosing(_vehicle_and_link, _unknown)
-"""(wire, known, tick, now_ns): returns the rest of the law's input."""
+note_now = _choosing(_note_now, _nothing)
+"""(wire, now, known, tick, now_ns): writes what is known at a tick."""

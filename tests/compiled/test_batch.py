@@ -253,7 +253,7 @@ def test_a_run_counts_no_references() -> None:
             for function in code.split("\ndefine ")
             if f"@{made.fndesc.llvm_func_name}(" in function.split("{")[0]
         )
-        assert "fmul double" in body
+        assert " double " in body
         assert "NRT_incref" not in body
         assert "NRT_decref" not in body
 
