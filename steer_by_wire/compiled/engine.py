@@ -28,7 +28,7 @@ from .deviation import cg_deviations_m
 from .law_code import CompiledLaw, LawCode, compiled_law
 from .loop import COMPLETE, LAW_FAILED, LEFT_RANGE, run_segment
 from .loop_records import Constants, Records, Schedule, Segment, empty_records
-from .memory import memory_of, unpacked
+from .memory import KEPT_BYTES, memory_of, unpacked
 from .motion import compiled_motion
 from .network import FloatArray, IntArray
 from .plan import Plan, arrivals_of, plan_run
@@ -201,8 +201,8 @@ def _run(
     # Named until the end, because the loop has their addresses alone.
     speed_m_s = 0.0 if design.params_at is None else speed_on_wire(motion.speed_m_s)
     params, memory = law.params_at(speed_m_s), memory_of(law.memory)
-    state, kept_at = memory.array["state"], memory.address + law.memory.fields["kept"][1]
-    code = LawCode(law.step, law.plan, params.address, memory.address, kept_at)
+    state, state_at = memory.array["state"], memory.address + KEPT_BYTES
+    code = LawCode(law.step, law.plan, params.address, state_at, memory.address)
     segments = plan.segments if len(plan.tick_ns) else ()
     before, is_start = Mode.WAITING, True
     if not plant.start_on_first_command:

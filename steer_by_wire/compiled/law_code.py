@@ -21,6 +21,9 @@ from .steps import law_plan, law_step, register_law, register_steps
 from .wire import NOW_UNKNOWN
 from .wire_plan import empty_rings
 
+_numba: Any = numba
+"""Untyped, as numba has no types for some of it."""
+
 NO_OUTPUT = LawOutput(0.0, 0.0, 0.0, 0.0)
 
 _FAILED = "Failed in nopython mode pipeline"
@@ -57,7 +60,7 @@ class CompiledLaw(NamedTuple):
     ``step``, ``plan``  as in ``LawCode``
     ``params_at``       memory with the params at a speed [m/s]
     ``start``           some state of the law
-    ``memory``          layout of ``state`` and of what the loop keeps, ``kept``
+    ``memory``          layout of ``kept``, what the loop keeps, and ``state`` behind it
     """
 
     design: LawDesign
@@ -76,7 +79,7 @@ def step_at(
     now: Any,
     error_m: float,
     sent_rad: float,
-) -> LawOutput:
+) -> Any:
     """Advance the law whose params and state the pointers are for."""
     vehicle, link = read(now)
     seen = LawInput(error_m, sent_rad, vehicle, link, read(history))
@@ -130,7 +133,7 @@ def compiled_law(controller: ControllerSettings, *, fastmath: bool) -> CompiledL
         memory.array[...] = design.params if at is None else at(speed_m_s)
         return memory
 
-    memory = np.dtype([("state", state), ("kept", f"V{KEPT_BYTES}")], align=True)
+    memory = np.dtype([("kept", f"V{KEPT_BYTES}"), ("state", state)], align=True)
     return CompiledLaw(design, step, plan, params_at, start, memory)
 
 
@@ -138,8 +141,8 @@ def _argument_kinds(design: LawDesign, start: Any) -> tuple[Any, ...]:
     """Return numba's types of what ``step_at`` takes."""
     history = history_of(empty_rings(keeps_plans=False)) if design.looks_back else NO_HISTORY
     there = (design.params, start, history, NOW_UNKNOWN)
-    pointers = [numba.types.CPointer(numba.typeof(each)) for each in there]
-    return (*pointers, numba.types.float64, numba.types.float64)
+    pointers = [_numba.types.CPointer(_numba.typeof(each)) for each in there]
+    return (*pointers, _numba.types.float64, _numba.types.float64)
 
 
 @cache
@@ -155,7 +158,7 @@ def _variant(function: Any, own: LawStep | None, fastmath: bool) -> Any:
 
 def _address(function: Any, kinds: tuple[Any, ...], like: Any) -> int:
     """Compile a function that takes these types and returns that of ``like``; its address."""
-    function.compile(numba.typeof(like)(*kinds))
+    function.compile(_numba.typeof(like)(*kinds))
     made = function.overloads[kinds]
     address: int = made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
     return address

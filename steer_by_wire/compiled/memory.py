@@ -6,13 +6,17 @@ but their addresses are plain numbers, and so are those of the law's functions.
 
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
-from numba import types
 from numba.core import cgutils, errors
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from .borrowing import without_counts
+
+_types: Any = numba.types
+_cgutils: Any = cgutils
+"""Untyped, as numba has no types for them."""
 
 KEPT_BYTES = 2048
 """Size of the memory that ``at`` may be given."""
@@ -56,17 +60,17 @@ def _at(_typing: Any, address: Any, like: Any) -> Any:
             raise errors.LoweringError(f"{like} takes more than {KEPT_BYTES} bytes")
         return builder.inttoptr(arguments[0], pointee.as_pointer())
 
-    return types.CPointer(types.unliteral(like))(address, like), generate
+    return _types.CPointer(_types.unliteral(like))(address, like), generate
 
 
 def _placed(_typing: Any, value: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kind = signature.return_type.dtype
-        place = cgutils.alloca_once(builder, context.get_data_type(kind))
+        place = _cgutils.alloca_once(builder, context.get_data_type(kind))
         context.pack_value(builder, kind, arguments[0], place)
         return place
 
-    return types.CPointer(value)(value), generate
+    return _types.CPointer(value)(value), generate
 
 
 def _read(_typing: Any, pointer: Any) -> Any:
@@ -89,7 +93,7 @@ def _write(typing: Any, pointer: Any, value: Any) -> Any:
         context.pack_value(builder, kind, stored, arguments[0])
         return context.get_dummy_value()
 
-    return types.void(pointer, value), generate
+    return _types.void(pointer, value), generate
 
 
 def _called(_typing: Any, address: Any, like: Any, given: Any) -> Any:
@@ -97,13 +101,13 @@ def _called(_typing: Any, address: Any, like: Any, given: Any) -> Any:
         convention, result, kinds = context.call_conv, signature.return_type, tuple(given)
         kind = convention.get_function_type(result, kinds)
         function = builder.inttoptr(arguments[0], kind.as_pointer())
-        parts = cgutils.unpack_tuple(builder, arguments[2])
+        parts = _cgutils.unpack_tuple(builder, arguments[2])
         status, answer = convention.call_function(builder, function, result, kinds, parts)
-        with cgutils.if_unlikely(builder, status.is_error):
+        with _cgutils.if_unlikely(builder, status.is_error):
             convention.return_status_propagate(builder, status)
         return answer
 
-    return types.unliteral(like)(address, like, given), generate
+    return _types.unliteral(like)(address, like, given), generate
 
 
 at: Any = intrinsic(_at)

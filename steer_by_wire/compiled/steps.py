@@ -75,7 +75,7 @@ _AROUND: dict[type, Callable[..., Any]] = {
 """Steps that wrap a law's step, which is their argument; by the type of their params."""
 _COMPILED_BY_NUMBA = frozenset(("numba", "numpy", *sys.stdlib_module_names))
 
-_INLINE = {"forceinline": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+_INLINE: Any = {"forceinline": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
 """The entries for callers in C and in Python are not needed and take long to compile."""
 _laws: dict[type, Law] = {}
 """Registered laws, by the type of their params."""
