@@ -82,14 +82,15 @@ class DelayEstimationParams(NamedTuple):
     confidence_min: float
 
 
-class Seen(NamedTuple):
-    """The controller's data at a tick; the command is the one in effect up to now."""
+Seen = tuple[float, float, float, VehicleReading, float]
+"""The controller's data at a tick.
 
-    steer_rad: float
-    lateral_error_m: float
-    error_age_s: float
-    vehicle: VehicleReading
-    vehicle_age_s: float
+    steer_rad        the command in effect up to now
+    lateral_error_m  the newest measurement
+    error_age_s      its age
+    vehicle          the newest reading of the vehicle
+    vehicle_age_s    its age
+"""
 
 
 class Estimate(NamedTuple):
@@ -153,9 +154,10 @@ class DelayEstimator:
         """Process control periods up to the point where a new estimate may be due."""
         begin = 0
         for index, (_, _, _, vehicle, _) in enumerate(block):
-            change_m_s = abs(vehicle.speed_m_s - self._speed_m_s)
-            is_other = change_m_s > _SPEED_CHANGE * self._speed_m_s
-            if is_other and vehicle.speed_m_s >= _SPEED_M_S_MIN:
+            speed_m_s = vehicle.speed_m_s
+            if speed_m_s == self._speed_m_s or speed_m_s < _SPEED_M_S_MIN:
+                continue
+            if abs(speed_m_s - self._speed_m_s) > _SPEED_CHANGE * self._speed_m_s:
                 self._filter(block[begin:index])
                 self._design(block[index])
                 begin = index
@@ -166,18 +168,17 @@ class DelayEstimator:
     def _design(self, seen: Seen) -> None:
         """Design the filters for the present speed; the first ones start at rest."""
         p = self._params
-        speed_m_s = seen.vehicle.speed_m_s
+        _, lateral_error_m, _, (speed_m_s, yaw_rate_rad_s, _, _), _ = seen
         filters = design_filters(p.vehicle._replace(speed_m_s=speed_m_s), p.period_s)
         if filters is not None and self._filters is None:
             self._x_yaw: Sequence[SectionState] = cascade_3_at_rest(filters.command_to_yaw, 0.0)[0]
-            yaw_rate_rad_s = seen.vehicle.yaw_rate_rad_s
             self._z_yaw: Sequence[SectionState] = cascade_2_at_rest(filters.yaw, yaw_rate_rad_s)[0]
             self._x_error: Sequence[SectionState] = cascade_3_at_rest(
                 filters.command_to_error, 0.0
             )[0]
             at_rest: Sequence[SectionState] = (section_at_rest(filters.error, 0.0)[0],)
             self._z_error = self._z_curvature = self._z_low = at_rest
-            self._offset_m = seen.lateral_error_m
+            self._offset_m = lateral_error_m
         else:
             self._unsettled_until = self._ticks + round(_SETTLING_S / p.period_s)
         self._filters, self._speed_m_s = filters, speed_m_s
@@ -187,16 +188,7 @@ class DelayEstimator:
         f = self._filters
         if f is None or not block:
             return
-        commands_rad, errors_m, yaw_rates_rad_s, curvatures_1_m, freshness = [], [], [], [], []
-        for seen in block:
-            steer_rad, error_m, _, (_, yaw_rate_rad_s, curvature_1_m, _), _ = seen
-            freshness.append(_is_fresh(seen))
-            commands_rad.append(steer_rad)
-            yaw_rates_rad_s.append(yaw_rate_rad_s)
-            curvatures_1_m.append(curvature_1_m)
-            errors_m.append(self._as_old_as_the_curvature(error_m - self._offset_m))
-            if freshness[-1]:
-                self._note_ages(seen)
+        commands_rad, errors_m, yaw_rates_rad_s, curvatures_1_m, freshness = self._aligned(block)
         self._x_error, x_a = sections_run(f.command_to_error, self._x_error, commands_rad)
         self._z_error, swings_m = sections_run((f.error,), self._z_error, errors_m)
         self._z_curvature, drifts_m = sections_run(
@@ -215,21 +207,43 @@ class DelayEstimator:
             self._by_correlation.push(x_b[index], z_b[index], counts=counts)
         self._ticks += len(block)
 
-    def _note_ages(self, seen: Seen) -> None:
-        """Record the ages of fresh measurements."""
-        self._weight = self._keep * self._weight + 1.0
-        self._age_s += (seen.vehicle_age_s - self._age_s) / self._weight
-        self._error_age_s += (seen.error_age_s - self._error_age_s) / self._weight
+    def _aligned(
+        self, block: Sequence[Seen]
+    ) -> tuple[list[float], list[float], list[float], list[float], list[bool]]:
+        """Return commands, lateral errors, yaw rates, curvatures, and whether they are fresh.
 
-    def _as_old_as_the_curvature(self, error_m: float) -> float:
-        """Return the lateral error at the time of the curvature, up to two periods ago [m]."""
-        periods = (self._age_s - self._error_age_s) / self._params.period_s
+        The lateral errors are those at the time of the curvature, up to two periods ago.
+        """
+        commands_rad, errors_m, yaw_rates_rad_s, curvatures_1_m = [], [], [], []
+        freshness = []
+        period_s, keep, offset_m = self._params.period_s, self._keep, self._offset_m
+        weight, mean_age_s, mean_error_age_s = self._weight, self._age_s, self._error_age_s
         before_m, before_that_m = self._error_before_m, self._error_before_that_m
-        self._error_before_m, self._error_before_that_m = error_m, before_m
-        periods = min(max(periods, 0.0), 2.0)
-        if periods <= 1.0:
-            return error_m + periods * (before_m - error_m)
-        return before_m + (periods - 1.0) * (before_that_m - before_m)
+        for seen in block:
+            steer_rad, error_m, error_age_s, vehicle, vehicle_age_s = seen
+            _, yaw_rate_rad_s, curvature_1_m, _ = vehicle
+            commands_rad.append(steer_rad)
+            yaw_rates_rad_s.append(yaw_rate_rad_s)
+            curvatures_1_m.append(curvature_1_m)
+            error_m -= offset_m
+            periods = (mean_age_s - mean_error_age_s) / period_s
+            if periods <= 0.0:
+                errors_m.append(error_m)
+            elif periods <= 1.0:
+                errors_m.append(error_m + periods * (before_m - error_m))
+            else:
+                part = periods - 1.0 if periods < 2.0 else 1.0
+                errors_m.append(before_m + part * (before_that_m - before_m))
+            before_m, before_that_m = error_m, before_m
+            is_fresh = _is_fresh(seen)
+            freshness.append(is_fresh)
+            if is_fresh:
+                weight = keep * weight + 1.0
+                mean_age_s += (vehicle_age_s - mean_age_s) / weight
+                mean_error_age_s += (error_age_s - mean_error_age_s) / weight
+        self._weight, self._age_s, self._error_age_s = weight, mean_age_s, mean_error_age_s
+        self._error_before_m, self._error_before_that_m = before_m, before_that_m
+        return commands_rad, errors_m, yaw_rates_rad_s, curvatures_1_m, freshness
 
     def _estimate(self, f: DelayFilters, is_fresh: bool) -> None:
         p = self._params

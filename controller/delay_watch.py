@@ -19,8 +19,7 @@ from typing import Any
 
 from ..dbc.messages import DelayStatus, EchoState, EstimateState, limits
 from ..runtime.node import NS_PER_S
-from ..runtime.record import new_record
-from .delay_estimation import DelayEstimationParams, DelayEstimator, Seen
+from .delay_estimation import DelayEstimationParams, DelayEstimator
 from .delay_settings import delay_estimation_of
 from .received import Received
 from .settings import ControllerSettings, age_limits_of
@@ -80,15 +79,12 @@ class DelayWatch:
             return
         skipped = 0 if self._period is None else period - self._period - 1
         self._period = period
-        seen = new_record(
-            Seen,
-            (
-                sent_steer_rad,
-                received.lateral_error_m,
-                (now_ns - error_ns) / NS_PER_S,
-                received.vehicle,
-                (now_ns - vehicle_ns) / NS_PER_S,
-            ),
+        seen = (
+            sent_steer_rad,
+            received.lateral_error_m,
+            (now_ns - error_ns) / NS_PER_S,
+            received.vehicle,
+            (now_ns - vehicle_ns) / NS_PER_S,
         )
         self._estimator.on_tick(seen, skipped)
         self._ticks += 1

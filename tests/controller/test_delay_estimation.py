@@ -11,7 +11,6 @@ from steer_by_wire.controller.delay_estimation import (
     DelayEstimationParams,
     DelayEstimator,
     Estimate,
-    Seen,
     combined,
 )
 from steer_by_wire.controller.delay_filters import design_filters
@@ -164,7 +163,7 @@ def simulated(
         error = error_gain * errors[max(tick - error_late, 0)] + source.gauss(0.0, error_noise_m)
         vehicle = VehicleReading(v, rate, NO_CURVATURE_1_M)
         held_rad = command((tick - 1) * PERIOD_S)
-        estimator.on_tick(Seen(held_rad, error, 0.0, vehicle, 0.0))
+        estimator.on_tick((held_rad, error, 0.0, vehicle, 0.0))
     return estimator.estimate
 
 
@@ -235,7 +234,7 @@ def test_old_measurements_and_a_vehicle_at_rest_do_not_count() -> None:
         for tick in range(1000):
             rate = 0.4 * steer_rad((tick - 10) * PERIOD_S)
             vehicle = VehicleReading(speed_m_s, rate, 0.0)
-            estimator.on_tick(Seen(steer_rad(tick * PERIOD_S), 0.0, age_s, vehicle, age_s))
+            estimator.on_tick((steer_rad(tick * PERIOD_S), 0.0, age_s, vehicle, age_s))
         assert not estimator.estimate.is_observable
         assert estimator.estimate.by_correlation is None
 
