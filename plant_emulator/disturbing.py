@@ -15,6 +15,8 @@ class Disturbing:
 
     Beside the tables of the settings it keeps those of one friction more, the newest: what a bus
     brings must not fill the memory.
+
+    ``is_asked``  whether there is something that has not been taken
     """
 
     def __init__(self, settings: PlantSettings, params: MotionParams) -> None:
@@ -23,19 +25,15 @@ class Disturbing:
         self._designed = self._params = params
         self._friction, self._first_rows = params.intervals[0].friction, params.first_rows[0]
         self._asked: DisturbanceConfig | None = None
+        self.is_asked = False
 
     def ask(self, config: DisturbanceConfig) -> None:
         """Take what a tool asks for; the newest counts."""
-        self._asked = config
-
-    @property
-    def is_asked(self) -> bool:
-        """Whether there is something that has not been taken."""
-        return self._asked is not None
+        self._asked, self.is_asked = config, True
 
     def params(self) -> MotionParams:
         """Return the motion's parameters with what was asked for, from now on."""
-        asked, self._asked = self._asked, None
+        asked, self._asked, self.is_asked = self._asked, None, False
         if asked is not None:
             # Rounded, so that 1 - 0.7 is the 0.3 of somebody's settings.
             load = Load(*asked[:3], round(1.0 - asked.friction_loss, 6))

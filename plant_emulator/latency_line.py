@@ -12,7 +12,6 @@ from heapq import heappop, heappush
 from typing import Generic, NamedTuple, TypeVar
 
 from ..runtime.node import NEVER_NS
-from ..runtime.record import new_record
 from ..runtime.statistics import DurationStatistics
 from .latency import Distribution
 from .latency_draw import LatencyDraw
@@ -26,19 +25,15 @@ WAITING_MAX = 100_000
 Item = TypeVar("Item")
 
 
-class Passage(NamedTuple, Generic[Item]):
-    """A frame in the line; sorts by due time, then by arrival."""
+Passage = tuple[int, int, int, int, Item]
+"""A frame in the line; sorts by due time, then by arrival.
 
-    due_ns: int
-    sequence: int
-    came_ns: int
-    key: int
-    item: Item
-
-    @property
-    def latency_ns(self) -> int:
-        """Time in the line [ns]."""
-        return self.due_ns - self.came_ns
+    due_ns    when it leaves [ns]
+    sequence  its number
+    came_ns   when it came [ns]
+    key       that of its message
+    item      what it carries
+"""
 
 
 class LineCounts(NamedTuple):
@@ -140,7 +135,7 @@ class LatencyLine(Generic[Item]):
                 self._last_due_ns[key] = due_ns
             sequence = self._sequence
             self._sequence = sequence + 1
-            heappush(waiting, new_record(Passage, (due_ns, sequence, now_ns, key, item)))
+            heappush(waiting, (due_ns, sequence, now_ns, key, item))
             if due_ns < self.next_due_ns:
                 self.next_due_ns = due_ns
         if not pushed % _BLOCK:

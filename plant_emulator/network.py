@@ -39,10 +39,11 @@ class Network:
 
     def measured(self, due_ns: int) -> list[Frame]:
         """Return the measurements that leave for the bus."""
-        released = self.uplink.pop_due(due_ns)
-        if released:
-            self.measured_latency_s = released[-1].latency_ns * 1e-9
-        return [passage.item for passage in released]
+        frames = []
+        for left_ns, _, came_ns, _, frame in self.uplink.pop_due(due_ns):
+            self.measured_latency_s = (left_ns - came_ns) * 1e-9
+            frames.append(frame)
+        return frames
 
     def reconfigure(self, config: LatencyConfig) -> None:
         """Change the latency as a tool requests."""

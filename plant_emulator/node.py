@@ -137,7 +137,8 @@ class PlantNode:
         self._network = Network(settings)
         self._reception = Reception(RECEIVED, settings.counters, SENT)
         self._unauthenticated = 0
-        self._command: Passage[SteeringCommand] | None = None
+        self._command: SteeringCommand | None = None
+        self._command_latency_s = math.nan
         self._plans = PlanBuffer()
         ahead = settings.path_ahead
         self._ahead_m = (
@@ -239,13 +240,12 @@ class PlantNode:
 
     def view(self, now_ns: int) -> View:  # noqa: ARG002 - a state changes when something is due
         """Return what a user should see now."""
-        command = None if self._command is None else self._command.item
         return plant_view(
             self._unit,
             self._own.failure,
             self._reception,
             self._network,
-            command,
+            self._command,
             self._record.figures,
         )
 
@@ -305,15 +305,16 @@ class PlantNode:
                 self._follow(command, due_ns, self._advance(due_ns))
 
     def _follow(
-        self, command: Passage[SteeringCommand], due_ns: int, motion_ns: int, *, is_new: bool = True
+        self, passage: Passage[SteeringCommand], due_ns: int, motion_ns: int, *, is_new: bool = True
     ) -> None:
         """Process a command, with the vehicle at ``due_ns``."""
-        steer_rad = command.item.steer_rad
+        left_ns, _, came_ns, _, command = passage
+        steer_rad = command.steer_rad
         if not math.isfinite(steer_rad):
             self._fail(NOT_FINITE_COMMAND, due_ns)
         elif self._unit.on_command(steer_rad, motion_ns, is_new=is_new):
             self._motion.command(self._unit.target_rad)
-            self._command = command
+            self._command, self._command_latency_s = command, (left_ns - came_ns) * 1e-9
 
     def _guard(self, due_ns: int) -> None:
         """Let the control unit react to missing commands."""
@@ -339,14 +340,15 @@ class PlantNode:
         if time_ns >= self._motion_start_ns:
             if is_finite:
                 limit = self._unit.limit or ("actuator" if is_limited else "")
-                self._record.take(motion, self._command, self._network.measured_latency_s, limit)
+                latencies_s = (self._command_latency_s, self._network.measured_latency_s)
+                self._record.take(motion, self._command, latencies_s, limit)
             self.finished = motion_ns >= self._duration_ns
         if self._own.is_reported(time_ns) and self._unit.has_fallen_back:
             self.finished = True
         error_m, heading_rad, yaw_rate_rad_s = messages.measured(
             (error_m, heading_rad, yaw_rate_rad_s)
         )
-        applied = 0 if self._command is None else self._command.item.command_counter
+        applied = 0 if self._command is None else self._command.command_counter
         code = self._unit.status_code(actuator_is_limited=is_limited)
         frame = messages.lateral_error(error_m, heading_rad, is_finite=is_finite)
         push(_ERROR_ID, frame, time_ns, motion_ns)

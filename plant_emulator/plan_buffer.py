@@ -51,7 +51,8 @@ class PlanBuffer:
         self, arrived: Passage[SteeringCommand | SteeringPlan]
     ) -> Passage[SteeringCommand] | None:
         """Keep a plan in place of the one before; return a single command, which ends it."""
-        if isinstance(arrived.item, SteeringPlan):
+        _, _, _, _, item = arrived
+        if type(item) is SteeringPlan:
             self._plan, self._is_new = cast("Passage[SteeringPlan]", arrived), True
             return None
         self._plan = None
@@ -66,12 +67,11 @@ class PlanBuffer:
         if passage is None:
             return None
         self._is_new = False
-        plan = passage.item
+        due_ns, sequence, came_ns, key, plan = passage
         age = (sample - plan.first_sample) % COUNTERS
         if has_run_out(age, plan.spacing):
             self._plan = None
             return None
         steer_rad = planned_rad(age, plan.spacing, plan[_FIRST_VALUE:])
         command = SteeringCommand(steer_rad, plan.plan_number, plan.mode)
-        due_ns, sequence, came_ns, key, _ = passage
-        return Passage(due_ns, sequence, came_ns, key, command), is_new
+        return (due_ns, sequence, came_ns, key, command), is_new

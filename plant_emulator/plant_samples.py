@@ -10,7 +10,6 @@ from typing import NamedTuple
 from ..dbc.messages import SteeringCommand
 from ..runtime.record import new_record
 from .deviation import cg_deviation_m
-from .latency_line import Passage
 from .motion import Motion
 from .path import Path, pose
 
@@ -121,11 +120,14 @@ class RunRecord:
     def take(
         self,
         motion: Motion,
-        command: Passage[SteeringCommand] | None,
-        uplink_latency_s: float,
+        command: SteeringCommand | None,
+        latencies_s: tuple[float, float],
         limit: str,
     ) -> None:
-        """Take a sample of the motion, of the command in effect, and of what limits the wheel."""
+        """Take a sample of the motion, of the command in effect, and of what limits the wheel.
+
+        ``latencies_s``  of that command, and of the measurement that left last
+        """
         (
             side_slip_rad,
             yaw_rate_rad_s,
@@ -143,10 +145,8 @@ class RunRecord:
         self.figures.take(error_m, cg_m, wheel_rad, limit)
         if len(self.samples) >= self._samples_max:
             return
-        command_rad = downlink_latency_s = math.nan
-        if command is not None:
-            command_rad = command.item.steer_rad
-            downlink_latency_s = command.latency_ns * 1e-9
+        command_rad = math.nan if command is None else command.steer_rad
+        downlink_latency_s, uplink_latency_s = latencies_s
         self.samples.append(
             # By position, in the order of the fields: this runs at every sample.
             new_record(

@@ -51,11 +51,10 @@ def pop_until(
         now_ns = tested.next_due_ns
         popped = tested.pop_due(now_ns)
         assert popped, "something was due, and nothing left"
-        for passage in popped:
-            assert passage.due_ns == now_ns
-            assert passage.came_ns == came[passage.item]
-            assert passage.latency_ns == now_ns - passage.came_ns
-            left.append(Leaving(passage.item, passage.key, passage.came_ns, now_ns))
+        for due_ns, _, came_ns, key, item in popped:
+            assert due_ns == now_ns
+            assert came_ns == came[item]
+            left.append(Leaving(item, key, came_ns, now_ns))
     assert tested.pop_due(until_ns) == []
 
 

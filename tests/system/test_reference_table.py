@@ -184,7 +184,7 @@ def apply_due(line: LatencyLine[float], motion: Motion, now_ns: int) -> None:
     while line.next_due_ns <= now_ns:
         for released in line.pop_due(line.next_due_ns):
             motion.advance(released.due_ns)
-            motion.command(released.item)
+            motion.command(released[-1])
 
 
 def run_cell(cell: Cell) -> Result:
