@@ -117,13 +117,13 @@ class LatencyLine(Generic[Item]):
     def push(self, key: int, item: Item, now_ns: int, motion_ns: int) -> None:
         """Put a frame into the line at ``now_ns``, ``motion_ns`` after the start of motion."""
         pushed, waiting = self._pushed, self._waiting
-        latencies_ns = self._draw.constant_ns or self._draw.latencies_ns(pushed, now_ns, motion_ns)
+        latencies_ns = self._draw.constant_ns
+        if not latencies_ns:
+            latencies_ns = self._draw.latencies_ns(pushed, now_ns, motion_ns)
+            self._lost += not latencies_ns
+            self._duplicated += len(latencies_ns) > 1
         self._pushed = pushed + 1
-        if latencies_ns:
-            self._drawn_ns = latencies_ns
-            self._duplicated += len(latencies_ns) - 1
-        else:
-            self._lost += 1
+        self._drawn_ns = latencies_ns or self._drawn_ns
         for latency_ns in latencies_ns:
             self._injected_ns.append(latency_ns)
             if len(waiting) >= WAITING_MAX:
@@ -133,8 +133,7 @@ class LatencyLine(Generic[Item]):
             if self._in_order:
                 due_ns = max(due_ns, self._last_due_ns.get(key, due_ns))
                 self._last_due_ns[key] = due_ns
-            sequence = self._sequence
-            self._sequence = sequence + 1
+            self._sequence = sequence = self._sequence + 1
             heappush(waiting, (due_ns, sequence, now_ns, key, item))
             if due_ns < self.next_due_ns:
                 self.next_due_ns = due_ns

@@ -182,9 +182,9 @@ def bare_rms_m(plant: PlantSettings, controller: ControllerSettings) -> float:
 
 def apply_due(line: LatencyLine[float], motion: Motion, now_ns: int) -> None:
     while line.next_due_ns <= now_ns:
-        for released in line.pop_due(line.next_due_ns):
-            motion.advance(released.due_ns)
-            motion.command(released[-1])
+        for due_ns, _, _, _, steer_rad in line.pop_due(line.next_due_ns):
+            motion.advance(due_ns)
+            motion.command(steer_rad)
 
 
 def run_cell(cell: Cell) -> Result:
