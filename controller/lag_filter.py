@@ -22,6 +22,7 @@ from typing import NamedTuple
 from .estimator import sent_at
 from .law_interface import History, Link
 from .link import LinkParams
+from .regression import regressed
 
 LAGS_S = (0.0, 0.02, 0.05, 0.1, 0.2, 0.4)
 """Lags that there are gains for, beside that of the settings."""
@@ -103,15 +104,12 @@ def lag_step(x: LagState, history: History) -> LagState:
     p_bb = min(p_bb + _WALK_PER_SAMPLE, _VARIANCE_MAX)
     if is_received and was_received and tick >= 0 and not is_overruled:
         u, u_after = sent_at(history, tick), sent_at(history, tick_after)
-        h_a, h_b = wheel_rad - u_after, u - u_after
-        to_a, to_b = p_aa * h_a + p_ab * h_b, p_ab * h_a + p_bb * h_b
-        variance = _NOISE_RAD2 + h_a * to_a + h_b * to_b
-        error = (wheel_after_rad - u_after) - (alpha * h_a + b * h_b)
-        alpha, b = alpha + to_a / variance * error, b + to_b / variance * error
-        p_aa, p_ab, p_bb = (
-            p_aa - to_a * to_a / variance,
-            p_ab - to_a * to_b / variance,
-            p_bb - to_b * to_b / variance,
+        alpha, b, p_aa, p_ab, p_bb = regressed(
+            (alpha, b, p_aa, p_ab, p_bb),
+            wheel_rad - u_after,
+            u - u_after,
+            wheel_after_rad - u_after,
+            _NOISE_RAD2,
         )
     return LagState(sample + 1, is_received, alpha, b, p_aa, p_ab, p_bb, choice)
 

@@ -202,11 +202,12 @@ class PredictorLoop:
 
 
 def linear(settings: ControllerSettings) -> ControllerSettings:
-    """Return the settings with the steering's lag as set: measuring it is not linear."""
-    if settings.law != NAME:
+    """Return the settings with lag and mass as set: measuring them is not linear."""
+    table = getattr(settings, NAME)  # law packet has it too
+    if not isinstance(table, PredictorSettings):
         return settings
-    table = settings.table_of(PredictorSettings).model_copy(update={"measures_lag": False})
-    return settings.model_copy(update={NAME: table})
+    as_set = table.model_copy(update={"measures_lag": False, "measures_mass": False})
+    return settings.model_copy(update={NAME: as_set})
 
 
 def _reached_from(start: int, acts: NDArray[np.bool_]) -> NDArray[np.bool_]:

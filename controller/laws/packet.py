@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 from pydantic import Field
 
 from ...dbc.messages import Law as LawNumber
-from ...runtime.settings import Settings
+from ...runtime.settings import Settings, SettingsError
 from ..estimator import command_from, estimate_to, step_on_path
 from ..law_interface import LawInput, LawOutput
 from ..law_record import Law, LookingBack, Schedule
@@ -76,9 +76,10 @@ def packet_plan(p: PacketParams, x: PredictorState, seen: LawInput) -> int:
     """
     link, history = seen.link, seen.history
     inside = p.predictor
+    gains = inside.gains_by_choice[x.choice]
     if not x.is_predicting or x.fade_rad != 0.0:
         return -1
-    z = estimate_to(inside.link, inside.gains, x.estimate, link, history, link.error_sample)
+    z = estimate_to(inside.link, gains, x.estimate, link, history, link.error_sample)
     ahead = horizon_samples(inside.link, link, z.sample)
     lead = max(-int(-ahead // 1.0), 0)
     acts = z.sample + lead
@@ -94,13 +95,13 @@ def packet_plan(p: PacketParams, x: PredictorState, seen: LawInput) -> int:
         if z.sample < acts:
             steer_rad = command_from(inside.link, link, history, z.sample)
         else:
-            steer_rad = steer_for(inside.gains, z)
+            steer_rad = steer_for(gains, z)
         age = z.sample - first
         if age % spacing == 0 or z.sample == newest:  # the first value is for before, or now
             row[2 + age // spacing] = steer_rad
         if z.sample >= last:
             return acting
-        z = step_on_path(inside.gains, link, history, z, steer_rad)
+        z = step_on_path(gains, link, history, z, steer_rad)
 
 
 def packet_at_rest(p: PacketParams, lateral_error_m: float) -> PredictorState:
@@ -115,9 +116,15 @@ def packet_after_hold(p: PacketParams, x: PredictorState, lateral_error_m: float
 
 def design_packet(settings: "LawSettings") -> Schedule:
     """Return the parameters as a function of the speed; raises what the predictor's design does."""
+    single = _single_commands(settings)
+    if single.table_of(predictor.PredictorSettings).measures_lag:
+        raise SettingsError(
+            "predictor.measures_lag must be false for law packet: it is not known which value of a"
+            " plan has turned the wheel"
+        )
     reserve_s = settings.table_of(PacketSettings).reserve_s
     reserve_samples = round(reserve_s / settings.link.sensor_period_s)
-    inside = design_predictor(_single_commands(settings))
+    inside = design_predictor(single)
     return Schedule(lambda speed_m_s: PacketParams(inside.at(speed_m_s), reserve_samples))
 
 

@@ -14,9 +14,9 @@ does not need it; its observers run all the time. When one law takes over from t
 difference of their commands is added and fades out.
 """
 
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ...dbc.messages import Law as LawNumber
 from ...runtime.settings import Settings
@@ -36,6 +36,15 @@ from ..law_interface import History, LawInput, LawOutput, Link
 from ..law_record import Fallback, Law, LookingBack, Schedule
 from ..limits import ramp_step
 from ..link import LinkParams
+from ..mass_filter import (
+    MASS_RATIOS,
+    NO_ENDS,
+    MassEnds,
+    MassState,
+    ends_between,
+    mass_as_set,
+    mass_to,
+)
 from ..predictor_design import Feedback, design_schedule
 from .pd_ddob import PdDdobParams, PdDdobState, design_ddob, pd_ddob_at_rest, pd_ddob_step
 
@@ -57,23 +66,34 @@ class PredictorSettings(Settings):
     """Longest prediction; for a longer delay the law is pd_ddob."""
     measures_lag: bool = False
     """Whether the steering's lag is taken from the bus, once it is known."""
+    measures_mass: bool = False
+    """Whether the virtual mass is taken from the yaw rate, once it is known; excludes the lag."""
+
+    @model_validator(mode="after")
+    def _measures_one(self) -> Self:
+        if self.measures_lag and self.measures_mass:
+            raise ValueError("measures_lag and measures_mass exclude each other: set one")
+        return self
 
 
 class PredictorParams(NamedTuple):
     """Parameters of the predictor at one speed.
 
-    ``gains``              with the lag of the settings
-    ``gains_by_lag``       the same, and those of LAGS_S; if it is not measured, all are the same
-    ``first_choice``       which of them until it is known
+    ``gains``              with the lag and mass of the settings
+    ``gains_by_choice``    the same, and those of LAGS_S or of MASS_RATIOS, whichever is measured
+    ``first_choice``       which of them until a lag is known
+    ``mass_ends``          between two masses, if that is measured
     ``fade_step_rad``      how much of a difference between the two laws fades in one period
     ``horizon_samples_max``  longest prediction; for a longer delay the law is pd_ddob
     ``settling_samples``     time for which a filter started during a run is not used
     """
 
     gains: VehicleGains
-    gains_by_lag: tuple[VehicleGains, ...]
+    gains_by_choice: tuple[VehicleGains, ...]
     measures_lag: bool
+    measures_mass: bool
     first_choice: int
+    mass_ends: MassEnds
     link: LinkParams
     fallback: PdDdobParams
     fade_step_rad: float
@@ -84,11 +104,14 @@ class PredictorParams(NamedTuple):
 class PredictorState(NamedTuple):
     """State of the predictor; ``steer_rad`` is its last command.
 
+    ``choice``          which gains were taken for it
     ``settled_sample``  from this sample on the filter is used
     """
 
     estimate: EstimatorState
     lag: LagState
+    mass: MassState
+    choice: int
     settled_sample: int
     fallback: PdDdobState
     is_predicting: bool
@@ -109,7 +132,12 @@ def predictor_step(
         if history.applied_tick[estimate.sample & history.sample_mask] >= 0:
             settled_sample += p.settling_samples
     lag = lag_to(p.link, x.lag, link, history) if p.measures_lag else x.lag
-    gains = p.gains_by_lag[lag.choice]
+    mass, choice = x.mass, lag.choice
+    if p.measures_mass:
+        light, heavy = p.gains_by_choice[1], p.gains_by_choice[len(MASS_RATIOS)]
+        mass = mass_to(light, heavy, p.mass_ends, mass, link, history, seen.vehicle.yaw_rate_rad_s)
+        choice = 1 + mass.choice
+    gains = p.gains_by_choice[choice]
     is_predicting = False
     if estimate.sample >= 0:
         known = min(link.error_sample, link.echo_sample)
@@ -124,12 +152,21 @@ def predictor_step(
                 steer_for(gains, ahead), ahead.offset_rad, 0.0, ahead.lateral_error_m
             )
     fade_rad = ramp_step(p.fade_step_rad, x.fade_rad)
+    # The steps between two masses are small, and a plan does not fade.
     if is_predicting != x.is_predicting or lag.choice != x.lag.choice:
         fade_rad = x.steer_rad - output.steer_rad
     steer_rad = output.steer_rad + fade_rad
     return (
         PredictorState(
-            estimate, lag, settled_sample, x_fallback, is_predicting, steer_rad, fade_rad
+            estimate,
+            lag,
+            mass,
+            choice,
+            settled_sample,
+            x_fallback,
+            is_predicting,
+            steer_rad,
+            fade_rad,
         ),
         LawOutput(
             steer_rad,
@@ -178,6 +215,8 @@ def predictor_at_rest(p: PredictorParams, lateral_error_m: float) -> PredictorSt
     return PredictorState(
         estimator_at_rest(lateral_error_m),
         NO_LAG._replace(choice=p.first_choice),
+        mass_as_set(p.mass_ends),
+        p.first_choice,
         0,
         pd_ddob_at_rest(p.fallback, lateral_error_m),
         False,
@@ -194,9 +233,7 @@ def predictor_after_hold(
     The held command is known, so that the filter bridges the gap with its model.
     """
     fallback = pd_ddob_at_rest(p.fallback, lateral_error_m)
-    return PredictorState(
-        x.estimate, x.lag, x.settled_sample, fallback, x.is_predicting, x.steer_rad, 0.0
-    )
+    return x._replace(fallback=fallback, fade_rad=0.0)
 
 
 def horizon_samples(p: LinkParams, link: Link, sample: int) -> float:
@@ -215,24 +252,25 @@ def design_predictor(settings: "LawSettings") -> Schedule:
     vehicle = vehicle_of(settings)
     behind_m = vehicle.preview_distance_m - ahead_of_cg_m(settings.followed_point, vehicle)
     feedback = Feedback(table.steer_per_error_rad_m, behind_m, settings.estimator.speed_m_s_max)
-    lags_s = [settings.estimator.actuator_lag_s]
-    # Of a plan it is not known which of its values acted on the wheel.
-    measures_lag = table.measures_lag and settings.law == NAME
-    if measures_lag:
-        lags_s += LAGS_S
+    lag_s, mass_kg = settings.estimator.actuator_lag_s, vehicle.virtual_mass_kg
+    choices = [(lag_s, mass_kg)]
+    if table.measures_lag:
+        choices += [(lag_s, mass_kg) for lag_s in LAGS_S]
+    elif table.measures_mass:
+        choices += [(lag_s, ratio * mass_kg) for ratio in MASS_RATIOS]
     schedules = [
         design_schedule(
             settings.estimator.model_copy(update={"actuator_lag_s": lag_s}),
-            vehicle,
+            vehicle.model_copy(update={"virtual_mass_kg": mass_kg}),
             period_s,
             sensor_period_s,
             feedback,
         )
-        for lag_s in lags_s
+        for lag_s, mass_kg in choices
     ]
     schedules += schedules[:1] * (1 + len(LAGS_S) - len(schedules))
     # A measured lag that is the set one changes nothing.
-    first_choice = 1 + LAGS_S.index(lags_s[0]) if lags_s[0] in LAGS_S else AS_SET
+    first_choice = 1 + LAGS_S.index(lag_s) if lag_s in LAGS_S else AS_SET
     link = link_of(settings)
     fallback = design_ddob(settings)
     fade_step_rad = FADE_RAD_S * period_s
@@ -244,8 +282,10 @@ def design_predictor(settings: "LawSettings") -> Schedule:
         return PredictorParams(
             gains[AS_SET],
             gains,
-            measures_lag,
+            table.measures_lag,
+            table.measures_mass,
             first_choice,
+            ends_between(gains[1:]) if table.measures_mass else NO_ENDS,
             link,
             fallback,
             fade_step_rad,
@@ -260,7 +300,7 @@ def _looking_back(settings: "LawSettings", _params: PredictorParams) -> LookingB
     horizon_s = settings.table_of(PredictorSettings).horizon_s_max
     return LookingBack(
         filter_opening(settings),
-        ("The steering's lag is that of the settings, also where it is measured.",),
+        ("Lag and mass are those of the settings, also where they are measured.",),
         fallback=Fallback(FALLBACK, f"Beyond {horizon_s:g} s, and without echoes"),
     )
 

@@ -1,0 +1,167 @@
+"""The measured virtual mass: against filterpy, against the truth, and in the laws."""
+
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from filterpy.kalman import KalmanFilter
+
+from steer_by_wire.compiled.engine import BatchRun, run_batch
+from steer_by_wire.controller.design import design_law
+from steer_by_wire.controller.estimator import VehicleGains
+from steer_by_wire.controller.law_interface import NO_LINK, History
+from steer_by_wire.controller.laws.predictor import PredictorParams, design_predictor
+from steer_by_wire.controller.mass_filter import (
+    AS_SET,
+    MASS_RATIOS,
+    NOISE_RAD2_S2,
+    VARIANCES_MAX,
+    WALKS,
+    MassState,
+    mass_as_set,
+    mass_to,
+)
+from steer_by_wire.controller.settings import ControllerSettings, controller_preset
+from steer_by_wire.pair.virtual import run_virtual_pair
+from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
+from steer_by_wire.runtime.settings import SettingsError
+
+SPEED_M_S = 60.0 / 3.6
+LANE_CHANGE = 'path={kind="single_lane_change", start_m=33.3, offset_m=3.5, length_m=60.0}'
+NOMINAL_KG = 2000.0
+
+
+def plant(mass_kg: float, *overrides: str) -> PlantSettings:
+    return plant_preset(
+        "highway_nominal",
+        [
+            *(LANE_CHANGE, "duration_s=8", f"vehicle.speed_m_s={SPEED_M_S}"),
+            *(f"vehicle.virtual_mass_kg={mass_kg}", "latency.downlink.mean_s=0.15", *overrides),
+        ],
+    )
+
+
+def law(*, measures_mass: bool) -> ControllerSettings:
+    measures = str(measures_mass).lower()
+    return controller_preset(
+        "highway_predictor",
+        ["predictor.measures_lag=false", f"predictor.measures_mass={measures}"],
+    )
+
+
+@cache
+def params() -> PredictorParams:
+    designed: PredictorParams = design_predictor(law(measures_mass=True)).at(SPEED_M_S)
+    return designed
+
+
+def light_and_heavy() -> tuple[VehicleGains, VehicleGains]:
+    by_choice = params().gains_by_choice
+    return by_choice[1], by_choice[len(MASS_RATIOS)]
+
+
+@cache
+def driven(mass_kg: float, *overrides: str) -> BatchRun:
+    return run_batch(plant(mass_kg, *overrides), law(measures_mass=True))
+
+
+def measured(run: BatchRun, noise_rad_s: float = 0.0) -> list[MassState]:
+    """Return the filter after every sample; VEHICLE_STATE comes with every other one."""
+    count = len(run.wheel_angle_rad)
+    nothing, never = [0.0] * count, [False] * count
+    history = History(
+        *(-1, -1, nothing, nothing, nothing, never, [0] * count, never),
+        run.wheel_angle_rad.tolist(),
+    )
+    yaw_rad_s = run.yaw_rate_rad_s + noise_rad_s * np.random.default_rng(7).normal(size=count)
+    states, x = [], mass_as_set(params().mass_ends)
+    for sample in range(count):
+        link = NO_LINK._replace(error_sample=sample, echo_sample=sample)
+        newest_rad_s = float(yaw_rad_s[sample - sample % 2])
+        x = mass_to(*light_and_heavy(), params().mass_ends, x, link, history, newest_rad_s)
+        states.append(x)
+    return states
+
+
+def test_the_filter_is_filterpys() -> None:
+    run = driven(5000.0)
+    states = measured(run)
+    reference = KalmanFilter(dim_x=2, dim_z=1)
+    reference.F, reference.Q = np.eye(2), np.diag(WALKS)
+    reference.R, reference.P = np.array([[NOISE_RAD2_S2]]), np.diag(VARIANCES_MAX)
+    reference.x = np.array([[mass_as_set(params().mass_ends).share], [0.0]])
+    for before, after in pairwise(states):
+        reference.predict()
+        most = np.array(VARIANCES_MAX)
+        np.fill_diagonal(reference.P, np.minimum(np.diagonal(reference.P), most))
+        if after.yaw_rate_rad_s != before.yaw_rate_rad_s:
+            row = np.array([[after.heavy_r_rad_s - after.light_r_rad_s, 1.0]])
+            reference.update(np.array([[after.yaw_rate_rad_s - after.light_r_rad_s]]), H=row)
+    x = states[-1]
+    assert [x.share, x.bias_rad_s] == pytest.approx(reference.x[:, 0].tolist(), abs=1e-9)
+    variances = [x.variance_ww, x.variance_wb, x.variance_bb]
+    expected = [reference.P[0, 0], reference.P[0, 1], reference.P[1, 1]]
+    assert variances == pytest.approx(expected, abs=1e-9)
+    assert expected[0] < 0.1 * VARIANCES_MAX[0]
+
+
+@pytest.mark.parametrize("noise_rad_s", [0.0, 0.01])
+@pytest.mark.parametrize("ratio", MASS_RATIOS)
+def test_the_nearest_mass_is_found_or_its_neighbour(ratio: float, noise_rad_s: float) -> None:
+    x = measured(driven(ratio * NOMINAL_KG), noise_rad_s)[-1]
+    assert abs(x.choice - MASS_RATIOS.index(ratio)) <= 1
+    if ratio in (1.0, 2.5):
+        assert x.choice == MASS_RATIOS.index(ratio)
+
+
+def test_less_grip_is_as_more_mass() -> None:
+    slippery = driven(NOMINAL_KG, "disturbance.steps=[{at_s=0.5, friction=0.5}]")
+    assert MASS_RATIOS[measured(slippery)[-1].choice] == pytest.approx(2.0, abs=0.5)
+
+
+def test_an_offset_of_the_steering_is_a_bias_and_a_neighbouring_mass_at_most() -> None:
+    offset = driven(NOMINAL_KG, "disturbance.steps=[{at_s=0.5, steering_offset_rad=0.02}]")
+    x = measured(offset)[-1]
+    assert abs(x.choice - AS_SET) <= 1
+    assert x.bias_rad_s > 0.03
+
+
+def test_without_steering_nothing_is_learnt() -> None:
+    still = driven(5000.0)
+    straight = still._replace(
+        wheel_angle_rad=np.zeros(len(still.wheel_angle_rad)),
+        yaw_rate_rad_s=np.zeros(len(still.yaw_rate_rad_s)),
+    )
+    x = measured(straight, 0.01)[-1]
+    assert (x.choice, x.variance_ww) == (AS_SET, VARIANCES_MAX[0])
+
+
+def test_a_compiled_run_with_another_mass_equals_the_nodes() -> None:
+    asked = plant(5000.0)
+    result = run_virtual_pair(asked, law(measures_mass=True), None)
+    assert result.plant["node"]["lateral_error_rms_m"] == driven(5000.0).lateral_error_rms_m
+
+
+def test_at_the_mass_of_the_settings_measuring_it_changes_nothing() -> None:
+    as_set = run_batch(plant(NOMINAL_KG), law(measures_mass=False))
+    assert (driven(NOMINAL_KG).sent_rad == as_set.sent_rad).all()
+
+
+def test_a_heavy_vehicle_stays_nearer_to_its_lane() -> None:
+    as_set = run_batch(plant(5000.0), law(measures_mass=False))
+    peaks_m = [float(np.abs(run.lateral_error_m).max()) for run in (as_set, driven(5000.0))]
+    assert 0.15 < peaks_m[0] < 0.18
+    assert 0.04 < peaks_m[1] < 0.09
+
+
+def test_lag_and_mass_are_not_measured_together() -> None:
+    both = ["predictor.measures_lag=true", "predictor.measures_mass=true"]
+    with pytest.raises(SettingsError, match="exclude each other"):
+        controller_preset("highway_predictor", both)
+
+
+def test_a_law_that_plans_measures_no_lag() -> None:
+    only_lag = ["predictor.measures_lag=true", "predictor.measures_mass=false"]
+    with pytest.raises(SettingsError, match="measures_lag must be false for law packet"):
+        design_law(controller_preset("highway_packet", only_lag))
