@@ -29,7 +29,7 @@ def test_every_network_gives_a_cell_and_a_row() -> None:
 
 def test_it_breaks_where_the_lane_is_lost_first() -> None:
     cells = [
-        Cell(60.0, "constant", next(iter(LAWS)), delay_s, peak_m, 0.0, 0.0, 0.0)
+        Cell(60.0, "constant", next(iter(LAWS)), delay_s, peak_m, 0.0, 0.0, 0.0, 0.0, 0.0)
         for delay_s, peak_m in ((0.0, 0.1), (0.1, 0.51), (0.2, 0.1), (0.3, 9.0))
     ]
     assert breaks_at(cells) == "100"

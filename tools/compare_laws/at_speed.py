@@ -14,18 +14,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ...compiled.engine import Outcome, run_batch
-from ...controller.settings import PRESETS as CONTROLLER_PRESETS
-from ...controller.settings import ControllerSettings
+from ...controller.settings import ControllerSettings, controller_preset
 from ...pair.trace import rms
-from ...plant_emulator.settings import PRESETS as PLANT_PRESETS
-from ...plant_emulator.settings import PlantSettings
-from ...runtime.settings import load_settings, read_preset
-from .runs import OFF_PATH_M, SETTLED_S
+from ...plant_emulator.settings import PlantSettings, plant_preset
+from .runs import OFF_PATH_M, SETTLED_S, THREADS, finished
 
 DELAYS_S = (0.0, 0.1, 0.15, 0.2, 0.3, 0.4)
 BROKEN_M = 0.5
 """Largest deviation of the preview point beyond which a law has lost the lane."""
-_THREADS = 2
 _KNOWN_PATH = ("path_ahead={}",)
 
 
@@ -137,9 +133,9 @@ NETWORKS: Mapping[str, Network] = MappingProxyType(
 
 
 class Cell(NamedTuple):
-    """Worst figures of a law [m]: largest deviations over the whole run, RMS from 5 s on.
+    """Worst figures of a law [m]: largest deviation and RMS of the whole run, RMS from 5 s on.
 
-    ``peak_m``, ``settled_rms_m``  of the preview point; ``cg_*`` of the centre of gravity
+    Each of the preview point, and as ``*cg_*`` of the centre of gravity.
     """
 
     speed_km_h: float
@@ -148,6 +144,8 @@ class Cell(NamedTuple):
     delay_s: float
     peak_m: float
     cg_peak_m: float
+    rms_m: float
+    cg_rms_m: float
     settled_rms_m: float
     settled_cg_rms_m: float
 
@@ -162,40 +160,33 @@ def compare_at_speed(
 ) -> list[Cell]:
     """Return a cell for every speed, network, law and delay, or those before ``should_stop``."""
     asked = list(product(places, NETWORKS, laws, delays_s))
-    cells: list[Cell] = []
-    with ThreadPoolExecutor(_THREADS) as pool:
-        for future in [pool.submit(_cell, *one, seeds) for one in asked]:
-            cells.append(future.result())
-            progress(len(cells), len(asked))
-            if should_stop():
-                pool.shutdown(cancel_futures=True)
-                break
-    return cells
+    with ThreadPoolExecutor(THREADS) as pool:
+        futures = [pool.submit(_cell, *one, seeds) for one in asked]
+        return finished(pool, futures, progress, should_stop)
 
 
 def _cell(place: Place, key: str, law: str, delay_s: float, seeds: int) -> Cell:
     network = NETWORKS[key]
     suffix, sent = LAWS[law]
-    preset = read_preset(CONTROLLER_PRESETS, f"{place.family}_{suffix}")
-    controller = load_settings(ControllerSettings, preset)
+    controller = controller_preset(f"{place.family}_{suffix}")
     runs = range(1, (seeds if network.is_random else 1) + 1)
     figures = []
     for overrides, seed in product(network.overrides(delay_s), runs):
         changes = [*place.overrides(), *overrides, *sent, f"seed={seed}"]
-        rig = load_settings(PlantSettings, read_preset(PLANT_PRESETS, place.plant), None, changes)
-        figures.append(_figures(rig, controller))
+        figures.append(_figures(plant_preset(place.plant, changes), controller))
     return Cell(place.speed_km_h, key, law, delay_s, *map(float, np.max(figures, axis=0)))
 
 
 def _figures(rig: PlantSettings, controller: ControllerSettings) -> list[float]:
-    """Return the last four fields of a cell, of one run."""
+    """Return the last six fields of a cell, of one run."""
     run = run_batch(rig, controller)
     if run.outcome is not Outcome.COMPLETE:
-        return [OFF_PATH_M] * 4
+        return [OFF_PATH_M] * 6
     both_m = (run.lateral_error_m, run.cg_deviation_m)
     is_settled = run.time_s >= SETTLED_S
     return [
         *(float(np.abs(deviation_m).max()) for deviation_m in both_m),
+        *(rms(deviation_m) for deviation_m in both_m),
         *(rms(deviation_m[is_settled]) for deviation_m in both_m),
     ]
 
@@ -207,24 +198,27 @@ def breaks_at(cells: Sequence[Cell]) -> str:
 
 
 def markdown_at_speed(cells: Sequence[Cell]) -> Iterator[str]:
-    """Yield a table for each speed: peaks by network and delay, and where each law breaks."""
+    """Yield a table for each speed: peaks by network and delay, RMS, and where each law breaks."""
     delays_s = sorted({cell.delay_s for cell in cells})
     for speed_km_h in dict.fromkeys(cell.speed_km_h for cell in cells):
         at_speed = [cell for cell in cells if cell.speed_km_h == speed_km_h]
         yield f"**{speed_km_h:g} km/h**, preview point / centre of gravity, largest deviation [m]"
         yield ""
         delays = " | ".join(f"{1e3 * delay_s:.0f} ms" for delay_s in delays_s)
-        yield f"| Network | Law | {delays} | from 5 s on, RMS [mm] | breaks at [ms] |"
-        yield "|---" * (4 + len(delays_s)) + "|"
+        yield f"| Network | Law | {delays} | RMS [mm] | from 5 s on | breaks at [ms] |"
+        yield "|---" * (5 + len(delays_s)) + "|"
         for key, law in dict.fromkeys((cell.network, cell.law) for cell in at_speed):
             own = [cell for cell in at_speed if (cell.network, cell.law) == (key, law)]
             peaks = " | ".join(f"{_in_m(cell.peak_m)} / {_in_m(cell.cg_peak_m)}" for cell in own)
-            settled = " / ".join(
-                _in_mm(max(getattr(cell, name) for cell in own if cell.delay_s <= 0.2))
-                for name in ("settled_rms_m", "settled_cg_rms_m")
+            whole, settled = (
+                " / ".join(
+                    _in_mm(max(getattr(cell, name) for cell in own if cell.delay_s <= 0.2))
+                    for name in names
+                )
+                for names in (("rms_m", "cg_rms_m"), ("settled_rms_m", "settled_cg_rms_m"))
             )
             title = NETWORKS[key].title
-            yield f"| {title} | {law} | {peaks} | {settled} | {breaks_at(own)} |"
+            yield f"| {title} | {law} | {peaks} | {whole} | {settled} | {breaks_at(own)} |"
         yield ""
 
 

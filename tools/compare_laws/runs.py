@@ -11,10 +11,10 @@ late command holds up all behind it, and the one in effect is older than the mea
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import product
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,9 @@ BROKEN_M = 0.1
 """RMS of its followed point beyond which a law does not hold the path: it is in a limit cycle, or
 worse."""
 OFF_PATH_M = 1e3
-_THREADS = 2
+THREADS = 2
+
+One = TypeVar("One")
 
 
 class Contestant(NamedTuple):
@@ -190,16 +192,29 @@ def compare(
         for key, network in NETWORKS.items()
         for one, delay_s in product(contestants_of(network, further), delays_s)
     ]
-    cells: list[Cell] = []
-    with ThreadPoolExecutor(_THREADS) as pool:
+    with ThreadPoolExecutor(THREADS) as pool:
         futures = [pool.submit(_cell, *one, seeds, duration_s) for one in asked]
-        for future in futures:
-            cells.append(future.result())
-            progress(len(cells), len(asked))
-            if should_stop():
-                pool.shutdown(cancel_futures=True)
-                break
-    return cells
+        return finished(pool, futures, progress, should_stop)
+
+
+def finished(
+    pool: ThreadPoolExecutor,
+    futures: Sequence[Future[One]],
+    progress: Callable[[int, int], None],
+    should_stop: Callable[[], bool],
+) -> list[One]:
+    """Return the results in their order, or those before ``should_stop``.
+
+    ``progress``  is called with the number of results, and of all
+    """
+    results = []
+    for future in futures:
+        results.append(future.result())
+        progress(len(results), len(futures))
+        if should_stop():
+            pool.shutdown(cancel_futures=True)
+            break
+    return results
 
 
 def controller_settings(one: Contestant, *, has_lag: bool) -> ControllerSettings:
