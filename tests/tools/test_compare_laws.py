@@ -145,7 +145,7 @@ def test_ctrl_c_ends_the_comparison_soon_and_leaves_what_is_complete(
     monkeypatch.setattr(runs, "_cell", cell)
     monkeypatch.setattr(StopRequest, "_take_signal", taken)
     assert main(["--out", str(tmp_path)]) == ExitStatus.INTERRUPTED
-    assert len(computed) <= 1 + 2 * runs._THREADS  # of 1525
+    assert len(computed) <= 1 + 2 * runs.THREADS  # of 1525
     header, *rows = (tmp_path / "comparison.csv").read_text(encoding="utf-8").splitlines()
     assert header.startswith("contestant,network,")
     assert f"interrupted: {len(rows)} results are in" in capsys.readouterr().out
