@@ -16,7 +16,7 @@ from typing import NamedTuple
 from .bit_ticks import BitTicks
 from .bus_noise import Noise, StuckLine
 from .disturbed_frame import FIRST, Disturbed, disturb
-from .fault_confinement import PASSIVE_MIN, ControllerState, ErrorCounters
+from .fault_confinement import BUS_OFF_MIN, PASSIVE_MIN, ControllerState, ErrorCounters
 from .frame import BITRATE_SWITCH, Frame
 from .frame_on_wire import frame_on_wire
 from .node import NEVER_NS
@@ -201,7 +201,8 @@ class BusErrors:
         self.causes[disturbed.cause] += 1
         self.received_twice += disturbed.is_received and disturbed.is_repeated
         self.missed_by_one += disturbed.is_received and disturbed.only_at is not None
-        self.bus_offs += own.state is ControllerState.BUS_OFF
+        state = own.state
+        self.bus_offs += state is ControllerState.BUS_OFF
         if self.on_error is not None:
             event = ErrorEvent(
                 time_ns,
@@ -211,8 +212,8 @@ class BusErrors:
                 disturbed.field,
                 own.transmit,
                 own.receive,
-                own.state,
-                own.state is not before,
+                state,
+                state is not before,
                 disturbed.is_repeated,
             )
             self.on_error(event)
@@ -232,7 +233,7 @@ class BusErrors:
         new_own = own - member.own_frames
         new_others = total - member.all_frames - new_own
         member.own_frames, member.all_frames = own, total
-        if member.counters.state is not ControllerState.BUS_OFF:
+        if member.counters.transmit < BUS_OFF_MIN:
             member.counters.on_sent(new_own)
             member.counters.on_received(new_others)
         return member
