@@ -212,6 +212,7 @@ def _parser(name: str) -> argparse.ArgumentParser:
         "--seed",
         type=whole_number(0, 2**63 - 1),
         default=1,
+        metavar="N",
         help="of traffic and noise (default: %(default)s)",
     )
     return parser
