@@ -1,6 +1,5 @@
 """Study files: what they may say, which points they stand for, and what is refused in one line."""
 
-import re
 import tomllib
 from collections import Counter
 from pathlib import Path
@@ -28,6 +27,7 @@ from steer_by_wire.studies.study_file import (
     Triangular,
     Uniform,
 )
+from tests.support.shown_blocks import blocks_of
 
 SHIPPED = Path(__file__).resolve().parents[2] / "steer_by_wire" / "studies"
 BASE = """
@@ -376,11 +376,14 @@ def test_factors_keep_their_labels_and_keys() -> None:
 
 def test_the_studies_in_the_documentation_are_accepted(tmp_path: Path) -> None:
     docs = SHIPPED.parent.parent / "docs" / "stress_studies.md"
-    study, factor = re.findall(r"```toml\n(.*?)```", docs.read_text(encoding="utf-8"), re.DOTALL)
+    blocks = blocks_of(docs.read_text(encoding="utf-8"))
+    study, factor, bus = (block.text for block in blocks if block.language == "toml")
     text = read_preset("steer_by_wire.controller.presets", "practical_pd").text
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     made = scenarios(tmp_path, study, base="")
     assert made.study.runs == 11 * 3 * 2 * 4 * 5 * 2
+    over_a_bus = scenarios(tmp_path, f"{study}\n{bus}", base="")
+    assert over_a_bus.study.runs == 3 * 2 * made.study.runs
     drawn = scenarios(tmp_path, f'{factor}\n[sampling]\nkind = "sobol"\ncount = 8\n')
     assert drawn.study.cases == 8
 
