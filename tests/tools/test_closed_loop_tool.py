@@ -1,9 +1,11 @@
 import json
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,7 +15,7 @@ import pytest
 from steer_by_wire.dbc.messages import CAN_IDS, ControllerStatus, LateralError, SteeringCommand
 from steer_by_wire.pair.trace import Trace
 from steer_by_wire.runtime.candump import CandumpReader
-from steer_by_wire.runtime.frame import ERROR
+from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.tools.closed_loop import __main__ as closed_loop
 from tests.support.running_program import PATIENCE_S
@@ -21,12 +23,9 @@ from tests.support.running_program import PATIENCE_S
 LATENCY = ["--plant-set", "latency.downlink.mean_s=0.08"]
 
 
-def frames_by_id(log: Path) -> dict[int, int]:
-    counts: dict[int, int] = {}
+def frames_in(log: Path) -> list[Frame]:
     with log.open(encoding="ascii") as lines:
-        for entry in CandumpReader(lines):
-            counts[entry.frame.can_id] = counts.get(entry.frame.can_id, 0) + 1
-    return counts
+        return [entry.frame for entry in CandumpReader(lines)]
 
 
 def test_a_run_in_virtual_time_leaves_its_files_and_prints_its_figures(
@@ -41,7 +40,7 @@ def test_a_run_in_virtual_time_leaves_its_files_and_prints_its_figures(
     assert plant["settings"]["seed"] == 5
     assert controller["node"]["law"] == "pd_ddob"
     assert len(Trace.read(tmp_path / "plant_trace.csv").time_s) == plant["node"]["samples"] >= 200
-    counts = frames_by_id(tmp_path / "candump.log")
+    counts = Counter(frame.can_id for frame in frames_in(tmp_path / "candump.log"))
     assert counts[CAN_IDS[SteeringCommand]] == pytest.approx(200, abs=2)
     assert counts[CAN_IDS[LateralError]] == pytest.approx(200, abs=2)
     printed = capsys.readouterr().out
@@ -93,7 +92,7 @@ def test_both_nodes_run_in_real_time_on_python_can_s_virtual_bus(tmp_path: Path)
     for report in (plant, controller):
         assert report["loop"]["lateness"]["samples"] > 0
         assert report["node"]["rejected"] == {}
-    counts = frames_by_id(tmp_path / "candump.log")
+    counts = Counter(frame.can_id for frame in frames_in(tmp_path / "candump.log"))
     assert {CAN_IDS[kind] for kind in (SteeringCommand, LateralError, ControllerStatus)} <= {
         *counts
     }
@@ -121,17 +120,29 @@ def test_an_interrupt_ends_a_run_with_what_there_is(tmp_path: Path) -> None:
     assert 0.0 < report["node"]["motion_s"] < 1e6
 
 
-def test_python_can_reads_the_bus_errors_of_a_recording(tmp_path: Path) -> None:
-    """It takes no other class for an error frame, and keeps none of its bytes."""
+@pytest.fixture
+def noisy_log(tmp_path: Path) -> Path:
     noisy = ["--duration", "0.5", "--bit-error-rate", "3e-3", "--out", str(tmp_path)]
     assert closed_loop.main(noisy) == 0
-    log = tmp_path / "candump.log"
-    with log.open(encoding="ascii") as lines:
-        frames = [entry.frame for entry in CandumpReader(lines)]
-    with can.CanutilsLogReader(str(log)) as reader:
+    return tmp_path / "candump.log"
+
+
+def test_python_can_reads_the_bus_errors_of_a_recording(noisy_log: Path) -> None:
+    """It takes no other class for an error frame, and keeps none of its bytes."""
+    with can.CanutilsLogReader(str(noisy_log)) as reader:
         read = [message.is_error_frame for message in reader]
-    assert read == [frame.flags == ERROR and frame.can_id & 0x80 != 0 for frame in frames]
+    found = [frame.flags == ERROR and frame.can_id & 0x80 != 0 for frame in frames_in(noisy_log)]
+    assert read == found
     assert sum(read) >= 10
+
+
+@pytest.mark.skipif(shutil.which("log2asc") is None, reason="needs can-utils")
+def test_log2asc_finds_every_error_frame_of_a_recording(noisy_log: Path) -> None:
+    asc = noisy_log.with_suffix(".asc")
+    subprocess.run(["log2asc", "-I", noisy_log, "-O", asc, "virtual"], check=True)
+    with can.ASCReader(str(asc)) as reader:
+        read = [message.is_error_frame for message in reader]
+    assert read == [frame.flags == ERROR for frame in frames_in(noisy_log)]
 
 
 @pytest.mark.parametrize(
