@@ -136,7 +136,7 @@ def frame_bits(frame: Frame) -> FrameBits:
     """
     can_id, data, flags = frame
     if not flags and len(data) == 8 and 0 <= can_id <= 0x7FF:
-        return _bits_of_eight_bytes(can_id, data)
+        return new_record(FrameBits, (bits_of_eight_bytes(can_id, data), 0))
     limit = 0x1FFFFFFF if flags & EXTENDED else 0x7FF
     dlc = DATA_LENGTH_CODE.get(len(data))
     if not 0 <= can_id <= limit or dlc is None or flags & ERROR:
@@ -163,8 +163,8 @@ def _classic_bits(can_id: int, data: bytes, dlc: int, flags: int) -> int:
     return total + 8 * len(data) + _CLASSIC_CRC_BITS + _CLASSIC_TRAILER_BITS
 
 
-def _bits_of_eight_bytes(can_id: int, data: bytes) -> FrameBits:
-    """Length of the frame most sent, with 11 bits of identifier and 8 bytes: written out.
+def bits_of_eight_bytes(can_id: int, data: bytes) -> int:
+    """Length of the frame most sent, with 11 bits of identifier and 8 bytes: written out [bits].
 
     The CRC is linear: it is that of the header and zeros, and of each byte and the zeros after it.
     """
@@ -183,7 +183,7 @@ def _bits_of_eight_bytes(can_id: int, data: bytes) -> FrameBits:
     row, stuffed = row[crc >> 7]
     stuffed += stuffed_a + stuffed_b + stuffed_c + stuffed_d
     stuffed += stuffed_e + stuffed_f + stuffed_g + stuffed_h
-    return new_record(FrameBits, (total + stuffed + row[crc << 1 & 0xFF][1], 0))
+    return total + stuffed + row[crc << 1 & 0xFF][1]
 
 
 @lru_cache(maxsize=4096)

@@ -13,7 +13,7 @@ from .arbitration import arbitration_field
 from .bit_ticks import bit_ticks
 from .bus_model import BusOverflowError
 from .frame import Frame
-from .frame_length import INTERMISSION_BITS, frame_bits
+from .frame_length import INTERMISSION_BITS, bits_of_eight_bytes, frame_bits
 from .node import NEVER_NS
 
 
@@ -51,18 +51,21 @@ class QuietBus:
 
         Raises ValueError for a frame that cannot be sent, BusOverflowError for a full buffer.
         """
-        nominal_bits, data_bits = frame_bits(frame)
+        can_id, data, flags = frame
+        if not flags and len(data) == 8 and 0 <= can_id <= 0x7FF:
+            bits, arbitration = bits_of_eight_bytes(can_id, data), can_id << 21
+        else:
+            bits, arbitration = sum(frame_bits(frame)), arbitration_field(frame)
         now_ticks, queue = now_ns * self._per_ns, self._queue
         if self._free_ticks < now_ticks:
             if queue:
                 self._arbitrate(now_ticks)
             if not queue and self._free_ticks < now_ticks:
                 self._free_ticks = now_ticks
-        arbitration = arbitration_field(frame)
         if len(queue) >= self._queue_limit:
             self._refuse_overflow(frame, sender, arbitration)
         self._submitted = number = self._submitted + 1
-        duration_ticks = (nominal_bits + data_bits) * self._bit_ticks
+        duration_ticks = bits * self._bit_ticks
         heappush(queue, (arbitration, number, duration_ticks, sender, frame))
         if not self._won and queue[0][1] == number:
             self.next_event_ns = -(-(self._free_ticks + duration_ticks) // self._per_ns)
