@@ -78,8 +78,8 @@ class Channel:
             errors=self._errors,
             traffic=self._traffic,
         )
-        self._start_ns = start_ns
         self._is_paced = self._errors is not None or self._traffic is not None
+        self._start_ns = start_ns if self._is_paced else 0  # nothing else has a beginning
         self._pace_ns = start_ns if self._is_paced else NEVER_NS
         self._of_traffic: list[Delivery] = []
         self._is_fifo = is_fifo
@@ -223,11 +223,12 @@ class Channel:
         for delivery in completed:
             if self._reports is None or not self._reports.is_repeated(delivery):
                 self._free_place(delivery.sender, delivery.frame)
-        if self._is_paced:
-            self._pace_ns = now_ns + PACE_NS
-            completed = self._with_others(completed, bus_ns)
+        if not self._is_paced:
+            return completed
+        self._pace_ns = now_ns + PACE_NS
         return [
-            Delivery(end_ns + self._start_ns, sender, frame) for end_ns, sender, frame in completed
+            Delivery(end_ns + self._start_ns, sender, frame)
+            for end_ns, sender, frame in self._with_others(completed, bus_ns)
         ]
 
     def _free_place(self, sender: int, frame: Frame) -> None:
@@ -280,13 +281,15 @@ class Channel:
         if frame.flags & ERROR:
             return self._queue_error(delivery, time_ns)
         packed: dict[Struct, bytes] = {}
+        all_missed = self._model.missed
         for member in self.members.values():
             if not member.wants(frame, sender):
                 continue
-            missed = (end_ns - self._start_ns, member.number)
-            if missed in self._model.missed:
-                self._model.missed.discard(missed)
-                continue
+            if all_missed:
+                missed = (end_ns - self._start_ns, member.number)
+                if missed in all_missed:
+                    all_missed.discard(missed)
+                    continue
             record = member.record
             if member.number == sender:
                 own = frame._replace(flags=frame.flags | OWN)
