@@ -48,6 +48,11 @@ def compiled(function: Any) -> Any:
     return _compiled(function, _OPTIONS)
 
 
+def compiled_unchecked(function: Any) -> Any:
+    """Compile a function whose divisors are never zero, without a test of each."""
+    return _compiled(function, {**_OPTIONS, "error_model": "numpy"})
+
+
 def compiled_inside(function: Any) -> Any:
     """Compile a function that only compiled functions call; it has no entry from Python."""
     return _compiled(function, {**_OPTIONS, "no_cpython_wrapper": True})

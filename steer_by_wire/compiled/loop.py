@@ -28,7 +28,7 @@ from ..plant_emulator.steering_guard import (
     start_guard,
 )
 from .borrowing import borrowed
-from .compilation import compiled, compiled_inline
+from .compilation import compiled_inline, compiled_unchecked
 from .law_code import NO_OUTPUT, LawCode
 from .loop_records import Constants, Kept, Progress, Records, Schedule, Segment
 from .memory import at, called, placed, read, write
@@ -134,7 +134,7 @@ def _plant_until(
             r.measured_m[at] = on_wire(reading_m, c.lateral_error_resolution_m)
 
 
-@compiled
+@compiled_unchecked
 def run_segment(
     law: LawCode,
     p: Any,
