@@ -11,7 +11,7 @@ from numba.core.errors import NumbaError
 from ..controller.design import LawDesign, design_law
 from ..controller.law_interface import NO_HISTORY, LawInput, LawOutput
 from ..controller.law_record import LawStep
-from ..controller.link_memory import history_of
+from ..controller.link_history import history_of
 from ..controller.settings import ControllerSettings
 from ..dbc.messages import Law as LawNumber
 from ..runtime.settings import SettingsError

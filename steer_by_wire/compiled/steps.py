@@ -24,7 +24,7 @@ from ..controller.law_interface import LawInput
 from ..controller.law_record import Law
 from ..controller.laws import LAWS
 from ..controller.limits import limit_step, ramp_step
-from ..controller.link_memory import (
+from ..controller.link_history import (
     command_step,
     echo_step,
     error_step,

@@ -3,7 +3,7 @@
 Most laws read only the newest error and their last command: their wire is None, which costs
 nothing. For a law that looks back, the messages of each sample are recorded when it is taken. They
 are passed, in order of arrival (``compiled.wire_plan``), to the steps of
-``controller.link_memory``.
+``controller.link_history``.
 """
 
 import math
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..controller.law_interface import NO_HISTORY, History, Link, VehicleReading
 from ..controller.limits import SteerLimits
-from ..controller.link_memory import (
+from ..controller.link_history import (
     NO_COMMANDS,
     NO_ECHOES,
     NO_ERRORS,

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..controller.design import link_of
-from ..controller.link_memory import RING_SIZE, MemoryParams, Rings
+from ..controller.link_history import RING_SIZE, MemoryParams, Rings
 from ..controller.plan import ROW_LENGTH
 from ..controller.settings import ControllerSettings, age_limits_of, counters_of
 from ..dbc.messages import (

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from steer_by_wire.controller.law_interface import Link
-from steer_by_wire.controller.link_memory import RING_SIZE, LinkMemory
+from steer_by_wire.controller.link_history import RING_SIZE
+from steer_by_wire.controller.link_memory import LinkMemory
 from steer_by_wire.controller.node import ControllerNode
 from steer_by_wire.controller.settings import controller_preset
 from steer_by_wire.dbc.messages import LateralError, SteeringStatus

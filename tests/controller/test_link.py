@@ -15,7 +15,8 @@ from steer_by_wire.controller.link import (
     delay_step,
     unwrapped,
 )
-from steer_by_wire.controller.link_memory import RING_SIZE, LinkMemory
+from steer_by_wire.controller.link_history import RING_SIZE
+from steer_by_wire.controller.link_memory import LinkMemory
 from tests.support.fed_memory import (
     LIMITS,
     MS,
