@@ -85,12 +85,9 @@ NEEDS_POSIX = {
 
 ROOT = Path(__file__).resolve().parent.parent
 LONGEST = (
-    "test_pages", "test_design_gains", "test_batch", "test_house_rules", "test_stale_messages",
-    "test_stress_report", "test_soak_live", "test_baseline_laws", "test_fault_campaign",
-    "test_two_processes", "test_stress_runs", "test_closed_loop", "test_reference_table",
-    "test_slcan", "test_designed_presets", "test_jitter", "test_tracking", "test_kalman_laws",
-    "test_controller_program",
-    "test_reproduce_paper", "test_stress_levels", "test_stress_dask",
+    "test_batch", "test_house_rules", "test_stale_messages", "test_baseline_laws", "test_site",
+    "test_own_law", "test_package", "test_cockpit_page", "test_any_processor", "test_stress_report",
+    "test_designed_presets", "test_soak_live", "test_fault_campaign", "test_demo",
 )  # fmt: skip
 """Modules that take long, handed out first, so that all workers come to their ends together."""
 
