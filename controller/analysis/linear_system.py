@@ -79,9 +79,9 @@ def law_system(design: LawDesign) -> LinearSystem:
 
     Raises NotLinearError for a law that is not linear in these, or whose output is not finite.
     """
-    commands = design.commands_read
-    if commands is None:
+    if design.commands_read is None:
         raise NotLinearError("the law is not linear in the lateral error and its own commands")
+    commands = max(design.commands_read, 1)  # the newest is part of every input
     rest = design.initial_state(0.0)
     order = sum(1 for _ in floats_of(rest))
     columns = []

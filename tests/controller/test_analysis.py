@@ -162,6 +162,12 @@ def test_the_matrices_of_a_law_do_what_its_steps_do(law: str) -> None:
         assert sent_rad == pytest.approx(expected_rad, rel=1e-9, abs=1e-9)
 
 
+def test_a_law_that_reads_no_command_is_analysed_as_one_that_reads_the_last() -> None:
+    design = design_law(observer_settings("pd"))
+    none, last = (law_system(design._replace(commands_read=count)) for count in (0, 1))
+    assert repr(none) == repr(last)
+
+
 def as_matrices(model: TransferFunction) -> StateSpace:
     numerator, denominator = np.array([1.0]), np.array([1.0, *[0.0] * -model.power_of_s])
     for factor in model.numerator:
