@@ -24,6 +24,7 @@ from ..dbc.messages import (
     Message,
     PlantStatus,
     SteeringCommand,
+    SteeringPlan,
     SteeringStatus,
     VehicleState,
     decode,
@@ -45,6 +46,7 @@ _MOVED_TO: Mapping[int, int] = MappingProxyType(
         CAN_IDS[wrong]: CAN_IDS[right]
         for wrong, right in (
             (SteeringCommand, ControllerStatus),
+            (SteeringPlan, ControllerStatus),
             (ControllerStatus, SteeringCommand),
             (ControllerSafety, SteeringCommand),
             (DelayStatus, SteeringCommand),

@@ -29,6 +29,7 @@ from ..dbc.messages import (
     Message,
     PlantStatus,
     SteeringCommand,
+    SteeringPlan,
     SteeringStatus,
     VehicleState,
 )
@@ -127,6 +128,7 @@ MESSAGES_OF: Mapping[FaultDirection, tuple[type[Message], ...]] = MappingProxyTy
     {
         FaultDirection.DOWNLINK: (
             SteeringCommand,
+            SteeringPlan,
             ControllerStatus,
             ControllerSafety,
             DelayStatus,

@@ -7,20 +7,20 @@ Frames delayed by a delay spike are passed on when they are due, past the faults
 fault draws from its own stream, so that it does not change the draws of other faults, latency or
 noise: until the first onset a run is the same as without faults, bit for bit.
 
-The clock of the onsets starts with the first STEERING_COMMAND that arrives, as motion does.
+The clock of the onsets starts with the first command or plan that arrives, as motion does.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from ..dbc.messages import CAN_IDS, SteeringCommand
+from ..dbc.messages import CAN_IDS, SteeringCommand, SteeringPlan
 from ..runtime.frame import Frame
 from ..runtime.node import NEVER_NS, NS_PER_S, N, Wrapper
 from .fault_effects import EFFECTS, FaultMemory, overtake
 from .fault_settings import FaultDirection, FaultKind, FaultSettings, message_types_of
 from .streams import Channel, uniforms
 
-_COMMAND_ID = CAN_IDS[SteeringCommand]
+_COMMAND_IDS = frozenset((CAN_IDS[SteeringCommand], CAN_IDS[SteeringPlan]))
 
 
 class FaultStage:
@@ -137,7 +137,7 @@ class FaultyNode(Wrapper[N]):
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Pass a frame to the node through the downlink's faults."""
-        if self._start_ns is None and frame.can_id == _COMMAND_ID:
+        if self._start_ns is None and frame.can_id in _COMMAND_IDS:
             self._start_ns = now_ns
         return self._hand_in(self._through(self._down, [frame], now_ns), now_ns)
 

@@ -10,6 +10,8 @@ from steer_by_wire.dbc.messages import (
     SteeringStatusCode,
     encode,
 )
+from steer_by_wire.plant_emulator.fault_settings import FaultSettings
+from steer_by_wire.plant_emulator.faults import FaultyNode
 from tests.support.plant_link import MS_NS, PERIOD_NS, START_NS, Link, link
 
 VALUES = [0.01 * index for index in range(18)]
@@ -165,3 +167,19 @@ def test_plans_and_commands_are_one_stream_in_which_the_newest_wins() -> None:
     tested.tick_until(START_NS + 15 * PERIOD_NS)
     assert applied(tested)[-1] == 1
     assert wheel_rad(tested)[-1] == pytest.approx(0.03)
+
+
+def test_faults_of_plans_begin_after_the_first_of_them() -> None:
+    tested = link()
+    lost = FaultSettings(
+        kind="drop", direction="downlink", message="STEERING_PLAN", magnitude=1.0, onset_s=0.1
+    )
+    faulty = FaultyNode(tested.node, (lost,), seed=1)
+    for number in range(40):
+        plan = SteeringPlan(number, Mode.ACTIVE, 0, 4, *VALUES)
+        tested.tick_until(START_NS + number * PERIOD_NS)
+        faulty.on_frame(encode(plan, number), START_NS + number * PERIOD_NS + MS_NS)
+    assert tested.node.report()["accepted"] == 10
+    codes = [status.status for _, status in tested.messages(SteeringStatus)]
+    # The last of them came before sample 10.
+    assert codes.index(SteeringStatusCode.HOLDING) == 10 + 14

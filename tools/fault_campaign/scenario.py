@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
-from ...controller.settings import ControllerSettings, controller_preset
+from ...controller.settings import ControllerSettings, controller_preset, on_bus
 from ...plant_emulator.fault_settings import FaultSettings
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.settings import load_settings
@@ -184,13 +184,13 @@ def plant_settings_of(scenario: Scenario, faults: Sequence[FaultSettings]) -> Pl
 
 @lru_cache(maxsize=64)
 def controller_settings_of(law: str, ftti_ms: float | None = None) -> ControllerSettings:
-    """Return the settings of a preset; raises SettingsError for an unknown one.
+    """Return the settings of a preset on classic CAN; raises SettingsError for an unknown one.
 
     ``ftti_ms``  the fault tolerant time, from which the age limits follow that the preset leaves
                  open; None: the preset's
     """
     overrides = [] if ftti_ms is None else [f"supervision.fault_tolerant_time_ms={ftti_ms}"]
-    return controller_preset(law, overrides)
+    return on_bus(controller_preset(law, overrides), takes_fd=False)
 
 
 def _onset_s(spec: CampaignSettings, sight: Sight, seed: int) -> float:
