@@ -18,7 +18,7 @@ Times are integer nanoseconds at the interface. Internally they are integer tick
 fraction of a nanosecond that divides both bit times, so that consecutive frames add up without
 rounding. An end is rounded up to the next nanosecond only when it is returned.
 
-The same class serves virtual time and, with readings of the real clock, the emulated bus.
+It serves the emulated bus, by the real clock, and virtual time where ``quiet_bus`` does not do.
 """
 
 from collections import deque
