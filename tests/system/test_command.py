@@ -158,8 +158,8 @@ def test_every_extra_that_is_named_anywhere_exists() -> None:
     named: dict[str, str] = {}
     for file in files:
         text = file.read_text(encoding="utf-8")
-        assert f"{DISTRIBUTION}[" not in text, file
-        for extras in re.findall(r"pip install '\.\[([a-z0-9,_-]+)\]'", text):
+        assert not re.search(rf"{DISTRIBUTION}\[[^]]*\](?! @ )", text), file
+        for extras in re.findall(rf"(?:'\.|{DISTRIBUTION})\[([a-z0-9,_-]+)\](?:'| @ )", text):
             named |= dict.fromkeys(extras.split(","), file.name)
     assert len(named) > 4
     assert not {extra: file for extra, file in named.items() if extra not in known}
