@@ -41,14 +41,14 @@ def test_what_cannot_be_written_leaves_the_old_file_and_nothing_else(tmp_path: P
 def test_a_full_disk_leaves_the_old_file_and_nothing_else(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fill(path: Path, text: str, encoding: str) -> None:
-        with path.open("w", encoding=encoding) as file:
-            file.write(text[:5])
+    def fill(path: Path, content: bytes) -> None:
+        with path.open("wb") as file:
+            file.write(content[:5])
         raise OSError(28, "No space left on device", str(path))
 
     file = tmp_path / "report.json"
     write_json(file, {"run": 1})
-    monkeypatch.setattr(Path, "write_text", fill)
+    monkeypatch.setattr(Path, "write_bytes", fill)
     with pytest.raises(OSError, match="No space left"):
         write_json(file, {"run": 2})
     assert json.loads(file.read_text()) == {"run": 1}

@@ -123,8 +123,8 @@ def test_a_controller_that_jumps_on_its_return_fails(monkeypatch: pytest.MonkeyP
 
 
 def test_a_steering_that_jumps_on_its_return_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    def jumping(p: Any, x: Any, steer_rad: float, time_ns: int) -> Any:
-        state, is_followed = guard_command(p, x, steer_rad, time_ns)
+    def jumping(p: Any, x: Any, steer_rad: float, time_ns: int, is_new: bool) -> Any:
+        state, is_followed = guard_command(p, x, steer_rad, time_ns, is_new)
         if is_followed and x.mode in (GuardMode.HOLDING, GuardMode.FALLBACK):
             limiter = state.limiter._replace(steer_rad=steer_rad)
             state = state._replace(limiter=limiter, fade_rad=0.0)
