@@ -52,7 +52,7 @@ def _swings(how: str) -> Callable[[Report], str]:
 def _drifts(node: Report) -> str:
     windows = node["windows"]
     return (
-        f"{_millimetres(abs(windows['mean_m']))} off on average, and leaving at "
+        f"preview point {_millimetres(abs(windows['mean_m']))} off on average, and leaving at "
         f"{_millimetres(abs(windows['drift_m_s']))}/s"
     )
 
@@ -64,7 +64,7 @@ def _left_road(node: Report) -> str:
 def _at_the_end(node: Report) -> str:
     windows = node["windows"]
     return (
-        f"at most {_millimetres(windows['end_peak_m'])} from the path in the last "
+        f"preview point at most {_millimetres(windows['end_peak_m'])} off in the last "
         f"{windows['window_s']:.3g} s"
     )
 

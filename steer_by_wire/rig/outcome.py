@@ -14,6 +14,8 @@ from ..dbc.messages import LateralError, Rejection, SteeringCommand, SteeringPla
 from ..pair.live import PairFiles
 from ..pair.trace import FloatArray, Trace, rms
 from ..plant_emulator.settings import PlantSettings
+from ..plant_emulator.verdict import Verdict
+from ..plant_emulator.verdict_text import verdict_text
 from ..recordings.file_analysis import analyse_files
 from ..recordings.log_file import open_log
 from ..runtime.node import NS_PER_MS
@@ -30,7 +32,7 @@ class Outcome(NamedTuple):
     ``settings``  of the plant
     ``report``    the plant's figures
     ``trace``     time histories; empty when the plant was never driven
-    ``ending``    status and last line of a controller that ended before the plant
+    ``ending``    how the controller ended, if it did before the plant or in its safe state
     """
 
     files: PairFiles
@@ -68,12 +70,14 @@ class Outcome(NamedTuple):
         cg_rms_m: float | None = None,
         cg_peak_m: float | None = None,
     ) -> None:
-        """Demand that the whole motion was driven, without a fallback, within these limits [m].
+        """Demand the verdict "holds", the whole motion without a fallback, and these limits [m].
 
         ``rms_m``, ``peak_m``        of the lateral error at the preview point
         ``cg_rms_m``, ``cg_peak_m``  of the deviation of the centre of gravity
         """
         failures = list(self._incomplete())
+        if self._was_driven and self.report["verdict"] != Verdict.HOLDS:
+            failures.append(f"verdict: {verdict_text(self.report)}")
         for name, value_m, limit_m in (
             ("RMS lateral error", self.lateral_error_rms_m, rms_m),
             ("peak lateral error", self.lateral_error_peak_m, peak_m),

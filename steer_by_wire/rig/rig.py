@@ -131,9 +131,12 @@ class Rig:
         def has_not_begun() -> bool:
             return plant.motion_start_ns == NEVER_NS and next(seconds, None) is None
 
-        run_virtual_nodes(edge, make_node(0), bus, log, has_not_begun)
+        controller = make_node(0)
+        run_virtual_nodes(edge, controller, bus, log, has_not_begun)
+        failure = controller.report().get("failure")
+        ending = f"controller is in its safe state: {failure}" if failure else ""
         report, trace = dict(edge.report()), Trace.of_node(plant)
-        return Outcome(files, "virtual time", self.settings, report, trace)
+        return Outcome(files, "virtual time", self.settings, report, trace, ending)
 
     def _in_real_time(self, module: str, words: Sequence[str], files: PairFiles) -> Outcome:
         log = files.folder / "bus.txt"

@@ -54,6 +54,22 @@ def test_a_failure_names_figure_seed_and_folder(tmp_path: Path) -> None:
     assert str(outcome.files.folder) in folder
 
 
+def test_a_loop_that_does_not_hold_fails_without_any_limit(tmp_path: Path) -> None:
+    overrides = {"duration_s": 20.0, "latency.downlink.mean_s": 0.5}
+    outcome = Rig(tmp_path, overrides=overrides).run("practical_pd_dob")
+    verdict, *_ = failure_of(outcome)
+    assert verdict.startswith("verdict: unstable: swings of ")
+
+
+def test_a_law_that_fails_is_named(tmp_path: Path) -> None:
+    outcome = Rig(tmp_path, overrides=SHORT).run(
+        "practical_pd", {"law": "tests.support.own_laws:NO_OUTPUT"}
+    )
+    ending, *_ = failure_of(outcome)
+    assert ending.startswith("controller is in its safe state: ")
+    assert "TypeError" in ending
+
+
 def test_a_silent_controller_never_drives_the_plant(tmp_path: Path) -> None:
     class Silent(ControllerNode):  # a node that never sends
         def on_tick(self, now_ns: int) -> tuple[()]:

@@ -13,6 +13,7 @@ from steer_by_wire.plant_emulator.program import main as plant_main
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.tools.analyze_log.__main__ import main as analyze_main
+from steer_by_wire.tools.closed_loop.__main__ import main as run_main
 from tests.support.running_program import ORDINARY, UNSUPERVISED
 from tests.support.unrendered import unrendered as unrendered
 
@@ -57,7 +58,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_log_is_judged_by_its_measured_error(log: Path, tmp_path: Path, capsys: Capture) -> None:
     analyze = [str(log), "--out", str(tmp_path), "--no-parquet"]
     assert analyze_main([*analyze, "--fail-if", "rms_m > 0.5"]) == ExitStatus.OK
-    assert last_line(capsys).startswith("verdict: holds: at most ")
+    assert last_line(capsys).startswith("verdict: holds: preview point at most ")
     held = json.loads((tmp_path / "candump" / "figures.json").read_text())["held_path"]
     assert held["windows"]["window_s"] == pytest.approx(1.0, abs=0.02)
     strict = ["--verdict-set", "off_path_m=0.001", "--fail-if", "verdict != holds"]
@@ -71,6 +72,15 @@ def test_a_log_without_commands_has_not_started(log: Path, tmp_path: Path, capsy
     file.write_text("".join(line for line in lines if " 100#" not in line), encoding="ascii")
     assert analyze_main([str(file), "--out", str(tmp_path), "--no-parquet"]) == ExitStatus.OK
     assert last_line(capsys) == "verdict: no start: no command ever reached the plant"
+
+
+def test_a_run_whose_law_fails_does_not_end_with_what_the_plant_has_seen(capsys: Capture) -> None:
+    law = "law=tests.support.own_laws:NO_OUTPUT"
+    run = ["--controller-preset", "practical_pd", "--controller-set", law, "--duration", "3"]
+    assert run_main(run) == ExitStatus.SAFE_STATE
+    heading, verdict = last_line(capsys).split(maxsplit=1)
+    assert heading == "verdict"
+    assert verdict.startswith("safe state: controller: ")
 
 
 @pytest.mark.parametrize(

@@ -70,7 +70,10 @@ def summary(run: Run, reports: Mapping[str, Mapping[str, Any]]) -> list[tuple[st
 
 
 def verdict(reports: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return the plant's verdict, and what limited the commands on their way."""
+    """Return the plant's verdict, and what limited the commands on their way; or who failed."""
+    for program in PROGRAMS:
+        if failure := reports[program]["node"]["failure"]:
+            return f"safe state: {program.replace('_', ' ')}: {failure}"
     limited = controller_quantities.limited_text(reports[CONTROLLER]["node"])
     return "; ".join(filter(None, (verdict_text(reports[PLANT]["node"]), limited)))
 
