@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numba
 import numpy as np
-from numba.core.errors import NumbaError
+from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
 from ..controller.design import LawDesign, design_law
 from ..controller.law_interface import NO_HISTORY, LawInput, LawOutput
@@ -27,6 +27,8 @@ _numba: Any = numba
 NO_OUTPUT = LawOutput(0.0, 0.0, 0.0, 0.0)
 
 _FAILED = "Failed in nopython mode pipeline"
+_NOT_COMPILED = (NumbaError, UnsupportedBytecodeError, AssertionError, NotImplementedError)
+"""What numba raises for Python that it does not know; only the first of them is a NumbaError."""
 _LAWS_KEPT = 256
 """Laws cached for the next run with the same controller; designing one costs a tenth of a run."""
 
@@ -120,11 +122,11 @@ def compiled_law(controller: ControllerSettings, *, fastmath: bool) -> CompiledL
         kinds = _argument_kinds(design, start)
         step = _address(_variant(step_at, own, fastmath), kinds, NO_OUTPUT)
         plan = _address(_variant(plan_at, own, fastmath), kinds, -1) if design.plan else 0
-    except NumbaError as error:
+    except _NOT_COMPILED as error:
         raise LawNotCompiledError(
             f"law = {controller.law!r}: numba cannot compile it: {_cause(error)}; the nodes run it"
             " as it is: steer-by-wire run"
-        ) from error
+        ) from None  # numba's own hundred lines say nothing more
 
     @lru_cache(maxsize=_SPEEDS_KEPT)
     def params_at(speed_m_s: float) -> Memory:
@@ -164,7 +166,7 @@ def _address(function: Any, kinds: tuple[Any, ...], like: Any) -> int:
     return address
 
 
-def _cause(error: NumbaError) -> str:
+def _cause(error: Exception) -> str:
     """Return the innermost reason that numba gives, and where in the law it is, in one line."""
     lines = [line.strip() for line in str(error).splitlines()]
     innermost = max((at for at, line in enumerate(lines) if _FAILED in line), default=-1) + 1

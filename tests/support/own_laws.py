@@ -63,6 +63,32 @@ def through_json(p: OtherGain, x: Asleep, seen: LawInput) -> tuple[Asleep, LawOu
 
 NOT_COMPILED = Law(through_json, at_rest, lambda _settings: OtherGain(1.0))
 
+
+class ThirdGain(NamedTuple):
+    gain_rad_m: float
+
+
+def import_inside(p: ThirdGain, x: Asleep, seen: LawInput) -> tuple[Asleep, LawOutput]:
+    import math  # what numba has no bytecode for
+
+    return x, LawOutput(-math.tanh(p.gain_rad_m * seen.lateral_error_m), 0.0, 0.0, 0.0)
+
+
+IMPORTS = Law(import_inside, at_rest, lambda _settings: ThirdGain(1.0))
+
+
+class FourthGain(NamedTuple):
+    gain_rad_m: float
+
+
+def call_with_keywords(p: FourthGain, x: Asleep, seen: LawInput) -> tuple[Asleep, LawOutput]:
+    many = (lambda *gains, **_more: gains[0])(p.gain_rad_m, more=1.0)
+    return x, LawOutput(-many * seen.lateral_error_m, 0.0, 0.0, 0.0)
+
+
+KEYWORDS = Law(call_with_keywords, at_rest, lambda _settings: FourthGain(1.0))
+"""numba fails in an assertion of its own."""
+
 BORROWED = Law(through_json, at_rest, design)
 """With the params of another law."""
 
