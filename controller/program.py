@@ -125,12 +125,13 @@ def _check(name: str, options: argparse.Namespace) -> int:
         say(name, f"computing {what} ...", sys.stderr)
 
     figures = check_figures(settings, progress)
+    found = found_in(figures)._asdict()
     if options.json:
-        content = {"settings": settings.model_dump(mode="json"), "analysis": figures}
+        content = {"settings": settings.model_dump(mode="json"), **found, "analysis": figures}
         print(json_text(content), end="")
     else:
         print(check_text(settings, figures), end="")
-    return fail_status(name, options.fail_if, CHECK_QUANTITIES, found_in(figures)._asdict())
+    return fail_status(name, options.fail_if, CHECK_QUANTITIES, found)
 
 
 def _settings(name: str, options: argparse.Namespace) -> ControllerSettings:

@@ -11,6 +11,7 @@ delays                 of a law that looks back: sensitivity and noise at some c
 stable_delays          the constant delays at which the loop is stable: ``margin_s`` (null:
                        beyond the search), ``intervals_s``, ``searched_s``
 jitter                 for some mean latencies, the standard deviations that are tolerated
+delay_max_s            of [validity]; null without
 corners                of [validity]: each vehicle, the delay up to which it is judged and its
                        ``stable_delays``; empty without [validity]
 fallback               law and ``stable_delays`` of what takes over without echoes; or null
@@ -56,16 +57,17 @@ def check_figures(settings: ControllerSettings, progress: Progress) -> Figures:
     figures = _nominal_figures(settings, progress)
     model, validity = settings.nominal_model, settings.validity
     corners = []
-    is_analysed = "stable_delays" in figures
-    if validity is not None and is_analysed and isinstance(model, VehicleModelSettings):
-        limit_ns = min(DELAY_NS_MAX, round(validity.delay_ms_max * NS_PER_MS))
+    delay_max_s = None if validity is None else 1e-3 * validity.delay_ms_max
+    box = validity if "stable_delays" in figures else None
+    if box is not None and box.given() and isinstance(model, VehicleModelSettings):
+        limit_ns = min(DELAY_NS_MAX, round(box.delay_ms_max * NS_PER_MS))
         answers: Answers = {}
-        for vehicle in validity.corners(NominalVehicle(**model.model_dump(exclude={"kind"}))):
-            changed = {key: getattr(vehicle, key) for key in validity.given()}
+        for vehicle in box.corners(NominalVehicle(**model.model_dump(exclude={"kind"}))):
+            changed = {key: getattr(vehicle, key) for key in box.given()}
             progress(f"stable delays at {in_words(changed)}")
             stable = _stable_delays_of(settings, vehicle, limit_ns, answers)
             corners.append({"vehicle": changed, "stable_delays": _delays(stable, limit_ns)})
-    return figures | {"corners": corners}
+    return figures | {"delay_max_s": delay_max_s, "corners": corners}
 
 
 def _stable_delays_of(

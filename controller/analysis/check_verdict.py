@@ -21,30 +21,21 @@ class CheckVerdict(StrEnum):
 class Found(NamedTuple):
     """What the analysis found.
 
-    ``where``           around what the margin was found
     ``delay_margin_s``  where stability is first lost, 0 if the loop is not stable without delay,
                         infinite beyond the search; None where there is no analysis
+    ``reason``          around what the margin was found, in words
     """
 
     verdict: CheckVerdict
     delay_margin_s: float | None
-    where: str = "around the nominal plant"
+    reason: str
 
     def __str__(self) -> str:
         """Return verdict and reason."""
-        match self.delay_margin_s:
-            case None:
-                reason = "see above for the reason"
-            case 0.0:
-                reason = f"{self.where}, even without delay"
-            case math.inf:
-                reason = f"{self.where}, at every constant delay of the search"
-            case margin_s:
-                reason = f"{self.where}, up to a delay of {1e3 * margin_s:.2f} ms"
-        return f"{self.verdict}: {reason}"
+        return f"{self.verdict}: {self.reason}"
 
 
-NOT_ANALYSED = Found(CheckVerdict.NOT_ANALYSED, None)
+NOT_ANALYSED = Found(CheckVerdict.NOT_ANALYSED, None, "see above for the reason")
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     {
         "verdict": Quantity(lambda report: str(report["verdict"]), tuple(CheckVerdict)),
@@ -55,21 +46,42 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
 
 
 def found_in(figures: Mapping[str, Any]) -> Found:
-    """Return the verdict on the figures of ``check_figures``."""
-    stable = figures.get("stable_delays")
-    if stable is None:
+    """Return the verdict on the figures of ``check_figures``.
+
+    Stable are loops that are so at every constant delay from 0 to that of [validity].
+    """
+    if "stable_delays" not in figures:
         return NOT_ANALYSED
-    nominal = Found._field_defaults["where"]
-    margins_s = {nominal: stable["margin_s"]}
+    judged = {"around the nominal plant": figures["stable_delays"]}
     for corner in figures["corners"]:
-        margins_s[f"at {in_words(corner['vehicle'])}"] = corner["stable_delays"]["margin_s"]
+        judged[f"at {in_words(corner['vehicle'])}"] = corner["stable_delays"]
+    margins_s = {where: delays["margin_s"] for where, delays in judged.items()}
     bounds_s = {where: margin_s for where, margin_s in margins_s.items() if margin_s is not None}
-    if not bounds_s:
-        beside = " and all corners" if figures["corners"] else ""
-        return Found(CheckVerdict.STABLE, math.inf, f"{nominal}{beside}")
-    where, margin_s = min(bounds_s.items(), key=itemgetter(1))
-    verdict = CheckVerdict.STABLE if margin_s > 0.0 else CheckVerdict.NOT_STABLE
-    return Found(verdict, margin_s, where)
+    declared_s = figures["delay_max_s"] or 0.0
+    if bounds_s:
+        return _lost(*min(bounds_s.items(), key=itemgetter(1)), declared_s)
+    searched_s = max(delays["searched_s"] for delays in judged.values())
+    if searched_s < declared_s:
+        reason = f"above {1e3 * searched_s:g} ms, {_declares(declared_s)}"
+        return Found(CheckVerdict.NOT_ANALYSED, math.inf, reason)
+    beside = " and all corners" if figures["corners"] else ""
+    reason = f"around the nominal plant{beside}, at every constant delay of the search"
+    return Found(CheckVerdict.STABLE, math.inf, reason)
+
+
+def _lost(where: str, margin_s: float, declared_s: float) -> Found:
+    """Return the verdict on a loop whose stability is lost at some delay."""
+    if margin_s == 0.0:
+        return Found(CheckVerdict.NOT_STABLE, margin_s, f"{where}, even without delay")
+    margin = f"{1e3 * margin_s:.2f} ms"
+    if margin_s < declared_s:
+        reason = f"{where}, above {margin}, {_declares(declared_s)}"
+        return Found(CheckVerdict.NOT_STABLE, margin_s, reason)
+    return Found(CheckVerdict.STABLE, margin_s, f"{where}, up to a delay of {margin}")
+
+
+def _declares(declared_s: float) -> str:
+    return f"while [validity] declares {1e3 * declared_s:g} ms"
 
 
 def in_words(vehicle: Mapping[str, float]) -> str:

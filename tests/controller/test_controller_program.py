@@ -118,6 +118,9 @@ def test_check_prints_json_with_the_figures_of_the_text(capsys: Capture) -> None
     assert check_main(["--preset", "paper_pd", "--json"]) == ExitStatus.OK
     printed = json.loads(capsys.readouterr().out)
     assert ControllerSettings.model_validate(printed["settings"]) == preset("paper_pd")
+    assert printed["verdict"] == "stable"
+    assert printed["reason"].startswith("around the nominal plant, up to a delay of 9.2")
+    assert printed["delay_margin_s"] == printed["analysis"]["stable_delays"]["margin_s"]
     analysis = printed["analysis"]
     assert (analysis["law"], analysis["rate_hz"], analysis["period_s"]) == ("pd", 1000.0, 0.001)
     assert analysis["stable_delays"]["margin_s"] == pytest.approx(0.00923, abs=1e-5)
@@ -162,9 +165,13 @@ def test_check_says_that_the_published_cdob_drifts(capsys: Capture) -> None:
 def test_check_shows_a_set_of_stable_delays_with_a_gap(capsys: Capture) -> None:
     gap = ("pd.derivative_filter_rad_s=20", "cdob.q_cutoff_rad_s=50", "cdob.washout_rad_s=3")
     gains = ("pd.proportional_gain_rad_m=1.0596", "pd.derivative_gain_rad_s_m=0.939")
-    options = [word for setting in (*gap, *gains) for word in ("--set", setting)]
+    box = ("validity.delay_ms_max=150",)
+    options = [word for setting in (*gap, *gains, *box) for word in ("--set", setting)]
     out = checked(capsys, "--preset", "practical_pd_cdob", *options)
     assert "#   stable at     0.00 to 41.34 ms, 105.10 to 177.20 ms, 310.49 to 314.05 ms\n" in out
+    # 150 ms is stable around the nominal plant, but not all delays up to it.
+    assert "\n# verdict: not stable: at speed_m_s = 1.944, virtual_mass_kg = 1600, above " in out
+    assert out.endswith(" ms, while [validity] declares 150 ms\n")
 
 
 def test_check_says_that_a_loop_grows(capsys: Capture) -> None:

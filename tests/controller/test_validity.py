@@ -175,17 +175,37 @@ def test_far_too_fast_the_lower_demand_keeps_what_the_full_one_loses(
 
 
 def test_the_check_finds_the_corner_that_the_nominal_vehicle_hides() -> None:
-    settings = preset("practical_pd_ddob", "validity.virtual_mass_kg=[1600, 1e6]")
+    settings = preset("practical_pd_ddob", "validity.speed_m_s=[1, 3.5]")
     figures = check_figures(settings, lambda _what: None)
     found = found_in(figures)
     nominal_s = figures["stable_delays"]["margin_s"]
     assert found.delay_margin_s is not None
-    assert found.delay_margin_s < 0.25 < nominal_s
-    assert "virtual_mass_kg = 1e+06" in str(found)
+    assert 0.0 < found.delay_margin_s < 0.25 < nominal_s
+    assert found.verdict is CheckVerdict.NOT_STABLE
+    lost = f"above {1e3 * found.delay_margin_s:.2f} ms, while [validity] declares 250 ms"
+    assert found.reason == f"at speed_m_s = 3.5, virtual_mass_kg = 1600, {lost}"
     as_shipped = check_figures(preset("practical_pd_ddob"), lambda _what: None)
     assert found_in(as_shipped).verdict is CheckVerdict.STABLE
     assert len(as_shipped["corners"]) == 4
     assert all(one["stable_delays"]["margin_s"] is None for one in as_shipped["corners"])
+
+
+def test_declared_delays_without_a_box_are_those_of_the_nominal_vehicle() -> None:
+    """The verdict counts all delays from 0 to the declared one, and none beyond the search."""
+
+    def found(name: str, delay_ms: float, *overrides: str) -> str:
+        box = ValiditySettings(delay_ms_max=delay_ms)
+        settings = preset(name, *overrides).model_copy(update={"validity": box})
+        return str(found_in(check_figures(settings, lambda _what: None)))
+
+    gap = ("pd.derivative_filter_rad_s=20", "cdob.q_cutoff_rad_s=50", "cdob.washout_rad_s=3")
+    gains = ("pd.proportional_gain_rad_m=1.0596", "pd.derivative_gain_rad_s_m=0.939")
+    inside_the_gap = found("practical_pd_cdob", 150.0, *gap, *gains)
+    nominal = "around the nominal plant, above 41.3"
+    assert inside_the_gap.startswith(f"not stable: {nominal}")
+    assert inside_the_gap.endswith(" ms, while [validity] declares 150 ms")
+    beyond = found("practical_half_second_pd_ddob", 700.0)
+    assert beyond == "not analysed: above 600 ms, while [validity] declares 700 ms"
 
 
 def test_the_corners_are_those_of_the_box_around_the_nominal_vehicle() -> None:

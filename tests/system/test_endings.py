@@ -84,18 +84,24 @@ def test_a_run_whose_law_fails_does_not_end_with_what_the_plant_has_seen(capsys:
 
 
 @pytest.mark.parametrize(
-    ("derivative", "verdict", "status"),
+    ("setting", "verdict", "status"),
     [
-        ("0.1", "# verdict: stable: around the nominal plant, up to a delay of ", 0),
-        ("20", "# verdict: not stable: around the nominal plant, even without ", 6),
+        (
+            "pd.derivative_gain_rad_s_m=0.1",
+            "stable: around the nominal plant, up to a delay of ",
+            0,
+        ),
+        ("pd.derivative_gain_rad_s_m=20", "not stable: around the nominal plant, even without ", 6),
+        ("validity.speed_m_s=[1, 5]", "not stable: at speed_m_s = 5, virtual_mass_kg = 1600", 6),
     ],
 )
 def test_a_check_ends_with_its_verdict(
-    derivative: str, verdict: str, status: int, capsys: Capture
+    setting: str, verdict: str, status: int, capsys: Capture
 ) -> None:
-    law = ["--preset", "practical_pd", "--set", f"pd.derivative_gain_rad_s_m={derivative}"]
-    assert check_main([*law, "--fail-if", "delay_margin_s < 0.1"]) == status
-    assert last_line(capsys).startswith(verdict)
+    law = ["--preset", "practical_pd", "--set", setting]
+    fails = ["--fail-if", "delay_margin_s < 0.1", "--fail-if", "verdict != stable"]
+    assert check_main([*law, *fails]) == status
+    assert last_line(capsys).startswith(f"# verdict: {verdict}")
 
 
 def test_a_check_in_the_controller_leaves_conditions_to_the_check(capsys: Capture) -> None:
