@@ -15,6 +15,7 @@ _HEAD = '''"""The messages of ``steer_by_wire.dbc``; written by ``dbc.generate``
 from .layout import MessageLayout, SignalLayout
 
 # fmt: off
+# ruff: noqa: E501
 LAYOUTS: tuple[MessageLayout, ...] = (
 '''
 
@@ -34,11 +35,13 @@ def _message_text(layout: MessageLayout) -> str:
 
 
 def _signal_text(layout: SignalLayout) -> str:
+    unit = f', unit="{layout.unit}"' if layout.unit else ""
+    missing = layout.not_available
+    not_available = "" if missing is None else f", not_available={missing}"
     return (
-        f'        SignalLayout("{layout.name}", "{layout.field}", unit="{layout.unit}",\n'
+        f'        SignalLayout("{layout.name}", "{layout.field}"{unit}{not_available},\n'
         f"            start={layout.start}, length={layout.length}, is_signed={layout.is_signed},"
-        f" scale={layout.scale!r},\n            minimum={layout.minimum!r},"
-        f" maximum={layout.maximum!r}, not_available={layout.not_available!r}),\n"
+        f" scale={layout.scale!r}, minimum={layout.minimum!r}, maximum={layout.maximum!r}),\n"
     )
 
 

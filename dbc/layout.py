@@ -26,8 +26,8 @@ class SignalLayout(NamedTuple):
     scale: float
     minimum: float
     maximum: float
-    unit: str
-    not_available: int | None
+    unit: str = ""
+    not_available: int | None = None
 
 
 class MessageLayout(NamedTuple):

@@ -8,16 +8,13 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .controller.control_sample import ControlSample
 from .plant_emulator.plant_samples import PlantSample
+from .runtime.array_types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from .compiled.engine import BatchRun
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 class PlantTable(NamedTuple):

@@ -12,7 +12,8 @@ from .controller.settings import ControllerSettings
 from .plant_emulator.path_shapes import build_path
 from .plant_emulator.plant_samples import PlacedSample, PlantSample, place
 from .plant_emulator.settings import PlantSettings
-from .run_tables import ControllerTable, FloatArray, PlantTable, Track
+from .run_tables import ControllerTable, PlantTable, Track
+from .runtime.array_types import FloatArray
 from .runtime.toml_text import dump_toml
 
 if TYPE_CHECKING:

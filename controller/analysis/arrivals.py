@@ -13,14 +13,13 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 
 AGE_PROBABILITY_MIN = 1e-9
 """Rarer events are neglected: shorter latencies, and longer waits for any command."""
 
-FloatArray = NDArray[np.float64]
 LatencyCdf = Callable[[FloatArray], FloatArray]
 """P(latency ≤ t) for latencies t [s], any shape."""
 

@@ -22,8 +22,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...runtime.array_types import ComplexArray
 from ...runtime.node import NS_PER_MS, NS_PER_S
 from ..design import LawDesign, design_law, link_of, vehicle_of
 from ..law_record import LookingBack
@@ -174,7 +174,7 @@ def _at_delay(loop: PredictorLoop, delay_ns: int) -> Figures:
 
 
 def _poles(
-    poles: NDArray[np.complex128], settings: ControllerSettings, period_ns: int | None = None
+    poles: ComplexArray, settings: ControllerSettings, period_ns: int | None = None
 ) -> list[Figures]:
     """Return poles, slowest first, a conjugate pair as one."""
     period_ns = period_ns or settings.period_ns

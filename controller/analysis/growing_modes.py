@@ -26,8 +26,8 @@ than the step of a scan. The stability between crossings is decided by counting.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from ..held_input import held_over
 from .linear_system import companion_form, without_idle_states
@@ -43,9 +43,6 @@ _PARTS_OF_PERIOD = 8
 _NEWTON_STEPS = 6
 _THETA_STEP = 1e-7
 _RESIDUAL_MAX = 1e-8
-
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 class GrowingModes:

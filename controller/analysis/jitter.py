@@ -25,8 +25,8 @@ from itertools import groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from ..held_input import held_over
 from .arrivals import Arrivals, LatencyCdf, arrivals, constant_cdf, gamma_cdf, hazards_by_age
@@ -46,8 +46,6 @@ _AGREEING = 4
 _KRYLOV_VECTORS = 60
 _INVARIANT = 1e-12
 _SMALLEST = 1e-300
-
-FloatArray = NDArray[np.float64]
 
 
 class JitterTooLargeError(ValueError):

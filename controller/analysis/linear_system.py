@@ -14,8 +14,8 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from ..design import LawDesign
 from ..held_input import held_over
@@ -26,12 +26,12 @@ from ..transfer_function import TransferFunction
 class LinearSystem(NamedTuple):
     """A, B, C and D; B and C as vectors."""
 
-    a: NDArray[np.float64]
-    b: NDArray[np.float64]
-    c: NDArray[np.float64]
+    a: FloatArray
+    b: FloatArray
+    c: FloatArray
     d: float
 
-    def response(self, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def response(self, z: ComplexArray) -> ComplexArray:
         """Return C (zI - A)⁻¹ B + D at each of ``z``, none of them a pole."""
         identity = np.eye(len(self.b))
         states = np.linalg.solve(z[:, None, None] * identity - self.a, self.b[:, None])
@@ -47,10 +47,10 @@ class HeldPlant(NamedTuple):
     command acts for ε and the newer one for what remains.
     """
 
-    a: NDArray[np.float64]
-    b_new: NDArray[np.float64]
-    b_old: NDArray[np.float64]
-    c: NDArray[np.float64]
+    a: FloatArray
+    b_new: FloatArray
+    b_old: FloatArray
+    c: FloatArray
     whole_periods: int
 
 
@@ -140,7 +140,7 @@ def held_plant(model: TransferFunction, period_ns: int, delay_ns: int) -> HeldPl
 
 def companion_form(
     model: TransferFunction,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return A, B and C of a continuous transfer function.
 
     Raises ValueError for one that is not strictly proper: it would answer before the hold.
@@ -159,7 +159,7 @@ def companion_form(
     return a, b, c
 
 
-def _product(factors: tuple[Any, ...], power_of_s: int) -> NDArray[np.float64]:
+def _product(factors: tuple[Any, ...], power_of_s: int) -> FloatArray:
     """Return the coefficients of a product of factors and a power of s, highest first."""
     product = np.array([1.0, *[0.0] * power_of_s])
     for factor in factors:

@@ -14,14 +14,12 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from ..held_input import held_over
 from ..link import LinkParams
 from ..nominal_model import NominalVehicle
-
-Matrix = NDArray[np.float64]
 
 BETA, R, PSI, Y, WHEEL = range(5)
 
@@ -109,19 +107,21 @@ class LoopMatrices(NamedTuple):
     ``v``  added after the law, which does not know of it [rad]
     """
 
-    a: Matrix
-    b: Matrix
-    c: Matrix
-    d: Matrix
-    e: Matrix
-    f: Matrix
-    g: Matrix
+    a: FloatArray
+    b: FloatArray
+    c: FloatArray
+    d: FloatArray
+    e: FloatArray
+    f: FloatArray
+    g: FloatArray
 
 
 class Signals:
     """All signals in the loop, each a row over the initial state, the noise and v."""
 
-    def __init__(self, timing: Timing, plant: tuple[Matrix, Matrix], law_floats: int) -> None:
+    def __init__(
+        self, timing: Timing, plant: tuple[FloatArray, FloatArray], law_floats: int
+    ) -> None:
         self._timing = timing
         self._a, self._b = plant
         self._now_ns = timing.first_tick * timing.link.period_ns
@@ -143,8 +143,8 @@ class Signals:
         self._added = {acting: next(rows)} if held else {}
         self._begins = range(acting + held, acting + held + timing.ticks)
         self._added |= dict(zip(self._begins, added, strict=True))
-        self._steers: list[Matrix] = []
-        self._acts: dict[int, Matrix] = {}
+        self._steers: list[FloatArray] = []
+        self._acts: dict[int, FloatArray] = {}
 
     def move_to(self, time_ns: int) -> None:
         """Move the vehicle on, under each command that is in effect on the way."""
@@ -169,7 +169,7 @@ class Signals:
             self._yaw_rates[self._sample] = self._vehicle[R].copy()
         self._sample += 1
 
-    def decide(self, answer: Callable[[Timing, int], Matrix]) -> None:
+    def decide(self, answer: Callable[[Timing, int], FloatArray]) -> None:
         """Run the law's tick."""
         ticks, samples = rows_read_at(self._timing, self._tick)
         states = self._timing.states_known(self._tick, self._sample)[:1]
@@ -219,7 +219,7 @@ def rows_read_at(timing: Timing, tick: int) -> tuple[range, range]:
     return range(timing.applied_tick(known), tick), range(known, timing.newest_sample(tick) + 1)
 
 
-def continuous_rig(rig: Rig) -> tuple[Matrix, Matrix]:
+def continuous_rig(rig: Rig) -> tuple[FloatArray, FloatArray]:
     """Return vehicle and actuator, SAE 2018-01-1086 (1), from the command."""
     m, j, c_f, c_r, l_f, l_r, l_s, v = rig.vehicle
     a = np.zeros((5, 5))

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...runtime.array_types import BoolArray, ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from ..design import LawDesign
 from ..laws.predictor import NAME, PredictorSettings
@@ -33,7 +34,6 @@ from ..link import LinkParams
 from ..settings import ControllerSettings
 from .looking_back import (
     LoopMatrices,
-    Matrix,
     Rig,
     Signals,
     Timing,
@@ -61,7 +61,7 @@ _FREQUENCIES = 600
 _OMEGA_RAD_S_MIN = 0.02
 
 
-Answers = dict[tuple[Any, ...], Matrix]
+Answers = dict[tuple[Any, ...], FloatArray]
 """A law's answers that are known, by its speed and the timing of a tick."""
 
 
@@ -117,7 +117,7 @@ class PredictorLoop:
         signals.move_to(timing.end_ns)
         return signals.matrices()
 
-    def closed_loop_poles(self, delay_ns: int) -> NDArray[np.complex128]:
+    def closed_loop_poles(self, delay_ns: int) -> ComplexArray:
         """Return the poles of the modes with command and error, largest modulus first.
 
         They are in z over one common multiple of the periods, usually the control period.
@@ -178,7 +178,7 @@ class PredictorLoop:
             self._samples_per_state,
         )
 
-    def _kept(self, delay_ns: int) -> tuple[Matrix, NDArray[np.intp]]:
+    def _kept(self, delay_ns: int) -> tuple[FloatArray, NDArray[np.intp]]:
         """Return A, and which states act on the lateral error and are acted on by it.
 
         The observers of a fallback do not act on the loop, and a fading difference decays alone.
@@ -187,7 +187,7 @@ class PredictorLoop:
         acts = a != 0.0
         return a, np.flatnonzero(_reached_from(Y, acts) & _reached_from(Y, acts.T))
 
-    def _answer(self, timing: Timing, tick: int) -> Matrix:
+    def _answer(self, timing: Timing, tick: int) -> FloatArray:
         """Return what a tick makes of law, commands and measurements, kept for the next delay."""
         ticks, samples = rows_read_at(timing, tick)
         applied = tuple(timing.applied_tick(sample) for sample in samples)
@@ -210,9 +210,9 @@ def linear(settings: ControllerSettings) -> ControllerSettings:
     return settings.model_copy(update={NAME: as_set})
 
 
-def _reached_from(start: int, acts: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _reached_from(start: int, acts: BoolArray) -> BoolArray:
     """Return what a state acts on, itself among it; ``acts[i, j]``: j acts on i at once."""
-    reached: NDArray[np.bool_] = np.arange(len(acts)) == start
+    reached: BoolArray = np.arange(len(acts)) == start
     while True:
         further = reached | acts[:, reached].any(axis=1)
         if (further == reached).all():

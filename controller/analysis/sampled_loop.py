@@ -13,8 +13,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...runtime.array_types import ComplexArray, FloatArray
 from ...runtime.node import NS_PER_S
 from ..design import LawDesign
 from ..transfer_function import TransferFunction
@@ -31,7 +31,7 @@ _BISECTIONS = 40
 _PEAK_ROUNDS = 4
 _PEAK_POINTS = 21
 
-RealFunction = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+RealFunction = Callable[[FloatArray], FloatArray]
 
 
 class StabilityMargins(NamedTuple):
@@ -69,7 +69,7 @@ class SampledLoop:
         self.model = model
         self.period_ns = period_ns
 
-    def closed_loop_poles(self, delay_ns: int) -> NDArray[np.complex128]:
+    def closed_loop_poles(self, delay_ns: int) -> ComplexArray:
         """Return all poles in z of the loop with a constant delay ≥ 0, largest modulus first."""
         poles = np.linalg.eigvals(self.closed_loop_matrix(delay_ns)).astype(np.complex128)
         return poles[np.argsort(-np.abs(poles), kind="stable")]
@@ -83,9 +83,7 @@ class SampledLoop:
         largest = float(np.abs(self.closed_loop_poles(delay_ns)[0]))
         return -math.log(largest) * NS_PER_S / self.period_ns
 
-    def loop_response(
-        self, omega_rad_s: NDArray[np.float64], delay_ns: int
-    ) -> NDArray[np.complex128]:
+    def loop_response(self, omega_rad_s: FloatArray, delay_ns: int) -> ComplexArray:
         """Return the loop transfer at each ω above 0, up to Nyquist [rad/s].
 
         The loop is cut where the command goes onto the wire; -1 is the critical point.
@@ -114,12 +112,12 @@ class SampledLoop:
             peak_sensitivity_rad_s=peak_rad_s,
         )
 
-    def _responder(self, delay_ns: int) -> Callable[[NDArray[np.float64]], NDArray[np.complex128]]:
+    def _responder(self, delay_ns: int) -> Callable[[FloatArray], ComplexArray]:
         """Return the loop transfer as a function of ω, prepared for one delay."""
         a, b_new, b_old, c, whole_periods = held_plant(self.model, self.period_ns, delay_ns)
         law = without_idle_states(self.law)
 
-        def response(omega_rad_s: NDArray[np.float64]) -> NDArray[np.complex128]:
+        def response(omega_rad_s: FloatArray) -> ComplexArray:
             z = np.exp(1j * omega_rad_s * self.period_ns / NS_PER_S)
             inputs = b_new + b_old / z[:, None]
             states = np.linalg.solve(z[:, None, None] * np.eye(len(c)) - a, inputs[:, :, None])
@@ -128,14 +126,14 @@ class SampledLoop:
 
         return response
 
-    def _grid(self, delay_ns: int) -> NDArray[np.float64]:
+    def _grid(self, delay_ns: int) -> FloatArray:
         """Return ω up to Nyquist, dense in ratio and, for the turns of the delay, evenly."""
         nyquist_rad_s = math.pi * NS_PER_S / self.period_ns
         even = _EVEN_POINTS_PER_PERIOD * (delay_ns // self.period_ns + _EVEN_PERIODS)
         ratios = np.geomspace(_OMEGA_RAD_S_MIN, nyquist_rad_s, _GEOMETRIC_POINTS)
         return np.union1d(ratios[:-1], np.linspace(0.0, nyquist_rad_s, even + 1)[1:])
 
-    def closed_loop_matrix(self, delay_ns: int) -> NDArray[np.float64]:
+    def closed_loop_matrix(self, delay_ns: int) -> FloatArray:
         """Return the state matrix [z] of plant, law and the commands that are on their way.
 
         The commands are u[k-1], u[k-2], ..., u[k-n-1].
@@ -160,9 +158,7 @@ class SampledLoop:
         return matrix
 
 
-def _zeros(
-    function: RealFunction, omega_rad_s: NDArray[np.float64], values: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _zeros(function: RealFunction, omega_rad_s: FloatArray, values: FloatArray) -> FloatArray:
     """Return the zeros of a function between those neighbours of a grid where its sign changes."""
     before = np.flatnonzero(np.signbit(values[:-1]) != np.signbit(values[1:]))
     low, high = omega_rad_s[before], omega_rad_s[before + 1]
@@ -174,7 +170,7 @@ def _zeros(
     return np.asarray(0.5 * (low + high))
 
 
-def _peak(function: RealFunction, omega_rad_s: NDArray[np.float64]) -> tuple[float, float]:
+def _peak(function: RealFunction, omega_rad_s: FloatArray) -> tuple[float, float]:
     """Return the largest value and where it is, on a grid that gets finer around it."""
     for _ in range(_PEAK_ROUNDS):
         values = function(omega_rad_s)

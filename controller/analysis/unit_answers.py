@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from ...runtime.array_types import FloatArray
 from ..design import LawDesign
 from ..law_interface import History, LawInput, Link, VehicleReading
-from .looking_back import Matrix, Timing, rows_read_at
+from .looking_back import Timing, rows_read_at
 
 _RING = 4096
 _SETTLED_NS = 1_500_000_000
@@ -21,7 +22,7 @@ _SETTLED_NS = 1_500_000_000
 
 def unit_answers(
     design: LawDesign, params: Any, timing: Timing, tick: int, speed_m_s: float
-) -> Matrix:
+) -> FloatArray:
     """Return the law's state and steer after a tick, by its state before and its input.
 
     Counters of a law, which are not 0 at rest, are subtracted.
@@ -44,7 +45,7 @@ def unit_answers(
     if timing.samples_per_state:
         answers.append(design.step(params, rest, wire.seen(tick, 1.0)))
     rest_rows, *rows = [[*_leaves(state), output.steer_rad] for state, output in answers]
-    columns: Matrix = np.array(rows) - np.array(rest_rows)
+    columns: FloatArray = np.array(rows) - np.array(rest_rows)
     return columns.T
 
 

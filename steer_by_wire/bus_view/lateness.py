@@ -10,9 +10,9 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..dbc.messages import COMMAND_COUNTERS
+from ..runtime.array_types import FloatArray, IntArray
 from ..runtime.node import NS_PER_S
 from .recent import POINTS_MAX, SPAN_NS
 
@@ -71,7 +71,7 @@ class CommandLateness:
         since_s = (now_ns - due.first_ns) / NS_PER_S
         return max(since_s - due.start_s - due.period_s * (number - due.first), 0.0)
 
-    def arrays(self, now_ns: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    def arrays(self, now_ns: int) -> tuple[IntArray, FloatArray]:
         """Return age [ns] and lateness [s] of the last commands, each of shape (n,)."""
         due = self._fitted(now_ns - SPAN_NS)
         if due is None:

@@ -5,8 +5,8 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..runtime.array_types import FloatArray, IntArray
 from ..runtime.node import NS_PER_S
 
 SPAN_S = 15.0
@@ -45,7 +45,7 @@ class Recent:
         """The newest value; NaN before the first."""
         return self._points[-1][1] if self._points else math.nan
 
-    def arrays(self, now_ns: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    def arrays(self, now_ns: int) -> tuple[IntArray, FloatArray]:
         """Return times before now [ns] and values, each of shape (n,)."""
         if not self._points:
             return np.empty(0, dtype=np.int64), np.empty(0)
@@ -61,7 +61,7 @@ class Recent:
         return spread_of(self.arrays(now_ns)[1])
 
 
-def strip_of(ages_ns: NDArray[np.int64], values: NDArray[np.float64]) -> Strip:
+def strip_of(ages_ns: IntArray, values: FloatArray) -> Strip:
     """Return the strip of ``values`` that are ``ages_ns`` old [ns], both of shape (n,)."""
     strip: list[float | None] = [None] * STRIP_LENGTH
     places = STRIP_LENGTH - 1 - ages_ns * STRIP_LENGTH // SPAN_NS
@@ -73,7 +73,7 @@ def strip_of(ages_ns: NDArray[np.int64], values: NDArray[np.float64]) -> Strip:
     return tuple(strip)
 
 
-def spread_of(values_s: NDArray[np.float64]) -> Spread | None:
+def spread_of(values_s: FloatArray) -> Spread | None:
     """Return the spread of values of shape (n,) [s]; None without any."""
     if not values_s.size:
         return None

@@ -21,6 +21,7 @@ from ..plant_emulator.rig_settings import ActuatorSettings, VehicleSettings
 from ..plant_emulator.safety_settings import SafetySettings, design_guard
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.steering_guard import GuardParams
+from ..runtime.array_types import FloatArray, IntArray
 from ..runtime.node import NEVER_NS, NS_PER_S
 from ..runtime.settings import SettingsError
 from .compilation import compiled_fastmath
@@ -30,7 +31,6 @@ from .loop import COMPLETE, LAW_FAILED, LEFT_RANGE, run_segment
 from .loop_records import Constants, Records, Schedule, Segment, empty_records
 from .memory import KEPT_BYTES, memory_of, unpacked
 from .motion import compiled_motion
-from .network import FloatArray, IntArray
 from .plan import Plan, arrivals_of, plan_run
 from .wire import Uplink, Wire, on_wire
 from .wire_plan import plan_wire, speed_on_wire

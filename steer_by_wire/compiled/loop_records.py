@@ -3,11 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..controller.limits import SteerLimits
 from ..plant_emulator.motion import MotionState
 from ..plant_emulator.steering_guard import GuardParams, GuardState
+from ..runtime.array_types import FloatArray, IntArray
 from .wire import Known
 
 
@@ -43,12 +43,12 @@ class Schedule(NamedTuple):
     ``noise_m``         the sensor noise of each sample's lateral error
     """
 
-    tick_ns: NDArray[np.int64]
-    tick_sample: NDArray[np.int64]
-    command_due_ns: NDArray[np.int64]
-    command_tick: NDArray[np.int64]
-    sample_ns: NDArray[np.int64]
-    noise_m: NDArray[np.float64]
+    tick_ns: IntArray
+    tick_sample: IntArray
+    command_due_ns: IntArray
+    command_tick: IntArray
+    sample_ns: IntArray
+    noise_m: FloatArray
 
 
 class Records(NamedTuple):
@@ -58,15 +58,15 @@ class Records(NamedTuple):
     ``law_output``  (ticks, 4), in the order of ``LawOutput``
     """
 
-    lateral_error_m: NDArray[np.float64]
-    heading_error_rad: NDArray[np.float64]
-    yaw_rate_rad_s: NDArray[np.float64]
-    wheel_angle_rad: NDArray[np.float64]
-    curvature_1_m: NDArray[np.float64]
-    measured_m: NDArray[np.float64]
-    command: NDArray[np.int64]
-    sent_rad: NDArray[np.float64]
-    law_output: NDArray[np.float64]
+    lateral_error_m: FloatArray
+    heading_error_rad: FloatArray
+    yaw_rate_rad_s: FloatArray
+    wheel_angle_rad: FloatArray
+    curvature_1_m: FloatArray
+    measured_m: FloatArray
+    command: IntArray
+    sent_rad: FloatArray
+    law_output: FloatArray
 
 
 def empty_records(samples: int, ticks: int) -> Records:

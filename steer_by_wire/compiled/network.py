@@ -14,19 +14,15 @@ from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..plant_emulator.latency import RESOLUTION_S, Distribution, uniform_of_score
 from ..plant_emulator.latency_profile import profile_at, read_trace
 from ..plant_emulator.latency_settings import LatencySettings, Order
 from ..plant_emulator.loss import LossParams, bernoulli, gilbert_elliott, loss_step
 from ..plant_emulator.streams import Channel, first_uniforms
+from ..runtime.array_types import BoolArray, FloatArray, IntArray
 from ..runtime.node import NS_PER_S
 from .compilation import compiled
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 
 class Frames(NamedTuple):

@@ -10,7 +10,6 @@ The two status messages are left out, because control does not depend on them.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..controller.modes import Supervisor
 from ..controller.settings import ControllerSettings, counters_of, supervision_of
@@ -27,9 +26,10 @@ from ..dbc.reception import cycle_ns
 from ..plant_emulator.node import samples_per_vehicle_state
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.streams import Channel, first_uniforms
+from ..runtime.array_types import BoolArray, FloatArray, IntArray
 from ..runtime.node import NEVER_NS
 from .loop_records import Segment
-from .network import FloatArray, Frames, IntArray, normal_scores, passages
+from .network import Frames, normal_scores, passages
 from .steps import register_steps
 from .wire import Uplink
 
@@ -166,7 +166,7 @@ def arrivals_of(
 
 def _believed(
     rule: SequenceRule, period_ns: int, number: IntArray, arrival_ns: IntArray
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Return which frames of a message the check of their counters accepts, as they arrive."""
     steps = np.diff(number)
     # As ``SequenceRule.step_max`` of the longest period that the check may measure.

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 from numba.extending import overload
-from numpy.typing import NDArray
 
 from ..controller.law_interface import NO_HISTORY, History, Link, VehicleReading
 from ..controller.limits import SteerLimits
@@ -41,6 +40,7 @@ from ..plant_emulator.plan_buffer import has_run_out, planned_rad
 from ..plant_emulator.propagation import LinearState
 from ..plant_emulator.steering_guard import GuardState
 from ..plant_emulator.steering_unit import status_of
+from ..runtime.array_types import FloatArray, IntArray
 from .compilation import compiled_inline, compiled_inside
 from .memory import write
 
@@ -71,16 +71,16 @@ class Wire(NamedTuple):
 
     params: MemoryParams
     rings: Rings
-    arrival_ns: NDArray[np.int64]
-    arrival_message: NDArray[np.int64]
-    arrival_sample: NDArray[np.int64]
-    heading_noise_rad: NDArray[np.float64]
-    yaw_rate_noise_rad_s: NDArray[np.float64]
-    measured_heading_rad: NDArray[np.float64]
-    measured_yaw_rate_rad_s: NDArray[np.float64]
-    measured_curvature_1_m: NDArray[np.float64]
-    wheel_rad: NDArray[np.float64]
-    status: NDArray[np.int64]
+    arrival_ns: IntArray
+    arrival_message: IntArray
+    arrival_sample: IntArray
+    heading_noise_rad: FloatArray
+    yaw_rate_noise_rad_s: FloatArray
+    measured_heading_rad: FloatArray
+    measured_yaw_rate_rad_s: FloatArray
+    measured_curvature_1_m: FloatArray
+    wheel_rad: FloatArray
+    status: IntArray
     speed_m_s: float
     heading_resolution_rad: float
     yaw_rate_resolution_rad_s: float
@@ -91,11 +91,11 @@ class Wire(NamedTuple):
     wheel_rad_max: float
     steer_resolution_rad: float
     periods_per_sample: float
-    buffer: NDArray[np.float64]
-    played_rad: NDArray[np.float64]
+    buffer: FloatArray
+    played_rad: FloatArray
     samples_per_path: int
     path_spacing_m: float
-    path_ahead_1_m: NDArray[np.float64]
+    path_ahead_1_m: FloatArray
 
 
 class Known(NamedTuple):

@@ -24,8 +24,9 @@ from ..plant_emulator.node import samples_per_vehicle_state
 from ..plant_emulator.path_ahead import VALUES, curvatures_ahead_1_m, spacing_m
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.streams import Channel, first_uniforms
+from ..runtime.array_types import FloatArray, IntArray
 from ..runtime.node import NS_PER_S
-from .network import FloatArray, IntArray, normal_scores
+from .network import normal_scores
 from .plan import Plan, arrivals_of
 from .wire import Uplink, Wire, on_wire
 

@@ -3,9 +3,8 @@
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from ..runtime.array_types import BoolArray, FloatArray
 
 MARGIN = 0.05
 """Margin around the unit square within which a curve is followed too."""
@@ -14,8 +13,8 @@ _HALVINGS = 24
 
 
 def adapted(
-    at: Callable[[Floats], Floats], parameters: Floats
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    at: Callable[[FloatArray], FloatArray], parameters: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Halve intervals near the unit square until their middle lies on the chord.
 
     Returns parameters, points, and which of the intervals between them belong to the curve.
@@ -46,7 +45,7 @@ def adapted(
     return parameters, points, drawn & ~open_
 
 
-def _off_chord(before: Floats, between: Floats, after: Floats) -> Floats:
+def _off_chord(before: FloatArray, between: FloatArray, after: FloatArray) -> FloatArray:
     """Return the distances of points from the straight lines between their neighbours."""
     chord, offset = after - before, between - before
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -55,7 +54,7 @@ def _off_chord(before: Floats, between: Floats, after: Floats) -> Floats:
         return np.asarray(np.hypot(*(offset - along[:, None] * chord).T))
 
 
-def runs(drawn: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+def runs(drawn: BoolArray) -> Iterator[tuple[int, int]]:
     """Return (first, last + 1) of each run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], drawn, [False]]).astype(np.int8)))
     yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)

@@ -20,20 +20,17 @@ For design only: python-control gives the margins, and no live program may impor
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..controller.design import required
 from ..controller.discretization import q_order_2, q_type_2, washout
 from ..controller.law_settings import LawSettings
 from ..controller.shared_settings import CdobSettings, DobSettings, PdSettings
 from ..controller.transfer_function import Factor, TransferFunction
+from ..runtime.array_types import ComplexArray, FloatArray
 from .root_count import Polynomial, RootCount, count_roots, on_axis
 from .small_gain import CdobParts
 
 _ONE = TransferFunction(0, (), ())
-
-Omegas = NDArray[np.float64]
-Response = NDArray[np.complex128]
 
 
 class ContinuousLaw(NamedTuple):
@@ -96,8 +93,8 @@ def cdob_parts(settings: LawSettings) -> CdobParts:
 
 
 def loop_response(
-    law: ContinuousLaw, plant: TransferFunction, delay_s: float, omega_rad_s: Omegas
-) -> Response:
+    law: ContinuousLaw, plant: TransferFunction, delay_s: float, omega_rad_s: FloatArray
+) -> ComplexArray:
     """Return L at each ω above 0 [rad/s]; -1 is the critical point."""
     s = on_axis(omega_rad_s)
     feedback = np.polyval(law.measurement, s) / np.polyval(law.denominator, s)
@@ -105,8 +102,8 @@ def loop_response(
 
 
 def reference_response(
-    law: ContinuousLaw, plant: TransferFunction, delay_s: float, omega_rad_s: Omegas
-) -> Response:
+    law: ContinuousLaw, plant: TransferFunction, delay_s: float, omega_rad_s: FloatArray
+) -> ComplexArray:
     """Return y/r at each ω above 0 [rad/s]; y/u_new of (12) for ``dob_alone``."""
     s = on_axis(omega_rad_s)
     forward = np.polyval(law.reference, s) / np.polyval(law.denominator, s)

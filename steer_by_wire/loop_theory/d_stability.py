@@ -24,8 +24,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..runtime.array_types import BoolArray, ComplexArray
 from ..runtime.node import NS_PER_S
 
 _DOMINANT_ROOTS = 2
@@ -49,11 +49,11 @@ class Judgement(NamedTuple):
     ``satisfied``          all that is demanded is met
     """
 
-    settled: NDArray[np.bool_]
-    damped: NDArray[np.bool_]
-    dominant: NDArray[np.bool_]
-    every_root_damped: NDArray[np.bool_]
-    satisfied: NDArray[np.bool_]
+    settled: BoolArray
+    damped: BoolArray
+    dominant: BoolArray
+    every_root_damped: BoolArray
+    satisfied: BoolArray
 
 
 def d_stability(
@@ -84,14 +84,14 @@ def paper_d_stability() -> DStability:
     return d_stability(0.3, 135.0, 1.3)
 
 
-def in_s_plane(roots_z: NDArray[np.complex128], period_ns: int) -> NDArray[np.complex128]:
+def in_s_plane(roots_z: ComplexArray, period_ns: int) -> ComplexArray:
     """Return s = ln(z)/T [rad/s], -π/T < Im s ≤ π/T."""
     modulus = np.maximum(np.abs(roots_z), _MODULUS_MIN)
     s_rad_s = (np.log(modulus) + 1j * np.angle(roots_z)) * NS_PER_S / period_ns
     return np.asarray(s_rad_s, dtype=np.complex128)
 
 
-def judge(spec: DStability, roots_rad_s: NDArray[np.complex128]) -> Judgement:
+def judge(spec: DStability, roots_rad_s: ComplexArray) -> Judgement:
     """Judge sets of roots s, of shape (..., roots); the answers have shape (...)."""
     modulus = np.abs(roots_rad_s)
     within = modulus <= spec.radius_rad_s

@@ -15,8 +15,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..runtime.array_types import ComplexArray, FloatArray
 from .d_stability import DStability
 from .root_count import Polynomial, count_roots
 
@@ -40,14 +40,14 @@ def delayed_loop_satisfies(
     if not settled.stable:
         return False
 
-    def delta(s_rad_s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def delta(s_rad_s: ComplexArray) -> ComplexArray:
         answer = np.polyval(delayed, s_rad_s) * np.exp(-s_rad_s * delay_s)
         return np.asarray(np.polyval(undelayed, s_rad_s) + answer, dtype=np.complex128)
 
     if roots_within(delta, lambda x: radius * np.exp(2j * math.pi * x)) < 2:
         return False
 
-    def outside_the_cone(x: NDArray[np.float64]) -> NDArray[np.complex128]:
+    def outside_the_cone(x: FloatArray) -> ComplexArray:
         """Go out along one ray of the cone, around the circle and back along the other."""
         distance = radius * np.clip(np.minimum(3.0 * x, 3.0 - 3.0 * x), 0.0, 1.0)
         angle_rad = theta * np.clip(6.0 * x - 3.0, -1.0, 1.0)
@@ -57,8 +57,8 @@ def delayed_loop_satisfies(
 
 
 def roots_within(
-    function: Callable[[NDArray[np.complex128]], NDArray[np.complex128]],
-    contour: Callable[[NDArray[np.float64]], NDArray[np.complex128]],
+    function: Callable[[ComplexArray], ComplexArray],
+    contour: Callable[[FloatArray], ComplexArray],
 ) -> int:
     """Return how many zeros of an entire function a closed contour encloses, with multiplicity.
 

@@ -29,9 +29,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..runtime.array_types import ComplexArray, FloatArray
 from .adaptive_curve import MARGIN, adapted, runs
 from .d_stability import DStability
-from .gain_loops import Complexes, Floats, GainLine, GainLoop
+from .gain_loops import GainLine, GainLoop
 
 _OVERLAP = 1e-3  # by which a piece of ∂Γ is followed beyond its end
 _STEP = 1e-3  # from the real axis, of the smallest length at hand
@@ -65,12 +66,12 @@ class Window(NamedTuple):
     k_d_max: float
 
     @property
-    def origin(self) -> Floats:
+    def origin(self) -> FloatArray:
         """Return the corner with the smallest gains."""
         return np.array([self.k_p_min, self.k_d_min])
 
     @property
-    def sides(self) -> Floats:
+    def sides(self) -> FloatArray:
         """Return the lengths of the sides, by which gains are made comparable."""
         return np.array([self.k_p_max - self.k_p_min, self.k_d_max - self.k_d_min])
 
@@ -84,8 +85,8 @@ class BoundaryCurve(NamedTuple):
 
     bound: Bound
     kind: RootKind
-    gains: Floats
-    s_rad_s: Complexes
+    gains: FloatArray
+    s_rad_s: ComplexArray
 
 
 class _End(NamedTuple):
@@ -105,8 +106,8 @@ class _Piece(NamedTuple):
     """A piece of ∂Γ off the real axis: s of a parameter, first samples, ends on the axis."""
 
     bound: Bound
-    s_of: Callable[[Floats], Complexes]
-    first: Floats
+    s_of: Callable[[FloatArray], ComplexArray]
+    first: FloatArray
     start: _End | None
     end: _End | None
 
@@ -127,7 +128,7 @@ def boundary_curves(loop: GainLoop, spec: DStability, window: Window) -> tuple[B
     return (*complex_roots, *_straight_lines(loop, spec, window))
 
 
-def gains_of(loop: GainLoop, s_rad_s: Complexes) -> Floats:
+def gains_of(loop: GainLoop, s_rad_s: ComplexArray) -> FloatArray:
     """Return the gains (K_p, K_d) that put a root at each s off the real axis, shape (n, 2)."""
     wanted, q = loop.critical(s_rad_s), loop.derivative(s_rad_s)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -154,13 +155,13 @@ def _pieces(loop: GainLoop, spec: DStability, window: Window) -> Iterator[_Piece
     step = _STEP / (loop.dead_time_s + 1.0 / (sigma or radius))
     top_step = _STEP / loop.dead_time_s if loop.dead_time_s else 0.0
 
-    def on_sigma(omega_rad_s: Floats) -> Complexes:
+    def on_sigma(omega_rad_s: FloatArray) -> ComplexArray:
         return np.asarray(-sigma + 1j * omega_rad_s, dtype=np.complex128)
 
-    def on_cone(distance_rad_s: Floats) -> Complexes:
+    def on_cone(distance_rad_s: FloatArray) -> ComplexArray:
         return np.asarray(distance_rad_s * np.exp(1j * theta), dtype=np.complex128)
 
-    def on_circle(angle_rad: Floats) -> Complexes:
+    def on_circle(angle_rad: FloatArray) -> ComplexArray:
         return np.asarray(-radius * np.exp(-1j * angle_rad), dtype=np.complex128)
 
     end = min(_FAR * radius, top - top_step)
@@ -182,8 +183,12 @@ def _pieces(loop: GainLoop, spec: DStability, window: Window) -> Iterator[_Piece
 
 
 def _first_samples(
-    loop: GainLoop, s_of: Callable[[Floats], Complexes], start: float, end: float, window: Window
-) -> Floats:
+    loop: GainLoop,
+    s_of: Callable[[FloatArray], ComplexArray],
+    start: float,
+    end: float,
+    window: Window,
+) -> FloatArray:
     """Return first samples from start to end [rad/s]: by ratio, and by the turns of a dead time.
 
     No curve is in the window beyond the last s where |K_p| + |K_d q| of the window's corners
@@ -204,7 +209,7 @@ def _first_samples(
 def _followed(loop: GainLoop, piece: _Piece, window: Window) -> Iterator[BoundaryCurve]:
     """Return the runs of a complex root boundary that pass through the window."""
 
-    def at(parameters: Floats) -> Floats:
+    def at(parameters: FloatArray) -> FloatArray:
         return (gains_of(loop, piece.s_of(parameters)) - window.origin) / window.sides
 
     parameters, points, drawn = adapted(at, piece.first)
@@ -222,13 +227,13 @@ def _followed(loop: GainLoop, piece: _Piece, window: Window) -> Iterator[Boundar
         yield BoundaryCurve(piece.bound, RootKind.COMPLEX, gains, s_rad_s)
 
 
-def _limit(at: Callable[[Floats], Floats], end: _End) -> Floats:
+def _limit(at: Callable[[FloatArray], FloatArray], end: _End) -> FloatArray:
     """Return the point at an end on the real axis."""
     one, two = at(end.parameter + end.step * np.array([1.0, 2.0]))
     return np.asarray(one - (two - one) / (3.0 if end.mirrored else 1.0))
 
 
-def _on_line(gains: Floats, line: GainLine | None) -> Floats:
+def _on_line(gains: FloatArray, line: GainLine | None) -> FloatArray:
     """Return the gains moved onto a straight line, to remove rounding errors.
 
     The limit along a curve is not exact, but it has to lie on the line for the faces to close.
@@ -259,7 +264,7 @@ def _straight_lines(loop: GainLoop, spec: DStability, window: Window) -> Iterato
         yield BoundaryCurve(Bound.SIGMA, RootKind.INFINITE, ends, np.full(2, complex(np.nan)))
 
 
-def _clipped(line: GainLine, window: Window) -> Floats | None:
+def _clipped(line: GainLine, window: Window) -> FloatArray | None:
     """Return the two ends of a straight line on the window enlarged by the margin, else None."""
     slope = np.array([line.k_p, line.k_d]) * window.sides
     constant = line.constant + float(np.array([line.k_p, line.k_d]) @ window.origin)

@@ -21,7 +21,6 @@ from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..controller.analysis.linear_system import held_plant
 from ..controller.analysis.sampled_loop import SampledLoop
@@ -30,13 +29,10 @@ from ..controller.discretization import design_pd
 from ..controller.laws.pd import LAW as PD
 from ..controller.shared_settings import PdSettings
 from ..controller.transfer_function import Factor, TransferFunction
+from ..runtime.array_types import BoolArray, ComplexArray, FloatArray
 from ..runtime.node import NS_PER_S
 from .d_stability import DStability, in_s_plane, judge
 from .delayed_d_stability import delayed_loop_satisfies
-
-Complexes = NDArray[np.complex128]
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 class GainLine(NamedTuple):
@@ -58,16 +54,16 @@ class GainLoop(Protocol):
     def dead_time_s(self) -> float:
         """Upper bound of how fast P turns with ω [s]; it sets how boundaries are sampled."""
 
-    def critical(self, s_rad_s: Complexes) -> Complexes:
+    def critical(self, s_rad_s: ComplexArray) -> ComplexArray:
         """Return -1/P at each s; not finite where P is zero."""
 
-    def derivative(self, s_rad_s: Complexes) -> Complexes:
+    def derivative(self, s_rad_s: ComplexArray) -> ComplexArray:
         """Return q at each s."""
 
     def infinite_root_line(self) -> GainLine | None:
         """Return where a root passes through infinity, None where none can."""
 
-    def satisfies(self, spec: DStability, gains: Floats) -> Bools:
+    def satisfies(self, spec: DStability, gains: FloatArray) -> BoolArray:
         """Judge the roots at gains (K_p, K_d) of shape (n, 2)."""
 
 
@@ -102,13 +98,13 @@ class ContinuousGainLoop:
         if delay_s and self.infinite_root_line() is not None:
             raise ValueError("plant and controller together have to be strictly proper with delay")
 
-    def critical(self, s_rad_s: Complexes) -> Complexes:
+    def critical(self, s_rad_s: ComplexArray) -> ComplexArray:
         """Return -1/P."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             wanted = -self._inverse.response(s_rad_s) * np.exp(s_rad_s * self.dead_time_s)
         return np.asarray(wanted, dtype=np.complex128)
 
-    def derivative(self, s_rad_s: Complexes) -> Complexes:
+    def derivative(self, s_rad_s: ComplexArray) -> ComplexArray:
         """Return s/(s/N + 1)."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(s_rad_s / np.polyval(self._filter, s_rad_s), dtype=np.complex128)
@@ -122,7 +118,7 @@ class ContinuousGainLoop:
         constant, k_p, k_d = self._characteristic[:, 0]
         return GainLine(constant, k_p, k_d) if k_p or k_d else None
 
-    def roots(self, gains: Floats) -> Complexes:
+    def roots(self, gains: FloatArray) -> ComplexArray:
         """Return the roots s at each gain (K_p, K_d), shape (n, roots); only without delay."""
         if self.dead_time_s:
             raise ValueError("a continuous loop with delay has infinitely many roots")
@@ -133,7 +129,7 @@ class ContinuousGainLoop:
         companion[:, 0] = -coefficients[:, 1:] / coefficients[:, :1]
         return np.linalg.eigvals(companion).astype(np.complex128)
 
-    def satisfies(self, spec: DStability, gains: Floats) -> Bools:
+    def satisfies(self, spec: DStability, gains: FloatArray) -> BoolArray:
         """Judge the roots of the characteristic polynomial; with delay, by counts of roots."""
         if not self.dead_time_s:
             return judge(spec, self.roots(gains)).satisfied
@@ -177,7 +173,7 @@ class SampledGainLoop:
         loops = [SampledLoop(law, model, period_ns) for law in (one, both, twice)]
         self._matrices = affine_in_gains(loops, delay_ns)
 
-    def critical(self, s_rad_s: Complexes) -> Complexes:
+    def critical(self, s_rad_s: ComplexArray) -> ComplexArray:
         """Return -1/P(z): minus the input that makes the output 1."""
         z = self._z(s_rad_s)
         order = len(self._held.c)
@@ -191,7 +187,7 @@ class SampledGainLoop:
         inverse = np.linalg.solve(system, output)[..., order, 0]
         return np.asarray(-inverse * z ** float(self._held.whole_periods), dtype=np.complex128)
 
-    def derivative(self, s_rad_s: Complexes) -> Complexes:
+    def derivative(self, s_rad_s: ComplexArray) -> ComplexArray:
         """Return q(z) of the design."""
         z = self._z(s_rad_s)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -202,19 +198,19 @@ class SampledGainLoop:
         """Return None: the plant is strictly proper, so z^n has the coefficient 1 at any gains."""
         return None
 
-    def roots(self, gains: Floats) -> Complexes:
+    def roots(self, gains: FloatArray) -> ComplexArray:
         """Return the roots s = ln(z)/T at each gain (K_p, K_d), shape (n, roots)."""
         return roots_of_affine(self._matrices, gains, self._period_ns)
 
-    def satisfies(self, spec: DStability, gains: Floats) -> Bools:
+    def satisfies(self, spec: DStability, gains: FloatArray) -> BoolArray:
         """Judge the eigenvalues of the closed loop."""
         return judge(spec, self.roots(gains)).satisfied
 
-    def _z(self, s_rad_s: Complexes) -> Complexes:
+    def _z(self, s_rad_s: ComplexArray) -> ComplexArray:
         return np.asarray(np.exp(s_rad_s * (self._period_ns / NS_PER_S)), dtype=np.complex128)
 
 
-def affine_in_gains(loops: Sequence[SampledLoop], delay_ns: int) -> Floats:
+def affine_in_gains(loops: Sequence[SampledLoop], delay_ns: int) -> FloatArray:
     """Return M_0, M_p and M_d of the state matrix M_0 + K_p M_p + K_d M_d, shape (3, n, n).
 
     ``loops`` are those at the gains (1, 0), (1, 1) and (2, 0): three loops determine an affine
@@ -224,7 +220,7 @@ def affine_in_gains(loops: Sequence[SampledLoop], delay_ns: int) -> Floats:
     return np.array([2.0 * one - twice, twice - one, both - one])
 
 
-def roots_of_affine(matrices: Floats, gains: Floats, period_ns: int) -> Complexes:
+def roots_of_affine(matrices: FloatArray, gains: FloatArray, period_ns: int) -> ComplexArray:
     """Return the roots s of M_0 + K_p M_p + K_d M_d at each gain (K_p, K_d), shape (n, roots)."""
     closed = np.tensordot(_with_one(gains), matrices, axes=1)
     return in_s_plane(np.linalg.eigvals(closed).astype(np.complex128), period_ns)
@@ -242,12 +238,12 @@ def _pd_design(
     return LawDesign(params, partial(PD.at_rest, params), PD.step)
 
 
-def _with_one(gains: Floats) -> Floats:
+def _with_one(gains: FloatArray) -> FloatArray:
     """Return (1, K_p, K_d) of gains (K_p, K_d)."""
     return np.column_stack([np.ones(len(gains)), gains])
 
 
-def _polynomial(model: TransferFunction, sign: int) -> Floats:
+def _polynomial(model: TransferFunction, sign: int) -> FloatArray:
     """Return the numerator (sign 1) or denominator (sign -1) of a model, highest power first."""
     product = np.array([1.0, *[0.0] * max(0, sign * model.power_of_s)])
     for factor in model.numerator if sign > 0 else model.denominator:

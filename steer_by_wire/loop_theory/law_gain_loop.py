@@ -17,9 +17,10 @@ from ..controller.analysis.sampled_loop import SampledLoop
 from ..controller.design import design_law, required
 from ..controller.law_settings import LawSettings
 from ..controller.transfer_function import TransferFunction
+from ..runtime.array_types import BoolArray, ComplexArray, FloatArray
 from ..runtime.node import NS_PER_S
 from .d_stability import DStability, judge
-from .gain_loops import Bools, Complexes, Floats, GainLine, affine_in_gains, roots_of_affine
+from .gain_loops import GainLine, affine_in_gains, roots_of_affine
 
 
 class LawGainLoop:
@@ -47,11 +48,11 @@ class LawGainLoop:
         self._fed_back = rows[0]  # r: the rows of both matrices are multiples of one
         self._columns = self._matrices[1:] @ self._fed_back
 
-    def critical(self, s_rad_s: Complexes) -> Complexes:
+    def critical(self, s_rad_s: ComplexArray) -> ComplexArray:
         """Return 1/P_p."""
         return self._solved(s_rad_s)[..., 0]
 
-    def derivative(self, s_rad_s: Complexes) -> Complexes:
+    def derivative(self, s_rad_s: ComplexArray) -> ComplexArray:
         """Return P_d/P_p."""
         return self._solved(s_rad_s)[..., 1]
 
@@ -59,15 +60,15 @@ class LawGainLoop:
         """Return None: the state matrix is finite at any gains."""
         return None
 
-    def roots(self, gains: Floats) -> Complexes:
+    def roots(self, gains: FloatArray) -> ComplexArray:
         """Return the roots s = ln(z)/T at each gain (K_p, K_d), shape (n, roots)."""
         return roots_of_affine(self._matrices, gains, self._period_ns)
 
-    def satisfies(self, spec: DStability, gains: Floats) -> Bools:
+    def satisfies(self, spec: DStability, gains: FloatArray) -> BoolArray:
         """Judge the eigenvalues of the closed loop."""
         return judge(spec, self.roots(gains)).satisfied
 
-    def _solved(self, s_rad_s: Complexes) -> Complexes:
+    def _solved(self, s_rad_s: ComplexArray) -> ComplexArray:
         """Return 1/P_p and P_d/P_p, shape (..., 2), also at poles of P_p.
 
         First the input u that keeps rᵀx = 1, then the one that keeps rᵀx = 0 against c_d.

@@ -19,15 +19,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..controller.analysis.linear_system import held_plant
 from ..controller.design import LawDesign
 from ..controller.transfer_function import TransferFunction
+from ..runtime.array_types import ComplexArray, FloatArray, IntArray
 from ..runtime.node import NS_PER_S
-from .responses import ComplexArray, law_response, plant_responses, triangular
-
-FloatArray = NDArray[np.float64]
+from .responses import law_response, plant_responses, triangular
 
 _OMEGA_RAD_S_MIN = 0.02
 """The grids of ω are linear below this and logarithmic above."""
@@ -39,7 +37,7 @@ class StabilityGrid(NamedTuple):
     radius: float
     z: ComplexArray
     plants: ComplexArray
-    poles_outside: NDArray[np.int64]  # of each corner's plant, shape (corners,)
+    poles_outside: IntArray  # of each corner's plant, shape (corners,)
 
 
 class FrequencyGrid(NamedTuple):
@@ -82,7 +80,7 @@ def frequency_grid(
     return FrequencyGrid(angle_rad, z, _plants(models, delays_ns, period_ns, z))
 
 
-def slow_poles(grid: StabilityGrid, design: LawDesign) -> NDArray[np.int64]:
+def slow_poles(grid: StabilityGrid, design: LawDesign) -> IntArray:
     """Return how many modes of each loop decay no faster than σ, shape (corners, delays)."""
     distance = 1.0 - grid.plants * law_response(design, grid.z)
     # From ω = 0 to π; the lower half of the circle adds as many turns again.

@@ -33,9 +33,10 @@ from shapely.affinity import affine_transform
 
 from ..controller.law_settings import LawSettings
 from ..controller.transfer_function import TransferFunction
+from ..runtime.array_types import BoolArray, FloatArray
 from .d_stability import DStability
 from .gain_boundaries import Bound, BoundaryCurve, RootKind, Window, boundary_curves
-from .gain_loops import Floats, GainLoop, SampledGainLoop
+from .gain_loops import GainLoop, SampledGainLoop
 from .law_gain_loop import LawGainLoop
 
 _OVERSHOOT = 1e-5
@@ -108,7 +109,7 @@ class Verification(NamedTuple):
 
     inside: int
     outside: int
-    wrong: Floats
+    wrong: FloatArray
 
 
 def d_stable_region(loops: Iterable[GainLoop], spec: DStability, window: Window) -> GainRegion:
@@ -228,20 +229,22 @@ def _faces(
 
 def _good(
     loop: GainLoop, spec: DStability, window: Window, faces: NDArray[np.object_]
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Judge each face by the roots at one point of it."""
     points = shapely.get_coordinates(shapely.point_on_surface(faces))
     return loop.satisfies(spec, points * window.sides + window.origin)
 
 
-def _overshot(points: Floats) -> Floats:
+def _overshot(points: FloatArray) -> FloatArray:
     """Return a polyline with both ends extended."""
     first, last = points[0] - points[1], points[-1] - points[-2]
     first, last = (_OVERSHOOT * end / max(np.hypot(*end), 1e-300) for end in (first, last))
     return np.concatenate([[points[0] + first], points, [points[-1] + last]])
 
 
-def _beside(region: GainRegion, generator: np.random.Generator, points: int, away: float) -> Floats:
+def _beside(
+    region: GainRegion, generator: np.random.Generator, points: int, away: float
+) -> FloatArray:
     """Return gains on either side of random places on the edges, ``away`` in window sides."""
     edge = _in_window(region.polygon, region.window).boundary
     if edge.is_empty:
@@ -254,7 +257,7 @@ def _beside(region: GainRegion, generator: np.random.Generator, points: int, awa
     return np.asarray(both * region.window.sides + region.window.origin)
 
 
-def _unit(gains: Floats, window: Window) -> Floats:
+def _unit(gains: FloatArray, window: Window) -> FloatArray:
     """Return gains with the window as the unit square."""
     return np.asarray((gains - window.origin) / window.sides)
 

@@ -13,14 +13,12 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import matrix_balance, schur
 
 from ..controller.analysis.linear_system import held_plant, law_system, without_idle_states
 from ..controller.design import LawDesign
 from ..controller.transfer_function import Factor, TransferFunction
-
-ComplexArray = NDArray[np.complex128]
+from ..runtime.array_types import ComplexArray
 
 
 class TriangularLaw(NamedTuple):

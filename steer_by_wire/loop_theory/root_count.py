@@ -14,9 +14,10 @@ are taken out first and reported: roots at s = 0 that no delay and no gain moves
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Polynomial = NDArray[np.float64]
+from ..runtime.array_types import ComplexArray, FloatArray
+
+Polynomial = FloatArray
 """Real coefficients, highest power first."""
 
 _LARGEST_TURN_RAD = 0.3
@@ -45,7 +46,7 @@ class RootCount(NamedTuple):
         return self.right == 0 and self.at_origin == 0
 
 
-def on_axis(omega_rad_s: NDArray[np.float64]) -> NDArray[np.complex128]:
+def on_axis(omega_rad_s: FloatArray) -> ComplexArray:
     """Return s = jω."""
     return np.asarray(1j * omega_rad_s, np.complex128)
 
@@ -90,7 +91,7 @@ def _without_common_powers(
     return p[: len(p) - common], q[: len(q) - common], common
 
 
-def _initial_points(p: Polynomial, q: Polynomial, delay_s: float) -> NDArray[np.float64]:
+def _initial_points(p: Polynomial, q: Polynomial, delay_s: float) -> FloatArray:
     """Return ω from 0 to where p[0] s^n stays more than twice all other terms [rad/s].
 
     The argument beyond the last point follows from _values divided by the leading term there. The
@@ -107,14 +108,12 @@ def _initial_points(p: Polynomial, q: Polynomial, delay_s: float) -> NDArray[np.
     return np.union1d(logarithmic, np.linspace(0.0, last_rad_s, turns + 1))
 
 
-def _values(
-    p: Polynomial, q: Polynomial, delay_s: float, omega_rad_s: NDArray[np.float64]
-) -> NDArray[np.complex128]:
+def _values(p: Polynomial, q: Polynomial, delay_s: float, omega_rad_s: FloatArray) -> ComplexArray:
     """Return Δ(jω)."""
     s = on_axis(omega_rad_s)
     return np.asarray(np.polyval(p, s) + np.polyval(q, s) * np.exp(-s * delay_s), np.complex128)
 
 
-def _turns(values: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _turns(values: ComplexArray) -> FloatArray:
     """Return the angle from each value to the next, within ±π [rad]."""
     return np.angle(values[1:] * np.conj(values[:-1]))

@@ -19,9 +19,9 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..controller.transfer_function import TransferFunction
+from ..runtime.array_types import ComplexArray, FloatArray
 from .root_count import on_axis
 
 CUTOFF_RAD_S = (1e-2, 1e5)
@@ -31,8 +31,6 @@ _OMEGA_RAD_S = (1e-3, 1e5)
 _OMEGAS = 10_000
 _RELATIVE_RESOLUTION = 1e-7
 
-Omegas = NDArray[np.float64]
-Response = NDArray[np.complex128]
 QFamily = Callable[[float], TransferFunction]
 """Q of a cutoff ω_c [rad/s], always the same function of s/ω_c."""
 
@@ -54,8 +52,8 @@ class Peak(NamedTuple):
 class Uncertainty(NamedTuple):
     """Largest |Δ_m| over a set of plants at each ω [rad/s]; both arrays have the same length."""
 
-    omega_rad_s: NDArray[np.float64]
-    size: NDArray[np.float64]
+    omega_rad_s: FloatArray
+    size: FloatArray
 
     @property
     def peak(self) -> Peak:
@@ -110,8 +108,8 @@ class CutoffBound(NamedTuple):
 
 
 def multiplicative_uncertainty(
-    plant: TransferFunction, model: TransferFunction, omega_rad_s: Omegas, delay_s: float = 0.0
-) -> Response:
+    plant: TransferFunction, model: TransferFunction, omega_rad_s: FloatArray, delay_s: float = 0.0
+) -> ComplexArray:
     """Return Δ_m of (6) at each ω above 0, for the plant behind a delay."""
     s = on_axis(omega_rad_s)
     ratio = plant.times(model.inverse()).response(s) * np.exp(-s * delay_s)
@@ -171,14 +169,14 @@ def accepted_cutoffs(
     return tuple(Interval(*pair) for pair in zip(edges[::2], edges[1::2], strict=True))
 
 
-def delay_uncertainty(omega_rad_s: Omegas, delay_s: float) -> Response:
+def delay_uncertainty(omega_rad_s: FloatArray, delay_s: float) -> ComplexArray:
     """Return Δ_m = e^(-jωT) - 1 of (27), of size 2 |sin(ωT/2)|."""
     return np.asarray(np.expm1(-on_axis(omega_rad_s) * delay_s), np.complex128)
 
 
 def cdob_nominal_loop(
-    parts: CdobParts, omega_rad_s: Omegas, printed_delay_s: float = 0.0
-) -> Response:
+    parts: CdobParts, omega_rad_s: FloatArray, printed_delay_s: float = 0.0
+) -> ComplexArray:
     """Return L_n of (26) at each ω above 0.
 
     ``printed_delay_s``  T of the factor e^(-Ts) that (26) is printed with; 0: without it
@@ -198,14 +196,14 @@ def cdob_small_gain(parts: CdobParts, delay_s: float, *, as_printed: bool = Fals
     """
     printed_delay_s = delay_s if as_printed else 0.0
 
-    def size(omega_rad_s: Omegas) -> NDArray[np.float64]:
+    def size(omega_rad_s: FloatArray) -> FloatArray:
         nominal = cdob_nominal_loop(parts, omega_rad_s, printed_delay_s)
         return np.abs(nominal / (1.0 + nominal) * delay_uncertainty(omega_rad_s, delay_s))
 
     return _refined_peak(size)
 
 
-def _refined_peak(size: Callable[[Omegas], NDArray[np.float64]]) -> Peak:
+def _refined_peak(size: Callable[[FloatArray], FloatArray]) -> Peak:
     """Return the maximum of a magnitude over ω, refined around the maximum on the grid."""
     omega_rad_s = np.geomspace(*_OMEGA_RAD_S, _OMEGAS)
     index = int(np.argmax(size(omega_rad_s)))
@@ -216,7 +214,7 @@ def _refined_peak(size: Callable[[Omegas], NDArray[np.float64]]) -> Peak:
     return Peak(float(sizes[finest]), float(fine_rad_s[finest]))
 
 
-def _peak(sizes: NDArray[np.float64], uncertainty: Uncertainty) -> Peak:
+def _peak(sizes: FloatArray, uncertainty: Uncertainty) -> Peak:
     """Return the largest of the magnitudes."""
     index = int(np.argmax(sizes))
     return Peak(float(sizes[index]), float(uncertainty.omega_rad_s[index]))

@@ -24,15 +24,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
 from ..controller.design import LawDesign
 from ..controller.transfer_function import TransferFunction
+from ..runtime.array_types import ComplexArray, FloatArray
 from ..runtime.node import NS_PER_S
-from .responses import ComplexArray, law_response, plant_responses
-
-FloatArray = NDArray[np.float64]
+from .responses import law_response, plant_responses
 
 _LATE_FACTOR = 1e-8
 """R^-M, the factor of what comes after the M ticks; rounding grows by at most its inverse."""

@@ -6,12 +6,10 @@ from pathlib import Path
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..plant_emulator.node import PlantNode
 from ..plant_emulator.plant_samples import place
-
-FloatArray = NDArray[np.float64]
+from ..runtime.array_types import FloatArray
 
 
 class Trace(NamedTuple):

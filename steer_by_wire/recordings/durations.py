@@ -4,12 +4,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..runtime.array_types import FloatArray
 from ..runtime.node import NS_PER_S
 from ..runtime.statistics import DurationStatistics
 
-FloatArray = NDArray[np.float64]
 POINTS_MAX = 20_000
 """How many points of a time history are kept, at least half of them after the first thinning."""
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..dbc.messages import CYCLE_TIMES_MS, SteeringStatus
+from ..runtime.array_types import FloatArray
 from ..runtime.node import NS_PER_MS, NS_PER_S
-from .durations import FloatArray
 
 NumberArray = NDArray[Any]
 """Whole numbers or nanoseconds, as integers or floats."""

@@ -20,12 +20,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
-from numpy.typing import NDArray
 
 from ..controller.predictor_design import PSI, Y, noise_covariances, sampled_vehicles
 from ..controller.shared_settings import EstimatorSettings, VehicleModelSettings
-
-FloatArray = NDArray[np.float64]
+from ..runtime.array_types import FloatArray
 
 VEHICLE_STATES = (
     "side_slip_rad",

@@ -12,12 +12,13 @@ import numpy as np
 
 from ..dbc.messages import LateralError, Rejection, SteeringCommand, SteeringPlan, decode
 from ..pair.live import PairFiles
-from ..pair.trace import FloatArray, Trace, rms
+from ..pair.trace import Trace, rms
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.verdict import Verdict
 from ..plant_emulator.verdict_text import verdict_text
 from ..recordings.file_analysis import analyse_files
 from ..recordings.log_file import open_log
+from ..runtime.array_types import FloatArray
 from ..runtime.node import NS_PER_MS
 from .detection import Detection, first_reaction
 

@@ -11,13 +11,13 @@ from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..compiled.engine import Outcome, run_batch
 from ..compiled.plan import NothingArrivesError, Plan, plan_run
 from ..controller.settings import ControllerSettings
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.verdict import RUN_ENDS, RunEnd
+from ..runtime.array_types import FloatArray, IntArray
 from ..runtime.settings import SettingsError
 from .figures import (
     CG_STRIDE,
@@ -31,9 +31,6 @@ from .losses import Losses, losses_of
 from .on_nodes import run_on_nodes
 from .scenario import Pair, Scenarios
 from .verdict import rules_of
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 PLANS_KEPT = 64
 """Networks kept for the next runs: about 300 kB each for a minute at 100 Hz."""

@@ -7,7 +7,6 @@ frames that come through a line with the same losses and no latency are those th
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..compiled.network import Frames, passages
 from ..compiled.plan import Plan
@@ -16,8 +15,7 @@ from ..plant_emulator.latency_settings import LatencySettings, Order
 from ..plant_emulator.node import samples_per_vehicle_state
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.streams import Channel
-
-IntArray = NDArray[np.int64]
+from ..runtime.array_types import BoolArray, IntArray
 
 
 class Losses(NamedTuple):
@@ -62,7 +60,7 @@ def _may_lose(line: LatencySettings) -> bool:
 
 def _lost(
     line: LatencySettings, seed: int, channel: Channel, came_ns: IntArray, plan: Plan
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     bare = line.model_copy(
         update={
             "model": Distribution.CONSTANT,

@@ -5,19 +5,18 @@ people's traffic, errors and clocks, the nodes themselves run on it, some thousa
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..dbc.messages import LateralError, limits
 from ..pair.shared_bus import virtual_bus, with_clocks
 from ..pair.trace import Trace
 from ..pair.virtual import make_virtual_pair, run_virtual_nodes
 from ..plant_emulator.verdict import RunEnd, VerdictRules
+from ..runtime.array_types import FloatArray
 from ..runtime.bus_settings import BusSettings
 from .figures import CG_STRIDE, COUNTS, Figures, figures_of
 from .scenario import Pair
 from .verdict import rules_of
 
-FloatArray = NDArray[np.float64]
 TICKS_MAX = 10_000_000
 
 

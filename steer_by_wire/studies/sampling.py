@@ -11,8 +11,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..runtime.array_types import FloatArray
 from .factors import Factor, Level
 from .study_file import SamplingKind, SamplingSettings
 
@@ -25,7 +25,7 @@ class Design(NamedTuple):
 
     factors: tuple[Factor, ...]
     points: int
-    uniforms: NDArray[np.float64] | None
+    uniforms: FloatArray | None
 
     def point(self, index: int) -> tuple[Level, ...]:
         """Return the level of every factor at a point."""
@@ -60,7 +60,7 @@ def replicate_seed(study_seed: int, replicate: int) -> int:
     return int(words[0]) >> 1
 
 
-def _uniforms(sampling: SamplingSettings, count: int, factors: int) -> NDArray[np.float64]:
+def _uniforms(sampling: SamplingSettings, count: int, factors: int) -> FloatArray:
     from scipy.stats import qmc
 
     rng = np.random.default_rng(sampling.seed)  # scipy 1.14 calls it seed

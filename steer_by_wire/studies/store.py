@@ -21,18 +21,16 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..command_line import installation
 from ..plant_emulator.verdict import RUN_ENDS
+from ..runtime.array_types import FloatArray, IntArray
 from ..runtime.settings import SettingsError
 from .compute import Computed
 from .figures import COLUMNS, COUNTS
 from .scenario import Scenarios
 from .stored import check_columns, read_columns, read_json
 from .verdict import verdicts
-
-IntArray = NDArray[np.int64]
 
 CHUNK_RUNS = 4096
 """Rows of a chunk: about a megabyte in memory."""
@@ -193,7 +191,7 @@ class Store:
         table = self._table(done + number * self._chunk_runs, chunk.ends[done], chunk.figures[done])
         _write(file, lambda place: self._parquet.write_table(table, place, compression="zstd"))
 
-    def _table(self, ids: IntArray, ends: IntArray, figures: NDArray[np.float64]) -> Any:
+    def _table(self, ids: IntArray, ends: IntArray, figures: FloatArray) -> Any:
         """Return rows with all their columns."""
         study = self.scenarios.study
         names = list(study.controllers)

@@ -1,16 +1,12 @@
 """The verdicts on the runs of a study, from their figures."""
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..controller.settings import ControllerSettings
 from ..plant_emulator import verdict
 from ..plant_emulator.error_windows import WINDOW_SHARE_MAX, WindowFigures
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.verdict import Verdict, VerdictRules
+from ..runtime.array_types import FloatArray, IntArray
 from .figures import FigureRules, Figures, figure_rules
-
-FloatArray = NDArray[np.float64]
 
 _PEAK = Figures._fields.index("peak_m")
 _WINDOWS = [Figures._fields.index(name) for name in WindowFigures._fields]
@@ -36,7 +32,7 @@ def short_windows(rules: VerdictRules, duration_s: float) -> str:
     )
 
 
-def verdicts(rules: VerdictRules, ends: NDArray[np.int64], figures: FloatArray) -> list[Verdict]:
+def verdicts(rules: VerdictRules, ends: IntArray, figures: FloatArray) -> list[Verdict]:
     """Return the verdict of each run.
 
     ``ends``     shape (runs,), places in ``RUN_ENDS``

@@ -23,9 +23,9 @@ from steer_by_wire.controller.design import design_law, required
 from steer_by_wire.controller.law_settings import LawSettings
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.controller.transfer_function import Factor, TransferFunction
-from steer_by_wire.pair.trace import FloatArray
 from steer_by_wire.plant_emulator.safety_settings import UNGUARDED
 from steer_by_wire.plant_emulator.settings import plant_preset
+from steer_by_wire.runtime.array_types import FloatArray
 from tests.support.wide_stretches import MODEL, PLANT
 
 MS_NS = 1_000_000

@@ -16,7 +16,8 @@ from steer_by_wire.loop_theory.gain_boundaries import (
     Window,
     boundary_curves,
 )
-from steer_by_wire.loop_theory.gain_loops import ContinuousGainLoop, Floats
+from steer_by_wire.loop_theory.gain_loops import ContinuousGainLoop
+from steer_by_wire.runtime.array_types import FloatArray
 from tests.support.gain_loops import (
     DOUBLE_INTEGRATOR,
     EVERY_LOOP,
@@ -34,7 +35,7 @@ from tests.support.gain_loops import (
 def test_the_boundaries_of_a_double_integrator_are_those_computed_by_hand() -> None:
     spec = d_stability(0.3, 120.0, 1.3)
     sigma, radius = spec.sigma_1_s, spec.radius_rad_s
-    zero_on: dict[tuple[Bound, RootKind], Callable[[Floats], Floats]] = {
+    zero_on: dict[tuple[Bound, RootKind], Callable[[FloatArray], FloatArray]] = {
         (Bound.SIGMA, RootKind.COMPLEX): lambda k: k[:, 1] - 2.0 * sigma,
         (Bound.SIGMA, RootKind.REAL): lambda k: k[:, 0] - sigma * k[:, 1] + sigma**2,
         (Bound.CONE, RootKind.COMPLEX): lambda k: k[:, 1] - np.sqrt(k[:, 0]),  # ζ = 1/2
@@ -77,7 +78,7 @@ def test_there_is_no_infinite_root_boundary_where_the_gains_are_not_in_the_leadi
 # Boundaries are where roots are
 
 
-def some_gains(count: int, seed: int) -> Floats:
+def some_gains(count: int, seed: int) -> FloatArray:
     return WINDOW.origin + WINDOW.sides * np.random.default_rng(seed).random((count, 2))
 
 

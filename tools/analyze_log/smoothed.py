@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...controller.link import unwrapped
 from ...controller.shared_settings import VehicleModelSettings
@@ -33,8 +32,7 @@ from ...recordings.smoothing import (
     smooth_lag,
     smooth_vehicle,
 )
-
-FloatArray = NDArray[np.float64]
+from ...runtime.array_types import FloatArray
 
 COLUMNS = (*VEHICLE_STATES, "delay_s", "steering_lag_s")
 _SAMPLES_MIN = 100

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...compiled.motion import compiled_motion
-from ...compiled.network import FloatArray
 from ...compiled.plan import Plan
 from ...controller.analysis.linear_system import floats_of
 from ...controller.design import design_law
@@ -17,6 +16,7 @@ from ...controller.settings import ControllerSettings, limits_of
 from ...dbc.messages import LateralError, SteeringCommand, limits, resolutions
 from ...plant_emulator.safety_settings import design_guard
 from ...plant_emulator.settings import PlantSettings
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 
 SOURCE = Path(__file__).with_name("pd_ddob_pair.c")

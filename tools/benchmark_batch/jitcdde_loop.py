@@ -18,10 +18,10 @@ from typing import Any
 import control
 import numpy as np
 
-from ...compiled.network import FloatArray
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.rig_settings import EllipseSettings
 from ...plant_emulator.settings import PlantSettings
+from ...runtime.array_types import FloatArray
 from .python_control_loop import linear_blocks
 
 SAME_WITHIN = 0.02

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...controller.settings import controller_preset
 from ...dbc.messages import (
@@ -29,6 +28,7 @@ from ...dbc.messages import (
 from ...dbc.protection import COUNTERS
 from ...pair.virtual import make_virtual_pair
 from ...plant_emulator.settings import PlantSettings
+from ...runtime.array_types import FloatArray
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S
 from ...runtime.virtual_time import VirtualTimeExecutor
@@ -74,10 +74,10 @@ class Case(NamedTuple):
 class History(NamedTuple):
     """The content of DELAY_STATUS; arrays of shape (messages,), NaN where nothing is known."""
 
-    time_s: NDArray[np.float64]
-    echo_s: NDArray[np.float64]
-    estimate_s: NDArray[np.float64]
-    confidence: NDArray[np.float64]
+    time_s: FloatArray
+    echo_s: FloatArray
+    estimate_s: FloatArray
+    confidence: FloatArray
     truth_s: float
 
 

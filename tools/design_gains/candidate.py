@@ -8,9 +8,6 @@ preset, and nothing is rounded afterwards.
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ...controller.design import LawDesign, design_law
 from ...controller.nominal_model import NominalVehicle, steer_to_lateral_error
 from ...controller.settings import ControllerSettings
@@ -21,6 +18,7 @@ from ...controller.shared_settings import (
     VehicleModelSettings,
 )
 from ...controller.validity import ValiditySettings
+from ...runtime.array_types import FloatArray
 from .specification import Specification
 from .vehicle_file import VehicleFile
 
@@ -85,7 +83,7 @@ def lattice_place(value: float) -> int:
     return place
 
 
-def values_at(law: str, places: NDArray[np.float64]) -> dict[str, float]:
+def values_at(law: str, places: FloatArray) -> dict[str, float]:
     """Return the parameters between the places of the lattice, geometrically interpolated."""
     keys = KEYS[law]
     return {key: _between(place) for key, place in zip(keys, places, strict=True)}

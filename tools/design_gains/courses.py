@@ -3,16 +3,14 @@
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...loop_theory.tracking import unsteered_error_m
 from ...plant_emulator.path import Path, curvature
 from ...plant_emulator.path_shapes import build_path
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from .specification import Specification
 from .vehicle_file import VehicleFile
-
-FloatArray = NDArray[np.float64]
 
 _SAMPLES_PER_TICK = 4
 """Between two, curvature is taken as linear, which is exact except at the path's break points."""

@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...controller.design import design_law
 from ...controller.settings import ControllerSettings
 from ...loop_theory.tracking import rms_m, tracking_grid
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
 from .candidate import SETTINGS_KEYS, controller_settings
 from .courses import unsteered_runs_m
@@ -19,8 +19,6 @@ from .specification import Specification
 from .study import DEMANDS, Study, make_study
 from .vehicle_file import VehicleFile
 from .virtual_check import drive, jitter_drives
-
-FloatArray = NDArray[np.float64]
 
 
 class NoDesignError(Exception):

@@ -17,12 +17,10 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...controller.matrix_arithmetic import product
+from ...runtime.array_types import FloatArray
 from .principal_axes import principal_axes
-
-FloatArray = NDArray[np.float64]
 
 
 class Constants(NamedTuple):

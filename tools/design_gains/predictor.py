@@ -12,7 +12,6 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from ...controller.analysis.sampled_loop import SampledLoop
@@ -22,6 +21,7 @@ from ...controller.laws.predictor import FALLBACK, PredictorSettings
 from ...controller.nominal_model import steer_to_lateral_error
 from ...controller.settings import ControllerSettings
 from ...controller.shared_settings import EstimatorSettings, LinkSettings
+from ...runtime.array_types import FloatArray
 from .candidate import validity
 from .evolution import evolve
 from .predictor_runs import (
@@ -36,8 +36,6 @@ from .predictor_runs import (
 from .specification import PredictorTable, Specification
 from .vehicle_file import VehicleFile
 from .virtual_check import jittered
-
-FloatArray = NDArray[np.float64]
 
 _THREADS = 2
 _START = {

@@ -10,7 +10,6 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...compiled.engine import Outcome, run_batch
 from ...compiled.plan import Plan, plan_run
@@ -23,12 +22,11 @@ from ...plant_emulator.latency import Distribution
 from ...plant_emulator.latency_settings import LatencySettings
 from ...plant_emulator.rig_settings import SensorNoiseSettings
 from ...plant_emulator.settings import PlantSettings
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_MS
 from .specification import ConditionsTable, PredictorTable, Specification
 from .vehicle_file import VehicleFile
 from .virtual_check import Drive, plant_settings
-
-FloatArray = NDArray[np.float64]
 
 LEFT_M = 1e3
 """Error of a run that leaves the range of the sensor [m]."""

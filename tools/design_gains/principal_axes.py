@@ -9,9 +9,8 @@ by them ends elsewhere. The matrices are as small as a law has parameters.
 from math import copysign, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from ...runtime.array_types import FloatArray
 
 _SWEEPS_MAX = 50
 _ROTATED_MIN = 1e-16

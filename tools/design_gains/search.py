@@ -12,14 +12,12 @@ from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...runtime.array_types import FloatArray
 from .candidate import Candidate, bounds, values_at
 from .confirmation import Confirmation, confirm
 from .evolution import Generation, evolve
 from .study import Judgement, Study, judge_candidate, judge_law
-
-FloatArray = NDArray[np.float64]
 
 _INFEASIBLE = 1e6
 """Cost of a violation of 0; no objective comes near."""

@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.design import LawDesign
@@ -31,8 +30,6 @@ from .candidate import Candidate, controller_settings, designs
 from .courses import unsteered_runs_m
 from .specification import Specification
 from .vehicle_file import VehicleFile
-
-FloatArray = NDArray[np.float64]
 
 _MARGIN_DECAY_1_S = 0.02
 """How fast a loop has to settle to count as stable beyond the range, in the search."""

@@ -23,8 +23,8 @@ from scipy.signal import StateSpace, lsim, tf2ss
 
 from ...controller.nominal_model import NominalVehicle, paper_eq19
 from ...loop_theory.uncertainty import paper_box
-from ...pair.trace import FloatArray
 from ...plant_emulator.vehicle import VehicleParams, state_matrices
+from ...runtime.array_types import FloatArray
 from . import published
 from .continuous_runs import K_D_RAD_S_M, K_P_RAD_M, curvature_met
 from .table_2_attempts import PATH, Q_CUTOFF_RAD_S

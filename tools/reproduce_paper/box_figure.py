@@ -2,14 +2,12 @@
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ...loop_theory.uncertainty import paper_box
 from ...reports.plot_style import COLOURS, plot_style
+from ...runtime.array_types import FloatArray
 from .corners import corner_labels
 from .result import Comparison, Picture, Reproduction, Verdict
-
-Array = NDArray[np.float64]
 
 
 def figure_2() -> Reproduction:
@@ -42,7 +40,7 @@ def figure_2() -> Reproduction:
     )
 
 
-def _draw_box(speeds_km_h: Array, masses_kg: Array) -> Figure:
+def _draw_box(speeds_km_h: FloatArray, masses_kg: FloatArray) -> Figure:
     """Draw the box, its vertices, and the nominal vehicle."""
     nominal = paper_box().nominal
     nominal_km_h = 3.6 * nominal.speed_m_s

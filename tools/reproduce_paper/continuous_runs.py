@@ -22,8 +22,9 @@ from scipy.signal import lsim
 from ...controller.nominal_model import NominalVehicle, paper_eq19, steer_to_lateral_error
 from ...controller.transfer_function import TransferFunction
 from ...loop_theory.uncertainty import paper_box
-from ...pair.trace import FloatArray, rms
+from ...pair.trace import rms
 from ...plant_emulator.path_shapes import ellipse
+from ...runtime.array_types import FloatArray
 
 _STEP_S = 0.05
 """The curvature is linear between break points, and lsim is exact for linear input."""

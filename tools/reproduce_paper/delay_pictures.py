@@ -7,8 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...pair.trace import FloatArray, rms
+from ...pair.trace import rms
 from ...reports.plot_style import COLOURS
+from ...runtime.array_types import FloatArray
 from .delay_runs import STEER_RAD_MAX, Runs
 from .result import Picture
 from .simulation import History, thinned

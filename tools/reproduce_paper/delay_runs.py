@@ -17,9 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...controller.settings import controller_preset
-from ...pair.trace import FloatArray, rms
+from ...pair.trace import rms
 from ...plant_emulator.path_shapes import build_path
 from ...plant_emulator.settings import PlantSettings
+from ...runtime.array_types import FloatArray
 from .simulation import PAPER_DELAY_S, History, paper_plant, simulate
 
 STEER_RAD_MAX = 0.6

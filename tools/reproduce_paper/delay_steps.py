@@ -9,9 +9,10 @@ from ...controller.nominal_model import steer_to_lateral_error
 from ...controller.settings import ControllerSettings, controller_preset
 from ...controller.shared_settings import VehicleModelSettings
 from ...loop_theory.uncertainty import paper_box
-from ...pair.trace import FloatArray, rms
+from ...pair.trace import rms
 from ...plant_emulator.settings import PlantSettings
 from ...reports.plot_style import COLOURS
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from .delay_runs import CDOB, FILTER, PD, Law, delayed_plant, drive
 from .reference_step import Step, reference_step

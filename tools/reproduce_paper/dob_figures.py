@@ -12,8 +12,9 @@ from typing import NamedTuple
 from matplotlib.figure import Figure
 
 from ...controller.settings import controller_preset
-from ...pair.trace import FloatArray, rms
+from ...pair.trace import rms
 from ...reports.plot_style import COLOURS
+from ...runtime.array_types import FloatArray
 from . import published
 from .result import CLAIM, NUMBER, Comparison, Picture, Reproduction, verdict_of
 from .simulation import History, paper_plant, simulate, thinned

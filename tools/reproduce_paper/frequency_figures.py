@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ...controller.nominal_model import paper_eq19
 from ...loop_theory.continuous_loop import continuous_law, dob_alone, dob_q, reference_response
 from ...loop_theory.root_count import on_axis
 from ...reports.plot_style import COLOURS, plot_style
+from ...runtime.array_types import FloatArray
 from .box_figure import figure_2
 from .corners import CORNERS, corner_labels, corner_plants, published_law
 from .network_figure import figure_12
@@ -35,17 +35,15 @@ LOW_RAD_S = 1.0
 _OMEGA_RAD_S = (1e-2, 1e3)
 _OMEGAS = 2001
 
-Array = NDArray[np.float64]
-
 
 class CornerResponses(NamedTuple):
     """Magnitudes of a response at the four vertices, 4 by the number of ω [rad/s]."""
 
-    omega_rad_s: Array
-    size: Array
+    omega_rad_s: FloatArray
+    size: FloatArray
 
     @property
-    def spread(self) -> Array:
+    def spread(self) -> FloatArray:
         """Return largest over smallest of the vertices at each ω, from 1."""
         return np.asarray(self.size.max(axis=0) / self.size.min(axis=0))
 

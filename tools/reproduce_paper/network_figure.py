@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ...controller.analysis.sampled_loop import SampledLoop
 from ...controller.design import design_law, required
@@ -19,6 +18,7 @@ from ...controller.settings import ControllerSettings
 from ...loop_theory.continuous_loop import cdob_parts, closed_loop_roots, continuous_law
 from ...loop_theory.small_gain import cdob_nominal_loop, cdob_small_gain, delay_uncertainty
 from ...reports.plot_style import COLOURS, plot_style
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from .corners import published_law
 from .result import Comparison, Picture, Reproduction, Verdict
@@ -32,8 +32,6 @@ _UNIT_CIRCLE = 1e-5
 _OMEGA_RAD_S = (1e-1, 1e3)
 _OMEGAS = 4001
 _DELAYS_S = np.linspace(0.0, 0.25, 126)
-
-Array = NDArray[np.float64]
 
 
 class NetworkVerdict(NamedTuple):
@@ -120,7 +118,7 @@ def first_intersection_rad_s(settings: ControllerSettings, delay_s: float) -> fl
     return float(min(omega_rad_s[ratio >= 1.0], default=np.inf))
 
 
-def _closed_nominal(settings: ControllerSettings, omega_rad_s: Array) -> Array:
+def _closed_nominal(settings: ControllerSettings, omega_rad_s: FloatArray) -> FloatArray:
     """Return |L_n/(1 + L_n)| at each ω."""
     nominal = cdob_nominal_loop(cdob_parts(settings), omega_rad_s)
     return np.asarray(np.abs(nominal / (1.0 + nominal)), np.float64)

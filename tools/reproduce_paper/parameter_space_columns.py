@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from ...loop_theory.gain_boundaries import Bound, BoundaryCurve, RootKind
 from ...loop_theory.parameter_space import GainRegion
+from ...runtime.array_types import FloatArray
 
 
-def curve_columns(curves: Sequence[BoundaryCurve]) -> dict[str, NDArray[np.float64]]:
+def curve_columns(curves: Sequence[BoundaryCurve]) -> dict[str, FloatArray]:
     """Return every boundary, point by point; bound and root count the legend's from 1."""
     bounds, kinds = list(Bound), list(RootKind)
     labels = [(i, bounds.index(c.bound) + 1, kinds.index(c.kind) + 1) for i, c in enumerate(curves)]
@@ -28,7 +28,7 @@ def curve_columns(curves: Sequence[BoundaryCurve]) -> dict[str, NDArray[np.float
     }
 
 
-def region_columns(regions: Sequence[GainRegion]) -> dict[str, NDArray[np.float64]]:
+def region_columns(regions: Sequence[GainRegion]) -> dict[str, FloatArray]:
     """Return the edge of every region, ring by ring."""
     rings = [
         (index, np.asarray(ring.coords))

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ...controller.nominal_model import NominalVehicle, paper_eq19, steer_to_lateral_error
 from ...loop_theory.d_stability import DStability, judge, paper_d_stability
@@ -22,6 +21,7 @@ from ...loop_theory.parameter_space import GainRegion, d_stable_region, verified
 from ...loop_theory.uncertainty import paper_box
 from ...reports.gain_drawing import GAIN_LABELS, draw_curves, draw_gamma, fill_region
 from ...reports.plot_style import COLOURS
+from ...runtime.array_types import ComplexArray
 from ...runtime.node import NS_PER_MS
 from .parameter_space_columns import curve_columns, region_columns
 from .result import Comparison, Picture, Reproduction, Verdict
@@ -202,7 +202,7 @@ def _filter_text(filter_rad_s: float | None) -> str:
     return "ideal derivative" if filter_rad_s is None else f"N = {filter_rad_s:g} rad/s"
 
 
-def _roots(loop: ContinuousGainLoop) -> NDArray[np.complex128]:
+def _roots(loop: ContinuousGainLoop) -> ComplexArray:
     """Return the roots at the published gains, nearest the origin first, Im > 0 before Im < 0."""
     roots_rad_s = loop.roots(_PUBLISHED_GAINS)[0]
     order = np.lexsort((-roots_rad_s.imag, np.round(np.abs(roots_rad_s), 9)))

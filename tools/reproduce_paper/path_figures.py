@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...pair.trace import FloatArray
 from ...plant_emulator.path import Path, curvature, pose
 from ...plant_emulator.path_shapes import ellipse
 from ...plant_emulator.rig_settings import EllipseSettings
 from ...reports.plot_style import COLOURS
+from ...runtime.array_types import FloatArray
 from . import published
 from .continuous_runs import PD, DrivenEllipse, table_2_row
 from .result import Comparison, Picture, Reproduction, Verdict

@@ -11,8 +11,9 @@ import numpy as np
 from scipy.signal import StateSpace, lsim
 
 from ...loop_theory.uncertainty import paper_box
-from ...pair.trace import FloatArray, rms
+from ...pair.trace import rms
 from ...plant_emulator.vehicle import VehicleParams, state_matrices
+from ...runtime.array_types import FloatArray
 from . import published
 from .continuous_runs import K_D_RAD_S_M, K_P_RAD_M, curvature_met
 from .table_2_attempts import PATH

@@ -11,8 +11,9 @@ from functools import cache
 from matplotlib.figure import Figure
 
 from ...controller.settings import controller_preset
-from ...pair.trace import FloatArray, rms
+from ...pair.trace import rms
 from ...reports.plot_style import COLOURS
+from ...runtime.array_types import FloatArray
 from .delay_runs import CDOB, DDOB, PD, Law
 from .reference_runs import AMPLITUDE_M, DURATION_S, WAVELENGTH_M, Followed, follow
 from .result import CLAIM, Comparison, Picture

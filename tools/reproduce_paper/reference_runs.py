@@ -23,7 +23,7 @@ from ...controller.nominal_model import paper_eq19
 from ...controller.pd import pd_at_rest, pd_step
 from ...controller.settings import ControllerSettings, limits_of
 from ...controller.transfer_function import TransferFunction
-from ...pair.trace import FloatArray
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 
 AMPLITUDE_M = 1.0

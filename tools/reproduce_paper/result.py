@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
-import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+
+from ...runtime.array_types import FloatArray
 
 
 class Verdict(StrEnum):
@@ -30,7 +30,7 @@ class Picture(NamedTuple):
 
     name: str
     figure: Figure
-    columns: Mapping[str, NDArray[np.float64]]
+    columns: Mapping[str, FloatArray]
 
 
 CLAIM, NUMBER = "claim", "number"

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 from ...compiled.engine import Outcome, run_batch
 from ...controller.settings import ControllerSettings
-from ...pair.trace import FloatArray
 from ...pair.virtual import run_virtual_pair
 from ...plant_emulator.settings import PlantSettings, plant_preset
+from ...runtime.array_types import FloatArray
 
 PAPER_DELAY_S = 0.08
 AT_1_KHZ = "sensor_period_ms=1"

@@ -13,8 +13,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...controller.settings import controller_preset
-from ...pair.trace import FloatArray, rms
+from ...pair.trace import rms
 from ...reports.plot_style import COLOURS
+from ...runtime.array_types import FloatArray
 from . import published
 from .both_rows_attempts import BothRows, both_rows_attempts
 from .continuous_runs import PD, order_2, table_2_row

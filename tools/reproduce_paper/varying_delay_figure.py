@@ -14,8 +14,9 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...pair.trace import FloatArray, rms
+from ...pair.trace import rms
 from ...reports.plot_style import COLOURS
+from ...runtime.array_types import FloatArray
 from . import published
 from .delay_runs import (
     CDOB,

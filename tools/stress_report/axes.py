@@ -4,11 +4,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...runtime.array_types import IntArray
 from .results import FactorRecord, Rows, StudyRecord
-
-IntArray = NDArray[np.int64]
 
 LATENCY = "plant.latency."
 BINS = 10

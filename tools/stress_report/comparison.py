@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .results import FloatArray, IntArray, Rows, StudyRecord
+from ...runtime.array_types import FloatArray, IntArray
+from .results import Rows, StudyRecord
 
 
 class Effort(NamedTuple):

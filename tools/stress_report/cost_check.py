@@ -16,12 +16,13 @@ from matplotlib.figure import Figure
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.settings import PlantSettings
 from ...reports.plot_style import COLOURS
+from ...runtime.array_types import IntArray
 from ...runtime.settings import SettingsError
 from .axes import StudyAxes
 from .break_points import latency_overrides
 from .expected_cost import ExpectedCost, expected_cost
 from .monte_carlo import MonteCarloCost, monte_carlo_costs, seeds
-from .results import IntArray, Rows, StudyRecord, case_of, read_overrides
+from .results import Rows, StudyRecord, case_of, read_overrides
 
 RUNS = 50
 DURATION_S_MAX = 20.0

@@ -29,7 +29,6 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...controller.analysis.arrivals import (
     AGE_PROBABILITY_MIN,
@@ -44,6 +43,7 @@ from ...controller.settings import ControllerSettings
 from ...plant_emulator.latency import RESOLUTION_S, Distribution
 from ...plant_emulator.latency_settings import LatencySettings
 from ...plant_emulator.settings import PlantSettings
+from ...runtime.array_types import FloatArray
 from ...runtime.settings import SettingsError
 from .linear_loop import LATERAL_ERROR, LinearLoop, linear_loop
 from .moment_recursion import Recursion, move_first, move_second
@@ -51,8 +51,6 @@ from .moment_recursion import Recursion, move_first, move_second
 LAGS_FROM = 24
 NUMBERS_MAX = 250_000
 """Limit for all second moments together: about a millisecond a period."""
-
-FloatArray = NDArray[np.float64]
 
 
 class Rounding(StrEnum):

@@ -14,13 +14,11 @@ import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
-from numpy.typing import NDArray
 
 from ...plant_emulator.verdict import Verdict
+from ...runtime.array_types import FloatArray, IntArray
 from .axes import StudyAxes, cells
 from .results import VERDICTS, Rows
-
-FloatArray = NDArray[np.float64]
 
 HATCHES = {
     "unstable, left the range, or no start": "xxx",
@@ -47,7 +45,7 @@ class HeatMaps(NamedTuple):
 
     rms_m: FloatArray
     held: FloatArray
-    family: NDArray[np.int64]
+    family: IntArray
 
 
 def heat_maps(rows: Rows, axes: StudyAxes, controllers: int) -> HeatMaps:

@@ -12,9 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...runtime.array_types import IntArray
 from .axes import LATENCY
 from .comparison import Effort, effort, median
-from .results import FactorRecord, IntArray, Rows, StudyRecord
+from .results import FactorRecord, Rows, StudyRecord
 
 LEVELS_MAX = 12
 CELLS_MAX = 120

@@ -17,7 +17,6 @@ limit is linear. Whatever else is not linear, or not of this form, is rejected.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...controller.analysis.linear_system import LinearSystem, floats_of, law_system
 from ...controller.design import design_law
@@ -31,10 +30,9 @@ from ...plant_emulator.path_shapes import build_path
 from ...plant_emulator.rig_settings import DisturbanceSettings
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.vehicle import VehicleParams, state_matrices
+from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from ...runtime.settings import SettingsError
-
-FloatArray = NDArray[np.float64]
 
 LATERAL_ERROR, WHEEL = 3, 4
 """Places of y and δ in the plant's state."""

@@ -8,11 +8,9 @@ states are those of ``linear_loop``: plant, law, commands with the newest first,
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...compiled.compilation import compiled
-
-FloatArray = NDArray[np.float64]
+from ...runtime.array_types import FloatArray
 
 
 class Recursion(NamedTuple):

@@ -13,7 +13,6 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...compiled.engine import BatchRun, Outcome, run_batch
 from ...compiled.network import Frames, passages
@@ -22,9 +21,8 @@ from ...controller.settings import ControllerSettings, limits_of
 from ...plant_emulator.latency_settings import Order
 from ...plant_emulator.settings import PlantSettings
 from ...plant_emulator.streams import Channel
+from ...runtime.array_types import FloatArray
 from ...studies.sampling import replicate_seed
-
-FloatArray = NDArray[np.float64]
 
 _AT_LIMIT = 1.0 - 1e-9
 """Share of the limit at which a command counts as limited: differences of commands are rounded."""

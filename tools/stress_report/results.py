@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...plant_emulator.verdict import Verdict
+from ...runtime.array_types import BoolArray, FloatArray, IntArray
 from ...runtime.settings import SettingsError
 from ...studies.figures import COUNTS
 from ...studies.sampling import Design
@@ -24,9 +25,6 @@ from ...studies.store import are_numbers
 from ...studies.stored import overrides_of, read_columns, read_json
 from ...studies.study import Study
 from ...studies.study_file import StudySettings
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 VERDICTS = tuple(Verdict)
 HOLDS = VERDICTS.index(Verdict.HOLDS)
@@ -106,7 +104,7 @@ class Rows(NamedTuple):
     factors: Mapping[str, NDArray[Any]]
 
     @property
-    def holds(self) -> NDArray[np.bool_]:
+    def holds(self) -> BoolArray:
         """Which runs hold the path."""
         return np.asarray(self.verdict == HOLDS)
 
