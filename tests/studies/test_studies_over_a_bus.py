@@ -8,9 +8,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from steer_by_wire.pair.virtual import run_virtual_pair
+from steer_by_wire.runtime.bus_model import BusOverflowError
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.studies.compute import Computer
+from steer_by_wire.studies.figures import COLUMNS
 from steer_by_wire.studies.scenario import Scenarios, pair_of_row
 from steer_by_wire.studies.study import load_study
 from steer_by_wire.study_table import run_study
@@ -112,3 +114,27 @@ def test_a_bus_of_virtual_time_is_not_run_live(
     file = study_file(tmp_path, FACTORS)
     assert stress([str(file), "--live", "vcan0", "--subset", "1"]) == ExitStatus.SETTINGS
     assert "a study over a bus runs in virtual time only" in capsys.readouterr().err
+
+
+def test_two_processes_give_the_same_bytes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = study_file(tmp_path, "[base.bus]\nload = 0.6\n" + FACTORS)
+    results = []
+    for count in ("1", "2"):
+        out = tmp_path / count
+        assert stress([str(file), "--out", str(out), "--threads", count, "--no-report"]) == 0
+        results.append((out / "results.parquet").read_bytes())
+    assert "runs on 2 processes" in capsys.readouterr().out
+    assert results[0] == results[1]
+
+
+def test_a_bus_too_slow_for_the_pair_loses_frames_and_the_run_goes_on(tmp_path: Path) -> None:
+    scenarios = Scenarios(load_study(study_file(tmp_path, "[base.bus]\nbitrate_bit_s = 10_000\n")))
+    pair = scenarios.pair(0)
+    pair = pair.model_copy(update={"plant": pair.plant.model_copy(update={"duration_s": 15.0})})
+    with pytest.raises(BusOverflowError):
+        run_virtual_pair(pair.plant, pair.controller, 10_000)
+    row = np.full(len(COLUMNS), np.nan)
+    Computer(scenarios).run(pair, row)
+    assert row[COLUMNS.index("samples")] == 1501  # one at both ends

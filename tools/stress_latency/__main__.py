@@ -36,7 +36,7 @@ from steer_by_wire.tools.stress_latency.dask_runner import dask_workers
 from steer_by_wire.tools.stress_latency.live import live_line, open_bus, run_live, subset
 from steer_by_wire.tools.stress_latency.replay import commands, replay, replay_lines
 from steer_by_wire.tools.stress_latency.runner import estimate, run_study
-from steer_by_wire.tools.stress_latency.workers import Threads, Workers
+from steer_by_wire.tools.stress_latency.workers import Processes, Threads, Workers
 
 NAME = "steer-by-wire stress"
 DIFFERENT = 1
@@ -75,7 +75,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--threads",
         type=whole_number(1, 4096),
         metavar="N",
-        help="default: one per processor",
+        help="default: one per processor; for runs over a bus processes",
     )
     where.add_argument(
         "--scheduler", metavar="ADDRESS", help="scheduler of dask.distributed, for many machines"
@@ -190,8 +190,12 @@ def _workers(options: argparse.Namespace, scenarios: Scenarios) -> Iterator[Work
     if options.scheduler or options.workers:
         with dask_workers(scenarios.study, options.scheduler, options.workers) as workers:
             yield workers
+        return
+    count = min(_threads(options), scenarios.study.runs)
+    if scenarios.study.bus is not None and count > 1:
+        yield Processes(scenarios.study, count)
     else:
-        yield Threads(scenarios, _threads(options))
+        yield Threads(scenarios, count)
 
 
 def _compute(

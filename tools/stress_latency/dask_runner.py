@@ -1,27 +1,21 @@
 """Many machines, through dask.distributed: the same blocks, the same results.
 
-Every worker makes the study from its settings by itself and keeps what runs share, as a thread
-does. Workers need this package in the same version, and waypoint and trace files of the same names.
+Workers need this package in the same version, and waypoint and trace files of the same names.
 """
 
 import importlib
-import json
 import signal
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from functools import lru_cache
 from itertools import islice
-from pathlib import Path
 from typing import Any
 
 from ...command_line import installation
 from ...runtime.program import handled
 from ...runtime.settings import SettingsError
-from ...studies.compute import Computed, Computer
-from ...studies.sampling import make_design
-from ...studies.scenario import Scenarios
-from ...studies.study import Study, study_factors
-from ...studies.study_file import StudySettings
+from ...studies.compute import Computed
+from ...studies.study import Study
+from .payload import compute_block, payload_of
 from .workers import NOTHING, PATIENCE_S, WAITING_PER_WORKER, Block, ShouldStop
 
 CONNECT_S = 20.0
@@ -32,7 +26,7 @@ class DaskWorkers:
 
     def __init__(self, client: Any, study: Study, description: str) -> None:
         self._client = client
-        self._payload = _payload(study)
+        self._payload = payload_of(study)
         self._wait = importlib.import_module("distributed").wait
         self.description = description
 
@@ -66,7 +60,8 @@ class DaskWorkers:
         """Return the result of a block; raises the worker's error, OSError if there is no
         result."""
         if future.status == "finished":
-            return Computed(*future.result())
+            computed: Computed = future.result()
+            return computed
         error = future.exception() if future.status == "error" else None
         if isinstance(error, SettingsError):
             raise error
@@ -105,33 +100,3 @@ def dask_workers(study: Study, address: str | None, workers: int | None) -> Iter
                 raise SettingsError(f"--scheduler {address}: nobody answers there") from error
             description = f"the workers of {address}"
         yield DaskWorkers(client, study, description)
-
-
-def compute_block(payload: str, ids: Sequence[int]) -> tuple[Any, Any, Any]:
-    """Compute runs on a worker; returns the fields of ``Computed``."""
-    computed = _computer(payload).compute(list(ids), lambda: False)
-    return computed.ids, computed.ends, computed.figures
-
-
-@lru_cache(maxsize=2)
-def _computer(payload: str) -> Computer:
-    """Return the computer of a study's runs, from the output of ``_payload``."""
-    study = json.loads(payload)
-    settings = StudySettings.model_validate_json(json.dumps(study["settings"]))
-    design = make_design(study_factors(settings, study["file"]), settings.sampling)
-    tables = study["plant"], study["controllers"]
-    made = Study(study["file"], settings, *tables, design, study["fastmath"], study["bus"])
-    return Computer(Scenarios(made))
-
-
-def _payload(study: Study) -> str:
-    return json.dumps(
-        {
-            "file": str(Path(study.file).name),
-            "settings": study.settings.model_dump(mode="json", exclude_none=True),
-            "plant": study.plant,
-            "controllers": study.controllers,
-            "fastmath": study.fastmath,
-            "bus": study.bus,
-        }
-    )

@@ -1,12 +1,16 @@
-"""Threads over scenarios: the compiled loop does not hold the interpreter's lock."""
+"""Threads for compiled runs, which do not hold the interpreter's lock; processes for the others."""
 
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from functools import partial
 from itertools import islice
 from typing import Protocol
 
 from ...studies.compute import Computed, Computer
 from ...studies.scenario import Scenarios
+from ...studies.study import Study
+from ...worker_processes import worker_pool
+from .payload import compute_block, payload_of
 
 WAITING_PER_WORKER = 3
 """Blocks in progress for each worker: memory stays bounded, and no worker idles."""
@@ -51,31 +55,60 @@ class Threads:
 
     def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
         """Yield completed blocks."""
-        failed: list[BaseException] = []
-
-        def stops() -> bool:
-            return bool(failed) or should_stop()
-
+        task = partial(self._computer.compute, should_stop=should_stop)
         with ThreadPoolExecutor(self.count, thread_name_prefix="stress") as pool:
-            source = iter(blocks)
-            waiting: set[Future[Computed]] = set()
-            while True:
-                free = self.count * WAITING_PER_WORKER - len(waiting)
-                fresh = [] if stops() else islice(source, free)
-                waiting |= {pool.submit(self._computer.compute, block, stops) for block in fresh}
-                if not waiting:
-                    break
-                done, waiting = wait(waiting, PATIENCE_S, FIRST_COMPLETED)
-                for future in done:
-                    error = future.exception()
-                    if error is not None:
-                        failed.append(error)
-                    else:
-                        yield future.result()
-                if not done:
-                    yield NOTHING
-        if failed:
-            raise failed[0]
+            yield from _completed(pool, task, self.count, blocks, should_stop)
+
+
+class Processes:
+    """Processes of this machine; on a stop they finish the runs that they have begun."""
+
+    def __init__(self, study: Study, count: int) -> None:
+        self._payload = payload_of(study)
+        self.count = count
+
+    @property
+    def description(self) -> str:
+        """What they are, in a few words."""
+        return f"{self.count} processes"
+
+    def compute(self, blocks: Iterable[Block], should_stop: ShouldStop) -> Iterator[Computed]:
+        """Yield completed blocks."""
+        task = partial(compute_block, self._payload)
+        with worker_pool(self.count) as pool:
+            yield from _completed(pool, task, self.count, blocks, should_stop)
+
+
+def _completed(
+    pool: Executor,
+    task: Callable[[Block], Computed],
+    count: int,
+    blocks: Iterable[Block],
+    should_stop: ShouldStop,
+) -> Iterator[Computed]:
+    """Yield what ``task`` makes of the blocks; raises its first error when the others are done."""
+    source = iter(blocks)
+    failed: list[BaseException] = []
+    waiting: set[Future[Computed]] = set()
+    while True:
+        if failed or should_stop():
+            waiting = {future for future in waiting if not future.cancel()}
+        else:
+            free = count * WAITING_PER_WORKER - len(waiting)
+            waiting |= {pool.submit(task, block) for block in islice(source, free)}
+        if not waiting:
+            break
+        done, waiting = wait(waiting, PATIENCE_S, FIRST_COMPLETED)
+        for future in done:
+            error = future.exception()
+            if error is not None:
+                failed.append(error)
+            else:
+                yield future.result()
+        if not done:
+            yield NOTHING
+    if failed:
+        raise failed[0]
 
 
 def _nothing() -> Computed:
