@@ -1,7 +1,7 @@
 """Runs of a study over a bus: the two nodes in virtual time.
 
 Compiled runs have a wire that takes no time. Where a study has a bus, with its bit rate, other
-people's traffic, errors and clocks, the nodes themselves run on it, some hundred times slower.
+people's traffic, errors and clocks, the nodes themselves run on it, some thousand times slower.
 """
 
 from contextlib import suppress
