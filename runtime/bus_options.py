@@ -5,22 +5,23 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from .bus_settings import LEVELS, LOAD_MAX, BusSettings
-from .settings import COMMAND_LINE, load_settings, with_values
+from .bus_settings import LEVELS, LOAD_MAX, BusSettings, ClockSettings
+from .settings import COMMAND_LINE, Preset, SettingsError, load_settings, with_values
 
 _PARTS = 3
 """Of a burst, and of a stuck line."""
+_NOT_HERE = {
+    "receiver_bit_error_rate": "receiver_bit_error_rate: this program knows no single receiver",
+    "clock": "clock: this program gives no node a clock; plant and controller have --clock",
+}
+"""What concerns single nodes, and why a program without an option for it refuses it in a file."""
 
 
-def add_bus_arguments(parser: argparse.ArgumentParser, nodes: str, *, has_clocks: bool) -> None:
-    """Add the options.
-
-    ``nodes``       how a node is named, for the help
-    ``has_clocks``  whether the program can give nodes other clocks
-    """
-    group = parser.add_argument_group("other traffic and errors on the bus")
+def add_traffic_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options for other traffic."""
+    group = parser.add_argument_group("other traffic on the bus")
     group.add_argument(
-        "--bus-settings", type=Path, metavar="BUS.toml", help="all of these from a file"
+        "--bus-settings", type=Path, metavar="BUS.toml", help="all of the bus from a file"
     )
     group.add_argument(
         "--rest-bus", action="append", default=[], metavar="FILE.dbc",
@@ -30,6 +31,17 @@ def add_bus_arguments(parser: argparse.ArgumentParser, nodes: str, *, has_clocks
         "--load", type=_number, metavar="SHARE",
         help=f"of the bus for these, to {LOAD_MAX:g}; without --rest-bus for a made message set",
     )  # fmt: skip
+
+
+def add_error_arguments(
+    parser: argparse.ArgumentParser, nodes: str = "", *, has_clocks: bool = False
+) -> None:
+    """Add the options for errors.
+
+    ``nodes``       how a node is named, for the help; empty where no node can be
+    ``has_clocks``  whether the program can give nodes other clocks
+    """
+    group = parser.add_argument_group("errors on the bus")
     group.add_argument(
         "--bit-error-rate", type=_number, metavar="RATE",
         help="share of the bits that are wrong: 0 to 0.01",
@@ -39,10 +51,6 @@ def add_bus_arguments(parser: argparse.ArgumentParser, nodes: str, *, has_clocks
         help="another share in bursts: mean interval, mean length",
     )  # fmt: skip
     group.add_argument(
-        "--receiver-bit-error-rate", type=_at_one, action="append", default=[],
-        metavar="NODE=RATE", help=f"share that {nodes} alone sees wrong; repeatable",
-    )  # fmt: skip
-    group.add_argument(
         "--stuck", type=_stuck, action="append", default=[], metavar="LEVEL:FROM_S:TO_S",
         help="a line that is dominant or recessive for a time; repeatable",
     )  # fmt: skip
@@ -50,6 +58,11 @@ def add_bus_arguments(parser: argparse.ArgumentParser, nodes: str, *, has_clocks
         "--needs-acknowledgement", action="store_true", default=None,
         help="a frame that no other node acknowledges is an error",
     )  # fmt: skip
+    if nodes:
+        group.add_argument(
+            "--receiver-bit-error-rate", type=_at_one, action="append", default=[],
+            metavar="NODE=RATE", help=f"share that {nodes} alone sees wrong; repeatable",
+        )  # fmt: skip
     if has_clocks:
         group.add_argument(
             "--clock", type=_clock, action="append", default=[], metavar="NODE=PPM[:PPM_S]",
@@ -57,21 +70,19 @@ def add_bus_arguments(parser: argparse.ArgumentParser, nodes: str, *, has_clocks
         )  # fmt: skip
 
 
-def bus_settings(options: argparse.Namespace) -> BusSettings:
-    """Return the settings of the file, with the options on top; raises SettingsError."""
-    given: Mapping[str, Any] = {
-        "bitrate_bit_s": options.bitrate,
-        "rest_bus": options.rest_bus,
-        "load": options.load,
-        "bit_error_rate": options.bit_error_rate,
-        "burst": options.burst,
-        "receiver_bit_error_rate": dict(options.receiver_bit_error_rate),
-        "stuck": options.stuck,
-        "needs_acknowledgement": options.needs_acknowledgement,
-        "clock": dict(getattr(options, "clock", ())),
-    }
-    settings = load_settings(BusSettings, file=options.bus_settings)
-    values = {key: value for key, value in given.items() if value not in (None, [], {})}
+def bus_settings(options: argparse.Namespace, preset: Preset | None = None) -> BusSettings:
+    """Return the settings of the file, with the options on top; raises SettingsError.
+
+    ``preset``  below the file's; one node is named only by programs that have an option for it
+    """
+    settings = load_settings(BusSettings, preset, options.bus_settings)
+    for key in _NOT_HERE:
+        if getattr(settings, key) and key not in options:
+            raise SettingsError(f"{options.bus_settings}: {_NOT_HERE[key]}")
+    given: dict[str, Any] = {key: getattr(options, key, None) for key in BusSettings.model_fields}
+    given["bitrate_bit_s"] = getattr(options, "bitrate", None)
+    given |= {key: dict(given[key]) for key in _NOT_HERE if given[key]}
+    values = {key: value for key, value in given.items() if value not in (None, [])}
     return with_values(settings, values, COMMAND_LINE)
 
 
@@ -105,8 +116,20 @@ def _stuck(text: str) -> Mapping[str, Any]:
 
 def _clock(text: str) -> tuple[str, Mapping[str, float]]:
     node, offsets = _of_node(text, "PPM")
-    ppm, _, drift = offsets.partition(":")
-    return node, {"ppm": _number(ppm), "drift_ppm_s": _number(drift or "0")}
+    return node, _offsets(offsets)
+
+
+def clock(text: str) -> ClockSettings:
+    """Read PPM[:PPM_S], as a type of argparse."""
+    try:
+        return with_values(ClockSettings(), _offsets(text), "--clock")
+    except SettingsError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _offsets(text: str) -> Mapping[str, float]:
+    ppm, _, drift = text.partition(":")
+    return {"ppm": _number(ppm), "drift_ppm_s": _number(drift or "0")}
 
 
 def _of_node(text: str, what: str) -> tuple[str, str]:

@@ -89,6 +89,19 @@ class BusSettings(Settings):
             or self.needs_acknowledgement
         )
 
+    @property
+    def is_quiet(self) -> bool:
+        """Whether nothing is on it but the frames of its nodes."""
+        return not (self.has_traffic or self.has_errors)
+
+    @property
+    def description(self) -> str:
+        """What is on it beside the frames of its nodes; empty if nothing."""
+        traffic = f"traffic of {', '.join(self.rest_bus) or 'a made message set'}"
+        share = "" if self.load is None else f" at {100.0 * self.load:g} %"
+        parts = [traffic + share] * self.has_traffic + ["errors"] * self.has_errors
+        return " and ".join(parts)
+
 
 def errors_of(
     settings: BusSettings,

@@ -7,6 +7,8 @@ from typing import TypeVar
 
 from ..command_line import add_overrides_argument, command_parser, seconds
 from .bus import add_bus_arguments
+from .bus_options import clock
+from .bus_settings import ClockSettings
 from .option_types import (
     SPIN_US_MAX,
     output_file,
@@ -45,6 +47,13 @@ def make_parser(
     )
     parser.add_argument(
         "--duration", type=seconds, metavar="SECONDS", help="end after this time at the latest"
+    )
+    parser.add_argument(
+        "--clock",
+        type=clock,
+        default=ClockSettings(),
+        metavar="PPM[:PPM_S]",
+        help="by which the program's timers run fast, and its change",
     )
     add_real_time_arguments(parser)
     add_bus_arguments(parser)

@@ -13,9 +13,11 @@ from contextlib import ExitStack
 from typing import Any, NamedTuple
 
 from .bus import BusError, shutting_down
+from .bus_settings import ClockSettings
 from .connection import Connection, ConnectionFigures
+from .drifting_clock import DriftingClock
 from .host import RealTimeRequest, StealClock, real_time
-from .node import NS_PER_S, NS_PER_US, N
+from .node import NS_PER_S, NS_PER_US, N, Node
 from .own_part import PartError
 from .port import open_port
 from .program import ExitStatus, StopRequest, fail_status, say
@@ -96,6 +98,7 @@ def run_node(
         report = run_report(name, ended_by, opened.description, settings, run.loop, figures)
         report["connection"] = connection_report(run.connection)
         report["host"] = run.host
+        report["clock"] = options.clock.model_dump()
         report["recording"] = None if recorded is None else recorded._asdict()
         if options.report is not None:
             write_json(options.report, report)
@@ -142,9 +145,16 @@ def _run_in_real_time(
             stop.end_at(start_ns + round(options.duration * NS_PER_S))
         node = make_node(start_ns)
         port = connection if recording is None else RecordingPort(connection, recording)
-        observe = unobserved if options.quiet else Observer(node.view, screen, start_ns)
+        clock: ClockSettings = options.clock
+        drifting = DriftingClock(node, clock.ppm, clock.drift_ppm_s, start_ns)
+        timed: Node = node if clock == ClockSettings() else drifting
+        observe = unobserved
+        if not options.quiet:
+            observe = Observer(
+                lambda now_ns: node.view(drifting.local_ns(now_ns)), screen, start_ns
+            )
         executor = RealTimeExecutor(
-            node, port, spin_ns=options.spin_us * NS_PER_US, observe=observe
+            timed, port, spin_ns=options.spin_us * NS_PER_US, observe=observe
         )
         screen.start()
         try:

@@ -17,6 +17,7 @@ from .command_line import installation
 from .controller.settings import ControllerSettings
 from .plant_emulator.settings import PlantSettings
 from .run_tables import ControllerTable, PlantTable
+from .runtime.bus_settings import BusSettings
 from .runtime.node import NEVER_NS, NS_PER_S
 from .runtime.settings import (
     Settings,
@@ -66,7 +67,7 @@ def simulate(
     law: str | None = None,
     overrides: Mapping[str, Any] = NO_OVERRIDES,
     engine: Engine = "virtual",
-    bitrate_bit_s: int | None = None,
+    bus: str | Path | Mapping[str, Any] | BusSettings | None = None,
 ) -> Run:
     """Run both programs' nodes to the end of the motion.
 
@@ -77,8 +78,9 @@ def simulate(
     ``overrides``     other settings, by ``plant.table.key`` or ``controller.table.key``
     ``engine``        virtual: the nodes in virtual time; compiled: the same numbers a hundred times
                       as fast after a first run that compiles, in fewer columns (``Run``)
-    ``bitrate_bit_s`` of a classic CAN bus between the nodes of a virtual run; None: frames take no
-                      time on the wire
+    ``bus``           between the nodes of a virtual run: settings, a file of them as ``run
+                      --bus-settings`` takes it, or values by key, as ``{"load": 0.7}``; None:
+                      frames take no time on the wire
 
     Raises SettingsError, a ValueError, with one line for each mistake, and ValueError where a run
     cannot be computed.
@@ -99,11 +101,9 @@ be greater than or equal to 0 (allowed: number from 0.0, up to 10.0)
         known = ", ".join(get_args(Engine))
         raise SettingsError(f"engine = {engine!r} is not a known one (allowed: {known})")
     if engine == "virtual":
-        return _run_virtual(*settings, bitrate_bit_s)
-    if bitrate_bit_s is not None:
-        raise SettingsError(
-            f"bitrate_bit_s = {bitrate_bit_s}: in a compiled run frames take no time on the wire"
-        )
+        return _run_virtual(*settings, None if bus is None else _bus_settings(bus))
+    if bus is not None:
+        raise SettingsError("bus: in a compiled run frames take no time on the wire")
     return _run_compiled(*settings)
 
 
@@ -138,11 +138,19 @@ def _refuse_unknown_sides(values: Mapping[str, Any]) -> None:
             raise SettingsError(f"overrides: key {key} starts with neither plant. nor controller.")
 
 
+def _bus_settings(given: str | Path | Mapping[str, Any] | BusSettings) -> BusSettings:
+    if isinstance(given, BusSettings):
+        return given
+    if isinstance(given, Mapping):
+        return with_values(BusSettings(), given, "bus")
+    return load_settings(BusSettings, file=Path(given))
+
+
 def _run_virtual(
-    plant: PlantSettings, controller: ControllerSettings, bitrate_bit_s: int | None
+    plant: PlantSettings, controller: ControllerSettings, bus: BusSettings | None
 ) -> Run:
+    from .pair.shared_bus import virtual_wire, with_clocks
     from .pair.virtual import make_virtual_pair, run_virtual_nodes
-    from .runtime.quiet_bus import QuietBus
 
     # One period more than the motion: the last tick falls on the instant of the last sample.
     pair = make_virtual_pair(
@@ -153,9 +161,8 @@ def _run_virtual(
     )
     seconds = iter(range(START_S_MAX))
     run_virtual_nodes(
-        pair.edge,
-        pair.controller,
-        None if bitrate_bit_s is None else QuietBus(bitrate_bit_s),
+        *with_clocks(pair.edge, pair.controller, bus or BusSettings()),
+        None if bus is None else virtual_wire(bus, plant.seed),
         None,
         lambda: pair.plant.motion_start_ns == NEVER_NS and next(seconds, None) is None,
     )

@@ -82,6 +82,7 @@ class Channel:
         self._start_ns = start_ns if self._is_paced else 0  # nothing else has a beginning
         self._pace_ns = start_ns if self._is_paced else NEVER_NS
         self._of_traffic: list[Delivery] = []
+        self.traffic_frames = 0
         self._is_fifo = is_fifo
         self._bitrate_bit_s = bitrate_bit_s
         self._senders: dict[tuple[int, bool], int] = {}
@@ -338,6 +339,7 @@ class Channel:
         )
 
     def _on_wire(self, end_ns: int, sender: int, frame: Frame) -> None:
+        self.traffic_frames += 1
         self._of_traffic.append(Delivery(end_ns, sender, frame))
 
     def _report_full(self, client: Connection, buffer: BufferKey) -> None:

@@ -24,6 +24,7 @@ from ..runtime.error_frames import error_frame
 from ..runtime.frame import EXTENDED, Frame
 from ..runtime.frame_length import INTERMISSION_BITS, frame_bits
 from ..runtime.node import NS_PER_MS, NS_PER_S, Node
+from ..runtime.quiet_bus import QuietBus
 from ..runtime.settings import SettingsError
 
 NODES = ("plant", "controller")
@@ -179,6 +180,11 @@ def virtual_bus(settings: BusSettings, seed: int) -> SharedBus:
 
     errors = errors_of(settings, seed, _number_of, is_acknowledged)
     return SharedBus(settings.bitrate_bit_s, messages, seed, errors)
+
+
+def virtual_wire(settings: BusSettings, seed: int) -> QuietBus | SharedBus:
+    """Return the same, with nothing but the lengths of frames where that is enough."""
+    return QuietBus(settings.bitrate_bit_s) if settings.is_quiet else virtual_bus(settings, seed)
 
 
 def with_clocks(plant: Node, controller: Node, settings: BusSettings) -> tuple[Node, Node]:

@@ -10,18 +10,20 @@ from ..controller.settings import ControllerSettings
 from ..plant_emulator.faults import FaultyNode, with_faults
 from ..plant_emulator.node import SAMPLES_MAX, PlantNode
 from ..plant_emulator.settings import PlantSettings
+from ..runtime.bus_settings import BusSettings
 from ..runtime.candump import CandumpLog
 from ..runtime.frame import Frame
 from ..runtime.host import no_collections
 from ..runtime.node import Node
-from ..runtime.quiet_bus import QuietBus
 from ..runtime.virtual_time import VirtualTimeExecutor, Wire
 from .live import PairResult
-from .shared_bus import SharedBus
+from .shared_bus import SharedBus, virtual_wire, with_clocks
 from .trace import Trace
 
 BITRATE_BIT_S = 500_000
 """The default bit rate of virtual time and of the emulated bus."""
+
+QUIET_BUS = BusSettings()
 
 SLICE_NS = 1_000_000_000
 
@@ -56,17 +58,20 @@ def make_virtual_pair(
 def run_virtual_pair(
     plant_settings: PlantSettings,
     controller_settings: ControllerSettings,
-    bitrate_bit_s: int | None = BITRATE_BIT_S,
+    settings: BusSettings | None = QUIET_BUS,
     candump_log: Path | None = None,
 ) -> PairResult:
     """Run both nodes until the plant has finished.
 
-    ``bitrate_bit_s``  of the bus between them; None is a wire that takes no time
-    ``candump_log``    where every frame is written, as ``candump -L`` prints it
+    ``settings``     of the bus between them; None is a wire that takes no time
+    ``candump_log``  where every frame is written, as ``candump -L`` prints it
+
+    Raises SettingsError.
     """
     pair = make_virtual_pair(plant_settings, controller_settings)
-    bus = None if bitrate_bit_s is None else QuietBus(bitrate_bit_s)
-    run_virtual_nodes(pair.edge, pair.controller, bus, candump_log, lambda: False)
+    bus = None if settings is None else virtual_wire(settings, plant_settings.seed)
+    nodes = with_clocks(pair.edge, pair.controller, settings or QUIET_BUS)
+    run_virtual_nodes(*nodes, bus, candump_log, lambda: False)
     return PairResult(
         {"settings": plant_settings.model_dump(mode="json"), "node": dict(pair.edge.report())},
         {

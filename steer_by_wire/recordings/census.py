@@ -13,7 +13,7 @@ from typing import NamedTuple
 from ..dbc.messages import CAN_IDS, Decoded, Mode, SteeringCommand, decode
 from ..dbc.protection import COUNTERS
 from ..runtime.candump import CandumpReader, parse_entry
-from ..runtime.frame import Frame
+from ..runtime.frame import EXTENDED, Frame
 from ..runtime.frame_length import INTERMISSION_BITS, frame_bits
 from ..runtime.node import NS_PER_S
 from ..runtime.statistics import DurationStatistics, DurationSummary
@@ -35,7 +35,8 @@ class BusLog(NamedTuple):
     ``babbled``       frames of the babbling node; ``babble_missing`` those its counters miss
     ``babble_ns``     end of its first and last frame [ns]
     ``load``          share of that time that the wire was busy, intermissions included
-    ``control``       the other frames by identifier
+    ``control``       frames of the pair by identifier
+    ``others``        frames of other people's messages
     """
 
     frames: int
@@ -46,6 +47,7 @@ class BusLog(NamedTuple):
     babble_ns: tuple[int, int]
     load: float
     control: Mapping[int, Sequence[Timed]]
+    others: int
 
 
 class MessageCount(NamedTuple):
@@ -76,10 +78,10 @@ class MessageCount(NamedTuple):
 
 
 def read_bus_log(path: Path, babble_ids: Collection[int], bitrate_bit_s: int) -> BusLog:
-    """Read the recorder's log, of any length; only the control frames are kept in memory."""
+    """Read the recorder's log, of any length; only the pair's frames are kept in memory."""
     control: defaultdict[int, list[Timed]] = defaultdict(list)
     expected = dict.fromkeys(babble_ids, 0)
-    bits = frames = disordered = babbled = missing = 0
+    bits = frames = disordered = babbled = missing = others = 0
     first_ns = last_ns = before_ns = babble_bits = 0
     with path.open(encoding="ascii") as lines:
         reader = CandumpReader(lines)
@@ -94,8 +96,10 @@ def read_bus_log(path: Path, babble_ids: Collection[int], bitrate_bit_s: int) ->
                 if not babbled:
                     first_ns, bits = time_ns, 0
                 babbled += 1
-            else:
+            elif frame.can_id in NAMES and not frame.flags & EXTENDED:
                 control[frame.can_id].append((time_ns, frame))
+            else:
+                others += 1
             if babbled:
                 # What ends after the first frame of the babbling node, until its last one.
                 bits += (frame_bits(frame).nominal + INTERMISSION_BITS) * (time_ns > first_ns)
@@ -104,7 +108,15 @@ def read_bus_log(path: Path, babble_ids: Collection[int], bitrate_bit_s: int) ->
     window_ns = last_ns - first_ns
     load = babble_bits * NS_PER_S / bitrate_bit_s / window_ns if window_ns else 0.0
     return BusLog(
-        frames, reader.unreadable, disordered, babbled, missing, (first_ns, last_ns), load, control
+        frames,
+        reader.unreadable,
+        disordered,
+        babbled,
+        missing,
+        (first_ns, last_ns),
+        load,
+        control,
+        others,
     )
 
 

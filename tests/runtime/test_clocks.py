@@ -57,6 +57,17 @@ def test_a_clock_that_drifts_is_off_by_the_square_of_time() -> None:
     assert 10_000_000_000 - seen_ns[1000] == pytest.approx(500_000, rel=2e-3)
 
 
+def test_a_clock_is_right_when_it_starts() -> None:
+    """A program's start is years after that of the clock that it reads."""
+    start_ns = 10**17
+    node = Periodic()
+    node.deadline_ns = start_ns + 1000 * PERIOD_NS
+    clock = DriftingClock(node, 100.0, start_ns=start_ns)
+    assert clock.local_ns(start_ns) == start_ns
+    assert clock.deadline_ns - start_ns == pytest.approx(1000 * PERIOD_NS * (1 - 100e-6), abs=200)
+    assert clock.local_ns(clock.deadline_ns) == node.deadline_ns
+
+
 def test_a_clock_that_is_right_changes_nothing() -> None:
     (seen_ns,) = ticks_ns((0,), 1_000_000_000)
     assert seen_ns == list(range(0, 1_000_000_000, PERIOD_NS))

@@ -9,6 +9,7 @@ import pytest
 
 from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.runtime.bus_model import BusOverflowError
+from steer_by_wire.runtime.bus_settings import BusSettings
 from steer_by_wire.runtime.program import ExitStatus
 from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.studies.compute import Computer
@@ -50,7 +51,7 @@ def test_a_bus_with_nothing_on_it_gives_the_run_of_both_programs(tmp_path: Path)
     file = study_file(tmp_path, "[base.bus]\nbitrate_bit_s = 250_000\n")
     scenarios = Scenarios(load_study(file))
     pair = scenarios.pair(0)
-    wanted = run_virtual_pair(pair.plant, pair.controller, 250_000)
+    wanted = run_virtual_pair(pair.plant, pair.controller, BusSettings(bitrate_bit_s=250_000))
     ideal = run_virtual_pair(pair.plant, pair.controller, None)
     table = run_study(file)
     assert table["rms_m"][0] == pytest.approx(wanted.plant["node"]["lateral_error_rms_m"], rel=1e-9)

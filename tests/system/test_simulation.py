@@ -1,6 +1,7 @@
 """The library: runs from Python, the same from both engines, and one line on errors."""
 
 import doctest
+import json
 import subprocess
 import sys
 from importlib import import_module
@@ -14,6 +15,8 @@ import pytest
 import steer_by_wire
 from steer_by_wire import Mode, PlantSettings, Run, SettingsError, simulate
 from steer_by_wire.plant_emulator.rig_settings import CircleSettings
+from steer_by_wire.runtime.report import json_text
+from steer_by_wire.tools.closed_loop.__main__ import main as run_closed_loop
 
 NETWORK = {
     "plant.latency.downlink": {"model": "gamma", "mean_s": 0.08, "spread_s": 0.03, "loss": 0.02},
@@ -69,10 +72,21 @@ def test_a_command_comes_into_effect_one_latency_after_it_was_sent() -> None:
 
 
 def test_on_a_bus_with_a_bit_rate_the_first_command_takes_time() -> None:
-    run = simulate(duration_s=0.5, bitrate_bit_s=500_000)
+    run = simulate(duration_s=0.5, bus={"bitrate_bit_s": 500_000})
     assert -1e-3 < run.controller.time_s[0] < 0.0
     assert set(run.controller.mode) == {Mode.ACTIVE}
     assert np.all(run.controller.sample_age_s < 0.02)
+
+
+def test_on_a_bus_with_traffic_errors_and_clocks_the_run_is_that_of_the_program(
+    tmp_path: Path,
+) -> None:
+    options = ["--load", "0.7", "--bit-error-rate", "1e-4", "--clock", "plant=100"]
+    assert run_closed_loop(["--duration", "1", *options, "--out", str(tmp_path)]) == 0
+    run = simulate(duration_s=1.0, bus=tmp_path / "bus.toml")
+    report = json.loads((tmp_path / "plant_emulator.json").read_text(encoding="utf-8"))
+    assert json.loads(json_text(run.plant_report)) == report["node"]
+    assert run.plant_report != simulate(duration_s=1.0).plant_report
 
 
 def test_a_run_that_is_saved_can_be_made_again(run: Run, tmp_path: Path) -> None:
@@ -122,7 +136,10 @@ def test_settings_come_from_everywhere_and_the_nearest_wins() -> None:
             r"overrides of plant: path is set to a value before",
         ),
         ({"engine": "fast"}, r"engine = 'fast' is not a known one \(allowed: virtual, compiled\)"),
-        ({"engine": "compiled", "bitrate_bit_s": 1000}, r"bitrate_bit_s = 1000: in a compiled run"),
+        ({"engine": "compiled", "bus": {}}, r"bus: in a compiled run frames take no time"),
+        ({"bus": {"load": 2.0}}, r"bus: load = 2\.0 should be less than or equal to 1\.5"),
+        ({"bus": "no.toml"}, r"no\.toml: cannot be read: No such file or directory"),
+        ({"bus": {"rest_bus": ["no.dbc"]}}, r"rest_bus: no\.dbc: No such file"),
     ],
 )
 def test_what_cannot_be_run_is_refused_in_one_line(arguments: dict[str, Any], line: str) -> None:

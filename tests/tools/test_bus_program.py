@@ -88,7 +88,7 @@ def test_a_file_that_is_no_socket_is_left_alone(stack: ExitStack, directory: Pat
         (["--bit-error-rate", "0.5"], "bit_error_rate = 0.5 should be"),
         (["--receiver-bit-error-rate", "plant=1e-3"], "plant: is not the number of a client"),
         (["--rest-bus", "none.dbc"], "rest_bus: none.dbc: No such file"),
-        (["--bus-settings", "clock.toml"], "clock: programs on the emulated bus have clocks of"),
+        (["--bus-settings", "clock.toml"], "clock.toml: clock: this program gives no node a clock"),
     ],
 )
 def test_what_cannot_happen_on_the_bus_is_refused_in_one_line(

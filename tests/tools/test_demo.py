@@ -142,15 +142,23 @@ def test_a_duration_out_of_range_is_refused(text: str, capsys: pytest.CaptureFix
     assert "allowed is 1 to 3600 s" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("arguments", [["--seed", "-5"]])
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--seed", "-5"], "allowed"),
+        (["--load", "2"], "allowed"),
+        (["--rest-bus", "none.dbc"], "rest_bus: none.dbc: No such file"),
+        (["--bus", "socketcan", "--load", "0.5"], "only an emulated bus has these"),
+    ],
+)
 def test_a_bad_setting_is_one_line_and_status_2(
-    arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], complaint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert demo.main([*arguments, "--out", str(tmp_path)]) == 2
     error = capsys.readouterr().err
     assert error.startswith("steer-by-wire demo: error: ")
     assert error.count("\n") == 1
-    assert "allowed" in error
+    assert complaint in error
 
 
 def test_an_output_that_cannot_be_written_is_one_line_and_status_4(

@@ -18,6 +18,7 @@ from steer_by_wire.dbc.messages import CAN_IDS, DelayStatus, Mode, PlantStatus, 
 from steer_by_wire.pair.processes import children_of
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.recordings.census import count_messages, gaps, read_bus_log
+from steer_by_wire.runtime.background_traffic import COUNTS, PeriodicMessage
 from steer_by_wire.runtime.bus_model import BusModel
 from steer_by_wire.runtime.candump import LogEntry, format_entry
 from steer_by_wire.runtime.emulated_bus.channel import BUFFER_FULL
@@ -225,6 +226,16 @@ def test_each_message_waits_for_one_frame_and_for_those_before_it() -> None:
     # PLANT_STATUS is sent in between, too, and may wait for itself.
     bounds_ns = delay_bounds_ns([0x310, 0x100], BITRATE_BIT_S)
     assert bounds_ns == {0x100: 270_000, 0x310: 810_000}
+
+
+def test_other_peoples_messages_of_higher_priority_count_as_often_as_they_come() -> None:
+    often = PeriodicMessage("A", -1, (Frame(0x50, bytes(8)),) * COUNTS, 400_000)
+    below = often._replace(name="B", frames=(Frame(0x7F0, bytes(8)),) * COUNTS)
+    length_ns = (frame_bits(often.frames[0]).nominal + INTERMISSION_BITS) * 2000
+    bounds_ns = delay_bounds_ns([0x100, 0x110], BITRATE_BIT_S, traffic=[often, below])
+    # The second frame comes 400 us after the first, and the third at the end of the second wait.
+    assert bounds_ns[0x100] == 270_000 + 2 * length_ns
+    assert 400_000 <= bounds_ns[0x100] < 800_000
 
 
 # What the logs show

@@ -17,7 +17,7 @@ from contextlib import suppress
 from functools import partial
 
 from ...command_line import command_parser, whole_number
-from ...runtime.bus_options import add_bus_arguments, bus_settings
+from ...runtime.bus_options import add_error_arguments, add_traffic_arguments, bus_settings
 from ...runtime.emulated_bus.address import (
     Address,
     AddressError,
@@ -75,8 +75,6 @@ def main(arguments: Sequence[str] | None = None, name: str = NAME) -> int:
 def _beside(options: argparse.Namespace) -> Beside:
     """Return what happens beside the clients' frames; raises SettingsError."""
     settings = bus_settings(options)
-    if settings.clock:
-        raise SettingsError("clock: programs on the emulated bus have clocks of their own")
     for client in settings.receiver_bit_error_rate:
         try:
             client_number(client)
@@ -207,7 +205,8 @@ def _parser(name: str) -> argparse.ArgumentParser:
     parser.add_argument(
         "--verbose", action="store_true", help="also print clients that join and leave in order"
     )
-    add_bus_arguments(parser, "the client of this number", has_clocks=False)
+    add_traffic_arguments(parser)
+    add_error_arguments(parser, "the client of this number")
     parser.add_argument(
         "--seed",
         type=whole_number(0, 2**63 - 1),

@@ -25,7 +25,7 @@ from steer_by_wire.controller.settings import PRESETS as CONTROLLER_PRESETS
 from steer_by_wire.controller.settings import ControllerSettings, on_bus, sparse_measurements
 from steer_by_wire.controller.settings import shared_vehicle as nominal_vehicle
 from steer_by_wire.pair.live import PairFiles
-from steer_by_wire.pair.shared_bus import virtual_bus, with_clocks
+from steer_by_wire.pair.shared_bus import SharedBus, virtual_wire, with_clocks
 from steer_by_wire.pair.virtual import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.plant_emulator.faults import FaultyNode, with_faults
 from steer_by_wire.plant_emulator.node import PlantNode, motion_params
@@ -35,13 +35,16 @@ from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.settings import shared_vehicle as plant_vehicle
 from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.bus_model import BusOverflowError
-from steer_by_wire.runtime.bus_options import add_bus_arguments, bus_settings
+from steer_by_wire.runtime.bus_options import (
+    add_error_arguments,
+    add_traffic_arguments,
+    bus_settings,
+)
 from steer_by_wire.runtime.bus_settings import BusSettings
 from steer_by_wire.runtime.host import RealTimeRequest, StealClock, real_time
 from steer_by_wire.runtime.node import NS_PER_S
 from steer_by_wire.runtime.option_types import bit_rate
 from steer_by_wire.runtime.program import ExitStatus, StopRequest, fail_status, run_main, say
-from steer_by_wire.runtime.quiet_bus import QuietBus
 from steer_by_wire.runtime.report import host_report, loop_report, write_json
 from steer_by_wire.runtime.run_node import FINISHED
 from steer_by_wire.runtime.settings import (
@@ -127,7 +130,8 @@ def _parser() -> argparse.ArgumentParser:
         choices=("virtual",),
         help="in real time, on python-can's bus within the process",
     )
-    add_bus_arguments(parser, "plant or controller", has_clocks=True)
+    add_traffic_arguments(parser)
+    add_error_arguments(parser, "plant or controller", has_clocks=True)
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the run's files")
     add_fail_if_argument(parser, QUANTITIES)
     return parser
@@ -200,7 +204,7 @@ def _bus_settings(options: argparse.Namespace) -> BusSettings:
     settings = bus_settings(options)
     if options.interface and settings != BusSettings():
         raise SettingsError("python-can's bus takes no --bus-settings, traffic, errors or clocks")
-    if options.ideal_wire and (settings.has_traffic or settings.has_errors):
+    if options.ideal_wire and not settings.is_quiet:
         raise SettingsError("--ideal-wire: other traffic and errors need a bus with a bit rate")
     return settings
 
@@ -213,10 +217,8 @@ def _run_in_virtual_time(
     candump_log: Path | None,
 ) -> Run:
     pair = make_virtual_pair(plant_settings, controller_settings)
-    shared, bitrate = None, settings.bitrate_bit_s
-    if settings.has_traffic or settings.has_errors:
-        shared = virtual_bus(settings, plant_settings.seed)
-    bus = None if options.ideal_wire else shared or QuietBus(bitrate)
+    bitrate = settings.bitrate_bit_s
+    bus = None if options.ideal_wire else virtual_wire(settings, plant_settings.seed)
     stop = StopRequest()
     begin_s = time.perf_counter()
     with stop.on_signals():
@@ -229,6 +231,7 @@ def _run_in_virtual_time(
     wire = "a wire that takes no time" if bus is None else f"a bus of {bitrate} bit/s"
     ended_by = stop.reason or FINISHED
     where = f"virtual time over {wire}"
+    shared = bus if isinstance(bus, SharedBus) else None
     return Run(pair.edge, pair.controller, where, elapsed_s, ended_by, {}, shared)
 
 

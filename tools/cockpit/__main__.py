@@ -1,6 +1,7 @@
 """Watch and drive the loop in a browser: the car on its path, signals, lights, frames, the network.
 
     steer-by-wire cockpit
+    steer-by-wire cockpit --rest-bus car.dbc --load 0.7
     steer-by-wire cockpit -i socketcan -c can0
     steer-by-wire cockpit run.log --export run.html
 
@@ -24,6 +25,11 @@ from steer_by_wire.command_line import command_parser
 from steer_by_wire.pair.channels import BUSES
 from steer_by_wire.recordings.log_file import LogError
 from steer_by_wire.runtime.bus import add_bus_arguments
+from steer_by_wire.runtime.bus_options import (
+    add_error_arguments,
+    add_traffic_arguments,
+    bus_settings,
+)
 from steer_by_wire.runtime.option_types import output_file
 from steer_by_wire.runtime.port import open_port
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
@@ -79,6 +85,8 @@ def _parser() -> argparse.ArgumentParser:
         "--no-browser", dest="browser", action="store_false", help="only print the address"
     )
     add_bus_arguments(parser)
+    add_traffic_arguments(parser)
+    add_error_arguments(parser)
     return parser
 
 
@@ -98,11 +106,12 @@ def _run(options: argparse.Namespace) -> int:
         return asyncio.run(_serve(options, None, block))
     if options.export is not None:
         raise SettingsError("--export needs a RECORDING")
-    if not {"interface", "channel"} & set(
-        vars(options)
-    ):  # python-can leaves out what was not given
-        rig = Rig(options.bus)
+    settings = bus_settings(options)
+    if not {"interface", "channel"} & vars(options).keys():  # python-can adds only what was given
+        rig = Rig(options.bus, settings)
         return asyncio.run(_serve(options, Desk(rig, None, "", may_control=True), None))
+    if not settings.is_quiet:
+        raise SettingsError(f"{settings.description}: only the cockpit's own bus has these")
     opened = open_port(options)
     lane = Lane(opened.port, time.monotonic_ns())
     desk = Desk(None, lane, opened.description, may_control=options.allow_control)

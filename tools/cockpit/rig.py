@@ -11,8 +11,10 @@ from typing import Literal
 from ...pair.channels import open_channels
 from ...pair.live import Bus
 from ...pair.processes import Processes
+from ...pair.virtual import QUIET_BUS
 from ...plant_emulator.path_shapes import build_path
 from ...runtime.bus import BusPort
+from ...runtime.bus_settings import BusSettings
 from ...runtime.toml_text import dump_toml
 from .course import LaneFacts, lane_facts
 from .lane import Lane
@@ -29,14 +31,15 @@ _MODULES: Mapping[Program, str] = {
 class Rig:
     """Runs one scenario after the other; its methods may take seconds.
 
-    ``wanted``  bus: auto, socketcan or emulated, as ``open_channels`` takes it
+    ``wanted``    bus: auto, socketcan or emulated, as ``open_channels`` takes it
+    ``settings``  of an emulated bus
 
     ``lanes``, ``facts``  one a pair
     ``bus``               description of the bus
     """
 
-    def __init__(self, wanted: str) -> None:
-        self._wanted = wanted
+    def __init__(self, wanted: str, settings: BusSettings = QUIET_BUS) -> None:
+        self._wanted, self._settings = wanted, settings
         self._stack = ExitStack()
         self._processes: Processes | None = None
         self._arguments: dict[str, tuple[str, Sequence[str]]] = {}
@@ -54,7 +57,10 @@ class Rig:
                 stack.enter_context(tempfile.TemporaryDirectory(prefix="steer-by-wire-cockpit-"))
             )
             names = [f"lane{number}" for number in range(1, len(settings) + 1)]
-            channels = stack.enter_context(open_channels(self._wanted, names, folder / "bus.txt"))
+            seed = settings[0].plant.seed
+            channels = stack.enter_context(
+                open_channels(self._wanted, names, folder / "bus.txt", self._settings, seed)
+            )
             self._processes = stack.enter_context(Processes(folder))
             self._arguments = {}
             lanes = []

@@ -1,6 +1,7 @@
 """Run four laws as real processes on a CAN bus while the latency of the network grows.
 
     steer-by-wire demo [--out DIR] [--bus auto|socketcan|emulated] [--duration SECONDS] [--seed N]
+    steer-by-wire demo --rest-bus car.dbc --load 0.3
 
 Runs plant emulator and controller as separate processes, one pair a law, the pairs side by side in
 real time, through the same phases of latency; then the same settings and seed in virtual time.
@@ -26,8 +27,15 @@ from steer_by_wire.pair.live import LivePair, PairFiles, PairResult
 from steer_by_wire.pair.processes import ProcessError
 from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.settings import PlantSettings
+from steer_by_wire.runtime.bus_options import (
+    add_error_arguments,
+    add_traffic_arguments,
+    bus_settings,
+)
+from steer_by_wire.runtime.bus_settings import BusSettings
 from steer_by_wire.runtime.program import fail_status, run_main
 from steer_by_wire.runtime.report import write_json
+from steer_by_wire.runtime.settings import read_preset
 from steer_by_wire.runtime.thresholds import add_fail_if_argument
 from steer_by_wire.tools.demo.pictures import draw_all
 from steer_by_wire.tools.demo.story import LAWS, DemoLaw, LawResult, law_result, phases_of
@@ -42,8 +50,6 @@ from steer_by_wire.tools.demo.summary import (
 from steer_by_wire.worker_processes import worker_pool
 
 NAME = "steer-by-wire demo"
-BITRATE_BIT_S = 1_000_000
-"""At 500 kbit/s the published law's 1 kHz, three frames a millisecond, would fill the bus."""
 VIRTUAL_WORKERS = 2
 
 DURATION_S_MIN, DURATION_S_MAX = 1.0, 3600.0
@@ -71,6 +77,8 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     duration = number(DURATION_S_MIN, DURATION_S_MAX, "s")
     parser.add_argument("--duration", type=duration, metavar="SECONDS", help="default: 32")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of the latency; default: 1086")
+    add_traffic_arguments(parser)
+    add_error_arguments(parser)
     add_fail_if_argument(parser, QUANTITIES)
     return parser.parse_args(arguments)
 
@@ -79,19 +87,21 @@ def _demo(options: argparse.Namespace) -> int:
     console = Console(markup=False)  # [mm] is a unit
     given = {"duration_s": options.duration, "seed": options.seed}
     overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
+    bus = bus_settings(options, read_preset("steer_by_wire.tools.demo", "demo_bus"))
     plants = {law: law.plant(overrides) for law in LAWS}
     controllers = {law: law.controller() for law in LAWS}
     files = {law: PairFiles(options.out / law.folder) for law in LAWS}
     for law in LAWS:
         files[law].write_settings(plants[law], controllers[law])
     names = [law.folder for law in LAWS]
-    duration_s = plants[LAWS[0]].duration_s
-    with open_channels(options.bus, names, options.out / "bus.txt", BITRATE_BIT_S) as channels:
+    plant = plants[LAWS[0]]
+    log = options.out / "bus.txt"
+    with open_channels(options.bus, names, log, bus, plant.seed) as channels:
         console.print(f"bus: {channels.description}", soft_wrap=True)
-        live = _run_live(channels, files, duration_s, console)
-    virtual = _run_virtual(plants, controllers, console)
+        live = _run_live(channels, files, plant.duration_s, console)
+    virtual = _run_virtual(plants, controllers, bus, console)
     results = [law_result(law, plants[law], live[law], virtual[law]) for law in LAWS]
-    return _present(options, console, plants[LAWS[0]], channels, results)
+    return _present(options, console, plant, channels, results)
 
 
 def _run_live(
@@ -133,6 +143,7 @@ def _running(pairs: Sequence[LivePair]) -> int:
 def _run_virtual(
     plants: Mapping[DemoLaw, PlantSettings],
     controllers: Mapping[DemoLaw, ControllerSettings],
+    bus: BusSettings,
     console: Console,
 ) -> dict[DemoLaw, PairResult]:
     """Run the same in virtual time, each law in one of a few processes."""
@@ -142,8 +153,7 @@ def _run_virtual(
         console.status("the same in virtual time"),
     ):
         futures = {
-            law: pool.submit(run_virtual_pair, plants[law], controllers[law], BITRATE_BIT_S)
-            for law in plants
+            law: pool.submit(run_virtual_pair, plants[law], controllers[law], bus) for law in plants
         }
         results = {law: future.result() for law, future in futures.items()}
     elapsed_s = time.monotonic() - start_s

@@ -34,7 +34,7 @@ def simulate(plant_settings: PlantSettings, controller_settings: ControllerSetti
     run = run_batch(plant_settings, controller_settings)
     if run.outcome is Outcome.COMPLETE:
         return History(*(getattr(run, name) for name in History._fields))
-    trace = run_virtual_pair(plant_settings, controller_settings, bitrate_bit_s=None).trace
+    trace = run_virtual_pair(plant_settings, controller_settings, None).trace
     return History(*(getattr(trace, name) for name in History._fields))
 
 

@@ -1,6 +1,7 @@
 """Run the pair as real processes on an emulated bus that a babbling node keeps full.
 
     steer-by-wire soak [--duration-s 600] [--between-s 10] [--starve-s 10] [--out FOLDER]
+    steer-by-wire soak --rest-bus car.dbc --load 0.5
 
 First the babbling node has the lowest priority: the pair must lose, reorder and miss nothing, the
 recorder must have every frame, and memory must not grow. Then its priority lies between those of
@@ -20,10 +21,13 @@ from rich.console import Console
 
 from steer_by_wire.bus_faults.babbling import GAPS, HIGHEST_PRIORITY_IDS, LOWEST_PRIORITY_IDS
 from steer_by_wire.command_line import add_out_argument, command_parser, seconds
+from steer_by_wire.pair.shared_bus import traffic_of
+from steer_by_wire.runtime.bus_options import add_traffic_arguments, bus_settings
 from steer_by_wire.runtime.host import StealClock
 from steer_by_wire.runtime.option_types import priority
 from steer_by_wire.runtime.program import ExitStatus, run_main, say
 from steer_by_wire.runtime.report import write_json
+from steer_by_wire.runtime.settings import SettingsError
 from steer_by_wire.tools.soak.live import LiveSoak, Plan, run_live_soak
 from steer_by_wire.tools.soak.presentation import (
     findings_table,
@@ -32,6 +36,7 @@ from steer_by_wire.tools.soak.presentation import (
     record_of,
 )
 from steer_by_wire.tools.soak.verdict import (
+    SEED,
     Finding,
     between_findings,
     load_findings,
@@ -79,26 +84,32 @@ def _parser() -> argparse.ArgumentParser:
         metavar="0..99",
         help="SCHED_FIFO priority, if the host grants it (default: %(default)s)",
     )
+    add_traffic_arguments(parser)
     add_out_argument(parser, "out/soak", "folder for logs and figures; 12 MB a minute")
     return parser
 
 
 def _run(options: argparse.Namespace) -> int:
     console = Console(markup=False, highlight=False, width=WIDTH)
+    bus = bus_settings(options)
+    if bus.has_errors:
+        raise SettingsError(f"{options.bus_settings}: the soak demands a bus without errors")
+    traffic_of(bus, SEED)  # a mistake in it is one of the command line
+    plan_of = partial(Plan, bus=bus, priority=options.priority)
     parts: dict[str, tuple[Plan, Callable[[LiveSoak], Iterator[Finding]]]] = {
         "load": (
-            Plan(LOWEST_PRIORITY_IDS, options.duration_s, priority=options.priority),
+            plan_of(LOWEST_PRIORITY_IDS, options.duration_s),
             load_findings,
         ),
         **{
             f"between-{gap[0]:03X}": (
-                Plan(tuple(gap[:4]), options.between_s, priority=options.priority),
+                plan_of(tuple(gap[:4]), options.between_s),
                 between_findings,
             )
             for gap in GAPS
         },
         "starve": (
-            Plan(HIGHEST_PRIORITY_IDS, options.starve_s, priority=options.priority),
+            plan_of(HIGHEST_PRIORITY_IDS, options.starve_s),
             starve_findings,
         ),
     }

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...pair.processes import Processes
+from ...pair.virtual import QUIET_BUS
 from ...recordings.census import (
     BusLog,
     MessageCount,
@@ -15,6 +16,8 @@ from ...recordings.census import (
     read_bus_log,
     read_own_log,
 )
+from ...runtime.bus_settings import BusSettings
+from ...runtime.toml_text import dump_toml
 from .process_memory import MemoryFigures, MemoryWatch
 
 CHANNEL = "can0"
@@ -30,6 +33,7 @@ class Plan(NamedTuple):
 
     ``babble_ids`` identifiers of the babbling node
     ``babble_s``   how long it babbles; the pair runs ``settle_s`` before and ``recover_s`` after it
+    ``bus``        its bit rate and other traffic
     ``priority``   SCHED_FIFO of broker and pair, 0 for none; recorder and babbler get half
     """
 
@@ -37,7 +41,7 @@ class Plan(NamedTuple):
     babble_s: float
     settle_s: float = 2.0
     recover_s: float = 2.0
-    bitrate_bit_s: int = 500_000
+    bus: BusSettings = QUIET_BUS
     priority: int = 50
 
     @property
@@ -84,9 +88,9 @@ def run_live_soak(
         for name in (CONTROLLER, PLANT, "recorder", "broker"):
             reports[name] = programs.stop(name)
         report("reading the logs")
-        bus = read_bus_log(programs.path("bus", ".log"), plan.babble_ids, plan.bitrate_bit_s)
+        bus = read_bus_log(programs.path("bus", ".log"), plan.babble_ids, plan.bus.bitrate_bit_s)
         own_logs = [programs.path(name, ".log") for name in (CONTROLLER, PLANT)]
-        messages = count_messages(bus, own_logs, plan.bitrate_bit_s)
+        messages = count_messages(bus, own_logs, plan.bus.bitrate_bit_s)
         sent, _ = read_own_log(own_logs[0])
         modes = [
             ((time_ns - bus.babble_ns[0]) * 1e-9, mode.name, steer_rad)
@@ -98,8 +102,9 @@ def run_live_soak(
 def _start(programs: Processes, plan: Plan, socket: Path) -> None:
     """Start all but the babbling node; the recorder before any node sends."""
     priority = str(plan.priority)
-    rate = ["--bitrate", str(plan.bitrate_bit_s), "--priority", priority]
-    programs.start_broker(socket, rate)
+    settings = programs.path("bus", ".toml")
+    settings.write_text(dump_toml(plan.bus), encoding="utf-8")
+    programs.start_broker(socket, ["--bus-settings", str(settings), "--priority", priority])
     address = programs.address
     bus_log = str(programs.path("bus", ".log"))
     report = str(programs.path("recorder", ".json"))

@@ -70,7 +70,7 @@ def record_of(run: LiveSoak, findings: Sequence[Finding]) -> dict[str, Any]:
     bus = run.bus._asdict()
     bus["control"] = {f"{can_id:03X}": len(frames) for can_id, frames in run.bus.control.items()}
     return {
-        "plan": run.plan._asdict(),
+        "plan": {**run.plan._asdict(), "bus": run.plan.bus.model_dump(mode="json")},
         "findings": [finding._asdict() for finding in findings],
         "bus": bus,
         "messages": list(_rows(run)),

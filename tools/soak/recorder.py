@@ -11,7 +11,7 @@ import can
 
 from ...runtime.host import RealTimeRequest, real_time
 from ...runtime.message import frame_of
-from ...runtime.node import NS_PER_S
+from ...runtime.node import NEVER_NS, NS_PER_S
 from ...runtime.program import StopRequest
 from ...runtime.recording import Recording
 from ...runtime.report import write_json
@@ -21,7 +21,7 @@ _RECEIVED = 1
 
 
 def main() -> int:
-    """Record until SIGINT or SIGTERM, then the frames that still wait; returns the exit status."""
+    """Record until SIGINT or SIGTERM what is complete by then; returns the exit status."""
     address, channel, file, report, priority, *fd = sys.argv[1:]
     stop = StopRequest()
     with (
@@ -39,14 +39,18 @@ def main() -> int:
 
 
 def _record(bus: can.BusABC, recording: Recording, stop: StopRequest) -> int:
-    """Record until stopped and no frame is left; returns the number of frames."""
+    """Record until stopped, and the frames that wait then; returns the number of frames."""
     # The bus stamps the end of frame in wall-clock time; a recording needs the monotonic clock's.
     offset_ns = time.time_ns() - time.monotonic_ns()
-    frames = 0
+    frames, end_ns = 0, NEVER_NS
     while True:
+        if end_ns == NEVER_NS and stop():
+            end_ns = time.monotonic_ns()
         message = bus.recv(WAIT_S)
         if message is not None:
             time_ns = round(message.timestamp * NS_PER_S) - offset_ns
+            if time_ns > end_ns:
+                return frames
             recording.take(frame_of(message), time_ns, _RECEIVED)
             frames += 1
         elif stop():

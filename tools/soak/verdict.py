@@ -4,11 +4,14 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from ...dbc.messages import Mode
+from ...pair.shared_bus import traffic_of
 from ...recordings.census import MessageCount
 from ...runtime.node import NS_PER_S
 from .bounds import delay_bounds_ns
 from .live import CHANNEL, CONTROLLER, PLANT, LiveSoak
 
+SEED = 1
+"""Of other traffic: the broker's own."""
 LOAD_MIN = 0.999
 """Load of a bus that counts as full: a broker that stalls for long leaves gaps."""
 PERIOD_S = 0.01
@@ -91,7 +94,8 @@ def bounds_ns(run: LiveSoak, at_once: int = 1) -> dict[int, int]:
     Those below the babbling node have none.
     """
     above = sorted(can_id for can_id in run.bus.control if can_id < min(run.plan.babble_ids))
-    return dict(delay_bounds_ns(above, run.plan.bitrate_bit_s, at_once))
+    traffic = traffic_of(run.plan.bus, SEED)
+    return dict(delay_bounds_ns(above, run.plan.bus.bitrate_bit_s, at_once, traffic))
 
 
 def _room_for_all(run: LiveSoak) -> Finding:
@@ -180,7 +184,9 @@ def _beyond(run: LiveSoak, figure: str, bounds: dict[int, int]) -> list[str]:
 
 def _recorder_complete(run: LiveSoak) -> Finding:
     bus, recorder = run.bus, run.reports["recorder"]
-    carried = run.reports["broker"]["channels"][CHANNEL]["frames"]
+    channel = run.reports["broker"]["channels"][CHANNEL]
+    # Other people's messages go on when the recorder has ended.
+    carried = channel["frames"] - channel["traffic"] + bus.others
     holds = (
         bus.frames == recorder["received"] == carried
         and bus.babbled == run.reports["babbler"]["frames"]
