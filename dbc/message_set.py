@@ -3,6 +3,7 @@
 The databases of other people's vehicles: their signals are not decoded here.
 """
 
+import logging
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,6 +33,10 @@ class ListedMessage(NamedTuple):
 
 def read_message_set(path: Path) -> tuple[ListedMessage, ...]:
     """Read a database; raises OSError, and ValueError for what is not one or holds no frames."""
+    if path.is_file() and not path.stat().st_size:
+        raise ValueError(f"{path}: is empty")
+    # It warns of identifiers that come twice, which callers refuse in a line of their own.
+    logging.getLogger("cantools").addHandler(logging.NullHandler())
     try:
         database = cantools.database.load_file(path, strict=False)
     except OSError:
@@ -56,6 +61,6 @@ def _listed(message: Message, path: Path) -> ListedMessage:
         message.frame_id,
         flags,
         length,
-        message.cycle_time or None,
+        max(message.cycle_time or 0, 0) or None,
         tuple(message.senders),
     )

@@ -124,7 +124,7 @@ def clock(text: str) -> ClockSettings:
     try:
         return with_values(ClockSettings(), _offsets(text), "--clock")
     except SettingsError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+        raise argparse.ArgumentTypeError(str(error).removeprefix("--clock: ")) from None
 
 
 def _offsets(text: str) -> Mapping[str, float]:

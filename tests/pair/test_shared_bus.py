@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from steer_by_wire.dbc.message_set import ListedMessage
+from steer_by_wire.dbc.message_set import ListedMessage, read_message_set
 from steer_by_wire.pair.shared_bus import load_of, rest_of, traffic_of
 from steer_by_wire.runtime.bus_settings import BusSettings
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, EXTENDED, FD
@@ -58,6 +58,19 @@ def test_all_share_the_load_equally_often() -> None:
     sent = rest_of(listed, 1, 500_000, 0.3)
     assert len({message.period_ns for message in sent}) == 1
     assert load_of(sent, 500_000) == pytest.approx(0.3, abs=1e-6)
+
+
+def test_a_cycle_time_below_zero_is_none(tmp_path: Path) -> None:
+    file = database(
+        tmp_path, FEATURES["fd"], CYCLE.replace("INT 0", "INT -50").replace("50;", "-5;")
+    )
+    assert [message.cycle_ms for message in read_message_set(file)] == [None]
+
+
+def test_an_empty_file_is_refused_as_such(tmp_path: Path) -> None:
+    (tmp_path / "empty.dbc").touch()
+    with pytest.raises(SettingsError, match=r"^rest_bus: .*empty\.dbc: is empty$"):
+        traffic_of(BusSettings(rest_bus=(str(tmp_path / "empty.dbc"),)), 1)
 
 
 @pytest.mark.parametrize(

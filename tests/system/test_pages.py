@@ -18,7 +18,7 @@ from tests.support.running_program import ORDINARY
 from tests.support.shown_blocks import LIVE, PAGES, ROOT, Command, blocks_of, commands_of
 
 NOT_RUN = {
-    "goes on in real time": 13,
+    "goes on in real time": 14,
     "has something behind it in the shell": 8,
     "is another program": 42,
     "needs a CAN interface": 33,

@@ -79,6 +79,8 @@ def test_a_mistake_is_one_line(
     words: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(words) == 2
-    last = capsys.readouterr().err.splitlines()[-1]
-    assert last.startswith("steer-by-wire response-times: error:")
+    lines = capsys.readouterr().err.splitlines()
+    last = lines[-1]
+    assert all(line.startswith("steer-by-wire response-times: ") for line in lines)
+    assert last.startswith("steer-by-wire response-times: error: ")
     assert said in last

@@ -71,7 +71,10 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--preset", action="append", metavar="NAME",
         help=f"controllers to compare with (default: {', '.join(DEFAULT_PRESETS)})",
     )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=1, help="of the random phases (default: 1)")
+    parser.add_argument(
+        "--seed", type=whole_number(0, 2**63 - 1), default=1, metavar="N",
+        help="of the random phases (default: %(default)s)",
+    )  # fmt: skip
     parser.add_argument("--json", type=output_file, metavar="FILE", help="write the figures too")
     return parser.parse_args(arguments)
 

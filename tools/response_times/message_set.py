@@ -85,9 +85,10 @@ def read_messages(
 def _read(file: Path) -> tuple[ListedMessage, ...]:
     try:
         return read_message_set(file)
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise SettingsError(f"{file}: {reason}") from error
+    except OSError as error:
+        raise SettingsError(f"{file}: {error.strerror}") from error
+    except ValueError as error:
+        raise SettingsError(str(error)) from error
 
 
 def _periods_ms(periods: Sequence[str], names: Sequence[str]) -> Mapping[str, float]:
