@@ -151,6 +151,7 @@ def _run_virtual(
 ) -> Run:
     from .pair.shared_bus import virtual_wire, with_clocks
     from .pair.virtual import make_virtual_pair, run_virtual_nodes
+    from .runtime.bus_model import BusOverflowError
 
     # One period more than the motion: the last tick falls on the instant of the last sample.
     pair = make_virtual_pair(
@@ -160,12 +161,15 @@ def _run_virtual(
         (plant.duration_ns + START_S_MAX * NS_PER_S) // controller.period_ns + 2,
     )
     seconds = iter(range(START_S_MAX))
-    run_virtual_nodes(
-        *with_clocks(pair.edge, pair.controller, bus or BusSettings()),
-        None if bus is None else virtual_wire(bus, plant.seed),
-        None,
-        lambda: pair.plant.motion_start_ns == NEVER_NS and next(seconds, None) is None,
-    )
+    try:
+        run_virtual_nodes(
+            *with_clocks(pair.edge, pair.controller, bus or BusSettings()),
+            None if bus is None else virtual_wire(bus, plant.seed),
+            None,
+            lambda: pair.plant.motion_start_ns == NEVER_NS and next(seconds, None) is None,
+        )
+    except BusOverflowError as error:
+        raise ValueError(f"bus: its bit rate is too low: {error}") from error
     if pair.plant.motion_start_ns == NEVER_NS:
         raise ValueError(f"no command reached the plant within {START_S_MAX} s of the start")
     plant_report, controller_report = dict(pair.edge.report()), dict(pair.controller.report())
