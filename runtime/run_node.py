@@ -148,11 +148,8 @@ def _run_in_real_time(
         clock: ClockSettings = options.clock
         drifting = DriftingClock(node, clock.ppm, clock.drift_ppm_s, start_ns)
         timed: Node = node if clock == ClockSettings() else drifting
-        observe = unobserved
-        if not options.quiet:
-            observe = Observer(
-                lambda now_ns: node.view(drifting.local_ns(now_ns)), screen, start_ns
-            )
+        observer = Observer(lambda now_ns: node.view(drifting.local_ns(now_ns)), screen, start_ns)
+        observe = unobserved if options.quiet else observer
         executor = RealTimeExecutor(
             timed, port, spin_ns=options.spin_us * NS_PER_US, observe=observe
         )

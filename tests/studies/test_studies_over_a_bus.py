@@ -135,7 +135,7 @@ def test_a_bus_too_slow_for_the_pair_loses_frames_and_the_run_goes_on(tmp_path: 
     pair = scenarios.pair(0)
     pair = pair.model_copy(update={"plant": pair.plant.model_copy(update={"duration_s": 15.0})})
     with pytest.raises(BusOverflowError):
-        run_virtual_pair(pair.plant, pair.controller, 10_000)
+        run_virtual_pair(pair.plant, pair.controller, BusSettings(bitrate_bit_s=10_000))
     row = np.full(len(COLUMNS), np.nan)
     Computer(scenarios).run(pair, row)
     assert row[COLUMNS.index("samples")] == 1501  # one at both ends

@@ -91,7 +91,7 @@ def test_on_a_bus_with_traffic_errors_and_clocks_the_run_is_that_of_the_program(
 
 def test_a_bus_that_is_too_slow_is_reported_in_one_line() -> None:
     with pytest.raises(ValueError, match=r"^bus: its bit rate is too low: [^\n]*$"):
-        simulate(duration_s=2.0, bus={"bitrate_bit_s": 10_000})
+        simulate(duration_s=15.0, bus={"bitrate_bit_s": 10_000})
 
 
 def test_a_run_that_is_saved_can_be_made_again(run: Run, tmp_path: Path) -> None:
