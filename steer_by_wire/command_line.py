@@ -10,7 +10,6 @@ import math
 import shutil
 import sys
 from collections.abc import Callable, Sequence
-from importlib.metadata import PackageNotFoundError, requires
 from pathlib import Path
 
 DISTRIBUTION = "steer-by-wire-emulator"
@@ -134,6 +133,9 @@ def installation(*libraries: str) -> str:
 
 def _extra_of(library: str) -> str:
     """Return the extra that brings a library; empty for a required or unknown one."""
+    # Imported here: half of what a program of the standard library alone would import at its start.
+    from importlib.metadata import PackageNotFoundError, requires
+
     try:
         requirements = requires(DISTRIBUTION) or ()
     except PackageNotFoundError:  # started from a folder without being installed

@@ -10,7 +10,7 @@ import argparse
 import os
 import platform
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -37,22 +37,24 @@ class Backend(NamedTuple):
     run: Callable[[Request, float | None], int]
 
 
-def backends() -> tuple[Backend, ...]:
-    """Return the backends of this platform, best first."""
+def backends() -> Iterator[Backend]:
+    """Yield the backends of this platform, best first; each is imported at its turn."""
     if sys.platform != "linux":
-        return ()
-    from steer_by_wire.vcan import host, namespace, uml
+        return
+    from steer_by_wire.vcan import host
 
-    return (
-        Backend(host.NAME, host.obstacle, host.run),
-        Backend(namespace.NAME, namespace.obstacle, namespace.run),
-        Backend(uml.NAME, uml.obstacle, uml.run),
-    )
+    yield Backend(host.NAME, host.obstacle, host.run)
+    from steer_by_wire.vcan import namespace
+
+    yield Backend(namespace.NAME, namespace.obstacle, namespace.run)
+    from steer_by_wire.vcan import uml
+
+    yield Backend(uml.NAME, uml.obstacle, uml.run)
 
 
 def choose(wanted: str, request: Request) -> Backend:
     """Return the wanted backend, or the best; raises BackendError with every obstacle."""
-    if not backends():
+    if sys.platform != "linux":
         raise BackendError("only Linux has SocketCAN: use the emulated bus (docs/emulated_bus.md)")
     obstacles = []
     for backend in backends():

@@ -102,8 +102,9 @@ def running(module: str, options: Sequence[str], report: Path) -> Iterator[Runni
 
 
 def wait_until(condition: Callable[[], bool], what: str) -> None:
-    """Wait for something that must happen."""
-    until_s = time.monotonic() + PATIENCE_S
+    """Wait for something that must happen; look the less often, the longer it takes."""
+    start_s = time.monotonic()
     while not condition():
-        assert time.monotonic() < until_s, f"this does not come: {what}"
-        time.sleep(0.005)
+        waited_s = time.monotonic() - start_s
+        assert waited_s < PATIENCE_S, f"this does not come: {what}"
+        time.sleep(min(0.005 + 0.05 * waited_s, 0.1))

@@ -23,9 +23,9 @@ from tests.support.running_program import PATIENCE_S, wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
 WITH_VCAN = str(ROOT / "tools" / "with_vcan")
-COMMAND = (sys.executable, WITH_VCAN)
-"""Where ``python3`` is a script that looks for the interpreter, as pyenv's, that takes longer than
-the test."""
+COMMAND = (sys.executable, "-S", WITH_VCAN)
+"""It takes the standard library alone. Where ``python3`` is a script that looks for the
+interpreter, as pyenv's, that takes longer than the test."""
 NOBODY = 65534
 
 HOST = pytest.param("host", marks=pytest.mark.vcan)
