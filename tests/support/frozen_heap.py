@@ -31,8 +31,10 @@ class FrozenHeap:
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_sessionfinish(self) -> Iterator[None]:
         gc.unfreeze = self._unfreeze
-        gc.unfreeze()  # pytest's last collection finds what was not closed
+        gc.unfreeze()
         yield
+        gc.collect()  # finds what was not closed
+        gc.freeze()  # pytest collects several times more, and the interpreter at its end
 
     def _on_unfreeze(self) -> None:
         self._unfreeze()
