@@ -207,6 +207,12 @@ LAYOUTS: tuple[MessageLayout, ...] = (
         SignalLayout("PLANT_STATUS_SECOND_SENDER", "second_sender",
             start=62, length=2, is_signed=False, scale=1, minimum=0, maximum=3),
     )),
+    MessageLayout("GROUND_TRUTH", can_id=0x314, length=8, cycle_time_ms=0, data_id=0x5314,
+        signals=(
+        SignalLayout("CG_DEVIATION", "cg_deviation_m", unit="m",
+            start=24, length=25, is_signed=True, scale=5e-06,
+            minimum=-83.886075, maximum=83.886075, not_available=None),
+    )),
     MessageLayout("LATENCY_CONFIG", can_id=0x320, length=7, cycle_time_ms=0, data_id=None,
         signals=(
         SignalLayout("DIRECTION", "direction",

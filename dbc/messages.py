@@ -55,6 +55,7 @@ __all__ = [
     "EncodeError",
     "EstimateState",
     "Freshness",
+    "GroundTruth",
     "LatencyConfig",
     "LatencyModel",
     "LateralError",
@@ -165,6 +166,12 @@ class PlantStatus(NamedTuple):
     second_sender: SecondSender = SecondSender.NONE
 
 
+class GroundTruth(NamedTuple):
+    """Plant to all, optional, for monitoring: ``cg_deviation_m`` is of the centre of gravity."""
+
+    cg_deviation_m: float
+
+
 class LatencyConfig(NamedTuple):
     """Any tool to plant: the latency from now on; ``spread_s`` is the standard deviation."""
 
@@ -198,6 +205,7 @@ Message: TypeAlias = (
     | ControllerSafety
     | DelayStatus
     | PlantStatus
+    | GroundTruth
     | LatencyConfig
     | DisturbanceConfig
 )

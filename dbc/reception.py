@@ -17,6 +17,8 @@ from .messages import (
     CYCLE_TIMES_MS,
     DATA_IDS,
     MESSAGE_TYPES,
+    GroundTruth,
+    LateralError,
     Message,
     PathAhead,
     Rejection,
@@ -34,6 +36,7 @@ _Cause = TypeVar("_Cause", Rejection, SequenceResult, Refused)
 _COMES_WITH: Mapping[type[Message], type[Message]] = {
     SteeringPlan: SteeringCommand,
     PathAhead: VehicleState,
+    GroundTruth: LateralError,
 }
 _ACCEPTED = SequenceResult.ACCEPTED
 _OWN, _PEER = int(SecondSender.OWN), int(SecondSender.PEER)

@@ -29,6 +29,7 @@ from typing import Any
 from ..dbc.messages import (
     CAN_IDS,
     DisturbanceConfig,
+    GroundTruth,
     LatencyConfig,
     LateralError,
     Message,
@@ -57,7 +58,7 @@ from .path_ahead import curvatures_ahead_1_m, spacing_m
 from .plan_buffer import PlanBuffer
 from .plant_messages import PlantMessages
 from .plant_report import line_report, motion_report
-from .plant_samples import PlantSample, RunningFigures, RunRecord
+from .plant_samples import PlantSample, RunningFigures, RunRecord, motion_cg_m
 from .safety_settings import design_guard
 from .self_supervision import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfSupervision
 from .sensors import Readings
@@ -77,6 +78,7 @@ SENT: tuple[type[Message], ...] = (
     VehicleState,
     PathAhead,
     PlantStatus,
+    GroundTruth,
 )
 """What the plant alone sends."""
 VEHICLE_STATE_PERIOD_NS = 20_000_000
@@ -149,6 +151,7 @@ class PlantNode:
             Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s),
             uniforms(settings.seed, Channel.SENSOR_NOISE),
         )
+        self._sends_truth = settings.ground_truth
         self._rules = settings.verdict
         self._sensor_period_s = settings.sensor_period_ns / NS_PER_S
         newest = samples_judged(self._rules, settings.duration_s, self._sensor_period_s)
@@ -228,6 +231,8 @@ class PlantNode:
             elif sample_ns == due_ns:
                 sensor_timer.advance(now_ns)
                 self._sense(due_ns)
+                if self._sends_truth and self._motion.is_finite:
+                    frames.append(self._messages.ground_truth(motion_cg_m(self._motion)))
             elif measured_ns == due_ns:
                 frames += self._network.measured(due_ns)
                 continue  # the steering's status has not changed

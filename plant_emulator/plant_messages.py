@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from math import remainder, tau
 
 from ..dbc.messages import (
+    GroundTruth,
     LateralError,
     PathAhead,
     PlantStatus,
@@ -21,6 +22,7 @@ from .sensors import Readings, Sample, with_noise
 _ERROR_LOW_M, _ERROR_HIGH_M = limits(LateralError)["lateral_error_m"]
 _WHEEL_RANGE = limits(SteeringStatus)["wheel_angle_rad"]
 _SPEED_RANGE, _YAW_RATE_RANGE, _CURVATURE_RANGE = limits(VehicleState).values()
+(_CG_RANGE,) = limits(GroundTruth).values()
 _LATENCY_RANGE = limits(PlantStatus)["downlink_latency_s"]
 _NO_ERROR = LateralError(0.0, 0.0)
 
@@ -40,7 +42,7 @@ class PlantMessages:
         self._uniforms = uniforms
         self._errors, self._statuses = Sender(LateralError), Sender(SteeringStatus)
         self._states, self._rig = Sender(VehicleState), Sender(PlantStatus)
-        self._paths = Sender(PathAhead)
+        self._paths, self._truths = Sender(PathAhead), Sender(GroundTruth)
         self.not_available = 0
         self.clamped = 0
 
@@ -74,6 +76,10 @@ class PlantMessages:
             self._clamp(curvature_1_m, _CURVATURE_RANGE),
         )
         return self._states.frame(state)
+
+    def ground_truth(self, cg_m: float) -> Frame:
+        """Return GROUND_TRUTH; ``cg_m`` is the deviation of the centre of gravity."""
+        return self._truths.frame(GroundTruth(self._clamp(cg_m, _CG_RANGE)))
 
     def path_ahead(self, spacing_m: float, curvatures_1_m: Sequence[float]) -> Frame:
         """Return PATH_AHEAD of the sample whose LATERAL_ERROR was made last."""

@@ -140,8 +140,7 @@ class RunRecord:
             _,
             _,
         ) = motion.linear
-        at_m, preview_m = motion.arc_length_m, motion.preview_distance_m
-        cg_m = cg_deviation_m(motion.path, at_m, heading_rad, error_m, preview_m)
+        cg_m = motion_cg_m(motion)
         self.figures.take(error_m, cg_m, wheel_rad, limit)
         if len(self.samples) >= self._samples_max:
             return
@@ -153,7 +152,7 @@ class RunRecord:
                 PlantSample,
                 (
                     motion.time_ns * 1e-9,
-                    at_m,
+                    motion.arc_length_m,
                     error_m,
                     heading_rad,
                     yaw_rate_rad_s,
@@ -167,6 +166,13 @@ class RunRecord:
                 ),
             )
         )
+
+
+def motion_cg_m(motion: Motion) -> float:
+    """Return the deviation of the centre of gravity now [m]."""
+    _, _, heading_rad, error_m, _, _, _, _, _, _ = motion.linear
+    at_m, preview_m = motion.arc_length_m, motion.preview_distance_m
+    return cg_deviation_m(motion.path, at_m, heading_rad, error_m, preview_m)
 
 
 def place(path: Path, sample: PlantSample) -> PlacedSample:

@@ -57,6 +57,8 @@ class PlantSettings(Settings):
     sensor_noise: SensorNoiseSettings = SensorNoiseSettings()
     path_ahead: PathAheadSettings | None = None
     """Send PATH_AHEAD, which needs CAN FD; if omitted, the controller sees the curve it is in."""
+    ground_truth: bool = False
+    """Send GROUND_TRUTH with each sample, for monitors and logs."""
     latency: BothLatencySettings = BothLatencySettings()
     safety: SafetySettings = SafetySettings()
     verdict: VerdictRules = VerdictRules()

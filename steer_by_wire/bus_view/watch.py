@@ -4,6 +4,7 @@ Times are those at which the program took a frame. So its figures of latency and
 its own waiting; on a machine that is not overloaded that is some hundredths of a millisecond.
 """
 
+import math
 from collections import deque
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -25,6 +26,7 @@ from ..dbc.messages import (
     VehicleState,
 )
 from ..recordings.bus_listener import NAMES, BusListener, ReceivedMessage
+from ..recordings.cg_deviation import PREVIEW_M, CgDeviation
 from ..runtime.frame import Frame
 from ..runtime.node import NS_PER_MS, NS_PER_S
 from .lateness import CommandLateness
@@ -55,12 +57,16 @@ class MessageView(NamedTuple):
 
 
 class View(NamedTuple):
-    """Everything the monitor shows; None for what was not received yet."""
+    """Everything the monitor shows; None for what was not received yet.
+
+    ``cg_deviation_m``  of the centre of gravity; NaN where it is not known yet
+    """
 
     elapsed_s: float
     frames: int
     frames_per_s: float
     error: LateralError | None
+    cg_deviation_m: float
     command: SteeringCommand | None
     steering: SteeringStatus | None
     vehicle: VehicleState | None
@@ -86,7 +92,10 @@ class View(NamedTuple):
 
 
 class BusWatch:
-    """Takes every frame on the bus; ``view`` returns the state to be shown."""
+    """Takes every frame on the bus; ``view`` returns the state to be shown.
+
+    ``cg_deviation_m``  newest deviation of the centre of gravity [m]; NaN where it is not known yet
+    """
 
     def __init__(self, start_ns: int) -> None:
         self._start_ns = start_ns
@@ -99,6 +108,8 @@ class BusWatch:
         self._cycles = {name: Recent() for name in MESSAGE_TYPES}
         self._lateness = CommandLateness()
         self._sent_ns: dict[int, int] = {}
+        self._cg = CgDeviation(PREVIEW_M)
+        self.cg_deviation_m = math.nan
 
     @property
     def round_trip_s(self) -> float:
@@ -152,6 +163,7 @@ class BusWatch:
             frames=self._frames,
             frames_per_s=self.frames_per_s(now_ns),
             error=error if isinstance(error, LateralError) else None,
+            cg_deviation_m=self.cg_deviation_m,
             command=command if isinstance(command, SteeringCommand) else None,
             steering=steering if isinstance(steering, SteeringStatus) else None,
             vehicle=vehicle if isinstance(vehicle, VehicleState) else None,
@@ -174,6 +186,9 @@ class BusWatch:
 
     def _follow(self, message: Message, now_ns: int) -> None:
         """Take what is shown over time from a message."""
+        cg_m = self._cg.take(message, (now_ns - self._start_ns) / NS_PER_S)
+        if not math.isnan(cg_m):
+            self.cg_deviation_m = cg_m
         if isinstance(message, LateralError):
             self._recent["lateral_error_m"].add(now_ns, message.lateral_error_m)
         elif isinstance(message, SteeringCommand):

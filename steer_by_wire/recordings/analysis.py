@@ -60,7 +60,7 @@ HISTORIES: Mapping[str, tuple[str, str]] = {
 }
 """Signals with figures and pictures: their message in the DBC, and the field."""
 CG_DEVIATION = "cg_deviation_m"
-"""One more, computed from several, and from the way driven between: not without times."""
+"""One more: sent in GROUND_TRUTH, or computed from several messages and the way driven between."""
 
 
 class Gap(NamedTuple):
@@ -146,12 +146,10 @@ class LogAnalysis:
         shown = received.shown
         for label, field in self._by_message.get(NAMES[type(shown)], ()):
             self.histories[label].add(at_s, getattr(shown, field))
-        if isinstance(shown, VehicleState):
-            self._cg.on_state(shown, at_s)
-        elif isinstance(shown, LateralError) and self._start_ns is not None:
-            self._cg_m = self._cg.of(shown)
-            if not math.isnan(self._cg_m):
-                self.histories[CG_DEVIATION].add(at_s, self._cg_m)
+        cg_m = self._cg.take(shown, at_s)
+        if not math.isnan(cg_m):
+            self._cg_m = cg_m
+            self.histories[CG_DEVIATION].add(at_s, cg_m)
         self._watch(shown, since_ns)
         return at_s, received
 

@@ -1,5 +1,7 @@
 """Deviation of the centre of gravity (CG) from the path, from what the bus carries.
 
+GROUND_TRUTH has it, where the plant sends that. Else it is computed.
+
 LATERAL_ERROR is of the preview point, d ahead of the CG, and so is the curvature of VEHICLE_STATE.
 In the frame of the path beside the preview point the CG is at (-d cos Δψ, y - d sin Δψ), and the
 path there at d²/2 times its mean curvature on the way back, weighted towards the preview point:
@@ -13,7 +15,7 @@ beside the plant's own figure.
 import math
 from collections import deque
 
-from ..dbc.messages import LateralError, VehicleState
+from ..dbc.messages import GroundTruth, LateralError, Message, VehicleState
 
 PREVIEW_M = 2.0
 """Where the wire contract has the preview point, ahead of the CG."""
@@ -22,7 +24,7 @@ _KEPT = 4096
 
 
 class CgDeviation:
-    """Follows VEHICLE_STATE over the way driven, and turns LATERAL_ERROR into the CG's deviation.
+    """Takes the messages of a plant, and returns the deviations that they bring.
 
     ``preview_m``  d
     """
@@ -31,8 +33,25 @@ class CgDeviation:
         self._preview_m = preview_m
         self._driven: deque[tuple[float, float]] = deque(maxlen=_KEPT)
         self._at_s = math.nan
+        self._is_sent = False
 
-    def on_state(self, state: VehicleState, at_s: float) -> None:
+    def take(self, message: Message, at_s: float) -> float:
+        """Take an accepted message, ``at_s`` NaN where there are no times.
+
+        Returns the deviation that it brings [m], to the left positive; NaN for none.
+        """
+        if isinstance(message, GroundTruth):
+            self._is_sent = True
+            return message.cg_deviation_m
+        if self._is_sent or math.isnan(at_s):
+            return math.nan
+        if isinstance(message, VehicleState):
+            self._drive(message, at_s)
+        elif isinstance(message, LateralError) and self._driven:
+            return self._computed(message)
+        return math.nan
+
+    def _drive(self, state: VehicleState, at_s: float) -> None:
         """Take the speed and the curvature at a time."""
         way_m = self._driven[-1][0] if self._driven else 0.0
         if at_s > self._at_s:
@@ -40,10 +59,8 @@ class CgDeviation:
         self._at_s = at_s
         self._driven.append((way_m, state.preview_curvature_1_m))
 
-    def of(self, error: LateralError) -> float:
-        """Return the deviation [m], to the left positive; NaN before the first VEHICLE_STATE."""
-        if not self._driven:
-            return math.nan
+    def _computed(self, error: LateralError) -> float:
+        """Return the deviation as computed."""
         behind_m = self._driven[-1][0] - self._preview_m / 3.0
         while len(self._driven) > 1 and self._driven[1][0] <= behind_m:
             self._driven.popleft()

@@ -26,6 +26,7 @@ from steer_by_wire.dbc.messages import (
     DisturbanceConfig,
     EchoState,
     EstimateState,
+    GroundTruth,
     LatencyConfig,
     Mode,
     PathAhead,
@@ -90,6 +91,8 @@ def test_an_interaction_layer_starts_with_nothing_that_anybody_would_act_on() ->
             case DelayStatus():
                 assert message.echo_state is EchoState.UNKNOWN
                 assert message.estimate_state is EstimateState.OFF
+            case GroundTruth():
+                assert message.cg_deviation_m == 0.0  # nobody acts on it
             case PlantStatus():
                 assert message.safety is SafetyState.NORMAL
             case LatencyConfig():
@@ -200,4 +203,4 @@ def test_what_only_a_test_rig_has_is_marked() -> None:
         for definition in DATABASE.messages
         if attributes(definition).get("RigMessage") == 1
     }
-    assert marked == {"PLANT_STATUS", "LATENCY_CONFIG", "DISTURBANCE_CONFIG"}
+    assert marked == {"PLANT_STATUS", "GROUND_TRUTH", "LATENCY_CONFIG", "DISTURBANCE_CONFIG"}

@@ -25,6 +25,7 @@ from steer_by_wire.dbc.messages import (
     EncodeError,
     EstimateState,
     Freshness,
+    GroundTruth,
     LatencyConfig,
     LatencyModel,
     LateralError,
@@ -128,6 +129,8 @@ GOLDEN: list[tuple[Message, str, str]] = [
         "310",
         "20e9 07 a0000a8150",
     ),
+    # -2000 = 0x1FF_F830 in 25 bits, as in LATERAL_ERROR
+    (GroundTruth(-0.01), "314", "6fba 07 30f8ff0100"),
     # 3 + (2 << 4) = 0x23; 800 = 0x0320; 300 = 0x012C; 100 = 0x0064; no CRC, no counter
     (
         LatencyConfig(Direction.BOTH, LatencyModel.NORMAL, 0.08, 0.03, 0.01),

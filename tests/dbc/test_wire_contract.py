@@ -149,6 +149,7 @@ def test_every_resolution_is_named_in_the_comment_that_says_why() -> None:
         ("CONTROLLER_SAFETY", 0x304, "CONTROLLER", {"PLANT", "TOOL"}, 100),
         ("DELAY_STATUS", 0x308, "CONTROLLER", {"PLANT", "TOOL"}, 100),
         ("PLANT_STATUS", 0x310, "PLANT", {"CONTROLLER", "TOOL"}, 100),
+        ("GROUND_TRUTH", 0x314, "PLANT", {"TOOL"}, None),
         ("LATENCY_CONFIG", 0x320, "TOOL", {"PLANT"}, None),
         ("DISTURBANCE_CONFIG", 0x324, "TOOL", {"PLANT"}, None),
     ],
@@ -162,7 +163,8 @@ def test_a_message_is_sent_by_whom_to_whom_and_how_often(
     assert definition.senders == [sender]
     assert definition.cycle_time == cycle_ms
     # Messages also sent on change declare that at the signals that change (test_dbc_attributes).
-    unsent = "IfActive" if name in ("STEERING_PLAN", "PATH_AHEAD") else "NoMsgSendType"
+    optional = ("STEERING_PLAN", "PATH_AHEAD", "GROUND_TRUTH")
+    unsent = "IfActive" if name in optional else "NoMsgSendType"
     assert definition.send_type == (unsent if cycle_ms is None else "Cyclic")
     for signal in definition.signals:
         assert set(signal.receivers) == receivers, signal.name

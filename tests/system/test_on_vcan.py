@@ -22,6 +22,7 @@ from steer_by_wire.dbc.messages import (
     MESSAGE_TYPES,
     Decoded,
     DisturbanceConfig,
+    GroundTruth,
     LatencyConfig,
     LateralError,
     Message,
@@ -203,8 +204,8 @@ def statuses(log: Log) -> list[PlantStatus]:
 
 
 def test_the_loop_closes_with_every_message_of_the_contract(run: Run) -> None:
-    by_tools, only_with_can_fd = {LatencyConfig, DisturbanceConfig}, {PathAhead, SteeringPlan}
-    expected = set(MESSAGE_TYPES.values()) - by_tools - only_with_can_fd
+    by_tools, optional = {LatencyConfig, DisturbanceConfig}, {PathAhead, SteeringPlan, GroundTruth}
+    expected = set(MESSAGE_TYPES.values()) - by_tools - optional
     assert {kind for kind in expected if run.phases.alone.messages(kind)} == expected
     assert mostly_active(run.phases.alone)
     assert run.result.plant["node"]["motion_s"] > 0

@@ -291,12 +291,13 @@ def test_the_screen_says_which_latency_was_asked_for() -> None:
 def test_a_line_for_a_pipe_has_the_most_important(entries: list[LogEntry]) -> None:
     line = one_line(view_of(entries))
     assert re.fullmatch(
-        r"20\.\d s  ACTIVE  error [+-][\d.]+ mm  steer [+-][\d.]+ mrad  down/up 80\.0/20\.0 ms  "
+        r"20\.\d s  ACTIVE  error [+-][\d.]+ mm  CG [+-][\d.]+ mm  steer [+-][\d.]+ mrad  "
+        r"down/up 80\.0/20\.0 ms  "
         r"round trip 1\d\d\.\d/1\d\d\.\d ms  \d+ frames/s  missing 0  refused 0  foreign 0",
         line,
     )
     assert "error -  " not in line
-    assert "error - mm" in one_line(BusWatch(0).view(0))
+    assert "error - mm  CG - mm" in one_line(BusWatch(0).view(0))
 
 
 def test_a_strip_goes_from_its_least_to_its_greatest_value() -> None:

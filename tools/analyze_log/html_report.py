@@ -14,7 +14,7 @@ LATENCY_ROWS = {
 }
 SIGNAL_NAMES = {
     "lateral_error_m": ("lateral error, preview point", "mm", 1e3),
-    "cg_deviation_m": ("centre of gravity off the path, computed", "mm", 1e3),
+    "cg_deviation_m": ("centre of gravity off the path", "mm", 1e3),
     "heading_error_rad": ("heading error", "mrad", 1e3),
     "steer_rad": ("steer, commanded", "mrad", 1e3),
     "wheel_angle_rad": ("wheel angle", "mrad", 1e3),

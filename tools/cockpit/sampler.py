@@ -125,6 +125,7 @@ class Sampler:
         foot = self._place.at(now_ns)
         values = {
             "lateral_error_m": error and error.lateral_error_m,
+            "cg_deviation_m": error and self._watch.cg_deviation_m,
             "heading_error_rad": error and error.heading_error_rad,
             "steer_rad": command and command.steer_rad,
             "steer_in_effect_rad": status and self._in_effect_rad,

@@ -37,7 +37,8 @@ class Figure(NamedTuple):
 
 
 SIGNALS: tuple[Signal, ...] = (
-    Signal("lateral_error_m", "lateral error", "mm", 1e3, 1),
+    Signal("lateral_error_m", "preview point", "mm", 1e3, 1),
+    Signal("cg_deviation_m", "centre of gravity", "mm", 1e3, 1),
     Signal("heading_error_rad", "heading error", "mrad", 1e3, 1),
     Signal("steer_rad", "wanted", "mrad", 1e3, 1),
     Signal("steer_in_effect_rad", "in effect", "mrad", 1e3, 1),
@@ -58,7 +59,7 @@ SIGNALS: tuple[Signal, ...] = (
 NAMES = tuple(signal.name for signal in SIGNALS)
 
 CHARTS: tuple[Chart, ...] = (
-    Chart("Lateral error", ("lateral_error_m",), "lateral_error_m"),
+    Chart("Off the path", ("lateral_error_m", "cg_deviation_m"), "lateral_error_m"),
     Chart("Steer", ("wheel_angle_rad", "steer_in_effect_rad", "steer_rad"), "wheel_angle_rad"),
     Chart("Latency", ("downlink_s", "uplink_s"), "downlink_s"),
     Chart("Round trip", ("round_trip_s",), "round_trip_s"),
@@ -66,9 +67,10 @@ CHARTS: tuple[Chart, ...] = (
 )
 
 FIGURES: tuple[Figure, ...] = (
-    Figure("RMS", "rms_m", "root mean square of the lateral error since the start"),
-    Figure("Peak", "peak_m", "largest lateral error since the start"),
+    Figure("RMS", "rms_m", "root mean square error of the preview point since the start"),
+    Figure("Peak", "peak_m", "largest error of the preview point since the start"),
     Figure("Error", "lateral_error_m", "lateral error of the preview point now, left positive"),
+    Figure("CG", "cg_deviation_m", "deviation of the centre of gravity now, left positive"),
     Figure("Round trip", "round_trip_s", "from a command to the first measurement that shows it"),
     Figure("Speed", "speed_m_s", "forward speed"),
 )

@@ -1,5 +1,6 @@
 """From a view to lines of text: 24 of them, as wide as the terminal, 80 columns at least."""
 
+import math
 from collections.abc import Mapping
 
 from rich.text import Text
@@ -51,11 +52,12 @@ def one_line(view: View) -> str:
     round_trip = view.round_trip
     trip = "-/-" if round_trip is None else f"{_ms(round_trip.p50_s)}/{_ms(round_trip.p99_s)}"
     error = "-" if view.error is None else f"{_ONE_MS * view.error.lateral_error_m:+.2f}"
+    cg = "-" if math.isnan(view.cg_deviation_m) else f"{_ONE_MS * view.cg_deviation_m:+.2f}"
     steer = "-" if view.command is None else f"{_ONE_MS * view.command.steer_rad:+.2f}"
     missing = sum(row.missing - row.late for row in view.messages)
     mode = "-" if view.mode is None else view.mode.name
     return (
-        f"{view.elapsed_s:.1f} s  {mode}  error {error} mm  steer {steer} mrad  "
+        f"{view.elapsed_s:.1f} s  {mode}  error {error} mm  CG {cg} mm  steer {steer} mrad  "
         f"down/up {one_way} ms  round trip {trip} ms  {view.frames_per_s:.0f} frames/s  "
         f"missing {missing}  refused {sum(view.refused.values())}  foreign {view.foreign_frames}"
         f"{_second_senders(view)}"
@@ -124,11 +126,18 @@ def _signals(view: View, strip_width: int, blocks: str) -> list[Text]:
         for name in ("lateral_error_m", "steer_rad")
     }
     blank = " " * strip_width
+    cg_m = None if math.isnan(view.cg_deviation_m) else view.cg_deviation_m
+    of_vehicle = _value(
+        "disturbance", controller and controller.disturbance_rad, _ONE_MS, 0, "mrad"
+    )
+    of_network = _value(
+        "network", controller and controller.network_disturbance_rad, _ONE_MS, 0, "mrad"
+    )
     return [
         _pair(
             _value("lateral error", error and error.lateral_error_m, _ONE_MS, 2, "mm"),
             strips["lateral_error_m"],
-            _value("heading err", error and error.heading_error_rad, _ONE_MS, 1, "mrad"),
+            _value("CG off path", cg_m, _ONE_MS, 2, "mm"),
             view.is_stale("LATERAL_ERROR"),
         ),
         _pair(
@@ -150,11 +159,9 @@ def _signals(view: View, strip_width: int, blocks: str) -> list[Text]:
             view.is_stale("VEHICLE_STATE"),
         ),
         _pair(
-            _value("disturbance", controller and controller.disturbance_rad, _ONE_MS, 0, "mrad"),
-            blank,
-            _value(
-                "of network", controller and controller.network_disturbance_rad, _ONE_MS, 0, "mrad"
-            ),
+            f"{of_vehicle}, {of_network}".ljust(30 + strip_width),
+            "",
+            _value("heading err", error and error.heading_error_rad, _ONE_MS, 1, "mrad"),
             view.is_stale("CONTROLLER_STATUS"),
         ),
     ]
