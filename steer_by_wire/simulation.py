@@ -15,13 +15,16 @@ from typing import Any, Literal, TypeVar, get_args
 
 from .command_line import installation
 from .controller.settings import ControllerSettings
+from .controller.settings import shared_vehicle as nominal_vehicle
 from .plant_emulator.settings import PlantSettings
+from .plant_emulator.settings import shared_vehicle as plant_vehicle
 from .run_tables import ControllerTable, PlantTable
 from .runtime.bus_settings import BusSettings
 from .runtime.node import NEVER_NS, NS_PER_S
 from .runtime.settings import (
     Settings,
     SettingsError,
+    SharedTable,
     load_settings,
     preset_names,
     read_preset,
@@ -62,6 +65,7 @@ def simulate(
     plant: str | Path | PlantSettings = "paper_nominal",
     controller: str | Path | ControllerSettings = "practical_pd_ddob",
     *,
+    vehicle: str | Path | None = None,
     seed: int | None = None,
     duration_s: float | None = None,
     law: str | None = None,
@@ -73,6 +77,7 @@ def simulate(
 
     ``plant``, ``controller``  name of a preset, settings file (a path, or a text that ends with
                                .toml), or settings
+    ``vehicle``       file whose [vehicle] both take instead of their own, as ``design`` reads it
     ``seed``, ``duration_s``   of the plant; None keeps what its settings say
     ``law``           of the controller; None keeps what its settings say
     ``overrides``     other settings, by ``plant.table.key`` or ``controller.table.key``
@@ -93,9 +98,13 @@ be greater than or equal to 0 (allowed: number from 0.0, up to 10.0)
     own = {"plant.seed": seed, "plant.duration_s": duration_s, "controller.law": law}
     values = {**overrides, **{key: value for key, value in own.items() if value is not None}}
     _refuse_unknown_sides(values)
+    file = None if vehicle is None else Path(vehicle)
+    of_plant, of_controller = plant_vehicle(file), nominal_vehicle(file)
     settings = (
-        settings_of(PlantSettings, "plant", plant, PLANT_PRESETS, values),
-        settings_of(ControllerSettings, "controller", controller, CONTROLLER_PRESETS, values),
+        settings_of(PlantSettings, "plant", plant, PLANT_PRESETS, values, of_plant),
+        settings_of(
+            ControllerSettings, "controller", controller, CONTROLLER_PRESETS, values, of_controller
+        ),
     )
     if engine not in get_args(Engine):
         known = ", ".join(get_args(Engine))
@@ -108,20 +117,28 @@ be greater than or equal to 0 (allowed: number from 0.0, up to 10.0)
 
 
 def settings_of(
-    model: type[S], side: str, given: str | Path | S, presets: str, values: Mapping[str, Any]
+    model: type[S],
+    side: str,
+    given: str | Path | S,
+    presets: str,
+    values: Mapping[str, Any],
+    shared: SharedTable | None = None,
 ) -> S:
     """Return the settings of one side, plant or controller, as ``simulate`` takes them.
 
     ``values``  overrides of both sides, by ``plant.table.key`` or ``controller.table.key``
+    ``shared``  table of the vehicle's file, in place of the same of a preset or file
 
     Raises SettingsError.
     """
     if isinstance(given, model):
+        if shared is not None:
+            raise SettingsError(f"vehicle and {side} of type {model.__name__}: give one of the two")
         settings = given
     elif isinstance(given, Path) or (isinstance(given, str) and given.endswith(".toml")):
-        settings = load_settings(model, file=Path(given))
+        settings = load_settings(model, file=Path(given), shared=shared)
     elif isinstance(given, str):
-        settings = load_settings(model, read_preset(presets, given))
+        settings = load_settings(model, read_preset(presets, given), shared=shared)
     else:
         raise SettingsError(
             f"{side} is of type {type(given).__name__} (allowed: name of a preset, path of a"

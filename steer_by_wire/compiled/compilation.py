@@ -95,6 +95,7 @@ def _in_one_process(compile_one: Callable[..., Any], name: str, folder: Path) ->
 
     def compile_or_wait(arguments: Any) -> Any:
         key = hashlib.sha256(f"{name} {arguments}".encode()).hexdigest()[:16]
+        folder.mkdir(parents=True, exist_ok=True)  # newer sources may have had it removed
         # Lock the threads of this process first: one that waits for the file's lock could block the
         # one that has to release it.
         with global_compiler_lock, (folder / f"{key}.lock").open("w") as lock:

@@ -1,6 +1,7 @@
 """Compiled functions on disk: one process compiles what several need."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -39,3 +40,17 @@ def test_processes_that_need_the_same_function_compile_it_once(tmp_path: Path) -
         process.stdin.write("\n")
         process.stdin.flush()
     assert sorted(process.communicate()[0] for process in processes) == ["0 1\n", "1 0\n"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="files are locked on POSIX only")
+def test_a_process_compiles_on_when_its_folder_has_been_removed(tmp_path: Path) -> None:
+    """The oldest folders go when there are newer sources, and a design runs for minutes."""
+    command = [sys.executable, "-c", COMPILE_AND_COUNT]
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    with subprocess.Popen(
+        command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        shutil.rmtree(tmp_path / "steer-by-wire-emulator")
+        assert process.communicate("\n")[0] == "1 0\n"

@@ -14,6 +14,7 @@ import pytest
 
 import steer_by_wire
 from steer_by_wire import Mode, PlantSettings, Run, SettingsError, simulate
+from steer_by_wire.controller.shared_settings import VehicleModelSettings
 from steer_by_wire.plant_emulator.rig_settings import CircleSettings
 from steer_by_wire.runtime.report import json_text
 from steer_by_wire.tools.closed_loop.__main__ import main as run_closed_loop
@@ -125,12 +126,27 @@ def test_settings_come_from_everywhere_and_the_nearest_wins() -> None:
     assert simulate(duration_s=0.1, overrides={"plant.path": path}).plant_settings.path == path
 
 
+def test_a_vehicle_file_is_the_vehicle_of_both() -> None:
+    run = simulate(vehicle="tools/design_gains/highway_vehicle.toml", duration_s=0.1)
+    assert run.plant_settings.vehicle.speed_m_s == pytest.approx(45.0 / 3.6)
+    model = run.controller_settings.nominal_model
+    assert isinstance(model, VehicleModelSettings)
+    assert model.model_dump(exclude={"kind"}) == run.plant_settings.vehicle.model_dump(
+        include=set(VehicleModelSettings.model_fields) - {"kind"}
+    )
+
+
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
         ({"plant": "papr_nominal"}, r"preset papr_nominal: .*\(did you mean paper_nominal\?\)"),
         ({"plant": "no.toml"}, r"no\.toml: cannot be read: No such file or directory"),
         ({"plant": 3}, r"plant is of type int \(allowed: name of a preset, path of a settings"),
+        ({"vehicle": "no.toml"}, r"no\.toml: cannot be read: No such file or directory"),
+        (
+            {"vehicle": "tools/design_gains/paper_vehicle.toml", "plant": PlantSettings()},
+            "vehicle and plant of type PlantSettings: give one of the two",
+        ),
         ({"seed": -1}, r"overrides of plant: seed = -1 .* \(allowed: integer from 0, up to"),
         ({"law": "pdd"}, r'overrides of controller: law = "pdd" is not a known one \(allowed: pd,'),
         ({"overrides": {"plant.sed": 1}}, r"sed is not a known key \(did you mean seed\?\)"),

@@ -16,7 +16,7 @@ from steer_by_wire.runtime.program import ExitStatus, StopRequest
 from steer_by_wire.runtime.settings import load_settings, read_preset
 from steer_by_wire.tools.compare_laws import runs
 from steer_by_wire.tools.compare_laws.__main__ import main
-from steer_by_wire.tools.compare_laws.interior import interior_line, interior_points
+from steer_by_wire.tools.compare_laws.interior import PREDICTORS, interior_line, interior_points
 from steer_by_wire.tools.compare_laws.picture import draw_break_points, draw_comparison
 from steer_by_wire.tools.compare_laws.runs import OFF_PATH_M, Cell, breaks_at_s, compare
 from steer_by_wire.tools.compare_laws.tables import markdown_lines, table_lines
@@ -55,10 +55,11 @@ def test_a_designed_predictor_says_what_is_measured_anew(
 
 
 def test_inside_the_box_the_predictor_holds_the_car_itself_on_the_path() -> None:
-    points = interior_points(16, 60.0)
+    _, follows_cg = PREDICTORS
+    points = interior_points(16, 60.0, follows_cg)
     assert {one.delay_s > 0.25 for one in points} == {True, False}
     assert 1e-4 < points[-1].cg_rms_m <= points[0].cg_rms_m < 8e-3
-    assert "16 points inside the box" in interior_line(points)
+    assert "16 points inside the box" in interior_line(follows_cg, points)
 
 
 def test_the_predictor_holds_half_a_second_and_the_observers_do_not(
@@ -142,7 +143,7 @@ def test_ctrl_c_ends_the_comparison_soon_and_leaves_what_is_complete(
         return Cell(one.label, key, delay_s, False, 0.01, 0.01, 0.01, 0.01)
 
     monkeypatch.setattr(runs, "ThreadPoolExecutor", Pool)
-    monkeypatch.setattr(runs, "_cell", cell)
+    monkeypatch.setattr(runs, "cell_of", cell)
     monkeypatch.setattr(StopRequest, "_take_signal", taken)
     assert main(["--out", str(tmp_path)]) == ExitStatus.INTERRUPTED
     assert len(computed) <= 1 + 2 * runs.THREADS  # of 1525

@@ -2,6 +2,7 @@
 
     steer-by-wire compare [--out DIR] [--step-ms 25] [--seeds 3]
     steer-by-wire compare --at-speed     # networks with memory at 5, 30 and 60 km/h: docs/packet.md
+    steer-by-wire compare --interior 256 # the predictors between the corners of the box
 
 Leaves in DIR comparison.csv, a line for each law, network and delay; comparison.png of the point
 that each law follows, comparison_centre_of_gravity.png and error_over_delay.png; and comparison.md,
@@ -33,7 +34,7 @@ from steer_by_wire.tools.compare_laws.at_speed import (
     markdown_at_speed,
 )
 from steer_by_wire.tools.compare_laws.at_speed import Cell as CellAtSpeed
-from steer_by_wire.tools.compare_laws.interior import interior_line, interior_points
+from steer_by_wire.tools.compare_laws.interior import PREDICTORS, interior_line, interior_points
 from steer_by_wire.tools.compare_laws.picture import draw_break_points, draw_comparison
 from steer_by_wire.tools.compare_laws.runs import Cell, compare, controller_settings, own_contestant
 from steer_by_wire.tools.compare_laws.tables import markdown_lines, table_lines
@@ -75,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=whole_number(0, INTERIOR_MAX),
         default=0,
         metavar="POINTS",
-        help="also the centre of gravity at so many points inside the box (default: %(default)s)",
+        help="instead the predictors' centre of gravity at so many points inside the box",
     )
     parser.add_argument(
         "--law",
@@ -93,7 +94,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="instead a lane change at 5, 30 and 60 km/h on networks with memory",
     )
     options = parser.parse_args(arguments)
-    return run_main(NAME, partial(_run_at_speed if options.at_speed else _run, options))
+    run = _run_interior if options.interior else _run_at_speed if options.at_speed else _run
+    return run_main(NAME, partial(run, options))
 
 
 def _run_at_speed(options: argparse.Namespace) -> int:
@@ -117,6 +119,12 @@ def _run_at_speed(options: argparse.Namespace) -> int:
     text = "\n".join(markdown_at_speed(cells))
     (options.out / "at_speed.md").write_text(text, encoding="utf-8")
     print(text)
+    return ExitStatus.OK
+
+
+def _run_interior(options: argparse.Namespace) -> int:
+    for one in PREDICTORS:
+        print(interior_line(one, interior_points(options.interior, options.duration_s, one)))
     return ExitStatus.OK
 
 
@@ -154,8 +162,6 @@ def _run(options: argparse.Namespace) -> int:
     (options.out / "comparison.md").write_text(markdown, encoding="utf-8")
     for line in table_lines(cells, further):
         print(line)
-    if options.interior:
-        print(interior_line(interior_points(options.interior, options.duration_s)))
     elapsed_s = time.perf_counter() - begin_s
     print(f"\n{elapsed_s:.0f} s; tables and pictures are in {options.out}")
     return ExitStatus.OK

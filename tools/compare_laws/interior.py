@@ -1,4 +1,4 @@
-"""The predictor with the centre of gravity on the path, in the interior of the box of vehicles.
+"""The predictor's centre of gravity in the interior of the box of vehicles.
 
 The comparison's runs are at the corners, and the worst vehicle may lie between them.
 """
@@ -22,7 +22,8 @@ from .runs import (
 
 DELAY_S_MAX = 0.5
 _SEED = 1
-(PREDICTOR,) = (one for one in CONTESTANTS if one.follows_cg and one.label.startswith("predictor"))
+PREDICTORS = tuple(one for one in CONTESTANTS if one.label in ("predictor", "predictor, CG"))
+"""One follows the preview point, the other the centre of gravity."""
 
 
 class Point(NamedTuple):
@@ -34,9 +35,7 @@ class Point(NamedTuple):
     delay_s: float
 
 
-def interior_points(
-    count: int, duration_s: float, contestant: Contestant = PREDICTOR
-) -> list[Point]:
+def interior_points(count: int, duration_s: float, contestant: Contestant) -> list[Point]:
     """Return points of a Sobol sequence over speed, mass and delay, the worst first."""
     vertices = paper_box().vertices()
     speeds = [vehicle.speed_m_s for vehicle in vertices]
@@ -51,11 +50,11 @@ def interior_points(
     return sorted(points, reverse=True)
 
 
-def interior_line(points: list[Point]) -> str:
+def interior_line(contestant: Contestant, points: list[Point]) -> str:
     """Return what to know of them."""
     worst, median = points[0], points[len(points) // 2]
     return (
-        f"{PREDICTOR.label}, {len(points)} points inside the box, delay up to {DELAY_S_MAX:g} s:"
+        f"{contestant.label}, {len(points)} points inside the box, delay up to {DELAY_S_MAX:g} s:"
         f" centre of gravity RMS from {SETTLED_S:g} s on {1e3 * worst.cg_rms_m:.2f} mm at most"
         f" ({3.6 * worst.speed_m_s:.2f} km/h, {worst.virtual_mass_kg:.0f} kg,"
         f" {1e3 * worst.delay_s:.0f} ms), median {1e3 * median.cg_rms_m:.2f} mm"

@@ -193,7 +193,7 @@ def compare(
         for one, delay_s in product(contestants_of(network, further), delays_s)
     ]
     with ThreadPoolExecutor(THREADS) as pool:
-        futures = [pool.submit(_cell, *one, seeds, duration_s) for one in asked]
+        futures = [pool.submit(cell_of, *one, seeds, duration_s) for one in asked]
         return finished(pool, futures, progress, should_stop)
 
 
@@ -239,7 +239,8 @@ def plant_settings(
     return settings.model_copy(update={"safety": UNGUARDED})
 
 
-def _cell(key: str, one: Contestant, delay_s: float, seeds: int, duration_s: float) -> Cell:
+def cell_of(key: str, one: Contestant, delay_s: float, seeds: int, duration_s: float) -> Cell:
+    """Return the cell of a network (a key of NETWORKS), a contestant and a mean delay."""
     network = NETWORKS[key]
     controller = controller_settings(one, has_lag=network.has_lag)
     figures = [
