@@ -78,7 +78,7 @@ def draw_rms(maps: HeatMaps, axes: StudyAxes, names: tuple[str, ...]) -> Figure:
     known_mm = 1e3 * maps.rms_m[np.isfinite(maps.rms_m)]
     low, high = (float(np.clip(f(known_mm, initial=10.0), 1.0, 1e4)) for f in (np.min, np.max))
     norm = LogNorm(low, max(high, 1.01 * low))
-    title = "RMS lateral error [mm],\nworst over all else"
+    title = "RMS error of the preview point [mm],\nworst over all else"
     return _draw(1e3 * maps.rms_m, maps, axes, names, norm, "viridis_r", title, "{:.3g}")
 
 

@@ -48,19 +48,23 @@ def worst_runs(study: StudyRecord, rows: Rows, count: int = COUNT) -> list[Worst
 
 
 def draw_worst(study: StudyRecord, found: list[WorstRun]) -> Figure:
-    """Draw lateral error and command of each run, two runs beside each other."""
+    """Draw deviations and command of each run, two runs beside each other."""
     lines = -(-len(found) // 2)
     figure = Figure(figsize=(13.0, 2.5 * lines + 0.6))
     grid = figure.subfigures(lines, 2, squeeze=False)
     for rank, (worst, part) in enumerate(zip(found, grid.flat, strict=False), start=1):
         above, below = part.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
         colour = COLOURS[worst.controller % len(COLOURS)]
-        above.plot(worst.run.time_s, worst.run.lateral_error_m, color=colour, lw=0.9)
+        run, label = worst.run, "centre of gravity"
+        above.plot(run.time_s, run.lateral_error_m, color=colour, lw=0.9, label="preview point")
+        above.plot(run.time_s, run.cg_deviation_m, color="0.4", lw=0.7, ls=":", label=label)
         below.plot(worst.run.tick_s, worst.run.sent_rad, color="0.25", lw=0.6)
         for limit_rad in (-worst.steer_rad_max, worst.steer_rad_max):
             below.axhline(limit_rad, color="black", lw=0.7, ls="--")
         below.set_ylim(-1.15 * worst.steer_rad_max, 1.15 * worst.steer_rad_max)
-        above.set_ylabel("error [m]", fontsize=9)
+        above.set_ylabel("off the path [m]", fontsize=9)
+        if rank == 1:
+            above.legend(fontsize=8)
         below.set_ylabel("steer [rad]", fontsize=9)
         below.set_xlabel("time [s]", fontsize=9)
         above.set_title(
