@@ -25,7 +25,13 @@ from ...controller.settings import ControllerSettings, age_limits_of, counters_o
 from ...dbc.messages import MESSAGE_TYPES
 from ...dbc.protection import COUNTERS, SequenceRule
 from ...plant_emulator.fault_effects import BURST_CHANCE, REORDER_CHANCE
-from ...plant_emulator.fault_settings import ALL, FaultDirection, FaultKind, FaultSettings
+from ...plant_emulator.fault_settings import (
+    ALL,
+    MESSAGES_OF,
+    FaultDirection,
+    FaultKind,
+    FaultSettings,
+)
 from ...plant_emulator.node import RECEIVED as PLANT_RECEIVES
 from ...plant_emulator.node import samples_per_vehicle_state
 from ...plant_emulator.safety_settings import design_guard
@@ -47,9 +53,10 @@ STREAMS = CONTROLS | {"STEERING_STATUS", "VEHICLE_STATE"}
 UNRECEIVED = frozenset(
     name
     for name, message_type in MESSAGE_TYPES.items()
-    if message_type not in (*CONTROLLER_RECEIVES, *PLANT_RECEIVES)
+    if any(message_type in faulty for faulty in MESSAGES_OF.values())
+    and message_type not in (*CONTROLLER_RECEIVES, *PLANT_RECEIVES)
 )
-"""Messages for monitoring: no node receives them."""
+"""Messages for monitoring that faults act on: no node receives them."""
 
 
 class Mechanism(StrEnum):
