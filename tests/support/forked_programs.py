@@ -38,6 +38,8 @@ PRELOADED = (
     "steer_by_wire.controller.program",
     "steer_by_wire.plant_emulator.program",
     "steer_by_wire.runtime.attached",
+    "steer_by_wire.runtime.emulated_bus.client",
+    "steer_by_wire.tools.bus.program",
 )
 REQUEST_BYTES_MAX = 1 << 17
 AT_START = ("PYTHON", "OPENBLAS_", "NPY_", "NUMBA_", "OMP_", "LD_", "MPL")

@@ -115,29 +115,34 @@ def test_tests_share_by_modules_that_are_no_tests() -> None:
     assert [file.name for file in files if imported.search(file.read_text(encoding="utf-8"))] == []
 
 
+def loaded(imports: str, unwanted: str, *options: str) -> list[str]:
+    """Return which of the unwanted modules a new interpreter holds after some imports."""
+    code = f"import sys, {imports}; print(*{{*{unwanted.split()}}} & {{*sys.modules}})"
+    result = run(sys.executable, *options, "-c", code)
+    assert result.returncode == 0, result.stderr
+    return result.stdout.split()
+
+
 def test_a_node_loads_no_bus_and_nothing_heavy() -> None:
     """What our modules import is a contract of the import linter; this is what then is loaded.
 
     socket, select and threading are loaded, but not by us: pydantic looks for plug-ins with
     importlib.metadata, which imports the standard library's mail reader, and that imports socket.
     """
-    code = (
-        "import sys, steer_by_wire.controller.node, steer_by_wire.plant_emulator.node;"
-        "unwanted = 'can cantools argparse asyncio multiprocessing subprocess logging'.split();"
-        "unwanted += 'scipy numba matplotlib rich'.split();"
-        "unwanted += ['steer_by_wire.runtime.bus', 'steer_by_wire.runtime.program'];"
-        "print([m for m in unwanted if m in sys.modules])"
+    nodes = "steer_by_wire.controller.node, steer_by_wire.plant_emulator.node"
+    unwanted = (
+        "can cantools argparse asyncio multiprocessing subprocess logging scipy numba matplotlib "
+        "rich steer_by_wire.runtime.bus steer_by_wire.runtime.program"
     )
-    result = run(sys.executable, "-c", code)
-    assert result.stdout.strip() == "[]", result.stdout + result.stderr
+    assert loaded(nodes, unwanted) == []
 
 
 def test_live_programs_import_nothing_heavy() -> None:
     """Start-up time is a promise: the live processes do without numba, scipy and matplotlib."""
-    code = (
-        "import sys, steer_by_wire.controller.program, steer_by_wire.plant_emulator.program;"
-        "unwanted = 'cantools numba scipy matplotlib rich'.split();"
-        "print([m for m in unwanted if m in sys.modules])"
-    )
-    result = run(sys.executable, "-c", code)
-    assert result.stdout.strip() == "[]", result.stdout + result.stderr
+    programs = "steer_by_wire.controller.program, steer_by_wire.plant_emulator.program"
+    assert loaded(programs, "cantools numba scipy matplotlib rich") == []
+
+
+def test_with_vcan_imports_little_and_no_backend_before_its_turn() -> None:
+    unwanted = "importlib.metadata steer_by_wire.vcan.namespace steer_by_wire.vcan.uml"
+    assert loaded("steer_by_wire.vcan.__main__", unwanted, "-S") == []
