@@ -210,8 +210,7 @@ LAYOUTS: tuple[MessageLayout, ...] = (
     MessageLayout("GROUND_TRUTH", can_id=0x314, length=8, cycle_time_ms=0, data_id=0x5314,
         signals=(
         SignalLayout("CG_DEVIATION", "cg_deviation_m", unit="m",
-            start=24, length=25, is_signed=True, scale=5e-06,
-            minimum=-83.886075, maximum=83.886075, not_available=None),
+            start=24, length=25, is_signed=True, scale=5e-06, minimum=-83.886075, maximum=83.886075),
     )),
     MessageLayout("LATENCY_CONFIG", can_id=0x320, length=7, cycle_time_ms=0, data_id=None,
         signals=(
