@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...loop_theory.uncertainty import paper_box
-from ...reports.plot_style import COLOURS, plot_style
+from ...reports.plot_style import COLOURS
 from ...runtime.array_types import FloatArray
 from .corners import corner_labels
 from .result import Comparison, Picture, Reproduction, Verdict
@@ -16,8 +16,7 @@ def figure_2() -> Reproduction:
     speeds_km_h = np.array([3.6 * vehicle.speed_m_s for vehicle in box.vertices()])
     masses_kg = np.array([vehicle.virtual_mass_kg for vehicle in box.vertices()])
     lightest_kg, heaviest_kg = 1600.0 / 1.0, 2000.0 / 0.4
-    with plot_style():
-        figure = _draw_box(speeds_km_h, masses_kg)
+    figure = _draw_box(speeds_km_h, masses_kg)
     return Reproduction(
         key="figure_02",
         title="Figure 2: parametric uncertainty box",

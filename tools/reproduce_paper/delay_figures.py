@@ -4,12 +4,9 @@ Each figure's statement is checked with three variants: the laws as published, w
 derivative, and with what keeps them on the path (`delay_runs` gives the reasons).
 """
 
-from typing import NamedTuple
-
 from ...pair.trace import rms
-from ...plant_emulator.settings import PlantSettings
 from . import published
-from .delay_pictures import STEER_SHOWN_S, Panel, panels, two_laps
+from .delay_pictures import STEER_SHOWN_S, panels, two_laps
 from .delay_runs import (
     CDOB,
     CDOB_AND_DDOB,
@@ -21,9 +18,9 @@ from .delay_runs import (
     SETTINGS_CAPTION,
     TYPE_2,
     WASHOUT,
+    Compared,
     Law,
-    Runs,
-    Variant,
+    compare,
     delayed_plant,
     drive,
     error_text,
@@ -35,16 +32,16 @@ from .delay_steps import filter_comparisons, filter_scan, step_comparisons, step
 from .reference_reading import (
     CAPTION,
     CDOB_TO_DDOB,
+    ERROR,
     PD_TO_CDOB,
+    STEER,
+    STEER_RATE,
     WHY,
     alike,
-    error_m,
     picture,
     smaller,
-    steer_rad,
-    steer_rate_rad_s,
 )
-from .result import CLAIM, Comparison, Picture, Reproduction, verdict_of
+from .result import CLAIM, Comparison, Picture, Reproduction, unpublished, verdict_of
 from .simulation import History
 
 _WHY_CDOB = (
@@ -69,26 +66,13 @@ _CURVATURE = "curvature as a disturbance"
 """The other reading, that of all runs of the nodes."""
 
 
-class _Compared(NamedTuple):
-    """A variant and its runs."""
-
-    variant: Variant
-    runs: Runs
-
-    @property
-    def pair(self) -> tuple[History, History]:
-        """Return the run that the figure compares with, and the one that it prefers."""
-        first, second = self.runs.values()
-        return first, second
-
-
 def figure_21() -> Reproduction:
     """Return the lateral deviation of PD and PD+CDOB."""
-    plant, compared = _compare(PD_AND_CDOB)
+    plant, compared = delayed_plant(DURATION_S), compare(PD_AND_CDOB)
     laps, comparisons = _two_laps("figure_21_two_laps", _PD_CDOB_LAPS, steer=False)
     deciding = (
         *(_errors(item, published.FIGURE_21) for item in compared),
-        *smaller(published.FIGURE_21, "error", "m", error_m, PD_TO_CDOB),
+        *smaller(published.FIGURE_21, ERROR, PD_TO_CDOB),
     )
     return Reproduction(
         "figure_21",
@@ -96,18 +80,13 @@ def figure_21() -> Reproduction:
         f"{SETTINGS_CAPTION} The first {DURATION_S:g} s, and two laps, those with N = 30 rad/s; "
         f"the scale of the error is linear within ±0.1 m. {CAPTION}",
         (
-            _panels("figure_21", compared, steer=False),
-            picture("figure_21_reference", "r - y [m]", error_m, PD_TO_CDOB),
+            panels("figure_21", compared, steer=False),
+            picture("figure_21_reference", "r - y [m]", ERROR, PD_TO_CDOB),
             laps,
             filter_scan("figure_21_filter"),
             step_picture("figure_21_reference_step", plant),
         ),
-        (
-            *deciding,
-            *comparisons,
-            *filter_comparisons(),
-            *step_comparisons(plant),
-        ),
+        (*deciding, *comparisons, *filter_comparisons(), *step_comparisons(plant)),
         verdict_of(deciding, is_corrected=True),
         _WHY_CDOB
         + "For a step of the reference, which (18) describes, PD+CDOB does better as soon "
@@ -117,19 +96,19 @@ def figure_21() -> Reproduction:
 
 def figure_22() -> Reproduction:
     """Return the steer of PD and PD+CDOB."""
-    _, compared = _compare(PD_AND_CDOB)
+    compared = compare(PD_AND_CDOB)
     laps, _ = _two_laps("figure_22_two_laps", _PD_CDOB_LAPS, steer=True)
     deciding = (
         *(_steers(item, published.FIGURE_22) for item in compared),
-        *smaller(published.FIGURE_22, "steer", "rad", steer_rad, PD_TO_CDOB),
+        *smaller(published.FIGURE_22, STEER, PD_TO_CDOB),
     )
     return Reproduction(
         "figure_22",
         "Steering angle with and without CDOB for time delay",
         f"{SETTINGS_CAPTION} {_STEER_CAPTION} 21. {CAPTION}",
         (
-            _panels("figure_22", compared, steer=True),
-            picture("figure_22_reference", "steering angle [rad]", steer_rad, PD_TO_CDOB),
+            panels("figure_22", compared, steer=True),
+            picture("figure_22_reference", "steering angle [rad]", STEER, PD_TO_CDOB),
             laps,
         ),
         deciding,
@@ -142,7 +121,7 @@ def figure_22() -> Reproduction:
 
 def figure_23() -> Reproduction:
     """Return the lateral deviation of PD+CDOB and DDOB."""
-    _, compared = _compare(CDOB_AND_DDOB)
+    compared = compare(CDOB_AND_DDOB)
     laps, comparisons = _two_laps("figure_23_two_laps", _CDOB_DDOB_LAPS, steer=False)
     deciding = tuple(_errors(item, published.FIGURE_23) for item in compared)
     return Reproduction(
@@ -151,7 +130,7 @@ def figure_23() -> Reproduction:
         f"{SETTINGS_CAPTION} The disturbance is the curvature, as in Figure 20. "
         f"The first {DURATION_S:g} s, and two laps, those with N = 30 rad/s; "
         "the scale of the error is linear within ±0.1 m.",
-        (_panels("figure_23", compared, steer=False), laps),
+        (panels("figure_23", compared, steer=False), laps),
         (*deciding, *comparisons),
         verdict_of(deciding, is_corrected=True),
         "That DDOB has the smaller error holds in every variant. Corrected is the derivative "
@@ -163,41 +142,25 @@ def figure_23() -> Reproduction:
 
 def figure_24() -> Reproduction:
     """Return the steer of PD+CDOB and DDOB, and the speed."""
-    _, compared = _compare(CDOB_AND_DDOB)
+    compared = compare(CDOB_AND_DDOB)
     laps, _ = _two_laps("figure_24_two_laps", _CDOB_DDOB_LAPS, steer=True)
     deciding = (
         *(_steers_alike(item) for item in compared),
-        *alike(published.FIGURE_24_STEER, "steer", "rad", steer_rad, CDOB_TO_DDOB),
+        *alike(published.FIGURE_24_STEER, STEER, CDOB_TO_DDOB),
     )
+    rates = alike(published.FIGURE_24_SPEED, STEER_RATE, CDOB_TO_DDOB)
     return Reproduction(
         "figure_24",
         "Steering angle and speed of CDOB and DDOB compensated system",
         f"{SETTINGS_CAPTION} {_STEER_CAPTION} 23. The speed is read as that of the steering: "
         f"(1) is of constant speed. {CAPTION}",
         (
-            _panels("figure_24", compared, steer=True),
-            picture("figure_24_reference", "steering angle [rad]", steer_rad, CDOB_TO_DDOB),
-            picture(
-                "figure_24_reference_rate",
-                "steering rate [rad/s]",
-                steer_rate_rad_s,
-                CDOB_TO_DDOB,
-            ),
+            panels("figure_24", compared, steer=True),
+            picture("figure_24_reference", "steering angle [rad]", STEER, CDOB_TO_DDOB),
+            picture("figure_24_reference_rate", "steering rate [rad/s]", STEER_RATE, CDOB_TO_DDOB),
             laps,
         ),
-        (
-            *deciding,
-            *(
-                one._replace(decides="", agrees=None)
-                for one in alike(
-                    published.FIGURE_24_SPEED,
-                    "steering rate",
-                    "rad/s",
-                    steer_rate_rad_s,
-                    CDOB_TO_DDOB,
-                )
-            ),
-        ),
+        (*deciding, *(rate._replace(decides="", agrees=None) for rate in rates)),
         verdict_of(deciding, is_corrected=True),
         "Similar steer comes out with washout and type-2 Q, which change the laws. As published, "
         "PD+CDOB hardly steers with a filtered derivative, and with the ideal one both go from "
@@ -222,22 +185,13 @@ _CDOB_DDOB_LAPS: tuple[tuple[Law, float], ...] = (
 )
 
 
-def _compare(variants: tuple[Variant, ...]) -> tuple[PlantSettings, list[_Compared]]:
-    plant = delayed_plant(DURATION_S)
-    return plant, [_Compared(variant, drive(variant.laws, plant)) for variant in variants]
-
-
-def _panels(name: str, compared: list[_Compared], *, steer: bool) -> Picture:
-    return panels(name, [Panel(item.variant.title, item.runs) for item in compared], steer=steer)
-
-
-def _deciding(item: _Compared) -> tuple[str, str]:
+def _deciding(item: Compared) -> tuple[str, str]:
     """Return what a variant decides: the claim, where only the derivative is filtered."""
     is_filtered = item.variant in (PD_AND_CDOB[1], CDOB_AND_DDOB[1])
     return (CLAIM, _CURVATURE) if is_filtered else ("", "")
 
 
-def _errors(item: _Compared, statement: str) -> Comparison:
+def _errors(item: Compared, statement: str) -> Comparison:
     first, second = item.pair
     return Comparison(
         f"lateral error, {DURATION_S:g} s. {item.variant.title}",
@@ -248,7 +202,7 @@ def _errors(item: _Compared, statement: str) -> Comparison:
     )
 
 
-def _steers(item: _Compared, statement: str) -> Comparison:
+def _steers(item: Compared, statement: str) -> Comparison:
     first, second = item.pair
     return Comparison(
         f"steer, {DURATION_S:g} s. {item.variant.title}",
@@ -259,17 +213,13 @@ def _steers(item: _Compared, statement: str) -> Comparison:
     )
 
 
-def _steers_alike(item: _Compared) -> Comparison:
+def _steers_alike(item: Compared) -> Comparison:
     """Check "similar" as: the RMS of the difference is no notable part of the RMS."""
     first, second = item.pair
     apart_rad = rms(second.wheel_angle_rad - first.wheel_angle_rad)
-    return _steers(item, published.FIGURE_24_STEER)._replace(
-        reproduced="; ".join(
-            [
-                *(f"{label}: {steer_text(run)}" for label, run in item.runs.items()),
-                f"apart: RMS {apart_rad:.4f} rad",
-            ]
-        ),
+    steers = _steers(item, published.FIGURE_24_STEER)
+    return steers._replace(
+        reproduced=f"{steers.reproduced}; apart: RMS {apart_rad:.4f} rad",
         agrees=apart_rad < _NOTABLY * rms(second.wheel_angle_rad),
     )
 
@@ -297,11 +247,10 @@ def _drift(label: str, run: History, lap: float | None) -> Comparison:
             f"{middle_m:.1f} m after {0.5 * DURATION_S:g} s, {end_m:.1f} m after {DURATION_S:g} s; "
             "the wire carries no more than 83.9 m"
         )
-        return Comparison(f"error over a full lap, N = 30 rad/s, {label}", "", text, None)
-    first_m, second_m = mean_before(run, lap), mean_before(run, 2.0 * lap)
-    rate_mm_s = 1e3 * (second_m - first_m) / lap
-    text = (
-        f"{first_m:+.4f} m at the end of the first lap ({lap:.0f} s), {second_m:+.4f} m of the "
-        f"second: {rate_mm_s:+.3f} mm/s"
-    )
-    return Comparison(f"error over a full lap, N = 30 rad/s, {label}", "", text, None)
+    else:
+        first_m, second_m = mean_before(run, lap), mean_before(run, 2.0 * lap)
+        text = (
+            f"{first_m:+.4f} m at the end of the first lap ({lap:.0f} s), {second_m:+.4f} m of the "
+            f"second: {1e3 * (second_m - first_m) / lap:+.3f} mm/s"
+        )
+    return unpublished(f"error over a full lap, N = 30 rad/s, {label}", text)

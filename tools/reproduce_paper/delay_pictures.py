@@ -1,7 +1,6 @@
 """Pictures of runs with delay: variants side by side, and laps."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,7 +9,7 @@ from matplotlib.figure import Figure
 from ...pair.trace import rms
 from ...reports.plot_style import COLOURS
 from ...runtime.array_types import FloatArray
-from .delay_runs import STEER_RAD_MAX, Runs
+from .delay_runs import STEER_RAD_MAX, Compared
 from .result import Picture
 from .simulation import History, thinned
 
@@ -35,28 +34,21 @@ _COLOUR_OF = {
 """A law has one colour in all pictures."""
 
 
-class Panel(NamedTuple):
-    """What is drawn side by side."""
-
-    title: str
-    runs: Runs
-
-
-def panels(name: str, shown: Sequence[Panel], *, steer: bool) -> Picture:
+def panels(name: str, shown: Sequence[Compared], *, steer: bool) -> Picture:
     """Draw lateral errors, or steers, of several variants, on one scale."""
     figure = Figure(figsize=(12.0, 4.6))
     columns: dict[str, FloatArray] = {}
-    for axes, panel in zip(
+    for axes, (variant, runs) in zip(
         figure.subplots(1, len(shown), sharex=True, sharey=True), shown, strict=True
     ):
-        for label, run in panel.runs.items():
+        for label, run in runs.items():
             few = _shown(run, steer)
             columns["time_s"] = few.time_s
-            columns[f"{panel.title}: {label} {_unit(steer)}"] = _values(few, steer)
+            columns[f"{variant.title}: {label} {_unit(steer)}"] = _values(few, steer)
             text = f"{label}, RMS {rms(_values(run, steer)):.3g} {'rad' if steer else 'm'}"
             axes.plot(few.time_s, _values(few, steer), color=_COLOUR_OF[label], lw=0.9, label=text)
         axes.set(xlabel="time [s]")
-        axes.set_title(panel.title, fontsize=10.5)
+        axes.set_title(variant.title, fontsize=10.5)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=1)
     _scale(figure.axes[0], steer)
     return Picture(name, figure, columns)

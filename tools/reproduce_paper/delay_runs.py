@@ -88,6 +88,25 @@ Runs = Mapping[str, History]
 """Runs by the label of their law."""
 
 
+class Compared(NamedTuple):
+    """A variant and its runs."""
+
+    variant: Variant
+    runs: Runs
+
+    @property
+    def pair(self) -> tuple[History, History]:
+        """Return the run that the figure compares with, and the one that it prefers."""
+        first, second = self.runs.values()
+        return first, second
+
+
+def compare(variants: Sequence[Variant]) -> list[Compared]:
+    """Run every variant for DURATION_S."""
+    plant = delayed_plant(DURATION_S)
+    return [Compared(variant, drive(variant.laws, plant)) for variant in variants]
+
+
 def delayed_plant(duration_s: float, *overrides: str) -> PlantSettings:
     """Return the nominal vehicle behind the paper's delay on the commands."""
     delay = f"latency.downlink.mean_s={PAPER_DELAY_S}"

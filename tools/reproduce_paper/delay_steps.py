@@ -16,7 +16,7 @@ from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from .delay_runs import CDOB, FILTER, PD, Law, delayed_plant, drive
 from .reference_step import Step, reference_step
-from .result import Comparison, Picture
+from .result import Comparison, Picture, unpublished
 from .simulation import PAPER_DELAY_S
 
 _FILTERS_RAD_S = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0)
@@ -55,11 +55,9 @@ def filter_scan(name: str) -> Picture:
 def filter_comparisons() -> tuple[Comparison, ...]:
     """Return up to which derivative filter each law is stable at the paper's delay."""
     return tuple(
-        Comparison(
+        unpublished(
             f"stable at 80 ms, sampled loop with exact delay, {law.label}",
-            "",
             f"up to N = {largest_filter_rad_s(law):.1f} rad/s",
-            None,
         )
         for law in _scanned_laws()
     )
@@ -122,13 +120,11 @@ def step_comparisons(plant: PlantSettings) -> tuple[Comparison, ...]:
     """Return the RMS error in the last seconds of a reference step, and the RMS steer."""
     begin_s = _STEP_DURATION_S - _TAIL_S
     return tuple(
-        Comparison(
+        unpublished(
             f"reference step of {_REFERENCE_M:g} m, straight road, 80 ms, N = 30 rad/s, {label}",
-            "",
             f"RMS error of the last {_TAIL_S:g} of {_STEP_DURATION_S:g} s: "
             f"{rms(step.error_m[step.time_s >= begin_s]):.4f} m; "
             f"RMS steer {rms(step.steer_rad):.4f} rad",
-            None,
         )
         for label, step in _steps(plant).items()
     )

@@ -7,6 +7,7 @@ as the nominal vehicle, whose model has no uncertainty but the one that (19) int
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 from matplotlib.figure import Figure
@@ -38,26 +39,6 @@ class _Runs(NamedTuple):
     pd_dob: History
 
 
-def figure_16() -> Reproduction:
-    """Return corner a: 4 km/h, 1600 kg."""
-    return _corner_figure(16)
-
-
-def figure_17() -> Reproduction:
-    """Return corner b: 4 km/h, 5000 kg."""
-    return _corner_figure(17)
-
-
-def figure_18() -> Reproduction:
-    """Return corner c: 7 km/h, 1600 kg."""
-    return _corner_figure(18)
-
-
-def figure_19() -> Reproduction:
-    """Return corner d: 7 km/h, 5000 kg."""
-    return _corner_figure(19)
-
-
 def figure_20() -> Reproduction:
     """Return the nominal vehicle under the path's curvature as disturbance."""
     runs = [_run("paper_nominal", stiffness) for stiffness in (CORRECTED, PRINTED)]
@@ -67,10 +48,7 @@ def figure_20() -> Reproduction:
         "Lateral deviation with and without DOB for disturbance input",
         _CAPTION.format(vehicle="nominal vehicle, 5 km/h and 2000 kg"),
         (_picture("figure_20", runs),),
-        (
-            Comparison("disturbance", published.FIGURE_20, "the same", None),
-            *falls,
-        ),
+        (Comparison("disturbance", published.FIGURE_20, "the same", None), *falls),
         verdict_of(falls, is_corrected=True),
         "What the text says of it holds, with C_r = 500,000 N/rad as with the printed 50,000. The "
         "disturbance is read as the path's curvature acting on the nominal vehicle, and the path "
@@ -79,6 +57,7 @@ def figure_20() -> Reproduction:
 
 
 def _corner_figure(number: int) -> Reproduction:
+    """Return corner a, b, c or d of the uncertainty box."""
     column = published.TABLE_2[number - 16]
     preset = f"paper_corner_{column.corner}"
     corrected, printed = (_run(preset, stiffness) for stiffness in (CORRECTED, PRINTED))
@@ -103,6 +82,9 @@ def _corner_figure(number: int) -> Reproduction:
         "and that of the curve with DOB does not: (11) as printed leaves far less error. Table "
         "II has what was tried.",
     )
+
+
+figure_16, figure_17, figure_18, figure_19 = (partial(_corner_figure, n) for n in range(16, 20))
 
 
 def _run(preset: str, rear_cornering_stiffness_n_rad: float) -> _Runs:

@@ -17,12 +17,12 @@ from matplotlib.figure import Figure
 from ...controller.nominal_model import paper_eq19
 from ...loop_theory.continuous_loop import continuous_law, dob_alone, dob_q, reference_response
 from ...loop_theory.root_count import on_axis
-from ...reports.plot_style import COLOURS, plot_style
+from ...reports.plot_style import COLOURS
 from ...runtime.array_types import FloatArray
 from .box_figure import figure_2
 from .corners import CORNERS, corner_labels, corner_plants, published_law
 from .network_figure import figure_12
-from .result import Comparison, Picture, Reproduction, Verdict
+from .result import Comparison, Picture, Reproduction, Verdict, unpublished
 from .uncertainty_figure import figure_9
 
 __all__ = ["figure_2", "figure_9", "figure_10", "figure_11", "figure_12"]
@@ -93,14 +93,15 @@ def figure_11() -> Reproduction:
     plant_dob = with_dob.regulated.spread_at(SPREAD_AT_RAD_S)
     ends_rad_s = help_ends_rad_s(without.regulated, with_dob.regulated)
     at = f"at {SPREAD_AT_RAD_S} rad/s, without and with DOB"
-    with plot_style():
-        spread_picture = _spread_picture(without, with_dob)
     return Reproduction(
         key="figure_11",
         title="Figure 11: |y/r| at the four vertices, with DOB",
         caption="As Figure 10, with the DOB of (11): G_n of (19), Q of (20), ω_c = 5 rad/s. Below:"
         " the regulated vehicle, |y/u_new| of (12).",
-        pictures=(_response_picture("figure_11", with_dob, "y/u_new"), spread_picture),
+        pictures=(
+            _response_picture("figure_11", with_dob, "y/u_new"),
+            _spread_picture(without, with_dob),
+        ),
         comparisons=(
             *_spread_comparisons(with_dob, "y/u_new"),
             Comparison(
@@ -121,11 +122,8 @@ def figure_11() -> Reproduction:
                 f"{_decibels(plant):.3f} and {_decibels(plant_dob):.3f} dB",
                 plant_dob < plant,
             ),
-            Comparison(
-                "ω up to which |y/u_new| spreads less than |y/u|",
-                "",
-                f"{ends_rad_s:.2f} rad/s",
-                None,
+            unpublished(
+                "ω up to which |y/u_new| spreads less than |y/u|", f"{ends_rad_s:.2f} rad/s"
             ),
         ),
         verdict=Verdict.WITH_CORRECTION,
@@ -172,17 +170,13 @@ def _spread_comparisons(spreads: Spreads, inner: str) -> tuple[Comparison, ...]:
         ratio = responses.spread_at(SPREAD_AT_RAD_S)
         worst, worst_rad_s = responses.largest_spread(CUTOFF_RAD_S)
         rows += [
-            Comparison(
+            unpublished(
                 f"|{name}| at {SPREAD_AT_RAD_S} rad/s, largest over smallest vertex",
-                "",
                 f"{ratio:.4f} = {_decibels(ratio):.4f} dB",
-                None,
             ),
-            Comparison(
+            unpublished(
                 f"|{name}|, largest spread up to {CUTOFF_RAD_S:g} rad/s",
-                "",
                 f"{_decibels(worst):.2f} dB at {worst_rad_s:.3g} rad/s",
-                None,
             ),
         ]
     return tuple(rows)
@@ -190,15 +184,14 @@ def _spread_comparisons(spreads: Spreads, inner: str) -> tuple[Comparison, ...]:
 
 def _response_picture(name: str, spreads: Spreads, inner: str) -> Picture:
     """Return |y/r| above |y/u_new| at the four vertices."""
-    with plot_style():
-        figure = Figure(figsize=(8.0, 7.2))
-        upper, lower = figure.subplots(2, 1, sharex=True)
-        _draw_corners(upper, spreads.closed_loop)
-        _draw_corners(lower, spreads.regulated)
-        upper.set(ylabel="|y/r| [dB]", title="Closed loop, y/r")
-        lower.set(ylabel=f"|{inner}| [dB, m/rad]", xlabel="ω [rad/s]")
-        lower.set(title=f"What the PD acts on, {inner}")
-        upper.legend(loc="lower left")
+    figure = Figure(figsize=(8.0, 7.2))
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    _draw_corners(upper, spreads.closed_loop)
+    _draw_corners(lower, spreads.regulated)
+    upper.set(ylabel="|y/r| [dB]", title="Closed loop, y/r")
+    lower.set(ylabel=f"|{inner}| [dB, m/rad]", xlabel="ω [rad/s]")
+    lower.set(title=f"What the PD acts on, {inner}")
+    upper.legend(loc="lower left")
     columns = {"omega_rad_s": spreads.closed_loop.omega_rad_s}
     for quantity, responses in (("y_per_r", spreads.closed_loop), ("y_per_u", spreads.regulated)):
         columns |= {

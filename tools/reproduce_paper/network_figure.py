@@ -17,7 +17,7 @@ from ...controller.nominal_model import paper_eq19
 from ...controller.settings import ControllerSettings
 from ...loop_theory.continuous_loop import cdob_parts, closed_loop_roots, continuous_law
 from ...loop_theory.small_gain import cdob_nominal_loop, cdob_small_gain, delay_uncertainty
-from ...reports.plot_style import COLOURS, plot_style
+from ...reports.plot_style import COLOURS
 from ...runtime.array_types import FloatArray
 from ...runtime.node import NS_PER_S
 from .corners import published_law
@@ -60,20 +60,18 @@ def figure_12() -> Reproduction:
     slower = published_law(
         "pd_cdob", f"pd.derivative_filter_rad_s={FILTER_RAD_S}", "cdob.q_cutoff_rad_s=100"
     )
-    with plot_style():
-        pictures = (
-            _network_picture("figure_12", ideal, "ideal derivative"),
-            _network_picture(
-                "figure_12_filtered", filtered, f"derivative filtered at {FILTER_RAD_S:g} rad/s"
-            ),
-            _delays_picture("figure_12_delays", (ideal, filtered, slower)),
-        )
     return Reproduction(
         key="figure_12",
         title="Figure 12: |L_n/(1 + L_n)| against 1/|Δ_m|",
         caption="PD with K_p = 1.0596, K_d = 0.939; G = G_n of (19); Q of (20), ω_c = 200 rad/s;"
         " T = 80 ms; (26) without its second e^(-Ts).",
-        pictures=pictures,
+        pictures=(
+            _network_picture("figure_12", ideal, "ideal derivative"),
+            _network_picture(
+                "figure_12_filtered", filtered, f"derivative filtered at {FILTER_RAD_S:g} rad/s"
+            ),
+            _delays_picture("figure_12_delays", (ideal, filtered, slower)),
+        ),
         comparisons=(
             *_network_comparisons(ideal, "ideal derivative", "stable"),
             Comparison(
@@ -171,15 +169,8 @@ def _network_picture(name: str, settings: ControllerSettings, subtitle: str) -> 
     axes.text(
         0.62, 0.05, f"condition {condition}\nexact: {exact}", transform=axes.transAxes, fontsize=10
     )
-    return Picture(
-        name,
-        figure,
-        {
-            "omega_rad_s": omega_rad_s,
-            "nominal_closed_loop_db": closed_db,
-            "inverse_uncertainty_db": inverse_db,
-        },
-    )
+    columns = {"omega_rad_s": omega_rad_s, "nominal_closed_loop_db": closed_db}
+    return Picture(name, figure, columns | {"inverse_uncertainty_db": inverse_db})
 
 
 def _delays_picture(name: str, laws: tuple[ControllerSettings, ...]) -> Picture:
@@ -198,16 +189,9 @@ def _delays_picture(name: str, laws: tuple[ControllerSettings, ...]) -> Picture:
         delays_ms = 1e3 * _DELAYS_S
         axes.plot(delays_ms, ratios, color=COLOURS[1])
         axes.axhline(1.0, color=COLOURS[0], lw=1.0, ls="--")
-        axes.fill_between(
-            delays_ms,
-            0.0,
-            1.0,
-            where=stable,
-            transform=axes.get_xaxis_transform(),
-            color=COLOURS[2],
-            alpha=0.18,
-            lw=0.0,
-        )
+        style = {"color": COLOURS[2], "alpha": 0.18, "lw": 0.0}
+        full_height = axes.get_xaxis_transform()
+        axes.fill_between(delays_ms, 0.0, 1.0, where=stable, transform=full_height, **style)
         axes.set(ylabel="max|L_n/(1+L_n) Δ_m|", xlim=(0.0, delays_ms[-1]), ylim=(0.0, 2.0))
         axes.set_title(_law_name(settings), fontsize=10)
     rows[-1].set_xlabel("delay T [ms]      (green: y/r is stable, exactly)")

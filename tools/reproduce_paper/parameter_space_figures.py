@@ -24,7 +24,7 @@ from ...reports.plot_style import COLOURS
 from ...runtime.array_types import ComplexArray
 from ...runtime.node import NS_PER_MS
 from .parameter_space_columns import curve_columns, region_columns
-from .result import Comparison, Picture, Reproduction, Verdict
+from .result import Comparison, Picture, Reproduction, Verdict, unpublished
 
 PUBLISHED_K_P_RAD_M = 1.0596
 PUBLISHED_K_D_RAD_S_M = 0.939
@@ -76,7 +76,7 @@ def figure_7() -> Reproduction:
         "Plant (19), continuous, C = K_p + K_d s; σ = 0.3 1/s, θ = 135°, R = 1.3 rad/s.",
         (Picture("figure_07", figure, curve_columns(region.curves)),),
         (
-            Comparison("dominant roots at the published gains", "", _pair(pair), None),
+            unpublished("dominant roots at the published gains", _pair(pair)),
             Comparison(
                 "their damping ratio",
                 f"at least {-math.cos(spec.cone_angle_rad):.3f} (θ)",
@@ -101,7 +101,7 @@ def figure_7() -> Reproduction:
                 " and ".join(f"{root.real:.1f}" for root in others) + " rad/s",
                 None,
             ),
-            Comparison("infinite root boundary", "", "none: P C is strictly proper", None),
+            unpublished("infinite root boundary", "none: P C is strictly proper"),
         ),
         _verdict(bool(judged.satisfied)),
         _READING,
@@ -232,17 +232,15 @@ def _judged(case: _Case, spec: DStability) -> Comparison:
     inside = region.contains(PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M)
     distance = abs(region.relative_distance(PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M))
     text = f"{_inside(inside)}, {distance:.0%} of the gains from the edge"
-    return Comparison(f"published gains: {case.name}", "", text, None)
+    return unpublished(f"published gains: {case.name}", text)
 
 
 def _margin_comparisons(region: GainRegion) -> tuple[Comparison, ...]:
     """Return how far each boundary of the region is from the published gains."""
     return tuple(
-        Comparison(
+        unpublished(
             f"distance to the boundary {margin.bound}, {margin.kind} root",
-            "",
             f"{margin.relative:.0%} of the gains",
-            None,
         )
         for margin in region.margins(PUBLISHED_K_P_RAD_M, PUBLISHED_K_D_RAD_S_M)
     )
@@ -252,7 +250,7 @@ def _checked(region: GainRegion, loops: Sequence[GainLoop], spec: DStability) ->
     """Compare the region with the roots computed anew at random gains."""
     inside, outside, wrong = verified(region, loops, spec, CHECKED_GAINS, _SEED)
     text = f"{inside} inside and {outside} outside, {len(wrong)} of them judged otherwise"
-    return Comparison("gains at which the roots were computed again", "", text, None)
+    return unpublished("gains at which the roots were computed again", text)
 
 
 def _pair(root: complex) -> str:

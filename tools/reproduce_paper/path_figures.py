@@ -19,7 +19,7 @@ from ...reports.plot_style import COLOURS
 from ...runtime.array_types import FloatArray
 from . import published
 from .continuous_runs import PD, DrivenEllipse, table_2_row
-from .result import Comparison, Picture, Reproduction, Verdict
+from .result import Comparison, Picture, Reproduction, Verdict, unpublished
 
 _POINTS = 801
 _PD_TOLERANCE_M = 2e-4
@@ -80,7 +80,7 @@ def figure_14() -> Reproduction:
         (Picture("figure_14", figure, columns),),
         (
             Comparison("shape", published.FIGURE_14, "an ellipse", None),
-            Comparison("semi-axes", "", f"{_FITS[0]}", None),
+            unpublished("semi-axes", f"{_FITS[0]}"),
             *(_fit_comparison(fit) for fit in _FITS),
         ),
         Verdict.NOT_REPRODUCIBLE,
@@ -113,17 +113,13 @@ def figure_15() -> Reproduction:
         "Dashed: the other ellipse of Figure 14.",
         (Picture("figure_15", figure, columns),),
         (
-            Comparison(
+            unpublished(
                 "largest curvature",
-                "",
                 f"{np.max(rho_1_m):.5f} 1/m; closed form a/b² = {a / b**2:.5f} 1/m",
-                None,
             ),
-            Comparison(
+            unpublished(
                 "smallest curvature",
-                "",
                 f"{np.min(rho_1_m):.5f} 1/m; closed form b/a² = {b / a**2:.5f} 1/m",
-                None,
             ),
         ),
         Verdict.NOT_REPRODUCIBLE,

@@ -7,6 +7,7 @@ the paper's laws is the filter of the derivative.
 
 from collections.abc import Callable
 from functools import cache
+from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
@@ -34,59 +35,44 @@ WHY = (
 _STEP = 50
 """Rows of a picture: one in so many control periods."""
 
-Column = Callable[[Followed], FloatArray]
+
+class Quantity(NamedTuple):
+    """A column of ``Followed``, and what it is called."""
+
+    name: str
+    unit: str
+    column: str
 
 
-def error_m(run: Followed) -> FloatArray:
-    """Return r - y."""
-    return run.error_m
+ERROR = Quantity("error", "m", "error_m")
+STEER = Quantity("steer", "rad", "steer_rad")
+STEER_RATE = Quantity("steering rate", "rad/s", "steer_rate_rad_s")
+"""What "speed" in Figure 24 may be."""
 
 
-def steer_rad(run: Followed) -> FloatArray:
-    """Return the steering angle."""
-    return run.steer_rad
-
-
-def steer_rate_rad_s(run: Followed) -> FloatArray:
-    """Return the steering rate, which "speed" in Figure 24 may be."""
-    return run.steer_rate_rad_s
-
-
-def smaller(
-    statement: str, quantity: str, unit: str, of: Column, laws: tuple[Law, Law]
-) -> tuple[Comparison, ...]:
+def smaller(statement: str, quantity: Quantity, laws: tuple[Law, Law]) -> list[Comparison]:
     """Return whether the second law has the smaller RMS, for each filter."""
-    return tuple(
-        _comparison(statement, quantity, unit, of, laws, filter_rad_s, lambda a, b: b < a)
-        for filter_rad_s in FILTERS_RAD_S
-    )
+    return _compared(statement, quantity, laws, lambda first, second: second < first)
 
 
-def alike(
-    statement: str, quantity: str, unit: str, of: Column, laws: tuple[Law, Law]
-) -> tuple[Comparison, ...]:
+def alike(statement: str, quantity: Quantity, laws: tuple[Law, Law]) -> list[Comparison]:
     """Return whether the RMS of the two laws differ by less than a tenth, for each filter."""
-    return tuple(
-        _comparison(
-            statement, quantity, unit, of, laws, filter_rad_s, lambda a, b: abs(b - a) < 0.1 * a
-        )
-        for filter_rad_s in FILTERS_RAD_S
-    )
+    return _compared(statement, quantity, laws, lambda a, b: abs(b - a) < 0.1 * a)
 
 
-def picture(name: str, label: str, of: Column, laws: tuple[Law, Law]) -> Picture:
-    """Draw a column of two laws on the reference, a panel for each filter."""
+def picture(name: str, label: str, quantity: Quantity, laws: tuple[Law, Law]) -> Picture:
+    """Draw a quantity of two laws on the reference, a panel for each filter."""
     figure = Figure(figsize=(10.5, 4.2))
     columns: dict[str, FloatArray] = {}
     for axes, filter_rad_s in zip(
         figure.subplots(1, len(FILTERS_RAD_S), sharey=True), FILTERS_RAD_S, strict=True
     ):
         for colour, law in zip(COLOURS, laws, strict=False):
-            run = _run(law, filter_rad_s)
-            columns["time_s"] = run.time_s[::_STEP]
-            columns[f"N {filter_rad_s:g} rad/s: {law.label}"] = of(run)[::_STEP]
-            text = f"{law.label}, RMS {rms(of(run)):.3g}"
-            axes.plot(run.time_s[::_STEP], of(run)[::_STEP], color=colour, lw=0.9, label=text)
+            time_s, values = _run(law, filter_rad_s).time_s, _values(law, filter_rad_s, quantity)
+            columns["time_s"] = time_s[::_STEP]
+            columns[f"N {filter_rad_s:g} rad/s: {law.label}"] = values[::_STEP]
+            text = f"{law.label}, RMS {rms(values):.3g}"
+            axes.plot(time_s[::_STEP], values[::_STEP], color=colour, lw=0.9, label=text)
         axes.set(xlabel="time [s]")
         axes.set_title(f"Path as the reference, N = {filter_rad_s:g} rad/s", fontsize=10.5)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
@@ -94,26 +80,28 @@ def picture(name: str, label: str, of: Column, laws: tuple[Law, Law]) -> Picture
     return Picture(name, figure, columns)
 
 
-def _comparison(
+def _compared(
     statement: str,
-    quantity: str,
-    unit: str,
-    of: Column,
+    quantity: Quantity,
     laws: tuple[Law, Law],
-    filter_rad_s: float,
     holds: Callable[[float, float], bool],
-) -> Comparison:
-    values = [rms(of(_run(law, filter_rad_s))) for law in laws]
-    return Comparison(
-        f"RMS {quantity}, {READING}, N = {filter_rad_s:g} rad/s",
-        statement,
-        "; ".join(
-            f"{law.label}: {value:.4f} {unit}" for law, value in zip(laws, values, strict=True)
-        ),
-        holds(values[0], values[1]),
-        CLAIM,
-        READING,
-    )
+) -> list[Comparison]:
+    compared = []
+    for filter_rad_s in FILTERS_RAD_S:
+        what = f"RMS {quantity.name}, {READING}, N = {filter_rad_s:g} rad/s"
+        first, second = (rms(_values(law, filter_rad_s, quantity)) for law in laws)
+        texts = (
+            f"{law.label}: {value:.4f} {quantity.unit}"
+            for law, value in zip(laws, (first, second), strict=True)
+        )
+        is_held = holds(first, second)
+        compared.append(Comparison(what, statement, "; ".join(texts), is_held, CLAIM, READING))
+    return compared
+
+
+def _values(law: Law, filter_rad_s: float, quantity: Quantity) -> FloatArray:
+    values: FloatArray = getattr(_run(law, filter_rad_s), quantity.column)
+    return values
 
 
 @cache

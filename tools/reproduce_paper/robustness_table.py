@@ -26,10 +26,10 @@ from ...controller.analysis.stable_delays import (
 from ...controller.design import design_law
 from ...controller.settings import ControllerSettings, controller_preset
 from ...controller.transfer_function import TransferFunction
-from ...reports.plot_style import COLOURS, plot_style
+from ...reports.plot_style import COLOURS
 from ...runtime.node import NS_PER_MS
 from .corners import CORNERS, corner_labels, corner_plants
-from .result import Comparison, Picture, Reproduction, Verdict
+from .result import Comparison, Picture, Reproduction, Verdict, unpublished
 
 KEY = "robustness_table"
 LAWS = {"pd": "PD", "pd_dob": "PD+DOB", "pd_cdob": "PD+CDOB", "pd_ddob": "DDOB"}
@@ -81,8 +81,6 @@ VARIANTS = (
 def robustness_table() -> Reproduction:
     """Return the table, a picture of the stable delays, and one of margins and jitter."""
     rows = table_rows(VARIANTS, tuple(LAWS))
-    with plot_style():
-        pictures = (_delays_picture(rows), _margins_picture(rows))
     return Reproduction(
         KEY,
         "What the laws tolerate: stable delays, margins, jitter",
@@ -92,7 +90,7 @@ def robustness_table() -> Reproduction:
         "on the wire. Jitter: gamma latency of 80 ms mean, anew for each command, the newest wins, "
         "none lost; tolerated where the mean square decays. At 1 kHz too many commands are on "
         "their way for that analysis.",
-        pictures,
+        (_delays_picture(rows), _margins_picture(rows)),
         tuple(_comparison(row) for row in rows),
         Verdict.BEYOND,
         "With the ideal derivative one corner makes the published gains unstable below 10 ms, at "
@@ -126,7 +124,7 @@ def robustness(settings: ControllerSettings, plant: TransferFunction) -> Robustn
         try:
             spreads = stable_spreads(loop, JITTER_MEAN_NS)
         except JitterTooLargeError:
-            spreads = None
+            pass
     return Robustness(stable, loop.margins(0), spreads)
 
 
@@ -148,7 +146,7 @@ def _comparison(row: Row) -> Comparison:
     common = common_delays([corner.stable for corner in row.corners])
     margin_ns = delay_margin_ns(common)
     if margin_ns == 0:
-        return Comparison(row.label, "", "no delay is stable at all corners, not even none", None)
+        return unpublished(row.label, "no delay is stable at all corners, not even none")
     margins = [corner.margins for corner in row.corners]
     delays = ", ".join(f"{a / NS_PER_MS:.1f} to {b / NS_PER_MS:.1f} ms" for a, b in common)
     phase_deg = math.degrees(min(m.phase_rad for m in margins))
@@ -161,7 +159,7 @@ def _comparison(row: Row) -> Comparison:
         f"sensitivity at most {max(m.peak_sensitivity for m in margins):.2f}",
         f"80 ms with jitter: {_jitter_text(row)}",
     )
-    return Comparison(row.label, "", "; ".join(texts), None)
+    return unpublished(row.label, "; ".join(texts))
 
 
 def _margin_text(margin_ns: int | None) -> str:
@@ -239,16 +237,8 @@ def _margins_picture(rows: Sequence[Row]) -> Picture:
                 text = "not analysed" if stable and spreads is None else "none"
                 jitter.text(2.0, place, text, va="center", fontsize=9, color="0.4")
             margin_ns = delay_margin_ns(stable)
-            table.append(
-                (
-                    place,
-                    number,
-                    math.inf if margin_ns is None else margin_ns / NS_PER_MS,
-                    *margins,
-                    first_ms,
-                    last_ms,
-                )
-            )
+            margin_ms = math.inf if margin_ns is None else margin_ns / NS_PER_MS
+            table.append((place, number, margin_ms, *margins, first_ms, last_ms))
     phase.set_yticks(range(len(rows)), [row.label for row in rows])
     phase.set(ylim=(len(rows) - 0.5, -0.5), xlim=(0.0, None), xlabel="phase margin [°]")
     peak.set(xlim=(1.0, None), xlabel="peak sensitivity [1]")

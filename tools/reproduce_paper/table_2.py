@@ -60,13 +60,11 @@ def corner_run(corner: str, preset: str, rear_cornering_stiffness_n_rad: float) 
 
 def simulated_row(label: str, preset: str, rear_cornering_stiffness_n_rad: float) -> Row:
     """Return a line as the nodes drive it."""
-    return Row(
-        label,
-        tuple(
-            rms(corner_run(column.corner, preset, rear_cornering_stiffness_n_rad).lateral_error_m)
-            for column in published.TABLE_2
-        ),
+    runs = (
+        corner_run(column.corner, preset, rear_cornering_stiffness_n_rad)
+        for column in published.TABLE_2
     )
+    return Row(label, tuple(rms(run.lateral_error_m) for run in runs))
 
 
 def table_2() -> Reproduction:
@@ -120,11 +118,8 @@ def _comparisons(rows: Sequence[Row]) -> list[Comparison]:
 
     The line after it, as the nodes drive it with the corrected C_r, decides.
     """
-    theirs, ours, *others = rows
-    return [
-        _against(theirs, ours)._replace(decides=NUMBER),
-        *(_against(theirs, row) for row in others),
-    ]
+    deciding, *others = (_against(rows[0], row) for row in rows[1:])
+    return [deciding._replace(decides=NUMBER), *others]
 
 
 def _attempt(theirs: Row, ours: Row) -> Comparison:

@@ -23,9 +23,9 @@ from ...loop_theory.small_gain import (
     multiplicative_uncertainty,
 )
 from ...loop_theory.uncertainty import paper_box
-from ...reports.plot_style import COLOURS, plot_style
+from ...reports.plot_style import COLOURS
 from .corners import CORNERS, corner_labels, corner_plants
-from .result import Comparison, Picture, Reproduction, Verdict
+from .result import Comparison, Picture, Reproduction, Verdict, unpublished
 
 CUTOFF_RAD_S = 5.0
 """ω_c of section VI.B.1."""
@@ -40,18 +40,16 @@ _EXACT_POINTS = 50
 def figure_9() -> Reproduction:
     """Return |Q| against 1/|Δ_m| at the vertices, the largest cutoff, and the exact answer."""
     vehicle = steer_to_lateral_error(paper_box().nominal)
-    with plot_style():
-        pictures = (
-            _uncertainty_picture("figure_09", paper_eq19(), "G_n of (19)"),
-            _uncertainty_picture("figure_09_vehicle_model", vehicle, "G_n of Table I, 5 km/h"),
-            _uncertainty_picture("figure_09_with_delay", paper_eq19(), "G_n of (19)", DELAY_S),
-        )
     return Reproduction(
         key="figure_09",
         title="Figure 9: |Q| against 1/|Δ_m|",
         caption="Q of (20) with ω_c = 5 rad/s; Δ_m = (G - G_n)/G_n at the four vertices of Figure"
         " 2, C_r = 500,000 N/rad and l_s = 2 m; G_n of (19), and of the vehicle.",
-        pictures=pictures,
+        pictures=(
+            _uncertainty_picture("figure_09", paper_eq19(), "G_n of (19)"),
+            _uncertainty_picture("figure_09_vehicle_model", vehicle, "G_n of Table I, 5 km/h"),
+            _uncertainty_picture("figure_09_with_delay", paper_eq19(), "G_n of (19)", DELAY_S),
+        ),
         comparisons=(
             *_condition_comparisons(paper_eq19(), "G_n of (19)"),
             *_condition_comparisons(vehicle, "G_n of Table I"),
@@ -101,15 +99,10 @@ def _condition_comparisons(model: TransferFunction, name: str) -> tuple[Comparis
             bound = cutoff_bound(family, at_vertices)
             inside = cutoff_bound(family, on_grid).ranges
             exact = exact_cutoffs(family, model, delay_s)
-            rows.append(
-                Comparison(
-                    f"ω_c that meet (23), Q of {kind}, {name}, T = {1e3 * delay_s:.0f} ms",
-                    "",
-                    f"{_ranges(bound.ranges)}; finer grid of the box: {_ranges(inside)};"
-                    f" loop (21) stable: {_ranges(exact)}; {bound.reason()}",
-                    None,
-                )
-            )
+            what = f"ω_c that meet (23), Q of {kind}, {name}, T = {1e3 * delay_s:.0f} ms"
+            text = f"{_ranges(bound.ranges)}; finer grid of the box: {_ranges(inside)}"
+            text += f"; loop (21) stable: {_ranges(exact)}; {bound.reason()}"
+            rows.append(unpublished(what, text))
     return tuple(rows)
 
 

@@ -38,15 +38,8 @@ def write_reproduction(reproduction: Reproduction, folder: Path) -> Written:
     for picture in reproduction.pictures:
         picture.figure.savefig(folder / f"{picture.name}.png")
         write_columns(picture, folder / f"{picture.name}.csv")
-    written = Written(
-        reproduction.key,
-        reproduction.title,
-        reproduction.caption,
-        tuple(picture.name for picture in reproduction.pictures),
-        reproduction.comparisons,
-        reproduction.verdict,
-        reproduction.why,
-    )
+    names = tuple(picture.name for picture in reproduction.pictures)
+    written = Written(**reproduction._asdict() | {"pictures": names})
     record = written._asdict() | {
         "comparisons": [comparison._asdict() for comparison in written.comparisons]
     }
