@@ -54,7 +54,7 @@ def pd_compensator(pd: PdSettings) -> TransferFunction:
 
 def continuous_law(settings: LawSettings) -> ContinuousLaw:
     """Return the law of the settings as it was designed; their rate plays no part."""
-    numerator, denominator = _polynomials(pd_compensator(required(settings.pd)))
+    numerator, denominator = polynomials(pd_compensator(required(settings.pd)))
     law = ContinuousLaw(numerator, numerator, denominator)
     model = settings.model
     needs = settings.law_record.needs
@@ -117,9 +117,9 @@ def closed_loop_roots(law: ContinuousLaw, plant: TransferFunction, delay_s: floa
 
     Raises ValueError where the loop is not strictly proper.
     """
-    numerator, denominator = _polynomials(plant)
+    numerator, denominator = polynomials(plant)
     return count_roots(
-        _product(law.denominator, denominator), _product(law.measurement, numerator), delay_s
+        product(law.denominator, denominator), product(law.measurement, numerator), delay_s
     )
 
 
@@ -128,40 +128,40 @@ def _with_cdob(pd: ContinuousLaw, cdob: CdobSettings, model: TransferFunction) -
     filter_h = _ONE if cdob.washout_rad_s is None else washout(cdob.washout_rad_s)
     q = q_order_2(cdob.q_cutoff_rad_s)
     compensation = filter_h.times(model)  # powers of s cancel here, as integers
-    q_numerator, q_denominator = _polynomials(q)
-    n, d = _polynomials(compensation)
-    hq_numerator, hq_denominator = _polynomials(filter_h.times(q))
-    _, model_poles = _polynomials(compensation._replace(denominator=model.denominator))
+    q_numerator, q_denominator = polynomials(q)
+    n, d = polynomials(compensation)
+    hq_numerator, hq_denominator = polynomials(filter_h.times(q))
+    _, model_poles = polynomials(compensation._replace(denominator=model.denominator))
     observed = _sum(hq_denominator, -hq_numerator)
     return ContinuousLaw(
-        reference=_product(pd.reference, q_denominator, d),
-        measurement=_product(pd.measurement, observed, model_poles),
+        reference=product(pd.reference, q_denominator, d),
+        measurement=product(pd.measurement, observed, model_poles),
         denominator=_sum(
-            _product(pd.denominator, q_denominator, d), _product(pd.measurement, n, q_numerator)
+            product(pd.denominator, q_denominator, d), product(pd.measurement, n, q_numerator)
         ),
     )
 
 
 def _with_dob(law: ContinuousLaw, q: TransferFunction, model: TransferFunction) -> ContinuousLaw:
     """Return u = u_new - (Q/G_n) y + Q u for u_new of ``law``."""
-    q_numerator, q_denominator = _polynomials(q)
-    numerator, denominator = _polynomials(q.times(model.inverse()))
-    model_zeros, _ = _polynomials(model)
+    q_numerator, q_denominator = polynomials(q)
+    numerator, denominator = polynomials(q.times(model.inverse()))
+    model_zeros, _ = polynomials(model)
     lacking = _sum(q_denominator, -q_numerator)
     return ContinuousLaw(
-        reference=_product(law.reference, denominator),
+        reference=product(law.reference, denominator),
         measurement=_sum(
-            _product(law.measurement, denominator), _product(law.denominator, numerator)
+            product(law.measurement, denominator), product(law.denominator, numerator)
         ),
-        denominator=_product(law.denominator, lacking, model_zeros),
+        denominator=product(law.denominator, lacking, model_zeros),
     )
 
 
-def _polynomials(transfer: TransferFunction) -> tuple[Polynomial, Polynomial]:
+def polynomials(transfer: TransferFunction) -> tuple[Polynomial, Polynomial]:
     """Return numerator and denominator, their powers of s as exact trailing zeros."""
     numerator = np.array([1.0, *[0.0] * max(0, transfer.power_of_s)])
     denominator = np.array([1.0, *[0.0] * max(0, -transfer.power_of_s)])
-    return _product(numerator, *transfer.numerator), _product(denominator, *transfer.denominator)
+    return product(numerator, *transfer.numerator), product(denominator, *transfer.denominator)
 
 
 def _sum(one: Polynomial, other: Polynomial) -> Polynomial:
@@ -169,7 +169,7 @@ def _sum(one: Polynomial, other: Polynomial) -> Polynomial:
     return np.asarray(np.polyadd(one, other), np.float64)
 
 
-def _product(*polynomials: Polynomial | Factor) -> Polynomial:
+def product(*polynomials: Polynomial | Factor) -> Polynomial:
     """Return the product, without leading zeros."""
     product = np.ones(1)
     for polynomial in polynomials:

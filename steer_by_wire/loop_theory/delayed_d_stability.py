@@ -18,11 +18,9 @@ import numpy as np
 
 from ..runtime.array_types import ComplexArray, FloatArray
 from .d_stability import DStability
-from .root_count import Polynomial, count_roots
+from .root_count import Polynomial, count_roots, followed, turns_rad
 
 _FIRST_POINTS = 200
-_LARGEST_TURN_RAD = 0.3
-_HALVINGS_MAX = 40
 
 
 def delayed_loop_satisfies(
@@ -64,17 +62,9 @@ def roots_within(
 
     ``contour`` maps [0, 1] to the contour, once around counterclockwise.
     """
-    x = np.linspace(0.0, 1.0, _FIRST_POINTS)
-    values = function(contour(x))
-    for _ in range(_HALVINGS_MAX):
-        turns_rad = np.angle(values[1:] * np.conj(values[:-1]))
-        coarse = np.flatnonzero(np.abs(turns_rad) > _LARGEST_TURN_RAD)
-        if not len(coarse):
-            break
-        middles = 0.5 * (x[coarse] + x[coarse + 1])
-        x = np.insert(x, coarse + 1, middles)
-        values = np.insert(values, coarse + 1, function(contour(middles)))
-    return round(float(np.sum(np.angle(values[1:] * np.conj(values[:-1])))) / (2.0 * math.pi))
+    points = np.linspace(0.0, 1.0, _FIRST_POINTS)
+    _, values = followed(lambda x: function(contour(x)), points)
+    return round(float(np.sum(turns_rad(values))) / (2.0 * math.pi))
 
 
 def _shifted(polynomial: Polynomial, sigma_1_s: float) -> Polynomial:

@@ -31,6 +31,7 @@ from ..controller.shared_settings import PdSettings
 from ..controller.transfer_function import Factor, TransferFunction
 from ..runtime.array_types import BoolArray, ComplexArray, FloatArray
 from ..runtime.node import NS_PER_S
+from .continuous_loop import polynomials
 from .d_stability import DStability, in_s_plane, judge
 from .delayed_d_stability import delayed_loop_satisfies
 
@@ -86,7 +87,7 @@ class ContinuousGainLoop:
         filter_s = 0.0 if derivative_filter_rad_s is None else 1.0 / derivative_filter_rad_s
         self._inverse = model.inverse()
         self._filter = Factor(0.0, filter_s, 1.0)
-        zeros, poles = _polynomial(model, 1), _polynomial(model, -1)
+        zeros, poles = polynomials(model)
         constant = np.polymul(poles, np.trim_zeros(np.array(self._filter), "f"))
         k_p = np.polymul(zeros, np.trim_zeros(np.array(self._filter), "f"))
         k_d = np.polymul(zeros, [1.0, 0.0])
@@ -241,11 +242,3 @@ def _pd_design(
 def _with_one(gains: FloatArray) -> FloatArray:
     """Return (1, K_p, K_d) of gains (K_p, K_d)."""
     return np.column_stack([np.ones(len(gains)), gains])
-
-
-def _polynomial(model: TransferFunction, sign: int) -> FloatArray:
-    """Return the numerator (sign 1) or denominator (sign -1) of a model, highest power first."""
-    product = np.array([1.0, *[0.0] * max(0, sign * model.power_of_s)])
-    for factor in model.numerator if sign > 0 else model.denominator:
-        product = np.polymul(product, np.trim_zeros(np.array(factor), "f"))
-    return product

@@ -135,15 +135,3 @@ def _outside(matrix: FloatArray, radius: float) -> int:
 def _spread(last: float, scale: float, points: int) -> FloatArray:
     """Return 0 to ``last``, evenly below ``scale`` and by a constant factor above it."""
     return np.asarray(scale * np.sinh(np.linspace(0.0, math.asinh(last / scale), points)))
-
-
-__all__ = [
-    "FrequencyGrid",
-    "LoopFigures",
-    "StabilityGrid",
-    "frequency_grid",
-    "loop_figures",
-    "sensitivity_size",
-    "slow_poles",
-    "stability_grid",
-]

@@ -11,6 +11,7 @@ e^(-jωT) is evaluated exactly; a Padé approximation has other roots. Powers of
 are taken out first and reported: roots at s = 0 that no delay and no gain moves.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -60,19 +61,12 @@ def count_roots(undelayed: Polynomial, delayed: Polynomial, delay_s: float) -> R
     p, q, at_origin = _without_common_powers(undelayed, delayed)
     if len(q) >= len(p):
         raise ValueError("the loop has to be strictly proper")
-    omega_rad_s = _initial_points(p, q, delay_s)
-    values = _values(p, q, delay_s, omega_rad_s)
-    for _ in range(_HALVINGS_MAX):
-        turns_rad = _turns(values)
-        coarse = np.flatnonzero(np.abs(turns_rad) > _LARGEST_TURN_RAD)
-        if not len(coarse):
-            break
-        middles = 0.5 * (omega_rad_s[coarse] + omega_rad_s[coarse + 1])
-        omega_rad_s = np.insert(omega_rad_s, coarse + 1, middles)
-        values = np.insert(values, coarse + 1, _values(p, q, delay_s, middles))
+    omega_rad_s, values = followed(
+        lambda omega_rad_s: _values(p, q, delay_s, omega_rad_s), _initial_points(p, q, delay_s)
+    )
     order = len(p) - 1
     leading = p[0] * (1j * omega_rad_s[-1]) ** order
-    change_rad = float(np.sum(_turns(values))) - float(np.angle(values[-1] / leading))
+    change_rad = float(np.sum(turns_rad(values))) - float(np.angle(values[-1] / leading))
     s = on_axis(omega_rad_s)
     size = np.abs(np.polyval(p, s)) + np.abs(np.polyval(q, s))
     return RootCount(
@@ -114,6 +108,21 @@ def _values(p: Polynomial, q: Polynomial, delay_s: float, omega_rad_s: FloatArra
     return np.asarray(np.polyval(p, s) + np.polyval(q, s) * np.exp(-s * delay_s), np.complex128)
 
 
-def _turns(values: ComplexArray) -> FloatArray:
+def followed(
+    values_at: Callable[[FloatArray], ComplexArray], points: FloatArray
+) -> tuple[FloatArray, ComplexArray]:
+    """Return points and values, halved where the argument turns too far from one to the next."""
+    values = values_at(points)
+    for _ in range(_HALVINGS_MAX):
+        coarse = np.flatnonzero(np.abs(turns_rad(values)) > _LARGEST_TURN_RAD)
+        if not len(coarse):
+            break
+        middles = 0.5 * (points[coarse] + points[coarse + 1])
+        points = np.insert(points, coarse + 1, middles)
+        values = np.insert(values, coarse + 1, values_at(middles))
+    return points, values
+
+
+def turns_rad(values: ComplexArray) -> FloatArray:
     """Return the angle from each value to the next, within ±π [rad]."""
     return np.angle(values[1:] * np.conj(values[:-1]))

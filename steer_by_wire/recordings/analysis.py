@@ -59,6 +59,18 @@ HISTORIES: Mapping[str, tuple[str, str]] = {
     "delay_confidence": ("DELAY_STATUS", "confidence"),
 }
 """Signals with figures and pictures: their message in the DBC, and the field."""
+COUNTED: Mapping[str, tuple[type[Message], str]] = {
+    "skipped_ticks": (ControllerStatus, "skipped_ticks"),
+    "controller_lost": (ControllerSafety, "lost"),
+    "controller_rejected": (ControllerSafety, "rejected"),
+    "plant_lost": (PlantStatus, "lost"),
+    "plant_rejected": (PlantStatus, "rejected"),
+}
+"""Counts that the nodes report: their message and the field."""
+_COUNTED_IN = {
+    kind: [(name, field) for name, (of, field) in COUNTED.items() if of is kind]
+    for kind, _ in COUNTED.values()
+}
 CG_DEVIATION = "cg_deviation_m"
 """One more: sent in GROUND_TRUTH, or computed from several messages and the way driven between."""
 
@@ -122,11 +134,7 @@ class LogAnalysis:
         self._modes_ns = Counter[Mode]()
         self._mode: tuple[Mode, int] | None = None
         self._laws: dict[str, None] = {}
-        self._skipped_ticks = _modular(ControllerStatus, "skipped_ticks")
-        self._controller_lost = _modular(ControllerSafety, "lost")
-        self._controller_rejected = _modular(ControllerSafety, "rejected")
-        self._plant_lost = _modular(PlantStatus, "lost")
-        self._plant_rejected = _modular(PlantStatus, "rejected")
+        self._counts = {name: _modular(*counted) for name, counted in COUNTED.items()}
 
     def take(self, time_ns: int | None, frame: Frame) -> tuple[float, ReceivedMessage] | None:
         """Take the next frame; returns the time since the start [s] and the message.
@@ -175,11 +183,7 @@ class LogAnalysis:
             "latency": self._latency_figures(),
             "modes_s": {mode.name: self._modes_ns[mode] / NS_PER_S for mode in Mode},
             "laws": list(self._laws),
-            "skipped_ticks": self._skipped_ticks.advanced,
-            "controller_lost": self._controller_lost.advanced,
-            "controller_rejected": self._controller_rejected.advanced,
-            "plant_lost": self._plant_lost.advanced,
-            "plant_rejected": self._plant_rejected.advanced,
+            **{name: count.advanced for name, count in self._counts.items()},
             "latency_configs": self._configs,
             "gaps": [gap._asdict() for gap in sorted(self._gaps, reverse=True)],
         }
@@ -225,15 +229,10 @@ class LogAnalysis:
     def _watch(self, message: Message, since_ns: int | None) -> None:
         """Follow path, modes, law, the counts that the nodes report, and changes of the latency."""
         self._held_path.take(message, self._cg_m)
+        for name, field in _COUNTED_IN.get(type(message), ()):
+            self._counts[name].take(getattr(message, field))
         if isinstance(message, ControllerStatus):
-            self._skipped_ticks.take(message.skipped_ticks)
             self._laws[Law(message.law).name] = None
-        elif isinstance(message, ControllerSafety):
-            self._controller_lost.take(message.lost)
-            self._controller_rejected.take(message.rejected)
-        elif isinstance(message, PlantStatus):
-            self._plant_lost.take(message.lost)
-            self._plant_rejected.take(message.rejected)
         elif isinstance(message, LatencyConfig) and len(self._configs) < CONFIGS_MAX:
             at_s = None if since_ns is None else since_ns / NS_PER_S
             names = {"direction": message.direction.name, "model": message.model.name}

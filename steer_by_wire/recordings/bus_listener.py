@@ -91,7 +91,12 @@ class MessageCounts(NamedTuple):
 
 
 class BusListener:
-    """Takes every frame on a bus, in order."""
+    """Takes every frame on a bus, in order.
+
+    ``foreign``         frames by identifier, for the first FOREIGN_IDS_MAX that the DBC lacks
+    ``foreign_frames``  frames with an identifier that the DBC lacks
+    ``error_frames``    which the listener's own CAN controller generates
+    """
 
     def __init__(self) -> None:
         self._checks = {
@@ -102,25 +107,10 @@ class BusListener:
         self._accepted = Counter[str]()
         self._late = Counter[str]()
         self._refused = {name: Counter[str]() for name in MESSAGE_TYPES}
-        self._foreign = Counter[int]()
-        self._foreign_frames = 0
-        self._error_frames = 0
+        self.foreign = Counter[int]()
+        self.foreign_frames = 0
+        self.error_frames = 0
         self._sample = 0
-
-    @property
-    def foreign(self) -> Mapping[int, int]:
-        """Frames by foreign identifier, for the first FOREIGN_IDS_MAX identifiers."""
-        return dict(self._foreign)
-
-    @property
-    def foreign_frames(self) -> int:
-        """Frames with an identifier that the DBC does not define."""
-        return self._foreign_frames
-
-    @property
-    def error_frames(self) -> int:
-        """Error frames, which the listener's own CAN controller generates."""
-        return self._error_frames
 
     @property
     def refused(self) -> Mapping[str, int]:
@@ -157,11 +147,11 @@ class BusListener:
                 return ReceivedMessage(name, message, counter, True, self._sample)
             self._refused[name][result.value] += 1
         elif frame.flags & ERROR:
-            self._error_frames += 1
+            self.error_frames += 1
         elif decoded is Rejection.UNKNOWN_ID:
-            self._foreign_frames += 1
-            if frame.can_id in self._foreign or len(self._foreign) < FOREIGN_IDS_MAX:
-                self._foreign[frame.can_id] += 1
+            self.foreign_frames += 1
+            if frame.can_id in self.foreign or len(self.foreign) < FOREIGN_IDS_MAX:
+                self.foreign[frame.can_id] += 1
         else:
             self._refused[_NAMES_BY_ID[frame.can_id]][decoded.value] += 1
         return None

@@ -15,6 +15,7 @@ from ..command_line import installation
 from ..runtime.error_text import one_line
 from ..runtime.message import frame_of
 from ..runtime.node import NS_PER_S
+from ..runtime.settings import SettingsError
 from .candump_text import TIME_NS_LIMIT, Logged, candump_frames
 from .text_lines import TextLines
 
@@ -22,7 +23,7 @@ _TEXT_READERS = {".asc": can.ASCReader, ".csv": can.CSVReader, ".trc": can.TRCRe
 _BINARY_SUFFIXES = {".blf", ".db", ".mf4"}
 
 
-class LogError(Exception):
+class LogError(SettingsError):
     """A log that cannot be read at all; the text is one line for the user."""
 
 

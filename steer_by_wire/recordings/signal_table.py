@@ -14,6 +14,7 @@ from typing import Any, Protocol
 
 from ..command_line import installation
 from ..dbc.messages import MESSAGE_TYPES, resolutions
+from ..runtime.settings import SettingsError
 from .bus_listener import ReceivedMessage
 
 ROWS_PER_GROUP = 50_000
@@ -36,7 +37,7 @@ COLUMNS = tuple(
 )
 
 
-class MissingLibraryError(Exception):
+class MissingLibraryError(SettingsError):
     """An optional library is not installed; the text is one line for the user."""
 
 

@@ -18,7 +18,7 @@ from ..runtime.bus_model import BusOverflowError
 from ..runtime.bus_settings import BusSettings
 from ..runtime.quiet_bus import QuietBus
 from ..runtime.virtual_time import Wire
-from .figures import CG_STRIDE, COUNTS, Figures, figures_of
+from .figures import CG_STRIDE, COUNTS, FigureRules, Figures, figures_of
 from .scenario import Pair
 from .verdict import rules_of
 
@@ -35,28 +35,37 @@ def run_on_nodes(pair: Pair, bus: BusSettings, rules: VerdictRules, row: FloatAr
     if not len(trace.time_s) or not report["downlink"]["released"]:
         row[-len(COUNTS) :] = 0.0
         return RunEnd.NO_START
-    outside = np.abs(trace.lateral_error_m) > limits(LateralError)["lateral_error_m"].maximum
-    samples = int(np.argmax(outside)) + 1 if outside.any() else len(outside)
+    has_left, samples = range_left(trace)
     sent_rad = np.array([sample.sent_steer_rad for sample in made.controller.samples])
-    row[: len(Figures._fields)] = figures_of(
-        rules_of(rules, pair.plant, pair.controller),
+    run_rules = rules_of(rules, pair.plant, pair.controller)
+    row[: len(Figures._fields)] = figures_of_trace(run_rules, trace, samples, sent_rad)
+    downlink, uplink = report["downlink"], report["uplink"]
+    lost = downlink["lost"], uplink["lost"]
+    row[-len(COUNTS) :] = (samples, len(sent_rad), downlink["released"], *lost)
+    if has_left:
+        return RunEnd.LEFT_RANGE
+    return RunEnd.LAW_FAILED if made.controller.report()["failure"] else RunEnd.COMPLETE
+
+
+def range_left(trace: Trace) -> tuple[bool, int]:
+    """Return whether the error left the range of the wire, and how many samples there are to it."""
+    outside = np.abs(trace.lateral_error_m) > limits(LateralError)["lateral_error_m"].maximum
+    has_left = bool(outside.any())
+    return has_left, int(np.argmax(outside)) + 1 if has_left else len(outside)
+
+
+def figures_of_trace(
+    rules: FigureRules, trace: Trace, samples: int, sent_rad: FloatArray
+) -> Figures:
+    """Return the figures of the first samples of a trace; ``sent_rad`` one a control period."""
+    return figures_of(
+        rules,
         np.ascontiguousarray(trace.time_s[:samples]),
         np.ascontiguousarray(trace.lateral_error_m[:samples]),
         trace.cg_deviation_m[:samples:CG_STRIDE],
         sent_rad,
         trace.downlink_latency_s[:samples],
     )
-    downlink, uplink = report["downlink"], report["uplink"]
-    row[-len(COUNTS) :] = (
-        samples,
-        len(sent_rad),
-        downlink["released"],
-        downlink["lost"],
-        uplink["lost"],
-    )
-    if outside.any():
-        return RunEnd.LEFT_RANGE
-    return RunEnd.LAW_FAILED if made.controller.report()["failure"] else RunEnd.COMPLETE
 
 
 def _ran(pair: Pair, bus: BusSettings) -> VirtualPair:

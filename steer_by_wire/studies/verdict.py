@@ -1,10 +1,12 @@
 """The verdicts on the runs of a study, from their figures."""
 
+import numpy as np
+
 from ..controller.settings import ControllerSettings
 from ..plant_emulator import verdict
 from ..plant_emulator.error_windows import WINDOW_SHARE_MAX, WindowFigures
 from ..plant_emulator.settings import PlantSettings
-from ..plant_emulator.verdict import Verdict, VerdictRules
+from ..plant_emulator.verdict import RUN_ENDS, RunEnd, Verdict, VerdictRules
 from ..runtime.array_types import FloatArray, IntArray
 from .figures import FigureRules, Figures, figure_rules
 
@@ -30,6 +32,11 @@ def short_windows(rules: VerdictRules, duration_s: float) -> str:
         f"{rules.swing_m:g} m is not seen if it is slower than {0.5 * window_s:g} s, nor growth "
         f"that takes longer; give plant.duration_s = {rules.window_s / WINDOW_SHARE_MAX:g} or more"
     )
+
+
+def verdict_of(rules: VerdictRules, end: RunEnd, figures: FloatArray) -> Verdict:
+    """Return the verdict of one run; ``figures`` begin in the order of ``Figures``."""
+    return verdicts(rules, np.array([RUN_ENDS.index(end)]), figures[None])[0]
 
 
 def verdicts(rules: VerdictRules, ends: IntArray, figures: FloatArray) -> list[Verdict]:

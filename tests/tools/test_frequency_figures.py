@@ -7,24 +7,23 @@ import pytest
 
 from steer_by_wire.controller.discretization import q_order_2
 from steer_by_wire.controller.nominal_model import paper_eq19
+from steer_by_wire.tools.reproduce_paper.box_figure import figure_2
 from steer_by_wire.tools.reproduce_paper.corners import CORNERS, published_law
 from steer_by_wire.tools.reproduce_paper.frequency_figures import (
     SPREAD_AT_RAD_S,
     corner_spreads,
-    figure_2,
-    figure_9,
     figure_10,
     figure_11,
-    figure_12,
     help_ends_rad_s,
 )
 from steer_by_wire.tools.reproduce_paper.network_figure import (
     DELAY_S,
+    figure_12,
     first_intersection_rad_s,
     network_verdict,
 )
 from steer_by_wire.tools.reproduce_paper.result import Reproduction, Verdict
-from steer_by_wire.tools.reproduce_paper.uncertainty_figure import exact_cutoffs
+from steer_by_wire.tools.reproduce_paper.uncertainty_figure import exact_cutoffs, figure_9
 
 
 def decibels(ratio: float) -> float:

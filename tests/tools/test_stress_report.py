@@ -17,7 +17,7 @@ from steer_by_wire.studies.store import Store
 from steer_by_wire.studies.study import load_study
 from steer_by_wire.tools.stress_latency.runner import run_study
 from steer_by_wire.tools.stress_latency.workers import Threads
-from steer_by_wire.tools.stress_report import __main__, write_report
+from steer_by_wire.tools.stress_report import __main__
 from steer_by_wire.tools.stress_report.axes import LEVELS_MAX, study_axes
 from steer_by_wire.tools.stress_report.break_points import (
     HELD_SHARE,
@@ -117,12 +117,12 @@ def test_a_folder_without_results_is_refused_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SettingsError, match=r"study\.json: cannot be read"):
-        write_report(tmp_path)
+        write(tmp_path)
     assert __main__.main([str(tmp_path)]) == 2
     assert "give the folder of a study's results" in capsys.readouterr().err
     (tmp_path / "study.json").write_text("{}", encoding="utf-8")
     with pytest.raises(SettingsError, match="is not the record of a study of this version"):
-        write_report(tmp_path)
+        write(tmp_path)
 
 
 def test_drawn_factors_go_into_bins_and_the_page_is_the_same_whenever_it_is_written(

@@ -132,15 +132,12 @@ def _run(options: argparse.Namespace) -> int:
     rules = load_settings(VerdictRules, overrides=options.verdict_set)
     logs = [options.files] if options.join else [[path] for path in options.files]
     results, mistakes = [], []
-    try:
-        with _progress() as advance:
-            for paths, folder in zip(logs, _folders(logs, options.out), strict=True):
-                try:
-                    results.append(_analyse(paths, folder, options, rules, advance))
-                except LogError as error:
-                    mistakes.append(str(error))
-    except MissingLibraryError as error:
-        raise SettingsError(str(error)) from error
+    with _progress() as advance:
+        for paths, folder in zip(logs, _folders(logs, options.out), strict=True):
+            try:
+                results.append(_analyse(paths, folder, options, rules, advance))
+            except LogError as error:
+                mistakes.append(str(error))
     if results:
         print_results(results)
     status = _judge(results, options.fail_if)

@@ -23,7 +23,6 @@ from pathlib import Path
 
 from steer_by_wire.command_line import command_parser
 from steer_by_wire.pair.channels import BUSES
-from steer_by_wire.recordings.log_file import LogError
 from steer_by_wire.runtime.bus import add_bus_arguments
 from steer_by_wire.runtime.bus_options import (
     add_error_arguments,
@@ -97,7 +96,7 @@ def _titles() -> Sequence[str]:
 def _run(options: argparse.Namespace) -> int:
     logging.getLogger("can").addHandler(logging.NullHandler())
     if options.recordings:
-        block = _block(options)
+        block = read_replay(options.recordings, options.log_channel)
         if options.export is not None:
             title = ", ".join(path.name for path in options.recordings)
             options.export.write_text(single_page(block, title), encoding="utf-8")
@@ -116,14 +115,6 @@ def _run(options: argparse.Namespace) -> int:
     lane = Lane(opened.port, time.monotonic_ns())
     desk = Desk(None, lane, opened.description, may_control=options.allow_control)
     return asyncio.run(_serve(options, desk, None))
-
-
-def _block(options: argparse.Namespace) -> bytes:
-    """Read the recording; a mistake in it is one of the command line."""
-    try:
-        return read_replay(options.recordings, options.log_channel)
-    except LogError as error:
-        raise SettingsError(str(error)) from error
 
 
 async def _serve(options: argparse.Namespace, desk: Desk | None, block: bytes | None) -> int:

@@ -15,7 +15,7 @@ from itertools import groupby
 from pathlib import Path
 
 from steer_by_wire.command_line import command_parser
-from steer_by_wire.recordings.log_file import LogError, open_log
+from steer_by_wire.recordings.log_file import open_log
 from steer_by_wire.runtime.candump import parse_entry
 from steer_by_wire.runtime.frame import ERROR, Frame
 from steer_by_wire.runtime.frame_on_wire import frame_on_wire
@@ -58,11 +58,8 @@ def _run(options: argparse.Namespace) -> int:
         with options.vcd.open("w", encoding="ascii") as file:
             moved = write_vcd(file, frames, BitRates(options.bitrate, options.data_bitrate))
         if moved:
-            say(
-                NAME,
-                f"moved back, being closer together than they are long: {moved} frames",
-                sys.stderr,
-            )
+            text = f"moved back, being closer together than they are long: {moved} frames"
+            say(NAME, text, sys.stderr)
     return ExitStatus.OK
 
 
@@ -81,13 +78,10 @@ def _frame(text: str) -> Frame:
 
 def _recorded(path: Path) -> Iterator[tuple[int, Frame]]:
     time_ns = 0
-    try:
-        for logged in open_log(path):
-            time_ns = logged.time_ns or time_ns
-            if not logged.frame.flags & ERROR:
-                yield time_ns, logged.frame
-    except LogError as error:
-        raise SettingsError(str(error)) from error
+    for logged in open_log(path):
+        time_ns = logged.time_ns or time_ns
+        if not logged.frame.flags & ERROR:
+            yield time_ns, logged.frame
 
 
 def _text(frame: Frame, rates: BitRates) -> str:
@@ -101,12 +95,10 @@ def _text(frame: Frame, rates: BitRates) -> str:
     duration_us = 1e6 * ((len(bits) - fast) / rates.nominal_bit_s + fast / rates.data_bit_s)
     at_data_rate = f" ({fast} at the data bit rate)" if fast else ""
     stuffed = sum(bit.is_stuff for bit in bits)
-    return "\n".join(
-        [
-            *lines,
-            f"{len(bits)} bits{at_data_rate}, {stuffed} of them stuff bits: {duration_us:g} µs",
-        ]
+    lines.append(
+        f"{len(bits)} bits{at_data_rate}, {stuffed} of them stuff bits: {duration_us:g} µs"
     )
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

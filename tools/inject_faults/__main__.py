@@ -30,7 +30,7 @@ from steer_by_wire.bus_faults.kinds import (
 )
 from steer_by_wire.command_line import command_parser
 from steer_by_wire.dbc.messages import CAN_IDS, SteeringCommand
-from steer_by_wire.recordings.log_file import LogError, open_log
+from steer_by_wire.recordings.log_file import open_log
 from steer_by_wire.runtime.bus import BusPort, add_bus_arguments, shutting_down
 from steer_by_wire.runtime.frame import FD
 from steer_by_wire.runtime.node import NS_PER_S
@@ -151,15 +151,12 @@ def _recording(options: argparse.Namespace, faults: Sequence[LiveFault]) -> list
     if options.recording is None:
         raise SettingsError("replay: needs a log, by --recording FILE")
     frames = []
-    try:
-        for logged in open_log(options.recording):
-            if logged.time_ns is None:
-                raise SettingsError(f"{options.recording}: has no times to send its frames at")
-            frames.append((logged.time_ns, logged.frame))
-            if len(frames) > REPLAY_FRAMES_MAX:
-                raise SettingsError(f"{options.recording}: has over {REPLAY_FRAMES_MAX} frames")
-    except LogError as error:
-        raise SettingsError(str(error)) from error
+    for logged in open_log(options.recording):
+        if logged.time_ns is None:
+            raise SettingsError(f"{options.recording}: has no times to send its frames at")
+        frames.append((logged.time_ns, logged.frame))
+        if len(frames) > REPLAY_FRAMES_MAX:
+            raise SettingsError(f"{options.recording}: has over {REPLAY_FRAMES_MAX} frames")
     found = recording_of(frames)
     if not found:
         raise SettingsError(f"{options.recording}: has error frames only")

@@ -21,6 +21,7 @@ from scipy.signal import lsim
 
 from ...controller.nominal_model import NominalVehicle, paper_eq19, steer_to_lateral_error
 from ...controller.transfer_function import TransferFunction
+from ...loop_theory.continuous_loop import product
 from ...loop_theory.uncertainty import paper_box
 from ...pair.trace import rms
 from ...plant_emulator.path_shapes import ellipse
@@ -99,19 +100,12 @@ def _curvature_to_error(
     left, doubled = (
         (np.polysub(b, a), b) if observer.fed_with_own_command else (b, np.polyadd(a, b))
     )
-    numerator = -(vehicle.speed_m_s**2) * _product(left, d, n_n)
-    feedback = np.polyadd(_product(c, doubled, n_n), _product(a, s_2, d_n))
-    denominator = np.polyadd(_product(s_2, d, left, n_n), np.polymul(n, feedback))
+    numerator = -(vehicle.speed_m_s**2) * product(left, d, n_n)
+    feedback = np.polyadd(product(c, doubled, n_n), product(a, s_2, d_n))
+    denominator = np.polyadd(product(s_2, d, left, n_n), np.polymul(n, feedback))
     return numerator, np.asarray(denominator, dtype=np.float64)
 
 
 def _of(model: TransferFunction) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return numerator and denominator of N/(s² D) without the integrators."""
     return [np.array(f) for f in model.numerator], [np.array(f) for f in model.denominator]
-
-
-def _product(*polynomials: FloatArray) -> FloatArray:
-    product = np.array([1.0])
-    for polynomial in polynomials:
-        product = np.polymul(product, polynomial)
-    return product

@@ -1,4 +1,4 @@
-"""Figures 10 and 11 of SAE 2018-01-1086: |y/r| at the vertices; gathers 2, 9 and 12 with them.
+"""Figures 10 and 11 of SAE 2018-01-1086: |y/r| at the vertices.
 
     Figure 10    y/r = C G/(1 + C G)                        without DOB
     Figure 11    y/r = C M/(1 + C M),  M = y/u_new          with DOB, (12)
@@ -19,13 +19,8 @@ from ...loop_theory.continuous_loop import continuous_law, dob_alone, dob_q, ref
 from ...loop_theory.root_count import on_axis
 from ...reports.plot_style import COLOURS
 from ...runtime.array_types import FloatArray
-from .box_figure import figure_2
 from .corners import CORNERS, corner_labels, corner_plants, published_law
-from .network_figure import figure_12
 from .result import Comparison, Picture, Reproduction, Verdict, unpublished
-from .uncertainty_figure import figure_9
-
-__all__ = ["figure_2", "figure_9", "figure_10", "figure_11", "figure_12"]
 
 CUTOFF_RAD_S = 5.0
 """ω_c of the DOB, section VI.B.1."""

@@ -8,6 +8,7 @@ keeps its own nominal model.
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -121,10 +122,8 @@ def robustness(settings: ControllerSettings, plant: TransferFunction) -> Robustn
     stable = stable_delays(loop)
     spreads: tuple[SpreadInterval, ...] | None = None
     if stable:
-        try:
+        with suppress(JitterTooLargeError):
             spreads = stable_spreads(loop, JITTER_MEAN_NS)
-        except JitterTooLargeError:
-            pass
     return Robustness(stable, loop.margins(0), spreads)
 
 

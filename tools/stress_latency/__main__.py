@@ -274,7 +274,7 @@ def _live(
 def _report(console: Console, folder: Path) -> None:
     """Write the report of a complete study, where this installation has one."""
     try:
-        page = importlib.import_module("steer_by_wire.tools.stress_report").write_report(folder)
+        page = importlib.import_module("steer_by_wire.tools.stress_report.report").write(folder)
     except ImportError as error:
         console.print(f"report: skipped: {error}")
         return

@@ -14,18 +14,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...dbc.messages import LateralError, limits
 from ...pair.channels import open_channels
 from ...pair.live import Bus, LivePair, PairFiles
 from ...pair.processes import ProcessError
 from ...pair.trace import Trace
-from ...plant_emulator.verdict import RUN_ENDS, RunEnd
+from ...plant_emulator.verdict import RunEnd
 from ...runtime.bus import socketcan_obstacle
 from ...runtime.settings import SettingsError
 from ...studies.compute import Computer
-from ...studies.figures import CG_STRIDE, COLUMNS, figures_of
+from ...studies.figures import COLUMNS
+from ...studies.on_nodes import figures_of_trace, range_left
 from ...studies.scenario import Pair
-from ...studies.verdict import rules_of, verdicts
+from ...studies.verdict import rules_of, verdict_of
 
 GRACE_S = 30.0
 """How much longer than its motion a run may take on a stalled machine."""
@@ -101,7 +101,7 @@ def run_live(
                 break
             continue
         study = dict(zip(COLUMNS, row.tolist(), strict=True))
-        study["verdict"] = _verdict(computer, row, end)
+        study["verdict"] = str(verdict_of(computer.scenarios.study.settings.verdict, end, row))
         done.append(
             LiveRun(run, study, live_figures(computer, pair, Trace.read(files.plant_trace)))
         )
@@ -112,21 +112,13 @@ def run_live(
 
 def live_figures(computer: Computer, pair: Pair, trace: Trace) -> dict[str, Any]:
     """Return the figures of a plant's trace."""
-    outside = np.abs(trace.lateral_error_m) > limits(LateralError)["lateral_error_m"].maximum
-    end = RunEnd.LEFT_RANGE if outside.any() else RunEnd.COMPLETE
-    samples = int(np.argmax(outside)) + 1 if outside.any() else len(outside)
-    rules = rules_of(computer.scenarios.study.settings.verdict, pair.plant, pair.controller)
-    figures = figures_of(
-        rules,
-        np.ascontiguousarray(trace.time_s[:samples]),
-        np.ascontiguousarray(trace.lateral_error_m[:samples]),
-        trace.cg_deviation_m[:samples:CG_STRIDE],
-        np.zeros(0),
-        trace.downlink_latency_s[:samples],
-    )
-    row = np.full(len(COLUMNS), np.nan)
-    row[: len(figures)] = figures
-    return {**figures._asdict(), "verdict": _verdict(computer, row, end)}
+    has_left, samples = range_left(trace)
+    end = RunEnd.LEFT_RANGE if has_left else RunEnd.COMPLETE
+    judged_by = computer.scenarios.study.settings.verdict
+    rules = rules_of(judged_by, pair.plant, pair.controller)
+    figures = figures_of_trace(rules, trace, samples, np.zeros(0))
+    verdict = verdict_of(judged_by, end, np.array(figures))
+    return {**figures._asdict(), "verdict": str(verdict)}
 
 
 def live_line(one: LiveRun) -> str:
@@ -167,8 +159,3 @@ def _write(file: Path, runs: Sequence[LiveRun]) -> None:
 
     rows = [{"run": one.run, "study": known(one.study), "live": known(one.live)} for one in runs]
     file.write_text(json.dumps(rows, indent=1), encoding="utf-8")
-
-
-def _verdict(computer: Computer, row: Any, end: RunEnd) -> str:
-    rules = computer.scenarios.study.settings.verdict
-    return str(verdicts(rules, np.array([RUN_ENDS.index(end)]), row[None, :])[0])

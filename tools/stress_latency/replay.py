@@ -15,15 +15,15 @@ import numpy as np
 from ...pair.live import PairFiles
 from ...pair.trace import Trace
 from ...pair.virtual import make_virtual_pair, run_virtual_nodes
-from ...plant_emulator.verdict import RUN_ENDS, RunEnd
+from ...plant_emulator.verdict import RunEnd
 from ...runtime.settings import SettingsError
 from ...runtime.toml_text import dump_toml
 from ...studies.compute import Computer
-from ...studies.figures import CG_STRIDE, COLUMNS, COUNTS, Figures, figures_of
-from ...studies.on_nodes import TICKS_MAX
+from ...studies.figures import COLUMNS, COUNTS, Figures
+from ...studies.on_nodes import TICKS_MAX, figures_of_trace
 from ...studies.scenario import Pair
 from ...studies.store import Store
-from ...studies.verdict import rules_of, verdicts
+from ...studies.verdict import rules_of, verdict_of
 
 BUS = "bus"
 
@@ -69,8 +69,8 @@ def replay(store: Store, computer: Computer, run: int) -> Replay:
     files.write_settings(pair.plant, pair.controller)
     row = np.full(len(COLUMNS), np.nan)
     end = computer.run(pair, row)
-    compiled = _named(row.tolist(), end)
-    compiled["verdict"] = _verdict(computer, row, end)
+    verdict = verdict_of(study.settings.verdict, end, row)
+    compiled = {**_named(row.tolist(), end), "verdict": str(verdict)}
     if pair.bus is not None:
         files.settings(BUS).write_text(dump_toml(pair.bus), encoding="utf-8")
         return Replay(pair, files, store.find(run), compiled, compiled, study.fastmath)
@@ -102,20 +102,16 @@ def _virtual(
     plant, controller = made.plant, made.controller
     samples, ticks = compiled["samples"], compiled["commands_sent"]
     is_complete = end is RunEnd.COMPLETE
-    run_virtual_nodes(
-        made.edge,
-        controller,
-        None,
-        None,
-        lambda: not is_complete and len(plant.samples) > samples and samples > 0,
-    )
+
+    def has_run() -> bool:
+        return not is_complete and len(plant.samples) > samples > 0
+
+    run_virtual_nodes(made.edge, controller, None, None, has_run)
     trace = Trace.of_node(plant)
     sent_rad = np.array([sample.sent_steer_rad for sample in controller.samples][:ticks])
-    rules = rules_of(computer.scenarios.study.settings.verdict, pair.plant, pair.controller)
-    columns = (trace.time_s, trace.lateral_error_m, trace.downlink_latency_s)
-    time_s, error_m, latency_s = (np.ascontiguousarray(column[:samples]) for column in columns)
-    cg_m = trace.cg_deviation_m[:samples:CG_STRIDE]
-    figures = figures_of(rules, time_s, error_m, cg_m, sent_rad, latency_s)
+    judged_by = computer.scenarios.study.settings.verdict
+    rules = rules_of(judged_by, pair.plant, pair.controller)
+    figures = figures_of_trace(rules, trace, samples, sent_rad)
     found: dict[str, Any] = figures._asdict()
     if is_complete:
         report = plant.report()
@@ -123,24 +119,13 @@ def _virtual(
         found["commands_sent"] = len(controller.samples)
         found["downlink_lost"] = report["downlink"]["lost"]
         found["uplink_lost"] = report["uplink"]["lost"]
-    row = np.full(len(COLUMNS), np.nan)
-    row[: len(figures)] = figures
-    found["verdict"] = _verdict(computer, row, end)
+    found["verdict"] = str(verdict_of(judged_by, end, np.array(figures)))
     return found
 
 
 def _named(row: list[float], end: RunEnd) -> dict[str, Any]:
     values: dict[str, Any] = dict(zip(COLUMNS, row, strict=True))
-    return {
-        "ended_by": str(end),
-        **values,
-        **{name: int(values[name]) for name in COUNTS},
-    }
-
-
-def _verdict(computer: Computer, row: Any, end: RunEnd) -> str:
-    rules = computer.scenarios.study.settings.verdict
-    return str(verdicts(rules, np.array([RUN_ENDS.index(end)]), row[None, :])[0])
+    return {"ended_by": str(end), **values, **{name: int(values[name]) for name in COUNTS}}
 
 
 def _same(one: Any, other: Any) -> bool:

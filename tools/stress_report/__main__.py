@@ -7,7 +7,6 @@ from pathlib import Path
 
 from steer_by_wire.command_line import command_parser
 from steer_by_wire.runtime.program import ExitStatus, run_main
-from steer_by_wire.tools.stress_report import write_report
 
 NAME = "steer-by-wire stress-report"
 
@@ -25,7 +24,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(folder: Path) -> int:
-    print(f"report: {write_report(folder)}")
+    # Pictures and compiled runs take a second to import, which --help need not wait for.
+    from steer_by_wire.tools.stress_report.report import write
+
+    print(f"report: {write(folder)}")
     return ExitStatus.OK
 
 

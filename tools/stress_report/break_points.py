@@ -18,12 +18,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...plant_emulator.verdict import RUN_ENDS, Verdict
+from ...plant_emulator.verdict import Verdict
 from ...runtime.node import NS_PER_S
 from ...studies.compute import Computer
 from ...studies.figures import COLUMNS
 from ...studies.scenario import Scenarios
-from ...studies.verdict import verdicts
+from ...studies.verdict import verdict_of
 from .axes import Axis, StudyAxes, is_share
 from .monte_carlo import seeds
 from .order_statistics import held_bound, median_interval
@@ -174,9 +174,8 @@ class _Search:
         row = np.full(len(COLUMNS), np.nan)
         plant = scenarios.plant(case)
         settings = scenarios.controller(case, scenarios.controllers[controller])
-        end = RUN_ENDS.index(self._computer.one(plant, settings, row))
-        rules = scenarios.study.settings.verdict
-        return verdicts(rules, np.array([end]), row[None, :])[0] is Verdict.HOLDS
+        end = self._computer.one(plant, settings, row)
+        return verdict_of(scenarios.study.settings.verdict, end, row) is Verdict.HOLDS
 
     def _is_fixed(self, conditions: _Conditions) -> bool:
         """Whether nothing in the runs is random."""
