@@ -1,7 +1,10 @@
-"""What long-running programs show in a terminal."""
+"""What programs show in a terminal."""
+
+from collections.abc import Sequence
 
 from rich.console import Console
 from rich.progress import Progress, ProgressColumn
+from rich.table import Table
 
 
 def plain_console() -> Console:
@@ -12,3 +15,14 @@ def plain_console() -> Console:
 def progress_bars(console: Console, *columns: ProgressColumn) -> Progress:
     """Return bars that disappear at the end; only a terminal shows them."""
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+
+
+def plain_table(texts: Sequence[str], numbers: Sequence[str], title: str | None = None) -> Table:
+    """Return a table without lines: columns of text by their headings, then of numbers."""
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    table.caption_justify = "left"
+    for heading in texts:
+        table.add_column(heading, no_wrap=True)
+    for heading in numbers:
+        table.add_column(heading, justify="right", no_wrap=True)
+    return table

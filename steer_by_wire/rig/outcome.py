@@ -94,9 +94,8 @@ class Outcome(NamedTuple):
 
         Measured in the log, from a STEERING_COMMAND to the first STEERING_STATUS that names it.
         """
-        figures = analyse_files([self.files.candump_log]).analysis.figures()["latency"][
-            "round_trip"
-        ]
+        latency = analyse_files([self.files.candump_log]).analysis.figures()["latency"]
+        figures = latency["round_trip"]
         measured_ms = 1e3 * figures["p99_s"]
         failures = []
         if not figures["samples"]:
@@ -177,17 +176,14 @@ class Outcome(NamedTuple):
     def _demand(self, failures: list[str]) -> None:
         if failures:
             rejected = ", ".join(f"{n} {cause}" for cause, n in self.report["rejected"].items())
-            raise AssertionError(
-                "\n".join(
-                    [
-                        *([self.ending] if self.ending else []),
-                        *failures,
-                        f"on {self.bus}, seed {self.settings.seed}; "
-                        f"the plant rejected: {rejected or 'nothing'}",
-                        f"log, trace and settings: {self.files.folder}",
-                    ]
-                )
-            )
+            lines = [
+                *([self.ending] if self.ending else []),
+                *failures,
+                f"on {self.bus}, seed {self.settings.seed}; "
+                f"the plant rejected: {rejected or 'nothing'}",
+                f"log, trace and settings: {self.files.folder}",
+            ]
+            raise AssertionError("\n".join(lines))
 
 
 def _rms(deviations_m: FloatArray) -> float:

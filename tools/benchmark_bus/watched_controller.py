@@ -73,17 +73,25 @@ class Watch:
         self._seen += phase == "start"
 
 
-class AtRate(Wrapper[ControllerNode]):
-    """``node`` as it is, watched.
+class Watched(Wrapper[ControllerNode]):
+    """``node``, watched; ``ticks`` holds the deadline of each tick and when it ran [ns]."""
 
-    ``feed``  measurements that it is handed in turn, one before each tick
-    """
+    def __init__(self, node: ControllerNode) -> None:
+        super().__init__(node)
+        self._watch = Watch()
+        self.ticks = array("q")
+
+    def report(self) -> Mapping[str, Any]:
+        """Return what the node and the watch have to report."""
+        return {**self.node.report(), **self._watch.report()}
+
+
+class AtRate(Watched):
+    """``node`` as it is; ``feed`` are measurements that it is handed in turn, one a tick."""
 
     def __init__(self, node: ControllerNode, feed: Sequence[Frame] = ()) -> None:
         super().__init__(node)
         self._feed = feed
-        self._watch = Watch()
-        self.ticks = array("q")
 
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
         """Tick, and keep when."""
@@ -94,18 +102,9 @@ class AtRate(Wrapper[ControllerNode]):
             self.node.on_frame(self._feed[len(self.ticks) // 2 % len(self._feed)], now_ns)
         return self.node.on_tick(now_ns)
 
-    def report(self) -> Mapping[str, Any]:
-        """Return what the node and the watch have to report."""
-        return {**self.node.report(), **self._watch.report()}
 
-
-class AtOnce(Wrapper[ControllerNode]):
+class AtOnce(Watched):
     """``node``, whose time advances by one period with each measurement."""
-
-    def __init__(self, node: ControllerNode) -> None:
-        super().__init__(node)
-        self._watch = Watch()
-        self.ticks = array("q")
 
     @property
     def deadline_ns(self) -> int:
@@ -127,12 +126,8 @@ class AtOnce(Wrapper[ControllerNode]):
         """Is never due."""
         return ()
 
-    def report(self) -> Mapping[str, Any]:
-        """Return what the node and the watch have to report."""
-        return {**self.node.report(), **self._watch.report()}
 
-
-ANSWERS: dict[str, Callable[[ControllerNode], AtRate | AtOnce]] = {
+ANSWERS: dict[str, Callable[[ControllerNode], Watched]] = {
     "at-rate": AtRate,
     "fed": lambda node: AtRate(node, measurements()),
     "at-once": AtOnce,
@@ -160,7 +155,7 @@ def _run(options: argparse.Namespace) -> int:
     )
 
 
-def _write_ticks(path: Path | None, node: AtRate | AtOnce) -> None:
+def _write_ticks(path: Path | None, node: Watched) -> None:
     if path is not None:
         path.write_bytes(node.ticks.tobytes())
 

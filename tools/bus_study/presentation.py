@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from rich.table import Table
 
 from ...reports.plot_style import COLOURS, plot_style, png_of
+from ...terminal import plain_table
 from .runs import BusRun, Point
 
 Group = tuple[Point, str, list[BusRun]]
@@ -41,16 +42,13 @@ DRAWN = {
 
 def table_of(runs: Sequence[BusRun]) -> Table:
     """Return a row for each point and controller."""
-    table = Table(
-        box=None, pad_edge=False, caption_justify="left",
-        caption="RMS: of the preview point. trip: from measurement to echo, 99 % below. "
-        "silence: the longest between two\ncommands. "
-        "Counts: mean of a run; steering: of the pair's frames, lost. worst: of all seeds.",
-    )  # fmt: skip
-    table.add_column("controller", no_wrap=True)
     headings = ("load", "bit errors", "clocks", "RMS", "trip", "silence", "busy")
-    for heading in (*headings, *COUNTS.values(), "worst"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = plain_table(["controller"], (*headings, *COUNTS.values(), "worst"))
+    table.caption = (
+        "RMS: of the preview point. trip: from measurement to echo, 99 % below. "
+        "silence: the longest between two\ncommands. "
+        "Counts: mean of a run; steering: of the pair's frames, lost. worst: of all seeds."
+    )
     for point, controller, members in groups_of(runs):
         table.add_row(
             controller,

@@ -90,11 +90,8 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     {
         name: Quantity(itemgetter(name))
         for name in (
-            "differing_phases",
-            "rms_difference_m",
-            "lateness_p99_s",
-            "skipped_ticks",
-            "frames_rejected",
+            *("differing_phases", "rms_difference_m"),
+            *("lateness_p99_s", "skipped_ticks", "frames_rejected"),
         )
     }
 )

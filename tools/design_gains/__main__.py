@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from steer_by_wire.command_line import add_out_argument, add_overrides_argument, command_parser
 from steer_by_wire.controller.laws.predictor import FALLBACK
@@ -41,7 +41,7 @@ from steer_by_wire.tools.design_gains.preset_text import (
     preset_name,
 )
 from steer_by_wire.tools.design_gains.progress_lines import ProgressLines
-from steer_by_wire.tools.design_gains.specification import Specification
+from steer_by_wire.tools.design_gains.specification import PredictorTable, Specification
 from steer_by_wire.tools.design_gains.vehicle_file import VehicleFile
 from steer_by_wire.tools.design_gains.verification import verification_line, verify
 from steer_by_wire.tools.design_gains.virtual_check import (
@@ -150,7 +150,8 @@ def _run(options: argparse.Namespace) -> int:
             if design.law == FALLBACK:
                 fallback = design.settings
     if "predictor" in spec.laws and spec.predictor is not None:
-        status = max(status, _design_predictor(console, spec, vehicle, fallback, sources, options))
+        designed = (spec, spec.predictor, vehicle, fallback)
+        status = max(status, _design_predictor(console, *designed, sources, options))
     print(f"\nplant for these: {rig}")
     print(f"{time.perf_counter() - begin_s:.0f} s")
     return status
@@ -164,28 +165,20 @@ def linear_laws(spec: Specification) -> list[str]:
 def _design_predictor(
     console: Console,
     spec: Specification,
+    table: PredictorTable,
     vehicle: VehicleFile,
     fallback: ControllerSettings | None,
     sources: tuple[str, str],
     options: argparse.Namespace,
 ) -> int:
     """Design the predictor around the pd_ddob that it falls back to; write and print it."""
-    table = spec.predictor
-    if table is None:
-        raise ValueError("the specification has no table [predictor]")
     if table.fallback is not None:
         fallback = controller_preset(table.fallback)
     if fallback is None:
         say(NAME, "error: predictor: there is no pd_ddob for it to fall back to", sys.stderr)
         return NO_DESIGN
     name = preset_name(spec, "predictor")
-    with progress_bars(
-        console,
-        TextColumn("predictor"),
-        BarColumn(30),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[best]}"),
-    ) as bars:
+    with _bars(console, TextColumn("predictor")) as bars:
         task = bars.add_task(name, total=1.0, best="")
         lines = ProgressLines(NAME, is_shown=not console.is_terminal)
 
@@ -220,13 +213,7 @@ def _watch(
     shared: SharedProgress,
 ) -> None:
     """Show how far every law is until all are done."""
-    with progress_bars(
-        console,
-        TextColumn("{task.description:8}"),
-        BarColumn(30),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[best]}"),
-    ) as bars:
+    with _bars(console, TextColumn("{task.description:8}")) as bars:
         tasks = [bars.add_task(law, total=1.0, best="") for law in laws]
         waiting: set[Future[Design]] = set(futures)
         lines = ProgressLines(NAME, is_shown=not console.is_terminal)
@@ -238,6 +225,11 @@ def _watch(
                 best = shared[2 * index + 1]
                 shown = f"best {best:.4g}" if 0.0 < best < 1e3 else ""
                 bars.update(task, completed=done[index], best=shown)
+
+
+def _bars(console: Console, name: TextColumn) -> Progress:
+    best = TextColumn("{task.fields[best]}")
+    return progress_bars(console, name, BarColumn(30), TimeElapsedColumn(), best)
 
 
 def _lines(spec: Specification, design: Design, out: Path) -> Iterator[str]:

@@ -101,10 +101,8 @@ def bounds(law: str, vehicle: NominalVehicle, rate_hz: float) -> list[tuple[int,
     The gains are relative to the vehicle's. Below its own dynamics its response is k/s², so that
     K_p = ω²/k makes a loop of about ω.
     """
-    (zeros,), (poles,) = (
-        steer_to_lateral_error(vehicle).numerator,
-        steer_to_lateral_error(vehicle).denominator,
-    )
+    model = steer_to_lateral_error(vehicle)
+    (zeros,), (poles,) = model.numerator, model.denominator
     gain = zeros.s0 / poles.s0
     fast = _BELOW_NYQUIST * math.pi * rate_hz
     ranges = {

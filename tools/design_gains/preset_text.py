@@ -1,6 +1,6 @@
 """The preset that a design is written as: settings, below comments with what was measured."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.latency_settings import Order
@@ -37,16 +37,10 @@ def preset_text(
 
     The supervision is left out: it has nothing to do with the design, and its defaults hold.
     """
-    comments = [
-        f"{_TITLES[design.law]} for {spec.rate_hz:g} Hz and any constant delay from 0 to"
-        f" {spec.delay.ms_max:g} ms.",
-        f"Written by tools.design_gains from {sources[0]} and {sources[1]}; do not edit.",
-        "",
-        *_conditions(spec, vehicle, f"{len(vehicle.box.vertices())} corners"),
-        "",
-        *(f"  {label:{_LABEL_WIDTH}}{text}" for label, text in _figures(spec, design)),
-    ]
-    return _commented(comments, design.settings)
+    delays = f"constant delay from 0 to {spec.delay.ms_max:g} ms."
+    judged = _conditions(spec, vehicle, f"{len(vehicle.box.vertices())} corners")
+    head = _head(spec, design.law, delays, sources)
+    return _commented([*head, *judged], _figures(spec, design), design.settings)
 
 
 def predictor_preset_text(
@@ -57,19 +51,18 @@ def predictor_preset_text(
     sources: tuple[str, str],
 ) -> str:
     """Return the TOML of a predictor's preset."""
-    comments = [
-        f"{_TITLES['predictor']} for {spec.rate_hz:g} Hz and any delay from 0 to"
-        f" {table.delay_ms_max:g} ms, measured by the echo.",
+    delays = f"delay from 0 to {table.delay_ms_max:g} ms, measured by the echo."
+    judged = _conditions(spec, vehicle, f"{design.vehicles} vehicles")
+    head = _head(spec, "predictor", delays, sources)
+    return _commented([*head, *judged], predictor_figures(spec, table, design), design.settings)
+
+
+def _head(spec: Specification, law: str, delays: str, sources: tuple[str, str]) -> list[str]:
+    return [
+        f"{_TITLES[law]} for {spec.rate_hz:g} Hz and any {delays}",
         f"Written by tools.design_gains from {sources[0]} and {sources[1]}; do not edit.",
         "",
-        *_conditions(spec, vehicle, f"{design.vehicles} vehicles"),
-        "",
-        *(
-            f"  {label:{_LABEL_WIDTH}}{text}"
-            for label, text in predictor_figures(spec, table, design)
-        ),
     ]
-    return _commented(comments, design.settings)
 
 
 def predictor_figures(
@@ -127,9 +120,12 @@ def conditions_in_words(met: ConditionsTable) -> str:
     return ", ".join(words)
 
 
-def _commented(comments: Sequence[str], settings: ControllerSettings) -> str:
-    lines = [f"# {comment}".rstrip() for comment in comments]
-    return "\n".join(lines) + "\n" + dump_toml(settings, _untouched(settings))
+def _commented(
+    comments: Sequence[str], figures: Iterable[tuple[str, str]], settings: ControllerSettings
+) -> str:
+    lines = [*comments, "", *(f"  {label:{_LABEL_WIDTH}}{text}" for label, text in figures)]
+    commented = "".join(f"# {line}".rstrip() + "\n" for line in lines)
+    return commented + dump_toml(settings, _untouched(settings))
 
 
 def _untouched(settings: ControllerSettings) -> list[str]:

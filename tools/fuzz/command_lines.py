@@ -18,7 +18,6 @@ from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdo
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import MappingProxyType
 from typing import NamedTuple, NoReturn
 from unittest.mock import patch
 
@@ -27,73 +26,43 @@ from .log_targets import faultless_log
 from .promises import promise
 
 WORDS_MAX = 8
-PROGRAMS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "steer_by_wire.controller.program": (
-            "steer_by_wire.runtime.run_node.open_port",
-            "steer_by_wire.controller.program.check_figures",
-            "steer_by_wire.controller.program.check_text",
-            "steer_by_wire.controller.program.found_in",
-        ),
-        "steer_by_wire.plant_emulator.program": ("steer_by_wire.runtime.run_node.open_port",),
-        "steer_by_wire.tools.bus.program": ("steer_by_wire.tools.bus.program.listening",),
-        "steer_by_wire.tools.analyze_log.__main__": (
-            "steer_by_wire.tools.analyze_log.pictures.draw_pictures",
-        ),
-        "steer_by_wire.tools.benchmark.__main__": (
-            "steer_by_wire.tools.benchmark.__main__._benchmark",
-        ),
-        "steer_by_wire.tools.benchmark_batch.__main__": (
-            "steer_by_wire.tools.benchmark_batch.__main__._benchmark",
-        ),
-        "steer_by_wire.tools.benchmark_bus.__main__": (
-            "steer_by_wire.tools.benchmark_bus.__main__.compile_all",
-        ),
-        "steer_by_wire.tools.closed_loop.__main__": (
-            "steer_by_wire.tools.closed_loop.__main__.run_virtual_nodes",
-            "steer_by_wire.tools.closed_loop.__main__.run_threaded_nodes",
-        ),
-        "steer_by_wire.tools.compare_laws.__main__": (
-            "steer_by_wire.tools.compare_laws.__main__.compare",
-        ),
-        "steer_by_wire.tools.delay_estimation_study.__main__": (
-            "steer_by_wire.tools.delay_estimation_study.__main__.worker_pool",
-        ),
-        "steer_by_wire.tools.demo.__main__": ("steer_by_wire.tools.demo.__main__.open_channels",),
-        "steer_by_wire.tools.design_gains.__main__": (
-            "steer_by_wire.tools.design_gains.__main__.worker_pool",
-        ),
-        "steer_by_wire.tools.doctor.__main__": ("steer_by_wire.tools.doctor.__main__.examine",),
-        "steer_by_wire.tools.fault_campaign.__main__": (
-            "steer_by_wire.tools.fault_campaign.__main__.execute",
-            "steer_by_wire.tools.fault_campaign.__main__.run_live_campaign",
-            "steer_by_wire.tools.fault_campaign.__main__.measure_residual",
-            "steer_by_wire.tools.fault_campaign.__main__.walk_all",
-        ),
-        "steer_by_wire.tools.fuzz.__main__": ("steer_by_wire.tools.fuzz.__main__._fuzz",),
-        "steer_by_wire.tools.inject_faults.__main__": (
-            "steer_by_wire.tools.inject_faults.__main__.open_port",
-            "steer_by_wire.tools.inject_faults.__main__.ProcessFault",
-            "steer_by_wire.tools.inject_faults.__main__.BusOffFault",
-        ),
-        "steer_by_wire.tools.monitor.__main__": ("steer_by_wire.tools.monitor.__main__.open_port",),
-        "steer_by_wire.tools.probe_host.__main__": (
-            "steer_by_wire.tools.probe_host.__main__.probe",
-        ),
-        "steer_by_wire.tools.reproduce_paper.__main__": (
-            "steer_by_wire.tools.reproduce_paper.__main__.reproduce_all",
-        ),
-        "steer_by_wire.tools.soak.__main__": ("steer_by_wire.tools.soak.__main__.run_live_soak",),
-        "steer_by_wire.tools.soak.vandals": ("steer_by_wire.tools.soak.vandals.measure",),
-        "steer_by_wire.tools.stress_latency.__main__": (
-            "steer_by_wire.studies.store.Store.open",
-            "steer_by_wire.tools.stress_latency.__main__._print_estimate",
-        ),
-        "steer_by_wire.tools.stress_report.__main__": (),
-        "steer_by_wire.vcan.__main__": ("steer_by_wire.vcan.__main__.choose",),
-    }
-)
-"""Every program that takes arguments, and where it is stopped."""
+_STOPS: Mapping[str, tuple[str, ...]] = {
+    "controller.program": (
+        "runtime.run_node.open_port", ".check_figures", ".check_text", ".found_in",
+    ),
+    "plant_emulator.program": ("runtime.run_node.open_port",),
+    "tools.bus.program": (".listening",),
+    "tools.analyze_log.__main__": ("tools.analyze_log.pictures.draw_pictures",),
+    "tools.benchmark.__main__": ("._benchmark",),
+    "tools.benchmark_batch.__main__": ("._benchmark",),
+    "tools.benchmark_bus.__main__": (".compile_all",),
+    "tools.closed_loop.__main__": (".run_virtual_nodes", ".run_threaded_nodes"),
+    "tools.compare_laws.__main__": (".compare",),
+    "tools.delay_estimation_study.__main__": (".worker_pool",),
+    "tools.demo.__main__": (".open_channels",),
+    "tools.design_gains.__main__": (".worker_pool",),
+    "tools.doctor.__main__": (".examine",),
+    "tools.fault_campaign.__main__": (
+        ".execute", ".run_live_campaign", ".measure_residual", ".walk_all",
+    ),
+    "tools.fuzz.__main__": ("._fuzz",),
+    "tools.inject_faults.__main__": (".open_port", ".ProcessFault", ".BusOffFault"),
+    "tools.monitor.__main__": (".open_port",),
+    "tools.probe_host.__main__": (".probe",),
+    "tools.reproduce_paper.__main__": (".reproduce_all",),
+    "tools.soak.__main__": (".run_live_soak",),
+    "tools.soak.vandals": (".measure",),
+    "tools.stress_latency.__main__": ("studies.store.Store.open", "._print_estimate"),
+    "tools.stress_report.__main__": (),
+    "vcan.__main__": (".choose",),
+}  # fmt: skip
+"""Every program that takes arguments, and where it is stopped; a dot stands for its own module."""
+PROGRAMS: Mapping[str, tuple[str, ...]] = {
+    f"steer_by_wire.{program}": tuple(
+        f"steer_by_wire.{program * place.startswith('.')}{place}" for place in places
+    )
+    for program, places in _STOPS.items()
+}
 FILES = (
     "run.log", "run.blf", "noise.bin", "noise.log", "empty.toml", "controller.toml", "plant.toml",
     "study.toml", "vehicle.toml", "spec.toml", "noise.toml", "folder",

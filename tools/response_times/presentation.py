@@ -5,6 +5,7 @@ from typing import Any
 
 from rich.table import Table
 
+from ...terminal import plain_table
 from .message_set import BusSettings
 from .responses import RANDOM_NS, RANDOM_RUNS, Response
 from .steering import Steering, Tolerance
@@ -12,18 +13,14 @@ from .steering import Steering, Tolerance
 
 def response_table(responses: Sequence[Response], bus: BusSettings) -> Table:
     """Return one row a message, highest priority first."""
-    table = Table(
-        title=f"response times [ms] at {bus.bitrate_bit_s / 1000:g} kbit/s",
-        title_justify="left", box=None, pad_edge=False,
-        caption="bound: any payload and phases. worst case: the bus model at the critical instant, "
+    title = f"response times [ms] at {bus.bitrate_bit_s / 1000:g} kbit/s"
+    numbers = ("bytes", "period", "frame", "bound", "worst case", "random", "deadline")
+    table = plain_table(("message", "identifier"), numbers, title)
+    table.caption = (
+        "bound: any payload and phases. worst case: the bus model at the critical instant, "
         f"with the longest payloads found. random: {RANDOM_RUNS} runs of {RANDOM_NS / 1e9:g} s "
-        "with random phases. deadline: the period; a figure is the chance of a miss, at most.",
-        caption_justify="left",
-    )  # fmt: skip
-    for heading in ("message", "identifier"):
-        table.add_column(heading, no_wrap=True)
-    for heading in ("bytes", "period", "frame", "bound", "worst case", "random", "deadline"):
-        table.add_column(heading, justify="right", no_wrap=True)
+        "with random phases. deadline: the period; a figure is the chance of a miss, at most."
+    )
     for response in responses:
         bound = response.message.bound
         frame = response.message.frame

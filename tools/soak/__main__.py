@@ -56,27 +56,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser(NAME, __doc__, f"{NAME} --duration-s 60")
-    parser.add_argument(
-        "--duration-s",
-        type=seconds,
-        default=600.0,
-        metavar="S",
-        help="babbling with the lowest priority (default: %(default)g)",
-    )
-    parser.add_argument(
-        "--between-s",
-        type=seconds,
-        default=10.0,
-        metavar="S",
-        help="babbling between each two messages of the pair (default: %(default)g)",
-    )
-    parser.add_argument(
-        "--starve-s",
-        type=seconds,
-        default=10.0,
-        metavar="S",
-        help="babbling with the highest priority (default: %(default)g)",
-    )
+    for option, default_s, where in (
+        ("--duration-s", 600.0, "with the lowest priority"),
+        ("--between-s", 10.0, "between each two messages of the pair"),
+        ("--starve-s", 10.0, "with the highest priority"),
+    ):
+        text = f"babbling {where} (default: %(default)g)"
+        parser.add_argument(option, type=seconds, default=default_s, metavar="S", help=text)
     parser.add_argument(
         "--priority",
         type=priority,

@@ -5,6 +5,7 @@ from typing import Any
 
 from rich.table import Table
 
+from ...terminal import plain_table
 from .live import CHANNEL, LiveSoak
 from .verdict import Finding, bounds_ns
 
@@ -21,17 +22,10 @@ def findings_table(title: str, findings: Sequence[Finding]) -> Table:
 
 def messages_table(run: LiveSoak) -> Table:
     """Return the figures of each message; times in microseconds."""
-    table = Table(
-        title="frames, and their delay before the start of frame [us]",
-        title_justify="left",
-        box=None,
-        pad_edge=False,
-    )
-    table.add_column("")
-    for name in ("id", "sent", "on bus", "lost", "reord.", "taken", "missed"):
-        table.add_column(name, justify="right")
-    for name in ("p50", "p99", "max", "bound", "handed p99", "max"):
-        table.add_column(name, justify="right")
+    counts = ("id", "sent", "on bus", "lost", "reord.", "taken", "missed")
+    headings = (*counts, "p50", "p99", "max", "bound", "handed p99", "max")
+    title = "frames, and their delay before the start of frame [us]"
+    table = plain_table([""], headings, title)
     for row in _rows(run):
         arbitration, handed = row["arbitration"], row["handed_over"]
         table.add_row(
@@ -51,10 +45,8 @@ def _us(time_s: float | None) -> str:
 
 def memory_table(run: LiveSoak) -> Table:
     """Return the resident memory of each process [KiB]."""
-    table = Table(title="memory [KiB]", title_justify="left", box=None, pad_edge=False)
-    table.add_column("")
-    for name in ("start", "middle", "end", "growth", "slope per minute"):
-        table.add_column(name, justify="right")
+    headings = ("start", "middle", "end", "growth", "slope per minute")
+    table = plain_table([""], headings, "memory [KiB]")
     for name, figures in run.memory.items():
         table.add_row(
             name,

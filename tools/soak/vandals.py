@@ -30,6 +30,7 @@ from ...runtime.option_types import output_file, priority
 from ...runtime.program import ExitStatus, run_main
 from ...runtime.report import write_json
 from ...runtime.statistics import DurationStatistics, DurationSummary
+from ...terminal import plain_table
 from .process_memory import resident_kib
 from .vandal import KINDS
 
@@ -138,15 +139,9 @@ def _processor_s(pid: int) -> float:
 
 
 def _table(costs: Sequence[Cost]) -> Table:
-    table = Table(
-        title="a frame of high priority, from sending to having it [ms]",
-        title_justify="left",
-        box=None,
-        pad_edge=False,
-    )
-    table.add_column("beside")
-    for column in ("p50", "p99", "max", "lost", "broker", "KiB", "load"):
-        table.add_column(column, justify="right")
+    headings = ("p50", "p99", "max", "lost", "broker", "KiB", "load")
+    title = "a frame of high priority, from sending to having it [ms]"
+    table = plain_table(["beside"], headings, title)
     table.add_column("thrown out, held back")
     for cost in costs:
         clients = cost.broker["clients"]
