@@ -30,7 +30,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from .delay_filters import ERROR_WASHOUT_RAD_S, DelayFilters, design_filters
-from .lag_fit import LEAD, LagFit, LagGrid, Peak
+from .lag_fit import LEAD, LagFit, LagGrid
 from .law_interface import VehicleReading
 from .nominal_model import NominalVehicle
 from .sections import (
@@ -188,7 +188,10 @@ class DelayEstimator:
         f = self._filters
         if f is None or not block:
             return
-        commands_rad, errors_m, yaw_rates_rad_s, curvatures_1_m, freshness = self._aligned(block)
+        commands_rad = [steer_rad for steer_rad, *_ in block]
+        yaw_rates_rad_s = [vehicle.yaw_rate_rad_s for _, _, _, vehicle, _ in block]
+        curvatures_1_m = [vehicle.preview_curvature_1_m for _, _, _, vehicle, _ in block]
+        errors_m, freshness = self._aligned(block)
         self._x_error, x_a = sections_run(f.command_to_error, self._x_error, commands_rad)
         self._z_error, swings_m = sections_run((f.error,), self._z_error, errors_m)
         self._z_curvature, drifts_m = sections_run(
@@ -207,24 +210,17 @@ class DelayEstimator:
             self._by_correlation.push(x_b[index], z_b[index], counts=counts)
         self._ticks += len(block)
 
-    def _aligned(
-        self, block: Sequence[Seen]
-    ) -> tuple[list[float], list[float], list[float], list[float], list[bool]]:
-        """Return commands, lateral errors, yaw rates, curvatures, and whether they are fresh.
+    def _aligned(self, block: Sequence[Seen]) -> tuple[list[float], list[bool]]:
+        """Return the lateral errors, and which measurements are fresh.
 
         The lateral errors are those at the time of the curvature, up to two periods ago.
         """
-        commands_rad, errors_m, yaw_rates_rad_s, curvatures_1_m = [], [], [], []
-        freshness = []
+        errors_m, freshness = [], []
         period_s, keep, offset_m = self._params.period_s, self._keep, self._offset_m
         weight, mean_age_s, mean_error_age_s = self._weight, self._age_s, self._error_age_s
         before_m, before_that_m = self._error_before_m, self._error_before_that_m
         for seen in block:
-            steer_rad, error_m, error_age_s, vehicle, vehicle_age_s = seen
-            _, yaw_rate_rad_s, curvature_1_m, _ = vehicle
-            commands_rad.append(steer_rad)
-            yaw_rates_rad_s.append(yaw_rate_rad_s)
-            curvatures_1_m.append(curvature_1_m)
+            _, error_m, error_age_s, _, vehicle_age_s = seen
             error_m -= offset_m
             periods = (mean_age_s - mean_error_age_s) / period_s
             if periods <= 0.0:
@@ -243,19 +239,13 @@ class DelayEstimator:
                 mean_error_age_s += (error_age_s - mean_error_age_s) / weight
         self._weight, self._age_s, self._error_age_s = weight, mean_age_s, mean_error_age_s
         self._error_before_m, self._error_before_that_m = before_m, before_that_m
-        return commands_rad, errors_m, yaw_rates_rad_s, curvatures_1_m, freshness
+        return errors_m, freshness
 
     def _estimate(self, f: DelayFilters, is_fresh: bool) -> None:
         p = self._params
         share = math.sqrt(2.0 * ERROR_WASHOUT_RAD_S * p.period_s)
-        shift_s = 0.5 * p.period_s - self._age_s
-        age_s_max = _AGE_IN_WINDOWS_MAX * p.window_s
-        by_disturbance = _believed(
-            self._by_disturbance.peak(), shift_s, _LAG_SHARE_ERROR * f.lag_s, share, age_s_max
-        )
-        by_correlation = _believed(
-            self._by_correlation.peak(), shift_s, _LAG_SHARE_YAW * f.lag_s, 0.0, age_s_max
-        )
+        by_disturbance = self._believed(self._by_disturbance, _LAG_SHARE_ERROR * f.lag_s, share)
+        by_correlation = self._believed(self._by_correlation, _LAG_SHARE_YAW * f.lag_s, 0.0)
         both = combined(by_disturbance, by_correlation)
         confidence = 0.0
         if both is not None and is_fresh:
@@ -267,6 +257,18 @@ class DelayEstimator:
         self.estimate = DelayEstimate(
             is_observable, delay_s, confidence, by_disturbance, by_correlation
         )
+
+    def _believed(self, fit: LagFit, lag_deviation_s: float, slack_share: float) -> Estimate | None:
+        """Return the estimate of a peak that can be the response to the command."""
+        p, peak = self._params, fit.peak()
+        if peak is None or not _GAIN_MIN <= peak.gain <= _GAIN_MAX:
+            return None
+        is_recent = peak.age_s <= _AGE_IN_WINDOWS_MAX * p.window_s
+        is_usable = math.isfinite(peak.deviation_s) and is_recent
+        if peak.correlation < _CORRELATION_MIN or not is_usable:
+            return None
+        deviation_s = math.hypot(peak.deviation_s, lag_deviation_s, slack_share * peak.slack_s)
+        return Estimate(peak.lag_s + (0.5 * p.period_s - self._age_s), deviation_s)
 
 
 def _is_fresh(seen: Seen) -> bool:
@@ -292,20 +294,3 @@ def combined(one: Estimate | None, other: Estimate | None) -> Estimate | None:
         other.delay_s + weight * (one.delay_s - other.delay_s),
         other.deviation_s + weight * (one.deviation_s - other.deviation_s),
     )
-
-
-def _believed(
-    peak: Peak | None,
-    shift_s: float,
-    lag_deviation_s: float,
-    slack_share: float,
-    age_s_max: float,
-) -> Estimate | None:
-    """Return the estimate of a peak that can be the response to the command."""
-    if peak is None or not _GAIN_MIN <= peak.gain <= _GAIN_MAX:
-        return None
-    is_usable = math.isfinite(peak.deviation_s) and peak.age_s <= age_s_max
-    if peak.correlation < _CORRELATION_MIN or not is_usable:
-        return None
-    deviation_s = math.hypot(peak.deviation_s, lag_deviation_s, slack_share * peak.slack_s)
-    return Estimate(peak.lag_s + shift_s, deviation_s)

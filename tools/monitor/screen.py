@@ -1,7 +1,6 @@
 """From a view to lines of text: 24 of them, as wide as the terminal, 80 columns at least."""
 
 import math
-from collections.abc import Mapping
 
 from rich.text import Text
 
@@ -121,10 +120,10 @@ def _state(view: View) -> Text:
 def _signals(view: View, strip_width: int, blocks: str) -> list[Text]:
     error, command, steering = view.error, view.command, view.steering
     vehicle, controller = view.vehicle, view.controller
-    strips = {
-        name: scaled_strip(view.strips[name], strip_width, blocks, _ONE_MS)
-        for name in ("lateral_error_m", "steer_rad")
-    }
+
+    def strip(name: str) -> str:
+        return scaled_strip(view.strips[name], strip_width, blocks, _ONE_MS)
+
     blank = " " * strip_width
     cg_m = None if math.isnan(view.cg_deviation_m) else view.cg_deviation_m
     of_vehicle = _value(
@@ -136,13 +135,13 @@ def _signals(view: View, strip_width: int, blocks: str) -> list[Text]:
     return [
         _pair(
             _value("lateral error", error and error.lateral_error_m, _ONE_MS, 2, "mm"),
-            strips["lateral_error_m"],
+            strip("lateral_error_m"),
             _value("CG off path", cg_m, _ONE_MS, 2, "mm"),
             view.is_stale("LATERAL_ERROR"),
         ),
         _pair(
             _value("steer", command and command.steer_rad, _ONE_MS, 2, "mrad"),
-            strips["steer_rad"],
+            strip("steer_rad"),
             _value("wheel", steering and steering.wheel_angle_rad, _ONE_MS, 2, "mrad"),
             view.is_stale("STEERING_COMMAND"),
         ),
@@ -252,8 +251,9 @@ def _refused(view: View) -> Text:
         f"{name} {one.lost}/{one.rejected}" for name, one in nodes if one is not None
     )
     counted = f"; lost/refused: {counts}" if counts else ""
+    causes = ", ".join(f"{cause} {count}" for cause, count in view.refused.items()) or "0"
     return Text(
-        f"refused: {_causes(view.refused)}; foreign {view.foreign_frames}"
+        f"refused: {causes}; foreign {view.foreign_frames}"
         f"{f' ({ids}{more})' if ids else ''}; error frames {view.error_frames}{counted}"
     )
 
@@ -269,28 +269,21 @@ def _alarms(view: View) -> str:
         "VEHICLE_STATE": safety.vehicle_state_freshness,
     }
     stale = "".join(f", {name} stale" for name, age in ages.items() if age is Freshness.STALE)
-    has_fault = safety.fault is not ControllerFault.NONE
-    fault = f", fault {safety.fault.name}" if has_fault else ""
+    fault = "" if safety.fault is ControllerFault.NONE else f", fault {safety.fault.name}"
     return stale + fault + _second_senders(view)
 
 
 def _second_senders(view: View) -> str:
     """Name the nodes of whose messages somebody has noticed a second sender."""
     own, peer = SecondSender.OWN, SecondSender.PEER
-    seen = (
-        SecondSender.NONE if view.safety is None else view.safety.second_sender,
-        SecondSender.NONE if view.plant is None else view.plant.second_sender,
-    )
+    nodes = (view.safety, view.plant)
+    seen = [SecondSender.NONE if node is None else node.second_sender for node in nodes]
     notices = {"controller": (own, peer), "plant": (peer, own)}
     return "".join(
         f", TWO SENDERS as {name}"
         for name, bits in notices.items()
         if any(one & bit for one, bit in zip(seen, bits, strict=True))
     )
-
-
-def _causes(refused: Mapping[str, int]) -> str:
-    return ", ".join(f"{cause} {count}" for cause, count in refused.items()) or "0"
 
 
 def _choice(choice: LatencyChoice, sent: int) -> Text:
