@@ -189,8 +189,8 @@ class DelayEstimator:
         if f is None or not block:
             return
         commands_rad = [steer_rad for steer_rad, *_ in block]
-        yaw_rates_rad_s = [vehicle.yaw_rate_rad_s for _, _, _, vehicle, _ in block]
-        curvatures_1_m = [vehicle.preview_curvature_1_m for _, _, _, vehicle, _ in block]
+        yaw_rates_rad_s = [yaw_rate_rad_s for _, _, _, (_, yaw_rate_rad_s, _, _), _ in block]
+        curvatures_1_m = [curvature_1_m for _, _, _, (_, _, curvature_1_m, _), _ in block]
         errors_m, freshness = self._aligned(block)
         self._x_error, x_a = sections_run(f.command_to_error, self._x_error, commands_rad)
         self._z_error, swings_m = sections_run((f.error,), self._z_error, errors_m)
