@@ -5,14 +5,11 @@ node, ``--check`` and compiled runs use only the record.
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from ..dbc.messages import Law as LawNumber
 from ..runtime.settings import Settings
 from .law_interface import LawInput, LawOutput
-
-if TYPE_CHECKING:
-    from .law_settings import LawSettings
 
 LawStep = Callable[[Any, Any, LawInput], tuple[Any, LawOutput]]
 LawPlan = Callable[[Any, Any, LawInput], int]
@@ -47,7 +44,8 @@ class LookingBack(NamedTuple):
 
 
 class Law(NamedTuple):
-    """A law; ``Any`` stands for its own params and state, both NamedTuples of numbers.
+    """A law; ``Any`` stands for its own params and state, both NamedTuples of numbers, and for the
+    settings, ``law_settings.LawSettings``, which contain the law.
 
     ``step``      ``step(params, state, LawInput) -> (state, LawOutput)``: one control period
     ``at_rest``   state after a constant lateral error [m] and no steering, from the params
@@ -76,7 +74,7 @@ class Law(NamedTuple):
 
     step: LawStep
     at_rest: Callable[[Any, float], Any]
-    design: Callable[["LawSettings"], Any]
+    design: Callable[[Any], Any]
     number: LawNumber = LawNumber.CUSTOM
     settings: type[Settings] | None = None
     needs: tuple[str, ...] = ()
@@ -87,7 +85,7 @@ class Law(NamedTuple):
     takes_derivative: bool = False
     feed_forward_refusal: str = ""
     commands_read: Callable[[Any], int] | None = None
-    looking_back: Callable[["LawSettings", Any], LookingBack | None] | None = None
+    looking_back: Callable[[Any, Any], LookingBack | None] | None = None
     after_hold: Callable[[Any, Any, float], Any] | None = None
     plan: LawPlan | None = None
     single_commands: str = ""
