@@ -80,17 +80,9 @@ def _stable_delays_of(
         design = design_law(settings.model_copy(update={"followed_point": "preview"}))
         loop = SampledLoop(design, steer_to_lateral_error(vehicle), settings.period_ns)
         return stable_delays(loop, limit_ns)
-    return stable_constant_delays(
-        PredictorLoop(
-            design,
-            link_of(settings),
-            Rig(vehicle),
-            law.state_period_ns,
-            law.request_periods,
-            answers,
-        ),
-        limit_ns,
-    )
+    periods = law.state_period_ns, law.request_periods
+    around = PredictorLoop(design, link_of(settings), Rig(vehicle), *periods, answers)
+    return stable_constant_delays(around, limit_ns)
 
 
 def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figures:
@@ -123,11 +115,10 @@ def _nominal_figures(settings: ControllerSettings, progress: Progress) -> Figure
     }
     progress("stable delays")
     stable = stable_delays(loop)
+    means_ms = JITTER_MEANS_MS if stable else ()
     return figures | {
         "stable_delays": _delays(stable),
-        "jitter": [_jitter(loop, mean_ms, progress) for mean_ms in JITTER_MEANS_MS]
-        if stable
-        else [],
+        "jitter": [_jitter(loop, mean_ms, progress) for mean_ms in means_ms],
         "fallback": None,
     }
 
@@ -149,15 +140,14 @@ def _looking_back(
     except ValueError as error:
         return figures | {"not_analysed": f"{error}"}
     progress("poles and sensitivity")
-    limit_ns = min(DELAY_NS_MAX, FILTER_PERIODS_MAX * link.period_ns)
-    shown_ns = [ms * NS_PER_MS for ms in SHOWN_DELAYS_MS]
+    longest_ns = FILTER_PERIODS_MAX * link.period_ns
+    shown_ns = [ms * NS_PER_MS for ms in SHOWN_DELAYS_MS if ms * NS_PER_MS <= longest_ns]
     figures |= {
         "closed_loop_poles": _poles(loop.closed_loop_poles(0), settings, loop.period_ns),
-        "delays": [
-            _at_delay(loop, ns) for ns in shown_ns if ns <= FILTER_PERIODS_MAX * link.period_ns
-        ],
+        "delays": [_at_delay(loop, delay_ns) for delay_ns in shown_ns],
     }
     progress("stable delays")
+    limit_ns = min(DELAY_NS_MAX, longest_ns)
     stable = stable_constant_delays(loop, limit_ns)
     return figures | {"stable_delays": _delays(stable, limit_ns)}
 
@@ -207,12 +197,11 @@ def _jitter(loop: SampledLoop, mean_ms: int, progress: Progress) -> Figures:
     from .jitter import JitterTooLargeError, stable_spreads
 
     progress(f"jitter at a mean of {mean_ms} ms")
-    figures: Figures = {"mean_s": 1e-3 * mean_ms, "loss": JITTER_LOSS, "not_analysed": ""}
+    not_analysed, spreads_s = "", list[list[float]]()
     try:
         spreads = stable_spreads(loop, mean_ms * NS_PER_MS, JITTER_LOSS)
+        spreads_s = [[first / NS_PER_S, last / NS_PER_S] for first, last in spreads]
     except JitterTooLargeError:
-        return figures | {
-            "not_analysed": "too many commands on their way at this rate to be analysed",
-            "spreads_s": [],
-        }
-    return figures | {"spreads_s": [[first / NS_PER_S, last / NS_PER_S] for first, last in spreads]}
+        not_analysed = "too many commands on their way at this rate to be analysed"
+    found = {"mean_s": 1e-3 * mean_ms, "loss": JITTER_LOSS, "not_analysed": not_analysed}
+    return found | {"spreads_s": spreads_s}

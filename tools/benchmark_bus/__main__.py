@@ -216,10 +216,8 @@ def _machine_lines(machine: Mapping[str, Any], *, refused: bool) -> list[str]:
     """Print what the figures describe."""
     stolen, priority = machine["steal_fraction"], machine["sched_fifo"]
     backend = machine["vcan_backend"]
-    if backend == "uml":
-        steal = "what the host took cannot be seen in User Mode Linux"
-    else:
-        steal = steal_text(stolen)
+    unseen = "what the host took cannot be seen in User Mode Linux"
+    steal = unseen if backend == "uml" else steal_text(stolen)
     fifo = f"SCHED_FIFO {priority}" if priority else "ordinary priority"
     return [
         f"{machine['python']}, {machine['processors']} processors, {steal}",

@@ -177,26 +177,16 @@ def _plant_settings(options: argparse.Namespace) -> PlantSettings:
     preset = read_preset(PLANT_PRESETS, options.plant_preset) if options.plant_preset else None
     given = {"duration_s": options.duration, "seed": options.seed}
     overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
-    return load_settings(
-        PlantSettings,
-        preset,
-        options.plant,
-        [*options.plant_set, *overrides],
-        plant_vehicle(options.vehicle),
-    )
+    vehicle, overrides = plant_vehicle(options.vehicle), [*options.plant_set, *overrides]
+    return load_settings(PlantSettings, preset, options.plant, overrides, vehicle)
 
 
 def _controller_settings(options: argparse.Namespace) -> ControllerSettings:
     name = options.controller_preset or (None if options.controller else CONTROLLER_PRESET)
     preset = read_preset(CONTROLLER_PRESETS, name) if name else None
     overrides = [*options.controller_set, *([f"law={options.law}"] if options.law else [])]
-    return load_settings(
-        ControllerSettings,
-        preset,
-        options.controller,
-        overrides,
-        nominal_vehicle(options.vehicle),
-    )
+    vehicle = nominal_vehicle(options.vehicle)
+    return load_settings(ControllerSettings, preset, options.controller, overrides, vehicle)
 
 
 def _bus_settings(options: argparse.Namespace) -> BusSettings:

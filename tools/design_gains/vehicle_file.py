@@ -11,9 +11,7 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from ...controller.shared_settings import (
-    VehicleModelSettings,
-)
+from ...controller.shared_settings import VehicleModelSettings
 from ...controller.validity import VehicleRanges
 from ...loop_theory.uncertainty import ParameterRange, UncertaintyBox
 from ...runtime.settings import Settings

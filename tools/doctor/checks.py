@@ -105,13 +105,9 @@ def _kernel_can() -> Finding:
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except OSError as error:
-        return Finding(
-            name,
-            False,
-            f"socket(AF_CAN): {error.strerror}",
-            "sudo modprobe can-raw (on Ubuntu first: sudo apt-get install "
-            "linux-modules-extra-$(uname -r)); or tools/with_vcan; or the emulated bus",
-        )
+        advice = "sudo modprobe can-raw (on Ubuntu first: sudo apt-get install "
+        advice += "linux-modules-extra-$(uname -r)); or tools/with_vcan; or the emulated bus"
+        return Finding(name, False, f"socket(AF_CAN): {error.strerror}", advice)
     return Finding(name, True, "socket(AF_CAN) opens")
 
 
@@ -201,9 +197,8 @@ def find_uml_library() -> Finding:
         return Finding(name, True, f"for processors with AMX: {xstate.kept_file()}")
     if missing := xstate.obstacle():
         return Finding(name, False, missing, f"sudo apt-get install {xstate.PACKAGES}")
-    return Finding(
-        name, True, f"for processors with AMX: {xstate.COMPILER} compiles it when needed"
-    )
+    text = f"for processors with AMX: {xstate.COMPILER} compiles it when needed"
+    return Finding(name, True, text)
 
 
 def _choice() -> Finding:

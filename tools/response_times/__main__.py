@@ -48,11 +48,11 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         help="of CAN FD's data phase (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--jitter-ms", type=_duration_ms, default=0.0, metavar="MS",
+        "--jitter-ms", type=number(0.0, 60_000.0, "ms"), default=0.0, metavar="MS",
         help="how late each release can be (default: %(default)g)",
     )  # fmt: skip
     parser.add_argument(
-        "--error-interval-ms", type=_duration_ms, metavar="MS",
+        "--error-interval-ms", type=number(0.0, 60_000.0, "ms"), metavar="MS",
         help="least time between two bus errors (default: no errors)",
     )  # fmt: skip
     parser.add_argument(
@@ -80,14 +80,8 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _run(options: argparse.Namespace) -> int:
-    bus = BusSettings(
-        options.bitrate,
-        options.data_bitrate,
-        options.jitter_ms,
-        options.error_interval_ms,
-        options.errors_at_once,
-        options.bit_error_rate,
-    )
+    errors = options.error_interval_ms, options.errors_at_once, options.bit_error_rate
+    bus = BusSettings(options.bitrate, options.data_bitrate, options.jitter_ms, *errors)
     messages, left_out = read_messages(options.files, options.period, bus)
     if left_out:
         say(NAME, f"left out, without a cycle time: {', '.join(left_out)}", sys.stderr)
@@ -104,16 +98,6 @@ def _run(options: argparse.Namespace) -> int:
     if options.json is not None:
         write_json(options.json, record_of(responses, bus, steering, options.seed))
     return ExitStatus.OK
-
-
-def _duration_ms(text: str) -> float:
-    try:
-        duration_ms = float(text)
-    except ValueError:
-        duration_ms = -1.0
-    if not 0 <= duration_ms <= 60_000:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a time of 0 to 60000 ms")
-    return duration_ms
 
 
 if __name__ == "__main__":

@@ -43,19 +43,11 @@ def respond(messages: Sequence[SentMessage], bus: BusSettings, seed: int) -> lis
     for message in messages:
         name = message.bound.name
         bound_ns = worst_response_ns(message.bound, bounds, bus.wire())
-        critical_ns = (
-            None
-            if is_overloaded
-            else critical_response_ns(message.found, found, frames, bus.model())
-        )
-        miss = None
+        critical_ns = miss = None
+        if not is_overloaded:
+            critical_ns = critical_response_ns(message.found, found, frames, bus.model())
         if bus.bit_error_rate is not None:
-            miss = miss_probability(
-                message.bound,
-                bounds,
-                bus.wire(),
-                bus.bit_error_rate * bus.bitrate_bit_s,
-                message.bound.period_ns,
-            )
+            errors_s, period_ns = bus.bit_error_rate * bus.bitrate_bit_s, message.bound.period_ns
+            miss = miss_probability(message.bound, bounds, bus.wire(), errors_s, period_ns)
         responses.append(Response(message, bound_ns, critical_ns, random_ns.get(name), miss))
     return responses

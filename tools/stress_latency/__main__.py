@@ -14,8 +14,8 @@ import importlib
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -185,17 +185,13 @@ def _threads(options: argparse.Namespace) -> int:
     return int(options.threads or options.workers or os.cpu_count() or 1)
 
 
-@contextmanager
-def _workers(options: argparse.Namespace, scenarios: Scenarios) -> Iterator[Workers]:
+def _workers(options: argparse.Namespace, scenarios: Scenarios) -> AbstractContextManager[Workers]:
     if options.scheduler or options.workers:
-        with dask_workers(scenarios.study, options.scheduler, options.workers) as workers:
-            yield workers
-        return
+        return dask_workers(scenarios.study, options.scheduler, options.workers)
     count = min(_threads(options), scenarios.study.runs)
     if scenarios.study.bus is not None and count > 1:
-        yield Processes(scenarios.study, count)
-    else:
-        yield Threads(scenarios, count)
+        return nullcontext(Processes(scenarios.study, count))
+    return nullcontext(Threads(scenarios, count))
 
 
 def _compute(
@@ -258,14 +254,8 @@ def _live(
     folder.mkdir(parents=True, exist_ok=True)
     console.print(f"live: {len(ids)} runs on {options.live}, in real time; study -> live")
     with open_bus(options.live, folder) as bus:
-        done = run_live(
-            Computer(scenarios),
-            ids,
-            bus,
-            folder,
-            lambda one: console.print(live_line(one)),
-            stop,
-        )
+        computer = Computer(scenarios)
+        done = run_live(computer, ids, bus, folder, lambda one: console.print(live_line(one)), stop)
     same = sum(one.study["verdict"] == one.live["verdict"] for one in done)
     console.print(f"live: {same} of {len(done)} verdicts are the same; {folder / 'live.json'}")
     return ExitStatus.INTERRUPTED if stop() else ExitStatus.OK

@@ -30,16 +30,8 @@ def draw_break_points(points: list[BreakPoint], axes: StudyAxes, names: tuple[st
             np.clip([1e3 * getattr(point, name) for point in own], _SHORTEST_MS, end_ms)
             for name in ("median_s", "low_s", "high_s", "held_s")
         )
-        panel.errorbar(
-            at,
-            median,
-            (median - low, high - median),
-            color=colour,
-            marker=_MARKERS[controller % len(_MARKERS)],
-            ms=5,
-            capsize=3,
-            label=name,
-        )
+        bars, marker = (median - low, high - median), _MARKERS[controller % len(_MARKERS)]
+        panel.errorbar(at, median, bars, color=colour, marker=marker, ms=5, capsize=3, label=name)
         panel.plot(at, held, ls="", marker="_", ms=11, mew=2, color=colour)
     panel.set_yscale("log")
     low_ms, high_ms = panel.get_ylim()

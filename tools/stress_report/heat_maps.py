@@ -137,11 +137,12 @@ def _draw(
         axis_format("{x:g}")
     shown = [h for i, h in enumerate(HATCHES.items()) if np.any(maps.family == i)]
     if shown:
+        handles = [
+            Patch(facecolor="white", edgecolor="0.2", hatch=hatch, label=label)
+            for label, hatch in shown
+        ]
         figure.legend(
-            handles=[
-                Patch(facecolor="white", edgecolor="0.2", hatch=hatch, label=label)
-                for label, hatch in shown
-            ],
+            handles=handles,
             loc="outside upper center",
             ncols=2,
             title="hatched: at least one run does not hold; the worst of them",
@@ -155,13 +156,7 @@ def _hatch(panel: object, row: int, column: int, family: int) -> None:
     hatch = tuple(HATCHES.values())[family]
     for colour, width in (("white", 2.2), ("0.1", 0.7)):  # visible on any colour
         patch = Rectangle(
-            (column - 0.5, row - 0.5),
-            1.0,
-            1.0,
-            fill=False,
-            hatch=hatch,
-            edgecolor=colour,
-            linewidth=0.0,
+            (column - 0.5, row - 0.5), 1.0, 1.0, fill=False, hatch=hatch, edgecolor=colour, lw=0.0
         )
         patch.set_hatch_linewidth(width)
         panel.add_patch(patch)  # type: ignore[attr-defined]

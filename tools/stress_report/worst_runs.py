@@ -35,11 +35,8 @@ def worst_runs(study: StudyRecord, rows: Rows, count: int = COUNT) -> list[Worst
     """Return the worst runs, the worst first."""
     has_left = rows.verdict == VERDICTS.index(Verdict.LEFT_RANGE)
     known = np.flatnonzero(np.isfinite(rows.rms_m))
-    keys = (
-        -rows.rms_m[known],
-        np.where(has_left[known], rows.duration_s[known], np.inf),
-    )
-    worst_first = known[np.lexsort(keys)]
+    left_s = np.where(has_left[known], rows.duration_s[known], np.inf)
+    worst_first = known[np.lexsort((-rows.rms_m[known], left_s))]
     point = rows.case[worst_first] // int(study.sampling["replicates"])
     _, first = np.unique(point * len(study.names) + rows.controller[worst_first], return_index=True)
     chosen = worst_first[np.sort(first)[:count]].tolist()
@@ -79,9 +76,7 @@ def conditions(study: StudyRecord, rows: Rows, row: int) -> str:
     texts = []
     for factor in study.factors:
         value = rows.factors[factor.name][row]
-        texts.append(
-            f"{factor.name} {value:.4g}" if isinstance(value, float) else f"{factor.name} {value}"
-        )
+        texts.append(f"{factor.name} {f'{value:.4g}' if isinstance(value, float) else value}")
     return ", ".join(texts)
 
 
