@@ -71,6 +71,8 @@ class Broker:
     ``takes_bus_off``       whether a client may send another one, or itself, into bus-off
     ``is_fifo``             whether the frames of one client keep their order
     ``beside``              traffic and errors on every channel
+
+    ``clients`` are those connected now.
     """
 
     def __init__(
@@ -96,7 +98,7 @@ class Broker:
         self._beside = beside
         self._wall_clock = WallClock()
         self._channels: dict[str, Channel] = {}
-        self._clients: set[Connection] = set()
+        self.clients: set[Connection] = set()
         self._readers: set[Connection] = set()
         self._writers: set[Connection] = set()
         # By when something has to happen [ns], the earliest first where all wait equally long.
@@ -117,7 +119,7 @@ class Broker:
     def figures(self) -> ClientFigures:
         """What clients have done so far."""
         served = self._next_number - 1
-        return ClientFigures(len(self._clients), self._most, served, self._held_back)
+        return ClientFigures(len(self.clients), self._most, served, self._held_back)
 
     @property
     def lateness(self) -> DurationSummary:
@@ -130,7 +132,7 @@ class Broker:
             while self.serve(self._timeout_s(), end_descriptor):
                 pass
         finally:
-            for client in self._clients:
+            for client in self.clients:
                 client.close()
 
     def serve(self, timeout_s: float | None, end_descriptor: int | None = None) -> bool:
@@ -201,7 +203,7 @@ class Broker:
         for member in tuple(channel.members.values()):
             if member.has_outgoing:
                 self._flush(member, now_ns)
-            if member.is_held_back and member in self._clients:
+            if member.is_held_back and member in self.clients:
                 self._submit(member, now_ns)
 
     def _accept(self, now_ns: int) -> None:
@@ -218,13 +220,13 @@ class Broker:
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         client = Connection(connection, self._next_number)
         self._next_number += 1
-        self._clients.add(client)
-        if len(self._clients) > CLIENTS_MAX:
+        self.clients.add(client)
+        if len(self.clients) > CLIENTS_MAX:
             self._drop_dead(now_ns)
-        if len(self._clients) > CLIENTS_MAX or client.fileno() >= _DESCRIPTORS_MAX:
-            self._refuse(client, f"it has {len(self._clients) - 1} clients already", now_ns)
+        if len(self.clients) > CLIENTS_MAX or client.fileno() >= _DESCRIPTORS_MAX:
+            self._refuse(client, f"it has {len(self.clients) - 1} clients already", now_ns)
             return
-        self._most = max(self._most, len(self._clients))
+        self._most = max(self._most, len(self.clients))
         self._readers.add(client)
         self._greeted_by_ns[client] = now_ns + HELLO_TIMEOUT_NS
 
@@ -233,7 +235,7 @@ class Broker:
         if not hasattr(select, "poll"):
             return
         poll = select.poll()
-        held = {client.fileno(): client for client in self._clients if client.is_held_back}
+        held = {client.fileno(): client for client in self.clients if client.is_held_back}
         for descriptor in held:
             poll.register(descriptor, 0)  # a hang-up is reported whatever is requested
         for descriptor, _ in poll.poll(0):
@@ -255,7 +257,7 @@ class Broker:
         except ProtocolError as reason:
             self._drop(client, Cause.GARBAGE, str(reason), now_ns)
             return
-        if client in self._clients:
+        if client in self.clients:
             self._submit(client, now_ns)
 
     def _welcome(self, client: Connection, hello: Hello, now_ns: int) -> None:
@@ -320,7 +322,7 @@ class Broker:
             self._send_off(client, request, now_ns)
         if client.has_outgoing:
             self._flush(client, now_ns)
-        if client not in self._clients:
+        if client not in self.clients:
             return
         changes = client.take_filter_changes() + len(requests)
         if not has_all:
@@ -339,7 +341,7 @@ class Broker:
             detail = "it requests a bus-off, which this bus does not allow"
             self._drop(asking, Cause.REFUSED, detail, now_ns)
             return
-        if asking.hello is None or asking not in self._clients:
+        if asking.hello is None or asking not in self.clients:
             return
         self._wall_clock.update()
         channel = self._channels[asking.hello.channel]
@@ -362,10 +364,10 @@ class Broker:
 
     def _drop(self, client: Connection, cause: Cause, detail: str, now_ns: int) -> None:
         """Forget a client; what it has submitted still goes out."""
-        if client not in self._clients:
+        if client not in self.clients:
             return
         self._journal.leave(str(client), cause, detail, now_ns)
-        self._clients.discard(client)
+        self.clients.discard(client)
         self._readers.discard(client)
         self._writers.discard(client)
         self._greeted_by_ns.pop(client, None)

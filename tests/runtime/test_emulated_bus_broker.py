@@ -73,7 +73,7 @@ def test_who_floods_has_a_bounded_queue_and_delays_a_higher_priority_by_one_fram
     for _ in range(200):
         in_flight += flood(flooder, Frame(0x700, bytes(8)))
         bench.step()
-        client = max(bench.broker._clients, key=lambda member: member.frames_waiting)
+        client = max(bench.broker.clients, key=lambda member: member.frames_waiting)
         assert client.frames_waiting <= FRAMES_WAITING_MAX
         assert len(client._incoming) <= READ_BYTES
         assert_bus_is_well(bench, one, other)
@@ -146,7 +146,7 @@ def test_who_does_not_read_learns_no_more_than_its_socket_takes(bench: Bench) ->
         send(client, *[Frame(0x700, b"")] * FRAMES_WAITING_MAX)
         bench.step(1)
         bench.advance(FRAMES_WAITING_MAX * CLASSIC_FRAME_NS)
-    (member,) = bench.broker._clients
+    (member,) = bench.broker.clients
     assert member.is_behind
     assert len(member._outgoing) <= 2 * CLASSIC_RECORD.size
 
@@ -156,7 +156,7 @@ def test_a_client_has_a_bounded_number_of_transmit_buffers(bench: Bench) -> None
     frames = [Frame(0x700 + n, bytes(8)) for n in range(3 * BUFFERS_MAX)]
     send(flooder, *frames)
     bench.step()
-    (client,) = (one for one in bench.broker._clients if one.waiting)
+    (client,) = (one for one in bench.broker.clients if one.waiting)
     assert len(client.waiting) == client.frames_waiting == BUFFERS_MAX
     bench.advance(len(frames) * CLASSIC_FRAME_NS)
     assert received(listener) == frames
@@ -266,7 +266,7 @@ def test_who_never_reads_is_disconnected_and_the_others_have_missed_nothing(benc
         for frame in received(listener):
             assert frame == Frame(0x100, seen.to_bytes(4, "little"))
             seen += 1
-        waiting = max(len(client._outgoing) for client in bench.broker._clients)
+        waiting = max(len(client._outgoing) for client in bench.broker.clients)
         assert waiting <= OUTGOING_BYTES_MAX
         assert sent < PATIENCE * 10
     assert seen == sent

@@ -224,7 +224,7 @@ def python_can(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Iterator[Emulat
     try:
         yield bus
     finally:
-        for client in bench.broker._clients:
+        for client in bench.broker.clients:
             client.close()
         bus.shutdown()
 

@@ -67,7 +67,7 @@ class Table:
         self.node, self.peer, self.asking = self.join(), self.join(), self.join()
 
     def _close_clients(self) -> None:
-        for client in self.broker._clients:
+        for client in self.broker.clients:
             client.close()
 
     def join(self) -> socket.socket:

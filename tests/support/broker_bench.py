@@ -44,7 +44,7 @@ class Bench:
         stack.callback(self._close_clients)
 
     def _close_clients(self) -> None:
-        for client in self.broker._clients:
+        for client in self.broker.clients:
             client.close()
 
     def _tell(self, line: str) -> bool:
