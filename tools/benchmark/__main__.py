@@ -23,7 +23,6 @@ from rich.console import Console
 from steer_by_wire.benchmarking.measurement import Line, calibration
 from steer_by_wire.benchmarking.table import line_record, lines_table, steal_text
 from steer_by_wire.command_line import command_parser
-from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.host import StealClock
 from steer_by_wire.runtime.option_types import add_json_argument
 from steer_by_wire.runtime.program import ExitStatus, run_main
@@ -35,7 +34,7 @@ from steer_by_wire.tools.benchmark.loop import (
     law_lines,
     virtual_time_lines,
 )
-from steer_by_wire.tools.benchmark.startup import StartupError, heavy_modules, startup_lines
+from steer_by_wire.tools.benchmark.startup import heavy_modules, startup_lines
 
 NAME = "steer-by-wire benchmark"
 
@@ -55,10 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     before = None if options.against is None else read_ratios(options.against)
-    try:
-        now = _benchmark(options.json)
-    except StartupError as error:
-        raise BusError(str(error)) from error
+    now = _benchmark(options.json)
     if before is not None:
         print(comparison_text(before, now))
     return ExitStatus.OK
@@ -89,13 +85,8 @@ def _benchmark(json_file: Path | None) -> dict[str, float]:
     console.print(steal_text(stolen))
     records = [_as_json(line, loop.median) for line in lines]
     if json_file is not None:
-        content = {
-            "machine": machine,
-            "calibration_us": loop.median,
-            "lines": records,
-            "heavy_modules": heavy,
-        }
-        write_json(json_file, content)
+        content = {"machine": machine, "calibration_us": loop.median, "lines": records}
+        write_json(json_file, content | {"heavy_modules": heavy})
     return ratios_of(records)
 
 

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 from ...benchmarking.measurement import Line, Target
 from ...pair.live import Bus
+from ...runtime.bus import BusError
 from ...runtime.emulated_bus.launch import launched_broker
 
 PROGRAMS = {
@@ -27,7 +28,7 @@ _NO_BYTECODE = "PYTHONDONTWRITEBYTECODE"
 _IMPORTED = re.compile(r"import time: .*\| +(\S+)")
 
 
-class StartupError(Exception):
+class StartupError(BusError):
     """A program has not started; the text is one line for the user."""
 
 
@@ -38,15 +39,8 @@ def startup_lines() -> list[Line]:
         bus = Bus("emulated", "startup", {"address": address})
         for program in PROGRAMS:
             seconds = [_first_frame_s(program, bus) for _ in range(REPETITIONS)]
-            lines.append(
-                Line(
-                    f"start of {program}",
-                    "s",
-                    seconds,
-                    [1e6 * value_s for value_s in seconds],
-                    Target(at_most=True, value=TARGET_S),
-                )
-            )
+            each_us, target = [1e6 * value_s for value_s in seconds], Target(True, TARGET_S)
+            lines.append(Line(f"start of {program}", "s", seconds, each_us, target))
     return lines
 
 
@@ -82,15 +76,8 @@ def _running(
     program: str, bus: Bus, python_options: Sequence[str]
 ) -> Iterator[subprocess.Popen[str]]:
     """Run a program until the end of the block."""
-    command = [
-        sys.executable,
-        "-P",
-        *python_options,
-        "-m",
-        f"steer_by_wire.{program}",
-        *bus.options,
-        *PROGRAMS[program],
-    ]
+    command = [sys.executable, "-P", *python_options, "-m", f"steer_by_wire.{program}"]
+    command += [*bus.options, *PROGRAMS[program]]
     # An installed program has its bytecode stored: the first start may write it.
     environment = {key: os.environ[key] for key in os.environ if key != _NO_BYTECODE}
     with subprocess.Popen(

@@ -15,6 +15,7 @@ import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -22,12 +23,10 @@ from rich.console import Console
 from steer_by_wire.benchmarking.measurement import Line, Target
 from steer_by_wire.benchmarking.table import line_record, lines_table, steal_text
 from steer_by_wire.command_line import command_parser
-from steer_by_wire.runtime.bus import BusError
 from steer_by_wire.runtime.host import StealClock
 from steer_by_wire.runtime.option_types import add_json_argument, output_file
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.runtime.report import write_json
-from steer_by_wire.tools.benchmark_batch.c_pair import MissingCompilerError
 from steer_by_wire.tools.benchmark_batch.comparison import (
     line_of_threads,
     lines_beside_c,
@@ -61,10 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    try:
-        _benchmark(options.json, options.chart)
-    except MissingCompilerError as error:
-        raise BusError(str(error)) from error
+    _benchmark(options.json, options.chart)
     return ExitStatus.OK
 
 
@@ -83,13 +79,9 @@ def _benchmark(json_file: Path | None, chart: Path | None) -> None:
     stolen = steal.fraction()
     console.print(steal_text(stolen))
     if json_file is not None:
-        content = {
-            "lines": [line_record(line) for line in lines],
-            "runs": COUNTS,
-            "lengths_s": LENGTHS_S,
-            **seconds,
-            "steal_fraction": stolen,
-        }
+        records = [line_record(line) for line in lines]
+        content: dict[str, Any] = {"lines": records, "runs": COUNTS, "lengths_s": LENGTHS_S}
+        content |= {**seconds, "steal_fraction": stolen}
         write_json(json_file, content)
     if chart is not None:
         draw_chart(seconds).savefig(chart, dpi=100)
@@ -97,8 +89,7 @@ def _benchmark(json_file: Path | None, chart: Path | None) -> None:
 
 def start_lines() -> list[Line]:
     """Time a new process up to its first result, without and with a cache on disk."""
-    cold: list[float] = []
-    warm: list[float] = []
+    cold, warm = [], []
     for _ in range(STARTS):
         with tempfile.TemporaryDirectory() as cache:
             cold.append(_first_result_s(cache))

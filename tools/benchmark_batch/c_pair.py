@@ -17,6 +17,7 @@ from ...dbc.messages import LateralError, SteeringCommand, limits, resolutions
 from ...plant_emulator.safety_settings import design_guard
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
+from ...runtime.bus import BusError
 from ...runtime.node import NS_PER_S
 
 SOURCE = Path(__file__).with_name("pd_ddob_pair.c")
@@ -24,38 +25,18 @@ FLAGS = ("-O3", "-march=native", "-ffp-contract=off", "-Wall", "-Wextra", "-Werr
 """As numba compiles: everything this processor can do, but each operation rounded as written."""
 
 
+_NUMBERS = (
+    "speed_m_s lag_s angle_limit_rad rate_limit_rad_s dead_band_rad steer_rad_max step_rad_max"
+    " ramp_step_rad error_resolution_m error_m_max steer_resolution_rad path_length_m"
+)
+_WHOLE_NUMBERS = "motion_start_ns end_ns pieces closed intervals ticks commands samples"
+"""Fields of the C program's ``struct run``, in its order."""
+
+
 class _Run(ctypes.Structure):
     _fields_ = (
-        *(
-            (name, ctypes.c_double)
-            for name in (
-                "speed_m_s",
-                "lag_s",
-                "angle_limit_rad",
-                "rate_limit_rad_s",
-                "dead_band_rad",
-                "steer_rad_max",
-                "step_rad_max",
-                "ramp_step_rad",
-                "error_resolution_m",
-                "error_m_max",
-                "steer_resolution_rad",
-                "path_length_m",
-            )
-        ),
-        *(
-            (name, ctypes.c_int64)
-            for name in (
-                "motion_start_ns",
-                "end_ns",
-                "pieces",
-                "closed",
-                "intervals",
-                "ticks",
-                "commands",
-                "samples",
-            )
-        ),
+        *((name, ctypes.c_double) for name in _NUMBERS.split()),
+        *((name, ctypes.c_int64) for name in _WHOLE_NUMBERS.split()),
     )
 
 
@@ -84,7 +65,7 @@ class CResult(NamedTuple):
     sent_rad: FloatArray
 
 
-class MissingCompilerError(RuntimeError):
+class MissingCompilerError(BusError):
     """The compiler is not installed."""
 
 

@@ -32,7 +32,7 @@ from steer_by_wire.runtime.option_types import add_json_argument
 from steer_by_wire.runtime.program import ExitStatus, run_main
 from steer_by_wire.runtime.report import write_json
 from steer_by_wire.tools.benchmark_bus.allocations import tick_memory
-from steer_by_wire.tools.benchmark_bus.c_programs import CompileError, compile_all
+from steer_by_wire.tools.benchmark_bus.c_programs import compile_all
 from steer_by_wire.tools.benchmark_bus.lines import (
     answer_lines,
     memory_lines,
@@ -43,7 +43,6 @@ from steer_by_wire.tools.benchmark_bus.lines import (
 from steer_by_wire.tools.benchmark_bus.processes import (
     PRIORITY_MAX,
     PRIORITY_MIN,
-    ProcessError,
     may_have_priority,
 )
 from steer_by_wire.tools.benchmark_bus.runs import (
@@ -89,10 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    try:
-        _benchmark(options)
-    except (CompileError, ProcessError) as error:
-        raise BusError(str(error)) from error
+    _benchmark(options)
     return ExitStatus.OK
 
 

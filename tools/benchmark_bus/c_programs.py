@@ -5,11 +5,13 @@ import subprocess
 from pathlib import Path
 from typing import NamedTuple
 
+from ...runtime.bus import BusError
+
 SOURCES = Path(__file__).parent
 FLAGS = ("-std=gnu11", "-O2", "-Wall", "-Wextra", "-Werror")
 
 
-class CompileError(Exception):
+class CompileError(BusError):
     """The C programs cannot be compiled; the text is one line for the user."""
 
 

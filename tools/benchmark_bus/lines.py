@@ -92,23 +92,13 @@ def skipped_lines(run: TickRun) -> list[Line]:
 
 def memory_lines(memory: TickMemory, reports: Sequence[Mapping[str, float]]) -> list[Line]:
     """Return collections and allocations; ``reports`` are those of the live runs' nodes."""
-    kept = [
-        report["blocks_kept_per_tick"]
-        for report in reports
-        if report["blocks_kept_per_tick"] is not None
-    ]
+    blocks = [report["blocks_kept_per_tick"] for report in reports]
+    kept = [each for each in blocks if each is not None]
+    collections = [float(report["collections"]) for report in reports]
+    if_on = f"the same, were it on, {memory.ticks} ticks"
     lines = [
-        _line(
-            "garbage collections in the loop",
-            "",
-            [float(report["collections"]) for report in reports],
-            NONE,
-        ),
-        _line(
-            f"the same, were it on, {memory.ticks} ticks",
-            "",
-            [float(memory.collections_if_on)],
-        ),
+        _line("garbage collections in the loop", "", collections, NONE),
+        _line(if_on, "", [float(memory.collections_if_on)]),
         _line("memory taken in a tick, at most", "bytes", [memory.bytes_at_peak]),
         _line("memory kept after a tick", "bytes", [memory.bytes_kept]),
     ]

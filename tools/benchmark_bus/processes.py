@@ -17,6 +17,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
+from ...runtime.bus import BusError
+
 ABOVE, BELOW = 10, -5
 """Priorities of the C loop and the requester, relative to the requested one."""
 PRIORITY_MIN, PRIORITY_MAX = 1 - BELOW, 99 - ABOVE
@@ -24,7 +26,7 @@ GRACE_S = 60.0
 """A program is killed when it takes this much longer than its duration."""
 
 
-class ProcessError(Exception):
+class ProcessError(BusError):
     """A program has failed; the text is one line for the user."""
 
 
