@@ -81,6 +81,7 @@ def _plant_until(
             return x, COMPLETE
         arrives = command_ns <= sample_ns and command_ns <= guard_ns
         plays = plan >= 0 and not arrives and sample_ns < guard_ns and played != sample
+        has_moved, is_sample, steers = True, False, False
         # The test for a wire is decided when compiling, and removes the branch where there is none.
         if arrives or (wire is not None and plays):
             if arrives:
@@ -100,22 +101,24 @@ def _plant_until(
                     plan = -1
                     continue
             motion_ns = max(at_ns - c.motion_start_ns, 0)
-            z = advance_motion(p, z, motion_ns)
-            guard, is_followed = guard_command(c.guard, guard, on_wire_rad, motion_ns, has_come)
-            if is_followed:
-                z = command_motion(p, z, guard.limiter.steer_rad)
+            guard, steers = guard_command(c.guard, guard, on_wire_rad, motion_ns, has_come)
+            if steers:
                 in_effect = by
                 if not arrives:
                     record_played(wire, sample, on_wire_rad)
         elif guard_ns <= sample_ns:
             motion_ns = guard.deadline_ns
-            guard, is_set = guard_timer(c.guard, guard, motion_ns)
-            if is_set:
-                z = advance_motion(p, z, motion_ns)
-                z = command_motion(p, z, guard.limiter.steer_rad)
+            guard, steers = guard_timer(c.guard, guard, motion_ns)
+            has_moved = steers
         else:
             motion_ns = max(sample_ns - c.motion_start_ns, 0)
+            is_sample = True
+        # One call for all of the three, which takes a third of the time to compile.
+        if has_moved:
             z = advance_motion(p, z, motion_ns)
+        if steers:
+            z = command_motion(p, z, guard.limiter.steer_rad)
+        if is_sample:
             _, linear, _ = z
             _, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, curvature_1_m, _, _, _ = linear
             guard = guard_wheel(c.guard, guard, wheel_rad, motion_ns)
