@@ -40,6 +40,8 @@ _PAIRS_MIN = 50.0
 """With fewer pairs, the fit of three parameters leaves too little data to judge it."""
 _WAITING_MAX = 50
 """Pairs processed at once: numpy costs little more for all lags than for one."""
+_BACKWARDS = (-8, 8)
+"""Strides [bytes]: the next row begins a value earlier, the next column is the next value."""
 
 
 class LagGrid(NamedTuple):
@@ -143,24 +145,22 @@ class LagFit:
         )
 
     def _take_pairs(self) -> None:
-        """Process the waiting pairs, all lags of a pair at once."""
-        keep, lags, sums = self._keep, self._grid.lags, self._sums
-        sum_x, sum_xx, sum_xz = sums
-        x = np.array(self._x)
-        xx = x * x
-        # Arrays of no dimension: numpy takes twice the time with a Python number.
-        keep_sums, response = np.array(keep), np.array(0.0)
-        begin = len(self._waiting)
-        for z, counts in self._waiting:
-            begin -= 1
+        """Process the waiting pairs, all lags and sums of a pair at once."""
+        pairs, lags, keep = len(self._waiting), self._grid.lags, self._keep
+        x, z = np.array(self._x), np.array([z for z, _ in self._waiting])
+        # One row of lags for each pair, the oldest first: each begins one place before the last.
+        lagged = np.ndarray((pairs, lags), x.dtype, x, max(pairs - 1, 0) * x.itemsize, _BACKWARDS)
+        terms = np.empty((pairs, 3, lags))
+        terms[:, 0] = lagged
+        np.multiply(lagged, lagged, out=terms[:, 1])
+        np.multiply(lagged, z[:, np.newaxis], out=terms[:, 2])
+        # An array of no dimension: numpy takes twice the time with a Python number.
+        keep_sums, sums = np.array(keep), self._sums
+        for begin, (z, counts) in zip(range(pairs - 1, -1, -1), self._waiting, strict=True):
             if not counts:
                 continue
-            lagged = slice(begin, begin + lags)
-            response[()] = z
             sums *= keep_sums
-            sum_x += x[lagged]
-            sum_xx += xx[lagged]
-            sum_xz += x[lagged] * response
+            sums += terms[-1 - begin]
             self._sum_z = keep * self._sum_z + z
             self._sum_zz = keep * self._sum_zz + z * z
             self._weight = keep * self._weight + 1.0

@@ -20,8 +20,8 @@ through here. Bits before SOF fill up the first byte. They alternate and end rec
 idle bus, so they neither get a stuff bit nor lengthen a run.
 """
 
-from functools import lru_cache
-from typing import NamedTuple
+from functools import cache, lru_cache
+from typing import Any, NamedTuple, TypeAlias
 
 from .frame import BITRATE_SWITCH, ERROR, EXTENDED, FD, REMOTE, Frame
 from .record import new_record
@@ -38,6 +38,12 @@ _CLASSIC_CRC_BITS = 15
 _CRC15_POLYNOMIAL = 0x4599
 _CLASSIC_TRAILER_BITS = 1 + 2 + 7
 """CRC delimiter, acknowledge slot and delimiter, end of frame."""
+
+_HEADER_BITS = 19
+"""Start of frame to the data length code, with 11 bits of identifier."""
+_EIGHT_BYTES_BITS = _HEADER_BITS + 64 + _CLASSIC_CRC_BITS + _CLASSIC_TRAILER_BITS
+_STUFFED_MAX = 24
+"""Most stuff bits in such a frame: after the first five bits, every four."""
 
 _ESI_AND_DLC_BITS = 1 + 4
 _FD_TRAILER_BITS = 2 + 7
@@ -75,6 +81,8 @@ def _crc15_table() -> tuple[int, ...]:
 
 _StuffRow = list[tuple["_StuffRow", int]]
 """For each byte value: the row to continue with, and the stuff bits inserted on the way."""
+_CountedRow: TypeAlias = list[Any]
+"""For each byte value the row to continue with; then, as the last, the stuff bits so far."""
 
 
 def _stuff_rows() -> list[_StuffRow]:
@@ -96,8 +104,21 @@ def _stuff_rows() -> list[_StuffRow]:
     return rows
 
 
+@cache
+def _counted_rows() -> list[list[_CountedRow]]:
+    """Return the rows of ``_STUFF_ROWS`` for each number of stuff bits in front of a byte."""
+    place = {id(row): state for state, row in enumerate(_STUFF_ROWS)}
+    counted: list[list[_CountedRow]] = [[[] for _ in range(10)] for _ in range(_STUFFED_MAX + 3)]
+    for stuffed, rows in enumerate(counted[: _STUFFED_MAX + 1]):
+        for row, plain in zip(rows, _STUFF_ROWS, strict=True):
+            row += [counted[stuffed + more][place[id(after)]] for after, more in plain]
+            row.append(stuffed)
+    return counted
+
+
 _CRC15_TABLE = _crc15_table()
-_IDLE_ROW = _stuff_rows()[0]
+_STUFF_ROWS = _stuff_rows()
+_IDLE_ROW = _STUFF_ROWS[0]
 """Where counting begins. Every header starts with filling bits, so a run of one does not matter."""
 
 
@@ -168,30 +189,21 @@ def bits_of_eight_bytes(can_id: int, data: bytes) -> int:
 
     The CRC is linear: it is that of the header and zeros, and of each byte and the zeros after it.
     """
-    crc, row, total = _before_eight_bytes(can_id)
+    crc, row = _before_eight_bytes(can_id)
     a, b, c, d, e, f, g, h = data
     crc ^= _CRC_7[a] ^ _CRC_6[b] ^ _CRC_5[c] ^ _CRC_4[d]
     crc ^= _CRC_3[e] ^ _CRC_2[f] ^ _CRC_1[g] ^ _CRC_0[h]
-    row, stuffed_a = row[a]
-    row, stuffed_b = row[b]
-    row, stuffed_c = row[c]
-    row, stuffed_d = row[d]
-    row, stuffed_e = row[e]
-    row, stuffed_f = row[f]
-    row, stuffed_g = row[g]
-    row, stuffed_h = row[h]
-    row, stuffed = row[crc >> 7]
-    stuffed += stuffed_a + stuffed_b + stuffed_c + stuffed_d
-    stuffed += stuffed_e + stuffed_f + stuffed_g + stuffed_h
-    return total + stuffed + row[crc << 1 & 0xFF][1]
+    row = row[a][b][c][d][e][f][g][h][crc >> 7][crc << 1 & 0xFF]
+    stuffed: int = row[-1]
+    return _EIGHT_BYTES_BITS + stuffed
 
 
 @lru_cache(maxsize=4096)
-def _before_eight_bytes(can_id: int) -> tuple[int, _StuffRow, int]:
-    """CRC of header and 8 zeros, row after the header, all bits but the payload's stuff bits."""
-    register, row, total = _after_header(can_id, 8, 0)
-    total += 64 + _CLASSIC_CRC_BITS + _CLASSIC_TRAILER_BITS
-    return crc15(bytes(8), register), row, total
+def _before_eight_bytes(can_id: int) -> tuple[int, _CountedRow]:
+    """CRC of header and 8 zeros, and the row after the header."""
+    register, row, sent = _after_header(can_id, 8, 0)
+    state = next(state for state, one in enumerate(_STUFF_ROWS) if one is row)
+    return crc15(bytes(8), register), _counted_rows()[sent - _HEADER_BITS][state]
 
 
 @lru_cache(maxsize=4096)
@@ -203,7 +215,7 @@ def _after_header(can_id: int, dlc: int, flags: int) -> tuple[int, _StuffRow, in
         total, register = 39, 0b1 << 14
         header = (1 << 39 | _extended_identifier(can_id) << 7 | rtr << 6 | dlc).to_bytes(5, "big")
     else:
-        total, register = 19, 0b10101 << 10
+        total, register = _HEADER_BITS, 0b10101 << 10
         header = (0b10101 << 19 | can_id << 7 | rtr << 6 | dlc).to_bytes(3, "big")
     row = _IDLE_ROW
     for byte in header:

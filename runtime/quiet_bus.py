@@ -5,8 +5,6 @@ rules, in a third of the time: the end of a frame is known when it wins the bus.
 two.
 """
 
-from collections import deque
-from collections.abc import Sequence
 from heapq import heappop, heappush
 
 from .arbitration import arbitration_field
@@ -15,6 +13,10 @@ from .bus_model import BusOverflowError
 from .frame import Frame
 from .frame_length import INTERMISSION_BITS, bits_of_eight_bytes, frame_bits
 from .node import NEVER_NS
+from .virtual_time import Delivered
+
+_ON_WIRE = -1
+"""Arbitration field of a frame that has won the bus: it stays the first."""
 
 
 class QuietBus:
@@ -40,10 +42,11 @@ class QuietBus:
         self._intermission_ticks = INTERMISSION_BITS * self._bit_ticks
         self._queue_limit = queue_limit
         self._queue: list[tuple[int, int, int, int, Frame]] = []
-        """Arbitration field, number, duration, sender and frame of those that wait."""
-        self._won: deque[tuple[int, int, Frame]] = deque()
-        """End [ns], sender and frame of those that have won the bus."""
+        """Arbitration field, number, duration, sender and frame of those not complete yet."""
+        self._completed: list[Delivered] = []
+        """Those that were complete when a later one was submitted."""
         self._free_ticks = self._submitted = 0
+        """When the first of the queue starts, or has started; and how many frames there were."""
         self.next_event_ns = NEVER_NS
 
     def submit(self, frame: Frame, sender: int, now_ns: int) -> None:
@@ -58,46 +61,39 @@ class QuietBus:
             bits, arbitration = sum(frame_bits(frame)), arbitration_field(frame)
         now_ticks, queue = now_ns * self._per_ns, self._queue
         if self._free_ticks < now_ticks:
-            if queue:
-                self._arbitrate(now_ticks)
-            if not queue and self._free_ticks < now_ticks:
+            if self.next_event_ns <= now_ns:
+                self._completed = self.advance(now_ns)
+                self.next_event_ns = self._completed[0][0]
+            if queue and self._free_ticks < now_ticks:
+                queue[0] = (_ON_WIRE, *queue[0][1:])
+            elif self._free_ticks < now_ticks:
                 self._free_ticks = now_ticks
         if len(queue) >= self._queue_limit:
             self._refuse_overflow(frame, sender, arbitration)
         self._submitted = number = self._submitted + 1
         duration_ticks = bits * self._bit_ticks
         heappush(queue, (arbitration, number, duration_ticks, sender, frame))
-        if not self._won and queue[0][1] == number:
+        if queue[0][1] == number and not self._completed:
             self.next_event_ns = -(-(self._free_ticks + duration_ticks) // self._per_ns)
 
-    def advance(self, now_ns: int) -> Sequence[tuple[int, int, Frame]]:
-        """Return end [ns], sender and frame of what is complete up to ``now_ns``, in order."""
-        now_ticks, won = now_ns * self._per_ns, self._won
-        if self._free_ticks < now_ticks:
-            self._arbitrate(now_ticks)
-        completed = []
-        while won and won[0][0] <= now_ns:
-            completed.append(won.popleft())
-        if won:
-            self.next_event_ns = won[0][0]
-        elif self._queue:
-            self.next_event_ns = -(-(self._free_ticks + self._queue[0][2]) // self._per_ns)
-        else:
-            self.next_event_ns = NEVER_NS
-        return completed
+    def advance(self, now_ns: int) -> list[Delivered]:
+        """Return what is complete up to ``now_ns``, in order.
 
-    def _arbitrate(self, now_ticks: int) -> None:
-        """Decide all arbitrations before now.
-
-        One at this instant stays open, because a frame submitted at this instant still competes.
+        The next arbitration stays open until a frame submitted later has lost it.
         """
-        queue, free_ticks = self._queue, self._free_ticks
-        while queue and free_ticks < now_ticks:
-            _, _, duration_ticks, sender, frame = heappop(queue)
-            end_ticks = free_ticks + duration_ticks
-            self._won.append((-(-end_ticks // self._per_ns), sender, frame))
-            free_ticks = end_ticks + self._intermission_ticks
-        self._free_ticks = free_ticks
+        completed, self._completed = self._completed, []
+        queue, per_ns = self._queue, self._per_ns
+        while queue:
+            end_ticks = self._free_ticks + queue[0][2]
+            end_ns = -(-end_ticks // per_ns)
+            if end_ns > now_ns:
+                self.next_event_ns = end_ns
+                return completed
+            _, _, _, sender, frame = heappop(queue)
+            completed.append((end_ns, sender, frame))
+            self._free_ticks = end_ticks + self._intermission_ticks
+        self.next_event_ns = NEVER_NS
+        return completed
 
     def _refuse_overflow(self, frame: Frame, sender: int, arbitration: int) -> None:
         waiting = sum(field == arbitration and by == sender for field, _, _, by, _ in self._queue)
