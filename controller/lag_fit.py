@@ -147,13 +147,13 @@ class LagFit:
     def _take_pairs(self) -> None:
         """Process the waiting pairs, all lags and sums of a pair at once."""
         pairs, lags, keep = len(self._waiting), self._grid.lags, self._keep
-        x, z = np.array(self._x), np.array([z for z, _ in self._waiting])
+        x, responses = np.array(self._x), np.array([z for z, _ in self._waiting])
         # One row of lags for each pair, the oldest first: each begins one place before the last.
         lagged = np.ndarray((pairs, lags), x.dtype, x, max(pairs - 1, 0) * x.itemsize, _BACKWARDS)
         terms = np.empty((pairs, 3, lags))
         terms[:, 0] = lagged
         np.multiply(lagged, lagged, out=terms[:, 1])
-        np.multiply(lagged, z[:, np.newaxis], out=terms[:, 2])
+        np.multiply(lagged, responses[:, np.newaxis], out=terms[:, 2])
         # An array of no dimension: numpy takes twice the time with a Python number.
         keep_sums, sums = np.array(keep), self._sums
         for begin, (z, counts) in zip(range(pairs - 1, -1, -1), self._waiting, strict=True):

@@ -3,12 +3,13 @@
 At every tick: mode table → law → limits → STEERING_COMMAND. The law does not know the age of its
 sample; freshness, modes and fallback are decided here, around it.
 
-    controller.received       received values and their arrival times
-    controller.modes          the mode table
-    controller.law_runner     the law, and the fading in of its commands
-    controller.sent_commands  when each command was sent
-    controller.status_frames  status messages for monitoring
-    controller.run_figures    figures for the report
+    controller.received        received values and their arrival times
+    controller.modes           the mode table
+    controller.law_runner      the law, and the fading in of its commands
+    controller.command_frames  the commands, and when each was sent
+    controller.status_frames   status messages for monitoring
+    controller.safety_watch    what CONTROLLER_SAFETY must report
+    controller.run_figures     figures for the report
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,47 +18,38 @@ from typing import Any
 from ..dbc.messages import (
     CAN_IDS,
     ControllerFault,
-    Freshness,
     LateralError,
     Mode,
-    MotionRequest,
     PathAhead,
     Rejection,
-    SecondSender,
-    SteeringCommand,
-    SteeringPlan,
     SteeringStatus,
     SteeringStatusCode,
     VehicleState,
 )
-from ..dbc.sending import Sender
 from ..runtime.frame import Frame
 from ..runtime.node import NS_PER_S
 from ..runtime.overruns import OverrunSupervision
 from ..runtime.periodic import PeriodicTimer
-from ..runtime.record import new_record
 from ..runtime.view import View
+from .command_frames import CommandFrames
 from .control_sample import ControlSample
 from .delay_watch import delay_watch_of
 from .law_runner import LawRunner
 from .limits import limit_name, limit_step, ramp_step
 from .modes import Supervisor
-from .plan import limit_plan, plan_message
-from .received import RECEIVED, SENT, SUPERVISED, Received
+from .received import RECEIVED, SENT, Received
 from .run_figures import RunFigures
 from .safety_status import SafetyFacts
-from .sent_commands import SentCommands
+from .safety_watch import SafetyWatch
 from .settings import ControllerSettings, limits_of, supervision_of
 from .status_frames import StatusFrames
-from .validity import NOT_FORWARD_M_S, request_of, validity_of
+from .validity import NOT_FORWARD_M_S
 from .view import controller_view
 
 __all__ = ["RECEIVED", "SENT", "STATUS_PERIOD_NS", "ControllerNode"]
 
 _WAITING, _ACTIVE, _SAFE_STOP = Mode.WAITING, Mode.ACTIVE, Mode.SAFE_STOP
-_ALL_FRESH = (Freshness.FRESH,) * len(SUPERVISED)
 _NO_FAULT = ControllerFault.NONE
-_NO_OTHER = SecondSender.NONE
 _NO_COMMAND = SteeringStatusCode.NO_COMMAND
 _NOBODY_STEERS_FROM = SteeringStatusCode.FALLBACK
 _ERROR_ID = CAN_IDS[LateralError]
@@ -93,27 +85,12 @@ class ControllerNode:
         self._supervisor = Supervisor(supervision_of(settings), start_ns)
         self._law = LawRunner(settings, self._ramp_step_rad)
         self._sent_steer_rad = 0.0
-        self._commands, self._sender = SentCommands(), Sender(SteeringCommand)
-        self._plans = Sender(SteeringPlan)
-        self._plans_sent = 0
-        self._periods_per_sample = settings.link.sensor_period_s / self._period_s
+        periods_per_sample = settings.link.sensor_period_s / self._period_s
+        self._commands = CommandFrames(self._limits, periods_per_sample)
         self._delay = delay_watch_of(settings)
         self._statuses = StatusFrames(law)
         self._steering_acts = True
-        self._validity_table = settings.validity
-        self._validity = validity_of(settings.validity, None, None)
-        self._facts = SafetyFacts(
-            0,
-            *self._received.freshness(start_ns),
-            _NO_FAULT,
-            _NO_OTHER,
-            self._validity,
-            MotionRequest.NONE,
-        )
-        self._seen: tuple[Any, ...] = ()
-        """What the facts were found from, besides times."""
-        self._fresh_until_ns = -1
-        """End of the facts' validity, if that has not changed [ns]."""
+        self._safety = SafetyWatch(settings.validity, self._received, start_ns)
         self._figures = RunFigures(start_ns, samples_max)
 
     @property
@@ -159,7 +136,7 @@ class ControllerNode:
             if not self._overruns.on_tick(self._control_timer):
                 self._supervisor.on_own_fault()
             self._figures.last_tick_ns = now_ns
-            if self._commands.count:
+            if self._commands.sent.count:
                 self._delay.on_tick(now_ns, period, self._sent_steer_rad, self._received)
             wanted_rad = self._wanted_rad(now_ns, period)
             before_rad = self._sent_steer_rad
@@ -176,7 +153,8 @@ class ControllerNode:
         if self._status_timer.deadline_ns <= now_ns:
             self._status_timer.advance(now_ns)
             skipped = self._control_timer.skipped
-            self._judge_validity(now_ns)
+            self._safety.judge_validity(self._delay.echo_s(now_ns))
+            self._figures.on_validity(self._safety.validity)
             frames.append(self._statuses.status(self._supervisor.mode, self._law.output, skipped))
             frames.append(self._safety_frame(now_ns))
             frames.append(self._statuses.delay(self._delay.status(now_ns)))
@@ -200,7 +178,7 @@ class ControllerNode:
             counts,
             self._sent_steer_rad,
             self._delay.echo_s(now_ns),
-            self._facts,
+            self._safety.facts,
         )
 
     def report(self) -> Mapping[str, Any]:
@@ -219,8 +197,8 @@ class ControllerNode:
             "ticks": timer.index - timer.skipped,
             "skipped_ticks": timer.skipped,
             "failure": self._failure,
-            "commands_sent": self._commands.count,
-            "plans_sent": self._plans_sent,
+            "commands_sent": self._commands.sent.count,
+            "plans_sent": self._commands.plans,
             "peak_steer_rad": self._figures.peak_steer_rad,
             "law_failures": law.failures,
             **self._figures.report(self._failure),
@@ -249,7 +227,7 @@ class ControllerNode:
         self._steering_acts = status.status < _NOBODY_STEERS_FROM
         if status.status is _NO_COMMAND:
             return
-        echo = self._commands.on_echo(status.applied_counter)
+        echo = self._commands.sent.on_echo(status.applied_counter)
         if echo is not None:
             sent_ns, is_first = echo
             self._delay.on_echo(sent_ns, now_ns)
@@ -286,21 +264,14 @@ class ControllerNode:
 
         ``before_rad``  the command of the period before
         """
-        counter, steer_rad, mode = (
-            self._commands.next_counter,
-            self._sent_steer_rad,
-            self._supervisor.mode,
-        )
+        steer_rad, mode = self._sent_steer_rad, self._supervisor.mode
         memory, acting = self._law.memory, self._law.acting
         is_planned = acting >= 0 and mode is _ACTIVE
         if is_planned and memory is not None:
             row = memory.plan_of(period)
-            limit_plan(self._limits, self._periods_per_sample, before_rad, acting, row)
-            frame = self._plans.frame(plan_message(row, counter, mode))
-            self._plans_sent += 1
+            frame = self._commands.plan(row, acting, before_rad, mode, now_ns)
         else:
-            frame = self._sender.frame((steer_rad, counter, mode))
-        self._commands.on_sent(now_ns)
+            frame = self._commands.command(steer_rad, mode, now_ns)
         if memory is not None:
             memory.on_command(period, steer_rad, is_planned=is_planned)
         self._figures.on_command(steer_rad)
@@ -311,39 +282,16 @@ class ControllerNode:
             self._figures.samples.append(sample)
         return frame
 
-    def _judge_validity(self, now_ns: int) -> None:
-        """Compare speed and delay with what the settings were designed for."""
-        received = self._received
-        speed_m_s = None if received.states.arrival_ns is None else received.vehicle.speed_m_s
-        delay_s = self._delay.echo_s(now_ns)
-        self._validity = validity_of(self._validity_table, speed_m_s, delay_s)
-        self._figures.on_validity(self._validity)
-
     def _safety_facts(self, now_ns: int) -> SafetyFacts:
         """Return the facts that CONTROLLER_SAFETY must report in time."""
-        fault, received, supervisor = _NO_FAULT, self._received, self._supervisor
+        fault, supervisor = _NO_FAULT, self._supervisor
         if self._law.is_distrusted:
             fault = ControllerFault.LAW_FAILED
         elif self._overruns.failure:
             fault = ControllerFault.OVERRUNS
         is_stopping = supervisor.mode is _SAFE_STOP or not supervisor.goes_forward
-        request = request_of(self._validity, must_stop=is_stopping or not self._steering_acts)
-        seen = (received.refused, fault, self._validity, request)
-        if now_ns <= self._fresh_until_ns and seen == self._seen:
-            return self._facts
-        self._seen = seen
-        freshness = received.freshness(now_ns)
-        second_sender = received.reception.second_sender(now_ns)
-        facts = new_record(
-            SafetyFacts,
-            (received.refused, *freshness, fault, second_sender, self._validity, request),
-        )
-        if facts != self._facts:
-            self._facts = facts
-        # A stale message may return at any time, and a second sender is forgotten after a while.
-        is_calm = freshness == _ALL_FRESH and second_sender is _NO_OTHER
-        self._fresh_until_ns = received.fresh_until_ns() if is_calm else -1
-        return self._facts
+        must_stop = is_stopping or not self._steering_acts
+        return self._safety.facts_at(fault, now_ns, must_stop=must_stop)
 
     def _safety_frame(self, now_ns: int) -> Frame:
         lost = self._received.reception.lost

@@ -25,17 +25,14 @@ class SentCommands:
         self._is_echoed = [False] * IN_FLIGHT_MAX
         self.count = 0
 
-    @property
-    def next_counter(self) -> int:
-        """The counter of the next command."""
-        return self.count % COMMAND_COUNTERS
-
-    def on_sent(self, now_ns: int) -> None:
-        """Store when a command was sent."""
-        index = self.count % IN_FLIGHT_MAX
+    def on_sent(self, now_ns: int) -> int:
+        """Store when a command is sent; returns its counter."""
+        count = self.count
+        index = count % IN_FLIGHT_MAX
         self._sent_ns[index] = now_ns
         self._is_echoed[index] = False
-        self.count += 1
+        self.count = count + 1
+        return count % COMMAND_COUNTERS
 
     def on_echo(self, counter: int) -> Echo | None:
         """Return the echo for the counter of a command in effect; None if it is not stored."""

@@ -23,12 +23,12 @@ from ..dbc.messages import (
 from ..runtime.node import NS_PER_MS
 from ..runtime.toml_text import dump_toml
 from .latency_settings import LatencySettings
-from .motion_design import MotionParams
-from .node import motion_params, samples_per_vehicle_state
+from .motion_design import MotionParams, motion_params
 from .path import Path
 from .rig_settings import VehicleSettings
 from .safety_limiter import AVERAGING_S, Cause
 from .safety_settings import design_guard
+from .sampling import samples_per_vehicle_state
 from .settings import PlantSettings
 from .status_timing import PERIOD_NS
 

@@ -116,14 +116,15 @@ class LatencyLine(Generic[Item]):
 
     def push(self, key: int, item: Item, now_ns: int, motion_ns: int) -> None:
         """Put a frame into the line at ``now_ns``, ``motion_ns`` after the start of motion."""
-        pushed, waiting = self._pushed, self._waiting
-        latencies_ns = self._draw.constant_ns
+        pushed, waiting, draw = self._pushed, self._waiting, self._draw
+        latencies_ns = draw.constant_ns
         if not latencies_ns:
-            latencies_ns = self._draw.latencies_ns(pushed, now_ns, motion_ns)
+            latencies_ns = draw.latencies_ns(pushed, now_ns, motion_ns)
             self._lost += not latencies_ns
             self._duplicated += len(latencies_ns) > 1
         self._pushed = pushed + 1
-        self._drawn_ns = latencies_ns or self._drawn_ns
+        if latencies_ns:
+            self._drawn_ns = latencies_ns
         for latency_ns in latencies_ns:
             self._injected_ns.append(latency_ns)
             if len(waiting) >= WAITING_MAX:

@@ -13,6 +13,7 @@ from .path import Path
 from .path_shapes import build_path
 from .propagation import TABLE_ROWS, Row, Table, augmented_matrix, table_rows, transition_table
 from .rig_settings import ActuatorSettings, DisturbanceSettings, PathSettings, VehicleSettings
+from .settings import PlantSettings
 from .vehicle import VehicleParams, on_friction
 
 _KEPT = 4
@@ -45,6 +46,11 @@ def design_motion(
     params = _params(vehicle, actuator, build_path(path), disturbance)
     table, first_rows = transitions(vehicle_params(vehicle), params.actuator, params.intervals)
     return params._replace(table=table, first_rows=first_rows)
+
+
+def motion_params(settings: PlantSettings) -> MotionParams:
+    """Design the motion of a run; raises what ``design_motion`` raises."""
+    return design_motion(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
 
 
 def design_motion_arrays(

@@ -29,77 +29,37 @@ from typing import Any
 from ..dbc.messages import (
     CAN_IDS,
     DisturbanceConfig,
-    GroundTruth,
     LatencyConfig,
-    LateralError,
-    Message,
-    PathAhead,
-    PlantStatus,
     Rejection,
+    SafetyState,
     SteeringCommand,
-    SteeringPlan,
-    SteeringStatus,
-    VehicleState,
-    limits,
 )
 from ..dbc.protection import SequenceResult
 from ..dbc.reception import Reception
 from ..runtime.frame import Frame
-from ..runtime.node import NEVER_NS, NS_PER_S
+from ..runtime.node import NEVER_NS
 from ..runtime.periodic import PeriodicTimer
 from ..runtime.view import View
 from .disturbing import Disturbing
 from .latency_line import Passage
-from .motion_design import MotionParams, design_motion
+from .motion_design import MotionParams, motion_params
 from .network import Network
 from .own_motion import make_motion
 from .path import Path
-from .path_ahead import curvatures_ahead_1_m, spacing_m
 from .plan_buffer import PlanBuffer
-from .plant_messages import PlantMessages
-from .plant_report import line_report, motion_report
-from .plant_samples import PlantSample, RunningFigures, RunRecord, motion_cg_m
+from .plant_messages import RECEIVED, SENT, STEERING, PlantMessages
+from .plant_report import line_report, motion_report, reception_report
+from .plant_samples import SAMPLES_MAX, PlantSample, RunRecord, motion_cg_m
 from .safety_settings import design_guard
+from .sampling import Sampling
 from .self_supervision import NOT_FINITE_COMMAND, NOT_FINITE_VEHICLE, SelfSupervision
-from .sensors import Readings
 from .settings import PlantSettings
 from .status_timing import StatusTiming
 from .steering_unit import SteeringUnit
-from .streams import Channel, uniforms
-from .verdict import samples_judged
 from .view import plant_view
 
-_STEERING = (SteeringCommand, SteeringPlan)
-RECEIVED: tuple[type[Message], ...] = (*_STEERING, LatencyConfig, DisturbanceConfig)
-"""What the plant receives."""
-SENT: tuple[type[Message], ...] = (
-    LateralError,
-    SteeringStatus,
-    VehicleState,
-    PathAhead,
-    PlantStatus,
-    GroundTruth,
-)
-"""What the plant alone sends."""
-VEHICLE_STATE_PERIOD_NS = 20_000_000
-SAMPLES_MAX = 1_000_000
-"""Samples stored for a trace: nearly three hours at 100 Hz."""
 _COMMAND_ID = CAN_IDS[SteeringCommand]
-_ERROR_ID, _STATUS_ID = CAN_IDS[LateralError], CAN_IDS[SteeringStatus]
-_STATE_ID, _PATH_ID = CAN_IDS[VehicleState], CAN_IDS[PathAhead]
-_STEERING_TYPES = {CAN_IDS[message_type]: message_type for message_type in _STEERING}
-_LOST_COUNTERS = int(limits(PlantStatus)["lost"].maximum) + 1
-_REJECTED_COUNTERS = int(limits(PlantStatus)["rejected"].maximum) + 1
-
-
-def samples_per_vehicle_state(sensor_period_ns: int) -> int:
-    """Return the number of samples from one VEHICLE_STATE to the next."""
-    return max(1, VEHICLE_STATE_PERIOD_NS // sensor_period_ns)
-
-
-def motion_params(settings: PlantSettings) -> MotionParams:
-    """Design the motion of a run; raises what ``design_motion`` raises."""
-    return design_motion(settings.vehicle, settings.actuator, settings.path, settings.disturbance)
+_STEERING_TYPES = {CAN_IDS[message_type]: message_type for message_type in STEERING}
 
 
 class PlantNode:
@@ -132,8 +92,6 @@ class PlantNode:
         )
         self._own = SelfSupervision(settings.overruns)
         self._sensor_timer = PeriodicTimer(start_ns, settings.sensor_period_ns)
-        every = samples_per_vehicle_state(settings.sensor_period_ns)
-        self._state_timer = PeriodicTimer(start_ns, every * settings.sensor_period_ns)
         self._status_timing = StatusTiming(start_ns)
         self.deadline_ns = start_ns
         self._network = Network(settings)
@@ -142,20 +100,10 @@ class PlantNode:
         self._command: SteeringCommand | None = None
         self._command_latency_s = math.nan
         self._plans = PlanBuffer()
-        ahead = settings.path_ahead
-        self._ahead_m = (
-            None if ahead is None else spacing_m(settings.vehicle.speed_m_s, ahead.reach_s)
-        )
-        noise = settings.sensor_noise
-        self._messages = PlantMessages(
-            Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s),
-            uniforms(settings.seed, Channel.SENSOR_NOISE),
-        )
         self._sends_truth = settings.ground_truth
-        self._rules = settings.verdict
-        self._sensor_period_s = settings.sensor_period_ns / NS_PER_S
-        newest = samples_judged(self._rules, settings.duration_s, self._sensor_period_s)
-        self._record = RunRecord(samples_max, RunningFigures(self._rules.settling_band_m, newest))
+        self._messages = PlantMessages(settings)
+        self._sampling = Sampling(settings, start_ns, self._messages, self._network.uplink)
+        self._record = RunRecord(settings, samples_max)
         self.finished = False
 
     @property
@@ -178,7 +126,7 @@ class PlantNode:
         received = self._reception.take(frame, now_ns)
         if received is SequenceResult.DISPUTED and frame.can_id in _STEERING_TYPES:
             received = self._reception.undisputed(_STEERING_TYPES[frame.can_id])
-        if isinstance(received, _STEERING):
+        if isinstance(received, STEERING):
             if self._motion_start_ns == NEVER_NS:
                 self._motion_start_ns = now_ns
             # A plan and a command take each other's place, so they are one stream of frames.
@@ -233,13 +181,15 @@ class PlantNode:
                 self._sense(due_ns)
                 if self._sends_truth and self._motion.is_finite:
                     frames.append(self._messages.ground_truth(motion_cg_m(self._motion)))
+                if uplink.next_due_ns == due_ns:
+                    frames += self._network.measured(due_ns)
             elif measured_ns == due_ns:
                 frames += self._network.measured(due_ns)
                 continue  # the steering's status has not changed
             else:
-                status = self._status(due_ns)
-                status_timing.on_report(status.safety, due_ns, now_ns)
-                frames.append(self._messages.plant_status(status))
+                safety = unit.take_state()
+                status_timing.on_report(safety, due_ns, now_ns)
+                frames.append(self._status_frame(safety, due_ns))
             if unit.safety is not status_timing.settled:
                 status_timing.on_state(unit.safety, due_ns)
 
@@ -259,24 +209,18 @@ class PlantNode:
 
         ``failure``               the fault it has detected in itself; empty if there is none
         ``lost``, ``superseded``  frames that the latency lines dropped, by direction
-        ``rejected``              frames refused on arrival, by cause
         ``not_available``         samples beyond the range of LATERAL_ERROR, sent as NOT_AVAILABLE
         ``clamped``               other values sent as the end of their signal's range
         ``safety``                interventions of the steering (``SteeringUnit.report``)
         """
+        record = self._record
         return {
             "seed": self._seed,
             "failure": self._own.failure,
-            **motion_report(
-                self._record.figures, self._motion.time_ns, self._rules, self._sensor_period_s
-            ),
+            **motion_report(record.figures, self._motion.time_ns, record.rules, record.period_s),
             "downlink": line_report(self._network.downlink),
             "uplink": line_report(self._network.uplink),
-            "accepted": self._reception.accepted,
-            "lost_on_the_bus": self._reception.lost,
-            "rejected": self._reception.rejected,
-            "resynchronised": self._reception.resynchronised,
-            "second_senders": self._reception.second_senders,
+            **reception_report(self._reception),
             "skipped_samples": self._sensor_timer.skipped,
             "not_available": self._messages.not_available,
             "clamped": self._messages.clamped,
@@ -338,45 +282,22 @@ class PlantNode:
             if played is not None:
                 command, is_new = played
                 self._follow(command, time_ns, motion_ns, is_new=is_new)
-        motion, messages, push = self._motion, self._messages, self._network.uplink.push
-        z, is_finite, is_limited = motion.linear, motion.is_finite, motion.is_limited
-        _, yaw_rate_rad_s, heading_rad, error_m, wheel_rad, _, curvature_1_m, _, _, _ = z
-        self._unit.on_wheel(wheel_rad, motion_ns)
+        motion, is_limited = self._motion, self._motion.is_limited
+        self._unit.on_wheel(motion.wheel_rad, motion_ns)
         if time_ns >= self._motion_start_ns:
-            if is_finite:
+            if motion.is_finite:
                 limit = self._unit.limit or ("actuator" if is_limited else "")
                 latencies_s = (self._command_latency_s, self._network.measured_latency_s)
                 self._record.take(motion, self._command, latencies_s, limit)
             self.finished = motion_ns >= self._duration_ns
         if self._own.is_reported(time_ns) and self._unit.has_fallen_back:
             self.finished = True
-        error_m, heading_rad, yaw_rate_rad_s = messages.measured(
-            (error_m, heading_rad, yaw_rate_rad_s)
-        )
         applied = 0 if self._command is None else self._command.command_counter
         code = self._unit.status_code(actuator_is_limited=is_limited)
-        frame = messages.lateral_error(error_m, heading_rad, is_finite=is_finite)
-        push(_ERROR_ID, frame, time_ns, motion_ns)
-        frame = messages.steering_status(wheel_rad, applied, code)
-        push(_STATUS_ID, frame, time_ns, motion_ns)
-        if time_ns >= self._state_timer.deadline_ns:  # also after a skipped sample
-            self._state_timer.advance(time_ns)
-            frame = messages.vehicle_state(motion.speed_m_s, yaw_rate_rad_s, curvature_1_m)
-            push(_STATE_ID, frame, time_ns, motion_ns)
-            if self._ahead_m is not None:
-                at_m = motion.speed_m_s * (motion_ns / NS_PER_S)
-                ahead_1_m = curvatures_ahead_1_m(motion.path, at_m, self._ahead_m)
-                frame = messages.path_ahead(self._ahead_m, ahead_1_m)
-                push(_PATH_ID, frame, time_ns, motion_ns)
+        self._sampling.send(motion, applied, code, time_ns, motion_ns)
 
-    def _status(self, now_ns: int) -> PlantStatus:
-        """Return the content of PLANT_STATUS, with latencies not clamped."""
-        network = self._network
-        return PlantStatus(
-            network.downlink.latest_latency_ns * 1e-9,
-            network.uplink.latest_latency_ns * 1e-9,
-            network.lost % _LOST_COUNTERS,
-            (self._reception.refused + self._unauthenticated) % _REJECTED_COUNTERS,
-            self._unit.take_state(),
-            self._reception.second_sender(now_ns),
-        )
+    def _status_frame(self, safety: SafetyState, now_ns: int) -> Frame:
+        """Return PLANT_STATUS."""
+        refused = self._reception.refused + self._unauthenticated
+        second_sender = self._reception.second_sender(now_ns)
+        return self._messages.plant_status(self._network, refused, safety, second_sender)

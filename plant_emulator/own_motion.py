@@ -1,4 +1,4 @@
-"""The vehicle's motion by equations of another package, integrated; all else as in ``motion``.
+"""The vehicle's motion by equations of another package, integrated; all else in ``motion_steps``.
 
 Wheel, path and disturbances are those of ``advance_motion``, exact and event by event. Between
 events the vehicle's own state advances by the fourth-order Runge-Kutta method, in steps of at most
@@ -6,15 +6,9 @@ events the vehicle's own state advances by the fourth-order Runge-Kutta method, 
 """
 
 from ..runtime.own_part import asked
-from .motion import (
-    Motion,
-    MotionState,
-    advance_motion,
-    event_ns_of,
-    interval_of,
-    with_vehicle,
-)
+from .motion import Motion
 from .motion_design import MotionParams, vehicle_params
+from .motion_steps import MotionState, advance_motion, event_ns_of, interval_of, with_vehicle
 from .own_parts import VehicleInput, VehicleState, find_vehicle_model
 from .propagation import DELTA
 from .rig_settings import VehicleSettings

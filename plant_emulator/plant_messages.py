@@ -1,14 +1,21 @@
 """The rig's readings as messages, clamped to the range of their signals."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from math import remainder, tau
 
 from ..dbc.messages import (
+    DisturbanceConfig,
     GroundTruth,
+    LatencyConfig,
     LateralError,
+    Message,
     PathAhead,
     PlantStatus,
+    SafetyState,
+    SecondSender,
     SignalRange,
+    SteeringCommand,
+    SteeringPlan,
     SteeringStatus,
     SteeringStatusCode,
     VehicleState,
@@ -17,29 +24,46 @@ from ..dbc.messages import (
 from ..dbc.protection import COUNTERS
 from ..dbc.sending import Sender
 from ..runtime.frame import Frame
+from .network import Network
 from .sensors import Readings, Sample, with_noise
+from .settings import PlantSettings
+from .streams import Channel, uniforms
 
+STEERING = (SteeringCommand, SteeringPlan)
+"""Commands: a plan and a command take each other's place."""
+RECEIVED: tuple[type[Message], ...] = (*STEERING, LatencyConfig, DisturbanceConfig)
+"""What the plant receives."""
+SENT: tuple[type[Message], ...] = (
+    LateralError,
+    SteeringStatus,
+    VehicleState,
+    PathAhead,
+    PlantStatus,
+    GroundTruth,
+)
+"""What the plant alone sends."""
 _ERROR_LOW_M, _ERROR_HIGH_M = limits(LateralError)["lateral_error_m"]
 _WHEEL_RANGE = limits(SteeringStatus)["wheel_angle_rad"]
 _SPEED_RANGE, _YAW_RATE_RANGE, _CURVATURE_RANGE = limits(VehicleState).values()
 (_CG_RANGE,) = limits(GroundTruth).values()
 _LATENCY_RANGE = limits(PlantStatus)["downlink_latency_s"]
+_LOST_COUNTERS = int(limits(PlantStatus)["lost"].maximum) + 1
+_REJECTED_COUNTERS = int(limits(PlantStatus)["rejected"].maximum) + 1
 _NO_ERROR = LateralError(0.0, 0.0)
 
 
 class PlantMessages:
     """Makes the frames; each message has its own counter.
 
-    ``noise``     standard deviations
-    ``uniforms``  stream of the noise
-
     ``not_available``  samples beyond the range of LATERAL_ERROR, sent as NOT_AVAILABLE
     ``clamped``        other values sent as the end of their signal's range
     """
 
-    def __init__(self, noise: Readings, uniforms: Iterator[float]) -> None:
-        self._noise = noise if any(noise) else None
-        self._uniforms = uniforms
+    def __init__(self, settings: PlantSettings) -> None:
+        noise = settings.sensor_noise
+        deviations = Readings(noise.lateral_error_m, noise.heading_error_rad, noise.yaw_rate_rad_s)
+        self._noise = deviations if any(deviations) else None
+        self._uniforms = uniforms(settings.seed, Channel.SENSOR_NOISE)
         self._errors, self._statuses = Sender(LateralError), Sender(SteeringStatus)
         self._states, self._rig = Sender(VehicleState), Sender(PlantStatus)
         self._paths, self._truths = Sender(PathAhead), Sender(GroundTruth)
@@ -86,13 +110,19 @@ class PlantMessages:
         sample = (self.next_sample - 1) % COUNTERS
         return self._paths.frame(PathAhead(sample, spacing_m, *curvatures_1_m))
 
-    def plant_status(self, status: PlantStatus) -> Frame:
-        """Return PLANT_STATUS."""
-        downlink_s = self._clamp(status.downlink_latency_s, _LATENCY_RANGE)
-        uplink_s = self._clamp(status.uplink_latency_s, _LATENCY_RANGE)
-        return self._rig.frame(
-            status._replace(downlink_latency_s=downlink_s, uplink_latency_s=uplink_s)
+    def plant_status(
+        self, network: Network, refused: int, safety: SafetyState, second_sender: SecondSender
+    ) -> Frame:
+        """Return PLANT_STATUS; ``refused`` counts the frames refused on arrival so far."""
+        status = (
+            self._clamp(network.downlink.latest_latency_ns * 1e-9, _LATENCY_RANGE),
+            self._clamp(network.uplink.latest_latency_ns * 1e-9, _LATENCY_RANGE),
+            network.lost % _LOST_COUNTERS,
+            refused % _REJECTED_COUNTERS,
+            safety,
+            second_sender,
         )
+        return self._rig.frame(status)
 
     def _clamp(self, value: float, allowed: SignalRange) -> float:
         """Return the nearest value within the signal's range; the value is finite."""

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from ..dbc.reception import Reception
 from ..runtime.statistics import durations_report
 from .latency_line import LatencyLine
 from .plant_samples import RunningFigures
@@ -38,6 +39,17 @@ def motion_report(
         "limited_share_by": {
             limit: count / samples for limit, count in figures.limited.most_common()
         },
+    }
+
+
+def reception_report(reception: Reception) -> Mapping[str, Any]:
+    """Return what came of the frames on arrival; ``rejected`` ones were refused, by cause."""
+    return {
+        "accepted": reception.accepted,
+        "lost_on_the_bus": reception.lost,
+        "rejected": reception.rejected,
+        "resynchronised": reception.resynchronised,
+        "second_senders": reception.second_senders,
     }
 
 

@@ -8,10 +8,16 @@ from pathlib import Path as FilePath
 from typing import NamedTuple
 
 from ..dbc.messages import SteeringCommand
+from ..runtime.node import NS_PER_S
 from ..runtime.record import new_record
 from .deviation import cg_deviation_m
 from .motion import Motion
 from .path import Path, pose
+from .settings import PlantSettings
+from .verdict import samples_judged
+
+SAMPLES_MAX = 1_000_000
+"""Samples stored for a trace: nearly three hours at 100 Hz."""
 
 
 class PlantSample(NamedTuple):
@@ -110,10 +116,14 @@ class RunRecord:
     """Figures of a run and, while there is room, its samples.
 
     ``samples_max``  how many are kept in ``samples``, oldest first
+
+    ``rules``, ``period_s``  of the verdict, and of the sensors
     """
 
-    def __init__(self, samples_max: int, figures: RunningFigures) -> None:
-        self.figures = figures
+    def __init__(self, settings: PlantSettings, samples_max: int) -> None:
+        self.rules, self.period_s = settings.verdict, settings.sensor_period_ns / NS_PER_S
+        newest = samples_judged(self.rules, settings.duration_s, self.period_s)
+        self.figures = RunningFigures(self.rules.settling_band_m, newest)
         self.samples: list[PlantSample] = []
         self._samples_max = samples_max
 

@@ -16,8 +16,10 @@ from ..runtime.program_options import load_program_settings, make_parser
 from ..runtime.thresholds import LOOP_QUANTITIES, Ending, add_fail_if_argument
 from .check import check_text
 from .faults import FaultyNode, with_faults
-from .node import RECEIVED, SAMPLES_MAX, SENT, PlantNode, motion_params
-from .plant_samples import write_trace
+from .motion_design import motion_params
+from .node import PlantNode
+from .plant_messages import RECEIVED, SENT
+from .plant_samples import SAMPLES_MAX, write_trace
 from .quantities import QUANTITIES
 from .settings import PRESETS, PlantSettings, shared_vehicle
 from .summary import plant_summary

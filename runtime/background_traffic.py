@@ -7,7 +7,6 @@ had been submitted, with the same result.
 """
 
 from bisect import bisect_left
-from collections import Counter
 from collections.abc import Callable, Sequence
 from itertools import chain
 from random import Random
@@ -21,6 +20,7 @@ from .node import NS_PER_S
 
 COUNTS = 16
 """Frames of a message before its payloads repeat: a counter of four bits."""
+_COUNT_MASK = COUNTS - 1
 _BLOCK_NS = NS_PER_S
 """Releases are laid out for so long at once."""
 _RANK_BITS = 16
@@ -85,7 +85,7 @@ class BackgroundTraffic:
         self._handed_over = 0
         self._index, self._times, self._bits = 0, [0], [0]
         self._block_ns = 0
-        self.sent: Counter[int] = Counter()
+        self.sent = dict.fromkeys(self._senders, 0)
         self.refused = self.lost = self.busy_ticks = 0
         self.on_wire: OnWire | None = None
 
@@ -145,14 +145,14 @@ class BackgroundTraffic:
                     break
                 rank = lowest.bit_length()
                 count = counts[rank]
-                next_ticks = free_ticks + durations[rank][count % COUNTS]
+                next_ticks = free_ticks + durations[rank][count & _COUNT_MASK]
                 if next_ticks > hit_ticks:
                     break
                 waiting ^= lowest
                 counts[rank] = count + 1
                 sent[senders[rank]] += 1
                 if on_wire is not None:
-                    frame = self._messages[rank].frames[count % COUNTS]
+                    frame = self._messages[rank].frames[count & _COUNT_MASK]
                     end_ticks = next_ticks - intermission_ticks
                     on_wire(self._ticks.whole_ns(end_ticks), senders[rank], frame)
                 free_ticks = next_ticks
@@ -209,8 +209,8 @@ class BackgroundTraffic:
         count = self._counts[rank]
         self._counts[rank] = count + 1
         self._handed_over += 1
-        frame = self._messages[rank].frames[count % COUNTS]
-        duration_ticks = self._durations[rank][count % COUNTS] - self._intermission_ticks
+        frame = self._messages[rank].frames[count & _COUNT_MASK]
+        duration_ticks = self._durations[rank][count & _COUNT_MASK] - self._intermission_ticks
         sender = self._senders[rank]
         return Ready(rank, self._arbitration[rank], duration_ticks, sender, frame, due_ticks)
 
@@ -228,5 +228,6 @@ class BackgroundTraffic:
         in_order = sorted(chain.from_iterable(releases))
         per_ns, mask = self._ticks.per_ns, (1 << _RANK_BITS) - 1
         self._times = [(code >> _RANK_BITS) * per_ns for code in in_order] + [end_ns * per_ns]
-        self._bits = [1 << (code & mask) - 1 for code in in_order] + [0]
+        bit_of = [1 << rank >> 1 for rank in range(len(self._messages))]
+        self._bits = [bit_of[code & mask] for code in in_order] + [0]
         self._index, self._block_ns = 0, end_ns

@@ -68,7 +68,8 @@ class BusErrors:
 
     ``present``   who is on the bus, where nodes come and go; None for everybody
     ``is_calm``   everybody is error active
-    ``sent``      complete frames by sender; whoever sends one counts it here or by ``on_whole``
+    ``sent``      complete frames by sender that has joined; whoever sends one counts it here or by
+                  ``on_whole``
     """
 
     def __init__(
@@ -89,7 +90,7 @@ class BusErrors:
         self._limited: set[int] = set()
         self.is_calm = True
         self._next_hit_ns = -1
-        self.sent: Counter[int] = Counter()
+        self.sent = {_GONE: 0}
         self.causes: Counter[str] = Counter()
         self.received_twice = self.missed_by_one = 0
         self.bus_offs = 0
@@ -98,7 +99,8 @@ class BusErrors:
         """Have counters for this node."""
         if node not in self._members:
             member = self._members[node] = _Member()
-            member.all_frames = self.sent.total()
+            member.all_frames = self._all_frames
+            self.sent[node] = 0
 
     def leave(self, node: int) -> None:
         """Forget a node that is no longer on the bus."""
@@ -109,7 +111,7 @@ class BusErrors:
 
     def counters(self, node: int) -> ErrorCounters:
         """Return a node's counters as they are now."""
-        return self._up_to_date(node, self.sent.total()).counters
+        return self._up_to_date(node, self._all_frames).counters
 
     def is_passive(self, node: int) -> bool:
         """Whether a node must pause after its frames."""
@@ -190,7 +192,7 @@ class BusErrors:
             self.sent[sender] += 1
             if disturbed.only_at is not None:
                 self._members[disturbed.only_at].all_frames += 1  # which it has not received
-        total = self.sent.total()
+        total = self._all_frames
         own = self._up_to_date(sender, total).counters
         before = own.state
         for node in self._members:
@@ -225,6 +227,10 @@ class BusErrors:
         else:
             self._limited.discard(node)
         self.is_calm = not self._limited
+
+    @property
+    def _all_frames(self) -> int:
+        return sum(self.sent.values())
 
     def _up_to_date(self, node: int, total: int) -> _Member:
         """Let the counters of a node see the frames that have come through since last time."""

@@ -120,9 +120,9 @@ class BusModel:
         if traffic is not None:
             traffic.join(ticks)
             if errors is not None:
-                traffic.sent = errors.sent
                 for sender in traffic.senders:
                     errors.join(sender)
+                traffic.sent = errors.sent
         self._disturbed: Disturbed | None = None
         self.participation = Participation(errors, ticks)
         self.missed: set[tuple[int, int]] = set()

@@ -8,31 +8,29 @@ from .node import Node
 
 
 class Ear:
-    """Stands before ``node``, member ``index`` of the bus ``model``."""
+    """Stands before ``node``, member ``index`` of the bus ``model``.
+
+    ``deadline_ns``, ``finished``  of the node
+    """
 
     def __init__(self, node: Node, index: int, model: BusModel) -> None:
-        self._node, self._index, self._model = node, index, model
-
-    @property
-    def deadline_ns(self) -> int:
-        """When the node's next tick is due [ns]."""
-        return self._node.deadline_ns
-
-    @property
-    def finished(self) -> bool:
-        """Whether the node has finished."""
-        return self._node.finished
+        self._node, self._index = node, index
+        self._missed, self._participation = model.missed, model.participation
+        self.deadline_ns, self.finished = node.deadline_ns, node.finished
 
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Pass a frame to the node, unless it is one that it misses."""
-        key = (now_ns, self._index)
-        if key in self._model.missed:
-            self._model.missed.discard(key)
+        if self._missed and (key := (now_ns, self._index)) in self._missed:
+            self._missed.discard(key)
             return ()
-        if self._model.participation.is_off_at(self._index, now_ns):
+        if self._participation.is_off_at(self._index, now_ns):
             return ()
-        return self._node.on_frame(frame, now_ns)
+        frames = self._node.on_frame(frame, now_ns)
+        self.deadline_ns, self.finished = self._node.deadline_ns, self._node.finished
+        return frames
 
     def on_tick(self, now_ns: int) -> Sequence[Frame]:
         """Let the node tick."""
-        return self._node.on_tick(now_ns)
+        frames = self._node.on_tick(now_ns)
+        self.deadline_ns, self.finished = self._node.deadline_ns, self._node.finished
+        return frames

@@ -30,13 +30,13 @@ class PeriodicTimer:
         Returns the number of the period served. Raises ValueError before the deadline: serving
         early would put two steps into one period.
         """
-        if now_ns < self.deadline_ns:
-            raise ValueError(f"{self.deadline_ns - now_ns} ns too early for the next period")
-        served = self.index
-        if now_ns < self.deadline_ns + self._period_ns:
-            self.index += 1
-            self.deadline_ns += self._period_ns
+        served, deadline_ns = self.index, self.deadline_ns
+        next_ns = deadline_ns + self._period_ns
+        if deadline_ns <= now_ns < next_ns:
+            self.index, self.deadline_ns = served + 1, next_ns
             return served
+        if now_ns < deadline_ns:
+            raise ValueError(f"{deadline_ns - now_ns} ns too early for the next period")
         self.index = (now_ns - self._start_ns) // self._period_ns + 1
         self.deadline_ns = self._start_ns + self.index * self._period_ns
         self.skipped += self.index - served - 1

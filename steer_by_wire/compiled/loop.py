@@ -20,7 +20,7 @@ import numpy as np
 
 from ..controller.limits import limit_step, ramp_step
 from ..dbc.messages import Mode
-from ..plant_emulator.motion import advance_motion, command_motion, start_motion
+from ..plant_emulator.motion_steps import advance_motion, command_motion, start_motion
 from ..plant_emulator.steering_guard import (
     guard_command,
     guard_timer,

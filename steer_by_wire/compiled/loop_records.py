@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..controller.limits import SteerLimits
-from ..plant_emulator.motion import MotionState
+from ..plant_emulator.motion_steps import MotionState
 from ..plant_emulator.steering_guard import GuardParams, GuardState
 from ..runtime.array_types import FloatArray, IntArray
 from .wire import Known

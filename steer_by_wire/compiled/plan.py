@@ -23,7 +23,7 @@ from ..dbc.messages import (
 )
 from ..dbc.protection import COUNTERS, HALF, SequenceCheck, SequenceResult, SequenceRule
 from ..dbc.reception import cycle_ns
-from ..plant_emulator.node import samples_per_vehicle_state
+from ..plant_emulator.sampling import samples_per_vehicle_state
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.streams import Channel, first_uniforms
 from ..runtime.array_types import BoolArray, FloatArray, IntArray

@@ -37,7 +37,7 @@ from ..controller.plan import limit_plan
 from ..dbc.messages import Law as LawNumber
 from ..plant_emulator.deviation import deviation_behind_m
 from ..plant_emulator.loss import loss_step
-from ..plant_emulator.motion import advance_motion, command_motion, start_motion
+from ..plant_emulator.motion_steps import advance_motion, command_motion, start_motion
 from ..plant_emulator.plan_buffer import has_run_out, planned_rad
 from ..plant_emulator.steering_guard import guard_command, guard_timer, guard_wheel, start_guard
 from ..plant_emulator.steering_unit import status_of

@@ -20,8 +20,8 @@ from ..dbc.messages import (
 )
 from ..dbc.protection import SequenceRule
 from ..plant_emulator.motion_design import MotionParams
-from ..plant_emulator.node import samples_per_vehicle_state
 from ..plant_emulator.path_ahead import VALUES, curvatures_ahead_1_m, spacing_m
+from ..plant_emulator.sampling import samples_per_vehicle_state
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.streams import Channel, first_uniforms
 from ..runtime.array_types import FloatArray, IntArray

@@ -8,7 +8,8 @@ from typing import NamedTuple
 from ..controller.node import ControllerNode
 from ..controller.settings import ControllerSettings
 from ..plant_emulator.faults import FaultyNode, with_faults
-from ..plant_emulator.node import SAMPLES_MAX, PlantNode
+from ..plant_emulator.node import PlantNode
+from ..plant_emulator.plant_samples import SAMPLES_MAX
 from ..plant_emulator.settings import PlantSettings
 from ..runtime.bus_settings import BusSettings
 from ..runtime.candump import CandumpLog

@@ -12,7 +12,7 @@ from ..compiled.network import Frames, passages
 from ..compiled.plan import Plan
 from ..plant_emulator.latency import Distribution
 from ..plant_emulator.latency_settings import LatencySettings, Order
-from ..plant_emulator.node import samples_per_vehicle_state
+from ..plant_emulator.sampling import samples_per_vehicle_state
 from ..plant_emulator.settings import PlantSettings
 from ..plant_emulator.streams import Channel
 from ..runtime.array_types import BoolArray, IntArray

@@ -21,7 +21,8 @@ from steer_by_wire.dbc.messages import (
     encode_not_available,
 )
 from steer_by_wire.plant_emulator.motion import Motion
-from steer_by_wire.plant_emulator.node import VEHICLE_STATE_PERIOD_NS, motion_params
+from steer_by_wire.plant_emulator.motion_design import motion_params
+from steer_by_wire.plant_emulator.sampling import VEHICLE_STATE_PERIOD_NS
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from tests.support.plant_link import MS_NS, NORMAL, PERIOD_NS, START_NS, link, seen, steered
 

@@ -36,7 +36,8 @@ from steer_by_wire.plant_emulator.latency_settings import (
     Order,
 )
 from steer_by_wire.plant_emulator.motion import Motion
-from steer_by_wire.plant_emulator.node import PlantNode, motion_params
+from steer_by_wire.plant_emulator.motion_design import motion_params
+from steer_by_wire.plant_emulator.node import PlantNode
 from steer_by_wire.plant_emulator.rig_settings import EllipseSettings, VehicleSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model import BusModel

@@ -30,7 +30,7 @@ from steer_by_wire.plant_emulator.latency import Distribution
 from steer_by_wire.plant_emulator.latency_line import LatencyLine
 from steer_by_wire.plant_emulator.latency_settings import BothLatencySettings, LatencySettings
 from steer_by_wire.plant_emulator.motion import Motion
-from steer_by_wire.plant_emulator.node import motion_params
+from steer_by_wire.plant_emulator.motion_design import motion_params
 from steer_by_wire.plant_emulator.rig_settings import EllipseSettings, VehicleSettings
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.plant_emulator.streams import Channel, uniforms

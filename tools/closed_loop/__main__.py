@@ -28,7 +28,8 @@ from steer_by_wire.pair.live import PairFiles
 from steer_by_wire.pair.shared_bus import SharedBus, virtual_wire, with_clocks
 from steer_by_wire.pair.virtual import make_virtual_pair, run_virtual_nodes
 from steer_by_wire.plant_emulator.faults import FaultyNode, with_faults
-from steer_by_wire.plant_emulator.node import PlantNode, motion_params
+from steer_by_wire.plant_emulator.motion_design import motion_params
+from steer_by_wire.plant_emulator.node import PlantNode
 from steer_by_wire.plant_emulator.plant_samples import write_trace
 from steer_by_wire.plant_emulator.settings import PRESETS as PLANT_PRESETS
 from steer_by_wire.plant_emulator.settings import PlantSettings

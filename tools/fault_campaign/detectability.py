@@ -32,9 +32,9 @@ from ...plant_emulator.fault_settings import (
     FaultKind,
     FaultSettings,
 )
-from ...plant_emulator.node import RECEIVED as PLANT_RECEIVES
-from ...plant_emulator.node import samples_per_vehicle_state
+from ...plant_emulator.plant_messages import RECEIVED as PLANT_RECEIVES
 from ...plant_emulator.safety_settings import design_guard
+from ...plant_emulator.sampling import samples_per_vehicle_state
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.node import NS_PER_S
 from .node_faults import NodeFault

@@ -9,8 +9,8 @@ from ...controller.node import ControllerNode
 from ...controller.settings import ControllerSettings
 from ...plant_emulator.fault_settings import SIGNAL_FAULTS, FaultDirection, FaultKind
 from ...plant_emulator.faults import FaultyNode
-from ...plant_emulator.motion_design import MotionParams
-from ...plant_emulator.node import PlantNode, motion_params
+from ...plant_emulator.motion_design import MotionParams, motion_params
+from ...plant_emulator.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model import BusModel
 from ...runtime.emulated_bus.channel import BUFFER_FULL

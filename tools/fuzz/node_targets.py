@@ -34,10 +34,10 @@ from ...dbc.messages import (
     resolutions,
 )
 from ...dbc.protection import COUNTERS
-from ...plant_emulator.motion_design import MotionParams
-from ...plant_emulator.node import RECEIVED as PLANT_RECEIVES
-from ...plant_emulator.node import SENT as PLANT_SENDS
-from ...plant_emulator.node import PlantNode, motion_params
+from ...plant_emulator.motion_design import MotionParams, motion_params
+from ...plant_emulator.node import PlantNode
+from ...plant_emulator.plant_messages import RECEIVED as PLANT_RECEIVES
+from ...plant_emulator.plant_messages import SENT as PLANT_SENDS
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
 from ...runtime.node import NS_PER_S, Node, ReportingNode

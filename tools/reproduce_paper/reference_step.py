@@ -16,7 +16,7 @@ from ...controller.law_interface import LawInput
 from ...controller.limits import limit_step
 from ...controller.settings import ControllerSettings, limits_of
 from ...plant_emulator.motion import Motion
-from ...plant_emulator.node import motion_params
+from ...plant_emulator.motion_design import motion_params
 from ...plant_emulator.rig_settings import StraightSettings
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.array_types import FloatArray
