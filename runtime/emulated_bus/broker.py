@@ -22,43 +22,22 @@ import select
 import socket
 import time
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
 
-from ..node import NEVER_NS, NS_PER_MS, NS_PER_S, NS_PER_US
+from ..node import NEVER_NS, NS_PER_S, NS_PER_US
 from ..statistics import DurationStatistics, DurationSummary
 from .beside import NOTHING_BESIDE, Beside
 from .channel import Channel
+from .clients import Clients
 from .connection import Connection, ConnectionLostError
 from .journal import Cause, Journal
 from .protocol import Answer, BusOff, Hello, ProtocolError
 from .wall_clock import WallClock
 
-CLIENTS_MAX = 200
-"""More would come near the 1024 descriptors that ``select`` can wait for."""
 CHANNELS_MAX = 64
-HELLO_TIMEOUT_NS = 5 * NS_PER_S
-"""A client sends its hello within a millisecond of its connection."""
 FILTER_CHANGE_NS = 50 * NS_PER_US
 """What a change of filters costs its client: many times what it costs the broker."""
-ACCEPT_PAUSE_NS = 100 * NS_PER_MS
-"""How long nobody is accepted after the host had no descriptor for one."""
 _SEED_STEP = 1_000_003
 """Between the seeds of channels; further than one channel's nodes are apart."""
-_DESCRIPTORS_MAX = 1024
-"""FD_SETSIZE of select(2)."""
-
-
-class ClientFigures(NamedTuple):
-    """What the broker has had to do with its clients.
-
-    ``connected``  now; ``most`` at once; ``served`` since the start
-    ``held_back``  how often one was not read on because its transmit buffers were full
-    """
-
-    connected: int
-    most: int
-    served: int
-    held_back: int
 
 
 class Broker:
@@ -72,7 +51,7 @@ class Broker:
     ``is_fifo``             whether the frames of one client keep their order
     ``beside``              traffic and errors on every channel
 
-    ``clients`` are those connected now.
+    ``clients``             who is connected
     """
 
     def __init__(
@@ -87,8 +66,7 @@ class Broker:
         is_fifo: bool = False,
         beside: Beside = NOTHING_BESIDE,
     ) -> None:
-        listener.setblocking(False)
-        self._listener = listener
+        self.clients = Clients(listener, journal, self._leave)
         self._bitrate_bit_s = bitrate_bit_s
         self._data_bitrate_bit_s = data_bitrate_bit_s
         self._journal = journal
@@ -98,28 +76,12 @@ class Broker:
         self._beside = beside
         self._wall_clock = WallClock()
         self._channels: dict[str, Channel] = {}
-        self.clients: set[Connection] = set()
-        self._readers: set[Connection] = set()
-        self._writers: set[Connection] = set()
-        # By when something has to happen [ns], the earliest first where all wait equally long.
-        self._greeted_by_ns: dict[Connection, int] = {}
-        self._read_again_ns: dict[Connection, int] = {}
-        self._accept_again_ns = 0
-        self._next_number = 1
-        self._most = 0
-        self._held_back = 0
         self._lateness = DurationStatistics()
 
     @property
     def channels(self) -> Mapping[str, Channel]:
         """The channels there have been, by name."""
         return self._channels
-
-    @property
-    def figures(self) -> ClientFigures:
-        """What clients have done so far."""
-        served = self._next_number - 1
-        return ClientFigures(len(self.clients), self._most, served, self._held_back)
 
     @property
     def lateness(self) -> DurationSummary:
@@ -132,18 +94,16 @@ class Broker:
             while self.serve(self._timeout_s(), end_descriptor):
                 pass
         finally:
-            for client in self.clients:
-                client.close()
+            self.clients.close()
 
     def serve(self, timeout_s: float | None, end_descriptor: int | None = None) -> bool:
         """Wait at most ``timeout_s`` for something to do, and do it; returns False at the end."""
         now_ns = self._clock_ns()
-        sources: list[int | socket.socket | Connection] = [*self._readers]
+        clients = self.clients
+        sources = clients.sources(now_ns)
         if end_descriptor is not None:
             sources.append(end_descriptor)
-        if now_ns >= self._accept_again_ns:
-            sources.append(self._listener)
-        readable, writable, _ = select.select(sources, self._writers, (), timeout_s)
+        readable, writable, _ = select.select(sources, clients.writers, (), timeout_s)
         now_ns = self._clock_ns()
         # First what has been complete until now: what is read below competes only from now on.
         for channel in self._channels.values():
@@ -153,13 +113,15 @@ class Broker:
             if isinstance(source, int):
                 return False
             if isinstance(source, socket.socket):
-                self._accept(now_ns)
-            elif source in self._readers:
+                if (refused := clients.accept(now_ns)) is not None:
+                    others = clients.figures.connected - 1
+                    self._refuse(refused, f"it has {others} clients already", now_ns)
+            elif source in clients.readers:
                 self._read(source, now_ns)
         for client in writable:
-            if client in self._writers:
-                self._flush(client, now_ns)
-        self._keep_times(now_ns)
+            if client in clients.writers:
+                clients.flush(client, now_ns)
+        clients.keep_times(now_ns)
         return True
 
     def _timeout_s(self) -> float | None:
@@ -167,26 +129,9 @@ class Broker:
         next_ns = min(
             (channel.next_event_ns for channel in self._channels.values()), default=NEVER_NS
         )
-        for waiting_ns in (self._greeted_by_ns, self._read_again_ns):
-            if waiting_ns:
-                next_ns = min(next_ns, *waiting_ns.values())
         now_ns = self._clock_ns()
-        if self._accept_again_ns > now_ns:
-            next_ns = min(next_ns, self._accept_again_ns)
+        next_ns = min(next_ns, self.clients.next_ns(now_ns))
         return None if next_ns == NEVER_NS else max(next_ns - now_ns, 0) / NS_PER_S
-
-    def _keep_times(self, now_ns: int) -> None:
-        """Do what is to be done to clients at certain times."""
-        if self._greeted_by_ns:
-            late = [client for client, by_ns in self._greeted_by_ns.items() if by_ns <= now_ns]
-            for client in late:
-                waited = f"no hello for {HELLO_TIMEOUT_NS / NS_PER_S:g} s"
-                self._drop(client, Cause.NO_HELLO, waited, now_ns)
-        if self._read_again_ns:
-            due = [client for client, at_ns in self._read_again_ns.items() if at_ns <= now_ns]
-            for client in due:
-                del self._read_again_ns[client]
-                self._readers.add(client)
 
     def _deliver(self, channel: Channel, now_ns: int) -> None:
         """Send out the frames that are complete, and let their senders submit more."""
@@ -202,44 +147,9 @@ class Broker:
             self._journal.note(f"{client} is back from bus-off", now_ns)
         for member in tuple(channel.members.values()):
             if member.has_outgoing:
-                self._flush(member, now_ns)
+                self.clients.flush(member, now_ns)
             if member.is_held_back and member in self.clients:
                 self._submit(member, now_ns)
-
-    def _accept(self, now_ns: int) -> None:
-        """Take a new client."""
-        try:
-            connection, _ = self._listener.accept()
-        except (BlockingIOError, ConnectionError):
-            return  # it has gone again before it was taken
-        except OSError:
-            # No descriptor is left, or no memory: it goes on waiting, and would wake us at once.
-            self._accept_again_ns = now_ns + ACCEPT_PAUSE_NS
-            return
-        if connection.family == socket.AF_INET:
-            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        client = Connection(connection, self._next_number)
-        self._next_number += 1
-        self.clients.add(client)
-        if len(self.clients) > CLIENTS_MAX:
-            self._drop_dead(now_ns)
-        if len(self.clients) > CLIENTS_MAX or client.fileno() >= _DESCRIPTORS_MAX:
-            self._refuse(client, f"it has {len(self.clients) - 1} clients already", now_ns)
-            return
-        self._most = max(self._most, len(self.clients))
-        self._readers.add(client)
-        self._greeted_by_ns[client] = now_ns + HELLO_TIMEOUT_NS
-
-    def _drop_dead(self, now_ns: int) -> None:
-        """Make room: who is held back is not read, and so not seen to have hung up."""
-        if not hasattr(select, "poll"):
-            return
-        poll = select.poll()
-        held = {client.fileno(): client for client in self.clients if client.is_held_back}
-        for descriptor in held:
-            poll.register(descriptor, 0)  # a hang-up is reported whatever is requested
-        for descriptor, _ in poll.poll(0):
-            self._drop(held[descriptor], Cause.LOST, "it has gone while its frames waited", now_ns)
 
     def _read(self, client: Connection, now_ns: int) -> None:
         """Take in what a client has sent."""
@@ -249,13 +159,13 @@ class Broker:
                 hello = client.take_hello()
                 if hello is None:
                     return
-                del self._greeted_by_ns[client]
+                self.clients.greeted(client)
                 self._welcome(client, hello, now_ns)
         except ConnectionLostError as reason:
-            self._drop(client, reason.cause, str(reason), now_ns)
+            self.clients.drop(client, reason.cause, str(reason), now_ns)
             return
         except ProtocolError as reason:
-            self._drop(client, Cause.GARBAGE, str(reason), now_ns)
+            self.clients.drop(client, Cause.GARBAGE, str(reason), now_ns)
             return
         if client in self.clients:
             self._submit(client, now_ns)
@@ -279,7 +189,7 @@ class Broker:
         self._channels[hello.channel].join(client)
         self._journal.join(str(client), now_ns)
         client.queue(self._answer("").pack())
-        self._flush(client, now_ns)
+        self.clients.flush(client, now_ns)
 
     def _obstacle(self, hello: Hello) -> str:
         """Why a client cannot join; empty when it can."""
@@ -302,8 +212,8 @@ class Broker:
     def _refuse(self, client: Connection, reason: str, now_ns: int) -> None:
         """Report to a client why it cannot join, and close."""
         client.queue(self._answer(reason).pack())
-        self._flush(client, now_ns)
-        self._drop(client, Cause.REFUSED, f"refused: {reason}", now_ns)
+        self.clients.flush(client, now_ns)
+        self.clients.drop(client, Cause.REFUSED, f"refused: {reason}", now_ns)
 
     def _submit(self, client: Connection, now_ns: int) -> None:
         """Put the frames a client has sent on its bus, as many as may wait there.
@@ -315,31 +225,28 @@ class Broker:
         try:
             has_all = self._channels[client.hello.channel].submit(client, now_ns)
         except ProtocolError as reason:
-            self._drop(client, Cause.GARBAGE, str(reason), now_ns)
+            self.clients.drop(client, Cause.GARBAGE, str(reason), now_ns)
             return
         requests = client.take_bus_offs()
         for request in requests:
             self._send_off(client, request, now_ns)
         if client.has_outgoing:
-            self._flush(client, now_ns)
+            self.clients.flush(client, now_ns)
         if client not in self.clients:
             return
         changes = client.take_filter_changes() + len(requests)
         if not has_all:
-            self._held_back += not client.is_held_back
-            self._readers.discard(client)
+            self.clients.hold_back(client)
         elif changes:
-            self._readers.discard(client)
-            self._read_again_ns[client] = now_ns + changes * FILTER_CHANGE_NS
-        elif client not in self._read_again_ns:
-            self._readers.add(client)
-        client.is_held_back = not has_all
+            self.clients.read_on(client, now_ns + changes * FILTER_CHANGE_NS)
+        else:
+            self.clients.read_on(client)
 
     def _send_off(self, asking: Connection, request: BusOff, now_ns: int) -> None:
         """Do what a client has asked for, if that is allowed here."""
         if not self._takes_bus_off:
             detail = "it requests a bus-off, which this bus does not allow"
-            self._drop(asking, Cause.REFUSED, detail, now_ns)
+            self.clients.drop(asking, Cause.REFUSED, detail, now_ns)
             return
         if asking.hello is None or asking not in self.clients:
             return
@@ -348,30 +255,9 @@ class Broker:
         client = channel.go_off(request, now_ns, self._wall_clock.at(now_ns))
         if client is not None:
             self._journal.note(f"{client} is in bus-off: requested by {asking}", now_ns)
-            self._flush(client, now_ns)
+            self.clients.flush(client, now_ns)
 
-    def _flush(self, client: Connection, now_ns: int) -> None:
-        """Write what waits for a client, and come back when its socket takes more."""
-        try:
-            client.flush()
-        except ConnectionLostError as reason:
-            self._drop(client, reason.cause, str(reason), now_ns)
-            return
-        if client.has_outgoing:
-            self._writers.add(client)
-        else:
-            self._writers.discard(client)
-
-    def _drop(self, client: Connection, cause: Cause, detail: str, now_ns: int) -> None:
-        """Forget a client; what it has submitted still goes out."""
-        if client not in self.clients:
-            return
-        self._journal.leave(str(client), cause, detail, now_ns)
-        self.clients.discard(client)
-        self._readers.discard(client)
-        self._writers.discard(client)
-        self._greeted_by_ns.pop(client, None)
-        self._read_again_ns.pop(client, None)
+    def _leave(self, client: Connection) -> None:
+        """Let a client leave its channel."""
         if client.hello is not None and client.hello.channel in self._channels:
             self._channels[client.hello.channel].leave(client)
-        client.close()

@@ -18,44 +18,30 @@ from can.typechecking import AutoDetectedConfig, CanFilters, Channel
 
 from ..error_frames import state_of
 from ..fault_confinement import ControllerState
-from ..frame import ERROR, Frame
-from ..message import frame_of, message_of
+from ..frame import ERROR
 from ..node import NS_PER_S
-from .address import AddressError, connect, default_address, parse_address
+from .address import AddressError, connect, default_address
+from .joining import ANSWER_TIMEOUT_S, join
+from .messages import received_message, sent_frame
 from .protocol import (
-    ANSWER,
-    ERROR_STATE,
-    FD_LENGTHS,
     FILTERS_MAX,
-    OWN,
-    REMOTE_LENGTH_SHIFT,
-    Answer,
     Buffer,
     BusOff,
     Filter,
     Hello,
     ProtocolError,
-    check_frame,
     pack_bus_off,
     pack_filters,
     pack_frame,
     record_format,
-    unpack_answer,
     unpack_delivery,
 )
 
 DEFAULT_CHANNEL = "can0"
 
-_ANSWER_TIMEOUT_S = 5.0
-"""A broker answers within a millisecond, unless it is stopped or is another program."""
 _DRAIN_TIMEOUT_S = 5.0
 """Time for the broker to read what was sent before ``shutdown``: far more than the frames in the
 socket's buffer take on the wire."""
-
-
-_SEND_BUFFER_BYTES = 4608
-"""Size of the socket's buffer: a dozen frames, as the transmit queue of a network interface. The
-default size would hold hundreds, which would be old when they are sent."""
 
 
 class EmulatedBus(can.BusABC):
@@ -92,7 +78,7 @@ class EmulatedBus(can.BusABC):
         hello = Hello(
             str(channel), fd, receive_own_messages, bitrate or 0, data_bitrate or 0, error_frames
         )
-        self._socket, answer = _join(hello, address)
+        self._socket, answer = join(hello, address)
         self._channel = hello.channel
         self._record = record_format(fd)
         self._partial = b""
@@ -121,7 +107,7 @@ class EmulatedBus(can.BusABC):
             raise can.CanOperationError("a CAN FD frame needs a bus that was opened with fd=True")
         if timeout == 0 and (msg.arbitration_id, msg.is_extended_id) in self._full:
             raise can.CanTimeoutError("no room to send: frames of this identifier wait already")
-        raw = pack_frame(self._record, _sent_frame(msg))
+        raw = pack_frame(self._record, sent_frame(msg))
         with self._send_lock:
             self._send_all(raw, timeout)
 
@@ -178,7 +164,7 @@ class EmulatedBus(can.BusABC):
             return self._recv_internal(0.0)  # a frame may be behind it
         if frame.flags & ERROR:
             self._confinement = state_of(frame) or self._confinement
-        message = _received_message(frame, time_ns, self._channel)
+        message = received_message(frame, time_ns, self._channel)
         return message, bool(message.is_error_frame)
 
     def _send_all(self, raw: bytes, timeout: float | None) -> None:
@@ -263,88 +249,7 @@ class EmulatedBus(can.BusABC):
     def _detect_available_configs() -> list[AutoDetectedConfig]:
         """The default channel, when a broker listens at the default address."""
         try:
-            connect(default_address(), _ANSWER_TIMEOUT_S).close()
+            connect(default_address(), ANSWER_TIMEOUT_S).close()
         except (OSError, AddressError):
             return []
         return [{"interface": "emulated", "channel": DEFAULT_CHANNEL}]
-
-
-def _join(hello: Hello, address_text: str | None) -> tuple[socket.socket, Answer]:
-    """Connect and say hello; returns the non-blocking socket and the broker's answer.
-
-    Raises can.CanInitializationError.
-    """
-    try:
-        address = parse_address(address_text) if address_text else default_address()
-        raw = hello.pack()
-    except (AddressError, ProtocolError) as error:
-        raise can.CanInitializationError(str(error)) from error
-    option = f" --address {address}" if address_text else ""
-    try:
-        connection = connect(address, _ANSWER_TIMEOUT_S)
-    except OSError as error:
-        raise can.CanInitializationError(
-            f"no emulated bus is listening at {address} ({error.strerror or error}); "
-            f"start one with: emulated-can-bus{option}"
-        ) from error
-    try:
-        # A full broker answers with the reason and closes before it reads anything.
-        with suppress(BrokenPipeError):
-            connection.sendall(raw)
-        answer = unpack_answer(_receive_exactly(connection, ANSWER.size))
-        if answer.reason:
-            raise ProtocolError(answer.reason)
-    except (OSError, ProtocolError) as error:
-        connection.close()
-        raise can.CanInitializationError(
-            f"the emulated bus at {address} cannot be joined: {error}"
-        ) from error
-    connection.setblocking(False)
-    if connection.family != socket.AF_INET:
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
-    return connection, answer
-
-
-def _receive_exactly(connection: socket.socket, size: int) -> bytes:
-    """Receive ``size`` bytes; raises OSError or ProtocolError."""
-    received = b""
-    while len(received) < size:
-        part = connection.recv(size - len(received))
-        if not part:
-            raise ProtocolError("it has closed the connection")
-        received += part
-    return received
-
-
-def _sent_frame(message: can.Message) -> Frame:
-    """Return the frame to send, padded to a length that CAN FD has.
-
-    Raises can.CanOperationError for an invalid frame.
-    """
-    frame = frame_of(message)
-    if message.error_state_indicator:
-        frame = frame._replace(flags=frame.flags | ERROR_STATE)
-    if message.is_remote_frame:
-        frame = frame._replace(flags=frame.flags | message.dlc << REMOTE_LENGTH_SHIFT)
-    elif message.is_fd:
-        # As SocketCAN does: CAN FD has no frame of nine bytes.
-        size = len(frame.data)
-        size = next((length for length in FD_LENGTHS if length >= size), size)
-        frame = frame._replace(data=frame.data.ljust(size, b"\0"))
-    try:
-        check_frame(frame)
-    except ProtocolError as error:
-        raise can.CanOperationError(f"not a frame that can be sent: {error}") from error
-    return frame
-
-
-def _received_message(frame: Frame, time_ns: int, channel: str) -> can.Message:
-    """Return the message of a frame that ended at ``time_ns`` of the wall clock."""
-    message = message_of(frame)
-    message.timestamp = time_ns * 1e-9
-    message.channel = channel
-    message.is_rx = not frame.flags & OWN
-    message.error_state_indicator = bool(frame.flags & ERROR_STATE)
-    if message.is_remote_frame:
-        message.dlc = frame.flags >> REMOTE_LENGTH_SHIFT
-    return message

@@ -43,7 +43,7 @@ def broker_report(broker: Broker, journal: Journal, duration_ns: int) -> dict[st
             for name, channel in sorted(broker.channels.items())
         },
         "clients": {
-            **broker.figures._asdict(),
+            **broker.clients.figures._asdict(),
             "disconnected": dict(journal.disconnections),
             "unprinted": journal.unprinted,
         },

@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from steer_by_wire.runtime.emulated_bus.broker import FILTER_CHANGE_NS, HELLO_TIMEOUT_NS
+from steer_by_wire.runtime.emulated_bus.broker import FILTER_CHANGE_NS
 from steer_by_wire.runtime.emulated_bus.channel import BUFFER_FULL, BUFFERS_MAX, FRAMES_WAITING_MAX
+from steer_by_wire.runtime.emulated_bus.clients import HELLO_TIMEOUT_NS
 from steer_by_wire.runtime.emulated_bus.connection import (
     MASKS_MAX,
     OUTGOING_BYTES_MAX,
@@ -77,7 +78,7 @@ def test_who_floods_has_a_bounded_queue_and_delays_a_higher_priority_by_one_fram
         assert client.frames_waiting <= FRAMES_WAITING_MAX
         assert len(client._incoming) <= READ_BYTES
         assert_bus_is_well(bench, one, other)
-    assert bench.broker.figures.held_back >= 1
+    assert bench.broker.clients.figures.held_back >= 1
     assert bench.lines == []  # it is limited, not disconnected
 
 
@@ -290,7 +291,7 @@ def test_who_says_nothing_is_disconnected_after_a_while(bench: Bench) -> None:
     assert bench.gone(Cause.NO_HELLO) == 2
     assert is_closed(silent)
     assert is_closed(halting)
-    assert bench.broker.figures.connected == 2
+    assert bench.broker.clients.figures.connected == 2
     assert all("no hello for 5 s" in line for line in bench.lines)
     assert_bus_is_well(bench, one, other)
 
@@ -331,7 +332,7 @@ def test_a_storm_of_vandals_costs_the_others_nothing_but_a_bounded_number_of_lin
         assert is_closed(vandal)
         vandal.close()
     assert bench.gone(Cause.GARBAGE) == 300
-    assert bench.broker.figures.connected == 2
+    assert bench.broker.clients.figures.connected == 2
     assert len(bench.lines) <= LINES_AT_ONCE + bench.now_ns // LINE_PERIOD_NS + 1
     assert len(bench.lines) + bench.journal.unprinted == 300
     assert_bus_is_well(bench, one, other)

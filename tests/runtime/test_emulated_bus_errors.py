@@ -219,7 +219,7 @@ def python_can(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Iterator[Emulat
         assert len(hello.pack()) == HELLO.size
         return bench.join(hello.channel, error_frames=hello.error_frames), Answer(BITRATE_BIT_S, 0)
 
-    monkeypatch.setattr(client_module, "_join", join)
+    monkeypatch.setattr(client_module, "join", join)
     bus = EmulatedBus("can0")
     try:
         yield bus

@@ -6,8 +6,8 @@ import socket
 import pytest
 
 from steer_by_wire.runtime.emulated_bus.arbitration_delays import WATCHED_IDS_MAX
-from steer_by_wire.runtime.emulated_bus.broker import ACCEPT_PAUSE_NS, CLIENTS_MAX
 from steer_by_wire.runtime.emulated_bus.channel import FRAMES_WAITING_MAX, LEFT_FRAMES_MAX
+from steer_by_wire.runtime.emulated_bus.clients import ACCEPT_PAUSE_NS, CLIENTS_MAX
 from steer_by_wire.runtime.emulated_bus.journal import LINE_PERIOD_NS, LINES_AT_ONCE, Cause, Journal
 from steer_by_wire.runtime.emulated_bus.protocol import CLASSIC_RECORD, HELLO, Hello
 from steer_by_wire.runtime.emulated_bus.report import broker_report, summary_line
@@ -70,9 +70,9 @@ def test_a_house_full_of_the_dead_lets_the_living_in(bench: Bench) -> None:
         send(vandal, *[Frame(0x700, bytes(8))] * (FRAMES_WAITING_MAX + 1))
         bench.step(1)
         vandal.close()
-    assert bench.broker.figures.connected == CLIENTS_MAX
+    assert bench.broker.clients.figures.connected == CLIENTS_MAX
     late = bench.join()
-    assert bench.broker.figures.connected == 3
+    assert bench.broker.clients.figures.connected == 3
     assert bench.gone(Cause.REFUSED) == 0
     assert_bus_is_well(bench, one, other)
     assert_bus_is_well(bench, late, other)
@@ -96,10 +96,10 @@ def test_a_host_without_descriptors_is_asked_again_later(bench: Bench) -> None:
     with late:
         late.connect(str(bench.path))
         bench.step(20)
-        assert bench.broker.figures.connected == 2
+        assert bench.broker.clients.figures.connected == 2
         assert_bus_is_well(bench, one, other)
         bench.advance(ACCEPT_PAUSE_NS)
-        assert bench.broker.figures.connected == 3
+        assert bench.broker.clients.figures.connected == 3
     assert attempts == 1
 
 

@@ -63,12 +63,8 @@ class Table:
             lambda: self.now_ns,
             takes_bus_off=takes_bus_off,
         )
-        stack.callback(self._close_clients)
+        stack.callback(self.broker.clients.close)
         self.node, self.peer, self.asking = self.join(), self.join(), self.join()
-
-    def _close_clients(self) -> None:
-        for client in self.broker.clients:
-            client.close()
 
     def join(self) -> socket.socket:
         client = self._stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))

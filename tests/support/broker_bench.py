@@ -41,11 +41,7 @@ class Bench:
         self.broker = Broker(
             listener, BITRATE_BIT_S, None, self.journal, lambda: self.now_ns, beside=beside
         )
-        stack.callback(self._close_clients)
-
-    def _close_clients(self) -> None:
-        for client in self.broker.clients:
-            client.close()
+        stack.callback(self.broker.clients.close)
 
     def _tell(self, line: str) -> bool:
         if self.is_read:

@@ -6,7 +6,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from ...runtime.emulated_bus.broker import CLIENTS_MAX, Broker
+from ...runtime.emulated_bus.broker import Broker
+from ...runtime.emulated_bus.clients import CLIENTS_MAX
 from ...runtime.emulated_bus.journal import Journal
 from ...runtime.emulated_bus.protocol import (
     ANSWER,
@@ -68,7 +69,7 @@ class FuzzedBus:
         """Let the broker process what is pending."""
         self._now_ns += elapsed_ns
         promise(self._broker.serve(0.0), "the broker has ended")
-        promise(self._broker.figures.connected <= CLIENTS_MAX, "too many clients")
+        promise(self._broker.clients.figures.connected <= CLIENTS_MAX, "too many clients")
         self._listen()
 
     def say(self) -> None:
