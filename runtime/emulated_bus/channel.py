@@ -1,9 +1,5 @@
 """One channel of the broker: a bus with its own time, and the clients on it.
 
-A client has a transmit buffer for each identifier that it sends, like a CAN controller with enough
-buffers. When one is full the client is notified, and itself refuses further frames of that
-identifier, so that other frames do not wait behind them. A client that sends more is not read.
-
 Frames that a client has submitted are still sent after it has gone, like the last frames of a
 program that ends. At most LEFT_FRAMES_MAX frames of departed clients wait on one channel, so that
 no client fills the bus by joining and leaving. Beyond that, the client that left the most loses
@@ -17,7 +13,6 @@ reach the clients up to that much late, with their right times.
 from struct import Struct
 
 from ..background_traffic import BackgroundTraffic
-from ..bus_errors import BusErrors
 from ..bus_model import BusLoad, BusModel, Delivery
 from ..bus_settings import errors_of
 from ..error_frames import BUS_OFF_FRAME, RESTARTED_FRAME, state_of
@@ -27,19 +22,11 @@ from ..node import NEVER_NS, NS_PER_MS
 from .arbitration_delays import WATCHED_IDS_MAX, ArbitrationDelays
 from .beside import NOTHING_BESIDE, Beside, client_number
 from .bus_off import Recovery
-from .connection import BufferKey, Connection
+from .connection import Connection
 from .error_reports import ErrorReports
-from .protocol import OWN, Buffer, BusOff, pack_buffer, pack_frame
+from .protocol import OWN, BusOff, pack_frame
+from .transmit_buffers import FRAMES_WAITING_MAX, TransmitBuffers
 
-BUFFER_FULL = 16
-"""Frames in a transmit buffer at which its client is notified that it is full."""
-FRAMES_WAITING_MAX = 64
-"""Frames in a transmit buffer at which the broker stops reading from its client. There is room for
-frames on their way when the buffer became full, and for a client that waits in ``send``."""
-BUFFERS_MAX = 32
-"""Waiting identifiers of one client at which the broker stops reading from it."""
-_FIFO: BufferKey = (-1, False)
-"""The only transmit buffer of a client with a FIFO."""
 LEFT_FRAMES_MAX = 1024
 """Frames of departed clients that may wait on one channel."""
 PACE_NS = NS_PER_MS
@@ -51,6 +38,10 @@ class Channel:
 
     ``bitrate_bit_s``, ``data_bitrate_bit_s``, ``is_fifo``  as in BusModel
     ``start_ns``                                            when the time of its bus begins [ns]
+
+    ``errors``          what went wrong on the wire; None where nothing can
+    ``discarded``       frames of departed clients that were never sent
+    ``traffic_frames``  frames of other people's messages
     """
 
     def __init__(
@@ -64,8 +55,8 @@ class Channel:
     ) -> None:
         self.members: dict[int, Connection] = {}
         self.delays = ArbitrationDelays()
-        self._errors = errors_of(beside.settings, beside.seed, client_number, self._is_acknowledged)
-        self._reports = None if self._errors is None else ErrorReports(self._errors, self.members)
+        self.errors = errors_of(beside.settings, beside.seed, client_number, self._is_acknowledged)
+        self._reports = None if self.errors is None else ErrorReports(self.errors, self.members)
         self._traffic = BackgroundTraffic(beside.messages, beside.seed) if beside.messages else None
         if self._traffic is not None:
             self._traffic.on_wire = self._on_wire
@@ -75,22 +66,22 @@ class Channel:
             FRAMES_WAITING_MAX,
             self.delays.record,
             is_fifo=is_fifo,
-            errors=self._errors,
+            errors=self.errors,
             traffic=self._traffic,
         )
-        self._is_paced = self._errors is not None or self._traffic is not None
+        self._is_paced = self.errors is not None or self._traffic is not None
         self._start_ns = start_ns if self._is_paced else 0  # nothing else has a beginning
         self._pace_ns = start_ns if self._is_paced else NEVER_NS
         self._of_traffic: list[Delivery] = []
         self.traffic_frames = 0
-        self._is_fifo = is_fifo
+        self._buffers = TransmitBuffers(is_fifo=is_fifo)
         self._bitrate_bit_s = bitrate_bit_s
         self._senders: dict[tuple[int, bool], int] = {}
         self._quiet_ns = 0
         self._requested_offs = 0
         self._lost_in_bus_off = 0
         self._left: dict[int, int] = {}
-        self._discarded = 0
+        self.discarded = 0
 
     @property
     def next_event_ns(self) -> int:
@@ -106,7 +97,7 @@ class Channel:
 
     def is_due(self, now_ns: int) -> bool:
         """Whether to advance it before clients submit: errors may have ended a frame early."""
-        return self._errors is not None or self.next_event_ns <= now_ns
+        return self.errors is not None or self.next_event_ns <= now_ns
 
     @property
     def load(self) -> BusLoad:
@@ -114,52 +105,35 @@ class Channel:
         return self._model.load
 
     @property
-    def discarded(self) -> int:
-        """Frames of departed clients that were never sent."""
-        return self._discarded
-
-    @property
     def bus_offs(self) -> int:
         """How often a node has gone into bus-off, by a request or by errors."""
-        return self._requested_offs + (0 if self._errors is None else self._errors.bus_offs)
+        return self._requested_offs + (0 if self.errors is None else self.errors.bus_offs)
 
     @property
     def lost_in_bus_off(self) -> int:
         """Frames lost in bus-off: sent then, or still waiting for the wire."""
         return self._lost_in_bus_off + self._model.lost_in_bus_off
 
-    @property
-    def errors(self) -> BusErrors | None:
-        """What went wrong on the wire; None where nothing can."""
-        return self._errors
-
     def join(self, client: Connection) -> None:
         """Take a client."""
         self.members[client.number] = client
-        if self._errors is not None:
-            self._errors.join(client.number)
+        if self.errors is not None:
+            self.errors.join(client.number)
 
     def submit(self, client: Connection, now_ns: int) -> bool:
         """Submit a client's frames, as many as may wait; returns whether these were all.
 
         Raises ProtocolError for an invalid frame.
         """
-        waiting_of = client.waiting
         while (frame := client.take_frame()) is not None:
             if client.recovery is not None:
                 self._lost_in_bus_off += 1
                 continue
-            can_id, _, flags = frame
-            key = (can_id, flags & EXTENDED != 0)
-            buffer = _FIFO if self._is_fifo else key
-            waiting = waiting_of.get(buffer, 0) + 1
-            if waiting > FRAMES_WAITING_MAX or (waiting == 1 and len(waiting_of) >= BUFFERS_MAX):
+            if not self._buffers.take(client, frame):
                 client.put_back(frame)
                 return False
             self._model.submit(frame, client.number, now_ns - self._start_ns)
-            waiting_of[buffer] = waiting
-            if waiting >= BUFFER_FULL and not self._is_fifo:
-                self._report_full(client, key)
+            key = (frame.can_id, frame.flags & EXTENDED != 0)
             if key in self._senders or len(self._senders) < WATCHED_IDS_MAX:
                 self._senders[key] = client.number
         return True
@@ -182,7 +156,7 @@ class Channel:
             return None
         withdrawn = self._model.withdraw(client.number)
         for frame in withdrawn:
-            self._make_room(client, frame)
+            self._buffers.free(client, frame)
         self._lost_in_bus_off += len(withdrawn)
         self._requested_offs += 1
         client.recovery = Recovery(restart_ns, self._bitrate_bit_s)
@@ -236,7 +210,7 @@ class Channel:
         """Count a frame of a client that is complete."""
         member = self.members.get(sender)
         if member is not None:
-            self._make_room(member, frame)
+            self._buffers.free(member, frame)
         elif self._left[sender] > 1:
             self._left[sender] -= 1
         else:
@@ -247,8 +221,8 @@ class Channel:
         # The model hands a frame of the traffic over when it starts.
         others = [one for one in self._of_traffic if one.end_ns <= bus_ns]
         del self._of_traffic[: len(others)]
-        if self._reports is not None and self._errors is not None:
-            self._errors.next_hit_ns(bus_ns)  # the noise keeps up with an idle bus
+        if self._reports is not None and self.errors is not None:
+            self.errors.next_hit_ns(bus_ns)  # the noise keeps up with an idle bus
             for sender in self._reports.gone_off:
                 self._empty_buffers(sender)
             self._reports.gone_off.clear()
@@ -261,10 +235,7 @@ class Channel:
         if member is None:
             self._forget(sender)
             return
-        member.waiting.clear()
-        for buffer in sorted(member.full):
-            member.queue(pack_buffer(member.record, Buffer(*buffer, has_room=True)))
-        member.full.clear()
+        self._buffers.empty(member)
 
     def _forget(self, sender: int) -> None:
         """Forget a departed client without frames."""
@@ -327,7 +298,7 @@ class Channel:
             if sum(self._left.values()) <= LEFT_FRAMES_MAX:
                 break
             withdrawn = len(self._model.withdraw(number))
-            self._discarded += withdrawn
+            self.discarded += withdrawn
             self._left[number] -= withdrawn
             if not self._left[number]:
                 self._forget(number)
@@ -341,23 +312,3 @@ class Channel:
     def _on_wire(self, end_ns: int, sender: int, frame: Frame) -> None:
         self.traffic_frames += 1
         self._of_traffic.append(Delivery(end_ns, sender, frame))
-
-    def _report_full(self, client: Connection, buffer: BufferKey) -> None:
-        """Notify the client to refuse frames of this transmit buffer until there is room.
-
-        A client that does not read misses this, and is held back in the end.
-        """
-        if buffer not in client.full and not client.is_behind:
-            client.full.add(buffer)
-            client.queue(pack_buffer(client.record, Buffer(*buffer, has_room=False)))
-
-    def _make_room(self, client: Connection, frame: Frame) -> None:
-        """Count a frame that has left its transmit buffer."""
-        can_id, _, flags = frame
-        buffer = _FIFO if self._is_fifo else (can_id, flags & EXTENDED != 0)
-        waiting = client.waiting.pop(buffer) - 1
-        if waiting:
-            client.waiting[buffer] = waiting
-        if waiting == BUFFER_FULL - 1 and buffer in client.full:
-            client.full.discard(buffer)
-            client.queue(pack_buffer(client.record, Buffer(*buffer, has_room=True)))

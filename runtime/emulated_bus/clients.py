@@ -38,14 +38,14 @@ class Clients:
     ``journal``  reports who goes
     ``leave``    called with a client that goes
 
-    ``readers``, ``writers``  whom to wait for
+    ``readers``, ``writers``, ``listener``  whom to wait for
     """
 
     def __init__(
         self, listener: socket.socket, journal: Journal, leave: Callable[[Connection], None]
     ) -> None:
         listener.setblocking(False)
-        self._listener = listener
+        self.listener = listener
         self._journal = journal
         self._leave = leave
         self._all: set[Connection] = set()
@@ -75,13 +75,13 @@ class Clients:
 
     def sources(self, now_ns: int) -> list[int | socket.socket | Connection]:
         """Return what to wait for: who may be read, and the listener."""
-        listeners = [self._listener] if now_ns >= self._accept_again_ns else []
+        listeners = [self.listener] if now_ns >= self._accept_again_ns else []
         return [*self.readers, *listeners]
 
     def accept(self, now_ns: int) -> Connection | None:
         """Take a new client; returns it if there is no place for it."""
         try:
-            connection, _ = self._listener.accept()
+            connection, _ = self.listener.accept()
         except (BlockingIOError, ConnectionError):
             return None  # it has gone again before it was taken
         except OSError:

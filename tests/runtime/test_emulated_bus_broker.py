@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from steer_by_wire.runtime.emulated_bus.broker import FILTER_CHANGE_NS
-from steer_by_wire.runtime.emulated_bus.channel import BUFFER_FULL, BUFFERS_MAX, FRAMES_WAITING_MAX
 from steer_by_wire.runtime.emulated_bus.clients import HELLO_TIMEOUT_NS
 from steer_by_wire.runtime.emulated_bus.connection import (
     MASKS_MAX,
@@ -31,6 +30,11 @@ from steer_by_wire.runtime.emulated_bus.protocol import (
     pack_filters,
     pack_frame,
     unpack_delivery,
+)
+from steer_by_wire.runtime.emulated_bus.transmit_buffers import (
+    BUFFER_FULL,
+    BUFFERS_MAX,
+    FRAMES_WAITING_MAX,
 )
 from steer_by_wire.runtime.frame import EXTENDED, Frame
 from steer_by_wire.runtime.node import NS_PER_MS

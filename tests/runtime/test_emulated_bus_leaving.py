@@ -6,11 +6,12 @@ import socket
 import pytest
 
 from steer_by_wire.runtime.emulated_bus.arbitration_delays import WATCHED_IDS_MAX
-from steer_by_wire.runtime.emulated_bus.channel import FRAMES_WAITING_MAX, LEFT_FRAMES_MAX
+from steer_by_wire.runtime.emulated_bus.channel import LEFT_FRAMES_MAX
 from steer_by_wire.runtime.emulated_bus.clients import ACCEPT_PAUSE_NS, CLIENTS_MAX
 from steer_by_wire.runtime.emulated_bus.journal import LINE_PERIOD_NS, LINES_AT_ONCE, Cause, Journal
 from steer_by_wire.runtime.emulated_bus.protocol import CLASSIC_RECORD, HELLO, Hello
 from steer_by_wire.runtime.emulated_bus.report import broker_report, summary_line
+from steer_by_wire.runtime.emulated_bus.transmit_buffers import FRAMES_WAITING_MAX
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S
 from tests.support.broker_bench import CLASSIC_FRAME_NS, Bench, assert_bus_is_well, received, send
@@ -88,10 +89,11 @@ def test_a_host_without_descriptors_is_asked_again_later(bench: Bench) -> None:
             attempts += 1
             raise OSError(errno.EMFILE, "Too many open files")
 
-    bench.broker._accept(bench.now_ns)  # nobody is there: no pause
-    listener, bench.broker._listener = bench.broker._listener, Exhausted()  # type: ignore[assignment]
-    bench.broker._accept(bench.now_ns)
-    bench.broker._listener = listener
+    clients = bench.broker.clients
+    clients.accept(bench.now_ns)  # nobody is there: no pause
+    listener, clients.listener = clients.listener, Exhausted()  # type: ignore[assignment]
+    clients.accept(bench.now_ns)
+    clients.listener = listener
     late = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     with late:
         late.connect(str(bench.path))

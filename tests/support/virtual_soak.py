@@ -10,7 +10,7 @@ from steer_by_wire.dbc.messages import Mode
 from steer_by_wire.pair.virtual import make_virtual_pair
 from steer_by_wire.plant_emulator.settings import PlantSettings
 from steer_by_wire.runtime.bus_model import BusModel
-from steer_by_wire.runtime.emulated_bus.channel import BUFFER_FULL
+from steer_by_wire.runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.node import NS_PER_MS
 from steer_by_wire.runtime.virtual_time import VirtualTimeExecutor

@@ -15,10 +15,10 @@ import can
 import pytest
 
 from steer_by_wire.runtime.emulated_bus.broker import CHANNELS_MAX
-from steer_by_wire.runtime.emulated_bus.channel import FRAMES_WAITING_MAX
 from steer_by_wire.runtime.emulated_bus.clients import CLIENTS_MAX
 from steer_by_wire.runtime.emulated_bus.launch import launched_broker
 from steer_by_wire.runtime.emulated_bus.protocol import HELLO
+from steer_by_wire.runtime.emulated_bus.transmit_buffers import FRAMES_WAITING_MAX
 from steer_by_wire.tools.bus.program import _print_line, main
 from tests.support.broker_program import client, message, receive, start_broker
 from tests.support.broker_program import directory as directory

@@ -21,7 +21,7 @@ from steer_by_wire.recordings.census import count_messages, gaps, read_bus_log
 from steer_by_wire.runtime.background_traffic import COUNTS, PeriodicMessage
 from steer_by_wire.runtime.bus_model import BusModel
 from steer_by_wire.runtime.candump import LogEntry, format_entry
-from steer_by_wire.runtime.emulated_bus.channel import BUFFER_FULL
+from steer_by_wire.runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.frame_length import INTERMISSION_BITS, frame_bits
 from steer_by_wire.runtime.node import NS_PER_MS, NS_PER_S

@@ -13,7 +13,7 @@ from ...plant_emulator.motion_design import MotionParams, motion_params
 from ...plant_emulator.node import PlantNode
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.bus_model import BusModel
-from ...runtime.emulated_bus.channel import BUFFER_FULL
+from ...runtime.emulated_bus.transmit_buffers import BUFFER_FULL
 from ...runtime.frame import Frame
 from ...runtime.node import NEVER_NS, NS_PER_S, ReportingNode
 from ...runtime.virtual_time import VirtualTimeExecutor
