@@ -34,7 +34,7 @@ from ..dbc.messages import (
 from ..dbc.protection import COUNTERS, protect
 from ..runtime.frame import Frame
 from ..runtime.node import NS_PER_S
-from .fault_settings import FaultKind, FaultSettings
+from .fault_settings import FaultKind, FaultSettings, fields_of, message_types_of
 
 BURST_CHANCE = 0.05
 REORDER_CHANCE = 0.2
@@ -82,6 +82,12 @@ _RAW_OUTSIDE = MappingProxyType(
 _TYPES_BY_ID: Mapping[int, type[Message]] = MappingProxyType(
     {can_id: message_type for message_type, can_id in CAN_IDS.items()}
 )
+
+
+def bits_of(fault: FaultSettings) -> int:
+    """Return the length of the frames' data [bits], of the shortest where there are several."""
+    ids = {CAN_IDS[message_type] for message_type in message_types_of(fault)}
+    return min(8 * layout.length for layout in LAYOUTS if layout.can_id in ids)
 
 
 class FaultMemory:
@@ -177,7 +183,7 @@ def _move(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) -
 
 
 def _spoof(p: FaultSettings, _x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
-    forged = with_value(frame, str(p.signal), lambda _value: p.magnitude, steps=1)
+    forged = with_value(frame, str(p.signal), lambda _name, _value: p.magnitude, steps=1)
     return (frame,) if forged is None else (frame, forged)
 
 
@@ -208,46 +214,50 @@ def _stuck(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) 
     before = decode(x.before[frame.can_id]) if frame.can_id in x.before else None
     if not isinstance(before, Decoded) or not x.happens(p.magnitude):
         return (frame,)
-    value = float(getattr(before.message, str(p.signal)))
-    return (_changed(p, frame, lambda _value: value),)
+    message = before.message
+    return (_changed(p, frame, lambda name, _value: float(getattr(message, name))),)
 
 
 def _offset(p: FaultSettings, _x: FaultMemory, frame: Frame, _n: int, _s: float) -> Sequence[Frame]:
-    return (_changed(p, frame, lambda value: value + p.magnitude),)
+    return (_changed(p, frame, lambda _name, value: value + p.magnitude),)
 
 
 def _scale(p: FaultSettings, _x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
-    return (_changed(p, frame, lambda value: value * p.magnitude),)
+    return (_changed(p, frame, lambda _name, value: value * p.magnitude),)
 
 
 def _drift(p: FaultSettings, _x: FaultMemory, frame: Frame, _ns: int, s: float) -> Sequence[Frame]:
-    return (_changed(p, frame, lambda value: value + p.magnitude * s),)
+    return (_changed(p, frame, lambda _name, value: value + p.magnitude * s),)
 
 
 def _noise(p: FaultSettings, x: FaultMemory, frame: Frame, _ns: int, _s: float) -> Sequence[Frame]:
     score = NormalDist().inv_cdf(min(max(next(x.draws), 1e-15), 1.0 - 1e-15))
-    return (_changed(p, frame, lambda value: value + p.magnitude * score),)
+    return (_changed(p, frame, lambda _name, value: value + p.magnitude * score),)
 
 
-def _changed(p: FaultSettings, frame: Frame, change: Callable[[float], float]) -> Frame:
+def _changed(p: FaultSettings, frame: Frame, change: Callable[[str, float], float]) -> Frame:
     return with_value(frame, str(p.signal), change) or frame
 
 
 def with_value(
-    frame: Frame, signal: str, change: Callable[[float], float], steps: int = 0
+    frame: Frame, signal: str, change: Callable[[str, float], float], steps: int = 0
 ) -> Frame | None:
-    """Return the frame with one value changed, its counter advanced by ``steps``, and a valid CRC.
+    """Return the frame with a signal changed, its counter advanced by ``steps``, and a valid CRC.
+
+    ``change``  new value from a field's name and its value
 
     None if the frame is not a valid message, or the message does not have the signal.
     """
     decoded = decode(frame)
-    if not isinstance(decoded, Decoded) or not hasattr(decoded.message, signal):
+    if not isinstance(decoded, Decoded):
         return None
-    low, high = limits(type(decoded.message))[signal]
-    value = change(float(getattr(decoded.message, signal)))
-    value = low if math.isnan(value) else min(max(value, low), high)
-    fields = {**decoded.message._asdict(), signal: value}
-    return encode(type(decoded.message)(**fields), (decoded.counter + steps) % COUNTERS)
+    message_type, fields = type(decoded.message), decoded.message._asdict()
+    names = fields_of(message_type, signal)
+    for name in names:
+        low, high = limits(message_type)[name]
+        value = change(name, float(fields[name]))
+        fields[name] = low if math.isnan(value) else min(max(value, low), high)
+    return encode(message_type(**fields), (decoded.counter + steps) % COUNTERS) if names else None
 
 
 EFFECTS: Mapping[FaultKind, Effect] = MappingProxyType(

@@ -37,6 +37,8 @@ from ..runtime.settings import Settings
 
 ALL = "all"
 """Every message of the direction."""
+WHOLE_PLAN = "steer_rad"
+"""The signal of STEERING_PLAN that stands for each of its angles."""
 FAULTS_MAX = 100
 
 
@@ -192,8 +194,16 @@ class FaultSettings(Settings):
 
 
 def quantities_of(message_type: type[Message]) -> tuple[str, ...]:
-    """Return the fields of a message that are quantities, which signal faults can change."""
-    return tuple(name for name, kind in message_type.__annotations__.items() if kind is float)
+    """Return the quantities of a message, which signal faults can change; of a plan, all first."""
+    names = tuple(name for name, kind in message_type.__annotations__.items() if kind is float)
+    return (WHOLE_PLAN, *names) if message_type is SteeringPlan else names
+
+
+def fields_of(message_type: type[Message], signal: str) -> tuple[str, ...]:
+    """Return the fields of a message that a signal stands for."""
+    if message_type is SteeringPlan and signal == WHOLE_PLAN:
+        return quantities_of(SteeringPlan)[1:]
+    return (signal,) if signal in message_type.__annotations__ else ()
 
 
 def message_types_of(fault: FaultSettings) -> tuple[type[Message], ...]:

@@ -4,6 +4,8 @@ from importlib.resources import files
 
 import pytest
 
+from steer_by_wire.dbc.messages import Decoded, Mode, SteeringPlan, decode, encode
+from steer_by_wire.plant_emulator.fault_effects import with_value
 from steer_by_wire.runtime.settings import Preset, SettingsError, load_settings
 from steer_by_wire.tools.fault_campaign.detectability import Mechanism, no_effect_chance
 from steer_by_wire.tools.fault_campaign.pair import make_pair, run_pair
@@ -53,6 +55,38 @@ def test_what_the_age_limit_makes_of_a_fault_depends_on_the_fault_tolerant_time(
     for ftti_ms, mechanisms in ((100.0, (Mechanism.FRESHNESS,)), (150.0, ())):
         scenario = list(scenarios_of(spec_of(f"ftti_ms={ftti_ms}", spike)))[-1]
         assert scenario.case.expected.mechanisms == mechanisms
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        *('kind="drop", magnitudes=[1]', 'kind="freeze", magnitudes=[1]'),
+        *('kind="bit_flips", magnitudes=[0.02]', 'kind="replay", magnitudes=[0.2]'),
+        *('kind="stuck", magnitudes=[1]', 'kind="wrong_identifier", magnitudes=[1]'),
+        'kind="spoof", magnitudes=[0.05]',
+    ],
+)
+def test_a_fault_of_a_plan_is_judged_as_that_of_a_command(case: str) -> None:
+    """A law that plans sends no commands, and a fault of these is left out."""
+    both = f'cases=[{{{case}, messages=["STEERING_COMMAND", "STEERING_PLAN"]}}]'
+    spec = spec_of("motion_s=3.0", 'laws=["practical_packet"]', both)
+    (scenario,) = [one for one in scenarios_of(spec) if one.case.faults]
+    result = run_trial(scenario)
+    assert result.where == "STEERING_PLAN"
+    assert sum(result.changed) > 20
+    expected = {"stuck": Verdict.NOT_DETECTABLE, "spoof": Verdict.FOLLOWED}
+    expected["replay"] = Verdict.FOLLOWED
+    assert result.verdict is expected.get(result.kind, Verdict.PASSED)
+
+
+def test_a_fault_of_a_whole_plan_changes_each_of_its_angles() -> None:
+    plan = SteeringPlan(7, Mode.ACTIVE, 40, 5, *(0.001 * place for place in range(18)))
+    changed = with_value(encode(plan, 3), "steer_rad", lambda _name, value: value + 0.1)
+    assert changed is not None
+    decoded = decode(changed)
+    assert isinstance(decoded, Decoded)
+    assert decoded.message[4:] == pytest.approx([0.1 + value for value in plan[4:]], abs=1e-5)
+    assert decoded.message[:4] == plan[:4]
 
 
 def test_the_shipped_point_at_road_speed_counts_nothing_without_a_fault() -> None:

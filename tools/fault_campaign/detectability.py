@@ -24,7 +24,7 @@ from ...controller.node import STATUS_PERIOD_NS
 from ...controller.settings import ControllerSettings, age_limits_of, counters_of
 from ...dbc.messages import MESSAGE_TYPES
 from ...dbc.protection import COUNTERS, SequenceRule
-from ...plant_emulator.fault_effects import BURST_CHANCE, REORDER_CHANCE
+from ...plant_emulator.fault_effects import BURST_CHANCE, REORDER_CHANCE, bits_of
 from ...plant_emulator.fault_settings import (
     ALL,
     MESSAGES_OF,
@@ -46,7 +46,9 @@ NO_EFFECT_CHANCE_MAX = 1e-4
 """A fault that changes nothing with a larger probability than this may do so."""
 WATCHING_PERIOD_S = STATUS_PERIOD_NS / NS_PER_S
 """Cycle of the messages for monitoring."""
-CONTROLS = frozenset({"LATERAL_ERROR", "STEERING_COMMAND", ALL})
+COMMANDS = frozenset({"STEERING_COMMAND", "STEERING_PLAN"})
+"""Of these a law sends one kind: plans if it plans and the bus has CAN FD, as here."""
+CONTROLS = COMMANDS | {"LATERAL_ERROR", ALL}
 """Messages without which a node has to leave control."""
 STREAMS = CONTROLS | {"STEERING_STATUS", "VEHICLE_STATE"}
 """Messages whose age is watched."""
@@ -140,7 +142,6 @@ def sight_of(plant: PlantSettings, controller: ControllerSettings) -> Sight:
 
 _E2E, _RANGE = (Mechanism.E2E,), (Mechanism.RANGE,)
 _FRESHNESS = (Mechanism.FRESHNESS,)
-_PAYLOAD_BITS = 64
 _EITHER = (Mechanism.E2E, Mechanism.FRESHNESS)
 _PLAUSIBLE = "a plausible value, valid CRC and counter: one source, nothing to compare it with"
 
@@ -178,7 +179,7 @@ def _expect(fault: FaultSettings, sight: Sight) -> Expectation:
         case FaultKind.FREEZE:
             return Expectation(_E2E, is_control, "the same counter again and again")
         case FaultKind.BIT_FLIPS:
-            every_frame = is_control and (1.0 - magnitude) ** 64 < 1e-3
+            every_frame = is_control and (1.0 - magnitude) ** bits_of(fault) < 1e-3
             return Expectation(_E2E, every_frame, "the CRC is not that of the content")
         case FaultKind.WRONG_LENGTH:
             return Expectation(_E2E, is_control, "not the length of the message")
@@ -197,7 +198,7 @@ def _expect(fault: FaultSettings, sight: Sight) -> Expectation:
             is_long = min(fault.duration_s, refused_s) > sight.age_limit_s + period_s
             why = "the counter goes back; what goes on so is a new start, after a hold"
             # It continues when the bus was silent for the age limit: jitter may hide the silence.
-            is_hidden = sight.jitters_down and fault.message == "STEERING_COMMAND"
+            is_hidden = sight.jitters_down and fault.message in COMMANDS
             is_left = is_control and is_long and not is_hidden
             return Expectation(_E2E, is_left, why, is_followed=True)
         case FaultKind.OUT_OF_RANGE:
@@ -258,9 +259,9 @@ def no_effect_chance(fault: FaultSettings, sight: Sight) -> float:
         case FaultKind.REORDER:
             spared = 1.0 - REORDER_CHANCE
         case FaultKind.BIT_FLIPS:
-            spared = (1.0 - magnitude) ** _PAYLOAD_BITS
+            spared = (1.0 - magnitude) ** bits_of(fault)
         case FaultKind.WRONG_LENGTH:
-            spared = float(magnitude >= _PAYLOAD_BITS / 8)
+            spared = float(magnitude >= bits_of(fault) / 8)
         case FaultKind.SCALE:
             spared = float(magnitude == 1.0)
         case FaultKind.OFFSET | FaultKind.DRIFT | FaultKind.NOISE | FaultKind.DELAY_SPIKE:
@@ -276,7 +277,7 @@ def no_effect_chance(fault: FaultSettings, sight: Sight) -> float:
 
 def _rule_of(fault: FaultSettings, sight: Sight) -> SequenceRule:
     """Return which counters the receiver of a message believes."""
-    return sight.commands if fault.message == "STEERING_COMMAND" else sight.measurements
+    return sight.commands if fault.message in COMMANDS else sight.measurements
 
 
 def _silence(fault: FaultSettings, sight: Sight, is_stream: bool, is_control: bool) -> Expectation:
@@ -289,7 +290,7 @@ def _silence(fault: FaultSettings, sight: Sight, is_stream: bool, is_control: bo
 
 def _moved(fault: FaultSettings, is_control: bool) -> Expectation:
     """A frame under another identifier: its receiver rejects it by the Data ID, if there is one."""
-    if fault.message == "STEERING_COMMAND":
+    if fault.message in COMMANDS:
         return Expectation(_FRESHNESS, True, "the plant does not receive that identifier")
     return Expectation(_E2E, is_control, "the CRC is that of another identifier")
 
@@ -297,4 +298,4 @@ def _moved(fault: FaultSettings, is_control: bool) -> Expectation:
 def _beats_limiter(fault: FaultSettings, sight: Sight, value_rad: float) -> bool:
     """Whether a command that is wrong by so much exceeds the bound, whatever the law wants."""
     wanted_rad = min(LAW_RAD_MAX, sight.limiter_rad)
-    return fault.message == "STEERING_COMMAND" and abs(value_rad) >= sight.limiter_rad + wanted_rad
+    return fault.message in COMMANDS and abs(value_rad) >= sight.limiter_rad + wanted_rad

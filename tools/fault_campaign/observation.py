@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 from ...controller.settings import ControllerSettings, limits_of
@@ -18,11 +19,13 @@ from ...dbc.messages import (
     Rejection,
     SafetyState,
     SteeringCommand,
+    SteeringPlan,
     SteeringStatus,
     SteeringStatusCode,
     decode,
     resolutions,
 )
+from ...plant_emulator.plan_buffer import PLAN_VALUES
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.frame import Frame
 from ...runtime.node import ReportingNode, Wrapper
@@ -30,7 +33,7 @@ from ...runtime.node import ReportingNode, Wrapper
 SAFE_CAUSES = ("silence", "failure", "safe_state")
 """Counts that rise when a node leaves control."""
 _STALE_WITHOUT_HOLD = ("steering_status", "vehicle_state")
-_COMMAND_ID = CAN_IDS[SteeringCommand]
+COMMAND_IDS = frozenset((CAN_IDS[SteeringCommand], CAN_IDS[SteeringPlan]))
 _RESOLUTION_RAD = resolutions(SteeringCommand)["steer_rad"]
 _ABNORMAL_MODES = (Mode.HOLDING, Mode.SAFE_STOP)
 _ABNORMAL_CODES = (
@@ -49,10 +52,14 @@ _REPORTING_SAFETY = (
 
 
 class Bounds(NamedTuple):
-    """What no frame of a node may exceed: angles, and the change from command to command [rad]."""
+    """What no frame of a node may exceed: angles, and the change from command to command [rad].
+
+    ``plan_step_rad``  from sample to sample of a plan
+    """
 
     command_rad: float
     command_step_rad: float
+    plan_step_rad: float
     wheel_rad: float
 
 
@@ -63,6 +70,7 @@ def bounds_of(plant: PlantSettings, controller: ControllerSettings) -> Bounds:
     return Bounds(
         limits.steer_rad_max + _RESOLUTION_RAD,
         limits.step_rad_max + _RESOLUTION_RAD,
+        limits.step_rad_max * plant.sensor_period_ns / controller.period_ns + _RESOLUTION_RAD,
         (math.inf if isinstance(angle, str) else angle) + _RESOLUTION_RAD,
     )
 
@@ -133,7 +141,7 @@ class Watch(Wrapper[ReportingNode]):
     def on_frame(self, frame: Frame, now_ns: int) -> Sequence[Frame]:
         """Hand over a frame, and read the node's counters."""
         self._begin(now_ns)
-        if frame.can_id == _COMMAND_ID and self.started_ns is None:
+        if frame.can_id in COMMAND_IDS and self.started_ns is None:
             self.started_ns = now_ns
         is_false = self._false[frame] > 0
         is_corrupted = self._peer_sent is not None and frame not in self._peer_sent
@@ -202,6 +210,11 @@ class Watch(Wrapper[ReportingNode]):
             self._check_step(message)
             self.commands.append((now_ns, message))
             self._note_state(now_ns, message.mode in _ABNORMAL_MODES)
+        elif isinstance(message, SteeringPlan):
+            self._check_plan(message)
+            first = SteeringCommand(message.steer_0_rad, message.plan_number, message.mode)
+            self.commands.append((now_ns, first))
+            self._note_state(now_ns, message.mode in _ABNORMAL_MODES)
         elif isinstance(message, SteeringStatus):
             if abs(message.wheel_angle_rad) > self._bounds.wheel_rad:
                 self.invalid.append(f"wheel at {message.wheel_angle_rad:g} rad")
@@ -227,6 +240,16 @@ class Watch(Wrapper[ReportingNode]):
         change_rad = command.steer_rad - last.steer_rad
         if abs(change_rad) > steps * self._bounds.command_step_rad:
             self.invalid.append(f"command steps by {change_rad:g} rad in {steps} periods")
+
+    def _check_plan(self, plan: SteeringPlan) -> None:
+        """Check the angles of a plan, and their changes."""
+        self._last_command = None  # which of the angles acts at its time is not on the wire
+        angles_rad = plan[-PLAN_VALUES:]
+        if max(map(abs, angles_rad)) > self._bounds.command_rad:
+            self.invalid.append(f"plan of {max(angles_rad, key=abs):g} rad")
+        change_rad = max(abs(b - a) for a, b in pairwise(angles_rad))
+        if change_rad > plan.spacing * self._bounds.plan_step_rad:
+            self.invalid.append(f"plan steps by {change_rad:g} rad in {plan.spacing} samples")
 
     def _has_refused(self, rejected: int) -> bool:
         """Whether a status reports more frames rejected, or missed, than the one before."""

@@ -47,6 +47,7 @@ class Way(NamedTuple):
     ``recovery_s``        from the end of a fault until both nodes are in control again
     ``command_fade_rad``  that the controller's fade moves a command in a period
     ``command_step_rad``  between two commands, whatever is wanted
+    ``played_step_rad``   from sample to sample of a plan, 0 without
     ``ramp_rad_s``        of the plant's fade
     ``age_limit_s``       of the commands
     ``latency_s``         of both ways together, with its spread
@@ -57,6 +58,7 @@ class Way(NamedTuple):
     recovery_s: float
     command_fade_rad: float
     command_step_rad: float
+    played_step_rad: float
     ramp_rad_s: float
     age_limit_s: float
     latency_s: float
@@ -96,11 +98,14 @@ def way_of(
     control_period_s = controller.period_ns / NS_PER_S
     sensor_period_s = plant.sensor_period_ns / NS_PER_S
     table = controller.supervision
+    step_rad = limits_of(controller).step_rad_max
+    played_rad = step_rad * sensor_period_s / control_period_s
     latency_s = 1e-3 * (point.downlink_ms + point.uplink_ms + 2.0 * SIGMAS * point.jitter_ms)
     return Way(
         recovery_s=ftti_s + RUN_FRAMES * max(control_period_s, sensor_period_s) + latency_s,
         command_fade_rad=table.ramp_rad_s * control_period_s,
-        command_step_rad=limits_of(controller).step_rad_max,
+        command_step_rad=step_rad,
+        played_step_rad=played_rad if controller.law_record.plan else 0.0,
         ramp_rad_s=plant.safety.ramp_rad_s,
         age_limit_s=plant_resync_ns_of(plant.safety) / NS_PER_S,
         latency_s=latency_s,
@@ -153,11 +158,11 @@ def wheel_steps(
             from_ns = before_ns - round(back_s * NS_PER_S)
             # After the first command, further ones may be followed before the next sample.
             further = math.ceil(way.sensor_period_s / way.control_period_s) - 1
-            by_commands_rad = further * way.command_step_rad
+            by_commands_rad = further * way.command_step_rad + way.played_step_rad
             by_commands_rad += _crowd_rad(way, sent, from_ns, now_ns, backlog_s)
             fade_s = way.sensor_period_s + (way.age_limit_s if was_fading else way.control_period_s)
         else:
-            by_commands_rad = passed * way.command_step_rad
+            by_commands_rad = passed * way.command_step_rad + way.played_step_rad
             lasted_s = min(since_s + way.spread_s, way.age_limit_s)
             fade_s = way.sensor_period_s + max(way.control_period_s, lasted_s)
         allowed_rad = by_commands_rad + way.ramp_rad_s * fade_s + _ON_WIRE_RAD

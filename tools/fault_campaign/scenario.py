@@ -6,11 +6,12 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
-from ...controller.settings import ControllerSettings, controller_preset, on_bus
+from ...controller.settings import ControllerSettings, controller_preset
 from ...plant_emulator.fault_settings import FaultSettings
 from ...plant_emulator.settings import PlantSettings
 from ...runtime.settings import load_settings
 from .detectability import (
+    COMMANDS,
     Expectation,
     Sight,
     expect_fault,
@@ -97,8 +98,11 @@ def scenario_sight(spec: CampaignSettings, point: PointSettings, law: str) -> Si
 
 def _faulty(spec: CampaignSettings, point: PointSettings, law: str) -> Iterator[Scenario]:
     sight = scenario_sight(spec, point, law)
+    sent = "STEERING_PLAN" if controller_settings_of(law).law_record.plan else "STEERING_COMMAND"
     for case_table in spec.cases:
         for message in case_table.messages:
+            if message in COMMANDS and message != sent:
+                continue
             for magnitude in case_table.magnitudes:
                 seed = _seed(spec, f"{case_table.kind}{message}{magnitude}{point.name}{law}", 0)
                 fault = FaultSettings(
@@ -184,13 +188,13 @@ def plant_settings_of(scenario: Scenario, faults: Sequence[FaultSettings]) -> Pl
 
 @lru_cache(maxsize=64)
 def controller_settings_of(law: str, ftti_ms: float | None = None) -> ControllerSettings:
-    """Return the settings of a preset on classic CAN; raises SettingsError for an unknown one.
+    """Return the settings of a preset; raises SettingsError for an unknown one.
 
     ``ftti_ms``  the fault tolerant time, from which the age limits follow that the preset leaves
                  open; None: the preset's
     """
     overrides = [] if ftti_ms is None else [f"supervision.fault_tolerant_time_ms={ftti_ms}"]
-    return on_bus(controller_preset(law, overrides), takes_fd=False)
+    return controller_preset(law, overrides)
 
 
 def _onset_s(spec: CampaignSettings, sight: Sight, seed: int) -> float:

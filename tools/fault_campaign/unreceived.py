@@ -10,12 +10,11 @@ from hashlib import sha256
 
 import numpy as np
 
-from ...dbc.messages import CAN_IDS, SteeringCommand
 from .detectability import is_unreceived
+from .observation import COMMAND_IDS
 from .pair import Pair, make_pair, run_pair
 from .scenario import Case, Scenario, golden_case
 
-_COMMAND_ID = CAN_IDS[SteeringCommand]
 _GOLDEN_KEPT = 32
 UNHINDERED_BIT_S = 1_000_000_000
 """A frame takes less than a microsecond."""
@@ -53,6 +52,6 @@ def _digest_of(scenario: Scenario) -> str:
 def _digest(pair: Pair) -> str:
     """Return what identifies a motion: samples with all their bits, and commands."""
     digest = sha256(np.array(pair.plant_node.samples, dtype=np.float64).tobytes())
-    commands = sorted(frame.data for frame in pair.controller.sent if frame.can_id == _COMMAND_ID)
+    commands = sorted(frame.data for frame in pair.controller.sent if frame.can_id in COMMAND_IDS)
     digest.update(b"".join(commands))
     return digest.hexdigest()

@@ -169,7 +169,7 @@ def _next_of(fault: LiveFault, frame: Frame) -> Sequence[Frame]:
     """Forge the next frame of the sender; the true one then arrives as a repetition."""
     if frame.can_id != _COMMAND_ID:
         return ()
-    forged = with_value(frame, "steer_rad", lambda _value: fault.magnitude, steps=1)
+    forged = with_value(frame, "steer_rad", lambda _name, _value: fault.magnitude, steps=1)
     return () if forged is None else (forged,)
 
 
