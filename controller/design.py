@@ -20,7 +20,7 @@ from .kalman_derivative import DerivativeParams, KalmanParams, kalman_at_rest, k
 from .law_record import Law, LawPlan, LawStep, LookingBack, Schedule
 from .link import LinkParams
 from .own_law import Guard
-from .predictor_design import design_schedule
+from .predictor_design import design_schedule, together
 from .shared_settings import VehicleModelSettings
 
 if TYPE_CHECKING:
@@ -170,16 +170,17 @@ def _with_kalman_derivative(law: LawDesign, settings: "LawSettings") -> LawDesig
     Raises SettingsError where there are no gains.
     """
     vehicle, period_s = vehicle_of(settings), settings.period_s
-    gains = design_schedule(
+    schedule = design_schedule(
         settings.estimator, vehicle, period_s, settings.link.sensor_period_s, None
     )
-    lowest_m_s, highest_m_s = gains.speeds_m_s[0], gains.speeds_m_s[-1]
+    gains_at = together([schedule])
+    lowest_m_s, highest_m_s = schedule.speeds_m_s[0], schedule.speeds_m_s[-1]
     gains_of_pd = required(settings.pd)
     pd, link, params_at = design_pd(gains_of_pd, period_s), link_of(settings), law.params_at
 
     def at(speed_m_s: float) -> KalmanParams:
         derivative = DerivativeParams(
-            gains.at(speed_m_s),
+            gains_at(speed_m_s)[0],
             link,
             pd,
             gains_of_pd.proportional_gain_rad_m,

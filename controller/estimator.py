@@ -19,6 +19,7 @@ whose measurement and echo are both known or definitely lost. From there it runs
 every tick, through data that arrived early.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from .law_interface import History, Link
@@ -79,6 +80,11 @@ class VehicleGains(NamedTuple):
     steer_delta: float
     steer_rho: float
     steer_d: float
+
+
+def row_of(table: Sequence[VehicleGains], index: int) -> VehicleGains:
+    """Return one of many gains; compiled code has the table's address in its place."""
+    return table[index]
 
 
 class EstimatorState(NamedTuple):
@@ -165,68 +171,47 @@ def correction_step(
     )
 
 
-def sent_at(history: History, tick: int) -> float:
-    """Return the command of a tick [rad]; 0 before the first."""
-    return history.sent_rad[tick & history.tick_mask] if tick >= 0 else 0.0
+def sent_for(history: History, tick: int, sample: int) -> float:
+    """Return what a tick's command or plan lets act at a sample [rad]; 0 before the first."""
+    if tick < 0:
+        return 0.0
+    if history.plan_mask:
+        return value_at(history.plans[tick & history.plan_mask], sample)
+    return history.sent_rad[tick & history.tick_mask]
 
 
-def _acting_at(history: History, index: int) -> float:
-    """Return the wheel's input at a sample [rad]; ``index`` is the sample's, masked."""
+def _input_at(history: History, sample: int) -> float:
+    """Return the wheel's input at a sample with an echo [rad]."""
+    index = sample & history.sample_mask
     if history.is_overruled[index]:
         return history.wheel_rad[index]
-    return sent_at(history, history.applied_tick[index])
+    return sent_for(history, history.applied_tick[index], sample)
 
 
 def command_from(p: LinkParams, link: Link, history: History, sample: int) -> float:
     """Return the mean command from ``sample`` to the next, as echoed or as expected [rad]."""
-    if history.plan_mask:
-        return _planned_from(p, link, history, sample)
     mask = history.sample_mask
     if sample < link.echo_sample:
         before, after = sample & mask, (sample + 1) & mask
         if history.is_overruled[before] or history.is_overruled[after]:
-            return 0.5 * (_acting_at(history, before) + _acting_at(history, after))
+            return 0.5 * (_input_at(history, sample) + _input_at(history, sample + 1))
         tick, tick_after = history.applied_tick[before], history.applied_tick[after]
-        if tick == tick_after:
-            return sent_at(history, tick)
+        steer_rad = sent_for(history, tick, sample)
+        if tick == tick_after or _begins_at_a_sample(history, tick_after):
+            return steer_rad
         # The time of the change between the two samples is unknown.
-        return 0.5 * (sent_at(history, tick) + sent_at(history, tick_after))
+        return 0.5 * (steer_rad + sent_for(history, tick_after, sample))
     earliest = history.applied_tick[link.echo_sample & mask] if link.echo_sample >= 0 else -1
     begin = (sample * p.sensor_period_ns - link.delay_ns) / p.period_ns
+    if history.plan_mask:
+        tick = min(max(int(begin // 1.0), earliest), link.tick - 1)
+        return sent_for(history, tick, sample)
     return _mean_command(history, begin, p.sensor_period_ns / p.period_ns, earliest, link.tick - 1)
 
 
-def _planned_from(p: LinkParams, link: Link, history: History, sample: int) -> float:
-    """Return the same where plans are sent: they are played from sample to sample."""
-    mask = history.sample_mask
-    if sample < link.echo_sample:
-        before, after = sample & mask, (sample + 1) & mask
-        if history.is_overruled[before] or history.is_overruled[after]:
-            return 0.5 * (
-                _played_or_measured(history, before, sample)
-                + _played_or_measured(history, after, sample + 1)
-            )
-        tick, tick_after = history.applied_tick[before], history.applied_tick[after]
-        played_rad = _played_at(history, tick, sample)
-        if tick == tick_after or history.plans[tick_after & history.plan_mask][1] != 0.0:
-            return played_rad
-        # A single command acts at once, not from the next sample on.
-        return 0.5 * (played_rad + _played_at(history, tick_after, sample))
-    earliest = history.applied_tick[link.echo_sample & mask] if link.echo_sample >= 0 else -1
-    tick = int((sample * p.sensor_period_ns - link.delay_ns) / p.period_ns // 1.0)
-    return _played_at(history, min(max(tick, earliest), link.tick - 1), sample)
-
-
-def _played_at(history: History, tick: int, sample: int) -> float:
-    """Return what the plan or command of a tick lets act at a sample [rad]; 0 before the first."""
-    return value_at(history.plans[tick & history.plan_mask], sample) if tick >= 0 else 0.0
-
-
-def _played_or_measured(history: History, index: int, sample: int) -> float:
-    """Return the wheel's input at a sample [rad]; ``index`` is the sample's, masked."""
-    if history.is_overruled[index]:
-        return history.wheel_rad[index]
-    return _played_at(history, history.applied_tick[index], sample)
+def _begins_at_a_sample(history: History, tick: int) -> bool:
+    """Whether a tick sent a plan: it is played from sample to sample, a command acts at once."""
+    return history.plan_mask != 0 and history.plans[tick & history.plan_mask][1] != 0.0
 
 
 def _mean_command(
@@ -239,7 +224,9 @@ def _mean_command(
     tick, position, total = int(begin // 1.0), begin, 0.0
     while position < begin + length:
         end = min(tick + 1.0, begin + length)
-        total += (end - position) * sent_at(history, min(max(tick, earliest), latest))
+        acting = min(max(tick, earliest), latest)
+        sent_rad = history.sent_rad[acting & history.tick_mask] if acting >= 0 else 0.0
+        total += (end - position) * sent_rad
         tick, position = tick + 1, end
     return total / length
 

@@ -19,7 +19,7 @@ arithmetic; filterpy's filter is the reference (``tests/controller/test_lag_filt
 from math import log, sqrt
 from typing import NamedTuple
 
-from .estimator import sent_at
+from .estimator import sent_for
 from .law_interface import History, Link
 from .link import LinkParams
 from .regression import regressed
@@ -103,7 +103,7 @@ def lag_step(x: LagState, history: History) -> LagState:
     p_aa = min(p_aa + _WALK_PER_SAMPLE, _VARIANCE_MAX)
     p_bb = min(p_bb + _WALK_PER_SAMPLE, _VARIANCE_MAX)
     if is_received and was_received and tick >= 0 and not is_overruled:
-        u, u_after = sent_at(history, tick), sent_at(history, tick_after)
+        u, u_after = sent_for(history, tick, sample), sent_for(history, tick_after, sample + 1)
         alpha, b, p_aa, p_ab, p_bb = regressed(
             (alpha, b, p_aa, p_ab, p_bb),
             wheel_rad - u_after,

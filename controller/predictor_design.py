@@ -20,12 +20,13 @@ from steer to lateral acceleration goes with V², and nothing is known of the lo
 """
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from math import log
 from typing import NamedTuple
 
 import numpy as np
 
+from ..runtime.record import new_record
 from ..runtime.settings import SettingsError
 from .estimator import VehicleGains
 from .held_input import held_over
@@ -70,17 +71,32 @@ class GainSchedule(NamedTuple):
     speeds_m_s: Sequence[float]
     gains: Sequence[VehicleGains]
 
-    def at(self, speed_m_s: float) -> VehicleGains:
-        """Return the gains at a speed; outside the table, those at its nearer end."""
-        after = bisect_right(self.speeds_m_s, speed_m_s)
-        if after == 0:
-            return self.gains[0]
-        if after == len(self.speeds_m_s):
-            return self.gains[-1]
-        low, high = self.speeds_m_s[after - 1 : after + 1]
-        part = (speed_m_s - low) / (high - low)
-        pairs = zip(self.gains[after - 1], self.gains[after], strict=True)
-        return VehicleGains(*(a + part * (b - a) for a, b in pairs))
+
+def together(
+    schedules: Iterable[GainSchedule],
+) -> Callable[[float], tuple[VehicleGains, ...]]:
+    """Return the gains of each schedule as a function of the speed; all have the same speeds.
+
+    Outside the table the gains are those at its nearer end.
+    """
+    tables = list(schedules)
+    speeds_m_s, size = tables[0].speeds_m_s, len(VehicleGains._fields)
+    rows = np.concatenate([np.array(table.gains) for table in tables], axis=1)
+
+    def at(speed_m_s: float) -> tuple[VehicleGains, ...]:
+        after = bisect_right(speeds_m_s, speed_m_s)
+        row = rows[min(after, len(rows) - 1)]
+        if 0 < after < len(rows):
+            low, high = speeds_m_s[after - 1 : after + 1]
+            before = rows[after - 1]
+            row = before + (speed_m_s - low) / (high - low) * (row - before)
+        values = row.tolist()
+        return tuple(
+            new_record(VehicleGains, values[first : first + size])
+            for first in range(0, len(values), size)
+        )
+
+    return at
 
 
 def design_schedule(

@@ -24,21 +24,21 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 from pydantic import Field
 
 from ...dbc.messages import Law as LawNumber
-from ...runtime.settings import Settings, SettingsError
+from ...runtime.settings import Settings
 from ..estimator import command_from, estimate_to, step_on_path
 from ..law_interface import LawInput, LawOutput
 from ..law_record import Law, LookingBack, Schedule
+from ..measured_vehicle import measured_gains
 from ..plan import SPACING_MAX, VALUES
+from ..prediction import horizon_samples, steer_for
 from . import predictor
 from .predictor import (
     PredictorParams,
     PredictorState,
     design_predictor,
-    horizon_samples,
     predictor_after_hold,
     predictor_at_rest,
     predictor_step,
-    steer_for,
 )
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def packet_plan(p: PacketParams, x: PredictorState, seen: LawInput) -> int:
     """
     link, history = seen.link, seen.history
     inside = p.predictor
-    gains = inside.gains_by_choice[x.choice]
+    gains = measured_gains(inside.measured, x.measured)
     if not x.is_predicting or x.fade_rad != 0.0:
         return -1
     z = estimate_to(inside.link, gains, x.estimate, link, history, link.error_sample)
@@ -116,15 +116,9 @@ def packet_after_hold(p: PacketParams, x: PredictorState, lateral_error_m: float
 
 def design_packet(settings: "LawSettings") -> Schedule:
     """Return the parameters as a function of the speed; raises what the predictor's design does."""
-    single = _single_commands(settings)
-    if single.table_of(predictor.PredictorSettings).measures_lag:
-        raise SettingsError(
-            "predictor.measures_lag must be false for law packet: it is not known which value of a"
-            " plan has turned the wheel"
-        )
     reserve_s = settings.table_of(PacketSettings).reserve_s
     reserve_samples = round(reserve_s / settings.link.sensor_period_s)
-    inside = design_predictor(single)
+    inside = design_predictor(_single_commands(settings))
     return Schedule(lambda speed_m_s: PacketParams(inside.at(speed_m_s), reserve_samples))
 
 

@@ -14,9 +14,9 @@ does not need it; its observers run all the time. When one law takes over from t
 difference of their commands is added and fades out.
 """
 
-from typing import TYPE_CHECKING, Annotated, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from ...dbc.messages import Law as LawNumber
 from ...runtime.settings import Settings
@@ -24,28 +24,31 @@ from ..design import FADE_RAD_S, FILTER_SETTLES_S, filter_opening, link_of, vehi
 from ..estimator import (
     EstimatorState,
     VehicleGains,
-    command_from,
     estimate_to,
     estimator_at_rest,
     start_estimate,
-    step_on_path,
 )
 from ..followed_point import ahead_of_cg_m
-from ..lag_filter import AS_SET, LAGS_S, NO_LAG, LagState, lag_to
-from ..law_interface import History, LawInput, LawOutput, Link
+from ..law_interface import LawInput, LawOutput
 from ..law_record import Fallback, Law, LookingBack, Schedule
 from ..limits import ramp_step
 from ..link import LinkParams
-from ..mass_filter import (
-    MASS_RATIOS,
-    NO_ENDS,
-    MassEnds,
-    MassState,
-    ends_between,
-    mass_as_set,
-    mass_to,
+from ..measured_vehicle import (
+    SET,
+    MeasuredParams,
+    MeasuredState,
+    choices_of,
+    measured_gains,
+    measured_params,
+    measured_to,
+    nothing_measured,
 )
-from ..predictor_design import Feedback, design_schedule
+from ..prediction import (
+    horizon_samples,
+    predict,
+    steer_for,
+)
+from ..predictor_design import Feedback, design_schedule, together
 from .pd_ddob import PdDdobParams, PdDdobState, design_ddob, pd_ddob_at_rest, pd_ddob_step
 
 if TYPE_CHECKING:
@@ -67,33 +70,20 @@ class PredictorSettings(Settings):
     measures_lag: bool = False
     """Whether the steering's lag is taken from the bus, once it is known."""
     measures_mass: bool = False
-    """Whether the virtual mass is taken from the yaw rate, once it is known; excludes the lag."""
-
-    @model_validator(mode="after")
-    def _measures_one(self) -> Self:
-        if self.measures_lag and self.measures_mass:
-            raise ValueError("measures_lag and measures_mass exclude each other: set one")
-        return self
+    """Whether the virtual mass is taken from the yaw rate, once it is known."""
 
 
 class PredictorParams(NamedTuple):
     """Parameters of the predictor at one speed.
 
     ``gains``              with the lag and mass of the settings
-    ``gains_by_choice``    the same, and those of LAGS_S or of MASS_RATIOS, whichever is measured
-    ``first_choice``       which of them until a lag is known
-    ``mass_ends``          between two masses, if that is measured
     ``fade_step_rad``      how much of a difference between the two laws fades in one period
     ``horizon_samples_max``  longest prediction; for a longer delay the law is pd_ddob
     ``settling_samples``     time for which a filter started during a run is not used
     """
 
     gains: VehicleGains
-    gains_by_choice: tuple[VehicleGains, ...]
-    measures_lag: bool
-    measures_mass: bool
-    first_choice: int
-    mass_ends: MassEnds
+    measured: MeasuredParams
     link: LinkParams
     fallback: PdDdobParams
     fade_step_rad: float
@@ -104,14 +94,11 @@ class PredictorParams(NamedTuple):
 class PredictorState(NamedTuple):
     """State of the predictor; ``steer_rad`` is its last command.
 
-    ``choice``          which gains were taken for it
     ``settled_sample``  from this sample on the filter is used
     """
 
     estimate: EstimatorState
-    lag: LagState
-    mass: MassState
-    choice: int
+    measured: MeasuredState
     settled_sample: int
     fallback: PdDdobState
     is_predicting: bool
@@ -131,13 +118,9 @@ def predictor_step(
         # Until a command has acted, the vehicle stands on its path, as the filter assumes.
         if history.applied_tick[estimate.sample & history.sample_mask] >= 0:
             settled_sample += p.settling_samples
-    lag = lag_to(p.link, x.lag, link, history) if p.measures_lag else x.lag
-    mass, choice = x.mass, lag.choice
-    if p.measures_mass:
-        light, heavy = p.gains_by_choice[1], p.gains_by_choice[len(MASS_RATIOS)]
-        mass = mass_to(light, heavy, p.mass_ends, mass, link, history, seen.vehicle.yaw_rate_rad_s)
-        choice = 1 + mass.choice
-    gains = p.gains_by_choice[choice]
+    yaw_rate_rad_s = seen.vehicle.yaw_rate_rad_s
+    measured = measured_to(p.measured, p.link, x.measured, link, history, yaw_rate_rad_s)
+    gains = measured_gains(p.measured, measured)
     is_predicting = False
     if estimate.sample >= 0:
         known = min(link.error_sample, link.echo_sample)
@@ -149,19 +132,20 @@ def predictor_step(
         if is_predicting:
             ahead = predict(p.link, gains, newest, link, history, horizon)
             output = LawOutput(
-                steer_for(gains, ahead), ahead.offset_rad, 0.0, ahead.lateral_error_m
+                steer_for(gains, ahead),
+                ahead.offset_rad,
+                0.0,
+                ahead.lateral_error_m,
             )
     fade_rad = ramp_step(p.fade_step_rad, x.fade_rad)
     # The steps between two masses are small, and a plan does not fade.
-    if is_predicting != x.is_predicting or lag.choice != x.lag.choice:
+    if is_predicting != x.is_predicting or measured.lag.choice != x.measured.lag.choice:
         fade_rad = x.steer_rad - output.steer_rad
     steer_rad = output.steer_rad + fade_rad
     return (
         PredictorState(
             estimate,
-            lag,
-            mass,
-            choice,
+            measured,
             settled_sample,
             x_fallback,
             is_predicting,
@@ -177,46 +161,11 @@ def predictor_step(
     )
 
 
-def predict(
-    p: LinkParams, g: VehicleGains, x: EstimatorState, link: Link, history: History, horizon: float
-) -> EstimatorState:
-    """Return the state ``horizon`` samples ahead, interpolated linearly between two samples."""
-    after = x
-    last = x.sample + int(max(horizon, 0.0))
-    while after.sample <= last:
-        x = after
-        after = step_on_path(g, link, history, x, command_from(p, link, history, x.sample))
-    part = max(horizon, 0.0) % 1.0
-    return EstimatorState(
-        x.sample,
-        x.side_slip_rad + part * (after.side_slip_rad - x.side_slip_rad),
-        x.yaw_rate_rad_s + part * (after.yaw_rate_rad_s - x.yaw_rate_rad_s),
-        x.heading_error_rad + part * (after.heading_error_rad - x.heading_error_rad),
-        x.lateral_error_m + part * (after.lateral_error_m - x.lateral_error_m),
-        x.curvature_1_m + part * (after.curvature_1_m - x.curvature_1_m),
-        x.offset_rad,
-        x.wheel_rad + part * (after.wheel_rad - x.wheel_rad),
-    )
-
-
-def steer_for(g: VehicleGains, x: EstimatorState) -> float:
-    """Return the command for a state [rad]."""
-    return (
-        g.steer_rho * x.curvature_1_m
-        + g.steer_d * x.offset_rad
-        - (g.steer_beta * x.side_slip_rad + g.steer_r * x.yaw_rate_rad_s)
-        - (g.steer_psi * x.heading_error_rad + g.steer_y * x.lateral_error_m)
-        - g.steer_delta * x.wheel_rad
-    )
-
-
 def predictor_at_rest(p: PredictorParams, lateral_error_m: float) -> PredictorState:
     """Return the state after a constant lateral error [m] and no steering."""
     return PredictorState(
         estimator_at_rest(lateral_error_m),
-        NO_LAG._replace(choice=p.first_choice),
-        mass_as_set(p.mass_ends),
-        p.first_choice,
+        nothing_measured(p.measured),
         0,
         pd_ddob_at_rest(p.fallback, lateral_error_m),
         False,
@@ -236,12 +185,6 @@ def predictor_after_hold(
     return x._replace(fallback=fallback, fade_rad=0.0)
 
 
-def horizon_samples(p: LinkParams, link: Link, sample: int) -> float:
-    """Return the number of samples from ``sample`` until the command of this tick acts."""
-    acts_ns = link.tick * p.period_ns + link.delay_ns
-    return acts_ns / p.sensor_period_ns - sample
-
-
 def design_predictor(settings: "LawSettings") -> Schedule:
     """Return the parameters as a function of the speed.
 
@@ -253,24 +196,20 @@ def design_predictor(settings: "LawSettings") -> Schedule:
     behind_m = vehicle.preview_distance_m - ahead_of_cg_m(settings.followed_point, vehicle)
     feedback = Feedback(table.steer_per_error_rad_m, behind_m, settings.estimator.speed_m_s_max)
     lag_s, mass_kg = settings.estimator.actuator_lag_s, vehicle.virtual_mass_kg
-    choices = [(lag_s, mass_kg)]
-    if table.measures_lag:
-        choices += [(lag_s, mass_kg) for lag_s in LAGS_S]
-    elif table.measures_mass:
-        choices += [(lag_s, ratio * mass_kg) for ratio in MASS_RATIOS]
-    schedules = [
-        design_schedule(
+    measures = {"measures_lag": table.measures_lag, "measures_mass": table.measures_mass}
+    choices = choices_of(lag_s, **measures)
+    schedules = {
+        (lag_s, ratio): design_schedule(
             settings.estimator.model_copy(update={"actuator_lag_s": lag_s}),
-            vehicle.model_copy(update={"virtual_mass_kg": mass_kg}),
+            vehicle.model_copy(update={"virtual_mass_kg": ratio * mass_kg}),
             period_s,
             sensor_period_s,
             feedback,
         )
-        for lag_s, mass_kg in choices
-    ]
-    schedules += schedules[:1] * (1 + len(LAGS_S) - len(schedules))
-    # A measured lag that is the set one changes nothing.
-    first_choice = 1 + LAGS_S.index(lag_s) if lag_s in LAGS_S else AS_SET
+        for lag_s, ratio in dict.fromkeys(choices)
+    }
+    gains_at = together(schedules.values())
+    places = [list(schedules).index(choice) for choice in choices]
     link = link_of(settings)
     fallback = design_ddob(settings)
     fade_step_rad = FADE_RAD_S * period_s
@@ -278,14 +217,11 @@ def design_predictor(settings: "LawSettings") -> Schedule:
     settling_samples = round(FILTER_SETTLES_S / sensor_period_s)
 
     def at(speed_m_s: float) -> PredictorParams:
-        gains = tuple(schedule.at(speed_m_s) for schedule in schedules)
+        each = gains_at(speed_m_s)
+        gains = [each[place] for place in places]
         return PredictorParams(
-            gains[AS_SET],
-            gains,
-            table.measures_lag,
-            table.measures_mass,
-            first_choice,
-            ends_between(gains[1:]) if table.measures_mass else NO_ENDS,
+            gains[SET],
+            measured_params(gains, lag_s, **measures),
             link,
             fallback,
             fade_step_rad,

@@ -16,7 +16,7 @@ from ..controller.settings import ControllerSettings
 from ..dbc.messages import Law as LawNumber
 from ..runtime.settings import SettingsError
 from .compilation import compiled_anew, compiled_fastmath, compiled_inside
-from .memory import KEPT_BYTES, Memory, layout_of, memory_of, read, write
+from .memory import KEPT_BYTES, Memory, layout_of, memory_of, read, with_tables, write
 from .steps import law_plan, law_step, register_law, register_steps
 from .wire import NOW_UNKNOWN
 from .wire_plan import empty_rings
@@ -118,8 +118,9 @@ def compiled_law(controller: ControllerSettings, *, fastmath: bool) -> CompiledL
     start = design.initial_state(0.0)
     own = record.step if record.number is LawNumber.CUSTOM else None
     try:
-        params, state = layout_of(design.params), layout_of(start)
-        kinds = _argument_kinds(design, start)
+        like, _ = with_tables(design.params)
+        params, state = layout_of(like), layout_of(start)
+        kinds = _argument_kinds(design, like, start)
         step = _address(_variant(step_at, own, fastmath), kinds, NO_OUTPUT)
         plan = _address(_variant(plan_at, own, fastmath), kinds, -1) if design.plan else 0
     except _NOT_COMPILED as error:
@@ -130,19 +131,19 @@ def compiled_law(controller: ControllerSettings, *, fastmath: bool) -> CompiledL
 
     @lru_cache(maxsize=_SPEEDS_KEPT)
     def params_at(speed_m_s: float) -> Memory:
-        memory = memory_of(params)
-        at = design.params_at
-        memory.array[...] = design.params if at is None else at(speed_m_s)
-        return memory
+        memory, at = memory_of(params), design.params_at
+        values, tables = with_tables(design.params if at is None else at(speed_m_s))
+        memory.array[...] = values
+        return memory._replace(tables=tables)
 
     memory = np.dtype([("kept", f"V{KEPT_BYTES}"), ("state", state)], align=True)
     return CompiledLaw(design, step, plan, params_at, start, memory)
 
 
-def _argument_kinds(design: LawDesign, start: Any) -> tuple[Any, ...]:
+def _argument_kinds(design: LawDesign, params: Any, start: Any) -> tuple[Any, ...]:
     """Return numba's types of what ``step_at`` takes."""
     history = history_of(empty_rings(keeps_plans=False)) if design.looks_back else NO_HISTORY
-    there = (design.params, start, history, NOW_UNKNOWN)
+    there = (params, start, history, NOW_UNKNOWN)
     pointers = [_numba.types.CPointer(_numba.typeof(each)) for each in there]
     return (*pointers, _numba.types.float64, _numba.types.float64)
 

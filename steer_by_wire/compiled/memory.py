@@ -4,6 +4,7 @@ The loop is compiled without knowing the law: the law's params and state have th
 but their addresses are plain numbers, and so are those of the law's functions.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numba
@@ -12,6 +13,7 @@ from numba.core import cgutils, errors
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from ..controller.estimator import VehicleGains
 from .borrowing import without_counts
 
 _types: Any = numba.types
@@ -23,10 +25,14 @@ KEPT_BYTES = 2048
 
 
 class Memory(NamedTuple):
-    """Memory and its address, which is valid as long as the memory is named."""
+    """Memory and its address, which is valid as long as the memory is named.
+
+    ``tables``  that a record in it has the addresses of
+    """
 
     array: NDArray[Any]
     address: int
+    tables: Sequence[NDArray[Any]] = ()
 
 
 def layout_of(value: Any) -> np.dtype[Any]:
@@ -43,6 +49,17 @@ def memory_of(layout: np.dtype[Any]) -> Memory:
     """Return memory with room for what has this layout."""
     array = np.empty((), layout)
     return Memory(array, array.ctypes.data)
+
+
+def with_tables(value: Any) -> tuple[Any, list[NDArray[Any]]]:
+    """Return nested tuples with the address of each list of gains in its place, and the lists."""
+    if isinstance(value, list) and isinstance(value[0], VehicleGains):
+        table = np.array(value, layout_of(value[0]))
+        return table.ctypes.data, [table]
+    if not isinstance(value, tuple):
+        return value, []
+    fields, tables = zip(*map(with_tables, value), strict=True) if value else ((), ())
+    return unpacked(fields, value), [table for each in tables for table in each]
 
 
 def unpacked(values: Any, like: Any) -> Any:

@@ -11,8 +11,10 @@ from functools import cache
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
+from numba import types
 from numba.extending import overload, register_jitable
 
+from ..controller.estimator import VehicleGains, row_of
 from ..controller.feed_forward import FeedForwardParams, feed_forward_step
 from ..controller.followed_point import (
     FollowedPointParams,
@@ -42,6 +44,7 @@ from ..plant_emulator.plan_buffer import has_run_out, planned_rad
 from ..plant_emulator.steering_guard import guard_command, guard_timer, guard_wheel, start_guard
 from ..plant_emulator.steering_unit import status_of
 from ..runtime.settings import SettingsError
+from .memory import at, layout_of, read
 from .records import register_records
 
 _CALLED_BY_LOOPS: tuple[Callable[..., Any], ...] = (
@@ -77,6 +80,8 @@ _COMPILED_BY_NUMBA = frozenset(("numba", "numpy", *sys.stdlib_module_names))
 
 _INLINE: Any = {"forceinline": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
 """The entries for callers in C and in Python are not needed and take long to compile."""
+_SOME_GAINS = VehicleGains(*[0.0] * len(VehicleGains._fields))
+_GAINS_BYTES = layout_of(_SOME_GAINS).itemsize
 _laws: dict[type, Law] = {}
 """Registered laws, by the type of their params."""
 
@@ -158,6 +163,16 @@ def _law_step_of_type(params: Any, state: Any, seen: Any) -> Any:  # noqa: ARG00
         return after, numbers_or_none(output)
 
     return of_another_package if _laws[kind].number is LawNumber.CUSTOM else of_type
+
+
+@overload(row_of, jit_options=_INLINE)
+def _row_at(table: Any, index: Any) -> Any:  # noqa: ARG001
+    """Read one row of a table of gains, which compiled code knows by its address."""
+
+    def at_address(table: Any, index: Any) -> Any:
+        return read(at(table + index * _GAINS_BYTES, _SOME_GAINS))
+
+    return at_address if isinstance(table, types.Integer) else None
 
 
 def law_plan(params: Any, state: Any, seen: LawInput) -> int:

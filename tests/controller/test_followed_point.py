@@ -10,8 +10,8 @@ from steer_by_wire.controller.design import design_law
 from steer_by_wire.controller.estimator import estimator_at_rest
 from steer_by_wire.controller.followed_point import set_point_of, steady_set_point_m
 from steer_by_wire.controller.law_interface import LawInput, VehicleReading
-from steer_by_wire.controller.laws.predictor import steer_for
 from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.prediction import steer_for
 from steer_by_wire.controller.settings import controller_preset as preset
 from steer_by_wire.controller.shared_settings import FollowedPoint
 from steer_by_wire.pair.virtual import run_virtual_nodes

@@ -8,7 +8,6 @@ import pytest
 from filterpy.kalman import KalmanFilter
 
 from steer_by_wire.compiled.engine import BatchRun, run_batch
-from steer_by_wire.controller.design import design_law
 from steer_by_wire.controller.estimator import VehicleGains
 from steer_by_wire.controller.law_interface import NO_LINK, History
 from steer_by_wire.controller.laws.predictor import PredictorParams, design_predictor
@@ -25,7 +24,6 @@ from steer_by_wire.controller.mass_filter import (
 from steer_by_wire.controller.settings import ControllerSettings, controller_preset
 from steer_by_wire.pair.virtual import run_virtual_pair
 from steer_by_wire.plant_emulator.settings import PlantSettings, plant_preset
-from steer_by_wire.runtime.settings import SettingsError
 
 SPEED_M_S = 60.0 / 3.6
 LANE_CHANGE = 'path={kind="single_lane_change", start_m=33.3, offset_m=3.5, length_m=60.0}'
@@ -57,8 +55,7 @@ def params() -> PredictorParams:
 
 
 def light_and_heavy() -> tuple[VehicleGains, VehicleGains]:
-    by_choice = params().gains_by_choice
-    return by_choice[1], by_choice[len(MASS_RATIOS)]
+    return params().measured.light, params().measured.heavy
 
 
 @cache
@@ -75,11 +72,11 @@ def measured(run: BatchRun, noise_rad_s: float = 0.0) -> list[MassState]:
         run.wheel_angle_rad.tolist(),
     )
     yaw_rad_s = run.yaw_rate_rad_s + noise_rad_s * np.random.default_rng(7).normal(size=count)
-    states, x = [], mass_as_set(params().mass_ends)
+    states, x = [], mass_as_set(params().measured.mass_ends)
     for sample in range(count):
         link = NO_LINK._replace(error_sample=sample, echo_sample=sample)
         newest_rad_s = float(yaw_rad_s[sample - sample % 2])
-        x = mass_to(*light_and_heavy(), params().mass_ends, x, link, history, newest_rad_s)
+        x = mass_to(*light_and_heavy(), params().measured.mass_ends, x, link, history, newest_rad_s)
         states.append(x)
     return states
 
@@ -90,7 +87,7 @@ def test_the_filter_is_filterpys() -> None:
     reference = KalmanFilter(dim_x=2, dim_z=1)
     reference.F, reference.Q = np.eye(2), np.diag(WALKS)
     reference.R, reference.P = np.array([[NOISE_RAD2_S2]]), np.diag(VARIANCES_MAX)
-    reference.x = np.array([[mass_as_set(params().mass_ends).share], [0.0]])
+    reference.x = np.array([[mass_as_set(params().measured.mass_ends).share], [0.0]])
     for before, after in pairwise(states):
         reference.predict()
         most = np.array(VARIANCES_MAX)
@@ -155,13 +152,18 @@ def test_a_heavy_vehicle_stays_nearer_to_its_lane() -> None:
     assert 0.04 < peaks_m[1] < 0.09
 
 
-def test_lag_and_mass_are_not_measured_together() -> None:
-    both = ["predictor.measures_lag=true", "predictor.measures_mass=true"]
-    with pytest.raises(SettingsError, match="exclude each other"):
-        controller_preset("highway_predictor", both)
-
-
-def test_a_law_that_plans_measures_no_lag() -> None:
-    only_lag = ["predictor.measures_lag=true", "predictor.measures_mass=false"]
-    with pytest.raises(SettingsError, match="measures_lag must be false for law packet"):
-        design_law(controller_preset("highway_packet", only_lag))
+@pytest.mark.parametrize("preset", ["highway_predictor", "highway_packet"])
+def test_lag_and_mass_are_measured_together(preset: str) -> None:
+    """Peak at 5000 kg and 20 ms of lag, against either alone; compiled it equals the nodes."""
+    asked = plant(5000.0, "actuator.lag_s=0.02")
+    peak_m = {}
+    for measures in (("true", "false"), ("false", "true"), ("true", "true")):
+        keys = ("predictor.measures_lag", "predictor.measures_mass")
+        overrides = [f"{key}={value}" for key, value in zip(keys, measures, strict=True)]
+        settings = controller_preset(preset, overrides)
+        run = run_batch(asked, settings)
+        peak_m[measures] = float(np.abs(run.lateral_error_m).max())
+    node = run_virtual_pair(asked, settings, None).plant["node"]
+    assert node["lateral_error_rms_m"] == run.lateral_error_rms_m
+    assert 0.04 < peak_m["true", "true"] < 0.6 * peak_m["true", "false"]
+    assert peak_m["true", "true"] < 1.02 * peak_m["false", "true"]

@@ -16,9 +16,15 @@ from steer_by_wire.controller.estimator import (
     start_estimate,
 )
 from steer_by_wire.controller.law_interface import Link
-from steer_by_wire.controller.laws.predictor import design_predictor, predict, steer_for
+from steer_by_wire.controller.laws.predictor import design_predictor
 from steer_by_wire.controller.link import LinkParams
-from steer_by_wire.controller.predictor_design import Feedback, design_schedule, sampled_vehicles
+from steer_by_wire.controller.prediction import predict, steer_for
+from steer_by_wire.controller.predictor_design import (
+    Feedback,
+    design_schedule,
+    sampled_vehicles,
+    together,
+)
 from steer_by_wire.controller.shared_settings import EstimatorSettings, VehicleModelSettings
 from steer_by_wire.plant_emulator.propagation import augmented_matrix as emulator_matrix
 from steer_by_wire.plant_emulator.propagation import (
@@ -159,24 +165,26 @@ def test_a_steering_offset_that_is_known_leaves_no_error(lag_s: float) -> None:
 
 def test_gains_between_two_speeds_of_the_table_are_between_theirs() -> None:
     schedule = design_schedule(EstimatorSettings(), VEHICLE, 0.01, 0.01, Feedback(1.0, 0.0))
+    gains_at = together([schedule])
     low, high = schedule.speeds_m_s[10:12]
-    middle = schedule.at(0.25 * low + 0.75 * high)
+    middle = gains_at(0.25 * low + 0.75 * high)[0]
     expected = 0.25 * np.array(schedule.gains[10]) + 0.75 * np.array(schedule.gains[11])
     np.testing.assert_allclose(middle, expected)
-    assert schedule.at(0.0) == schedule.gains[0]
-    assert schedule.at(1e3) == schedule.gains[-1]
+    assert gains_at(0.0)[0] == schedule.gains[0]
+    assert gains_at(1e3)[0] == schedule.gains[-1]
 
 
 def test_half_way_between_two_speeds_of_the_table_no_gain_is_off_by_more_than_3_percent() -> None:
     """That much only where one crosses zero; of the larger of its two neighbours."""
     settings = EstimatorSettings()
     schedule = design_schedule(settings, VEHICLE, 0.01, 0.01, Feedback(1.0, 0.0))
+    gains_at = together([schedule])
     of_settings = [v for v in schedule.speeds_m_s if v < 1.01 * settings.speed_m_s_max]
     assert len(of_settings) > 40
     for low, high in pairwise(of_settings):
         speed_m_s = 0.5 * (low + high)
-        off = np.abs(np.subtract(schedule.at(speed_m_s), gains(speed_m_s)))
-        larger = np.maximum(np.abs(schedule.at(low)), np.abs(schedule.at(high)))
+        off = np.abs(np.subtract(gains_at(speed_m_s)[0], gains(speed_m_s)))
+        larger = np.maximum(np.abs(gains_at(low)[0]), np.abs(gains_at(high)[0]))
         assert (off <= 0.03 * larger).all()
 
 

@@ -11,6 +11,7 @@ from steer_by_wire.controller.law_interface import LawInput, Link
 from steer_by_wire.controller.laws import predictor as predictor_module
 from steer_by_wire.controller.link import LinkParams
 from steer_by_wire.controller.node import ControllerNode
+from steer_by_wire.controller.prediction import horizon_samples
 from steer_by_wire.controller.settings import ControllerSettings, age_limits_of
 from steer_by_wire.dbc.messages import CAN_IDS, Mode, SteeringStatus
 from steer_by_wire.plant_emulator.node import PlantNode
@@ -83,7 +84,7 @@ def test_another_delay_than_that_measured_does_not_hold_it(
     share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """So the tests above would notice a delay of the wrong sign, or one that is left out."""
-    acts = predictor_module.horizon_samples
+    acts = horizon_samples
 
     def another(p: LinkParams, link: Link, sample: int) -> float:
         return share * acts(p, link, sample)

@@ -175,6 +175,7 @@ def _settings(
         steer_per_error_rad_m=values.pop("steer_per_error_rad_m"),
         horizon_s_max=table.horizon_s_max,
         measures_lag=table.measures_lag,
+        measures_mass=table.measures_mass,
     )
     return ControllerSettings(
         **tables,

@@ -123,7 +123,7 @@ class PredictorTable(Settings):
 
     ``conditions``              judged with the seeds 1 to ``seeds``
     ``values_per_range``        2: the corners of the box; more: also between them
-    ``measures_lag``            becomes the preset's [predictor]
+    ``measures_lag``, ``measures_mass``  become the preset's [predictor]
     ``delay_averaging_s``       becomes the preset's [link]
     ``fallback``                the pd_ddob it falls back to, a preset of the controller; none: the
                                 one designed in the same run
@@ -136,6 +136,7 @@ class PredictorTable(Settings):
     seeds: Annotated[int, Field(ge=1, le=100)] = 2
     values_per_range: Annotated[int, Field(ge=2, le=9)] = 2
     measures_lag: bool = False
+    measures_mass: bool = False
     delay_averaging_s: Annotated[float, Field(gt=0.0, le=60.0)] = 0.5
     fallback: str | None = None
     delay_ms_max: DelayMs = 500.0
