@@ -61,7 +61,7 @@ WRAPPERS: dict[str, Callable[[Asked], Wrapper[Any]]] = {
     "faulty": lambda node: FaultyNode(node, [DROP], 1),
     "stricken": lambda node: Stricken(node, PAUSE),
     "jumping clock": lambda node: JumpingClock(node, NEVER_NS, 1),
-    "watch": lambda node: Watch(node, Bounds(1.0, 1.0, 1.0), 0, (), False, None),
+    "watch": lambda node: Watch(node, Bounds(1.0, 1.0, 1.0, 1.0), 0, (), False, None),
 }
 
 

@@ -46,8 +46,7 @@ NO_EFFECT_CHANCE_MAX = 1e-4
 """A fault that changes nothing with a larger probability than this may do so."""
 WATCHING_PERIOD_S = STATUS_PERIOD_NS / NS_PER_S
 """Cycle of the messages for monitoring."""
-COMMANDS = frozenset({"STEERING_COMMAND", "STEERING_PLAN"})
-"""Of these a law sends one kind: plans if it plans and the bus has CAN FD, as here."""
+COMMANDS = frozenset({"STEERING_COMMAND", "STEERING_PLAN"})  # a law sends one of them
 CONTROLS = COMMANDS | {"LATERAL_ERROR", ALL}
 """Messages without which a node has to leave control."""
 STREAMS = CONTROLS | {"STEERING_STATUS", "VEHICLE_STATE"}
