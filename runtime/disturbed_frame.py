@@ -10,6 +10,7 @@ delimiter, so that the frame takes r + 15 bits. Three exceptions:
                       all find a stuff error in the silence, and it is nobody's transmit error
     ACK slot          seen recessive: the sender misses the acknowledgement, and the receivers, who
                       send it, find a bit error
+    stuff bit         a recessive one before RTR, seen dominant, is no transmit error
     last bit          seen dominant: the receivers have accepted the frame and take this for an
                       overload; the sender repeats it, and it is received twice
 
@@ -23,7 +24,7 @@ from typing import NamedTuple
 
 from .frame import FD, Frame
 from .frame_length import INTERMISSION_BITS, FrameBits
-from .frame_on_wire import DOMINANT, RECESSIVE, RUN_MAX, frame_on_wire
+from .frame_on_wire import DOMINANT, RECESSIVE, RUN_MAX, WireBit, frame_on_wire
 from .frame_reception import WireError, receive
 from .stuffed_text import stuffed_text
 
@@ -33,6 +34,7 @@ SILENT_BITS = 11 - INTERMISSION_BITS
 ONE, FIRST = 1, 9
 """What an error adds to a receive counter, and what to that of those who signal it first."""
 ARBITRATION = frozenset({"ID", "SRR", "IDE", "ID extension", "RTR", "RRS"})
+_BEFORE_RTR = ARBITRATION - {"RTR", "RRS"}
 _TRAILER = ("CRC delimiter", "ACK", "ACK delimiter", "EOF")
 
 
@@ -86,6 +88,9 @@ def disturb_bit_by_bit(frame: Frame, index: int, *, is_passive: bool) -> Disturb
     bit = bits[index]
     seen = [one.level for one in bits[:index]] + [1 - bit.level]
     is_lost = bit.field in ARBITRATION and bit.level == RECESSIVE and not bit.is_stuff
+    if is_passive and index == 0:  # nobody else has seen a frame begin
+        alone = _outcome(0, 0, bit.field, is_lost=False, is_last=False)
+        return alone._replace(counted=Counted(receivers=0))
     flag = RECESSIVE if is_passive or is_lost else DOMINANT
     found = index
     if bit.field != "ACK" and index < len(bits) - 1:
@@ -97,7 +102,8 @@ def disturb_bit_by_bit(frame: Frame, index: int, *, is_passive: bool) -> Disturb
     # Receivers that have found nothing yet still sample at the data rate.
     fast += found - index if bit.is_fast else 0
     is_last = index == len(bits) - 1
-    return _outcome(found, fast, bit.field, is_lost=is_lost, is_last=is_last)
+    outcome = _outcome(found, fast, bit.field, is_lost=is_lost, is_last=is_last)
+    return outcome._replace(is_transmit_error=not (is_lost or is_excused(bit)))
 
 
 def _disturb_classic(frame: Frame, index: int) -> Disturbed:
@@ -110,7 +116,9 @@ def _disturb_classic(frame: Frame, index: int) -> Disturbed:
     if stuff[index] == "1":
         # The field of a stuff bit is that of the bit before it.
         field = _classic_fields(frame.flags, len(frame.data))[stuff.count("0", 0, index) - 1]
-        return _outcome(index, 0, field, is_lost=False, is_last=False)
+        outcome = _outcome(index, 0, field, is_lost=False, is_last=False)
+        is_counted = levels[index] == "0" or field not in _BEFORE_RTR
+        return outcome if is_counted else outcome._replace(is_transmit_error=False)
     before, left = levels[:index], stuff.count("0", index + 1)
     if levels[index] == "1":
         if field in ARBITRATION and frame.flags:  # silence may look like a later standard's frame
@@ -124,6 +132,11 @@ def _disturb_classic(frame: Frame, index: int) -> Disturbed:
         # A fifth recessive bit makes the flag's first bit a stuff bit.
         found = min(index + 6, index + left + 1 + (ones == RUN_MAX))
     return _outcome(found, 0, field, is_lost=False, is_last=False)
+
+
+def is_excused(bit: WireBit) -> bool:
+    """Whether a sender that sees ``bit`` wrong counts no transmit error: it may have lost."""
+    return bit.is_stuff and bit.level == RECESSIVE and bit.field in _BEFORE_RTR
 
 
 @lru_cache(maxsize=64)

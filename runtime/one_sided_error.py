@@ -23,6 +23,7 @@ from .disturbed_frame import (
     SILENT_BITS,
     Counted,
     Disturbed,
+    is_excused,
 )
 from .frame import Frame
 from .frame_length import FrameBits
@@ -67,7 +68,7 @@ def disturb_receiver(frame: Frame, index: int, node: int, *, is_passive: bool) -
     return Disturbed(
         _length(bits, last, FLAG_BITS + DELIMITER_BITS),
         is_received=is_received,
-        is_transmit_error=not is_lost,
+        is_transmit_error=not (is_lost or is_excused(bits[own])),
         cause="error at one receiver",
         field=bits[index].field,
         only_at=node,
@@ -87,12 +88,17 @@ def disturb_sender(frame: Frame, index: int, *, is_passive: bool) -> Disturbed:
     reception = receive(levels[: index + 1] + [flag] * (FLAG_BITS + len(bits)))
     is_received = reception.error is None or index == len(bits) - 1
     is_silent = reception.error is WireError.PROTOCOL_EXCEPTION
-    # Receivers take a flag after the frame for an overload, and answer it.
-    found = index + 1 if is_received else index if is_silent else max(index, reception.bit)
+    if is_passive and is_received:
+        # Nobody hears its flag, which the acknowledgement of the others may still interrupt.
+        found = max(index, next(i for i, one in enumerate(bits) if one.field == "ACK"))
+    else:
+        # Receivers take a flag after the frame for an overload, and answer it.
+        found = index + 1 if is_received else index if is_silent else max(index, reception.bit)
+    is_unheard = is_passive and bit.field == "ACK"
     return Disturbed(
         _length(bits, found, FLAG_BITS + DELIMITER_BITS),
         is_received=is_received,
-        is_transmit_error=True,
+        is_transmit_error=not (is_unheard or is_excused(bit)),
         cause="no acknowledgement" if bit.field == "ACK" else "bit error",
         field=bit.field,
         counted=Counted(receivers=0 if is_received or is_silent else ONE),

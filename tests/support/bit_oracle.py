@@ -8,20 +8,25 @@ It removes stuff bits and finds lengths and formats from the bits alone, right o
 Source: ISO 11898-1:2015. A recessive res bit is another format: the node neither signals nor counts
 an error, and takes part again after eleven recessive bits. The last three of these, as those after
 an error delimiter, are the intermission, and are not counted here.
+
+A recessive stuff bit before RTR that is seen dominant is no transmit error. A node that is error
+passive signals by recessive bits, which nobody hears, until it has seen six equal bits in a row. If
+it misses an acknowledgement it counts that only where it sees a dominant bit in the meantime.
 """
 
 from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 
-FLAG, DELIMITER, SILENT = "flag", "delimiter", "silent"
+FLAG, PASSIVE_FLAG, DELIMITER, SILENT = "flag", "passive flag", "delimiter", "silent"
 SEND, LISTEN = "send", "listen"
-MATCH, CLASH, LOST, NO_ACK = "match", "clash", "lost", "no ack"
+MATCH, CLASH, STUFF, LOST, NO_ACK = "match", "clash", "stuff", "lost", "no ack"
 GOOD, WRONG, OVERLOAD, OTHER_FORMAT = "good", "wrong", "overload", "other format"
 
 RULES = {
     # state, seen: next state, transmit errors, receive errors
     (SEND, MATCH): (SEND, 0, 0),
     (SEND, CLASH): (FLAG, 8, 0),
+    (SEND, STUFF): (FLAG, 0, 0),
     (SEND, NO_ACK): (FLAG, 8, 0),
     (SEND, LOST): (LISTEN, 0, 0),
     (LISTEN, GOOD): (LISTEN, 0, 0),
@@ -39,7 +44,7 @@ _AFTER_BITS = 60
 class Bit(NamedTuple):
     """A bit of the frame as it is sent.
 
-    ``kind``  arbitration, ack, or other; stuff bits are other
+    ``kind``  arbitration, stuff (a stuff bit before RTR), ack, or other
     """
 
     level: int
@@ -202,13 +207,23 @@ def _remainder(width: int, start: int, bits: int) -> int:
 
 
 class Node:
-    """A controller during one transmission."""
+    """A controller during one transmission.
+
+    ``is_passive``  it is error passive
+    """
 
     def __init__(self, state: str) -> None:
         self.state, self.is_sender = state, state == SEND
+        self.is_passive, self.uncounted, self.last = False, 0, -1
         self.reader = Reader()
         self.transmit_errors = self.receive_errors = self.count = 0
         self.sent = self.is_first = False
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it only waits for recessive bits: of the delimiter, or after the frame."""
+        unseen = self.reader.field == "SOF" or self.reader.left < 0
+        return self.state in _RECESSIVE or (self.state == LISTEN and unseen)
 
     def copy(self) -> "Node":
         """Return another of the same state."""
@@ -233,6 +248,14 @@ class Node:
             self.count += 1
             if self.count == 6:
                 self.state, self.count, self.is_first = DELIMITER, 0, True
+        elif self.state == PASSIVE_FLAG:
+            if seen == 0:
+                self.transmit_errors += self.uncounted
+                self.uncounted = 0
+            self.count = self.count + 1 if seen == self.last else 1
+            self.last = seen
+            if self.count == 6:
+                self.state, self.count, self.is_first = DELIMITER, 0, True
         elif self.state in _RECESSIVE:
             if seen == 0 and self.is_first and not self.is_sender:
                 self.receive_errors += 8  # a dominant bit right after one's own flag
@@ -243,6 +266,10 @@ class Node:
             if self.state == SEND:
                 saw = _sender_saw(bits[index].kind, sent, seen)
             self.state, transmit, receive = RULES[self.state, saw]
+            if self.state == FLAG and self.is_passive and saw != OVERLOAD:
+                self.state = PASSIVE_FLAG
+                if saw == NO_ACK:
+                    self.uncounted, transmit = transmit, 0
             self.transmit_errors += transmit
             self.receive_errors += receive
             self.sent = self.state == SEND and index == len(bits) - 1
@@ -253,7 +280,9 @@ def _sender_saw(kind: str, sent: int, seen: int) -> str:
         return MATCH if seen == 0 else NO_ACK
     if seen == sent:
         return MATCH
-    return LOST if kind == "arbitration" and sent == 1 else CLASH
+    if sent == 0:
+        return CLASH
+    return {"arbitration": LOST, "stuff": STUFF}.get(kind, CLASH)
 
 
 class Wire:
@@ -269,18 +298,23 @@ class Wire:
         assert nodes[0].sent
         assert all(node.reader.accepted for node in nodes[1:])
 
-    def transmit(self, index: int, wrong_at: Collection[int]) -> tuple[list[Node], int]:
+    def transmit(
+        self, index: int, wrong_at: Collection[int], passive: int | None = None
+    ) -> tuple[list[Node], int]:
         """Return the nodes and the bits it took when some nodes see bit ``index`` wrong.
 
         ``wrong_at``  all, or one of them; receivers that see the same are the same
+        ``passive``   the node that is error passive, if one is: 0, or the one of ``wrong_at``
         """
         members = [0, 1, 2] if 2 in wrong_at and 1 not in wrong_at else [0, 1]
         nodes = [self._before[index][number].copy() for number in members]
+        for number, node in zip(members, nodes, strict=True):
+            node.is_passive = number == passive
         self._step(nodes, index, wrong_at)
         last = len(self._bits) - 1
         while not nodes[0].sent and index < last + _AFTER_BITS:
-            if all(node.state in _RECESSIVE for node in nodes):
-                index += max(8 - node.count for node in nodes)
+            if all(node.is_over for node in nodes):
+                index += max(8 - node.count for node in nodes if node.state in _RECESSIVE)
                 break
             index += 1
             self._step(nodes, index, ())

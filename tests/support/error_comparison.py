@@ -3,7 +3,8 @@
     python -m tests.support.error_comparison 10000
 
 compares so many random frames of eight kinds, with an error at each of their bits: seen by all, by
-the sender alone, by one receiver alone. Prints the comparisons by what followed.
+the sender alone, by one receiver alone; each with everybody error active, and with the sender, or
+that one receiver, error passive. Prints the comparisons by what followed.
 """
 # ruff: noqa: T201 it reports to whoever starts it
 
@@ -44,19 +45,27 @@ def compare(frame: Frame) -> Counter[str]:
         for who in (ALL, SENDER, RECEIVER):
             if who == RECEIVER and frame.flags & BITRATE_SWITCH and bit.field in ("FDF", "BRS"):
                 continue  # it would sample at another bit rate from here on
-            nodes, took = bench.transmit(index, who)
-            disturbed = _model(frame, index, who)
-            assert _agree(disturbed, nodes, took, len(wire)), (frame, index, who, disturbed)
-            seen["harmless" if disturbed is None else disturbed.cause] += 1
+            for is_passive in (False, True):
+                if is_passive and who == SENDER and _loses(bit):
+                    continue  # what follows is a receiver's, and stated for an error active one
+                nodes, took = bench.transmit(index, who, who[0] if is_passive else None)
+                disturbed = _model(frame, index, who, is_passive=is_passive)
+                agree = _agree(disturbed, nodes, took, len(wire))
+                assert agree, (frame, index, who, is_passive, disturbed)
+                seen["harmless" if disturbed is None else disturbed.cause] += 1
     return seen
 
 
-def _model(frame: Frame, index: int, who: tuple[int, ...]) -> Disturbed | None:
+def _loses(bit: WireBit) -> bool:
+    return bit.level == 1 and _kind(bit) == "arbitration"
+
+
+def _model(frame: Frame, index: int, who: tuple[int, ...], *, is_passive: bool) -> Disturbed | None:
     if who == ALL:
-        return disturb(frame, index, is_passive=False)
+        return disturb(frame, index, is_passive=is_passive)
     if who == SENDER:
-        return disturb_sender(frame, index, is_passive=False)
-    return disturb_receiver(frame, index, 2, is_passive=False)
+        return disturb_sender(frame, index, is_passive=is_passive)
+    return disturb_receiver(frame, index, 2, is_passive=is_passive)
 
 
 def _agree(disturbed: Disturbed | None, nodes: list[Node], took: int, whole: int) -> bool:
@@ -81,7 +90,9 @@ def _counted(nodes: list[Node], *, is_odd: bool) -> Counted:
 def _kind(bit: WireBit) -> str:
     if bit.field == "ACK":
         return "ack"
-    return "arbitration" if bit.field in ARBITRATION and not bit.is_stuff else "other"
+    if bit.field not in ARBITRATION or (bit.is_stuff and bit.field in ("RTR", "RRS")):
+        return "other"
+    return "stuff" if bit.is_stuff else "arbitration"
 
 
 def compare_random(frames: int, flags: int, seed: int) -> Counter[str]:
