@@ -34,7 +34,8 @@ SILENT_BITS = 11 - INTERMISSION_BITS
 ONE, FIRST = 1, 9
 """What an error adds to a receive counter, and what to that of those who signal it first."""
 ARBITRATION = frozenset({"ID", "SRR", "IDE", "ID extension", "RTR", "RRS"})
-_BEFORE_RTR = ARBITRATION - {"RTR", "RRS"}
+_BEFORE_RTR = frozenset({"ID", "ID extension"})
+"""Where a recessive stuff bit comes before RTR: SRR and IDE are recessive there themselves."""
 _TRAILER = ("CRC delimiter", "ACK", "ACK delimiter", "EOF")
 
 

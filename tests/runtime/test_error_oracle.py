@@ -7,6 +7,7 @@ import pytest
 
 from steer_by_wire.runtime.disturbed_frame import Disturbed, disturb
 from steer_by_wire.runtime.frame import BITRATE_SWITCH, FD, REMOTE, Frame
+from steer_by_wire.runtime.frame_on_wire import frame_on_wire
 from tests.support import error_comparison
 from tests.support.error_comparison import compare, compare_random
 from tests.support.random_frames import FORMATS
@@ -25,6 +26,15 @@ def test_each_error_of_one_bit_ends_as_on_the_wire(flags: int) -> None:
 def test_each_error_of_a_long_frame_ends_as_on_the_wire() -> None:
     seen = compare(Frame(0x2A5, bytes(range(20)), FD | BITRATE_SWITCH))
     assert seen.total() > 5 * 200
+
+
+@pytest.mark.parametrize("flags", [0, FD])
+def test_only_a_stuff_bit_before_rtr_is_excused(flags: int) -> None:
+    frame = Frame(0x7F8, b"", flags)  # the stuff bit after IDE is recessive
+    bits = frame_on_wire(frame)
+    index = next(at for at, bit in enumerate(bits) if bit.is_stuff and bit.field == "IDE")
+    assert disturb(frame, index, is_passive=False).is_transmit_error
+    compare(frame)
 
 
 @pytest.mark.parametrize("wrong", [{"is_transmit_error": False}, {"bits": (30, 0)}])

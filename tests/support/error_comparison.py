@@ -39,7 +39,8 @@ def compare(frame: Frame) -> Counter[str]:
     Raises AssertionError where the model and the wire differ.
     """
     wire = frame_on_wire(frame)
-    bench = Wire([Bit(bit.level, _kind(bit)) for bit in wire])
+    request = next(index for index, bit in enumerate(wire) if bit.field in ("RTR", "RRS"))
+    bench = Wire([Bit(bit.level, _kind(bit, index < request)) for index, bit in enumerate(wire)])
     seen: Counter[str] = Counter()
     for index, bit in enumerate(wire):
         for who in (ALL, SENDER, RECEIVER):
@@ -57,7 +58,7 @@ def compare(frame: Frame) -> Counter[str]:
 
 
 def _loses(bit: WireBit) -> bool:
-    return bit.level == 1 and _kind(bit) == "arbitration"
+    return bit.level == 1 and bit.field in ARBITRATION and not bit.is_stuff
 
 
 def _model(frame: Frame, index: int, who: tuple[int, ...], *, is_passive: bool) -> Disturbed | None:
@@ -87,12 +88,12 @@ def _counted(nodes: list[Node], *, is_odd: bool) -> Counted:
     return Counted(sender, other if is_odd else 0, one)
 
 
-def _kind(bit: WireBit) -> str:
+def _kind(bit: WireBit, is_before_rtr: bool) -> str:
     if bit.field == "ACK":
         return "ack"
-    if bit.field not in ARBITRATION or (bit.is_stuff and bit.field in ("RTR", "RRS")):
-        return "other"
-    return "stuff" if bit.is_stuff else "arbitration"
+    if bit.is_stuff:
+        return "stuff" if is_before_rtr else "other"
+    return "arbitration" if bit.field in ARBITRATION else "other"
 
 
 def compare_random(frames: int, flags: int, seed: int) -> Counter[str]:
