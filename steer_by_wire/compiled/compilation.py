@@ -14,7 +14,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -30,13 +30,15 @@ from numba.core.compiler_lock import global_compiler_lock
 if sys.platform != "win32":
     import fcntl
 
-_SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "steer_by_wire/compiled")
+_SOURCES = ("controller", "plant_emulator", "runtime", "dbc", "compiled")
 _FASTMATH = {"reassoc", "nsz", "arcp", "contract", "afn"}
 """Operations may change order and fuse. NaN and infinity keep their meaning: a command that is not
 finite ends a run, and an infinite limit is no limit."""
 _VERSIONS_KEPT = 4
 """Versions of the sources whose code stays on disk: several megabytes each."""
-_ROOT = Path(__file__).resolve().parents[2]
+_UNUSED_S = 3600.0
+"""Code of other versions stays for as long: a process that started with them may compile yet."""
+_PACKAGE = Path(__file__).resolve().parents[1]
 _OPTIONS = {"nogil": True, "no_cfunc_wrapper": True}
 """Without the entry for callers in C, which is slow to compile."""
 
@@ -121,7 +123,7 @@ def _no_collection() -> Iterator[None]:
 
 def sources() -> list[Path]:
     """Return the files that compiled code may come from; their content names its folder."""
-    return sorted(path for name in _SOURCES for path in (_ROOT / name).rglob("*.py"))
+    return sorted(path for name in _SOURCES for path in (_PACKAGE / name).resolve().rglob("*.py"))
 
 
 @cache
@@ -136,15 +138,21 @@ def _cache_folder() -> Path | None:
     try:
         is_new = not folder.exists()
         folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
         if is_new:
-            _forget_oldest(folder.parent)
+            _forget_unused(folder.parent)
     except OSError:
         return None
     return folder if os.access(folder, os.W_OK) else None
 
 
-def _forget_oldest(base: Path) -> None:
-    """Remove code compiled from older sources, except the newest few folders."""
-    folders = sorted(base.iterdir(), key=lambda folder: folder.stat().st_mtime, reverse=True)
-    for folder in folders[_VERSIONS_KEPT:]:
-        shutil.rmtree(folder, ignore_errors=True)
+def _forget_unused(base: Path) -> None:
+    """Remove code of versions that no process has begun with lately, except the newest few."""
+    used_s = {}
+    for folder in base.iterdir():
+        with suppress(FileNotFoundError):  # another process removes it too
+            used_s[folder] = folder.stat().st_mtime
+    newest = sorted(used_s, key=used_s.__getitem__, reverse=True)
+    for folder in newest[_VERSIONS_KEPT:]:
+        if used_s[folder] < used_s[newest[0]] - _UNUSED_S:
+            shutil.rmtree(folder, ignore_errors=True)

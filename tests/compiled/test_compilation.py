@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from steer_by_wire.compiled.compilation import _forget_unused
+
 COMPILE_AND_COUNT = """
 import numba
 from steer_by_wire.compiled.network import _run_scores
@@ -54,3 +56,22 @@ def test_a_process_compiles_on_when_its_folder_has_been_removed(tmp_path: Path) 
         assert process.stdout.readline() == "ready\n"
         shutil.rmtree(tmp_path / "steer-by-wire-emulator")
         assert process.communicate("\n")[0] == "1 0\n"
+
+
+def test_code_that_a_process_may_use_yet_stays_on_disk(tmp_path: Path) -> None:
+    """The newest folders stay, and of the others those that somebody began with lately."""
+    age_s = {"now": 0, "a": 100, "b": 200, "c": 7200, "d": 3500, "e": 7300, "f": 90000}
+    for name, age in age_s.items():
+        (tmp_path / name).mkdir()
+        os.utime(tmp_path / name, (1e9 - age, 1e9 - age))
+    _forget_unused(tmp_path)
+    assert sorted(folder.name for folder in tmp_path.iterdir()) == ["a", "b", "d", "now"]
+
+
+def test_two_processes_may_forget_the_same_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gone = tmp_path / "gone"
+    monkeypatch.setattr(Path, "iterdir", lambda _folder: iter([gone, tmp_path]))
+    _forget_unused(tmp_path)
+    assert tmp_path.exists()

@@ -170,6 +170,34 @@ def test_what_is_installed_is_what_starts_and_what_it_starts(
     )
 
 
+CHANGE_A_STEP = """
+from pathlib import Path
+from steer_by_wire import controller
+from steer_by_wire.compiled.compilation import _cache_folder
+print(_cache_folder())
+with (Path(controller.__file__).parent / "pd.py").open("a") as step:
+    step.write("# changed")
+_cache_folder.cache_clear()
+print(_cache_folder())
+"""
+
+
+def test_a_changed_step_of_an_installed_copy_is_compiled_anew(
+    wheel: zipfile.ZipFile, elsewhere: Path, tmp_path: Path
+) -> None:
+    wheel.extractall(tmp_path)
+    result = subprocess.run(
+        [sys.executable, "-P", "-c", CHANGE_A_STEP],
+        cwd=elsewhere,
+        env={**os.environ, "PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    before, after = result.stdout.splitlines()
+    assert before != after
+
+
 @pytest.mark.parametrize("program", ["steering-controller", "plant-emulator", "emulated-can-bus"])
 def test_every_program_reports_its_options(program: str) -> None:
     path = Path(sys.executable).with_name(program)
