@@ -29,7 +29,7 @@ def add_traffic_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     group.add_argument(
         "--load", type=_number, metavar="SHARE",
-        help=f"of the bus for these, to {LOAD_MAX:g}; without --rest-bus for a made message set",
+        help=f"of the bus for these, or for a made message set; to {LOAD_MAX:g}",
     )  # fmt: skip
 
 

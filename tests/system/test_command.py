@@ -20,7 +20,7 @@ from tests.support.unrendered import unrendered as unrendered
 
 ROOT = Path(__file__).resolve().parents[2]
 SCREEN_LINES = 40
-LONG = {"plant", "controller", "run"}
+LONG = {"plant", "controller", "run", "cockpit"}
 """They show the options of both the program and the bus."""
 LONG_LINES = 60
 FORMER = (
