@@ -90,7 +90,7 @@ def _parser() -> argparse.ArgumentParser:
         "--vehicle",
         type=Path,
         metavar="VEHICLE.toml",
-        help="with [vehicle], for plant and controller, as steer-by-wire design reads",
+        help="with [vehicle], for plant and controller, as design reads it",
     )
     plant = parser.add_argument_group("plant")
     plant.add_argument(
