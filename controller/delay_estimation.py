@@ -30,7 +30,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from .delay_filters import ERROR_WASHOUT_RAD_S, DelayFilters, design_filters
-from .lag_fit import LEAD, LagFits, LagGrid, Peak
+from .lag_fit import LEAD, LagFit, LagGrid
 from .law_interface import VehicleReading
 from .nominal_model import NominalVehicle
 from .sections import (
@@ -127,8 +127,8 @@ class DelayEstimator:
         self._ticks_per_peak = self._ticks_to_peak = _PAIRS_PER_PEAK * self._ticks_per_pair
         step_s = self._ticks_per_pair * params.period_s
         lags = math.ceil(params.delay_s_max / step_s) + LEAD + 2
-        self._fits = LagFits(LagGrid(step_s, lags, params.window_s), channels=2)
-        """By network disturbance and by correlation."""
+        grid = LagGrid(step_s, lags, params.window_s)
+        self._by_disturbance, self._by_correlation = LagFit(grid), LagFit(grid)
         self._keep = math.exp(-params.period_s / params.window_s)
         self._weight = self._age_s = self._error_age_s = 0.0
         self._filters: DelayFilters | None = None
@@ -206,9 +206,8 @@ class DelayEstimator:
             ticks = self._ticks + index + 1
             counts = freshness[index] and ticks >= self._unsettled_until
             is_settled = ticks * self._params.period_s >= _ERROR_SETTLING_S
-            self._fits.push(
-                (x_a[index], z_a[index], counts and is_settled), (x_b[index], z_b[index], counts)
-            )
+            self._by_disturbance.push(x_a[index], z_a[index], counts=counts and is_settled)
+            self._by_correlation.push(x_b[index], z_b[index], counts=counts)
         self._ticks += len(block)
 
     def _aligned(self, block: Sequence[Seen]) -> tuple[list[float], list[bool]]:
@@ -245,9 +244,8 @@ class DelayEstimator:
     def _estimate(self, f: DelayFilters, is_fresh: bool) -> None:
         p = self._params
         share = math.sqrt(2.0 * ERROR_WASHOUT_RAD_S * p.period_s)
-        of_disturbance, of_correlation = self._fits.peaks()
-        by_disturbance = self._believed(of_disturbance, _LAG_SHARE_ERROR * f.lag_s, share)
-        by_correlation = self._believed(of_correlation, _LAG_SHARE_YAW * f.lag_s, 0.0)
+        by_disturbance = self._believed(self._by_disturbance, _LAG_SHARE_ERROR * f.lag_s, share)
+        by_correlation = self._believed(self._by_correlation, _LAG_SHARE_YAW * f.lag_s, 0.0)
         both = combined(by_disturbance, by_correlation)
         confidence = 0.0
         if both is not None and is_fresh:
@@ -260,11 +258,9 @@ class DelayEstimator:
             is_observable, delay_s, confidence, by_disturbance, by_correlation
         )
 
-    def _believed(
-        self, peak: Peak | None, lag_deviation_s: float, slack_share: float
-    ) -> Estimate | None:
+    def _believed(self, fit: LagFit, lag_deviation_s: float, slack_share: float) -> Estimate | None:
         """Return the estimate of a peak that can be the response to the command."""
-        p = self._params
+        p, peak = self._params, fit.peak()
         if peak is None or not _GAIN_MIN <= peak.gain <= _GAIN_MAX:
             return None
         is_recent = peak.age_s <= _AGE_IN_WINDOWS_MAX * p.window_s

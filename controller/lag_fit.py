@@ -25,7 +25,6 @@ samples). The arithmetic differs: openpilot uses a transform over the whole wind
 """
 
 import math
-from array import array
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -41,6 +40,8 @@ _PAIRS_MIN = 50.0
 """With fewer pairs, the fit of three parameters leaves too little data to judge it."""
 _WAITING_MAX = 50
 """Pairs processed at once: numpy costs little more for all lags than for one."""
+_BACKWARDS = (-8, 8)
+"""Strides [bytes]: the next row begins a value earlier, the next column is the next value."""
 
 
 class LagGrid(NamedTuple):
@@ -75,135 +76,64 @@ class Peak(NamedTuple):
     age_s: float
 
 
-class LagFits:
-    """Finds the lags of several responses to their commands, from pairs ``grid.step_s`` apart."""
+class LagFit:
+    """Finds the lag between command and response from pairs of values ``grid.step_s`` apart."""
 
-    def __init__(self, grid: LagGrid, channels: int) -> None:
+    def __init__(self, grid: LagGrid) -> None:
         self._grid = grid
         self._keep = math.exp(-grid.step_s / grid.window_s)
-        self._channels = [_Channel(grid, self._keep) for _ in range(channels)]
-        self._sums = np.zeros((channels, 3, grid.lags))
-        """Of each channel: sums of x, x², xz."""
-
-    def push(self, *pairs: tuple[float, float, bool]) -> None:
-        """Add command and response of each channel; what does not count only advances the time."""
-        for channel, (command, response, counts) in zip(self._channels, pairs, strict=True):
-            channel.push(command, response, counts)
-        if len(self._channels[0].waiting) >= _WAITING_MAX:
-            self._take_pairs()
-
-    def peaks(self) -> list[Peak | None]:
-        """Return the best fit of each response, None if it is not inside the grid."""
-        self._take_pairs()
-        channels = self._channels
-        if all(channel.weight < _PAIRS_MIN for channel in channels):
-            return [None] * len(channels)
-        costs, products = self._costs()
-        lags = costs.argmin(axis=1).tolist()
-        return [
-            channel.peak(best, *of_channel)
-            for channel, best, *of_channel in zip(
-                channels, lags, costs, products, self._sums, strict=True
-            )
-        ]
-
-    def _take_pairs(self) -> None:
-        """Process the waiting pairs, all channels, lags and sums of a pair at once."""
-        channels, lags, pairs = self._channels, self._grid.lags, len(self._channels[0].waiting)
-        if not pairs:
-            return
-        x = np.array([channel.x for channel in channels])
-        z = np.array([[z for z, _ in channel.waiting] for channel in channels])
-        # One row of lags for each pair, the oldest first: each begins one place before the last.
-        shape, strides = (pairs, len(channels), lags), (-x.itemsize, *x.strides)
-        lagged = np.ndarray(shape, x.dtype, x, (pairs - 1) * x.itemsize, strides)
-        terms = np.empty((pairs, len(channels), 3, lags))
-        terms[:, :, 0] = lagged
-        np.multiply(lagged, lagged, out=terms[:, :, 1])
-        np.multiply(lagged, z.T[:, :, np.newaxis], out=terms[:, :, 2])
-        # An array of no dimension: numpy takes twice the time with a Python number.
-        keep, sums = np.array(self._keep), self._sums
-        counting = zip(*[channel.take_pairs() for channel in channels], strict=True)
-        for term, counts in zip(terms, counting, strict=True):
-            if all(counts):
-                sums *= keep
-                sums += term
-            else:
-                for of_channel, terms_of_channel, counted in zip(sums, term, counts, strict=True):
-                    if counted:
-                        of_channel *= keep
-                        of_channel += terms_of_channel
-
-    def _costs(self) -> tuple[Values, Values]:
-        """Return J and Σ(x - mean)(z - mean) of each channel and lag."""
-        weight, sum_z, sum_zz = np.array(
-            [[max(each.weight, 1e-300), each.sum_z, each.sum_zz] for each in self._channels]
-        ).T[:, :, np.newaxis]
-        sum_x, sum_xx, sum_xz = self._sums.swapaxes(0, 1)
-        products = sum_xz - sum_x * sum_z / weight
-        variance = sum_xx - sum_x * sum_x / weight
-        fits = (products > 0.0) & (variance > 1e-12 * sum_xx)
-        variance[~fits] = math.inf  # explains nothing
-        return sum_zz - sum_z * sum_z / weight - products * products / variance, products
-
-
-class _Channel:
-    """A command, its response, and the scores of the residual."""
-
-    def __init__(self, grid: LagGrid, keep: float) -> None:
-        self._grid, self._keep = grid, keep
         self._block_steps = max(1, round(BLOCK_S / grid.step_s))
-        self._keep_block = keep**self._block_steps
-        self.x = array("d", [0.0] * (grid.lags + 1))  # newest first
+        self._keep_block = self._keep**self._block_steps
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything."""
+        lags = self._grid.lags
+        self._x = [0.0] * (lags + 1)  # newest first
+        self._sums = np.zeros((3, lags))
+        """Rows: sums of x, x², xz."""
+        self._sum_z = self._sum_zz = self._weight = 0.0
         self._late_z: list[float] = []
-        self.waiting: list[tuple[float, bool]] = []
-        self.sum_z = self.sum_zz = self.weight = 0.0
+        self._waiting: list[tuple[float, bool]] = []
         self._at: tuple[int, float, float, float] | None = None  # lag, part of a step, gain, offset
         self._score = self._part = 0.0
         self._in_block = 0
         self._scores = self._parts = self._parts_squared = self._ages = 0.0
 
-    def push(self, command: float, response: float, counts: bool) -> None:
-        """Add a pair; the response waits till the commands after it are known."""
-        self.x.insert(0, command)
+    def push(self, command: float, response: float, *, counts: bool) -> None:
+        """Add a pair of values; one that does not count only advances the time."""
+        self._x.insert(0, command)
         self._late_z.append(response)
         if len(self._late_z) > LEAD:
-            self.waiting.append((self._late_z.pop(0), counts))
+            self._waiting.append((self._late_z.pop(0), counts))
         else:
-            self.waiting.append((0.0, False))
+            self._waiting.append((0.0, False))
+        if len(self._waiting) >= _WAITING_MAX:
+            self._take_pairs()
 
-    def take_pairs(self) -> list[bool]:
-        """Process the waiting pairs as far as no lag matters; returns which of them count."""
-        waiting, keep = self.waiting, self._keep
-        for begin, (z, counts) in zip(range(len(waiting) - 1, -1, -1), waiting, strict=True):
-            if counts:
-                self.sum_z = keep * self.sum_z + z
-                self.sum_zz = keep * self.sum_zz + z * z
-                self.weight = keep * self.weight + 1.0
-                if self._at is not None:
-                    self._take_score(self._at, begin, z)
-        self.waiting = []
-        del self.x[self._grid.lags + 1 :]
-        return [counts for _, counts in waiting]
-
-    def peak(self, best: int, costs: Values, products: Values, sums: Values) -> Peak | None:
-        """Return the fit at the least of ``costs``, None if it is not inside the grid."""
-        if self.weight < _PAIRS_MIN or not 0 < best < len(costs) - 1:
+    def peak(self) -> Peak | None:
+        """Return the best fit of the response, None if it is not inside the grid."""
+        self._take_pairs()
+        if self._weight < _PAIRS_MIN:
             return None
+        costs, products = self._costs()
+        best = int(costs.argmin())
         product = float(products[best])
+        sum_x, sum_xx, _ = self._sums[:, best].tolist()
+        if not 0 < best < len(costs) - 1 or product <= 0.0:
+            return None
         before, least, after = costs[best - 1 : best + 2].tolist()
         bend = before - 2.0 * least + after
-        if product <= 0.0 or bend <= 0.0:
+        if bend <= 0.0:
             return None
-        sum_x, sum_xx, _ = sums[:, best].tolist()
         part = max(-0.5, min(0.5, 0.5 * (before - after) / bend))
-        variance_x = sum_xx - sum_x**2 / self.weight
+        variance_x = sum_xx - sum_x**2 / self._weight
         gain = product / variance_x
-        offset = (self.sum_z - gain * sum_x) / self.weight
+        offset = (self._sum_z - gain * sum_x) / self._weight
         self._at = (best, part, gain, offset)
         least_cost = max(least - 0.5 * bend * part * part, 0.0)
         information = 0.5 * bend / self._grid.step_s**2
-        total = self.sum_zz - self.sum_z**2 / self.weight
+        total = self._sum_zz - self._sum_z**2 / self._weight
         slack_s = math.sqrt(least_cost / information)
         return Peak(
             (best - LEAD + part) * self._grid.step_s,
@@ -214,12 +144,48 @@ class _Channel:
             self._ages / self._parts if self._parts > 0.0 else 0.0,
         )
 
+    def _take_pairs(self) -> None:
+        """Process the waiting pairs, all lags and sums of a pair at once."""
+        pairs, lags, keep = len(self._waiting), self._grid.lags, self._keep
+        x, responses = np.array(self._x), np.array([z for z, _ in self._waiting])
+        # One row of lags for each pair, the oldest first: each begins one place before the last.
+        lagged = np.ndarray((pairs, lags), x.dtype, x, max(pairs - 1, 0) * x.itemsize, _BACKWARDS)
+        terms = np.empty((pairs, 3, lags))
+        terms[:, 0] = lagged
+        np.multiply(lagged, lagged, out=terms[:, 1])
+        np.multiply(lagged, responses[:, np.newaxis], out=terms[:, 2])
+        # An array of no dimension: numpy takes twice the time with a Python number.
+        keep_sums, sums = np.array(keep), self._sums
+        for begin, (z, counts) in zip(range(pairs - 1, -1, -1), self._waiting, strict=True):
+            if not counts:
+                continue
+            sums *= keep_sums
+            sums += terms[-1 - begin]
+            self._sum_z = keep * self._sum_z + z
+            self._sum_zz = keep * self._sum_zz + z * z
+            self._weight = keep * self._weight + 1.0
+            if self._at is not None:
+                self._take_score(self._at, begin, z)
+        self._waiting.clear()
+        del self._x[lags + 1 :]
+
+    def _costs(self) -> tuple[Values, Values]:
+        """Return J and Σ(x - mean)(z - mean) of each lag."""
+        weight, sum_z = max(self._weight, 1e-300), self._sum_z
+        sum_x, sum_xx, sum_xz = self._sums
+        total = self._sum_zz - sum_z * sum_z / weight
+        products = sum_xz - sum_x * sum_z / weight
+        variance = sum_xx - sum_x * sum_x / weight
+        fits = (products > 0.0) & (variance > 1e-12 * sum_xx)
+        variance[~fits] = math.inf  # explains nothing
+        return total - products * products / variance, products
+
     def _take_score(self, at: tuple[int, float, float, float], begin: int, z: float) -> None:
         """Add the residual to its block; ``begin`` is the index of the pair's own command."""
         best, part, gain, offset = at
         low = best if part >= 0.0 else best - 1
         weight = part if part >= 0.0 else part + 1.0
-        newer, older = self.x[begin + low : begin + low + 2]
+        newer, older = self._x[begin + low : begin + low + 2]
         slope = gain * (older - newer) / self._grid.step_s
         residual = z - offset - gain * (newer + weight * (older - newer))
         self._score += residual * slope

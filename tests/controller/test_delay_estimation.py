@@ -15,7 +15,7 @@ from steer_by_wire.controller.delay_estimation import (
 )
 from steer_by_wire.controller.delay_filters import design_filters
 from steer_by_wire.controller.delay_watch import EchoDelay
-from steer_by_wire.controller.lag_fit import LagFits, LagGrid, Peak
+from steer_by_wire.controller.lag_fit import LagFit, LagGrid, Peak
 from steer_by_wire.controller.law_interface import VehicleReading
 from steer_by_wire.controller.nominal_model import NominalVehicle
 from steer_by_wire.runtime.node import NS_PER_S
@@ -45,14 +45,14 @@ def fitted(
 ) -> Peak | None:
     """Fit a copy of the command that is late, scaled, shifted and noisy."""
     source = random.Random(3)
-    fit = LagFits(GRID, channels=1)
+    fit = LagFit(GRID)
     peak = None
     for step in range(steps):
         time_s = step * GRID.step_s
         response = 0.7 * command(time_s - delay_s) + 0.2 + source.gauss(0.0, noise)
-        fit.push((command(time_s), response, True))
+        fit.push(command(time_s), response, counts=True)
         if step % 5 == 4:
-            peak = fit.peaks()[0]
+            peak = fit.peak()
     return peak
 
 
@@ -73,12 +73,12 @@ def test_the_deviation_is_that_of_many_fits() -> None:
     lags_s, deviations_s = [], []
     for seed in range(20):
         source = random.Random(seed)
-        fit = LagFits(GRID, channels=1)
+        fit = LagFit(GRID)
         for step in range(700):
             time_s = step * GRID.step_s
             response = steer_rad(time_s - 0.2) + source.gauss(0.0, 0.01)
-            fit.push((steer_rad(time_s), response, True))
-            peak = fit.peaks()[0] if step % 50 == 49 else None
+            fit.push(steer_rad(time_s), response, counts=True)
+            peak = fit.peak() if step % 50 == 49 else None
         assert peak is not None
         lags_s.append(peak.lag_s)
         deviations_s.append(peak.deviation_s)
@@ -90,35 +90,35 @@ def test_the_deviation_is_that_of_many_fits() -> None:
 def test_nothing_is_found_in_a_constant_or_outside_the_grid() -> None:
     assert fitted(lambda _: 0.0, 0.1, 0.0) is None
     for noise in (0.0, 0.001):
-        fit, source = LagFits(GRID, channels=1), random.Random(1)
+        fit, source = LagFit(GRID), random.Random(1)
         for step in range(1000):
-            fit.push((0.1, 0.07 + source.gauss(0.0, noise), step > 60))
-        assert fit.peaks()[0] is None
+            fit.push(0.1, 0.07 + source.gauss(0.0, noise), counts=step > 60)
+        assert fit.peak() is None
     late = fitted(steer_rad, 1.3, 0.0)
     assert late is None or late.correlation < 0.99
     assert fitted(steer_rad, 0.1, 0.0, steps=20) is None
 
 
 def test_pairs_that_do_not_count_keep_the_time() -> None:
-    fit = LagFits(GRID, channels=1)
+    fit = LagFit(GRID)
     for step in range(1500):
         time_s = step * GRID.step_s
         counts = step % 100 < 50
         response = steer_rad(time_s - 0.15) if counts else 99.0
         late = (step - 2) % 100 < 50  # the response waits two steps
-        fit.push((steer_rad(time_s), response, counts and late and step > 60))
-    peak = fit.peaks()[0]
+        fit.push(steer_rad(time_s), response, counts=counts and late and step > 60)
+    peak = fit.peak()
     assert peak is not None
     assert peak.lag_s == pytest.approx(0.15, abs=1e-3)
 
 
 def test_information_ages_where_nothing_moves() -> None:
-    fit = LagFits(GRID, channels=1)
+    fit = LagFit(GRID)
     ages_s = []
     for step in range(2500):
         time_s = min(step * GRID.step_s, 20.0)
-        fit.push((steer_rad(time_s), steer_rad(time_s - 0.1), True))
-        peak = fit.peaks()[0] if step % 250 == 249 else None
+        fit.push(steer_rad(time_s), steer_rad(time_s - 0.1), counts=True)
+        peak = fit.peak() if step % 250 == 249 else None
         if peak is not None:
             ages_s.append(peak.age_s)
     assert ages_s[-1] > ages_s[3] + 20.0
