@@ -251,10 +251,7 @@ def test_a_latency_sent_by_cansend_is_in_force_in_both_directions(run: Run) -> N
 
 def test_foreign_frames_of_can_fd_do_no_harm(run: Run) -> None:
     assert any(frame.flags & FD for frame in run.phases.foreign_fd)
-    assert {command.mode for command in commands(run.phases.foreign_fd)} <= {
-        Mode.ACTIVE,
-        Mode.HOLDING,
-    }
+    assert mostly_active(run.phases.foreign_fd)
     # The plant's socket does not see them; the controller's does, and takes none for a message.
     assert run.result.plant["node"]["rejected"] == {}
     assert sum(run.result.controller["node"]["rejected"].values()) >= 1

@@ -231,7 +231,11 @@ def test_a_client_refuses_what_its_transmit_buffer_has_no_room_for_and_nothing_e
     def fill() -> None:
         for _ in range(100_000):
             one.recv(0.001)  # slower than the broker reports, faster than the wire
-            one.send(message(0x300, bytes(8)), timeout=0)
+            try:
+                one.send(message(0x300, bytes(8)), timeout=0)
+            except can.CanTimeoutError as error:
+                if "overloaded" not in str(error):  # A broker that is late reads nothing.
+                    raise
 
     with pytest.raises(can.CanTimeoutError, match="frames of this identifier wait already"):
         fill()
