@@ -8,13 +8,12 @@ Processes that need the same function at the same time compile it once: the firs
 and the others wait until it is on disk.
 """
 
-import gc
 import hashlib
 import os
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,8 @@ os.environ.setdefault("NUMBA_OPT", "1")
 
 import numba
 from numba.core.compiler_lock import global_compiler_lock
+
+from ..runtime.host import no_collections
 
 if sys.platform != "win32":
     import fcntl
@@ -102,23 +103,11 @@ def _in_one_process(compile_one: Callable[..., Any], name: str, folder: Path) ->
         folder.mkdir(parents=True, exist_ok=True)  # newer sources may have had it removed
         # Lock the threads of this process first: one that waits for the file's lock could block the
         # one that has to release it.
-        with global_compiler_lock, (folder / f"{key}.lock").open("w") as lock, _no_collection():
+        with global_compiler_lock, (folder / f"{key}.lock").open("w") as lock, no_collections():
             fcntl.flock(lock, fcntl.LOCK_EX)
             return compile_one(arguments)
 
     return compile_or_wait
-
-
-@contextmanager
-def _no_collection() -> Iterator[None]:
-    """Pause the garbage collector, which takes a tenth of the time in which numba compiles."""
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()
 
 
 def sources() -> list[Path]:
