@@ -32,14 +32,16 @@ OnWire = Callable[[int, int, Frame], None]
 class PeriodicMessage(NamedTuple):
     """One message.
 
-    ``sender``  number of its node, negative
-    ``frames``  in turn, COUNTS of them
+    ``sender``    number of its node, negative
+    ``frames``    in turn, COUNTS of them
+    ``phase_ns``  of its first release; None to have it drawn
     """
 
     name: str
     sender: int
     frames: tuple[Frame, ...]
     period_ns: int
+    phase_ns: int | None = None
 
 
 class Ready(NamedTuple):
@@ -62,7 +64,7 @@ class Ready(NamedTuple):
 class BackgroundTraffic:
     """The messages of one bus, by rank: 1 is the most urgent.
 
-    ``messages``  each with an arbitration field of its own
+    ``messages``  those of equal arbitration fields in the order in which they are sent
     ``seed``      of the phases
 
     ``sent``        complete frames by sender
@@ -78,7 +80,11 @@ class BackgroundTraffic:
         self._senders = [one.sender for one in self._messages]
         self._arbitration = [arbitration_field(one.frames[0]) for one in self._messages]
         draw = Random(seed)  # noqa: S311 - reproducible, not secret
-        self._phases_ns = [0, *(draw.randrange(one.period_ns) for one in ranked)]
+        drawn = (
+            draw.randrange(one.period_ns) if one.phase_ns is None else one.phase_ns
+            for one in ranked
+        )
+        self._phases_ns = [0, *drawn]
         self._counts = [0] * len(self._messages)
         # Bits by rank, the most urgent lowest: messages that wait here, and in BusModel.
         self._waiting = self._taken = 0

@@ -4,16 +4,19 @@ Every periodic message of some databases is sent beside the pair's, by the node 
 names. Each has its cycle time, a phase of its own and a payload whose first byte counts to 15; the
 other bytes and the phases are drawn from the seed. Messages without a cycle time are not sent, nor
 are those whose identifier the pair uses. Where no message has a cycle time, as in most databases
-that were found out by listening, all share the given load and are sent equally often.
+that were found out by listening, all share the given load and are sent equally often. Long messages
+of J1939 are sent in segments, at a pace that the load does not change.
 """
 
 from collections.abc import Sequence
 from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 from random import Random
 
 from ..dbc.message_set import ListedMessage, read_message_set
 from ..dbc.messages import CAN_IDS
+from ..dbc.transport_protocol import GAP_NS, segments, source_address
 from ..runtime.background_traffic import COUNTS, BackgroundTraffic, OnWire, PeriodicMessage
 from ..runtime.bus_errors import BusErrors
 from ..runtime.bus_model import BusModel, BusOverflowError, Delivery
@@ -72,12 +75,40 @@ def rest_of(
     Raises ValueError for no messages, for no cycle times and no load, and where two messages have
     the same identifier.
     """
+    others = _others(messages, has_load=load is not None)
+    draw = Random(seed)  # noqa: S311 - reproducible, not secret
+    nodes: dict[str, int] = {}
+    sent: list[PeriodicMessage] = []
+    by_source: dict[int, list[list[PeriodicMessage]]] = {}
+    for message in others:
+        rest = draw.randbytes(max(0, message.length - 1))
+        payloads = [(bytes([count]) + rest)[: message.length] for count in range(COUNTS)]
+        node = nodes.setdefault((message.senders or (message.name,))[0], -1 - len(nodes))
+        period_ns = (message.cycle_ms or 0) * NS_PER_MS
+        if message.is_segmented:
+            turns = zip(*(segments(message.can_id, payload) for payload in payloads), strict=True)
+            by_source.setdefault(source_address(message.can_id), []).append(
+                [PeriodicMessage(message.name, node, frames, period_ns) for frames in turns]
+            )
+        else:
+            frames = tuple(Frame(message.can_id, payload, message.flags) for payload in payloads)
+            sent.append(PeriodicMessage(message.name, node, frames, period_ns))
+    segmented = [
+        one for of_source in by_source.values() for one in _taking_turns(of_source, draw.random())
+    ]
+    if load is not None:
+        sent = _scaled(sent, load - load_of(segmented, bitrate_bit_s), bitrate_bit_s)
+    return sent + segmented
+
+
+def _others(messages: Sequence[ListedMessage], *, has_load: bool) -> list[ListedMessage]:
+    """Return what is sent of some databases, each with a cycle time; raises as ``rest_of``."""
     own = set(CAN_IDS.values())
     known = [m for m in messages if m.flags & EXTENDED or m.can_id not in own]
     others = [m for m in known if m.cycle_ms]
     if not known:
         raise ValueError("no messages beside the pair's")
-    if not others and load is None:
+    if not others and not has_load:
         raise ValueError("no message has a cycle time; with a load all are sent equally often")
     others = others or [m._replace(cycle_ms=_EQUAL_CYCLE_MS) for m in known]
     named: dict[tuple[int, int], ListedMessage] = {}
@@ -88,22 +119,40 @@ def rest_of(
                 f"{first.name} and {one.name} have the same identifier 0x{one.can_id:X}; "
                 "each needs its own on one bus"
             )
-    draw = Random(seed)  # noqa: S311 - reproducible, not secret
-    nodes: dict[str, int] = {}
-    sent = []
-    for message in others:
-        rest = draw.randbytes(max(0, message.length - 1))
-        frames = tuple(
-            Frame(message.can_id, (bytes([count]) + rest)[: message.length], message.flags)
-            for count in range(COUNTS)
+    return others
+
+
+def _taking_turns(
+    messages: Sequence[Sequence[PeriodicMessage]], phase: float
+) -> list[PeriodicMessage]:
+    """Give the segments of one source's messages their times: one message after the other.
+
+    A round is the shortest of their cycle times, or what all of them take if that is longer. Each
+    message comes in every round, or in every second, third, ... as its own cycle time says.
+
+    ``phase``  of the round, 0 to 1
+    """
+    least_ns = GAP_NS * sum(map(len, messages))
+    round_ns = max(least_ns, min(one[0].period_ns for one in messages))
+    at_ns = round(phase * round_ns)
+    timed = []
+    for one in chain.from_iterable(messages):
+        period_ns = max(1, round(one.period_ns / round_ns)) * round_ns
+        timed.append(one._replace(period_ns=period_ns, phase_ns=at_ns))
+        at_ns += GAP_NS
+    return timed
+
+
+def _scaled(
+    messages: Sequence[PeriodicMessage], load: float, bitrate_bit_s: int
+) -> list[PeriodicMessage]:
+    """Return them as often as gives this share of the bus."""
+    if load <= 0.0 or not messages:
+        raise ValueError(
+            "J1939 messages of more than 8 bytes alone leave nothing for a load to set"
         )
-        node = nodes.setdefault((message.senders or (message.name,))[0], -1 - len(nodes))
-        period_ns = (message.cycle_ms or 0) * NS_PER_MS
-        sent.append(PeriodicMessage(message.name, node, frames, period_ns))
-    if load is None:
-        return sent
-    faster = load_of(sent, bitrate_bit_s) / load
-    return [one._replace(period_ns=max(1, round(one.period_ns * faster))) for one in sent]
+    faster = load_of(messages, bitrate_bit_s) / load
+    return [one._replace(period_ns=max(1, round(one.period_ns * faster))) for one in messages]
 
 
 def load_of(messages: Sequence[PeriodicMessage], bitrate_bit_s: int) -> float:

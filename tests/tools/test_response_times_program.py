@@ -17,6 +17,17 @@ BO_ 32 SLOW: 8 A
  SG_ y : 0|8@1+ (1,0) [0|0] "" A
 """
 
+LONG = """VERSION ""
+BU_: A
+BO_ 2566834711 DM1: 39 A
+BO_ 2565865751 CI: 100 A
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 100000;
+BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";
+BA_DEF_DEF_ "VFrameFormat" "J1939PG";
+BA_ "GenMsgCycleTime" BO_ 2566834711 1000;
+BA_ "GenMsgCycleTime" BO_ 2565865751 5000;
+"""
+
 
 def test_every_message_has_its_bound_beside_the_simulation(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -52,6 +63,26 @@ def test_a_set_without_the_steering_has_bounds_alone(tmp_path: Path) -> None:
     record = json.loads(file.read_text())
     assert record["steering"] is None
     assert [message["name"] for message in record["messages"]] == ["FAST"]
+
+
+def test_long_j1939_messages_count_by_their_segments(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    long, file = tmp_path / "long.dbc", tmp_path / "out.json"
+    long.write_text(LONG)
+    assert main([str(long), OURS, "--json", str(file), "--preset", "paper_pd"]) == 0
+    assert "carried by TP.CM and TP.DT: DM1, CI\n" in capsys.readouterr().err
+    record = json.loads(file.read_text())
+    *ours, data, announcement = record["messages"]
+    assert (data["can_id"], announcement["can_id"]) == (0x1CEBFF17, 0x1CECFF17)
+    assert (data["period_ns"], announcement["period_ns"]) == (50_000_000, 7 * 50_000_000)
+    # 6 packets a second, and 15 in five; each message has one announcement.
+    frames_s = {"TP.DT 0x17": 9.0, "TP.CM 0x17": 1.2}
+    frames_s |= {one["name"]: 1e9 / one["period_ns"] for one in ours}
+    per_s = sum(frames_s[m["name"]] * (m["frame_ns"] + 6000) for m in record["messages"])
+    assert record["steering"]["load"] == pytest.approx(per_s / 1e9, rel=1e-6)
+    for message in record["messages"]:
+        assert message["random_ns"] <= message["critical_ns"] <= message["bound_ns"]
 
 
 def test_an_overloaded_bus_has_no_bound_and_is_not_simulated(

@@ -82,7 +82,9 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 def _run(options: argparse.Namespace) -> int:
     errors = options.error_interval_ms, options.errors_at_once, options.bit_error_rate
     bus = BusSettings(options.bitrate, options.data_bitrate, options.jitter_ms, *errors)
-    messages, left_out = read_messages(options.files, options.period, bus)
+    messages, segmented, left_out = read_messages(options.files, options.period, bus)
+    if segmented:
+        say(NAME, f"carried by TP.CM and TP.DT: {', '.join(segmented)}", sys.stderr)
     if left_out:
         say(NAME, f"left out, without a cycle time: {', '.join(left_out)}", sys.stderr)
     if not messages:

@@ -1,14 +1,20 @@
 """The messages of the given files as traffic of one bus."""
 
-import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from ...dbc.message_set import ListedMessage, read_message_set
+from ...dbc.transport_protocol import (
+    GAP_NS,
+    announcement_id,
+    data_id,
+    packets,
+    source_address,
+)
 from ...runtime.arbitration import arbitration_field
 from ...runtime.bus_model import BusModel
-from ...runtime.frame import Frame
+from ...runtime.frame import EXTENDED, Frame
 from ...runtime.frame_length import FrameBits
 from ...runtime.settings import SettingsError
 from ...wire.longest_frame import longest_frame
@@ -47,39 +53,61 @@ class BusSettings(NamedTuple):
 class SentMessage(NamedTuple):
     """A message on the bus.
 
-    ``bound``    with the longest that any payload can be
-    ``found``    with the longest payload found, which is ``frame``
+    ``bound``           with the longest that any payload can be
+    ``found``           with the longest payload found, which is ``frame``
+    ``mean_period_ns``  of its frames, which in segments can follow each other sooner [ns]
     """
 
     bound: Traffic
     found: Traffic
     frame: Frame
+    mean_period_ns: int
 
 
-def read_messages(
-    files: Sequence[Path], periods: Sequence[str], bus: BusSettings
-) -> tuple[list[SentMessage], list[str]]:
-    """Return the messages with a period by priority, and the names of those without.
+class MessageSet(NamedTuple):
+    """The messages of the files.
+
+    ``sent``       by priority
+    ``segmented``  names of those that are sent in segments
+    ``left_out``   names of those without a period
+    """
+
+    sent: list[SentMessage]
+    segmented: list[str]
+    left_out: list[str]
+
+
+def read_messages(files: Sequence[Path], periods: Sequence[str], bus: BusSettings) -> MessageSet:
+    """Read the files.
 
     Raises SettingsError for a file that cannot be read, and for two messages of one identifier.
     """
     listed = [message for file in files for message in _read(file)]
     periods_ms = _periods_ms(periods, [message.name for message in listed])
     sent, left_out = [], []
+    by_source: dict[int, list[tuple[ListedMessage, float]]] = {}
+    named: dict[tuple[int, int], str] = {}
     for message in listed:
         period_ms = periods_ms.get(message.name, message.cycle_ms)
         if period_ms is None:
             left_out.append(message.name)
+            continue
+        key = message.can_id, message.flags & EXTENDED
+        if key in named:
+            raise SettingsError(
+                f"{named[key]} and {message.name} have the same identifier "
+                f"0x{message.can_id:X}: on one bus each message needs its own"
+            )
+        named[key] = message.name
+        if message.is_segmented:
+            by_source.setdefault(source_address(message.can_id), []).append((message, period_ms))
         else:
             sent.append(_sent(message, period_ms, bus))
+    for source, messages in by_source.items():
+        sent += _in_segments(source, messages, bus)
     sent.sort(key=lambda message: message.bound.priority)
-    for one, other in itertools.pairwise(sent):
-        if one.bound.priority == other.bound.priority:
-            raise SettingsError(
-                f"{one.bound.name} and {other.bound.name} have the same identifier "
-                f"0x{one.frame.can_id:X}: on one bus each message needs its own"
-            )
-    return sent, left_out
+    segmented = [message.name for messages in by_source.values() for message, _ in messages]
+    return MessageSet(sent, segmented, left_out)
 
 
 def _read(file: Path) -> tuple[ListedMessage, ...]:
@@ -106,6 +134,24 @@ def _periods_ms(periods: Sequence[str], names: Sequence[str]) -> Mapping[str, fl
     return given
 
 
+def _in_segments(
+    source: int, messages: Sequence[tuple[ListedMessage, float]], bus: BusSettings
+) -> Iterator[SentMessage]:
+    """Return what carries long messages of a source: announcements, and packets in turn."""
+    counts = [packets(message.length) for message, _ in messages]
+    often_ms = 1.0 / sum(1.0 / period_ms for _, period_ms in messages)
+    packets_ms = 1.0 / sum(
+        count / period_ms for count, (_, period_ms) in zip(counts, messages, strict=True)
+    )
+    for name, can_id, least_ns, mean_ms in (
+        ("TP.CM", announcement_id(source), (1 + min(counts)) * GAP_NS, often_ms),
+        ("TP.DT", data_id(source), GAP_NS, packets_ms),
+    ):
+        carrier = ListedMessage(f"{name} 0x{source:02X}", can_id, EXTENDED, 8, None, ())
+        one = _sent(carrier, least_ns / _NS_PER_MS, bus)
+        yield one._replace(mean_period_ns=max(least_ns, round(mean_ms * _NS_PER_MS)))
+
+
 def _sent(message: ListedMessage, period_ms: float, bus: BusSettings) -> SentMessage:
     longest = longest_frame(message.can_id, message.length, message.flags)
     bound = Traffic(
@@ -116,4 +162,4 @@ def _sent(message: ListedMessage, period_ms: float, bus: BusSettings) -> SentMes
         round(bus.jitter_ms * _NS_PER_MS),
     )
     found = bound._replace(frame_ns=bus.duration_ns(longest.found))
-    return SentMessage(bound, found, longest.frame)
+    return SentMessage(bound, found, longest.frame, bound.period_ns)

@@ -57,6 +57,7 @@ def record_of(
         "messages": [
             {
                 **response.message.bound._asdict(),
+                "mean_period_ns": response.message.mean_period_ns,
                 "can_id": response.message.frame.can_id,
                 "longest_payload": response.message.frame.data.hex(),
                 "longest_found_ns": response.message.found.frame_ns,

@@ -57,7 +57,7 @@ def steering_of(
     return Steering(
         sum(m.frame_ns for m in steering),
         _round_trip_ns(traffic, bus),
-        load(traffic, bus.wire()),
+        load([m.bound._replace(period_ns=m.mean_period_ns) for m in messages], bus.wire()),
         tolerances,
     )
 
