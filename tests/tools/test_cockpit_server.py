@@ -20,6 +20,7 @@ from steer_by_wire.dbc.messages import (
 )
 from steer_by_wire.runtime.frame import Frame
 from steer_by_wire.runtime.real_time import Received
+from steer_by_wire.tools.cockpit.__main__ import main
 from steer_by_wire.tools.cockpit.desk import LISTENS_ONLY, NOT_OURS, Desk
 from steer_by_wire.tools.cockpit.guard import HOST
 from steer_by_wire.tools.cockpit.lane import ROWS_KEPT, Lane
@@ -226,3 +227,14 @@ def test_a_recording_of_a_lane_has_every_frame(tmp_path: Any) -> None:
     lines = file.read_text(encoding="ascii").splitlines()
     assert len(lines) >= 2
     assert all(line.endswith(f"cockpit 110#{ERROR.data.hex().upper()}") for line in lines)
+
+
+@pytest.mark.parametrize("option", [["--rest-bus", "none.dbc"], ["--scenario", "none"]])
+def test_what_cannot_start_is_refused_before_an_address_is_printed(
+    option: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["--no-browser", *option]) == 2
+    printed = capsys.readouterr()
+    assert not printed.out
+    assert printed.err.startswith("steer-by-wire cockpit: error: ")
+    assert printed.err.count("\n") == 1

@@ -110,7 +110,9 @@ def test_a_mistake_is_one_line(
     words: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(words) == 2
-    lines = capsys.readouterr().err.splitlines()
+    printed = capsys.readouterr()
+    assert not printed.out
+    lines = printed.err.splitlines()
     last = lines[-1]
     assert all(line.startswith("steer-by-wire response-times: ") for line in lines)
     assert last.startswith("steer-by-wire response-times: error: ")

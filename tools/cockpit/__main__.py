@@ -23,6 +23,7 @@ from pathlib import Path
 
 from steer_by_wire.command_line import command_parser
 from steer_by_wire.pair.channels import BUSES
+from steer_by_wire.pair.shared_bus import traffic_of
 from steer_by_wire.runtime.bus import add_bus_arguments
 from steer_by_wire.runtime.bus_options import (
     add_error_arguments,
@@ -39,7 +40,7 @@ from steer_by_wire.tools.cockpit.lane import Lane
 from steer_by_wire.tools.cockpit.page import single_page
 from steer_by_wire.tools.cockpit.replay import read_replay
 from steer_by_wire.tools.cockpit.rig import Rig
-from steer_by_wire.tools.cockpit.scenario import scenarios
+from steer_by_wire.tools.cockpit.scenario import Scenario, scenarios
 from steer_by_wire.tools.cockpit.server import Server, serve
 
 NAME = "steer-by-wire cockpit"
@@ -107,8 +108,10 @@ def _run(options: argparse.Namespace) -> int:
         raise SettingsError("--export needs a RECORDING")
     settings = bus_settings(options)
     if not {"interface", "channel"} & vars(options).keys():  # python-can adds only what was given
-        rig = Rig(options.bus, settings)
-        return asyncio.run(_serve(options, Desk(rig, None, "", may_control=True), None))
+        first = _scenario(options.scenario)
+        traffic_of(settings, 1)  # a mistake in a database is reported before the address
+        desk = Desk(Rig(options.bus, settings), None, "", may_control=True)
+        return asyncio.run(_serve(options, desk, None, first))
     if not settings.is_quiet:
         raise SettingsError(f"{settings.description}: only the cockpit's own bus has these")
     opened = open_port(options)
@@ -117,8 +120,13 @@ def _run(options: argparse.Namespace) -> int:
     return asyncio.run(_serve(options, desk, None))
 
 
-async def _serve(options: argparse.Namespace, desk: Desk | None, block: bytes | None) -> int:
-    """Serve until a signal ends it."""
+async def _serve(
+    options: argparse.Namespace,
+    desk: Desk | None,
+    block: bytes | None,
+    first: Scenario | None = None,
+) -> int:
+    """Serve until a signal ends it, with a scenario to begin with where the programs are ours."""
     token = new_token()
     end = asyncio.Event()
     loop = asyncio.get_running_loop()
@@ -130,8 +138,8 @@ async def _serve(options: argparse.Namespace, desk: Desk | None, block: bytes | 
     if options.browser:
         await asyncio.to_thread(webbrowser.open, address)
     try:
-        if desk is not None:
-            await _start(options, desk)
+        if desk is not None and first is not None:
+            await desk.start(first)
         await end.wait()
     finally:
         await runner.cleanup()
@@ -140,15 +148,13 @@ async def _serve(options: argparse.Namespace, desk: Desk | None, block: bytes | 
     return ExitStatus.OK
 
 
-async def _start(options: argparse.Namespace, desk: Desk) -> None:
-    """Start the scenario to begin with, where the programs are ours."""
-    if not desk.is_own:
-        return
+def _scenario(title: str | None) -> Scenario:
+    """Return the scenario of a title, the first one by default; raises SettingsError."""
     by_title = {scenario.title: scenario for scenario in scenarios()}
-    title = options.scenario or next(iter(by_title))
+    title = title or next(iter(by_title))
     if title not in by_title:
         raise SettingsError(f"no scenario {title!r}; there are: {json.dumps(list(by_title))}")
-    await desk.start(by_title[title])
+    return by_title[title]
 
 
 if __name__ == "__main__":

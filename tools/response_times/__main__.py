@@ -90,11 +90,11 @@ def _run(options: argparse.Namespace) -> int:
     if not messages:
         say(NAME, "no message has a cycle time; give some with --period NAME=MS", sys.stderr)
         return ExitStatus.SETTINGS
+    steering = steering_of(messages, bus, options.preset or DEFAULT_PRESETS)
     responses = respond(messages, bus, options.seed)
     console = Console(markup=False, highlight=False)
     console.width = max(console.width, 100)
     console.print(response_table(responses, bus))
-    steering = steering_of(messages, bus, options.preset or DEFAULT_PRESETS)
     if steering is not None:
         console.print(steering_text(steering), soft_wrap=True)
     if options.json is not None:
